@@ -1,0 +1,9 @@
+"""The bench: acquisition, estimation, service. `api` (REST, the page) and `cli` stand on it.
+
+* `config` - drives and ports from TOML; `machine_file` - nominal values; `window` - settings of the estimation window
+* `service` - everything that runs, as one context manager
+* `acquisition` - one pump thread per drive; `estimation` - one worker with a bounded queue
+* `recording` - files to samples, on `table` (formats), `sources` (columns, constants), `runs` (time base, gaps)
+* `replay` - the streaming core over a recording
+* `errors` - what the bench itself can refuse
+"""

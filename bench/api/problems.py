@@ -1,0 +1,65 @@
+"""Errors as RFC 9457 problem documents: every refusal is a status, a title and a sentence."""
+
+from http import HTTPStatus
+from typing import cast
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from bench.errors import BenchError, LimitError
+from bench.service import UnknownDriveError
+from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, RefusedError
+
+_STATUS: dict[type[Exception], int] = {
+    UnknownDriveError: 404,
+    LimitError: 422,
+    BenchError: 422,
+    RefusedError: 409,
+    ConnectError: 503,
+    LostError: 503,
+    NoReplyError: 503,
+    DriveError: 502,
+}
+
+
+def problem(status: int, detail: str) -> JSONResponse:
+    """A problem document."""
+    content = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "detail": detail}
+    return JSONResponse(content, status, media_type="application/problem+json")
+
+
+def install(app: FastAPI) -> None:
+    """Answer every error of the application with a problem document."""
+
+    async def expected(_request: Request, error: Exception) -> JSONResponse:
+        status = next(code for kind, code in _STATUS.items() if isinstance(error, kind))
+        return problem(status, str(error))
+
+    async def http(request: Request, error: Exception) -> JSONResponse:
+        status = cast(HTTPException, error).status_code
+        if status == HTTPStatus.NOT_FOUND:
+            return problem(status, f"nothing at {request.url.path}; see /docs")
+        if status == HTTPStatus.METHOD_NOT_ALLOWED:
+            return problem(status, f"{request.url.path} does not take {request.method}; see /docs")
+        return problem(status, str(cast(HTTPException, error).detail))
+
+    async def invalid(_request: Request, error: Exception) -> JSONResponse:
+        return problem(422, "; ".join(_sentence(item) for item in cast(RequestValidationError, error).errors()))
+
+    async def unexpected(_request: Request, error: Exception) -> JSONResponse:
+        return problem(500, f"the service failed: {type(error).__name__}; its log says more")
+
+    for kind in _STATUS:
+        app.add_exception_handler(kind, expected)
+    app.add_exception_handler(HTTPException, http)
+    app.add_exception_handler(RequestValidationError, invalid)
+    app.add_exception_handler(Exception, unexpected)
+
+
+def _sentence(item: dict[str, object]) -> str:
+    where = ".".join(str(part) for part in cast(tuple[object, ...], item.get("loc", ())) if part != "body") or "body"
+    if item.get("type") == "json_invalid":
+        return "the body is not JSON"
+    return f"{where}: {item.get('msg')}, got {item.get('input')!r}"

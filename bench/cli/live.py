@@ -1,0 +1,53 @@
+"""A drive's live estimates as a table in the terminal, over the service's REST interface."""
+
+import time
+from typing import Any
+
+import httpx
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from bench.cli.table import row_cells
+from bench.errors import BenchError
+
+_PERIOD = 0.5  # s between two looks
+_TIMEOUT = 3.0  # s for one answer
+
+
+def show(name: str, service: str, *, once: bool) -> None:
+    """Print the table once, or keep it up to date until Ctrl-C. Raises BenchError when the service says no."""
+    console = Console()
+    with httpx.Client(base_url=service, timeout=_TIMEOUT) as client:
+        if once:
+            console.print(_table(_get(client, name, service)))
+            return
+        with Live(console=console, auto_refresh=False) as live:
+            while True:
+                live.update(_table(_get(client, name, service)), refresh=True)
+                time.sleep(_PERIOD)
+
+
+def _get(client: httpx.Client, name: str, service: str) -> dict[str, Any]:
+    try:
+        response = client.get(f"/api/drives/{name}/estimates")
+        content = response.json()
+    except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
+        raise BenchError(f"no bench service answers at {service}: {error}") from None
+    if not response.is_success:
+        raise BenchError(str(content.get("detail", response.reason_phrase)))
+    return content
+
+
+def _table(content: dict[str, Any]) -> Table:
+    window = content["window"]
+    age = "no data yet" if content["age_s"] is None else f"{content['age_s']:.2f} s old"
+    table = Table(
+        title=f"{content['drive']}: {content['status'].replace('_', ' ')}",
+        caption=f"window {content['samples']} of {window['length']} samples, {content['gaps']} gaps, {age}",
+    )
+    for heading in ("", "value", "± 95 %", "unit", "status"):
+        table.add_column(heading, justify="right" if heading in ("value", "± 95 %") else "left")
+    for name, estimate in content["estimates"].items():
+        table.add_row(name, *row_cells(estimate))
+    return table

@@ -1,0 +1,114 @@
+"""`pmsm-bench`: one console script. Every refusal is one sentence on standard error and exit code 2."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.errors import BenchError
+from drivers.errors import DriveError
+
+app = typer.Typer(
+    name="pmsm-bench", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+    help="Hardware-in-the-loop bench for permanent-magnet synchronous motor drives.",
+)
+
+DEFAULT_BUS = "canopen://socketcand/127.0.0.1:29536/can0/5"
+At = Annotated[str, typer.Option(metavar="URL", help="where the emulated drive is")]
+Port = Annotated[int | None, typer.Option(help="port of the service (default 8080, or PMSM_BENCH_PORT)")]
+Scenario = Annotated[str, typer.Option(metavar="NAME|FILE.toml", help="what to emulate")]
+
+
+@app.command()
+def serve(
+    config: Annotated[Path, typer.Option(help="drives and ports, TOML")],
+    port: Port = None,
+) -> None:
+    """Run the service over the drives of a configuration file, until Ctrl-C."""
+    from bench.cli.run import run_service
+    from bench.config import load_config
+
+    run_service(load_config(config), port)
+
+
+@app.command()
+def emulate(at: At = DEFAULT_BUS, scenario: Scenario = "paper") -> None:
+    """Run an emulated drive on a bus, in real time, until Ctrl-C."""
+    from bench.cli.run import run_emulator
+
+    raise typer.Exit(run_emulator(at, scenario))
+
+
+@app.command()
+def up(at: At = DEFAULT_BUS, scenario: Scenario = "paper", port: Port = None) -> None:
+    """Run an emulated drive and the service over it, until Ctrl-C ends both."""
+    from bench.cli.run import run_both
+
+    run_both(at, scenario, port)
+
+
+@app.command()
+def estimates(
+    name: Annotated[str, typer.Argument(help="the drive")],
+    service: Annotated[str, typer.Option(metavar="URL", help="the service")] = "http://127.0.0.1:8080",
+    once: Annotated[bool, typer.Option("--once", help="print one table and end")] = False,
+) -> None:
+    """Show a drive's live estimates as a table, until Ctrl-C."""
+    from bench.cli.live import show
+
+    show(name, service, once=once)
+
+
+@app.command()
+def replay(
+    file: Annotated[Path, typer.Argument(help="recording: CSV, CSV.gz or Parquet")],
+    nominal: Annotated[Path | None, typer.Option(metavar="MACHINE.toml", help="values of what is held")] = None,
+    mapping: Annotated[list[str] | None, typer.Option("--map", metavar="NAME=COLUMN,...", help="columns")] = None,
+    constants: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE,...", help="constants")] = None,
+    align: Annotated[
+        list[str] | None,
+        typer.Option(metavar="u=ROWS", help="the voltage in row k was applied ROWS later (fractions allowed)"),
+    ] = None,
+    window: Annotated[int | None, typer.Option(help="samples (default: all, up to a million)")] = None,
+    periods: Annotated[int, typer.Option(help="periods per regression row")] = 1,
+    estimate: Annotated[str | None, typer.Option(metavar="R_s,L_q", help="what to estimate (default: all)")] = None,
+    every: Annotated[int | None, typer.Option(help="rows between two lines of the CSV (default: window/10)")] = None,
+    json_out: Annotated[Path | None, typer.Option("--json", metavar="OUT", help="result as JSON")] = None,
+    csv_out: Annotated[Path | None, typer.Option("--csv", metavar="OUT", help="estimates over time")] = None,
+) -> None:
+    """Run the streaming estimator over a recording."""
+    from bench.cli.replay import run
+
+    run(file, nominal, mapping or (), constants or (), align or (), window, periods, estimate, every, json_out, csv_out)
+
+
+def main() -> None:
+    """Console script."""
+    status: object = 0
+    try:
+        status = app(standalone_mode=False)
+    except (BenchError, DriveError) as error:
+        print(f"pmsm-bench: {error}", file=sys.stderr)
+        sys.exit(2)
+    except typer.Abort:
+        sys.exit(0)
+    except KeyboardInterrupt:
+        sys.exit(0)
+    except Exception as error:  # noqa: BLE001
+        _unexpected(error)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _unexpected(error: Exception) -> None:
+    """Usage errors of the command-line library are sentences; anything else is our fault, and said as such."""
+    format_message = getattr(error, "format_message", None)
+    if format_message is not None:
+        print(f"pmsm-bench: {format_message()} (see --help)", file=sys.stderr)
+        sys.exit(2)
+    print(f"pmsm-bench failed: {type(error).__name__}: {error}; please report this", file=sys.stderr)
+    sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,111 @@
+"""Running things: the service, the emulated drive, both. The emulated drive is a process of its own, behind a bus."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Generator
+
+from rich.console import Console
+
+from bench.config import Config, emulated
+from bench.errors import ConfigError
+
+_READY_TIMEOUT = 180.0  # s, the first start compiles
+_console = Console(highlight=False, soft_wrap=True)
+
+
+def run_service(config: Config, port: int | None) -> None:
+    """Serve until SIGINT or SIGTERM."""
+    with _listening(config, port) as listener:
+        _serve(config, listener)
+
+
+def run_emulator(url: str, scenario: str) -> int:
+    """Become the emulated drive."""
+    return subprocess.call(_emulator_command(url, scenario)) if os.name == "nt" else _exec(url, scenario)
+
+
+def run_both(url: str, scenario: str, port: int | None) -> None:
+    """An emulated drive in a process of its own, and the service over it."""
+    config = emulated(url)
+    with _listening(config, port) as listener, _emulator(url, scenario):
+        _serve(config, listener)
+
+
+@contextlib.contextmanager
+def _listening(config: Config, port: int | None) -> Generator[socket.socket]:
+    from bench.api.server import listen
+
+    with listen(config.host, config.port if port is None else port) as listener:
+        yield listener
+
+
+def _serve(config: Config, listener: socket.socket) -> None:
+    from bench.api.server import serve
+    from bench.estimation import warm_up
+    from bench.service import Service
+
+    with _console.status("preparing the estimator (compiles at the first start)"):
+        warm_up()
+    host, port = listener.getsockname()[:2]
+    with Service(config) as service:
+        root = f"http://{host}:{port}"
+        _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
+        for drive in config.drives:
+            _console.print(f"drive  {drive.name}: {drive.url}")
+        _console.print("Ctrl-C ends it")
+        serve(service, listener)
+
+
+def _emulator_command(url: str, scenario: str) -> list[str]:
+    return [sys.executable, "-m", "emulator", "--at", url, "--scenario", scenario]
+
+
+def _exec(url: str, scenario: str) -> int:
+    os.execv(sys.executable, _emulator_command(url, scenario))
+
+
+@contextlib.contextmanager
+def _emulator(url: str, scenario: str) -> Generator[None]:
+    """The emulated drive's process, once it says that it is on its bus. Raises ConfigError when it cannot be."""
+    process = subprocess.Popen(
+        _emulator_command(url, scenario), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,  # Ctrl-C reaches the service alone, which then ends the drive
+    )
+    try:
+        with _console.status("preparing the emulated drive (compiles at the first start)"):
+            line = _first_line(process)
+        if line is None:
+            process.kill()
+            _, errors = process.communicate()
+            raise ConfigError(errors.strip().removeprefix("pmsm-bench emulate: ") or "the emulated drive did not start")
+        _console.print(line)
+        yield
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        try:
+            process.communicate(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+
+
+def _first_line(process: "subprocess.Popen[str]") -> str | None:
+    """What the process says first; None when it ends, or is silent for too long, before it says anything."""
+    lines: list[str] = []
+
+    def read() -> None:
+        if process.stdout is not None:
+            lines.append(process.stdout.readline().strip())
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    reader.join(_READY_TIMEOUT)
+    return lines[0] if lines and lines[0] else None
+
+

@@ -1,0 +1,128 @@
+"""What the service runs: drives, their windows, where it listens. From TOML or built in.
+
+    [service]
+    host = "127.0.0.1"
+    port = 8080                                       # PMSM_BENCH_PORT has the last word
+
+    [drives.spindle]
+    url = "canopen://socketcan/can0/5"
+    machine = "spindle.toml"                          # nominal values, beside this file; optional
+
+    [drives.spindle.window]
+    length = 1000                                     # samples
+    periods_per_row = 1
+    estimated = ["R_s", "L_d", "L_q", "psi_f"]
+    held = {psi_f = 0.12}                             # SI; what it leaves out comes from the nominal machine
+
+What is not understood is refused in a sentence that names file and key.
+"""
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, cast
+
+from bench.errors import ConfigError, LimitError
+from bench.machine_file import load_machine
+from bench.window import Window
+from drivers.connect import check_url
+from drivers.errors import ConnectError
+
+PORT_VARIABLE: Final = "PMSM_BENCH_PORT"
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+
+@dataclass(frozen=True, slots=True)
+class DriveConfig:
+    """One drive: its name in the REST interface, its address, the window it starts with."""
+
+    name: str
+    url: str
+    window: Window
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """The whole service."""
+
+    drives: tuple[DriveConfig, ...]
+    host: str = "127.0.0.1"
+    port: int = 8080
+
+
+def emulated(url: str) -> Config:
+    """The built-in configuration: one drive called `emulated`, with the nameplate of the emulated motor."""
+    held = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}  # ohm, H, H, Vs
+    return Config((DriveConfig("emulated", url, Window(held=held)),), port=_port({}, "built-in configuration"))
+
+
+def load_config(path: Path) -> Config:
+    """Read a configuration file. Raises ConfigError."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+    _known(content, {"service", "drives"}, str(path))
+    service = _table(content, "service", str(path))
+    _known(service, {"host", "port"}, f"{path}: [service]")
+    host = service.get("host", "127.0.0.1")
+    if not isinstance(host, str) or not host:
+        raise ConfigError(f"{path}: [service] host: expected an address, got {host!r}")
+    tables = _table(content, "drives", str(path))
+    if not tables:
+        raise ConfigError(f"{path}: expected at least one table [drives.NAME], got none")
+    drives = tuple(_drive(name, tables, path) for name in tables)
+    return Config(drives, host, _port(service, str(path)))
+
+
+def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
+    where = f"{path}: [drives.{name}]"
+    if not _NAME.fullmatch(name):
+        raise ConfigError(f"{where}: expected a name of letters, digits, '_', '.' and '-', got {name!r}")
+    table = _table(tables, name, where)
+    _known(table, {"url", "machine", "window"}, where)
+    url = table.get("url")
+    if not isinstance(url, str):
+        raise ConfigError(f"{where}: expected url = \"canopen://...\", got {url!r}")
+    try:
+        check_url(url)
+    except ConnectError as error:
+        raise ConfigError(f"{where} url: {error}") from None
+    held: dict[str, float] = {}
+    if "machine" in table:
+        if not isinstance(table["machine"], str):
+            raise ConfigError(f"{where} machine: expected a file name, got {table['machine']!r}")
+        held = dict(load_machine(path.parent / table["machine"]).given)
+    try:
+        window = Window(held=held).changed(_table(table, "window", where))
+    except LimitError as error:
+        raise ConfigError(f"{where} window: {error}") from None
+    return DriveConfig(name, url, window)
+
+
+def _port(service: Mapping[str, Any], where: str) -> int:
+    text = os.environ.get(PORT_VARIABLE)
+    value: object = service.get("port", 8080)
+    if text is not None:
+        where, value = f"environment variable {PORT_VARIABLE}", int(text) if text.isdecimal() else text
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 65535:
+        raise ConfigError(f"{where}: expected a port of 0 to 65535, got {value!r}")
+    return value
+
+
+def _table(content: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
+    value = content.get(key, {})
+    if not isinstance(value, dict):
+        raise ConfigError(f"{where}: expected a table {key}, got {value!r}")
+    return cast(dict[str, Any], value)
+
+
+def _known(table: Mapping[str, Any], known: set[str], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise ConfigError(f"{where}: unknown key {key!r}, expected one of {', '.join(sorted(known))}")

@@ -1,0 +1,28 @@
+"""What the bench itself can refuse; a drive's failures are in `drivers.errors`.
+
+    BenchError
+      LimitError       the bench said no, before the wire
+      ConfigError      a configuration, machine file or option that cannot be
+      RecordingError   a recording that cannot be read as one
+      ParameterError   a parameter set that cannot be
+"""
+
+
+class BenchError(Exception):
+    """Any refusal of the bench; its text is a sentence for the user."""
+
+
+class LimitError(BenchError):
+    """The bench said no, before the wire."""
+
+
+class ConfigError(BenchError):
+    """A configuration, machine file or option that cannot be."""
+
+
+class RecordingError(BenchError):
+    """A recording that cannot be read as one."""
+
+
+class ParameterError(BenchError):
+    """A parameter set that cannot be."""

@@ -1,0 +1,161 @@
+"""Estimation: one worker thread for all drives, fed by a bounded queue, read by swapped snapshots.
+
+When it cannot keep up it drops blocks and counts them; what it drops is a gap to the estimator, never a false
+neighbour. Knows nothing of links or HTTP.
+"""
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+
+from bench.errors import LimitError
+from bench.window import Window
+from drivers.block import Block
+from estimator import window_ls
+from estimator.estimate import WindowEstimate
+from estimator.samples import Samples
+from estimator.window_ls import WindowState
+
+QUEUE = 256  # blocks
+REFRESH = 0.05  # s, shortest time between two estimates of one drive
+_CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The latest estimates of one drive, with all that says how far to trust them."""
+
+    window: Window
+    result: WindowEstimate
+    received: float | None = None  # s, monotonic, when the newest sample came
+    t_drive: float | None = None  # s, drive's clock at the newest sample
+    rows_dropped: int = 0  # because the worker was behind
+
+
+@dataclass(slots=True)
+class _Drive:
+    """One drive's estimator; touched by the worker alone, but for `snapshot` and `rows_dropped`."""
+
+    window: Window
+    state: WindowState
+    snapshot: Snapshot
+    next_tick: int | None = None
+    row: tuple[int, float] | None = None  # periods and T_s of the rows in the window
+    received: float | None = None
+    t_drive: float | None = None
+    rows_dropped: int = 0
+    estimated_at: float = field(default=0.0)
+    stale: bool = False  # the snapshot is behind the state
+
+
+class Estimation:
+    """The worker; runs from `start` to `stop`."""
+
+    def __init__(self, windows: Mapping[str, Window]) -> None:
+        self._drives = {name: _new_drive(window) for name, window in windows.items()}
+        self._queue: queue.Queue[tuple[str, Block, float] | Callable[[], None]] = queue.Queue(QUEUE)
+        self._stop = threading.Event()
+        self.thread = threading.Thread(target=self._run, name="estimation", daemon=True)
+        self.failure: str | None = None
+
+    def start(self) -> None:
+        """Compile the kernels, then begin."""
+        warm_up()
+        self.thread.start()
+
+    def stop(self) -> None:
+        """End the worker and wait for it."""
+        self._stop.set()
+        if self.thread.ident is not None:
+            self.thread.join(timeout=10.0)
+
+    def put(self, name: str, block: Block) -> None:
+        """Hand over a block; never waits."""
+        try:
+            self._queue.put_nowait((name, block, time.monotonic()))
+        except queue.Full:
+            self._drives[name].rows_dropped += len(block)
+
+    def snapshot(self, name: str) -> Snapshot:
+        """The latest estimates of a drive."""
+        return self._drives[name].snapshot
+
+    def change_window(self, name: str, change: Mapping[str, object]) -> Window:
+        """Replace settings of a drive's window; the samples it holds stay. Raises LimitError."""
+        answer: Future[Window] = Future()
+
+        def apply() -> None:
+            drive = self._drives[name]
+            try:
+                window = drive.window.changed(change)
+                drive.state = window_ls.resized(drive.state, window.length, window.periods_per_row)
+            except (LimitError, ValueError) as error:
+                answer.set_exception(error if isinstance(error, LimitError) else LimitError(str(error)))
+                return
+            drive.window = window
+            self._estimate(drive)
+            answer.set_result(window)
+
+        self._queue.put(apply, timeout=_CHANGE_TIMEOUT)
+        return answer.result(_CHANGE_TIMEOUT)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                item = self._queue.get(timeout=REFRESH)
+            except queue.Empty:
+                item = None
+            try:
+                if item is None:
+                    pass
+                elif callable(item):
+                    item()
+                else:
+                    name, block, received = item
+                    self._take(self._drives[name], block, received)
+                self._refresh()
+            except Exception as error:  # noqa: BLE001 - told by the health page; the next block starts anew
+                self.failure = f"{type(error).__name__}: {error}"
+
+    def _take(self, drive: _Drive, block: Block, received: float) -> None:
+        row = (block.periods, block.T_s)
+        if drive.row != row:  # other rows cannot share a window
+            drive.state = window_ls.init(drive.window.length, drive.window.periods_per_row)
+            drive.row, drive.next_tick = row, None
+        joined = drive.next_tick == int(block.tick[0])
+        drive.state = window_ls.update(drive.state, samples_of(block), joined=joined)
+        drive.next_tick = int(block.tick[-1]) + block.periods
+        drive.received, drive.t_drive = received, drive.next_tick * block.T_s
+        drive.stale = True
+
+    def _refresh(self) -> None:
+        now = time.monotonic()
+        for drive in self._drives.values():
+            if drive.stale and now - drive.estimated_at >= REFRESH:
+                self._estimate(drive)
+
+    def _estimate(self, drive: _Drive) -> None:
+        result = window_ls.estimate(drive.state, drive.window.estimated, drive.window.held)
+        drive.snapshot = Snapshot(drive.window, result, drive.received, drive.t_drive, drive.rows_dropped)
+        drive.estimated_at, drive.stale = time.monotonic(), False
+
+
+def samples_of(block: Block) -> Samples:
+    """A block in the estimator's terms."""
+    return Samples(
+        block.theta_e, block.omega_e, block.i_d, block.i_q, block.u_d, block.u_q, block.T_s, block.periods,
+        block.i_d_mean, block.i_q_mean, int(block.tick[0]) * block.T_s,
+    )
+
+
+def warm_up() -> None:
+    """Compile the estimator's kernels; takes seconds at the very first start, then they are kept on disk."""
+    window_ls.warm_up()
+
+
+def _new_drive(window: Window) -> _Drive:
+    state = window_ls.init(window.length, window.periods_per_row)
+    return _Drive(window, state, Snapshot(window, window_ls.estimate(state, window.estimated, window.held)))

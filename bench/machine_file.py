@@ -1,0 +1,121 @@
+"""The machine file: nominal values of a machine and its drive from TOML. Knows nothing of recordings.
+
+    [machine]            # SI, per phase, peak dq
+    R_s = 0.9664         # ohm
+    L_d = 4.24e-3        # H
+    L_q = 6.21e-3        # H
+    psi_f = 0.12         # Vs
+    n_p = 4
+    i_rated = 6.0        # A
+    [drive]
+    T_s = 1e-4           # s
+    u_dc = 310.0         # V
+
+Every key may be left out: what is not known is not written, and nothing is assumed in its place.
+"""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from bench.errors import ConfigError
+from estimator.machine import PARAMETERS, Machine
+
+# Generous: from a hobby motor's milliohms to a laboratory coil. Outside, a unit is wrong (mH given as H).
+PLAUSIBLE = {
+    "machine": {
+        "R_s": (1e-4, 1e3, "ohm"),
+        "L_d": (1e-7, 1.0, "H"),
+        "L_q": (1e-7, 1.0, "H"),
+        "psi_f": (1e-5, 100.0, "Vs"),
+        "n_p": (1, 200, "pole pairs"),
+        "i_rated": (1e-3, 1e5, "A"),
+    },
+    "drive": {
+        "T_s": (1e-7, 10.0, "s"),
+        "u_dc": (1.0, 1e5, "V"),
+    },
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Nominal:
+    """What the machine file says; what it leaves out is None, or absent from `given`."""
+
+    given: Mapping[str, float]  # those of R_s, L_d, L_q, psi_f that are known, SI
+    n_p: int | None = None  # pole pairs
+    i_rated: float | None = None  # A, peak
+    T_s: float | None = None  # s, control period
+    u_dc: float | None = None  # V
+
+    @property
+    def machine(self) -> Machine | None:
+        """The whole machine, or None while a parameter or the pole pairs are unknown."""
+        if self.n_p is None or any(name not in self.given for name in PARAMETERS):
+            return None
+        return Machine(**{name: self.given[name] for name in PARAMETERS}, n_p=self.n_p, i_rated=self.i_rated)
+
+
+def load_machine(path: str | Path) -> Nominal:
+    """The machine file's nominal values. Raises ConfigError with a sentence for the user."""
+    tables = _tables(path)
+    machine, drive = tables["machine"], tables["drive"]
+    return Nominal(
+        given={name: machine[name] for name in PARAMETERS if name in machine},
+        n_p=int(machine["n_p"]) if "n_p" in machine else None,
+        i_rated=machine.get("i_rated"),
+        T_s=drive.get("T_s"),
+        u_dc=drive.get("u_dc"),
+    )
+
+
+def _tables(path: str | Path) -> dict[str, dict[str, float]]:
+    content = _toml(path)
+    for key in content:
+        if key not in PLAUSIBLE:
+            raise ConfigError(f"{path}: unknown entry {key!r}, expected the tables [machine] and [drive]")
+    if "machine" not in content:
+        raise ConfigError(f"{path}: the table [machine] is missing, expected it with any of "
+                          + ", ".join(PLAUSIBLE["machine"]))
+    return {name: _table(path, name, content.get(name, {})) for name in PLAUSIBLE}
+
+
+def _toml(path: str | Path) -> dict[str, object]:
+    try:
+        return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: expected UTF-8 text, byte {error.start} is not") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from error
+    except (RecursionError, ValueError) as error:  # brackets without end; a path or a number that cannot be
+        raise ConfigError(f"{path}: not TOML: {type(error).__name__}") from error
+
+
+def _table(path: str | Path, name: str, content: object) -> dict[str, float]:
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: expected a table [{name}], came {name} = {content!r}")
+    allowed = PLAUSIBLE[name]
+    values: dict[str, float] = {}
+    for key, value in cast("dict[str, object]", content).items():
+        where = f"{path}: [{name}] {key}"
+        if key not in allowed:
+            raise ConfigError(f"{where} is unknown, expected one of {', '.join(allowed)}")
+        values[key] = _value(where, value, *allowed[key], whole=key == "n_p")
+    return values
+
+
+def _value(where: str, value: object, low: float, high: float, unit: str, *, whole: bool) -> float:
+    if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
+        raise ConfigError(f"{where}: expected a {'whole ' if whole else ''}number of {unit}, came {value!r}")
+    if not 0 < value < math.inf:
+        raise ConfigError(f"{where} = {value}: expected a finite number of {unit} above zero")
+    value = min(value, 1e300)  # TOML's integers have no end
+    if not low <= value <= high:
+        expected = f"{low:g} to {high:g} {unit}"
+        raise ConfigError(f"{where} = {value:g} {unit}: expected {expected}; SI units, per phase")
+    return value if whole else float(value)

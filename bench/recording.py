@@ -1,0 +1,221 @@
+"""Recordings on disk to samples: CSV, CSV.gz or Parquet, whole or chunk by chunk in constant memory.
+
+Columns `t u_d u_q i_d i_q omega_e`, and `theta_e` or its integral; `i_d_mean i_q_mean periods` where a row covers
+several control periods. SI, peak dq, by the period convention. A mapping names columns called otherwise, a
+constant stands in for a column and wins over one that is there.
+
+Alignment: `u=+1` says that the voltage recorded in row k was applied over row k+1; fractions mix two rows by
+the time each was applied. The rows at a run's ends that are left without a voltage are not used.
+
+Knows nothing of estimators. Options that cannot be are a ConfigError, files that cannot be a RecordingError.
+"""
+
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from itertools import chain, groupby
+from pathlib import Path
+
+import numpy as np
+
+from bench.errors import RecordingError
+from bench.runs import PROBE, Chunk, Clock, Part, RunSplitter, find_clock
+from bench.sources import MAX_PERIODS, Sources, check_options, find_sources
+from bench.table import column_names, read_parts
+from estimator.samples import Column, Samples
+
+CHUNK_ROWS = 65_536
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a recording held and what became of it, for reports."""
+
+    path: str
+    T_s: float  # s, control period
+    periods: int  # control periods per row
+    rows: int  # in the file
+    used: int  # handed on as samples
+    runs: int  # stretches without a gap
+    duration: float  # s, first row's start to last row's end, gaps included
+    left_out: int  # rows with a cell missing or not finite
+    missing: Mapping[str, int]  # such cells, by quantity
+    unaligned: int  # rows at the runs' ends without a partner after alignment
+    lost_rows: int  # rows that the times say are not in the file
+    irregular_steps: int  # steps of time that are no multiple of the row's duration
+    sources: Mapping[str, str]  # each quantity's source in words
+    unused: tuple[str, ...]  # columns present and not read
+
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know besides the result."""
+        said: list[str] = []
+        if self.lost_rows:
+            said.append(f"rows lost, by the times: {self.lost_rows}")
+        if self.irregular_steps:
+            said.append(f"steps of time that are no multiple of the rows' duration: {self.irregular_steps}")
+        if self.left_out:
+            cells = ", ".join(f"{name} in {count}" for name, count in self.missing.items())
+            said.append(f"rows left out for want of a value: {self.left_out} of {self.rows} ({cells})")
+        if self.unaligned:
+            said.append(f"rows without a voltage after alignment: {self.unaligned}")
+        if self.runs > 1:
+            said.append(f"runs without a gap: {self.runs}")
+        return tuple(said)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A recording in memory."""
+
+    runs: tuple[Samples, ...]
+    summary: Summary
+
+
+class RecordingReader:
+    """An open recording: iterate once over its chunks; `summary` grows on the way."""
+
+    def __init__(
+        self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float
+    ) -> None:
+        self.path = path
+        self.sources = sources
+        with _naming(path):
+            first = _first_rows(parts)
+            self.clock = _clock(first, sources, T_s)
+        self._parts = chain(first, parts)
+        self._splitter = RunSplitter(self.clock, sources.constants, shift)
+        self._chunks = self._read()
+
+    def __iter__(self) -> Iterator[Chunk]:
+        return self._chunks
+
+    @property
+    def summary(self) -> Summary:
+        """The account of what has been read so far."""
+        tally = self._splitter.tally
+        return Summary(
+            path=str(self.path),
+            T_s=self.clock.T_s,
+            periods=self.clock.periods,
+            rows=tally.rows,
+            used=tally.used,
+            runs=tally.runs,
+            duration=tally.last_t - tally.first_t + self.clock.step,
+            left_out=tally.left_out,
+            missing=dict(tally.missing),
+            unaligned=tally.unaligned,
+            lost_rows=tally.lost,
+            irregular_steps=tally.irregular,
+            sources=self.sources.told,
+            unused=self.sources.unused,
+        )
+
+    def _read(self) -> Iterator[Chunk]:
+        for part in self._parts:
+            with _naming(self.path):
+                chunks = list(self._splitter.feed(part))
+            yield from chunks
+        with _naming(self.path):
+            self._splitter.finish()
+
+
+@contextmanager
+def open_recording(
+    path: str | Path,
+    *,
+    mapping: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    T_s: float | None = None,
+    align: Mapping[str, float] | None = None,
+    chunk_rows: int = CHUNK_ROWS,
+) -> Generator[RecordingReader]:
+    """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
+
+    `mapping`: quantity to the file's column. `constants`: quantity to value. `T_s`: control period in s, which the
+    file's times must meet within 1 %. `align`: `{"u": rows}`, see the module.
+    """
+    path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
+    check_options(mapping, constants, T_s, align)
+    sources = find_sources(path, column_names(path), mapping, constants)
+    columns = tuple(dict.fromkeys(sources.columns.values()))
+    with closing(read_parts(path, columns, chunk_rows)) as parts:
+        named = ({name: part[column] for name, column in sources.columns.items()} for part in parts)
+        yield RecordingReader(path, sources, named, T_s, align.get("u", 0))
+
+
+def read_recording(
+    path: str | Path,
+    *,
+    mapping: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    T_s: float | None = None,
+    align: Mapping[str, float] | None = None,
+) -> Recording:
+    """A whole recording in memory, by the options of `open_recording`."""
+    with open_recording(path, mapping=mapping, constants=constants, T_s=T_s, align=align) as reader:
+        runs = tuple(
+            _one([chunk.samples for chunk in chunks]) for _, chunks in groupby(reader, lambda chunk: chunk.run)
+        )
+        return Recording(runs, reader.summary)
+
+
+def _one(stretches: list[Samples]) -> Samples:
+    """Stretches of one run as one."""
+    first = stretches[0]
+
+    def whole(columns: list[Column | None]) -> Column | None:
+        present = [column for column in columns if column is not None]
+        return np.concatenate(present) if present else None
+
+    return Samples(
+        theta_e=np.concatenate([s.theta_e for s in stretches]),
+        omega_e=np.concatenate([s.omega_e for s in stretches]),
+        i_d=np.concatenate([s.i_d for s in stretches]),
+        i_q=np.concatenate([s.i_q for s in stretches]),
+        u_d=np.concatenate([s.u_d for s in stretches]),
+        u_q=np.concatenate([s.u_q for s in stretches]),
+        T_s=first.T_s,
+        periods=first.periods,
+        i_d_mean=whole([s.i_d_mean for s in stretches]),
+        i_q_mean=whole([s.i_q_mean for s in stretches]),
+        t0=first.t0,
+    )
+
+
+def _first_rows(parts: Iterator[Part]) -> list[Part]:
+    """The parts that hold the first rows, from which the step is told."""
+    first: list[Part] = []
+    rows = 0
+    while rows <= PROBE and (part := next(parts, None)) is not None:
+        first.append(part)
+        rows += len(part["t"])
+    if rows < 2:
+        raise RecordingError(f"expected at least 2 rows, came {rows}")
+    return first
+
+
+def _clock(first: list[Part], sources: Sources, T_s: float | None) -> Clock:
+    periods = sources.constants.get("periods", 1.0)
+    if "periods" in sources.columns:
+        told = np.concatenate([part["periods"] for part in first])[: PROBE + 1]
+        told = told[np.isfinite(told)]
+        periods = float(told[0]) if len(told) else 0.0
+    if not 1 <= periods <= MAX_PERIODS or periods != int(periods):
+        raise RecordingError(f"periods = {periods:g}: expected a whole number of control periods, 1 or more")
+    if periods > 1 and "i_d_mean" not in sources.told:
+        raise RecordingError(
+            f"rows that cover {periods:g} control periods need their mean currents, missing columns: "
+            "i_d_mean, i_q_mean"
+        )
+    t = np.concatenate([part["t"] for part in first])[: PROBE + 1]
+    return find_clock(t, int(periods), T_s)
+
+
+@contextmanager
+def _naming(path: Path) -> Generator[None]:
+    """Put the file's name before what is wrong with its rows."""
+    try:
+        yield
+    except RecordingError as error:
+        said = str(error)
+        raise RecordingError(said if said.startswith(f"{path}: ") else f"{path}: {said}") from error

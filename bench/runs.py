@@ -1,0 +1,275 @@
+"""A recording's rows to runs: consecutive samples one step apart. Knows nothing of files and their formats.
+
+What ends a run: a step of several periods (lost rows), a step that is no multiple of the period, and a row left
+out because a cell is missing or not finite. Nothing is filled in. The result does not depend on how the rows
+are divided into parts.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import RecordingError
+from estimator.samples import Column, Samples
+
+Part = Mapping[str, Column]  # columns by quantity, of equal length
+
+PROBE = 10_000  # rows that settle the step between rows
+JITTER = 0.2  # of a step, by which a row's time may be off its place
+DRIFT = 0.01  # of a step, by which a run's mean step, or a given T_s, may differ from the recording's
+LARGEST = 1e12  # SI; a cell beyond is a marker for "no value", not one
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """The time base of a recording."""
+
+    step: float  # s, between rows, by the recording's own times
+    T_s: float  # s, control period: as given, or step / periods
+    periods: int  # control periods per row
+
+
+@dataclass(slots=True)
+class Tally:
+    """What became of the rows so far."""
+
+    rows: int = 0  # in the file
+    used: int = 0  # handed on
+    runs: int = 0
+    left_out: int = 0  # a cell missing or not finite
+    missing: dict[str, int] = field(default_factory=dict[str, int])  # such cells, by quantity
+    unaligned: int = 0  # at a run's end, without a partner after alignment
+    lost: int = 0  # that the times say are not in the file
+    irregular: int = 0  # steps that are no multiple of the period
+    first_t: float = math.nan  # s
+    last_t: float = math.nan  # s
+    longest: int = 0  # rows of the longest run
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chunk:
+    """A stretch of a run."""
+
+    samples: Samples
+    run: int  # from 1
+    joined: bool  # follows the chunk before by exactly one row
+
+
+def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
+    """The time base from the first times. Where `T_s` is given and agrees, it is the control period."""
+    rows = np.flatnonzero(np.abs(t) < LARGEST)
+    if len(rows) < 2:
+        raise RecordingError(f"expected at least 2 rows with a time, came {len(rows)}")
+    t = t[rows]
+    _expect_advance(t, rows + 1)
+    steps = np.diff(t)
+    median = float(np.sort(steps)[(len(steps) - 1) // 2])
+    multiple = np.rint(steps / median)
+    odd = (multiple < 1) | (np.abs(steps / median - multiple) > JITTER + DRIFT * multiple)
+    if np.mean(odd) > 0.1:
+        raise RecordingError(
+            f"expected evenly sampled rows, {np.mean(odd):.0%} of the steps of t are no multiple of "
+            f"their median {median:.6g} s (shortest {steps.min():.6g} s, longest {steps.max():.6g} s)"
+        )
+    # The mean of the single steps is finer than the median where the file's times are rounded.
+    step = float(f"{np.mean(steps[np.abs(steps / median - 1) <= JITTER]):.9g}")
+    T = step / periods
+    if not 1e-7 <= T <= 10:
+        raise RecordingError(f"t steps by {step:g} s, expected 1e-07 to 10 s a control period: is t in seconds?")
+    if T_s is not None and abs(T - T_s) > DRIFT * T_s:
+        ratio = round(T / T_s)
+        hint = f"; rows that cover {ratio} periods each need periods = {ratio}" if ratio > 1 else ""
+        raise RecordingError(f"expected T_s = {T_s:g} s, the times say {T:g} s{hint}")
+    return Clock(step, T if T_s is None else T_s, periods)
+
+
+def _expect_advance(t: Column, rows: NDArray[np.int64]) -> None:
+    back = np.flatnonzero(np.diff(t) <= 0)
+    if len(back):
+        k = back[0]
+        said = "repeats" if t[k + 1] == t[k] else "runs backwards"
+        raise RecordingError(
+            f"row {rows[k + 1]}: time {said}: expected more than {t[k]:.9g} s (row {rows[k]}), came {t[k + 1]:.9g} s"
+        )
+
+
+class RunSplitter:
+    """Takes parts in their order and hands on chunks of runs; `finish` after the last.
+
+    `shift`: by how many rows the voltage was recorded before it was applied. With a fraction, the voltage of
+    a row is the mean of the two recorded ones weighted by the time each was applied in it.
+    """
+
+    def __init__(self, clock: Clock, constants: Mapping[str, float], shift: float) -> None:
+        self.clock = clock
+        self.tally = Tally()
+        self._constants = {name: value for name, value in constants.items() if name != "periods"}
+        self._late, self._later = math.floor(shift), math.ceil(shift)
+        self._weight = shift - self._late
+        self._cut_front, self._cut_back = max(self._later, 0), max(-self._late, 0)
+        self._last_time: tuple[int, float] | None = None  # row, s: the newest usable time
+        self._last_good = False
+        self._angle: tuple[float, float, float] | None = None  # s, rad/s, rad: where the integral of omega_e is
+        self._run = _Run()
+
+    def feed(self, part: Part) -> Iterator[Chunk]:
+        """The chunks that end with this part's rows."""
+        n = len(part["t"])
+        if n == 0:
+            return
+        rows = np.arange(n) + self.tally.rows + 1
+        self.tally.rows += n
+        good, joined = self._screen(part, rows)
+        kept = np.flatnonzero(good)
+        if len(kept) == 0:
+            return
+        starts = ~joined[kept]
+        columns = {name: column[kept] for name, column in part.items() if name != "periods"}
+        columns |= {name: np.full(len(kept), value) for name, value in self._constants.items()}
+        if "theta_e" not in columns:
+            columns["theta_e"] = self._integrated(columns["t"], columns["omega_e"], starts)
+        edges = sorted({0, len(kept), *np.flatnonzero(starts).tolist()})
+        for a, b in pairwise(edges):
+            if starts[a]:
+                self._end_run()
+            stretch = {name: column[a:b] for name, column in columns.items()}
+            yield from self._take(stretch, int(rows[kept[a]]), int(rows[kept[b - 1]]))
+
+    def finish(self) -> None:
+        """Judge the recording as a whole, after its last part."""
+        self._end_run()
+        if self.tally.longest < 2:
+            cells = ", ".join(f"{name} in {count}" for name, count in self.tally.missing.items())
+            raise RecordingError(
+                f"expected at least 2 consecutive usable rows, found none in {self.tally.rows} rows"
+                + (f" (no value: {cells})" if cells else "")
+            )
+
+    def _screen(self, part: Part, rows: NDArray[np.int64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which rows are usable, and which of them follow a usable one by exactly one step."""
+        tally = self.tally
+        usable = {name: np.abs(column) < LARGEST for name, column in part.items()}
+        joined = self._one_step(part["t"], usable["t"], rows)
+        if "periods" in part:
+            changed = usable["periods"] & (part["periods"] != self.clock.periods)
+            if changed.any():
+                k = int(np.argmax(changed))
+                came = f"{self.clock.periods} before, {part['periods'][k]:g} in row {rows[k]}"
+                raise RecordingError(f"expected rows of equally many control periods, came {came}")
+        good = np.logical_and.reduce(list(usable.values()))
+        for name, ok in usable.items():
+            if not ok.all():
+                tally.missing[name] = tally.missing.get(name, 0) + int(np.sum(~ok))
+        tally.left_out += int(np.sum(~good))
+        joined &= good
+        joined[1:] &= good[:-1]
+        joined[0] &= self._last_good
+        self._last_good = bool(good[-1])
+        return good, joined
+
+    def _one_step(
+        self, t: Column, timed: NDArray[np.bool_], rows: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Which rows come one step after the row before them; counts lost rows and irregular steps."""
+        one_step = np.zeros(len(t), dtype=np.bool_)
+        places = np.flatnonzero(timed)
+        if len(places) == 0:
+            return one_step
+        t, rows = t[places], rows[places]
+        if self._last_time is None:
+            self.tally.first_t = float(t[0])
+        else:
+            t, rows = np.r_[self._last_time[1], t], np.r_[self._last_time[0], rows]
+        self._last_time = int(rows[-1]), float(t[-1])
+        self.tally.last_t = float(t[-1])
+        _expect_advance(t, rows)
+        steps = np.diff(t) / self.clock.step
+        multiple = np.rint(steps)
+        there = np.diff(rows)  # rows the file has for this step: more than one where times are missing
+        odd = (multiple < there) | (np.abs(steps - multiple) > JITTER + DRIFT * (multiple - 1))
+        self.tally.lost += int(np.sum(np.maximum(multiple - there, 0)))
+        self.tally.irregular += int(np.sum(odd))
+        one_step[places[len(places) - len(steps):]] = ~odd & (multiple == 1)
+        return one_step
+
+    def _integrated(self, t: Column, omega_e: Column, starts: NDArray[np.bool_]) -> Column:
+        """theta_e by the trapezoidal rule from 0 at the first usable row on, across gaps as well."""
+        t_0, omega_0, theta_0 = self._angle or (t[0], omega_e[0], 0.0)
+        T = np.where(starts, np.diff(t, prepend=t_0), self.clock.T_s * self.clock.periods)
+        turns = T * (omega_e + np.r_[omega_0, omega_e[:-1]]) / 2
+        theta_e = np.cumsum(np.r_[theta_0, turns])[1:]
+        self._angle = float(t[-1]), float(omega_e[-1]), float(theta_e[-1])
+        return theta_e
+
+    def _take(self, columns: dict[str, Column], first: int, last: int) -> Iterator[Chunk]:
+        """Rows of one run: align their voltages, hand on what has a partner, keep what waits for one."""
+        run = self._run.extended(columns["t"], first, last)
+        if run.waiting:
+            columns = {name: np.r_[run.waiting[name], column] for name, column in columns.items()}
+        front, back = self._cut_front, self._cut_back
+        if front + back:
+            run.waiting = {name: column[-(front + back):] for name, column in columns.items()}
+        n = len(columns["t"])
+        if n <= front + back:
+            return
+        rows = slice(front, n - back)
+        if not run.handed_on:
+            self.tally.runs += 1
+        samples = Samples(
+            theta_e=columns["theta_e"][rows], omega_e=columns["omega_e"][rows],
+            i_d=columns["i_d"][rows], i_q=columns["i_q"][rows],
+            u_d=self._aligned(columns["u_d"], rows), u_q=self._aligned(columns["u_q"], rows),
+            T_s=self.clock.T_s, periods=self.clock.periods,
+            i_d_mean=columns["i_d_mean"][rows] if "i_d_mean" in columns else None,
+            i_q_mean=columns["i_q_mean"][rows] if "i_q_mean" in columns else None,
+            t0=float(columns["t"][front]),
+        )
+        joined = run.handed_on > 0
+        run.handed_on += len(samples)
+        self.tally.used += len(samples)
+        self.tally.longest = max(self.tally.longest, run.handed_on)
+        yield Chunk(samples, self.tally.runs, joined)
+
+    def _aligned(self, u: Column, rows: slice) -> Column:
+        early = u[rows.start - self._late : rows.stop - self._late]
+        if not self._weight:
+            return early
+        late = u[rows.start - self._later : rows.stop - self._later]
+        return (1 - self._weight) * early + self._weight * late
+
+    def _end_run(self) -> None:
+        run, step = self._run, self.clock.step
+        self._run = _Run()
+        self.tally.unaligned += run.rows - run.handed_on
+        if run.rows < 2:
+            return
+        mean = (run.last_t - run.first_t) / (run.rows - 1)
+        if abs(mean - step) > (DRIFT + 2 * JITTER / (run.rows - 1)) * step:
+            raise RecordingError(
+                f"rows {run.first} to {run.last} are {mean:.6g} s apart on average, expected {step:.6g} s "
+                "as at the recording's beginning"
+            )
+
+
+@dataclass(slots=True, eq=False)
+class _Run:
+    """The run being read."""
+
+    rows: int = 0
+    handed_on: int = 0
+    first: int = 0  # row of the file
+    last: int = 0
+    first_t: float = 0.0  # s
+    last_t: float = 0.0  # s
+    waiting: dict[str, Column] = field(default_factory=dict[str, Column])  # newest rows, for the alignment
+
+    def extended(self, t: Column, first: int, last: int) -> "_Run":
+        if not self.rows:
+            self.first, self.first_t = first, float(t[0])
+        self.last, self.last_t = last, float(t[-1])
+        self.rows += len(t)
+        return self

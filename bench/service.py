@@ -1,0 +1,99 @@
+"""The service: pumps, worker and their state, as one context manager. Knows nothing of HTTP."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+from bench.acquisition import Acquisition, Link, LinkState
+from bench.config import Config
+from bench.estimation import Estimation, Snapshot
+from bench.window import Window
+
+STALE = 1.0  # s without a sample after which estimates are called stale
+
+
+@dataclass(frozen=True, slots=True)
+class ThreadHealth:
+    """One thread of the service."""
+
+    name: str
+    alive: bool
+    failure: str | None = None  # its last unexpected failure
+
+
+class UnknownDriveError(KeyError):
+    """No drive of that name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class Service:
+    """Everything that runs between the drives and whoever asks. Use as a context manager."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self._urls = {drive.name: drive.url for drive in config.drives}
+        self._estimation = Estimation({drive.name: drive.window for drive in config.drives})
+        self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
+        self._started = time.monotonic()
+
+    def __enter__(self) -> Self:
+        self._estimation.start()
+        for pump in self._pumps.values():
+            pump.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for pump in self._pumps.values():
+            pump.stop()
+        self._estimation.stop()
+
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """Names of the drives, as configured."""
+        return tuple(self._urls)
+
+    @property
+    def uptime(self) -> float:
+        """Seconds since the start."""
+        return time.monotonic() - self._started
+
+    def url(self, name: str) -> str:
+        """A drive's address. Raises UnknownDriveError."""
+        return self._urls[self._known(name)]
+
+    def link(self, name: str) -> Link:
+        """A drive's link and stream. Raises UnknownDriveError."""
+        return self._pumps[self._known(name)].link
+
+    def estimates(self, name: str) -> Snapshot:
+        """A drive's latest estimates. Raises UnknownDriveError."""
+        return self._estimation.snapshot(self._known(name))
+
+    def change_window(self, name: str, change: Mapping[str, Any]) -> Window:
+        """Change a drive's window while it runs. Raises UnknownDriveError, LimitError."""
+        return self._estimation.change_window(self._known(name), change)
+
+    def threads(self) -> list[ThreadHealth]:
+        """Every thread, alive or not."""
+        worker = ThreadHealth("estimation", self._estimation.thread.is_alive(), self._estimation.failure)
+        pumps = [ThreadHealth(pump.thread.name, pump.thread.is_alive()) for pump in self._pumps.values()]
+        return [worker, *pumps]
+
+    def healthy(self) -> bool:
+        """All threads run and all drives stream."""
+        streaming = all(pump.link.state is LinkState.STREAMING for pump in self._pumps.values())
+        return streaming and all(thread.alive and thread.failure is None for thread in self.threads())
+
+    def _pump(self, name: str, url: str) -> Acquisition:
+        return Acquisition(name, url, lambda block: self._estimation.put(name, block))
+
+    def _known(self, name: str) -> str:
+        if name not in self._urls:
+            raise UnknownDriveError(f"no drive {name!r}; the drives are {', '.join(self._urls)}")
+        return name

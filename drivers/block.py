@@ -1,0 +1,36 @@
+"""A block: consecutive rows of a drive's stream in SI units, without a gap inside."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Column = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Consecutive stream rows, columns of equal length n (float64, SI, peak dq, electrical angles in rad).
+
+    Row k covers `periods` control periods from `tick[k]` on: `theta_e i_d i_q` are sampled at its start, the
+    other columns are means over it, in the rotor frame at each period's middle. Clock: the drive's ticks.
+    """
+
+    tick: NDArray[np.int64]  # control periods since the drive's reset, at the row's start
+    theta_e: Column  # rad, 0 to 2 pi
+    omega_e: Column  # rad/s
+    i_d: Column  # A
+    i_q: Column  # A
+    u_d: Column  # V
+    u_q: Column  # V
+    i_d_mean: Column  # A
+    i_q_mean: Column  # A
+    u_dc: Column  # V
+    T_s: float  # s, control period
+    periods: int  # control periods per row
+    lost_before: int  # rows lost between the block before and this one; 0 where they join
+    temp_winding: float  # degC, latest; NaN while the drive has told none
+    temp_magnet: float  # degC, latest
+
+    def __len__(self) -> int:
+        return len(self.tick)

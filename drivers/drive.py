@@ -1,0 +1,60 @@
+"""The `Drive` protocol: what the bench may ask of a drive, whatever the bus."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+from drivers.block import Block
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who the drive says it is."""
+
+    device_name: str
+    vendor_id: int
+    product_code: int
+    revision: int
+    serial: int
+    layout_id: int  # checksum of its dictionary
+    T_s: float  # s, control period
+    i_full: float  # A
+    u_full: float  # V
+    omega_full: float  # rad/s
+
+
+class Drive(Protocol):
+    """A connected drive. Methods raise `DriveError`; all may be called from any thread.
+
+    Use as a context manager: leaving it stops the stream and closes the link.
+    """
+
+    @property
+    def identity(self) -> Identity: ...
+
+    def read(self, name: str) -> float:
+        """Value of a signal, SI."""
+        ...
+
+    def write(self, name: str, value: float) -> None:
+        """Set a signal, SI; returns when the drive has taken it."""
+        ...
+
+    def parameters(self) -> dict[str, float]:
+        """Every writable signal with its value, SI."""
+        ...
+
+    def stream(self) -> Iterator[Block]:
+        """Start the stream and yield blocks until the drive is closed. Raises LostError when it falls silent."""
+        ...
+
+    def close(self) -> None:
+        """Stop the stream and close the link; may be called twice, and from another thread than `stream`."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...

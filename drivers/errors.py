@@ -1,0 +1,46 @@
+"""What can go wrong between bench and drive.
+
+    DriveError
+      ConnectError   no such bus, port, node
+      LostError      it was there: heartbeat missed, port gone
+      NoReplyError   no answer in time
+      RefusedError   the drive said no (SDO abort, Modbus exception)
+      FrameError     bytes that cannot be
+      FaultError     the drive is in fault (carries the error code)
+"""
+
+
+class DriveError(Exception):
+    """Any failure between bench and drive; its text is a sentence for the user."""
+
+
+class ConnectError(DriveError):
+    """No such bus, port or node, or not the drive that was expected."""
+
+
+class LostError(DriveError):
+    """The drive was there and is gone."""
+
+
+class NoReplyError(DriveError):
+    """No answer in time."""
+
+
+class RefusedError(DriveError):
+    """The drive said no. `code` is its reason (SDO abort code, Modbus exception)."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class FrameError(DriveError):
+    """Bytes that cannot be."""
+
+
+class FaultError(DriveError):
+    """The drive is in fault. `code` is its error code."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code

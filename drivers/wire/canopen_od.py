@@ -1,0 +1,158 @@
+"""CANopen's view of the dictionary: identifiers, PDO layouts, the EDS. Derived, never written a second time.
+
+Standards: CiA 301 (application layer), CiA 306 (electronic data sheet). Pure: bytes and text.
+"""
+
+from typing import Final
+
+from drivers.wire.dictionary import SIGNALS, Signal, WireType, signal_named
+
+DEVICE_NAME: Final = "pmsm-bench virtual drive"
+DEVICE_TYPE: Final = 0x0002_0192  # CiA 402, servo drive
+VENDOR_ID: Final = 0  # none assigned
+PRODUCT_CODE: Final = 0x504D_534D  # "PMSM"
+REVISION: Final = 1
+
+# Communication objects (CiA 301)
+OD_DEVICE_TYPE: Final = 0x1000
+OD_ERROR_REGISTER: Final = 0x1001
+OD_DEVICE_NAME: Final = 0x1008
+OD_HEARTBEAT: Final = 0x1017
+OD_IDENTITY: Final = 0x1018
+OD_TPDO: Final = 0x1800
+OD_TPDO_MAPPING: Final = 0x1A00
+
+# NMT (CiA 301, 7.2.8): command specifiers and states
+NMT_COB_ID: Final = 0x000
+NMT_START: Final = 1
+NMT_STOP: Final = 2
+NMT_PRE_OPERATIONAL: Final = 128
+NMT_RESET_NODE: Final = 129
+NMT_RESET_COMMUNICATION: Final = 130
+STATE_BOOT_UP: Final = 0
+STATE_STOPPED: Final = 4
+STATE_OPERATIONAL: Final = 5
+STATE_PRE_OPERATIONAL: Final = 127
+
+HEARTBEAT_MS: Final = 100  # ms, default producer time
+SLOW_ROWS: Final = 100  # the slow TPDO goes with every this many rows
+
+TPDO_LAYOUT: Final[tuple[tuple[Signal, ...], ...]] = tuple(
+    tuple(signal_named(name) for name in names)
+    for names in (
+        ("row_tick", "theta_e", "i_d", "i_q"),
+        ("row_tick", "omega_e", "u_d", "u_q"),
+        ("row_tick", "u_dc", "i_d_mean", "i_q_mean"),
+        ("row_tick", "temp_winding", "temp_magnet"),  # slow
+    )
+)
+ROW_TPDOS: Final = 3  # so many frames make a row
+
+
+def tpdo_cob_id(number: int, node_id: int) -> int:
+    """Identifier of TPDO `number` (0 to 3), predefined connection set."""
+    return 0x180 + 0x100 * number + node_id
+
+
+def sdo_request_cob_id(node_id: int) -> int:
+    """Identifier of the client's SDO requests."""
+    return 0x600 + node_id
+
+
+def sdo_response_cob_id(node_id: int) -> int:
+    """Identifier of the server's SDO answers."""
+    return 0x580 + node_id
+
+
+def heartbeat_cob_id(node_id: int) -> int:
+    """Identifier of boot-up and heartbeat."""
+    return 0x700 + node_id
+
+
+def tpdo_struct_format(number: int) -> str:
+    """Format of TPDO `number` for the struct module."""
+    return "<" + "".join(signal.type.struct_format[1:] for signal in TPDO_LAYOUT[number])
+
+
+def tpdo_mapping(number: int) -> tuple[int, ...]:
+    """Mapping entries (index, subindex, bits packed as CiA 301 has it) of TPDO `number`."""
+    return tuple(s.index << 16 | s.subindex << 8 | s.type.bits for s in TPDO_LAYOUT[number])
+
+
+def eds() -> str:
+    """The drive's electronic data sheet (CiA 306) as text."""
+    objects: dict[int, list[str]] = {
+        OD_DEVICE_TYPE: _variable(OD_DEVICE_TYPE, None, "Device type", 0x07, "ro", DEVICE_TYPE),
+        OD_ERROR_REGISTER: _variable(OD_ERROR_REGISTER, None, "Error register", 0x05, "ro", 0),
+        OD_DEVICE_NAME: _variable(OD_DEVICE_NAME, None, "Device name", 0x09, "const", DEVICE_NAME),
+        OD_HEARTBEAT: _variable(OD_HEARTBEAT, None, "Producer heartbeat time", 0x06, "rw", HEARTBEAT_MS),
+        OD_IDENTITY: _record(OD_IDENTITY, "Identity", [
+            ("Vendor-ID", 0x07, "ro", VENDOR_ID), ("Product code", 0x07, "ro", PRODUCT_CODE),
+            ("Revision number", 0x07, "ro", REVISION), ("Serial number", 0x07, "ro", None)]),
+    }
+    for number in range(len(TPDO_LAYOUT)):
+        objects[OD_TPDO + number] = _record(OD_TPDO + number, f"TPDO {number + 1}", [
+            ("COB-ID", 0x07, "ro", f"$NODEID+0x{tpdo_cob_id(number, 0):X}"), ("Transmission type", 0x05, "ro", 254)])
+        objects[OD_TPDO_MAPPING + number] = _record(OD_TPDO_MAPPING + number, f"TPDO {number + 1} mapping", [
+            (f"Entry {k + 1}", 0x07, "ro", entry) for k, entry in enumerate(tpdo_mapping(number))])
+    for index in sorted({signal.index for signal in SIGNALS}):
+        objects[index] = _signal_record(index, [signal for signal in SIGNALS if signal.index == index])
+
+    mandatory = [OD_DEVICE_TYPE, OD_ERROR_REGISTER, OD_IDENTITY]
+    optional = [index for index in objects if index < 0x2000 and index not in mandatory]
+    own = [index for index in objects if index >= 0x2000]
+    head = [
+        "[FileInfo]", "FileName=pmsm-bench.eds", "FileVersion=1", "FileRevision=0", "EDSVersion=4.0",
+        "Description=Permanent-magnet synchronous motor drive", "CreatedBy=pmsm-bench", "",
+        "[DeviceInfo]", "VendorName=pmsm-bench", f"VendorNumber=0x{VENDOR_ID:08X}", f"ProductName={DEVICE_NAME}",
+        f"ProductNumber=0x{PRODUCT_CODE:08X}", f"RevisionNumber=0x{REVISION:08X}", "OrderCode=0",
+        *(f"BaudRate_{rate}={int(rate == 1000)}" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)),
+        "SimpleBootUpMaster=0", "SimpleBootUpSlave=1", "Granularity=0", "DynamicChannelsSupported=0",
+        "GroupMessaging=0",
+        "NrOfRXPDO=0", f"NrOfTXPDO={len(TPDO_LAYOUT)}", "LSS_Supported=0", "",
+        "[DummyUsage]", *(f"Dummy000{k}=0" for k in range(1, 8)), "",
+        "[Comments]", "Lines=0", "",
+    ]
+    lists = [line for title, group in (("MandatoryObjects", mandatory), ("OptionalObjects", optional),
+                                       ("ManufacturerObjects", own))
+             for line in (f"[{title}]", f"SupportedObjects={len(group)}",
+                          *(f"{k}=0x{index:04X}" for k, index in enumerate(sorted(group), 1)), "")]
+    return "\n".join([*head, *lists, *(line for index in sorted(objects) for line in objects[index])])
+
+
+Entry = tuple[str, int, str, int | str | None]
+
+
+def _variable(
+    index: int, subindex: int | None, name: str, canopen_type: int, access: str, default: int | str | None,
+    mappable: bool = False,
+) -> list[str]:
+    section = f"{index:04X}" if subindex is None else f"{index:04X}sub{subindex:X}"
+    value = f"0x{default:X}" if isinstance(default, int) else default or ""
+    return [
+        f"[{section}]", f"ParameterName={name}", "ObjectType=0x7", f"DataType=0x{canopen_type:04X}",
+        f"AccessType={access}", f"DefaultValue={value}", f"PDOMapping={int(mappable)}", "",
+    ]
+
+
+def _record(index: int, name: str, entries: list[Entry]) -> list[str]:
+    lines = [f"[{index:04X}]", f"ParameterName={name}", "ObjectType=0x9", f"SubNumber={len(entries) + 1}", ""]
+    lines += _variable(index, 0, "Highest sub-index supported", 0x05, "const", len(entries))
+    for k, (entry, canopen_type, access, default) in enumerate(entries, 1):
+        lines += _variable(index, k, entry, canopen_type, access, default)
+    return lines
+
+
+_RECORD_NAMES: Final = {
+    0x2000: "Drive", 0x2010: "Full scales", 0x2100: "Stream", 0x2200: "Control", 0x2300: "References",
+}
+
+
+def _signal_record(index: int, signals: list[Signal]) -> list[str]:
+    name = _RECORD_NAMES[index]
+    highest = max(signal.subindex for signal in signals)
+    lines = [f"[{index:04X}]", f"ParameterName={name}", "ObjectType=0x9", f"SubNumber={len(signals) + 1}", ""]
+    lines += _variable(index, 0, "Highest sub-index supported", WireType.U8.canopen_type, "const", highest)
+    for s in signals:
+        lines += _variable(s.index, s.subindex, s.name, s.type.canopen_type, s.access, None, mappable=index == 0x2100)
+    return lines

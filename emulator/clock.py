@@ -1,0 +1,41 @@
+"""The clock: how many control periods are due. The only place of the emulator that knows wall time."""
+
+import time
+from collections.abc import Callable
+
+
+class Pacer:
+    """Real time in control periods, told in bounded steps.
+
+    `due` never says more than `most` at once, so that a drive that was held up catches up in steps between
+    which its bus is served. One held up for longer than `patience` gives that time up: it is counted in
+    `overruns`, and the drive's clock stays behind wall time by it.
+    """
+
+    def __init__(self, T_s: float, most: int, patience: float = 1.0, now: Callable[[], float] = time.monotonic) -> None:
+        """`T_s` control period in s, `patience` in s, `now` a monotonic clock in s."""
+        if not (T_s > 0.0 and most >= 1 and patience > 0.0):
+            raise ValueError(f"a pacer takes T_s, most and patience above zero, got {T_s}, {most} and {patience}")
+        self._T_s, self._most, self._patience, self._now = T_s, most, patience, now
+        self._start = now()  # s, when period 0 began
+        self._told = 0  # periods said to be due
+        self.overruns = 0  # times that it gave up
+
+    def due(self) -> int:
+        """Periods to run now, 0 to `most`; they count as run."""
+        behind = self.lag
+        if behind > self._patience:
+            self.overruns += 1
+            self._start += behind
+        periods = min(max(0, int((self._now() - self._start) / self._T_s) - self._told), self._most)
+        self._told += periods
+        return periods
+
+    @property
+    def lag(self) -> float:
+        """How far the periods told are behind wall time, in s."""
+        return self._now() - self._start - self._told * self._T_s
+
+    def wait_time(self, periods: int) -> float:
+        """Time in s until so many periods are due; 0 when they are."""
+        return max(0.0, periods * self._T_s - self.lag)

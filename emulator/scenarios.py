@@ -1,0 +1,217 @@
+"""Scenarios: what is emulated - motor, drive, run, excitation - built in or from a TOML file.
+
+    [motor]       R_s, L_d, L_q, psi_f, n_p, i_rated, J, B      all at 23.4 degC
+    [drive]       see `Drive`
+    [run]         see `Run`
+    [excitation]  see `Excitation`
+
+Keys are the fields below; what has a default may be left out. A scenario that cannot be is refused with one
+sentence that names file, key, bound and what came.
+"""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from emulator.bounds import Bound, ScenarioError, check_bounds, from_table
+from emulator.inverter import longest
+from emulator.machine import COLDEST, HOTTEST, Machine, at_temperature
+from emulator.mechanics import Profile
+
+SHAFTS = ("dynamometer", "free")
+_RPM = 2.0 * math.pi / 60.0  # rad/s
+_SEED = Bound(low=0, high=2**63 - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """The drive. `drive_for` fills in the full scales that suit a motor."""
+
+    i_max: Annotated[float, Bound("A", above=0.0)]  # longest current reference
+    adc_full: Annotated[float, Bound("A", above=0.0)]  # the current converter spans -adc_full to +adc_full
+    i_full: Annotated[float, Bound("A", above=0.0)]  # full scales of the wire
+    u_full: Annotated[float, Bound("V", above=0.0)]
+    omega_full: Annotated[float, Bound("rad/s", above=0.0)]
+    u_dc: Annotated[float, Bound("V", above=0.0)] = 310.0
+    T_s: Annotated[float, Bound("s", low=1e-6, high=1e-2)] = 1e-4  # control period
+    bandwidth: Annotated[float, Bound("rad/s", low=10.0, high=1e4)] = 1250.0  # of the current control
+    noise_i: Annotated[float, Bound("A", low=0.0)] = 0.01  # standard deviation, each phase current
+    adc_bits: Annotated[int, Bound(low=0, high=24)] = 12  # 0: ideal
+    encoder_counts: Annotated[int, Bound(low=0, high=2**30)] = 0  # per mechanical turn; 0: ideal
+    stream_periods: Annotated[int, Bound(low=5, high=1000)] = 10  # control periods per stream row
+    sub_steps: Annotated[int, Bound(low=1, high=1000)] = 10  # integration steps per control period
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What the shaft does, and the temperature.
+
+    The speed rises from `speed_rpm` by `rise_rpm` within `ramp_time` and stays, with a swing on top. A
+    dynamometer holds it there; on a free shaft it is where the speed starts and, under speed control, the
+    reference.
+    """
+
+    shaft: str = "dynamometer"  # or "free"
+    speed_rpm: Annotated[float, Bound("rpm")] = 1200.0
+    rise_rpm: Annotated[float, Bound("rpm")] = 0.0
+    ramp_time: Annotated[float, Bound("s", low=0.0)] = 0.0
+    swing_rpm: Annotated[float, Bound("rpm", low=0.0)] = 0.0  # amplitude
+    swing_frequency: Annotated[float, Bound("Hz", low=0.0)] = 1.0
+    speed_control: bool = False  # free shaft only: i_q follows from a speed loop
+    speed_bandwidth: Annotated[float, Bound("rad/s", above=0.0, high=1000.0)] = 60.0
+    tau_L: Annotated[float, Bound("Nm")] = 0.0  # load torque on a free shaft
+    temperature: Annotated[float, Bound("degC", low=COLDEST, high=HOTTEST)] = COLDEST
+    seed: Annotated[int, _SEED] = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Excitation:
+    """Current references and the pseudo-random steps around them."""
+
+    i_d_ref: Annotated[float, Bound("A")] = 0.0
+    i_q_ref: Annotated[float, Bound("A")] = 0.0
+    i_d_step: Annotated[float, Bound("A", low=0.0)] = 0.0
+    i_q_step: Annotated[float, Bound("A", low=0.0)] = 0.0
+    step_time: Annotated[float, Bound("s", low=1e-3, high=10.0)] = 5e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """All of it. `name` stands in the sentences of errors: a file's name, or that of a built-in scenario."""
+
+    name: str
+    motor: Machine
+    drive: Drive
+    run: Run = Run()
+    excitation: Excitation = Excitation()
+
+    @property
+    def profile(self) -> Profile:
+        """The speed over time, rad/s mechanical."""
+        run = self.run
+        omega_0 = run.speed_rpm * _RPM
+        return Profile(omega_0, omega_0 + run.rise_rpm * _RPM, run.ramp_time, run.swing_rpm * _RPM, run.swing_frequency)
+
+
+def drive_for(motor: Machine, u_dc: float = 310.0, **given: float) -> Drive:
+    """A drive whose currents, converter and full scales suit the motor; any field of `Drive` may be given."""
+    return from_table(Drive, _suited(motor, {"u_dc": u_dc, **given}), "drive_for: ")
+
+
+def load(path: Path) -> Scenario:
+    """The scenario in a TOML file. Raises ScenarioError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read as text ({error})") from None
+    return parse(text, path.name)
+
+
+def parse(text: str, name: str) -> Scenario:
+    """The scenario in a TOML text that is called `name` in sentences. Raises ScenarioError."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{name}: is not TOML: {error}") from None
+    sections = ("motor", "drive", "run", "excitation")
+    for key, value in document.items():
+        if key not in sections:
+            raise ScenarioError(f"{name}: {key} is no section; the sections are {', '.join(sections)}")
+        if not isinstance(value, dict):
+            raise ScenarioError(f"{name}: {key} takes a section, got {value!r}")
+    if "motor" not in document:
+        raise ScenarioError(f"{name}: the section motor is missing; it has no default")
+    motor = from_table(Machine, document["motor"], f"{name}: motor.")
+    drive = from_table(Drive, _suited(motor, document.get("drive", {})), f"{name}: drive.")
+    run = from_table(Run, document.get("run", {}), f"{name}: run.")
+    excitation = from_table(Excitation, document.get("excitation", {}), f"{name}: excitation.")
+    scenario = Scenario(name, motor, drive, run, excitation)
+    check(scenario)
+    return scenario
+
+
+def check(scenario: Scenario) -> None:
+    """Raise ScenarioError when a value is out of its bound, or the values cannot be together."""
+    name, motor, drive, run, excitation = (
+        scenario.name,
+        scenario.motor,
+        scenario.drive,
+        scenario.run,
+        scenario.excitation,
+    )
+    for section, record in (("motor", motor), ("drive", drive), ("run", run), ("excitation", excitation)):
+        check_bounds(record, f"{name}: {section}.")
+
+    if run.shaft not in SHAFTS:
+        raise ScenarioError(f"{name}: run.shaft takes {' or '.join(SHAFTS)}, got {run.shaft!r}")
+    if run.speed_control and run.shaft != "free":
+        raise ScenarioError(f"{name}: run.speed_control takes a free shaft, got shaft {run.shaft!r}")
+
+    T_s = drive.T_s
+    h, shortest = T_s / drive.sub_steps, min(motor.L_d, motor.L_q) / motor.R_s
+    if h > shortest / 2.0:
+        raise ScenarioError(
+            f"{name}: drive.sub_steps takes steps of at most half the motor's time constant of "
+            f"{shortest:g} s, got {h:g} s"
+        )
+    if drive.bandwidth * T_s > 0.5:
+        raise ScenarioError(
+            f"{name}: drive.bandwidth takes at most {0.5 / T_s:g} rad/s at T_s = {T_s:g} s, got {drive.bandwidth:g}"
+        )
+
+    i_d = abs(excitation.i_d_ref) + excitation.i_d_step
+    i_q = abs(excitation.i_q_ref) + excitation.i_q_step
+    if math.hypot(i_d, i_q) > drive.i_max:
+        raise ScenarioError(
+            f"{name}: excitation takes references up to drive.i_max = {drive.i_max:g} A, "
+            f"got up to {math.hypot(i_d, i_q):.4g} A with the steps"
+        )
+
+    rpm = max(abs(run.speed_rpm), abs(run.speed_rpm + run.rise_rpm)) + run.swing_rpm
+    omega_e = motor.n_p * rpm * _RPM
+    if omega_e * T_s > 1.0:
+        fastest = 1.0 / (T_s * motor.n_p * _RPM)
+        raise ScenarioError(
+            f"{name}: run.speed_rpm takes at most {fastest:.5g} rpm at T_s = {T_s:g} s, got up to {rpm:g} rpm"
+        )
+    hot = at_temperature(motor, run.temperature)
+    u_d = hot.R_s * i_d + omega_e * hot.L_q * i_q
+    u_q = hot.R_s * i_q + omega_e * (hot.L_d * i_d + hot.psi_f)
+    if math.hypot(u_d, u_q) > longest(drive.u_dc):
+        lowest = drive.u_dc * math.hypot(u_d, u_q) / longest(drive.u_dc)
+        raise ScenarioError(
+            f"{name}: drive.u_dc takes at least {lowest:.4g} V for {rpm:g} rpm and these currents, got {drive.u_dc:g} V"
+        )
+
+
+def _suited(motor: Machine, table: Mapping[str, Any]) -> dict[str, Any]:
+    """The drive's table with what is left out taken from the motor."""
+    u_dc = table.get("u_dc", 310.0)
+    if not isinstance(u_dc, int | float) or not u_dc > 0.0:
+        return dict(table)  # its own error comes first
+    return {
+        "i_max": 2.0 * motor.i_rated,
+        "adc_full": 3.0 * motor.i_rated,
+        "i_full": 4.0 * motor.i_rated,
+        "u_full": 1.25 * u_dc,
+        "omega_full": 2.0 * longest(u_dc) / motor.psi_f,  # twice the no-load speed
+        **table,
+    }
+
+
+_PAPER_MOTOR = Machine(R_s=0.9664, L_d=4.24e-3, L_q=6.21e-3, psi_f=0.12, n_p=4, i_rated=6.0)
+PAPER = Scenario(
+    "paper",
+    _PAPER_MOTOR,
+    drive_for(_PAPER_MOTOR),
+    Run(speed_rpm=1200.0),
+    Excitation(i_d_ref=0.0, i_q_ref=2.0, i_d_step=3.0, i_q_step=3.0, step_time=5e-3),
+)
+"""The paper's motor at 23.4 degC, on a dynamometer, excited so that R_s, L_d, L_q and psi_f can be told."""
+
+BUILT_IN = {PAPER.name: PAPER}

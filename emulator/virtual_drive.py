@@ -1,0 +1,238 @@
+"""The virtual drive: all of the emulator behind the drive's dictionary, advanced by control periods.
+
+It has no clock and no thread: whoever calls `run` is its time. `read` and `write` may come from other
+threads; what is written waits and takes effect at the start of the next `run`. Knows nothing of buses.
+"""
+
+import math
+import threading
+from dataclasses import astuple, dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.wire.codec import check_range
+from drivers.wire.dictionary import Signal, layout_id, signal_named
+from emulator import stream
+from emulator.firmware import Commissioning, Settings
+from emulator.machine import at_temperature
+from emulator.mechanics import Shaft
+from emulator.plant import PlantState
+from emulator.scenarios import Scenario, check
+from emulator.sensors import Sensors
+from emulator.simulation import RECORDED, Bench, simulated, started
+
+Column = NDArray[np.float64]
+
+_WHOLE: Final = frozenset({"stream_periods", "n_p"})
+_CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step"})
+_SPEED_FILTER: Final = 1e-3  # s
+_NO_RECORDING: Final = np.empty((0, len(RECORDED)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StreamRows:
+    """Complete rows of the stream, columns of equal length n, SI, by the row convention of the dictionary."""
+
+    row_tick: NDArray[np.int64]  # control periods since reset, all bits
+    theta_e: Column  # rad, 0 to 2 pi
+    i_d: Column  # A
+    i_q: Column  # A
+    omega_e: Column  # rad/s
+    u_d: Column  # V
+    u_q: Column  # V
+    i_d_mean: Column  # A
+    i_q_mean: Column  # A
+    u_dc: Column  # V
+
+    def __len__(self) -> int:
+        return len(self.row_tick)
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What the machine is at its present temperature; no drive knows this."""
+
+    R_s: float  # ohm
+    L_d: float  # H
+    L_q: float  # H
+    psi_f: float  # Vs
+    temp_winding: float  # degC
+    temp_magnet: float  # degC
+
+
+class VirtualDrive:
+    """A drive with a motor, as the scenario says. Raises ScenarioError when that cannot be."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        check(scenario)
+        self.scenario: Final = scenario
+        motor, drive, run = scenario.motor, scenario.drive, scenario.run
+        self._shaft = Shaft(run.shaft == "dynamometer", scenario.profile, motor.J, motor.B, run.tau_L)
+        self._sensors = Sensors(drive.noise_i, drive.adc_bits, drive.adc_full, drive.encoder_counts, run.seed)
+        self._fixed = _commissioned(scenario)
+        self._settings = _first_settings(scenario)
+        self._temperature = run.temperature
+        self._bench = self._bench_at(run.temperature)
+        self._state = started(self._bench, self._settings.n_p, self._settings.control_psi_f)
+        self._lock = threading.Lock()  # guards what follows
+        self._written: dict[str, float] = {}
+        self._next_temperature: float | None = None
+        self._readable = self._constants() | dict.fromkeys(stream.COLUMNS, 0.0) | {"row_tick": 0.0}
+        self._publish()
+
+    @property
+    def tick(self) -> int:
+        """Control periods since reset, all bits."""
+        return self._state.tick
+
+    @property
+    def T_s(self) -> float:
+        """Control period in s."""
+        return self._fixed.T_s
+
+    @property
+    def plant(self) -> PlantState:
+        """True state of machine and shaft at the present tick."""
+        return self._state.plant
+
+    @property
+    def truth(self) -> Truth:
+        """True parameters now; a temperature that was set counts from the next `run` on."""
+        machine, temperature = self._bench.machine, self._temperature
+        return Truth(machine.R_s, machine.L_d, machine.L_q, machine.psi_f, temperature, temperature)
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, all that `run` needs, without a period passing."""
+        self._simulate(0, _NO_RECORDING)
+
+    def run(self, periods: int) -> StreamRows:
+        """Advance by control periods; the stream rows that became complete on the way."""
+        return self._advance(periods, _NO_RECORDING)
+
+    def record(self, periods: int) -> dict[str, Column]:
+        """Advance by control periods; a recording of every one, columns `simulation.RECORDED` by name.
+
+        Row k: time, angle and currents at the start of period k, the voltage applied over it in the rotor
+        frame at its middle. Stream rows that become complete meanwhile are lost to the stream.
+        """
+        recording = np.empty((max(periods, 0), len(RECORDED)))
+        self._advance(periods, recording)
+        return dict(zip(RECORDED, np.ascontiguousarray(recording.T), strict=True))
+
+    def read(self, name: str) -> float:
+        """SI value of a signal: as last written, or of the latest row. Raises KeyError for an unknown one."""
+        signal_named(name)
+        with self._lock:
+            return self._written[name] if name in self._written else self._readable[name]
+
+    def write(self, name: str, value: float) -> None:
+        """Write a signal (SI), from the next `run` on. Raises KeyError or ValueError, in a sentence."""
+        signal = signal_named(name)
+        self._check_write(signal, value)
+        with self._lock:
+            self._written[name] = float(value)
+
+    def set_temperature(self, temperature: float) -> None:
+        """Set winding and magnets to a temperature (degC), from the next `run` on. Raises ValueError."""
+        at_temperature(self.scenario.motor, temperature)
+        with self._lock:
+            self._next_temperature = temperature
+
+    def _check_write(self, signal: Signal, value: float) -> None:
+        if signal.access != "rw":
+            raise ValueError(f"{signal} cannot be written")
+        if not math.isfinite(value):
+            raise ValueError(f"{signal} takes a finite number, got {value}")
+        check_range(signal, value)
+        if signal.name in _WHOLE and value != int(value):
+            raise ValueError(f"{signal} takes a whole number, got {value}")
+        if signal.name in _CURRENTS and abs(value) > self._fixed.i_max:
+            raise ValueError(
+                f"{signal} takes at most {self._fixed.i_max:g} A, the drive's current limit, got {value:g}"
+            )
+
+    def _advance(self, periods: int, recording: NDArray[np.float64]) -> StreamRows:
+        if periods < 0:
+            raise ValueError(f"a drive runs 0 or more periods, got {periods}")
+        self._take_written()
+        rows = self._simulate(periods, recording)
+        self._publish(rows)
+        return rows
+
+    def _simulate(self, periods: int, recording: NDArray[np.float64]) -> StreamRows:
+        # One row may end at once, the others take `stream_periods`
+        room = 1 + periods // self._settings.stream_periods
+        ticks, rows = np.empty(room, np.int64), np.empty((room, len(stream.COLUMNS)))
+        self._state, n = simulated(self._bench, self._settings, self._state, periods, ticks, rows, recording)
+        return StreamRows(ticks[:n], *np.ascontiguousarray(rows[:n].T))
+
+    def _bench_at(self, temperature: float) -> Bench:
+        machine = at_temperature(self.scenario.motor, temperature)
+        return Bench(machine, self._shaft, self._sensors, self._fixed, self.scenario.drive.sub_steps)
+
+    def _take_written(self) -> None:
+        with self._lock:
+            written, self._written = self._written, {}
+            self._readable.update(written)
+            if self._next_temperature is not None:
+                self._temperature, self._next_temperature = self._next_temperature, None
+                self._bench = self._bench_at(self._temperature)
+        if written:
+            values = {name: int(value) if name in _WHOLE else value for name, value in written.items()}
+            self._settings = self._settings._replace(**values)
+
+    def _publish(self, rows: StreamRows | None = None) -> None:
+        """Make the present readable: settings, tick, temperature, the latest row."""
+        latest = {name: float(value) for name, value in self._settings._asdict().items()}
+        latest["tick"] = float(self._state.tick & 0xFFFF_FFFF)
+        latest["temp_winding"] = latest["temp_magnet"] = self._temperature
+        if rows:
+            latest |= {name: float(getattr(rows, name)[-1]) for name in stream.COLUMNS}
+            latest["row_tick"] = float(rows.row_tick[-1] & 0xFFFF)
+        with self._lock:
+            self._readable.update(latest)
+
+    def _constants(self) -> dict[str, float]:
+        drive = self.scenario.drive
+        return {
+            "layout_id": float(layout_id()),
+            "T_s": drive.T_s,
+            "i_full": drive.i_full,
+            "u_full": drive.u_full,
+            "omega_full": drive.omega_full,
+        }
+
+
+def _first_settings(scenario: Scenario) -> Settings:
+    """The drive as commissioned: it takes the motor for what it is at 23.4 degC."""
+    motor, drive, excitation = scenario.motor, scenario.drive, scenario.excitation
+    return Settings(
+        drive.stream_periods,
+        motor.n_p,
+        motor.R_s,
+        motor.L_d,
+        motor.L_q,
+        motor.psi_f,
+        drive.bandwidth,
+        *map(float, astuple(excitation)),  # a whole number would be compiled as another type
+    )
+
+
+def _commissioned(scenario: Scenario) -> Commissioning:
+    """The speed loop is set for a shaft of inertia J: bandwidth alpha_s, integral time 4 / alpha_s."""
+    motor, drive, run = scenario.motor, scenario.drive, scenario.run
+    alpha_s = run.speed_bandwidth
+    k_p = alpha_s * motor.J / (1.5 * motor.n_p**2 * motor.psi_f)
+    return Commissioning(
+        drive.T_s,
+        drive.u_dc,
+        drive.i_max,
+        run.speed_control,
+        scenario.profile,
+        k_p,
+        k_p * alpha_s / 4.0,
+        _SPEED_FILTER,
+        run.seed,
+    )

@@ -1,0 +1,37 @@
+"""The decorator of the hot loops: compiled once, kept on disk, and never stale.
+
+Numba's cache notices only a change of the decorated function's own file, not of a function inlined from
+another one. So the cache lives in a folder named after the content of this room's sources.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import ParamSpec, TypeVar, cast
+
+import numba
+from numba.core import config as numba_config
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _cache_folder() -> str:
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    digest = hashlib.sha256(b"\0".join(source.read_bytes() for source in sources)).hexdigest()[:16]
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return str(home / "pmsm-bench" / "estimator" / digest)
+
+
+_FOLDER = _cache_folder()
+
+
+def kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function of numbers and arrays to machine code at its first call."""
+    before = getattr(numba_config, "CACHE_DIR", "")
+    setattr(numba_config, "CACHE_DIR", _FOLDER)  # noqa: B010 - numba declares its settings at run time
+    try:
+        return cast(Callable[P, R], numba.njit(cache=True)(function))
+    finally:
+        setattr(numba_config, "CACHE_DIR", before)  # noqa: B010

@@ -1,0 +1,52 @@
+"""Samples: SI columns of one recording or stream without gaps, as every estimator takes them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Column = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Consecutive rows, columns of equal length n (float64), by the period convention.
+
+    Row k starts at `t0 + k T`. `theta_e i_d i_q` are sampled there; `u_d u_q` is the voltage applied over
+    the row, in the rotor frame at each control period's middle. A row covers `periods` control periods of
+    `T_s`; where that is one, the mean currents are the mean of the row's two ends and may be left out.
+    """
+
+    theta_e: Column  # rad, wrapped or not
+    omega_e: Column  # rad/s, settles how many turns a long row made
+    i_d: Column  # A
+    i_q: Column  # A
+    u_d: Column  # V
+    u_q: Column  # V
+    T_s: float  # s, control period
+    periods: int = 1  # control periods per row
+    i_d_mean: Column | None = None  # A, mean over the row; needed where periods > 1
+    i_q_mean: Column | None = None  # A
+    t0: float = 0.0  # s, time of the first row
+
+    def __len__(self) -> int:
+        return len(self.theta_e)
+
+    @property
+    def T(self) -> float:
+        """Duration of a row in s."""
+        return self.periods * self.T_s
+
+    def __getitem__(self, rows: slice) -> "Samples":
+        """A stretch of consecutive rows (views, step 1)."""
+        start, stop, step = rows.indices(len(self))
+        if step != 1:
+            raise ValueError(f"samples are consecutive: expected a slice of step 1, got {step}")
+        rows = slice(start, stop)
+        return Samples(
+            self.theta_e[rows], self.omega_e[rows], self.i_d[rows], self.i_q[rows], self.u_d[rows], self.u_q[rows],
+            self.T_s, self.periods,
+            None if self.i_d_mean is None else self.i_d_mean[rows],
+            None if self.i_q_mean is None else self.i_q_mean[rows],
+            self.t0 + start * self.T,
+        )

@@ -1,0 +1,108 @@
+"""Real parts for tests: a running bench over an emulated drive, in processes of their own."""
+
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import pytest
+
+READY = 120.0  # s, the first start compiles
+COMMAND = [sys.executable, "-m", "bench.cli.main"]
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@dataclass(frozen=True)
+class RunningBench:
+    """A service over one emulated drive called `emulated`."""
+
+    url: str  # of the service
+    bus: str  # of the drive
+    process: "subprocess.Popen[str]"
+
+
+def free_port() -> int:
+    """A TCP port that nobody listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return listener.getsockname()[1]
+
+
+def bus_url(port: int) -> str:
+    """Where an emulated drive can be served on a port."""
+    return f"canopen://socketcand/127.0.0.1:{port}/can0/5"
+
+
+def wait_for_answer(url: str, process: "subprocess.Popen[str]") -> None:
+    """Return when something answers at a URL; fail when the process ends first or time is up."""
+    deadline = time.monotonic() + READY
+    while time.monotonic() < deadline:
+        assert process.poll() is None, process.communicate()
+        try:
+            httpx.get(url)
+        except httpx.TransportError:
+            time.sleep(0.05)
+        else:
+            return
+    raise AssertionError(f"nothing answered at {url} within {READY} s")
+
+
+@contextmanager
+def command(*arguments: str) -> Generator["subprocess.Popen[str]"]:
+    """`pmsm-bench` with arguments as a process, ended by Ctrl-C."""
+    process = subprocess.Popen(
+        [*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=15.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            raise
+
+
+@contextmanager
+def bench_up() -> Generator[RunningBench]:
+    """`pmsm-bench up` on free ports."""
+    port, bus = free_port(), bus_url(free_port())
+    with command("up", "--port", str(port), "--at", bus) as process:
+        url = f"http://127.0.0.1:{port}"
+        wait_for_answer(f"{url}/api/health", process)
+        yield RunningBench(url, bus, process)
+
+
+@pytest.fixture(scope="session")
+def running_bench() -> Iterator[RunningBench]:
+    """One bench for all tests that only look, or put back what they change."""
+    with bench_up() as bench:
+        yield bench
+
+
+@pytest.fixture
+def shared_recordings() -> Path:
+    """The folder of real recordings; skips where it is absent."""
+    if not SHARED.is_dir():
+        pytest.skip(f"real recordings are not at {SHARED}")
+    return SHARED
+
+
+@pytest.fixture(autouse=True)
+def no_leaks() -> Iterator[None]:
+    """A test that leaves a thread running fails."""
+    before = set(threading.enumerate())
+    yield
+    deadline = time.monotonic() + 2.0
+    while left := [t for t in threading.enumerate() if t not in before and t.is_alive()]:
+        assert time.monotonic() < deadline, f"threads left running: {[t.name for t in left]}"
+        time.sleep(0.01)

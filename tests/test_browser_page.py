@@ -1,0 +1,343 @@
+"""The operator's page in headless Chromium against the real service and the emulated drive."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import socket
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Protocol, cast
+from urllib.parse import urlsplit
+
+import pytest
+from selenium.webdriver import Chrome, ChromeOptions
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+CHROMIUM = Path("/usr/bin/chromium")
+CHROMEDRIVER = Path("/usr/bin/chromedriver")
+PATIENCE_S = 20.0
+
+# What the emulated motor can be, with room for temperature and saturation: SI minimum and maximum.
+SANE = {"R_s": (0.5, 2.0), "L_d": (2e-3, 8e-3), "L_q": (3e-3, 12e-3), "psi_f": (0.06, 0.24)}
+SETTINGS = ("length", "periods_per_row", "estimated", "held")
+PREFIX = {"m": 1e-3, "µ": 1e-6, "n": 1e-9, "k": 1e3, "": 1.0}
+UNIT = {"R_s": "Ω", "L_d": "H", "L_q": "H", "psi_f": "Vs"}
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(
+        not (CHROMIUM.exists() and CHROMEDRIVER.exists()),
+        reason="needs Chromium: install the packages chromium and chromium-driver",
+    ),
+]
+
+
+class Bench(Protocol):
+    """A running service with the emulated drive."""
+
+    @property
+    def url(self) -> str: ...
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    profile = tmp_path_factory.mktemp("chromium")
+    options = ChromeOptions()
+    options.binary_location = str(CHROMIUM)
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+    flags += ["--disable-background-networking", "--window-size=1440,1000", f"--user-data-dir={profile}"]
+    for flag in flags:
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    chrome = Chrome(options=options, service=Service(str(CHROMEDRIVER)))
+    try:
+        yield chrome
+    finally:
+        chrome.quit()
+
+
+@pytest.fixture
+def page(browser: Chrome, running_bench: Bench) -> Iterator[Chrome]:
+    """The page, freshly opened, with a streaming drive and four estimates; the window is put back afterwards."""
+    before = window(running_bench)
+    forget_logs(browser)
+    browser.get(running_bench.url)
+    until(browser, lambda: text(browser, "link-state") == "streaming", "the link to be streaming")
+    until(
+        browser,
+        lambda: all(tile(browser, name).get_attribute("data-status") == "ok" for name in SANE),
+        "all four parameters to be estimated",
+    )
+    yield browser
+    browser.get("about:blank")
+    request(running_bench, "PUT", {setting: before[setting] for setting in SETTINGS})
+
+
+def test_the_page_tells_an_operator_which_drive_it_shows_and_that_it_streams(page: Chrome) -> None:
+    state = page.find_element(By.ID, "link").get_attribute("data-state")
+    assert state == "streaming"
+    assert "emulated" in text(page, "identity")
+    assert "canopen://" in text(page, "identity")
+    assert re.match(r"\d+ Hz", text(page, "fact-rate"))
+    assert not page.find_element(By.ID, "banner").is_displayed()
+
+
+@pytest.mark.parametrize("name", list(SANE))
+def test_a_tile_shows_value_unit_and_interval(page: Chrome, name: str) -> None:
+    value, exact_unit = reading(page, name)
+    low, high = SANE[name]
+    assert low < value < high
+    interval = tile(page, name).find_element(By.CLASS_NAME, "interval").text
+    match = re.fullmatch(rf"± ([\d.]+) {exact_unit} \(95 %\)", interval)
+    assert match, interval
+    assert float(match[1]) > 0
+
+
+def test_every_plot_draws_points_and_a_band(page: Chrome) -> None:
+    count = "return document.getElementById(arguments[0]).data?.[arguments[1]]?.x?.length ?? 0"
+    path = "return document.querySelector(`#${arguments[0]} .scatterlayer path.js-line`)?.getAttribute('d') ?? ''"
+    for name in SANE:
+        plot = f"plot-{name}"
+        until(page, lambda plot=plot: run(page, count, plot, 1) > 4, f"points in {plot}")
+        assert run(page, count, plot, 0) > 8
+        assert "L" in run(page, path, plot)
+
+
+def test_the_form_changes_the_length_of_the_window(page: Chrome, running_bench: Bench) -> None:
+    before = window(running_bench)
+    wanted = before["length"] + 500
+    apply_length(page, str(wanted))
+    until(page, lambda: message(page).get_attribute("data-mood") == "good", "the form to report success")
+    after = window(running_bench)
+    assert {setting: after[setting] for setting in SETTINGS} == {
+        **{setting: before[setting] for setting in SETTINGS},
+        "length": wanted,
+    }
+
+
+def test_a_bad_length_shows_the_services_sentence_and_changes_nothing(page: Chrome, running_bench: Bench) -> None:
+    before = window(running_bench)
+    detail = refusal(running_bench, {"length": 1})
+    apply_length(page, "1")
+    until(page, lambda: message(page).text == detail, f"the sentence {detail!r}")
+    assert message(page).get_attribute("data-mood") == "bad"
+    assert page.find_element(By.ID, "window-length").get_attribute("value") == "1"
+    assert window(running_bench) == before
+
+
+def test_snapshots_do_not_overwrite_what_the_operator_types(page: Chrome, running_bench: Bench) -> None:
+    type_over(page.find_element(By.ID, "window-length"), "777")
+    rows = text(page, "fact-rows")
+    until(page, lambda: text(page, "fact-rows") != rows, "the next snapshot")
+    assert page.find_element(By.ID, "window-length").get_attribute("value") == "777"
+    page.find_element(By.ID, "window-discard").click()
+    length = page.find_element(By.ID, "window-length").get_attribute("value")
+    assert length == str(window(running_bench)["length"])
+
+
+def test_a_parameter_can_be_held_at_a_typed_value_and_estimated_again(page: Chrome, running_bench: Bench) -> None:
+    page.find_element(By.ID, "estimated-psi_f").click()
+    type_over(page.find_element(By.ID, "held-psi_f"), "121,5")
+    page.find_element(By.ID, "window-apply").click()
+    until(page, lambda: tile(page, "psi_f").get_attribute("data-status") == "held", "the tile to say held")
+    held = window(running_bench)
+    assert held["held"]["psi_f"] == pytest.approx(0.1215)
+    assert "psi_f" not in held["estimated"]
+    assert reading(page, "psi_f")[0] == pytest.approx(0.1215)
+    page.find_element(By.ID, "estimated-psi_f").click()
+    page.find_element(By.ID, "window-apply").click()
+    until(page, lambda: tile(page, "psi_f").get_attribute("data-status") == "ok", "the tile to say estimated")
+
+
+def test_the_page_reports_no_error_and_asks_no_other_host(page: Chrome, running_bench: Bench) -> None:
+    until(page, lambda: run(page, "return 'data' in document.getElementById('plot-R_s')"), "a plot")
+    assert [e["message"] for e in log(page, "browser") if e["level"] in {"SEVERE", "WARNING"}] == []
+    service = urlsplit(running_bench.url).netloc
+    asked = {urlsplit(address).netloc for address in requested(page)}
+    assert asked == {service}
+
+
+@pytest.mark.parametrize("width", [390, 768, 1440])
+def test_the_page_needs_no_horizontal_scrolling(page: Chrome, width: int) -> None:
+    metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 600}
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    fits = "return document.documentElement.scrollWidth <= arguments[0] && innerWidth === arguments[0]"
+    until(page, lambda: run(page, fits, width), f"the page to fit {width} px")
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_a_broken_connection_to_the_service_is_told_and_found_again(browser: Chrome, running_bench: Bench) -> None:
+    address = urlsplit(running_bench.url)
+    with Wire(address.hostname or "", address.port or 80) as wire:
+        browser.get(wire.url)
+        until(browser, lambda: text(browser, "link-state") == "streaming", "the link to be streaming")
+        wire.cut()
+        until(browser, lambda: "Connection to the service lost since" in text(browser, "banner"), "the banner")
+        until(browser, lambda: text(browser, "link-state") == "not known", "the link to be not known")
+        assert "not live" in text(browser, "estimates-status")
+        wire.mend()
+        until(browser, lambda: not browser.find_element(By.ID, "banner").is_displayed(), "the banner to go")
+        assert text(browser, "link-state") == "streaming"
+        browser.get("about:blank")
+
+
+class Wire:
+    """A stretch of wire between browser and service that can be cut and mended."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._far_end = (host, port)
+        self._port = 0
+        self._sockets: list[socket.socket] = []
+        self._threads: list[threading.Thread] = []
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self._port}/"
+
+    def __enter__(self) -> Wire:
+        self.mend()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.cut()
+
+    def mend(self) -> None:
+        listener = socket.create_server(("127.0.0.1", self._port))
+        self._port = listener.getsockname()[1]
+        self._sockets = [listener]
+        self._threads = []
+        self._start(self._accept, listener)
+
+    def cut(self) -> None:
+        if not self._sockets:
+            return
+        accepting = self._threads[0]
+        hang_up(self._sockets[0])
+        accepting.join()
+        for end in self._sockets:
+            hang_up(end)
+        for thread in self._threads:
+            thread.join()
+        for end in self._sockets:
+            end.close()
+        self._sockets = []
+
+    def _accept(self, listener: socket.socket) -> None:
+        while True:
+            try:
+                near, _ = listener.accept()
+            except OSError:
+                return
+            far = socket.create_connection(self._far_end)
+            self._sockets += [near, far]
+            self._start(carry, near, far)
+            self._start(carry, far, near)
+
+    def _start(self, work: Any, *arguments: socket.socket) -> None:
+        thread = threading.Thread(target=work, args=arguments)
+        self._threads.append(thread)
+        thread.start()
+
+
+def carry(source: socket.socket, sink: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        while content := source.recv(65536):
+            sink.sendall(content)
+    hang_up(sink)
+
+
+def hang_up(end: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        end.shutdown(socket.SHUT_RDWR)
+
+
+def until(browser: Chrome, condition: Any, what: str) -> None:
+    waiting = WebDriverWait(browser, PATIENCE_S, poll_frequency=0.1)
+    waiting.until(lambda _: condition(), f"waited {PATIENCE_S:.0f} s for {what}")
+
+
+def run(browser: Chrome, script: str, *arguments: object) -> Any:
+    return browser.execute_script(script, *arguments)  # pyright: ignore[reportUnknownMemberType]
+
+
+def text(browser: Chrome, element_id: str) -> str:
+    return browser.find_element(By.ID, element_id).text
+
+
+def tile(browser: Chrome, name: str) -> WebElement:
+    return browser.find_element(By.ID, f"tile-{name}")
+
+
+def message(browser: Chrome) -> WebElement:
+    return browser.find_element(By.ID, "form-message")
+
+
+def reading(browser: Chrome, name: str) -> tuple[float, str]:
+    """Value in SI and the unit as shown."""
+    root = tile(browser, name)
+    shown = root.find_element(By.CLASS_NAME, "value").text
+    unit = root.find_element(By.CLASS_NAME, "value-unit").text
+    assert unit.endswith(UNIT[name]), unit
+    return float(shown) * PREFIX[unit.removesuffix(UNIT[name])], unit
+
+
+def type_over(field: WebElement, content: str) -> None:
+    field.send_keys(Keys.CONTROL, "a")
+    field.send_keys(content)
+
+
+def apply_length(browser: Chrome, content: str) -> None:
+    type_over(browser.find_element(By.ID, "window-length"), content)
+    browser.find_element(By.ID, "window-apply").click()
+
+
+def log(browser: Chrome, kind: str) -> list[dict[str, Any]]:
+    """What the browser wrote since it was last asked."""
+    return cast("list[dict[str, Any]]", browser.get_log(kind))  # pyright: ignore[reportUnknownMemberType]
+
+
+def forget_logs(browser: Chrome) -> None:
+    for kind in ("browser", "performance"):
+        log(browser, kind)
+
+
+def requested(browser: Chrome) -> list[str]:
+    """Addresses the page asked for over the network, from the browser's own log."""
+    events = [json.loads(entry["message"])["message"] for entry in log(browser, "performance")]
+    sent = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
+    addresses = [str(params["request"]["url"]) for params in sent]
+    return [address for address in addresses if urlsplit(address).scheme in {"http", "https", "ws", "wss"}]
+
+
+def window(bench: Bench) -> dict[str, Any]:
+    return request(bench, "GET", None)
+
+
+def refusal(bench: Bench, change: dict[str, Any]) -> str:
+    """The sentence with which the service refuses a change of the window."""
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        request(bench, "PUT", change)
+    with refused.value as response:
+        assert response.code == 422
+        return json.load(response)["detail"]
+
+
+def request(bench: Bench, method: str, body: dict[str, Any] | None) -> dict[str, Any]:
+    data = None if body is None else json.dumps(body).encode()
+    asked = urllib.request.Request(
+        bench.url.rstrip("/") + "/api/drives/emulated/window",
+        data,
+        {"Content-Type": "application/json"},
+        method=method,
+    )
+    with urllib.request.urlopen(asked, timeout=PATIENCE_S) as response:
+        return json.load(response)

@@ -1,0 +1,93 @@
+"""The machine alone: temperature table, flux and current, torque."""
+
+import math
+
+import pytest
+
+from emulator.bounds import ScenarioError
+from emulator.frames import clarke, nearest, phases, turned, wrapped
+from emulator.machine import Machine, at_temperature, current, flux, stored_energy, torque
+from emulator.scenarios import PAPER
+
+MOTOR = PAPER.motor
+
+
+@pytest.mark.parametrize(
+    ("temperature", "R_s", "L_d", "L_q"),
+    [
+        (23.4, 0.9664, 4.24e-3, 6.21e-3),
+        (30.0, 1.0008, 4.26e-3, 6.26e-3),
+        (50.0, 1.0770, 4.30e-3, 6.34e-3),
+        (80.0, 1.1751, 4.36e-3, 6.48e-3),
+        (55.0, (1.0770 + 1.1245) / 2, 4.305e-3, 6.37e-3),
+    ],
+)
+def test_the_papers_motor_follows_the_papers_table(temperature: float, R_s: float, L_d: float, L_q: float) -> None:
+    warm = at_temperature(MOTOR, temperature)
+    assert warm.R_s == pytest.approx(R_s, rel=1e-12)
+    assert warm.L_d == pytest.approx(L_d, rel=1e-12)
+    assert warm.L_q == pytest.approx(L_q, rel=1e-12)
+    assert warm.psi_f == MOTOR.psi_f
+
+
+def test_another_motor_warms_by_the_same_ratios() -> None:
+    other = Machine(R_s=0.1, L_d=20e-6, L_q=30e-6, psi_f=0.005, n_p=10, i_rated=30.0)
+    assert at_temperature(other, 80.0).R_s == pytest.approx(0.1 * 1.1751 / 0.9664)
+    assert at_temperature(other, 23.4) == other
+
+
+@pytest.mark.parametrize("temperature", [20.0, 80.1, math.nan])
+def test_a_temperature_outside_the_table_is_refused(temperature: float) -> None:
+    with pytest.raises(ValueError, match=r"the winding takes 23\.4 to 80\.0 degC, got"):
+        at_temperature(MOTOR, temperature)
+
+
+def test_current_is_the_inverse_of_flux() -> None:
+    i = 3.0 - 4.5j
+    assert current(MOTOR, flux(MOTOR, i)) == pytest.approx(i, rel=1e-12)
+    assert flux(MOTOR, 0j) == MOTOR.psi_f
+
+
+def test_torque_is_magnet_torque_plus_reluctance_torque() -> None:
+    i_d, i_q = -2.0, 5.0
+    expected = 1.5 * MOTOR.n_p * (MOTOR.psi_f * i_q + (MOTOR.L_d - MOTOR.L_q) * i_d * i_q)
+    i = complex(i_d, i_q)
+    assert torque(MOTOR, flux(MOTOR, i), i) == pytest.approx(expected, rel=1e-12)
+
+
+def test_torque_is_the_same_in_any_frame() -> None:
+    i = 1.0 + 2.0j
+    psi = flux(MOTOR, i)
+    assert torque(MOTOR, psi * turned(1.1), i * turned(1.1)) == pytest.approx(torque(MOTOR, psi, i), rel=1e-12)
+
+
+def test_stored_energy_is_the_integral_of_current_over_flux() -> None:
+    # From zero to i in a straight line: W = 3/2 Re(conj(i) dpsi) summed, exact by the midpoint rule
+    i, steps = 3.0 - 2.0j, 10
+    W = sum(
+        1.5 * (((k + 0.5) / steps * i).conjugate() * (flux(MOTOR, i) - flux(MOTOR, 0j)) / steps).real
+        for k in range(steps)
+    )
+    assert stored_energy(MOTOR, i) == pytest.approx(W, rel=1e-12)
+
+
+def test_phase_values_and_space_vector_are_one() -> None:
+    x = 5.0 * turned(0.7)
+    a, b, c = phases(x)
+    assert a == pytest.approx(5.0 * math.cos(0.7))
+    assert b == pytest.approx(5.0 * math.cos(0.7 - 2.0 * math.pi / 3.0))
+    assert c == pytest.approx(5.0 * math.cos(0.7 + 2.0 * math.pi / 3.0))
+    assert clarke(a, b, c) == pytest.approx(x)
+    assert clarke(a + 3.0, b + 3.0, c + 3.0) == pytest.approx(x)  # a common component is not seen
+
+
+@pytest.mark.parametrize("angle", [-7.0, -0.1, 0.0, 3.0, 3.2, 6.2, 100.0])
+def test_wrapped_and_nearest_angles_are_the_same_angle(angle: float) -> None:
+    assert 0.0 <= wrapped(angle) < 2.0 * math.pi
+    assert -math.pi <= nearest(angle) <= math.pi
+    assert turned(wrapped(angle)) == pytest.approx(turned(angle), abs=1e-12)
+    assert turned(nearest(angle)) == pytest.approx(turned(angle), abs=1e-12)
+
+
+def test_a_scenario_error_is_a_value_error() -> None:
+    assert issubclass(ScenarioError, ValueError)

@@ -1,0 +1,86 @@
+/**
+ * The service's REST calls and the shapes they carry. Every failure is an Error whose message is a sentence.
+ *
+ * @typedef {{sentence: string, time: string}} LinkError
+ * @typedef {{state: "connecting" | "streaming" | "lost", since: string, reconnects: number,
+ *   last_error: LinkError | null}} Link
+ * @typedef {{rate_hz: number, nominal_rate_hz: number | null, rows: number, gaps: number, rows_lost: number,
+ *   age_s: number | null}} Stream
+ * @typedef {{device_name: string, serial: number, T_s: number}} Identity
+ * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream}} DriveState
+ * @typedef {{value: number | null, std: number | null, unit: string, status: "ok" | "held" | "not_told" | "no_data",
+ *   reason: string}} Estimate
+ * @typedef {{minimum: number, maximum: number}} Limits
+ * @typedef {{length: number, periods_per_row: number, estimated: string[], held: Record<string, number>,
+ *   limits: {length: Limits, periods_per_row: Limits}}} Window
+ * @typedef {{drive: string, status: "ok" | "filling" | "stale" | "no_data", estimates: Record<string, Estimate>,
+ *   window: Window, samples: number, gaps: number, rows_dropped: number, age_s: number | null,
+ *   t_drive_s: number | null, condition: number | null, residual_rms_V: number | null}} Estimates
+ * @typedef {{drive: DriveState, estimates: Estimates}} Snapshot
+ * @typedef {{length?: number, periods_per_row?: number, estimated?: string[], held?: Record<string, number>}} WindowChange
+ */
+
+const PATIENCE_MS = 5000;
+
+/** @returns {Promise<DriveState[]>} */
+export async function listDrives() {
+  return (await call("GET", "/api/drives")).drives;
+}
+
+/**
+ * @param {string} drive
+ * @param {WindowChange} change
+ * @returns {Promise<Window>}
+ */
+export function putWindow(drive, change) {
+  return call("PUT", `/api/drives/${encodeURIComponent(drive)}/window`, change);
+}
+
+/** @param {string} drive */
+export function streamAddress(drive) {
+  return `/api/drives/${encodeURIComponent(drive)}/stream`;
+}
+
+/** The service did not answer, so whether it did what was asked is not known. */
+export class NoAnswerError extends Error {}
+
+/**
+ * @param {string} method
+ * @param {string} address
+ * @param {unknown} [body]
+ */
+async function call(method, address, body) {
+  const response = await send(method, address, body);
+  const content = await response.json().catch(() => null);
+  if (response.ok && content !== null) return content;
+  throw new Error(problemSentence(response, content));
+}
+
+/**
+ * @param {string} method
+ * @param {string} address
+ * @param {unknown} body
+ */
+async function send(method, address, body) {
+  try {
+    return await fetch(address, {
+      method,
+      headers: body === undefined ? {} : { "Content-Type": "application/json" },
+      body: body === undefined ? undefined : JSON.stringify(body),
+      cache: "no-store",
+      signal: AbortSignal.timeout(PATIENCE_MS),
+    });
+  } catch {
+    throw new NoAnswerError("The service does not answer.");
+  }
+}
+
+/**
+ * The `detail` of an RFC 9457 problem document, or what can be said without one.
+ * @param {Response} response
+ * @param {{detail?: unknown} | null} problem
+ */
+function problemSentence(response, problem) {
+  if (problem !== null && typeof problem.detail === "string" && problem.detail !== "") return problem.detail;
+  return `The service answered ${response.status} ${response.statusText}`.trim() + " without an explanation.";
+}

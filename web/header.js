@@ -1,0 +1,100 @@
+/**
+ * The head of the page: which drive, how its link is, what its stream does.
+ *
+ * @typedef {import("./api.js").DriveState} DriveState
+ */
+
+import { age, clock, duration, fixed, integer } from "./format.js";
+
+const element = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
+const select = /** @type {HTMLSelectElement} */ (element("drive-select"));
+
+/**
+ * Fills the drive selector; with a single drive there is nothing to choose and it stays away.
+ * @param {DriveState[]} drives
+ * @param {string | null} chosen
+ */
+export function showDrives(drives, chosen) {
+  element("drive-choice").hidden = drives.length < 2;
+  select.replaceChildren(...drives.map(({ name }) => new Option(name, name, false, name === chosen)));
+}
+
+/** @param {(name: string) => void} listener */
+export function onDriveChosen(listener) {
+  select.addEventListener("change", () => listener(select.value));
+}
+
+/**
+ * @param {DriveState} drive
+ * @param {number} sinceSnapshot_s time since the service last sent, in seconds
+ * @param {boolean} connected whether the service is there
+ */
+export function showDrive(drive, sinceSnapshot_s, connected) {
+  showLink(drive, connected);
+  write("identity", identityLine(drive));
+  const { stream } = drive;
+  const nominal = stream.nominal_rate_hz;
+  write("fact-rate", rate(stream.rate_hz), nominal === null ? "" : `of ${rate(nominal)}`);
+  const age_s = stream.age_s === null ? null : stream.age_s + sinceSnapshot_s;
+  write("fact-age", age_s === null ? "no data" : age(age_s));
+  element("fact-age").classList.toggle("warn", age_s === null || age_s > 1);
+  write("fact-rows", integer(stream.rows));
+  write("fact-gaps", integer(stream.gaps));
+  write("fact-lost", integer(stream.rows_lost));
+  write("fact-reconnects", integer(drive.link.reconnects));
+  element("fact-gaps").classList.toggle("warn", stream.gaps > 0);
+  element("fact-lost").classList.toggle("warn", stream.rows_lost > 0);
+}
+
+/**
+ * @param {DriveState} drive
+ * @param {boolean} connected
+ */
+function showLink({ name, link }, connected) {
+  const words = connected ? linkWords(link) : "not known";
+  element("link").dataset.state = connected ? link.state : "unknown";
+  write("link-state", words);
+  const title = `${words} · ${name} · pmsm-bench`;
+  if (document.title !== title) document.title = title;
+  const error = link.last_error;
+  const past = link.state === "streaming" ? "Last error, " : "";
+  element("link-error").hidden = error === null;
+  element("link-error").classList.toggle("past", past !== "");
+  if (error !== null) write("link-error", `${past}${clock(error.time)}: ${error.sentence}`);
+}
+
+/** @param {import("./api.js").Link} link */
+function linkWords(link) {
+  return link.state === "lost" ? `lost since ${clock(link.since)}` : link.state;
+}
+
+/** @param {DriveState} drive */
+function identityLine({ name, url, identity }) {
+  if (identity === null) return `${name} · not identified yet · ${url}`;
+  return `${name} · ${identity.device_name}, serial ${identity.serial} · ${url}`
+    + ` · control period ${duration(identity.T_s)}`;
+}
+
+/** @param {number} hertz */
+function rate(hertz) {
+  return `${fixed(hertz, hertz > 0 && hertz < 10 ? 1 : 0)} Hz`;
+}
+
+/**
+ * Writes only what changed: no needless layout, no repeated announcement.
+ * @param {string} id
+ * @param {string} text
+ * @param {string} [aside]
+ */
+function write(id, text, aside = "") {
+  const target = element(id);
+  const whole = aside === "" ? text : `${text} ${aside}`;
+  if (target.textContent === whole) return;
+  if (aside === "") {
+    target.textContent = text;
+    return;
+  }
+  const small = document.createElement("small");
+  small.textContent = aside;
+  target.replaceChildren(text, " ", small);
+}

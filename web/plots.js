@@ -1,0 +1,196 @@
+/**
+ * Four time plots: estimate, shaded 95 % interval, held values dashed. The right edge is now, and stays now when
+ * nothing comes any more. Plotly is the classic script of the page; without it the rest of the page still works.
+ *
+ * @typedef {import("./history.js").Point} Point
+ * @typedef {import("./parameters.js").Parameter} Parameter
+ */
+
+import { decimalsFor, fixed, prefixed } from "./format.js";
+import { PARAMETERS, writeSymbol } from "./parameters.js";
+
+const CONFIG = { displayModeBar: false, responsive: true, scrollZoom: false, doubleClick: false };
+
+/** Times that can be shown and the distance of their ticks, in seconds. */
+const TICK_S = new Map([[60, 15], [300, 60], [900, 300]]);
+
+/** @type {Map<string, HTMLElement>} */
+const canvases = new Map();
+
+export function buildPlots() {
+  const template = /** @type {HTMLTemplateElement} */ (document.getElementById("plot-template"));
+  const figures = PARAMETERS.map((parameter) => {
+    const figure = /** @type {HTMLElement} */ (template.content.firstElementChild?.cloneNode(true));
+    const canvas = /** @type {HTMLElement} */ (figure.querySelector(".canvas"));
+    canvas.id = `plot-${parameter.name}`;
+    writeSymbol(/** @type {Element} */ (figure.querySelector(".symbol")), parameter);
+    /** @type {Element} */ (figure.querySelector(".meaning")).textContent = parameter.meaning;
+    if (!("Plotly" in window)) canvas.textContent = "No plots: /assets/plotly.min.js did not load.";
+    canvases.set(parameter.name, canvas);
+    return figure;
+  });
+  document.getElementById("plots")?.replaceChildren(...figures);
+}
+
+/**
+ * The time axis that holds what there is, up to the time wanted: a young page does not show empty minutes.
+ * @param {number} recorded_s
+ * @param {number} wanted_s
+ */
+export function spanFor(recorded_s, wanted_s) {
+  const enough = [...TICK_S.keys()].find((span_s) => span_s >= recorded_s) ?? wanted_s;
+  return Math.min(enough, wanted_s);
+}
+
+/**
+ * @param {Parameter} parameter
+ * @param {import("./history.js").History} history
+ * @param {number} span_s time shown
+ * @param {number} exponent power of ten of the unit shown
+ */
+export function drawPlot(parameter, history, span_s, exponent) {
+  const canvas = canvases.get(parameter.name);
+  if (canvas === undefined || !("Plotly" in window)) return;
+  const now = Date.now();
+  const unit = prefixed(exponent, parameter.unit);
+  const runs = history.runs(now - span_s * 1000);
+  const colours = palette();
+  canvas.setAttribute("aria-label", summary(parameter, runs, unit, 10 ** exponent, span_s));
+  // @ts-ignore the classic script's global
+  window.Plotly.react(canvas, traces(runs, now, 10 ** exponent, unit, colours),
+    layout(span_s, unit, range(runs, 10 ** exponent), colours), CONFIG);
+}
+
+/**
+ * @param {Point[][]} runs
+ * @param {number} now
+ * @param {number} scale
+ * @param {string} unit
+ * @param {Record<string, string>} colours
+ */
+function traces(runs, now, scale, unit, colours) {
+  const estimated = runs.filter((run) => !run[0].held);
+  const held = runs.filter((run) => run[0].held);
+  const latest = estimated.at(-1)?.at(-1);
+  const digits = `.${decimalsFor(latest === undefined ? null : latest.half / scale, null)}f`;
+  return [
+    { ...band(estimated, now, scale), name: "interval", mode: "lines", type: "scatter", showlegend: false,
+      hoverinfo: "skip", fill: "toself", fillcolor: colours.band, line: { width: 0 } },
+    { ...line(estimated, now, scale), name: "estimate", mode: "lines", type: "scatter", showlegend: false,
+      line: { color: colours.accent, width: 1.6 },
+      hovertemplate: `%{y:${digits}} ± %{customdata:${digits}} ${unit}<extra></extra>` },
+    { ...line(held, now, scale), name: "held", mode: "lines", type: "scatter", showlegend: false,
+      line: { color: colours.muted, width: 1.6, dash: "dash" }, hovertemplate: `held at %{y} ${unit}<extra></extra>` },
+  ];
+}
+
+/**
+ * The runs one after another, with a null between two so that no line bridges a hole.
+ * @param {Point[][]} runs
+ * @param {number} now
+ * @param {number} scale
+ */
+function line(runs, now, scale) {
+  const points = runs.flatMap((run) => [...run, null]);
+  return {
+    x: points.map((p) => p && (p.time - now) / 1000),
+    y: points.map((p) => p && p.value / scale),
+    customdata: points.map((p) => p && p.half / scale),
+  };
+}
+
+/**
+ * One closed outline per run: along the upper bound and back along the lower.
+ * @param {Point[][]} runs
+ * @param {number} now
+ * @param {number} scale
+ */
+function band(runs, now, scale) {
+  const x = [];
+  const y = [];
+  for (const run of runs) {
+    const back = [...run].reverse();
+    x.push(...run.map((p) => (p.time - now) / 1000), ...back.map((p) => (p.time - now) / 1000), null);
+    y.push(...run.map((p) => (p.value + p.half) / scale), ...back.map((p) => (p.value - p.half) / scale), null);
+  }
+  return { x, y };
+}
+
+/**
+ * The value axis: wide enough for the intervals, except the few widest, so that the first second of a filling window
+ * does not flatten the minutes after it.
+ * @param {Point[][]} runs
+ * @param {number} scale
+ * @returns {[number, number] | null}
+ */
+function range(runs, scale) {
+  const points = runs.flat();
+  if (points.length === 0) return null;
+  const lows = points.map((p) => p.value - p.half).sort((a, b) => a - b);
+  const highs = points.map((p) => p.value + p.half).sort((a, b) => a - b);
+  const cut = Math.floor(points.length * 0.02);
+  const latest = points[points.length - 1];
+  const low = Math.min(lows[cut], latest.value - latest.half);
+  const high = Math.max(highs[highs.length - 1 - cut], latest.value + latest.half);
+  const margin = 0.15 * (high - low) || 0.05 * Math.abs(high) || 1;
+  return [(low - margin) / scale, (high + margin) / scale];
+}
+
+/**
+ * @param {number} span_s
+ * @param {string} unit
+ * @param {[number, number] | null} limits
+ * @param {Record<string, string>} colours
+ */
+function layout(span_s, unit, limits, colours) {
+  const axis = { gridcolor: colours.line, zeroline: false, fixedrange: true, linecolor: colours.line, showline: true,
+    ticks: "outside", ticklen: 4, tickcolor: colours.line };
+  return {
+    autosize: true,
+    margin: { l: 62, r: 14, t: 8, b: 38 },
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: "rgba(0,0,0,0)",
+    font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: colours.muted },
+    dragmode: false,
+    hovermode: "x",
+    hoverlabel: { bgcolor: colours.surface, bordercolor: colours.muted, font: { color: colours.ink } },
+    xaxis: { ...axis, ...timeTicks(span_s), range: [-span_s, 0], title: { text: "time before now", standoff: 6 },
+      hoverformat: ".0f", ticksuffix: " s", showspikes: false },
+    yaxis: { ...axis, title: { text: unit, standoff: 4 }, nticks: 6, exponentformat: "none", separatethousands: false,
+      ...(limits === null ? { range: [0, 1], showticklabels: false } : { range: limits }) },
+    annotations: limits !== null ? [] : [{ text: "no values in this time", showarrow: false, xref: "paper",
+      yref: "paper", x: 0.5, y: 0.5, font: { size: 13 } }],
+  };
+}
+
+/** @param {number} span_s */
+function timeTicks(span_s) {
+  const step = TICK_S.get(span_s) ?? span_s / 4;
+  const tickvals = [];
+  for (let t = -span_s; t <= 0; t += step) tickvals.push(t);
+  const ticktext = tickvals.map((t) => (t === 0 ? "now" : span_s > 60 ? `−${-t / 60} min` : `−${-t} s`));
+  return { tickmode: "array", tickvals, ticktext };
+}
+
+/**
+ * What the plot shows, for those who cannot see it.
+ * @param {Parameter} parameter
+ * @param {Point[][]} runs
+ * @param {string} unit
+ * @param {number} scale
+ * @param {number} span_s
+ */
+function summary(parameter, runs, unit, scale, span_s) {
+  const values = runs.flat().map((p) => p.value / scale);
+  const what = `${parameter.meaning} over the last ${span_s / 60} minutes`;
+  if (values.length === 0) return `${what}: no values`;
+  const [low, high] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
+  return `${what}: between ${fixed(low, 2)} and ${fixed(high, 2)} ${unit}`;
+}
+
+/** The page's colours, so that plots follow light, dark and print as everything else does. */
+function palette() {
+  const style = getComputedStyle(document.documentElement);
+  const names = ["accent", "band", "ink", "line", "muted", "surface"];
+  return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+}

@@ -1,0 +1,147 @@
+/**
+ * Four tiles: one parameter each, with its interval and what can be said about it.
+ * A value that cannot be told is a dash and a reason, never a number.
+ *
+ * @typedef {import("./api.js").Estimates} Estimates
+ * @typedef {import("./api.js").Estimate} Estimate
+ */
+
+import { Z_95, age, decimalsFor, duration, engineeringExponent, fixed, integer, plain, prefixed } from "./format.js";
+import { PARAMETERS, writeSymbol } from "./parameters.js";
+
+const STATUS_WORDS = {
+  ok: "estimated",
+  held: "held",
+  not_told: "cannot be told",
+  no_data: "no data yet",
+};
+
+/** @typedef {{parameter: import("./parameters.js").Parameter, root: HTMLElement, exponent: number, decimals: number | null}} Tile */
+
+/** @type {Tile[]} */
+let tiles = [];
+
+export function buildTiles() {
+  const template = /** @type {HTMLTemplateElement} */ (document.getElementById("tile-template"));
+  tiles = PARAMETERS.map((parameter) => {
+    const root = /** @type {HTMLElement} */ (template.content.firstElementChild?.cloneNode(true));
+    root.id = `tile-${parameter.name}`;
+    part(root, "symbol").replaceChildren();
+    writeSymbol(part(root, "symbol"), parameter);
+    write(root, "meaning", parameter.meaning);
+    return { parameter, root, exponent: parameter.exponent, decimals: null };
+  });
+  document.getElementById("tiles")?.replaceChildren(...tiles.map(({ root }) => root));
+  clearTiles();
+}
+
+export function clearTiles() {
+  for (const tile of tiles) {
+    tile.exponent = tile.parameter.exponent;
+    tile.decimals = null;
+    showTile(tile, undefined, false);
+  }
+  writeById("estimates-status", "No data yet.");
+  writeById("fit", "");
+}
+
+/**
+ * @param {Estimates} estimates
+ * @param {number} rate_hz
+ * @param {boolean} connected whether the service is there; without it the numbers are old
+ */
+export function showEstimates(estimates, rate_hz, connected) {
+  const old = !connected || estimates.status === "stale";
+  for (const tile of tiles) showTile(tile, estimates.estimates[tile.parameter.name], old);
+  writeById("estimates-status", connected ? statusSentence(estimates, rate_hz) : "Last numbers received, not live.");
+  document.getElementById("estimates-status")?.classList.toggle("warn", old);
+  writeById("fit", fitSentence(estimates));
+}
+
+/** The power of ten a parameter is shown in, for the plot to use the same. @param {string} name */
+export function exponentOf(name) {
+  return tiles.find(({ parameter }) => parameter.name === name)?.exponent ?? 0;
+}
+
+/**
+ * @param {Tile} tile
+ * @param {Estimate | undefined} estimate
+ * @param {boolean} old
+ */
+function showTile(tile, estimate, old) {
+  const { root, parameter } = tile;
+  const status = estimate?.status ?? "no_data";
+  root.dataset.status = status;
+  root.classList.toggle("old", old);
+  write(root, "chip", old && status === "ok" ? "last estimate" : STATUS_WORDS[status] ?? status);
+  write(root, "reason", estimate?.reason ?? "");
+  const value = status === "ok" || status === "held" ? estimate?.value ?? null : null;
+  if (value === null) {
+    write(root, "value", "—");
+    write(root, "value-unit", "");
+    write(root, "interval", "");
+    return;
+  }
+  tile.exponent = engineeringExponent(value, tile.exponent);
+  const scale = 10 ** tile.exponent;
+  const unit = prefixed(tile.exponent, parameter.unit);
+  write(root, "value-unit", unit);
+  if (status === "held") {
+    write(root, "value", plain(value / scale, 6));
+    write(root, "interval", "not estimated");
+    return;
+  }
+  const half = typeof estimate?.std === "number" ? (Z_95 * estimate.std) / scale : null;
+  tile.decimals = decimalsFor(half, tile.decimals);
+  write(root, "value", fixed(value / scale, tile.decimals));
+  write(root, "interval", half === null ? "interval not known" : `± ${fixed(half, tile.decimals)} ${unit} (95 %)`);
+}
+
+/**
+ * @param {Estimates} estimates
+ * @param {number} rate_hz
+ */
+function statusSentence({ status, samples, window, age_s }, rate_hz) {
+  const span = rate_hz > 0 ? ` (${duration(window.length / rate_hz)})` : "";
+  if (status === "filling") return `Window filling: ${integer(samples)} of ${integer(window.length)} samples.`;
+  if (status === "stale") return `Not live: the newest sample is ${age_s === null ? "old" : `${age(age_s)} old`}.`;
+  if (status === "no_data") return "No data yet.";
+  return `From the last ${integer(samples)} samples${span}.`;
+}
+
+/** @param {Estimates} estimates */
+function fitSentence({ residual_rms_V, condition, gaps, rows_dropped }) {
+  const words = [];
+  if (residual_rms_V !== null) words.push(`Fit residual ${plain(residual_rms_V, 3)} V rms`);
+  if (condition !== null) words.push(`condition number ${plain(condition, 3)}`);
+  if (gaps > 0) words.push(`breaks of the stream inside the window ${integer(gaps)}`);
+  if (rows_dropped > 0) words.push(`rows too fast for the estimator ${integer(rows_dropped)}`);
+  return words.join(" · ");
+}
+
+/**
+ * @param {HTMLElement} root
+ * @param {string} className
+ */
+function part(root, className) {
+  return /** @type {HTMLElement} */ (root.querySelector(`.${className}`));
+}
+
+/**
+ * @param {HTMLElement} root
+ * @param {string} className
+ * @param {string} text
+ */
+function write(root, className, text) {
+  const target = part(root, className);
+  if (target.textContent !== text) target.textContent = text;
+}
+
+/**
+ * @param {string} id
+ * @param {string} text
+ */
+function writeById(id, text) {
+  const target = document.getElementById(id);
+  if (target !== null && target.textContent !== text) target.textContent = text;
+}
