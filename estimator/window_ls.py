@@ -11,13 +11,9 @@ The sums hold all four parameters, so what is estimated and what is held may cha
 
 The method: S. Wang, Windowed Least Square Algorithm Based PMSM Parameters Estimation, Mathematical Problems
 in Engineering, 2013, doi 10.1155/2013/131268; its downdate, which subtracts, is replaced as said.
-
-Standard errors know that differenced current noise is coloured: the residual's variance and its lag-1 covariance,
-both from sums of the window, per axis. The bias that current noise in the regressors leaves is bounded and
-added to them. Knows nothing of clocks, drives or files.
+Knows nothing of clocks, drives or files, and leaves the solution of the equations to `solve`.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -25,12 +21,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.estimate import Estimate, Status, WindowEstimate
-from estimator.excitation import Excitation, excitation
+from estimator.estimate import WindowEstimate
 from estimator.flux_balance import COLUMNS, flux_balance
 from estimator.kernel import kernel
-from estimator.machine import PARAMETERS, UNITS
+from estimator.machine import PARAMETERS
 from estimator.samples import Samples
+from estimator.solve import solve, window_sums
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -39,22 +35,15 @@ Integers = NDArray[np.int64]
 CHUNK: Final = 256  # rows a chunk holds at least
 MAX_LENGTH: Final = 1_000_000  # rows: 80 MB
 MAX_M: Final = 1000
-NOISE_DOUBT: Final = 0.1  # the bias that current noise leaves is known to within this share of it
-_ROUNDS: Final = 3  # of the solution with its own second-order terms; each gains three digits
 _HISTORY: Final = 1 << 15  # rows kept at least, so that a window can grow into what has been seen
 
 # A chunk's sums: upper triangles of z z' and of z_k z_{k+1}' + its transpose, z = (regressors, voltage),
 # for the d axis (R_s, L_d, L_q, h, u_d) and the q axis (R_s, L_d, L_q, psi_f, u_q), then rows and adjacent pairs.
 _Z: Final = 5
-_D0: Final = 0
-_Q0: Final = 15
-_D1: Final = 30
-_Q1: Final = 45
+_LAG1: Final = 30
 _GROUPS: Final = 60
 _PAIRS: Final = 61
 _SUMS: Final = 62
-_D_AT: Final = np.array([0, 1, 2, 4, 5])  # places in (R_s, L_d, L_q, psi_f, h, u)
-_Q_AT: Final = np.array([0, 1, 2, 3, 5])
 
 
 @dataclass(slots=True, eq=False)
@@ -154,12 +143,7 @@ def estimate(
     state: WindowState, estimated: Sequence[str] = PARAMETERS, held: Mapping[str, float] | None = None,
     *, noise_aware: bool = True,
 ) -> WindowEstimate:
-    """Least-squares solution of the window. Parameters not in `estimated` need a value in `held` (SI).
-
-    `noise_aware` takes the energy that current noise adds to the regressors out of the normal matrix, which would else
-    read inductances low; without it the result is plain least squares. A parameter that the window
-    cannot tell gets no value of its own: its held one, if any, and a reason.
-    """
+    """What the window says. Parameters not in `estimated` need a value in `held` (SI); see `solve.solve`."""
     held = held or {}
     for name in PARAMETERS:
         if name not in estimated and name not in held:
@@ -167,51 +151,17 @@ def estimate(
     sums = np.zeros(_SUMS)
     first = max(0, int(state.count[0]) - state.length)
     _window_sums(first, state.m, state.rows, state.starts, state.sums, state.firsts, state.open_sums, state.count, sums)
-    groups, pairs = int(sums[_GROUPS]), int(sums[_PAIRS])
-    free = [PARAMETERS.index(name) for name in PARAMETERS if name in estimated]
-    filled = state.samples == state.length
-    if 2 * groups <= len(free):
-        reason = f"{2 * groups} equations are too few for {len(free)} parameters"
-        nothing = {
-            name: Estimate(name, None, None, UNITS[name], Status.NO_DATA, reason) if name in estimated
-            else _held(name, held, Status.HELD, "held at the given value")
-            for name in PARAMETERS
-        }
-        return WindowEstimate(nothing, state.samples, state.gaps, 2 * groups, filled, None, None)
-
-    lag0 = (_square(sums[_D0:_Q0], _D_AT), _square(sums[_Q0:_D1], _Q_AT))
-    lag1 = (_square(sums[_D1:_Q1], _D_AT), _square(sums[_Q1:_GROUPS], _Q_AT))
-    total = lag0[0] + lag0[1]
-    G = total[np.ix_(free, free)]
-    solution = np.append([0.0 if name in estimated else held[name] for name in PARAMETERS], [0.0, -1.0])
-    solution[free] = 0.0
-    ex = excitation(G, np.zeros_like(G))
-    noise = np.zeros(len(free))
-    for _ in range(_ROUNDS):
-        solution[free] = 0.0
-        solution[free] = -ex.inverse @ (total @ solution)[free]
-        solution[4] = _arc(solution, ex, free, held)
-        if noise_aware:
-            noise = _regressor_noise(state, solution, lag0, lag1, groups, pairs)[free]
-            ex = excitation(G, np.diag(noise))
-    if not noise_aware:
-        noise = _regressor_noise(state, solution, lag0, lag1, groups, pairs)[free]
-    covariance, rss = _covariance(solution, free, ex, lag0, lag1, groups, pairs)
-    bias = ex.inverse @ (noise * solution[free])
-    std = np.sqrt(np.diag(covariance) + ((NOISE_DOUBT if noise_aware else 1.0) * bias) ** 2)
-
-    estimates: dict[str, Estimate] = {}
-    for name in PARAMETERS:
-        if name not in estimated:
-            estimates[name] = _held(name, held, Status.HELD, "held at the given value")
-            continue
-        j = free.index(PARAMETERS.index(name))
-        if ex.told[j]:
-            estimates[name] = Estimate(name, float(solution[free[j]]), float(std[j]), UNITS[name], Status.OK)
-        else:
-            estimates[name] = _held(name, held, Status.NOT_TOLD, _why(name, j, free, ex))
-    rms = math.sqrt(rss / (2 * groups))
-    return WindowEstimate(estimates, state.samples, state.gaps, 2 * groups, filled, ex.condition, rms)
+    last = state.last
+    T_s, periods = (last.T_s, last.periods) if last is not None else (1.0, 1)
+    triangles = sums[:_GROUPS].reshape(4, _Z * (_Z + 1) // 2)
+    rows, pairs = int(sums[_GROUPS]), int(sums[_PAIRS])
+    found = solve(
+        window_sums(triangles, rows, pairs, T_s, periods * state.m), estimated, held, noise_aware=noise_aware
+    )
+    return WindowEstimate(
+        found.estimates, state.samples, state.gaps, 2 * rows, state.samples == state.length, found.condition,
+        found.residual_rms,
+    )
 
 
 def _finite_runs(samples: Samples, state: WindowState) -> list[tuple[Samples, bool]]:
@@ -261,92 +211,6 @@ def _joined(a: Samples, b: Samples) -> Samples:
     )
 
 
-def _square(triangle: Array, at: Integers) -> Array:
-    """Symmetric 6 x 6 matrix over (R_s, L_d, L_q, psi_f, h, u) from an axis' upper triangle."""
-    full = np.zeros((6, 6))
-    rows, columns = np.triu_indices(len(at))
-    full[at[rows], at[columns]] = triangle
-    full[at[columns], at[rows]] = triangle
-    return full
-
-
-def _arc(solution: Array, ex: Excitation, free: list[int], held: Mapping[str, float]) -> float:
-    """Coefficient of h in V: -R_s psi_f/L_d, from what is told or held; 0 where that is not known."""
-    known = solution[:4].copy()
-    for j, told in zip(free, ex.told, strict=True):
-        if not told:
-            known[j] = held.get(PARAMETERS[j], 0.0)
-    R_s, L_d, _, psi_f = known
-    return float(-R_s * psi_f / L_d) if L_d > 0.0 else 0.0
-
-
-def _regressor_noise(
-    state: WindowState, solution: Array, lag0: tuple[Array, Array], lag1: tuple[Array, Array], groups: int, pairs: int
-) -> Array:
-    """Energy that current noise contributes to each regressor, shape (4,).
-
-    White noise of variance sigma2 in the sampled current leaves a residual whose lag-1 covariance is
-    -(L sigma/T)2, however the machine is excited. Where the window does not tell L, the flux difference x itself
-    has one of -sigma2/T2; so has a signal that steps from row to row, but not without a residual to match.
-    """
-    if pairs == 0 or state.last is None:
-        return np.zeros(4)
-    T = state.last.T * state.m
-    sigma2 = np.zeros(2)  # A2, per sample and axis
-    for axis, (S0, S1) in enumerate(zip(lag0, lag1, strict=True)):
-        j = 1 + axis  # L_d of the d axis, L_q of the q axis
-        L2 = max(float(solution[j]) ** 2, 1e-18)
-        gamma0 = max(0.0, float(solution @ S0 @ solution)) / groups
-        gamma1 = float(solution @ S1 @ solution) / (2 * pairs)
-        by_residual = min(max(0.0, -gamma1) / L2, S0[j, j] / (2 * groups))
-        by_signal = min(max(0.0, -S1[j, j] / (2 * pairs)), gamma0 / (2.0 * L2))
-        sigma2[axis] = T**2 * max(by_residual, by_signal)
-    of_mean = sigma2 / (state.last.periods * state.m)
-    s2 = lag0[1][3, 3]  # sum of s2, (rad/s)2
-    x = groups * 2.0 * sigma2 / T**2 + s2 * of_mean
-    return np.array([groups * of_mean.sum(), x[0], x[1], 0.0])
-
-
-def _covariance(
-    solution: Array, free: list[int], ex: Excitation, lag0: tuple[Array, Array], lag1: tuple[Array, Array],
-    groups: int, pairs: int,
-) -> tuple[Array, float]:
-    """Sandwich covariance with first-order moving-average residuals per axis, and the residual's sum of squares."""
-    dof = 2.0 * groups / (2.0 * groups - len(free))
-    meat = np.zeros((len(free), len(free)))
-    total = 0.0
-    for S0, S1 in zip(lag0, lag1, strict=True):
-        rss = max(0.0, float(solution @ S0 @ solution))
-        total += rss
-        gamma0 = dof * rss / groups
-        gamma1 = dof * float(solution @ S1 @ solution) / (2.0 * pairs) if pairs else 0.0
-        gamma1 = min(max(gamma1, -0.5 * gamma0), 0.5 * gamma0)
-        meat += gamma0 * S0[np.ix_(free, free)] + gamma1 * S1[np.ix_(free, free)]
-    covariance = ex.inverse @ meat @ ex.inverse
-    return np.maximum(covariance, 0.0) * np.eye(len(free)), total
-
-
-def _held(name: str, held: Mapping[str, float], status: Status, reason: str) -> Estimate:
-    return Estimate(name, held.get(name), None, UNITS[name], status, reason)
-
-
-_SILENT: Final = {
-    "R_s": "no current flows",
-    "L_d": "i_d is zero or does not stand out of its noise",
-    "L_q": "i_q is zero or does not stand out of its noise",
-    "psi_f": "the motor stands still",
-}
-
-
-def _why(name: str, j: int, free: list[int], ex: Excitation) -> str:
-    """Why the window cannot tell a parameter, in a sentence."""
-    groups = [group for group in ex.combinations if j in group]
-    partners = sorted({PARAMETERS[free[k]] for group in groups for k in group if k != j}, key=PARAMETERS.index)
-    if (j,) in groups or not partners:
-        return f"this window cannot tell {name}: {_SILENT[name]}"
-    return f"this window cannot tell {name} apart from {' and '.join(partners)}: currents and speed vary too little"
-
-
 @kernel
 def _append(
     new_rows: Array, new_starts: Bools, m: int, rows: Array, starts: Bools, sums: Array, firsts: Integers,
@@ -383,10 +247,10 @@ def _take(row: Array, m: int, group: Array, fill: Integers, sums: Array) -> None
         return
     group[0] /= m
     fill[0] = 0
-    _add_products(group[0], group[0], 0.5, sums[:_D1])
+    _add_products(group[0], group[0], 0.5, sums[:_LAG1])
     sums[_GROUPS] += 1.0
     if fill[1]:
-        _add_products(group[0], group[1], 1.0, sums[_D1:_GROUPS])
+        _add_products(group[0], group[1], 1.0, sums[_LAG1:_GROUPS])
         sums[_PAIRS] += 1.0
     group[1] = group[0]
     fill[1] = 1

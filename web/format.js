@@ -33,7 +33,7 @@ export function prefixed(exponent, unit) {
 }
 
 /**
- * Decimals that show about two digits of an interval's half width; those in use stay while they serve.
+ * Decimals that show one or two digits of an interval's half width; those in use stay while they serve.
  * @param {number | null} half half width in the unit shown
  * @param {number | null} inUse
  * @returns {number}
@@ -42,9 +42,9 @@ export function decimalsFor(half, inUse) {
   if (half === null || half <= 0 || !Number.isFinite(half)) return inUse ?? 2;
   if (inUse !== null) {
     const shown = half * 10 ** inUse;
-    if (shown >= 6 && shown < 300) return inUse;
+    if (shown >= 4 && shown < 80) return inUse;
   }
-  return Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(half))));
+  return Math.min(6, Math.max(0, Math.ceil(Math.log10(5 / half))));
 }
 
 /**

@@ -1,0 +1,38 @@
+"""Samples from the emulated drive, as the stream or as a recording of every control period."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from emulator.scenarios import PAPER, Scenario
+from emulator.virtual_drive import StreamRows, VirtualDrive
+from estimator.samples import Samples
+
+
+def samples_of_rows(rows: StreamRows, drive: VirtualDrive) -> Samples:
+    """Stream rows in the estimator's terms."""
+    return Samples(
+        rows.theta_e, rows.omega_e, rows.i_d, rows.i_q, rows.u_d, rows.u_q, drive.T_s,
+        int(drive.read("stream_periods")), rows.i_d_mean, rows.i_q_mean, int(rows.row_tick[0]) * drive.T_s,
+    )
+
+
+def streamed(drive: VirtualDrive, rows: int) -> Samples:
+    """The drive's next stream rows."""
+    return samples_of_rows(drive.run(rows * int(drive.read("stream_periods"))), drive)
+
+
+def recorded(drive: VirtualDrive, periods: int) -> Samples:
+    """The drive's next control periods."""
+    r = drive.record(periods)
+    return Samples(r["theta_e"], r["omega_e"], r["i_d"], r["i_q"], r["u_d"], r["u_q"], drive.T_s)
+
+
+def noiseless(scenario: Scenario = PAPER) -> Scenario:
+    """The scenario with ideal current sensors."""
+    return replace(scenario, drive=replace(scenario.drive, noise_i=0.0, adc_bits=0))
+
+
+def truth_of(drive: VirtualDrive) -> Mapping[str, float]:
+    """The emulated machine's true parameters by name."""
+    truth = drive.truth
+    return {"R_s": truth.R_s, "L_d": truth.L_d, "L_q": truth.L_q, "psi_f": truth.psi_f}
