@@ -15,15 +15,15 @@ so a row of N periods needs no more than means and end points. It is linear in R
     u_d = R_s (i_d - h psi_f/L_d) + L_d x_d - L_q y_q     x = cos(D/2) (i[k+N] - i[k]) / T
     u_q = R_s i_q + L_q x_q + L_d y_d + psi_f s           y = s i_trapezoid,  s = (2/T_s) sin(D/2)
 
-but for small terms, `h = D^2/12` among them, that belong to the mean current: the inverter holds its voltage still
+but for small terms, `h = D^2/12` among them, that belong to the mean current. The inverter holds its voltage still
 while the rotor turns under it, and the resistive drop bends the flux linkage, so between two samples the current
 follows an arc whose mean is not that of its ends but
 
-    i_mean = i_trapezoid (1 - D^2/8) + j D/4 (i[k+N] - i[k])/N - h psi_f/L_d + (R_s T_s^2/12 L) x
+    i_mean = i_trapezoid (1 - D^2/8) + j D/4 (i[k+N] - i[k])/N - h psi_f/L_d + R_s T_s^2/(12 L) (x + j y)
 
-to second order in D and T_s R_s/L (L_d = L_q in the second term). The first two are in the rows; the others need
-the parameters and are left to `solve`. Left out, they read R_s 0.04 % low at 80 Hz and 10 kHz, and 16 times that
-at 320 Hz, and an inductance of time constant 4 T_s 0.5 % high.
+to second order in D and T_s R_s/L (L_d = L_q in the second term; L is that of the axis). The first two are in the
+rows; the others need the parameters and are left to `solve`. Left out, these terms read R_s 0.04 % low at 80 Hz and
+10 kHz, and 16 times that at 320 Hz, and an inductance of time constant 10 T_s 0.08 % high.
 
 Derived here. The period-exact discretisation of the flux linkage is textbook matter: L. Harnefors, Control of
 Variable-Speed Drives, Vaesteras, 2002. Knows nothing of windows or of least squares.

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-PARAMETERS = ("R_s", "L_d", "L_q", "psi_f")
-UNITS = {"R_s": "ohm", "L_d": "H", "L_q": "H", "psi_f": "Vs"}
+PARAMETERS: tuple[str, ...] = ("R_s", "L_d", "L_q", "psi_f")
+UNITS: dict[str, str] = {"R_s": "ohm", "L_d": "H", "L_q": "H", "psi_f": "Vs"}
 
 
 @dataclass(frozen=True, slots=True)

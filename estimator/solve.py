@@ -3,16 +3,16 @@
 The rows are those of `flux_balance`, on the d and the q axis. `WindowSums` holds, per axis, the products of each row
 with itself and with the next one; nothing else of the window is needed, so a solution costs the same for any length.
 
-The equations are linear but for three small terms of the mean current, which are iterated:
+The equations are linear but for small terms of the mean current (see `flux_balance`), which are iterated:
 
-    - R_s h psi_f/L_d             voltage at rest while the rotor turns under it (see `flux_balance`)
-    + R_s (R_s T_s^2/12 L) x      exponential instead of straight course of the current within a period, d and q axis
+    u_d = ... - R_s psi_f/L_d h + b_d (x_d - y_q)        b = (R_s T_s)^2 / (12 L), d and q axis
+    u_q = ...                   + b_q (x_q + y_d)
 
-Current noise sits inside the regressors (errors in variables) and would read inductances low. What it adds to
-the normal matrix is estimated from the residual's colour and taken out (bias-compensated least squares: P. Stoica,
-T. Soederstroem, Bias correction in least-squares identification, Int. J. Control 35, 1982,
-doi 10.1080/00207178208922631). Standard errors are of sandwich form with a residual that is coloured the way differenced
-noise is: correlated between neighbouring rows, and not further. Knows nothing of streams.
+Current noise sits inside the regressors (errors in variables) and would read inductances low. What it adds to the
+normal matrix is estimated from the residual's colour and taken out (bias-eliminating least squares; survey:
+T. Soederstroem, Errors-in-variables methods in system identification, Automatica 43, 2007,
+doi 10.1016/j.automatica.2006.11.025). Standard errors are of sandwich form with a residual that is coloured the way
+differenced noise is: correlated between neighbouring rows, and not further. Knows nothing of streams.
 """
 
 import math
@@ -128,9 +128,10 @@ def _square(triangle: Array, places: NDArray[np.int64]) -> Array:
 
 def _axes(beta: Array, small: Array) -> tuple[Array, Array]:
     """Coefficients c (6,) of the d and the q axis, so that c' z is minus the residual of a row z."""
-    h, x_d, x_q = small
+    h, b_d, b_q = small
     R_s, L_d, L_q, psi_f = beta
-    return np.array([R_s, L_d + x_d, L_q, psi_f, h, -1.0]), np.array([R_s, L_d, L_q + x_q, psi_f, h, -1.0])
+    d = np.array([R_s, L_d + b_d, L_q + b_d, psi_f, h, -1.0])
+    return d, np.array([R_s, L_d + b_q, L_q + b_q, psi_f, h, -1.0])
 
 
 def _known(beta: Array, ex: Excitation, free: list[int], held: Mapping[str, float]) -> Array:
@@ -143,13 +144,11 @@ def _known(beta: Array, ex: Excitation, free: list[int], held: Mapping[str, floa
 
 
 def _second_order(known: Array, T_s: float) -> Array:
-    """Coefficients of the small terms: of h in V, of x_d and x_q in H; 0 where a parameter is not known."""
+    """Coefficients of the small terms: of h in V, b_d and b_q in H; 0 where a parameter is not known."""
     R_s, L_d, L_q, psi_f = known
-    bend = R_s**2 * T_s**2 / 12.0
     h = -R_s * psi_f / L_d if L_d > 0.0 else 0.0
-    x_d = bend / L_d if 12.0 * L_d**2 > bend > 0.0 < L_d else 0.0
-    x_q = bend / L_q if 12.0 * L_q**2 > bend > 0.0 < L_q else 0.0
-    return np.array([h, x_d, x_q])
+    b_d, b_q = ((R_s * T_s) ** 2 / (12.0 * L) if abs(R_s) * T_s < 3.0 * L else 0.0 for L in (L_d, L_q))
+    return np.array([h, b_d, b_q])
 
 
 def _regressor_noise(sums: WindowSums, beta: Array, axes: tuple[Array, Array]) -> Array:

@@ -33,12 +33,11 @@ def regression(g: Balance, result: WindowEstimate) -> tuple[np.ndarray, np.ndarr
     """Equations of all groups, written down here anew, the small terms taken from the result itself."""
     R_s, L_d, L_q, psi_f = (result.estimates[name].value or 0.0 for name in PARAMETERS)
     i_d, i_q, x_d, x_q, y_d, y_q, s, h, u_d, u_q = g.T
-    bend = R_s**2 * SAMPLES.T_s**2 / 12
+    b = (R_s * SAMPLES.T_s) ** 2 / 12
     A_d = np.stack([i_d, x_d, -y_q, 0 * s], axis=1)
     A_q = np.stack([i_q, y_d, x_q, s], axis=1)
-    b_d = u_d + R_s * psi_f / L_d * h - bend / L_d * x_d
-    b_q = u_q + R_s * psi_f / L_d * h * 0 - bend / L_q * x_q
-    return np.concatenate([A_d, A_q]), np.concatenate([b_d, b_q])
+    y = [u_d + R_s * psi_f / L_d * h - b / L_d * (x_d - y_q), u_q - b / L_q * (x_q + y_d)]
+    return np.concatenate([A_d, A_q]), np.concatenate(y)
 
 
 def values(result: WindowEstimate) -> np.ndarray:
@@ -63,7 +62,9 @@ def assert_is_lstsq(state: WindowState, balance: Balance, length: int, m: int) -
 
 @settings(max_examples=60, deadline=None)
 @given(
-    length=st.integers(60, 3000), m=st.integers(1, 12), cuts=st.lists(st.integers(1, ROWS - 1), max_size=20, unique=True)
+    length=st.integers(60, 3000),
+    m=st.integers(1, 12),
+    cuts=st.lists(st.integers(1, ROWS - 1), max_size=20, unique=True),
 )
 def test_any_window_over_any_split_of_the_stream_is_the_least_squares_solution_of_its_rows(
     length: int, m: int, cuts: list[int]

@@ -1,0 +1,116 @@
+"""A window says what it can tell and what it cannot; it never invents a number."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from emulator.scenarios import PAPER, Excitation, Scenario
+from emulator.virtual_drive import VirtualDrive
+from estimator import window_ls
+from estimator.estimate import Status, WindowEstimate
+from estimator.excitation import excitation
+from tests.samples import noiseless, streamed
+
+HELD = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
+
+
+def with_excitation(scenario: Scenario, **given: float) -> Scenario:
+    """The scenario under other currents."""
+    return replace(scenario, excitation=Excitation(**given))
+
+
+def at_speed(scenario: Scenario, rpm: float) -> Scenario:
+    """The scenario at another speed."""
+    return replace(scenario, run=replace(scenario.run, speed_rpm=rpm))
+
+
+def window(scenario: Scenario, held: dict[str, float] | None = None) -> WindowEstimate:
+    """A settled second of a scenario's stream."""
+    drive = VirtualDrive(scenario)
+    drive.run(2000)
+    return window_ls.estimate(window_ls.update(window_ls.init(1000), streamed(drive, 1000)), held=held)
+
+
+def statuses(result: WindowEstimate) -> dict[str, str]:
+    """Status by parameter."""
+    return {name: e.status.value for name, e in result.estimates.items()}
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_at_standstill_psi_f_is_not_told_and_the_rest_is(noise: bool) -> None:
+    result = window(at_speed(PAPER if noise else noiseless(), 0.0))
+    assert statuses(result) == {"R_s": "ok", "L_d": "ok", "L_q": "ok", "psi_f": "not_told"}
+    assert result.estimates["psi_f"].reason.endswith("the motor stands still")
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_without_current_nothing_but_psi_f_is_told(noise: bool) -> None:
+    result = window(with_excitation(PAPER if noise else noiseless()))
+    told = statuses(result)
+    assert told["psi_f"] == "ok"
+    assert told["R_s"] == told["L_d"] == told["L_q"] == "not_told"
+    assert all(result.estimates[name].value is None for name in ("R_s", "L_d", "L_q"))
+
+
+def test_with_i_d_controlled_to_zero_the_little_that_is_known_of_L_d_comes_with_a_wide_interval() -> None:
+    estimate = window(with_excitation(PAPER, i_q_ref=2.0, i_q_step=3.0)).estimates["L_d"]
+    assert estimate.value is not None and estimate.std is not None
+    assert estimate.std > 10e-6
+    assert abs(estimate.value - HELD["L_d"]) < 3 * estimate.std
+
+
+def test_a_parameter_that_is_not_told_is_held_and_leaves_the_others_alone() -> None:
+    result = window(with_excitation(at_speed(PAPER, 0.0), i_q_ref=2.0, i_q_step=3.0), HELD)
+    for name in ("L_d", "psi_f"):
+        estimate = result.estimates[name]
+        assert (estimate.status, estimate.value, estimate.std) == (Status.NOT_TOLD, HELD[name], None)
+    for name in ("R_s", "L_q"):
+        assert result.estimates[name].value == pytest.approx(HELD[name], rel=3e-3)
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_steady_currents_at_steady_speed_tell_nothing_apart(noise: bool) -> None:
+    result = window(with_excitation(PAPER if noise else noiseless(), i_d_ref=-2.0, i_q_ref=3.0))
+    assert set(statuses(result).values()) == {"not_told"}
+    assert "apart from" in result.estimates["psi_f"].reason
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_at_standstill_with_current_on_one_axis_only_that_axis_is_told(noise: bool) -> None:
+    scenario = with_excitation(at_speed(PAPER if noise else noiseless(), 0.0), i_q_ref=2.0, i_q_step=3.0)
+    assert statuses(window(scenario)) == {"R_s": "ok", "L_d": "not_told", "L_q": "ok", "psi_f": "not_told"}
+
+
+def test_a_window_of_zeros_says_so_of_every_parameter() -> None:
+    zeros = np.zeros(100)
+    samples = window_ls.Samples(zeros, zeros, zeros, zeros, zeros, zeros, T_s=1e-4)
+    result = window_ls.estimate(window_ls.update(window_ls.init(99), samples))
+    assert set(statuses(result).values()) == {"not_told"}
+    assert result.condition is None
+
+
+def test_a_combination_is_named_by_its_members() -> None:
+    rng = np.random.default_rng(1)
+    a = rng.normal(size=(500, 3))
+    A = np.column_stack([a[:, 0], 2.0 * a[:, 0], a[:, 1], a[:, 2]])
+    ex = excitation(A.T @ A, np.zeros((4, 4)))
+    assert ex.combinations == ((0, 1),)
+    assert ex.told.tolist() == [False, False, True, True]
+
+
+def test_a_column_of_pure_noise_is_not_excitation() -> None:
+    rng = np.random.default_rng(1)
+    A = np.column_stack([rng.normal(size=500), 0.01 * rng.normal(size=500)])
+    G = A.T @ A
+    assert excitation(G, np.diag([0.0, 500 * 0.01**2])).told.tolist() == [True, False]
+    assert excitation(G, np.diag([0.0, 0.0])).told.tolist() == [True, True]
+
+
+def test_told_directions_are_inverted_like_the_normal_matrix() -> None:
+    rng = np.random.default_rng(2)
+    A = rng.normal(size=(200, 4)) * [1.0, 1e-3, 1e3, 1.0]
+    G = A.T @ A
+    ex = excitation(G, np.zeros((4, 4)))
+    assert ex.inverse == pytest.approx(np.linalg.inv(G), rel=1e-9)
+    assert ex.condition == pytest.approx(np.linalg.cond(A / np.linalg.norm(A, axis=0)), rel=1e-6)
