@@ -18,6 +18,7 @@ from drivers.drive import Drive, Identity
 from drivers.errors import DriveError
 
 RETRY = (0.25, 4.0)  # s, first and longest wait before connecting again
+_CLOCK_DOUBT = 1.0  # s by which a drive's clock and ours may disagree over an outage and be the same clock still
 _RATE_SPAN = 2.0  # s, over which the stream's rate is measured
 
 
@@ -58,7 +59,7 @@ class Link:
         """Rows per second over the last seconds; 0 when none come."""
         now = time.monotonic()
         recent = [arrival for arrival in self.arrivals if now - arrival[0] < _RATE_SPAN]
-        if len(recent) < 2:
+        if len(recent) < 2 or recent[-1][0] == recent[0][0]:
             return 0.0
         return (recent[-1][1] - recent[0][1]) / (recent[-1][0] - recent[0][0])
 
@@ -69,7 +70,7 @@ class Link:
 
 
 class Acquisition:
-    """The pump of one drive; runs from `start` to `stop`."""
+    """The pump of one drive; runs from `start` to `end`."""
 
     def __init__(self, name: str, url: str, on_block: Callable[[Block], None]) -> None:
         self._url = url
@@ -91,15 +92,18 @@ class Acquisition:
         """Begin; returns at once, whether or not the drive is there."""
         self._thread.start()
 
-    def stop(self) -> None:
-        """End the stream, close the link and wait for the thread."""
+    def end(self) -> None:
+        """Close the link and let the thread come to its end; it may be held up in connecting for some seconds."""
         self._stop.set()
         with self._drive_lock:
             drive = self._drive
         if drive is not None:
             drive.close()
+
+    def join(self, timeout: float) -> None:
+        """Wait for the thread's end, at most so many seconds."""
         if self._thread.ident is not None:
-            self._thread.join(timeout=10.0)
+            self._thread.join(timeout)
 
     def _run(self) -> None:
         wait = RETRY[0]
@@ -136,8 +140,10 @@ class Acquisition:
         first = int(block.tick[0])
         gaps, lost = int(block.lost_before > 0), block.lost_before
         if link.state is not LinkState.STREAMING:
-            if self._next_tick is not None:  # rows between two sessions, where the drive's clock went on
-                gaps, lost = 1, max(0, math.ceil((first - self._next_tick) / block.periods))
+            if self._next_tick is not None and link.received is not None:  # rows between two sessions
+                missed = first - self._next_tick
+                went_on = abs(missed * block.T_s - (now - link.received)) < _CLOCK_DOUBT  # it may have been reset
+                gaps, lost = 1, max(0, math.ceil(missed / block.periods)) if went_on else 0
             again = link.state is LinkState.LOST
             link = replace(link, state=LinkState.STREAMING, since=_now(), reconnects=link.reconnects + again)
             self._arrivals.clear()

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, cast
 
-from bench.errors import ConfigError, LimitError
+from bench.errors import ConfigError, LimitError, shown
 from bench.machine_file import load_machine
 from bench.window import Window
 from drivers.connect import check_url
@@ -62,33 +62,42 @@ def emulated(url: str) -> Config:
 def load_config(path: Path) -> Config:
     """Read a configuration file. Raises ConfigError."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}") from None
+    except (RecursionError, ValueError) as error:  # brackets without end; a path, text or number that cannot be
+        raise ConfigError(f"{path}: not TOML: {type(error).__name__}") from None
     _known(content, {"service", "drives"}, str(path))
     service = _table(content, "service", str(path))
     _known(service, {"host", "port"}, f"{path}: [service]")
     host = service.get("host", "127.0.0.1")
     if not isinstance(host, str) or not host:
-        raise ConfigError(f"{path}: [service] host: expected an address, got {host!r}")
+        raise ConfigError(f"{path}: [service] host: expected an address, got {shown(host)}")
     tables = _table(content, "drives", str(path))
     if not tables:
         raise ConfigError(f"{path}: expected at least one table [drives.NAME], got none")
     drives = tuple(_drive(name, tables, path) for name in tables)
+    named: dict[str, str] = {}
+    for drive in drives:  # two clients of one node would end each other's stream
+        if (other := named.setdefault(drive.url, drive.name)) != drive.name:
+            raise ConfigError(f"{path}: [drives.{drive.name}] url: expected one of its own, got that of {other}")
     return Config(drives, host, _port(service, str(path)))
 
 
 def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
-    where = f"{path}: [drives.{name}]"
     if not _NAME.fullmatch(name):
-        raise ConfigError(f"{where}: expected a name of letters, digits, '_', '.' and '-', got {name!r}")
+        raise ConfigError(
+            f"{path}: [drives]: expected names of letters, digits, '_', '.' and '-' that start with a letter or digit, "
+            f"got {shown(name)}"
+        )
+    where = f"{path}: [drives.{name}]"
     table = _table(tables, name, where)
     _known(table, {"url", "machine", "window"}, where)
     url = table.get("url")
     if not isinstance(url, str):
-        raise ConfigError(f"{where}: expected url = \"canopen://...\", got {url!r}")
+        raise ConfigError(f"{where}: expected url = \"canopen://...\", got {shown(url)}")
     try:
         check_url(url)
     except ConnectError as error:
@@ -96,7 +105,7 @@ def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
     held: dict[str, float] = {}
     if "machine" in table:
         if not isinstance(table["machine"], str):
-            raise ConfigError(f"{where} machine: expected a file name, got {table['machine']!r}")
+            raise ConfigError(f"{where} machine: expected a file name, got {shown(table['machine'])}")
         held = dict(load_machine(path.parent / table["machine"]).given)
     try:
         window = Window(held=held).changed(_table(table, "window", where))
@@ -107,22 +116,22 @@ def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
 
 def _port(service: Mapping[str, Any], where: str) -> int:
     text = os.environ.get(PORT_VARIABLE)
-    value: object = service.get("port", 8080)
+    where, value = f"{where}: [service] port", cast(object, service.get("port", 8080))
     if text is not None:
-        where, value = f"environment variable {PORT_VARIABLE}", int(text) if text.isdecimal() else text
+        where, value = f"environment variable {PORT_VARIABLE}", int(text) if re.fullmatch("[0-9]{1,9}", text) else text
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 65535:
-        raise ConfigError(f"{where}: expected a port of 0 to 65535, got {value!r}")
+        raise ConfigError(f"{where}: expected a port of 0 to 65535, got {shown(value)}")
     return value
 
 
 def _table(content: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
     value = content.get(key, {})
     if not isinstance(value, dict):
-        raise ConfigError(f"{where}: expected a table {key}, got {value!r}")
+        raise ConfigError(f"{where}: expected a table {key}, got {shown(value)}")
     return cast(dict[str, Any], value)
 
 
 def _known(table: Mapping[str, Any], known: set[str], where: str) -> None:
     for key in table:
         if key not in known:
-            raise ConfigError(f"{where}: unknown key {key!r}, expected one of {', '.join(sorted(known))}")
+            raise ConfigError(f"{where}: unknown key {shown(key)}, expected one of {', '.join(sorted(known))}")

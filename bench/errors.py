@@ -5,6 +5,7 @@
       ConfigError      a configuration, machine file or option that cannot be
       RecordingError   a recording that cannot be read as one
       ParameterError   a parameter set that cannot be
+      UnavailableError a part of the service that does not answer now
 """
 
 
@@ -26,3 +27,16 @@ class RecordingError(BenchError):
 
 class ParameterError(BenchError):
     """A parameter set that cannot be."""
+
+
+class UnavailableError(BenchError):
+    """A part of the service that does not answer now."""
+
+
+def shown(value: object) -> str:
+    """A foreign value as a sentence shows it: on one line, and short whatever came."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # a number of thousands of digits; nesting without end
+        return f"something too long to show ({type(value).__name__})"
+    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -10,14 +10,17 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from typing import ParamSpec
 
-from bench.errors import LimitError
+from bench.errors import LimitError, UnavailableError
 from bench.window import Window
 from drivers.block import Block
 from estimator import window_ls
 from estimator.estimate import WindowEstimate
 from estimator.samples import Samples
 from estimator.window_ls import WindowState
+
+P = ParamSpec("P")
 
 QUEUE = 256  # blocks
 REFRESH = 0.05  # s, shortest time between two estimates of one drive
@@ -33,6 +36,11 @@ class Snapshot:
     received: float | None = None  # s, monotonic, when the newest sample came
     t_drive: float | None = None  # s, drive's clock at the newest sample
     rows_dropped: int = 0  # because the worker was behind
+
+    @property
+    def age(self) -> float | None:
+        """Seconds since the newest sample came; None before the first."""
+        return None if self.received is None else time.monotonic() - self.received
 
 
 @dataclass(slots=True)
@@ -84,23 +92,39 @@ class Estimation:
         return self._drives[name].snapshot
 
     def change_window(self, name: str, change: Mapping[str, object]) -> Window:
-        """Replace settings of a drive's window; the samples it holds stay. Raises LimitError."""
+        """Replace settings of a drive's window; the samples it holds stay. Raises LimitError, UnavailableError."""
         answer: Future[Window] = Future()
 
         def apply() -> None:
-            drive = self._drives[name]
-            try:
-                window = drive.window.changed(change)
-                drive.state = window_ls.resized(drive.state, window.length, window.periods_per_row)
-            except (LimitError, ValueError) as error:
-                answer.set_exception(error if isinstance(error, LimitError) else LimitError(str(error)))
+            if not answer.set_running_or_notify_cancel():
                 return
-            drive.window = window
-            self._estimate(drive)
-            answer.set_result(window)
+            try:
+                answer.set_result(self._changed(self._drives[name], change))
+            except Exception as error:  # noqa: BLE001 - raised again where the answer is awaited
+                answer.set_exception(error)
 
-        self._queue.put(apply, timeout=_CHANGE_TIMEOUT)
-        return answer.result(_CHANGE_TIMEOUT)
+        if not self.thread.is_alive():
+            raise UnavailableError("the estimation does not run, the window stays as it is")
+        try:
+            self._queue.put(apply, timeout=_CHANGE_TIMEOUT)
+            return answer.result(_CHANGE_TIMEOUT)
+        except (queue.Full, TimeoutError):
+            if not answer.cancel():  # taken up at the last moment
+                return answer.result()
+            raise UnavailableError(
+                f"the estimation is behind: expected to change the window within {_CHANGE_TIMEOUT:g} s, "
+                "it stays as it is"
+            ) from None
+
+    def _changed(self, drive: _Drive, change: Mapping[str, object]) -> Window:
+        window = drive.window.changed(change)
+        try:
+            drive.state = window_ls.resized(drive.state, window.length, window.periods_per_row)
+        except ValueError as error:
+            raise LimitError(str(error)) from None
+        drive.window = window
+        self._estimate(drive)
+        return window
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -108,17 +132,21 @@ class Estimation:
                 item = self._queue.get(timeout=REFRESH)
             except queue.Empty:
                 item = None
-            try:
-                if item is None:
-                    pass
-                elif callable(item):
-                    item()
-                else:
-                    name, block, received = item
-                    self._take(self._drives[name], block, received)
-                self._refresh()
-            except Exception as error:  # noqa: BLE001 - told by the health page; the next block starts anew
-                self.failure = f"{type(error).__name__}: {error}"
+            if callable(item):
+                item()
+            elif item is not None:
+                name, block, received = item
+                self._guarded(self._take, self._drives[name], block, received)
+            for drive in self._drives.values():
+                if drive.stale and time.monotonic() - drive.estimated_at >= REFRESH:
+                    self._guarded(self._estimate, drive)
+
+    def _guarded(self, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Take a step; a fault of ours is told by the health page and ends neither the worker nor other drives."""
+        try:
+            step(*args, **kwargs)
+        except Exception as error:  # noqa: BLE001
+            self.failure = f"{type(error).__name__}: {error}"
 
     def _take(self, drive: _Drive, block: Block, received: float) -> None:
         row = (block.periods, block.T_s)
@@ -126,21 +154,16 @@ class Estimation:
             drive.state = window_ls.init(drive.window.length, drive.window.periods_per_row)
             drive.row, drive.next_tick = row, None
         joined = drive.next_tick == int(block.tick[0])
+        drive.next_tick = None  # should the update fail, the next block begins a new run
         drive.state = window_ls.update(drive.state, samples_of(block), joined=joined)
         drive.next_tick = int(block.tick[-1]) + block.periods
         drive.received, drive.t_drive = received, drive.next_tick * block.T_s
         drive.stale = True
 
-    def _refresh(self) -> None:
-        now = time.monotonic()
-        for drive in self._drives.values():
-            if drive.stale and now - drive.estimated_at >= REFRESH:
-                self._estimate(drive)
-
     def _estimate(self, drive: _Drive) -> None:
+        drive.estimated_at, drive.stale = time.monotonic(), False
         result = window_ls.estimate(drive.state, drive.window.estimated, drive.window.held)
         drive.snapshot = Snapshot(drive.window, result, drive.received, drive.t_drive, drive.rows_dropped)
-        drive.estimated_at, drive.stale = time.monotonic(), False
 
 
 def samples_of(block: Block) -> Samples:

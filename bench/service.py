@@ -8,10 +8,12 @@ from typing import Any, Self
 
 from bench.acquisition import Acquisition, Link, LinkState
 from bench.config import Config
+from bench.errors import shown
 from bench.estimation import Estimation, Snapshot
 from bench.window import Window
 
 STALE = 1.0  # s without a sample after which estimates are called stale
+_LEAVE = 1.5  # s in which all pumps must end; one that is held up in connecting is left behind
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +52,10 @@ class Service:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for pump in self._pumps.values():
-            pump.stop()
+            pump.end()
+        deadline = time.monotonic() + _LEAVE
+        for pump in self._pumps.values():
+            pump.join(max(0.0, deadline - time.monotonic()))
         self._estimation.stop()
 
     @property
@@ -95,5 +100,5 @@ class Service:
 
     def _known(self, name: str) -> str:
         if name not in self._urls:
-            raise UnknownDriveError(f"no drive {name!r}; the drives are {', '.join(self._urls)}")
+            raise UnknownDriveError(f"no drive {shown(name)}; the drives are {', '.join(self._urls)}")
         return name

@@ -1,11 +1,11 @@
 """The window's settings: what a user may change while the stream runs. Knows nothing of streams."""
 
-import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
-from bench.errors import LimitError
+from bench.errors import LimitError, shown
 from estimator.machine import PARAMETERS, UNITS
 from estimator.window_ls import check_window
 
@@ -23,7 +23,7 @@ class Window:
         """This window with some settings replaced. Raises LimitError, in a sentence, when it cannot work."""
         for key in change:
             if key not in ("length", "periods_per_row", "estimated", "held"):
-                raise LimitError(f"expected length, periods_per_row, estimated or held, got {key!r}")
+                raise LimitError(f"expected length, periods_per_row, estimated or held, got {shown(key)}")
         window = replace(
             self,
             length=_whole(change, "length", self.length),
@@ -44,17 +44,19 @@ class Window:
 def _whole(change: Mapping[str, Any], key: str, otherwise: int) -> int:
     value = change.get(key, otherwise)
     if isinstance(value, bool) or not isinstance(value, int):
-        raise LimitError(f"{key}: expected a whole number, got {value!r}")
+        raise LimitError(f"{key}: expected a whole number, got {shown(value)}")
+    if abs(value) > 10**18:  # JSON's and TOML's integers have no end
+        raise LimitError(f"{key}: expected a whole number of at most 18 digits, got {shown(value)}")
     return value
 
 
 def _names(value: object) -> tuple[str, ...]:
     if not isinstance(value, Sequence) or isinstance(value, str):
-        raise LimitError(f"estimated: expected a list of {', '.join(PARAMETERS)}, got {value!r}")
+        raise LimitError(f"estimated: expected a list of {', '.join(PARAMETERS)}, got {shown(value)}")
     names = cast(Sequence[object], value)
     for name in names:
         if name not in PARAMETERS:
-            raise LimitError(f"estimated: expected {', '.join(PARAMETERS)}, got {name!r}")
+            raise LimitError(f"estimated: expected {', '.join(PARAMETERS)}, got {shown(name)}")
     if not names:
         raise LimitError(f"estimated: expected at least one of {', '.join(PARAMETERS)}, got none")
     return tuple(name for name in PARAMETERS if name in names)
@@ -62,12 +64,12 @@ def _names(value: object) -> tuple[str, ...]:
 
 def _values(value: object) -> dict[str, float]:
     if not isinstance(value, Mapping):
-        raise LimitError(f"held: expected values of {', '.join(PARAMETERS)}, got {value!r}")
+        raise LimitError(f"held: expected values of {', '.join(PARAMETERS)}, got {shown(value)}")
     values: dict[str, float] = {}
     for name, number in cast(Mapping[str, object], value).items():
         if name not in PARAMETERS:
-            raise LimitError(f"held: expected {', '.join(PARAMETERS)}, got {name!r}")
-        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number) or number <= 0:
-            raise LimitError(f"held {name}: expected a number of {UNITS[name]} above zero, got {number!r}")
+            raise LimitError(f"held: expected {', '.join(PARAMETERS)}, got {shown(name)}")
+        if isinstance(number, bool) or not isinstance(number, int | float) or not 0 < number <= sys.float_info.max:
+            raise LimitError(f"held {name}: expected a number of {UNITS[name]} above zero, got {shown(number)}")
         values[name] = float(number)
     return values

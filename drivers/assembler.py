@@ -16,6 +16,7 @@ from drivers.wire.codec import FullScales, count_size
 _UNPACK = [struct.Struct(tpdo_struct_format(number)) for number in range(len(TPDO_LAYOUT))]
 _NAMES = [signal.name for layout in TPDO_LAYOUT[:ROW_TPDOS] for signal in layout[1:]]
 _TICKS = 1 << 16
+TELLABLE = _TICKS // 2  # control periods; a row's 16-bit tick tells no longer silence
 
 
 @dataclass(slots=True)
@@ -31,15 +32,18 @@ class Counts:
 class Assembler:
     """Joins the frames of one stream of rows of `periods` control periods.
 
-    `tick` is the drive's full tick read before the stream began; the first row is at most 65535 periods later.
+    `tick` is the drive's full tick, read before the stream began and after `periods` was set: rows that began
+    before it are ignored, the first is less than 32768 periods later. `after` is where the rows of a stream before
+    this one ended, when there was one.
     """
 
-    def __init__(self, T_s: float, periods: int, full: FullScales, tick: int) -> None:
+    def __init__(self, T_s: float, periods: int, full: FullScales, tick: int, after: int | None = None) -> None:
         self._T_s = T_s
         self.periods = periods
         self._scales = np.array([count_size(s, full) for layout in TPDO_LAYOUT[:ROW_TPDOS] for s in layout[1:]])
         self._slow_scale = count_size(TPDO_LAYOUT[ROW_TPDOS][1], full)
         self._last_tick = tick
+        self._after = after
         self._first = True
         self._pending: dict[int, list[tuple[int, ...] | None]] = {}
         self._ticks: list[int] = []
@@ -58,15 +62,21 @@ class Assembler:
             self._temperatures = (values[0] * self._slow_scale, values[1] * self._slow_scale)
             return
         ahead = (tick - self._last_tick) % _TICKS
-        if ahead >= _TICKS // 2 or (ahead == 0 and not self._first):
-            self.counts.frames_late += 1
+        if ahead >= TELLABLE or (ahead == 0 and not self._first):
+            self.counts.frames_late += not self._first
             return
         parts = self._pending.setdefault(tick, [None] * ROW_TPDOS)
         if parts[number] is not None:
             self.counts.frames_late += 1
+            return
         parts[number] = tuple(values)
         if all(part is not None for part in parts):
             self._complete(tick, ahead, [value for part in parts if part for value in part])
+
+    @property
+    def end(self) -> int | None:
+        """Tick at which the latest row ended, be it of the stream before; None when there was none."""
+        return self._after if self._first else self._last_tick + self.periods
 
     def take(self) -> list[Block]:
         """The blocks complete by now, oldest first; each is consecutive in itself."""
@@ -79,7 +89,9 @@ class Assembler:
             raise FrameError(
                 f"rows come every {self.periods} ticks, but tick {tick} came {ahead} after the one before"
             )
-        lost = 0 if self._first else ahead // self.periods - 1
+        lost = ahead // self.periods - 1
+        if self._first:
+            lost = 0 if self._after is None else -(-max(0, self._last_tick + ahead - self._after) // self.periods)
         if lost:
             self._close_block()
             self.counts.gaps += 1
@@ -91,7 +103,7 @@ class Assembler:
         self._rows.append(tuple(values))
         self.counts.rows += 1
         self._pending = {
-            other: parts for other, parts in self._pending.items() if 0 < (other - tick) % _TICKS < _TICKS // 2
+            other: parts for other, parts in self._pending.items() if 0 < (other - tick) % _TICKS < TELLABLE
         }
 
     def _close_block(self) -> None:

@@ -43,9 +43,10 @@ def scenario_named(name: str) -> Scenario:
 
 def run(scenario: Scenario, url: str, stop: threading.Event) -> None:
     """Be the scenario's drive at a URL, in real time, until told to stop."""
+    place = parse_can_url(url)
     drive = VirtualDrive(scenario)
     drive.warm_up()
-    with CanopenNode(drive, parse_can_url(url)) as node:
+    with CanopenNode(drive, place) as node:
         print(f"emulated drive {scenario.name!r} is at {url}", flush=True)
         pacer = Pacer(drive.T_s, most=round(_CATCH_UP / drive.T_s))
         while not stop.is_set():

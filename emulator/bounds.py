@@ -1,16 +1,18 @@
 """Bounds: what a parameter may be, declared beside it, and the sentence when it is not.
 
     R_s: Annotated[float, Bound("ohm", above=0.0)]
+    course: Annotated[Points, PointsBound(Bound("s", low=0.0), Bound("degC", high=80.0))] = ()
 
 Knows nothing of the parameters themselves nor of files; `where` names the origin in the sentences.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
+Points = tuple[tuple[float, float], ...]  # pairs of numbers, the first ones rising
 
 
 class ScenarioError(ValueError):
@@ -43,6 +45,14 @@ class Bound:
         return told or f"a finite number{unit}"
 
 
+@dataclass(frozen=True, slots=True)
+class PointsBound:
+    """Units and ranges of the two numbers of each point."""
+
+    first: Bound
+    second: Bound
+
+
 def check_bounds(record: object, where: str) -> None:
     """Raise ScenarioError when a field of a dataclass or named tuple is outside its bound."""
     for name, kind, bound in _fields(type(record)):
@@ -71,7 +81,7 @@ def from_table(kind: type[T], table: Mapping[str, object], where: str) -> T:
     return kind(**values)
 
 
-def _fields(kind: type) -> Iterator[tuple[str, type, Bound | None]]:
+def _fields(kind: type) -> Iterator[tuple[str, type, Bound | PointsBound | None]]:
     for name, hint in get_type_hints(kind, include_extras=True).items():
         if get_origin(hint) is Annotated:
             of, bound = get_args(hint)[:2]
@@ -86,8 +96,10 @@ def _has_default(kind: type, name: str) -> bool:
     return name in defaults or (name in fields and fields[name].default is not MISSING)
 
 
-def _checked(value: object, kind: type, bound: Bound, key: str) -> Any:
+def _checked(value: object, kind: type, bound: Bound | PointsBound, key: str) -> Any:
     """`value` as the field's type, or ScenarioError."""
+    if isinstance(bound, PointsBound):
+        return _checked_points(value, bound, key)
     if kind in (str, bool):
         if not isinstance(value, kind):
             raise ScenarioError(f"{key} takes {'true or false' if kind is bool else 'a text'}, got {value!r}")
@@ -99,3 +111,20 @@ def _checked(value: object, kind: type, bound: Bound, key: str) -> Any:
     if not bound.admits(value):
         raise ScenarioError(f"{key} takes {bound}, got {value!r}")
     return kind(value)
+
+
+def _checked_points(value: object, bound: PointsBound, key: str) -> Points:
+    """A list of pairs as points, or ScenarioError."""
+    if not isinstance(value, list | tuple):
+        raise ScenarioError(f"{key} takes a list of points [{bound.first.unit}, {bound.second.unit}], got {value!r}")
+    points: list[tuple[float, float]] = []
+    for n, point in enumerate(cast(Sequence[object], value)):
+        pair = list(cast(Sequence[object], point)) if isinstance(point, list | tuple) else []
+        if len(pair) != 2:
+            raise ScenarioError(f"{key}[{n}] takes a point [{bound.first.unit}, {bound.second.unit}], got {point!r}")
+        first = _checked(pair[0], float, bound.first, f"{key}[{n}][0]")
+        second = _checked(pair[1], float, bound.second, f"{key}[{n}][1]")
+        if points and first <= points[-1][0]:
+            raise ScenarioError(f"{key}[{n}][0] takes above {points[-1][0]:g}, the one before, got {pair[0]!r}")
+        points.append((first, second))
+    return tuple(points)

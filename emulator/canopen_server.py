@@ -16,6 +16,7 @@ from typing import Any, Self, cast
 import can
 import canopen
 import numpy as np
+from canopen.network import MessageListener
 from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer
 from numpy.typing import NDArray
@@ -44,7 +45,6 @@ class CanopenNode:
         self._drive = drive
         self._id = url.node_id
         self._full: FullScales = {name: drive.read(name) for name in ("i_full", "u_full", "omega_full")}
-        self._state_lock = threading.Lock()
         self._state = od.STATE_BOOT_UP
         self._heartbeat_ms = od.HEARTBEAT_MS
         self._heartbeat_tick = 0
@@ -52,12 +52,14 @@ class CanopenNode:
         self._packers = [_RowPacker(number, self._full) for number in range(od.ROW_TPDOS)]
         self._bus = _open(url)
         self._network = canopen.Network(self._bus)
-        self._network.NOTIFIER_CYCLE = 0.1
+        self._network.NOTIFIER_CYCLE = 0.02  # s, for which `close` waits
+        self._closed = threading.Event()
+        self._network.listeners[:] = [_Listener(self._network, self._closed)]
         self._network.connect()
         self._sdo = SdoServer(od.sdo_request_cob_id(self._id), od.sdo_response_cob_id(self._id), self._objects())
         self._sdo.network = self._network
-        answer: Callable[[int, bytearray, float], None] = cast(Any, self._sdo).on_request
-        self._network.subscribe(od.sdo_request_cob_id(self._id), answer)
+        self._answer: Callable[[int, bytearray, float], None] = cast(Any, self._sdo).on_request
+        self._network.subscribe(od.sdo_request_cob_id(self._id), self._on_sdo)
         self._network.subscribe(od.NMT_COB_ID, self._on_nmt)
         self._boot()
 
@@ -67,7 +69,11 @@ class CanopenNode:
         return self._bus
 
     def publish(self, rows: StreamRows) -> None:
-        """Send what has become due: the rows' TPDOs when operational, the heartbeat."""
+        """Send what has become due: the rows' TPDOs when operational, the heartbeat. Raises BusError."""
+        try:
+            self._network.check()
+        except Exception as error:  # noqa: BLE001 - whatever ended the library's reader thread
+            raise BusError(f"the CAN bus {self._bus.channel_info} is gone: {_first_line(error)}") from None
         frames: list[Frame] = []
         if self._state == od.STATE_OPERATIONAL and len(rows.row_tick):
             frames += self._row_frames(rows)
@@ -80,7 +86,8 @@ class CanopenNode:
 
     def close(self) -> None:
         """Leave the bus."""
-        with contextlib.suppress(can.CanError, OSError):
+        self._closed.set()
+        with contextlib.suppress(Exception):  # it raises again what ended its reader thread
             self._network.disconnect()
 
     def __enter__(self) -> Self:
@@ -165,6 +172,10 @@ class CanopenNode:
                 frames.append((ids[od.ROW_TPDOS], tick + b"".join(values)))
         return frames
 
+    def _on_sdo(self, cob_id: int, data: bytearray, time: float) -> None:
+        if self._state != od.STATE_STOPPED:  # CiA 301, 7.3.2.2: a stopped node is deaf but for NMT
+            self._answer(cob_id, data, time)
+
     def _on_nmt(self, _cob_id: int, data: bytearray, _time: float) -> None:
         if len(data) != 2 or data[1] not in (0, self._id):
             return
@@ -195,6 +206,8 @@ class CanopenNode:
 
 def encode_any(signal: Signal, value: float, full: FullScales) -> bytes:
     """Bytes of a value the drive itself holds: never refused, wrapped where a counter has run over."""
+    if signal.type is WireType.F32:
+        return struct.pack("<f", value)
     if signal.type in (WireType.U16, WireType.U32) and signal.scale == 1.0:
         return struct.pack(signal.type.struct_format, int(value) % (1 << signal.type.bits))
     return encode(signal, value, full)
@@ -221,6 +234,18 @@ class _RowPacker:
         data = packed.tobytes()
         size = self._dtype.itemsize
         return [data[k : k + size] for k in range(0, len(data), size)]
+
+
+class _Listener(MessageListener):
+    """Where the bus fails, holds the library's reader thread until the node is closed; `Network.check` tells of it."""
+
+    def __init__(self, network: canopen.Network, closed: threading.Event) -> None:
+        super().__init__(network)
+        self._closed = closed
+
+    def on_error(self, exc: Exception) -> None:
+        del exc
+        self._closed.wait()
 
 
 class _SocketcandBus(can.BusABC):
@@ -257,5 +282,8 @@ def _open(url: CanUrl) -> can.BusABC:
     try:
         return can.Bus(interface=url.interface, channel=url.channel, **options)
     except Exception as error:  # noqa: BLE001 - each CAN interface has its own errors for a bus that is not there
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise BusError(f"no CAN bus {url.bus}: {reason}") from None
+        raise BusError(f"no CAN bus {url.bus}: {_first_line(error)}") from None
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]

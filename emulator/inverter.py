@@ -1,6 +1,7 @@
-"""The inverter, averaged over a control period. Knows nothing of the motor behind it.
+"""The inverter's reach: what voltage it can give, averaged over a control period. Knows nothing of the motor.
 
 What pulse-width modulation holds over a period is a vector in the stationary frame; the rotor turns under it.
+How it is made of edges is told in `modulation` and `bridge`.
 """
 
 import math

@@ -32,6 +32,7 @@ _TABLE: NDArray[np.float64] = np.array(
         (80.0, 1.1751, 4.36, 6.48),
     ]
 )
+TABLE_TEMPERATURES = tuple(float(row[0]) for row in _TABLE)  # degC, where the parameters' lines bend
 
 
 class Machine(NamedTuple):

@@ -6,23 +6,32 @@
     [excitation]  see `Excitation`
 
 Keys are the fields below; what has a default may be left out. A scenario that cannot be is refused with one
-sentence that names file, key, bound and what came.
+sentence that names file, key, bound and what came. A winding that warms up within a run, and a bridge with edges:
+
+    [run]
+    temperature_profile = [[0.0, 23.4], [1.0, 80.0]]     # points of s and degC, straight lines in between
+    [drive]
+    bridge = "switched"                                  # or "averaged", which is faster
+    timer_counts = 5000
 """
 
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from emulator.bounds import Bound, ScenarioError, check_bounds, from_table
+from emulator.bounds import Bound, Points, PointsBound, ScenarioError, check_bounds, from_table
 from emulator.inverter import longest
-from emulator.machine import COLDEST, HOTTEST, Machine, at_temperature
+from emulator.machine import COLDEST, HOTTEST, TABLE_TEMPERATURES, Machine, at_temperature
 from emulator.mechanics import Profile
 
 SHAFTS = ("dynamometer", "free")
+BRIDGES = ("averaged", "switched")
 _RPM = 2.0 * math.pi / 60.0  # rad/s
+_TEMPERATURE = Bound("degC", low=COLDEST, high=HOTTEST)
+_FEWEST_COUNTS = 50
 _SEED = Bound(low=0, high=2**63 - 1)
 
 
@@ -42,7 +51,9 @@ class Drive:
     adc_bits: Annotated[int, Bound(low=0, high=24)] = 12  # 0: ideal
     encoder_counts: Annotated[int, Bound(low=0, high=2**30)] = 0  # per mechanical turn; 0: ideal
     stream_periods: Annotated[int, Bound(low=5, high=1000)] = 10  # control periods per stream row
-    sub_steps: Annotated[int, Bound(low=1, high=1000)] = 10  # integration steps per control period
+    sub_steps: Annotated[int, Bound(low=1, high=1000)] = 10  # integration steps per control period, at least
+    bridge: str = "averaged"  # the mean voltage over a control period; or "switched": edges
+    timer_counts: Annotated[int, Bound(low=0, high=2**24)] = 5000  # per control period, when switched; 0: ideal
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +63,9 @@ class Run:
     The speed rises from `speed_rpm` by `rise_rpm` within `ramp_time` and stays, with a swing on top. A
     dynamometer holds it there; on a free shaft it is where the speed starts and, under speed control, the
     reference.
+
+    The winding has `temperature` throughout, or else goes through the points (time in s, degC) of
+    `temperature_profile`, linear in between, and stays at the last. R_s, L_d and L_q go with it, period by period.
     """
 
     shaft: str = "dynamometer"  # or "free"
@@ -63,7 +77,8 @@ class Run:
     speed_control: bool = False  # free shaft only: i_q follows from a speed loop
     speed_bandwidth: Annotated[float, Bound("rad/s", above=0.0, high=1000.0)] = 60.0
     tau_L: Annotated[float, Bound("Nm")] = 0.0  # load torque on a free shaft
-    temperature: Annotated[float, Bound("degC", low=COLDEST, high=HOTTEST)] = COLDEST
+    temperature: Annotated[float, _TEMPERATURE] = COLDEST
+    temperature_profile: Annotated[Points, PointsBound(Bound("s", low=0.0), _TEMPERATURE)] = ()
     seed: Annotated[int, _SEED] = 1
 
 
@@ -96,7 +111,7 @@ class Scenario:
         return Profile(omega_0, omega_0 + run.rise_rpm * _RPM, run.ramp_time, run.swing_rpm * _RPM, run.swing_frequency)
 
 
-def drive_for(motor: Machine, u_dc: float = 310.0, **given: float) -> Drive:
+def drive_for(motor: Machine, u_dc: float = 310.0, **given: float | str) -> Drive:
     """A drive whose currents, converter and full scales suit the motor; any field of `Drive` may be given."""
     return from_table(Drive, _suited(motor, {"u_dc": u_dc, **given}), "drive_for: ")
 
@@ -149,8 +164,19 @@ def check(scenario: Scenario) -> None:
 
     if run.shaft not in SHAFTS:
         raise ScenarioError(f"{name}: run.shaft takes {' or '.join(SHAFTS)}, got {run.shaft!r}")
+    if drive.bridge not in BRIDGES:
+        raise ScenarioError(f"{name}: drive.bridge takes {' or '.join(BRIDGES)}, got {drive.bridge!r}")
+    if 0 < drive.timer_counts < _FEWEST_COUNTS:
+        raise ScenarioError(
+            f"{name}: drive.timer_counts takes 0 or at least {_FEWEST_COUNTS}, got {drive.timer_counts}"
+        )
     if run.speed_control and run.shaft != "free":
         raise ScenarioError(f"{name}: run.speed_control takes a free shaft, got shaft {run.shaft!r}")
+
+    if run.temperature_profile and run.temperature != COLDEST:
+        raise ScenarioError(
+            f"{name}: run.temperature takes no value beside run.temperature_profile, got {run.temperature:g}"
+        )
 
     T_s = drive.T_s
     h, shortest = T_s / drive.sub_steps, min(motor.L_d, motor.L_q) / motor.R_s
@@ -179,7 +205,7 @@ def check(scenario: Scenario) -> None:
         raise ScenarioError(
             f"{name}: run.speed_rpm takes at most {fastest:.5g} rpm at T_s = {T_s:g} s, got up to {rpm:g} rpm"
         )
-    hot = at_temperature(motor, run.temperature)
+    hot = at_temperature(motor, max((T for _, T in run.temperature_profile), default=run.temperature))
     u_d = hot.R_s * i_d + omega_e * hot.L_q * i_q
     u_q = hot.R_s * i_q + omega_e * (hot.L_d * i_d + hot.psi_f)
     if math.hypot(u_d, u_q) > longest(drive.u_dc):
@@ -214,4 +240,40 @@ PAPER = Scenario(
 )
 """The paper's motor at 23.4 degC, on a dynamometer, excited so that R_s, L_d, L_q and psi_f can be told."""
 
-BUILT_IN = {PAPER.name: PAPER}
+PAPER_RUN = Scenario(
+    "paper_run",
+    _PAPER_MOTOR,
+    drive_for(_PAPER_MOTOR, bridge="switched"),
+    Run(
+        shaft="free",
+        speed_rpm=600.0,
+        rise_rpm=600.0,
+        ramp_time=0.5,
+        swing_rpm=60.0,
+        swing_frequency=4.0,
+        speed_control=True,
+        speed_bandwidth=60.0,
+        tau_L=1.5,
+    ),
+    Excitation(i_d_ref=-1.0, i_d_step=2.0, i_q_step=2.0, step_time=2e-3),
+)
+"""One second of the paper's drive: speed loop, two current loops, space-vector modulation, switched bridge, 10 kHz.
+
+The paper publishes neither sampling period, dc link, magnet flux, inertia, speed nor load. Chosen here: a third of
+rated torque, and a speed reference that rises from 600 to 1200 rpm within the first half second, with a swing that
+keeps the loop at work to the end. With i_d at zero the paper's windows would tell nothing of L_d, so both axes
+step on top, fast enough that even its shortest window of 50 periods sees some steps. The speed loop is PI: on a
+free inertia a differential part only adds noise.
+"""
+
+_STRETCH = 1.0 / (len(TABLE_TEMPERATURES) - 1)  # s
+PAPER_RUN_WARMING = replace(
+    PAPER_RUN,
+    name="paper_run_warming",
+    run=replace(
+        PAPER_RUN.run, temperature_profile=tuple((n * _STRETCH, T) for n, T in enumerate(TABLE_TEMPERATURES))
+    ),
+)
+"""The same with the paper's seven temperatures, evenly spread over the second and in straight lines in between."""
+
+BUILT_IN = {scenario.name: scenario for scenario in (PAPER, PAPER_RUN, PAPER_RUN_WARMING)}

@@ -1,6 +1,12 @@
 """The simulation: plant, sensors, firmware and stream, stepped together by control periods in one loop.
 
 It has no clock and no state of its own: `simulated` takes a state and returns the one after so many periods.
+
+Where parameters move with temperature, a period is integrated with those of its middle, and a sample at t is that
+of the machine at t. The flux linkage is the state: an inductance that rises takes the current down with it.
+
+The voltage that the drive records is the one it set: within the inverter's reach and, where the bridge switches,
+what the compare registers of its timer hold. A drive reads those back; what its legs make of them it cannot see.
 """
 
 from typing import Final, NamedTuple
@@ -8,12 +14,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emulator.bridge import Bridge, switched
+from emulator.course import Course, machine_at
 from emulator.firmware import Commissioning, FirmwareState, Settings, computed, switched_on
 from emulator.frames import nearest, turned, wrapped
 from emulator.inverter import limited
 from emulator.kernel import kernel
 from emulator.machine import Machine, flux
 from emulator.mechanics import Shaft, profile_speed
+from emulator.modulation import modulated, voltage_of
 from emulator.plant import PlantState, advanced, stator_current
 from emulator.sensors import Sample, Sensors, measured_current, sampled
 from emulator.stream import NO_ROW, Period, Row, extended, write_row
@@ -24,10 +33,12 @@ RECORDED: Final = ("t", "u_d", "u_q", "i_d", "i_q", "omega_e", "theta_e", "u_dc"
 class Bench(NamedTuple):
     """What stays while a call of `simulated` runs."""
 
-    machine: Machine  # at its present temperature
+    machine: Machine  # at 23.4 degC
+    course: Course  # what its temperature makes of it over time
     shaft: Shaft
     sensors: Sensors
     fixed: Commissioning
+    bridge: Bridge
     sub_steps: int  # integration steps per control period
 
 
@@ -47,8 +58,9 @@ def started(bench: Bench, n_p: int, psi_f: float) -> State:
     `n_p` and `psi_f` (Vs) are what the drive takes the machine for.
     """
     omega_m = profile_speed(bench.shaft.profile, 0.0)
-    plant = PlantState(flux(bench.machine, 0j), omega_m, 0.0, 0.0, 0.0, 0.0)
-    sample = sampled(bench.sensors, stator_current(bench.machine, plant), 0.0, 0)
+    machine = machine_at(bench.machine, bench.course, 0.0)
+    plant = PlantState(flux(machine, 0j), omega_m, 0.0, 0.0, 0.0, 0.0)
+    sample = sampled(bench.sensors, stator_current(machine, plant), 0.0, 0)
     firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s)
     return State(0, plant, sample, firmware, NO_ROW)
 
@@ -76,8 +88,15 @@ def simulated(
         # The period: the voltage computed one period ago is applied while the next is computed
         u = limited(firmware.u_next, u_dc)
         firmware = computed(bench.fixed, settings, firmware, sample, t)
-        plant = advanced(bench.machine, bench.shaft, u, t, T_s, bench.sub_steps, plant)
-        before, sample = sample, sampled(bench.sensors, stator_current(bench.machine, plant), plant.theta_m, tick + 1)
+        machine = machine_at(bench.machine, bench.course, t + 0.5 * T_s)
+        if bench.bridge.switched:
+            duties = modulated(u, u_dc, bench.bridge.timer_counts)
+            plant = switched(machine, bench.shaft, duties, u_dc, t, T_s, bench.sub_steps, plant)
+            u = voltage_of(duties, u_dc)
+        else:
+            plant = advanced(machine, bench.shaft, u, t, T_s, bench.sub_steps, plant)
+        machine = machine_at(bench.machine, bench.course, (tick + 1) * T_s)
+        before, sample = sample, sampled(bench.sensors, stator_current(machine, plant), plant.theta_m, tick + 1)
 
         # What the drive knows of it
         theta_e = wrapped(n_p * before.theta_m)

@@ -6,8 +6,8 @@ threads; what is written waits and takes effect at the start of the next `run`. 
 
 import math
 import threading
-from dataclasses import astuple, dataclass
-from typing import Final
+from dataclasses import astuple, dataclass, fields
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from drivers.wire.codec import check_range
 from drivers.wire.dictionary import Signal, layout_id, signal_named
 from emulator import stream
+from emulator.bridge import Bridge
+from emulator.course import continued, course_of, row_at, rows_at
 from emulator.firmware import Commissioning, Settings
 from emulator.machine import at_temperature
 from emulator.mechanics import Shaft
@@ -62,6 +64,9 @@ class Truth:
     temp_magnet: float  # degC
 
 
+_TRUTH: Final = tuple(field.name for field in fields(Truth))
+
+
 class VirtualDrive:
     """A drive with a motor, as the scenario says. Raises ScenarioError when that cannot be."""
 
@@ -73,8 +78,9 @@ class VirtualDrive:
         self._sensors = Sensors(drive.noise_i, drive.adc_bits, drive.adc_full, drive.encoder_counts, run.seed)
         self._fixed = _commissioned(scenario)
         self._settings = _first_settings(scenario)
-        self._temperature = run.temperature
-        self._bench = self._bench_at(run.temperature)
+        course = course_of(motor, run.temperature_profile or ((0.0, run.temperature),))
+        bridge = Bridge(drive.bridge == "switched", drive.timer_counts)
+        self._bench = Bench(motor, course, self._shaft, self._sensors, self._fixed, bridge, drive.sub_steps)
         self._state = started(self._bench, self._settings.n_p, self._settings.control_psi_f)
         self._lock = threading.Lock()  # guards what follows
         self._written: dict[str, float] = {}
@@ -100,8 +106,17 @@ class VirtualDrive:
     @property
     def truth(self) -> Truth:
         """True parameters now; a temperature that was set counts from the next `run` on."""
-        machine, temperature = self._bench.machine, self._temperature
-        return Truth(machine.R_s, machine.L_d, machine.L_q, machine.psi_f, temperature, temperature)
+        temperature, R_s, L_d, L_q = row_at(self._bench.course, self._state.tick * self.T_s)
+        return Truth(R_s, L_d, L_q, self._bench.machine.psi_f, temperature, temperature)
+
+    def truth_at(self, t: NDArray[np.floating[Any]]) -> dict[str, Column]:
+        """True parameters at times (s since reset), by the names of `Truth`; `truth_at(recording["t"])` fits its rows.
+
+        For times to come: what the scenario's profile, or the temperature last set, will make of them.
+        """
+        temperature, R_s, L_d, L_q = np.ascontiguousarray(rows_at(self._bench.course, np.array(t, np.float64)).T)
+        psi_f = np.full(len(R_s), self._bench.machine.psi_f)
+        return dict(zip(_TRUTH, (R_s, L_d, L_q, psi_f, temperature, temperature.copy()), strict=True))
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, all that `run` needs, without a period passing."""
@@ -135,7 +150,10 @@ class VirtualDrive:
             self._written[name] = float(value)
 
     def set_temperature(self, temperature: float) -> None:
-        """Set winding and magnets to a temperature (degC), from the next `run` on. Raises ValueError."""
+        """Set winding and magnets to a temperature (degC), from the next `run` on. Raises ValueError.
+
+        There they stay: what is left of the scenario's temperature profile is void.
+        """
         at_temperature(self.scenario.motor, temperature)
         with self._lock:
             self._next_temperature = temperature
@@ -168,17 +186,14 @@ class VirtualDrive:
         self._state, n = simulated(self._bench, self._settings, self._state, periods, ticks, rows, recording)
         return StreamRows(ticks[:n], *np.ascontiguousarray(rows[:n].T))
 
-    def _bench_at(self, temperature: float) -> Bench:
-        machine = at_temperature(self.scenario.motor, temperature)
-        return Bench(machine, self._shaft, self._sensors, self._fixed, self.scenario.drive.sub_steps)
-
     def _take_written(self) -> None:
         with self._lock:
             written, self._written = self._written, {}
             self._readable.update(written)
-            if self._next_temperature is not None:
-                self._temperature, self._next_temperature = self._next_temperature, None
-                self._bench = self._bench_at(self._temperature)
+            temperature, self._next_temperature = self._next_temperature, None
+        if temperature is not None:
+            now, bench = self._state.tick * self.T_s, self._bench
+            self._bench = bench._replace(course=continued(bench.course, now, bench.machine, temperature))
         if written:
             values = {name: int(value) if name in _WHOLE else value for name, value in written.items()}
             self._settings = self._settings._replace(**values)
@@ -187,7 +202,7 @@ class VirtualDrive:
         """Make the present readable: settings, tick, temperature, the latest row."""
         latest = {name: float(value) for name, value in self._settings._asdict().items()}
         latest["tick"] = float(self._state.tick & 0xFFFF_FFFF)
-        latest["temp_winding"] = latest["temp_magnet"] = self._temperature
+        latest["temp_winding"] = latest["temp_magnet"] = self.truth.temp_winding
         if rows:
             latest |= {name: float(getattr(rows, name)[-1]) for name in stream.COLUMNS}
             latest["row_tick"] = float(rows.row_tick[-1] & 0xFFFF)

@@ -1,40 +1,65 @@
 """The application: routes over a running service, the page's files, the live stream."""
 
 import asyncio
-from collections.abc import AsyncIterator
+import json
+from collections.abc import AsyncIterator, Callable
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
-from fastapi import Body, Depends, FastAPI
-from fastapi.responses import FileResponse
+from fastapi import Depends, FastAPI, Request
+from fastapi import Path as InPath
+from fastapi.responses import FileResponse, HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 
-from bench.api import problems
+from bench.api import docs, problems
 from bench.api.models import (
     DriveModel,
     DrivesModel,
     EstimatesModel,
     HealthModel,
+    ProblemModel,
     SnapshotModel,
     ThreadModel,
+    WindowChangeModel,
     WindowModel,
     drive_model,
     estimates_model,
     link_model,
     window_model,
 )
+from bench.errors import LimitError, shown
 from bench.service import Service
 
 DISPLAY_PERIOD = 0.1  # s between two events of the live stream
 VERSION = metadata.version("pmsm-bench")
+_MAX_BODY = 1 << 16  # bytes
+_READ = ["GET", "HEAD"]
 
-_PROBLEM: dict[int | str, dict[str, Any]] = {404: {"description": "Unknown drive (problem document)"}}
+_SHAPES = "#/components/schemas/"
+_PROBLEM: dict[str, Any] = {"content": {"application/problem+json": {"schema": {"$ref": f"{_SHAPES}ProblemModel"}}}}
+_Answers = dict[int | str, dict[str, Any]]
+_ANY: _Answers = {"default": {"description": "Any other refusal or failure"} | _PROBLEM}
+_DRIVE: _Answers = {404: {"description": "No drive of that name"} | _PROBLEM} | _ANY
+_CHANGE: _Answers = {
+    422: {"description": "Not a window that can work"} | _PROBLEM,
+    503: {"description": "The estimation is too far behind"} | _PROBLEM,
+}
+_CHANGE_BODY: dict[str, Any] = {
+    "required": True, "content": {"application/json": {"schema": {"$ref": f"{_SHAPES}WindowChangeModel"}}}
+}
+_EVENTS: _Answers = {
+    200: {"description": "Events called snapshot, ten a second", "content": {"text/event-stream": {"itemSchema": {
+        "properties": {"data": {"contentMediaType": "application/json",
+                                "contentSchema": {"$ref": f"{_SHAPES}SnapshotModel"}}}
+    }}}}
+}
+DriveName = Annotated[str, InPath(description="name of a drive")]
 
 
-def create_app(service: Service) -> FastAPI:
-    """The HTTP application over a running service."""
+def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> FastAPI:
+    """The HTTP application over a running service; event streams end where `ending` says so."""
     app = FastAPI(
         title="pmsm-bench", version=VERSION, docs_url=None, redoc_url=None,
         description="Live parameters of permanent-magnet synchronous motor drives. SI units, peak dq quantities, "
@@ -42,40 +67,47 @@ def create_app(service: Service) -> FastAPI:
     )
     problems.install(app)
 
-    def known(name: str) -> None:
+    def known(name: DriveName) -> None:
         service.url(name)
 
-    @app.get("/api/drives", summary="All drives")
+    @app.get("/api/drives", summary="All drives", responses=_ANY)
     def drives() -> DrivesModel:
+        """Every drive of the configuration, there or not."""
         return DrivesModel(drives=[drive_model(service, name) for name in service.drives])
 
-    @app.get("/api/drives/{name}", summary="Identity, link, stream of one drive", responses=_PROBLEM)
-    def drive(name: str) -> DriveModel:
+    @app.get("/api/drives/{name}", summary="Identity, link, stream of one drive", responses=_DRIVE)
+    def drive(name: DriveName) -> DriveModel:
+        """Who the drive is, where its link stands and since when, what its stream delivered and lost."""
         return drive_model(service, name)
 
-    @app.get("/api/drives/{name}/estimates", summary="What the window says now", responses=_PROBLEM)
-    def estimates(name: str) -> EstimatesModel:
+    @app.get("/api/drives/{name}/estimates", summary="What the window says now", responses=_DRIVE)
+    def estimates(name: DriveName) -> EstimatesModel:
+        """Each parameter with standard error, unit and status, and what they rest on. Renewed 20 times a second."""
         return estimates_model(service, name)
 
-    @app.get("/api/drives/{name}/window", summary="Settings of the window", responses=_PROBLEM)
-    def window(name: str) -> WindowModel:
+    @app.get("/api/drives/{name}/window", summary="Settings of the window", responses=_DRIVE)
+    def window(name: DriveName) -> WindowModel:
+        """How many samples the estimates rest on, how they are summed, what is estimated and what is held."""
         return window_model(service.estimates(name).window)
 
     @app.put("/api/drives/{name}/window", summary="Change settings; the samples held stay",
-             responses=_PROBLEM | {422: {"description": "Not a window that can work (problem document)"}})
-    def put_window(name: str, change: Annotated[dict[str, Any], Body(examples=[{"length": 2000}])]) -> WindowModel:
+             responses=_CHANGE | _DRIVE, openapi_extra={"requestBody": _CHANGE_BODY}, dependencies=[Depends(known)])
+    def put_window(name: DriveName, change: Annotated[dict[str, Any], Depends(_json_object)]) -> WindowModel:
+        """Takes effect at once, on the samples held and those to come. What the body leaves out stays as it is."""
         return window_model(service.change_window(name, change))
 
-    @app.get("/api/drives/{name}/stream", summary="Snapshots as server-sent events", responses=_PROBLEM,
+    @app.get("/api/drives/{name}/stream", summary="Snapshots as server-sent events", responses=_EVENTS | _DRIVE,
              response_class=EventSourceResponse, dependencies=[Depends(known)])
-    async def stream(name: str) -> AsyncIterator[ServerSentEvent]:
-        while True:
+    async def stream(name: DriveName) -> AsyncIterator[ServerSentEvent]:
+        """The drive and its estimates at display rate, until the client leaves."""
+        while not ending():
             snapshot = SnapshotModel(drive=drive_model(service, name), estimates=estimates_model(service, name))
             yield ServerSentEvent(event="snapshot", raw_data=snapshot.model_dump_json())
             await asyncio.sleep(DISPLAY_PERIOD)
 
-    @app.get("/api/health", summary="State of every thread and link")
+    @app.get("/api/health", summary="State of every thread and link", responses=_ANY)
     def health() -> HealthModel:
+        """Always 200 while the service lives; its own status says whether all is well."""
         return HealthModel(
             status="ok" if service.healthy() else "degraded",
             version=VERSION,
@@ -84,23 +116,52 @@ def create_app(service: Service) -> FastAPI:
             links={name: link_model(service.link(name)) for name in service.drives},
         )
 
+    @app.get("/docs", include_in_schema=False)
+    def reference(request: Request) -> HTMLResponse:
+        return HTMLResponse(docs.render(app.openapi(), str(request.base_url), service.drives[0]))
+
     _serve_page(app)
+    _complete(app.openapi())
     return app
+
+
+def _complete(document: dict[str, Any]) -> None:
+    """Add to the OpenAPI document the shapes that no route's signature tells."""
+    for model in (ProblemModel, SnapshotModel, WindowChangeModel):
+        shape = model.model_json_schema(ref_template=f"{_SHAPES}{{model}}")
+        shape.pop("$defs", None)  # they are there already
+        document["components"]["schemas"][model.__name__] = shape
+
+
+async def _json_object(request: Request) -> dict[str, Any]:
+    """The request's body. Raises LimitError when it is no JSON object."""
+    text = b""
+    async for part in request.stream():
+        text += part
+        if len(text) > _MAX_BODY:
+            raise LimitError(f"expected a body of at most {_MAX_BODY} bytes, got more")
+    try:
+        body = json.loads(text)
+    except (ValueError, RecursionError):
+        raise LimitError("the body is not JSON, expected an object such as {\"length\": 2000}") from None
+    if not isinstance(body, dict):
+        raise LimitError(f"expected a JSON object such as {{\"length\": 2000}}, got {shown(body)}")
+    return cast(dict[str, Any], body)
 
 
 def _serve_page(app: FastAPI) -> None:
     page = Path(str(resources.files("web")))
     plotly = Path(str(resources.files("plotly"))) / "package_data" / "plotly.min.js"
 
-    @app.get("/", include_in_schema=False)
+    @app.api_route("/", methods=_READ, include_in_schema=False)
     def index() -> FileResponse:
         return FileResponse(page / "index.html")
 
-    @app.get("/assets/plotly.min.js", include_in_schema=False)
+    @app.api_route("/assets/plotly.min.js", methods=_READ, include_in_schema=False)
     def plotly_bundle() -> FileResponse:
         return FileResponse(plotly, media_type="text/javascript", headers={"Cache-Control": "max-age=86400"})
 
-    @app.get("/favicon.ico", include_in_schema=False)
+    @app.api_route("/favicon.ico", methods=_READ, include_in_schema=False)
     def favicon() -> FileResponse:
         return FileResponse(page / "favicon.svg", media_type="image/svg+xml")
 

@@ -3,63 +3,69 @@
 from datetime import datetime
 from typing import Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from bench.acquisition import Link
 from bench.estimation import Snapshot
 from bench.service import STALE, Service
 from bench.window import Window
+from estimator.machine import PARAMETERS
 from estimator.window_ls import MAX_LENGTH, MAX_M
+
+Parameter = Literal["R_s", "L_d", "L_q", "psi_f"]
+_TIME = "2026-01-31T12:00:00Z"
 
 
 class IdentityModel(BaseModel):
     """Who the drive says it is."""
 
-    device_name: str
+    device_name: str = Field(examples=["pmsm-bench virtual drive"])
     vendor_id: int
-    product_code: int
-    revision: int
-    serial: int
-    layout_id: int = Field(description="checksum of the drive's signal dictionary")
-    T_s: float = Field(description="control period, s")
-    i_full: float = Field(description="full scale of currents, A")
-    u_full: float = Field(description="full scale of voltages, V")
-    omega_full: float = Field(description="full scale of electrical speed, rad/s")
+    product_code: int = Field(examples=[1347244877])
+    revision: int = Field(examples=[1])
+    serial: int = Field(examples=[1])
+    layout_id: int = Field(description="checksum of the drive's signal dictionary", examples=[1394068101])
+    T_s: float = Field(description="control period, s", examples=[1e-4])
+    i_full: float = Field(description="full scale of currents, A", examples=[24.0])
+    u_full: float = Field(description="full scale of voltages, V", examples=[387.5])
+    omega_full: float = Field(description="full scale of electrical speed, rad/s", examples=[2982.9763])
 
 
 class FailureModel(BaseModel):
     """What went wrong last."""
 
-    sentence: str
-    time: datetime
+    sentence: str = Field(examples=["nothing serves a CAN bus at 127.0.0.1:29536: Connection refused"])
+    time: datetime = Field(examples=[_TIME])
 
 
 class LinkModel(BaseModel):
     """The link to a drive."""
 
-    state: Literal["connecting", "streaming", "lost"]
-    since: datetime
-    reconnects: int
-    last_error: FailureModel | None
+    state: Literal["connecting", "streaming", "lost"] = Field(
+        description="connecting: never had it; lost: had it, trying to get it back", examples=["streaming"]
+    )
+    since: datetime = Field(description="when the state was entered", examples=[_TIME])
+    reconnects: int = Field(description="times the link came back")
+    last_error: FailureModel | None = Field(description="also while all is well again", examples=[None])
 
 
 class StreamModel(BaseModel):
     """The stream of a drive, since the service started."""
 
-    rate_hz: float = Field(description="rows per second over the last 2 s")
-    nominal_rate_hz: float | None = Field(description="rows per second by the drive's own clock")
-    rows: int
-    gaps: int
-    rows_lost: int
-    age_s: float | None = Field(description="since the latest row arrived")
+    rate_hz: float = Field(description="rows per second over the last 2 s", examples=[1000.1])
+    nominal_rate_hz: float | None = Field(description="rows per second by the drive's own clock", examples=[1000.0])
+    rows: int = Field(description="rows received", examples=[251930])
+    gaps: int = Field(description="breaks between rows")
+    rows_lost: int = Field(description="rows the drive made and the bench never had, by the drive's clock")
+    age_s: float | None = Field(description="since the latest row arrived", examples=[0.004])
 
 
 class DriveModel(BaseModel):
     """One drive."""
 
-    name: str
-    url: str
-    identity: IdentityModel | None
+    name: str = Field(examples=["emulated"])
+    url: str = Field(description="its bus address", examples=["canopen://socketcand/127.0.0.1:29536/can0/5"])
+    identity: IdentityModel | None = Field(description="null before the first connection")
     link: LinkModel
     stream: StreamModel
 
@@ -73,11 +79,13 @@ class DrivesModel(BaseModel):
 class EstimateModel(BaseModel):
     """One parameter; null where there is nothing honest to say."""
 
-    value: float | None
-    std: float | None = Field(description="standard error; null unless status is ok")
-    unit: str
-    status: Literal["ok", "held", "not_told", "no_data"]
-    reason: str
+    value: float | None = Field(examples=[0.9665106])
+    std: float | None = Field(description="standard error; null unless status is ok", examples=[1.9e-4])
+    unit: str = Field(examples=["ohm"])
+    status: Literal["ok", "held", "not_told", "no_data"] = Field(
+        description="held: at the given value; not_told: the window cannot tell it", examples=["ok"]
+    )
+    reason: str = Field(description="a sentence where status is not ok", examples=[""])
 
 
 class Bounds(BaseModel):
@@ -97,27 +105,47 @@ class WindowLimits(BaseModel):
 class WindowModel(BaseModel):
     """Settings of the estimation window."""
 
-    length: int = Field(description="samples")
-    periods_per_row: int = Field(description="stream rows summed to one regression row")
-    estimated: list[str]
-    held: dict[str, float] = Field(description="values, SI, used for parameters that are not estimated")
-    limits: WindowLimits
+    length: int = Field(description="samples", examples=[1000])
+    periods_per_row: int = Field(description="stream rows summed to one regression row", examples=[1])
+    estimated: list[str] = Field(examples=[["R_s", "L_d", "L_q"]])
+    held: dict[str, float] = Field(
+        description="values, SI, used for parameters that are not estimated", examples=[{"psi_f": 0.12}]
+    )
+    limits: WindowLimits = Field(
+        description="what these may be while the other settings stay",
+        examples=[{"length": {"minimum": 3, "maximum": 1000000}, "periods_per_row": {"minimum": 1, "maximum": 333}}],
+    )
+
+
+class WindowChangeModel(BaseModel):
+    """Settings to change; what is left out stays."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"length": 2000}]})
+
+    length: int = Field(1000, description="samples, from the number of parameters times periods_per_row to 1000000")
+    periods_per_row: int = Field(1, description="stream rows summed to one regression row, 1 to 1000")
+    estimated: list[Parameter] = Field([], description="parameters to estimate, at least one")
+    held: dict[Parameter, float] = Field({}, description="values above zero, SI, for those not estimated; others stay")
 
 
 class EstimatesModel(BaseModel):
     """What the window says now."""
 
-    drive: str
-    status: Literal["ok", "filling", "stale", "no_data"]
-    estimates: dict[str, EstimateModel]
+    drive: str = Field(examples=["emulated"])
+    status: Literal["ok", "filling", "stale", "no_data"] = Field(
+        description="filling: fewer samples than asked for; stale: none came for a second"
+    )
+    estimates: dict[str, EstimateModel] = Field(
+        description="by parameter", json_schema_extra={"propertyNames": {"enum": list(PARAMETERS)}}
+    )
     window: WindowModel
-    samples: int
+    samples: int = Field(description="in the window", examples=[1000])
     gaps: int = Field(description="breaks in the stream inside the window")
     rows_dropped: int = Field(description="rows that came too fast for the estimator, since the start")
-    age_s: float | None
-    t_drive_s: float | None = Field(description="drive's clock at the newest sample")
-    condition: float | None = Field(description="condition number of the column-scaled regressors")
-    residual_rms_V: float | None
+    age_s: float | None = Field(description="since the newest sample of these estimates arrived", examples=[0.021])
+    t_drive_s: float | None = Field(description="drive's clock at the newest sample", examples=[251.93])
+    condition: float | None = Field(description="condition number of the column-scaled regressors", examples=[1.84])
+    residual_rms_V: float | None = Field(description="of the regression, V", examples=[0.064])
 
 
 class SnapshotModel(BaseModel):
@@ -130,19 +158,30 @@ class SnapshotModel(BaseModel):
 class ThreadModel(BaseModel):
     """One thread of the service."""
 
-    name: str
+    name: str = Field(examples=["estimation"])
     alive: bool
-    failure: str | None
+    failure: str | None = Field(description="its last unexpected failure", examples=[None])
 
 
 class HealthModel(BaseModel):
     """State of every thread and link."""
 
-    status: Literal["ok", "degraded"]
-    version: str
-    uptime_s: float
+    status: Literal["ok", "degraded"] = Field(description="ok: all threads run and all drives stream")
+    version: str = Field(examples=["0.1.0"])
+    uptime_s: float = Field(examples=[251.4])
     threads: list[ThreadModel]
-    links: dict[str, LinkModel]
+    links: dict[str, LinkModel] = Field(
+        description="by drive", json_schema_extra={"propertyNames": {"examples": ["emulated"]}}
+    )
+
+
+class ProblemModel(BaseModel):
+    """A refusal or failure, by RFC 9457."""
+
+    type: str = Field(examples=["about:blank"])
+    title: str = Field(examples=["Not Found"])
+    status: int = Field(description="the HTTP status", examples=[404])
+    detail: str = Field(description="a sentence: what was expected and what came", examples=["no drive 'x'"])
 
 
 def drive_model(service: Service, name: str) -> DriveModel:
@@ -181,21 +220,22 @@ def window_model(window: Window) -> WindowModel:
 def estimates_model(service: Service, name: str) -> EstimatesModel:
     """A drive's estimates as REST shows them."""
     snapshot = service.estimates(name)
-    result, age = snapshot.result, service.link(name).age
+    result = snapshot.result
     return EstimatesModel(
         drive=name,
-        status=_status(snapshot, age),
+        status=_status(snapshot),
         estimates={
             key: EstimateModel(value=e.value, std=e.std, unit=e.unit, status=e.status.value, reason=e.reason)
             for key, e in result.estimates.items()
         },
         window=window_model(snapshot.window),
-        samples=result.samples, gaps=result.gaps, rows_dropped=snapshot.rows_dropped, age_s=age,
+        samples=result.samples, gaps=result.gaps, rows_dropped=snapshot.rows_dropped, age_s=snapshot.age,
         t_drive_s=snapshot.t_drive, condition=result.condition, residual_rms_V=result.residual_rms,
     )
 
 
-def _status(snapshot: Snapshot, age: float | None) -> Literal["ok", "filling", "stale", "no_data"]:
+def _status(snapshot: Snapshot) -> Literal["ok", "filling", "stale", "no_data"]:
+    age = snapshot.age
     if age is None or snapshot.result.samples == 0:
         return "no_data"
     if age > STALE:

@@ -8,13 +8,14 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
-from bench.errors import BenchError, LimitError
+from bench.errors import BenchError, LimitError, UnavailableError, shown
 from bench.service import UnknownDriveError
 from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, RefusedError
 
 _STATUS: dict[type[Exception], int] = {
     UnknownDriveError: 404,
     LimitError: 422,
+    UnavailableError: 503,
     BenchError: 422,
     RefusedError: 409,
     ConnectError: 503,
@@ -38,11 +39,11 @@ def install(app: FastAPI) -> None:
         return problem(status, str(error))
 
     async def http(request: Request, error: Exception) -> JSONResponse:
-        status = cast(HTTPException, error).status_code
+        status, path = cast(HTTPException, error).status_code, request.url.path[:100]
         if status == HTTPStatus.NOT_FOUND:
-            return problem(status, f"nothing at {request.url.path}; see /docs")
+            return problem(status, f"nothing at {path}; see /docs")
         if status == HTTPStatus.METHOD_NOT_ALLOWED:
-            return problem(status, f"{request.url.path} does not take {request.method}; see /docs")
+            return problem(status, f"{path} does not take {request.method}; see /docs")
         return problem(status, str(cast(HTTPException, error).detail))
 
     async def invalid(_request: Request, error: Exception) -> JSONResponse:
@@ -62,4 +63,4 @@ def _sentence(item: dict[str, object]) -> str:
     where = ".".join(str(part) for part in cast(tuple[object, ...], item.get("loc", ())) if part != "body") or "body"
     if item.get("type") == "json_invalid":
         return "the body is not JSON"
-    return f"{where}: {item.get('msg')}, got {item.get('input')!r}"
+    return f"{where}: {item.get('msg')}, got {shown(item.get('input'))}"

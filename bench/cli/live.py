@@ -1,7 +1,9 @@
 """A drive's live estimates as a table in the terminal, over the service's REST interface."""
 
+import contextlib
 import time
-from typing import Any
+from typing import Any, cast
+from urllib.parse import quote
 
 import httpx
 from rich.console import Console
@@ -18,11 +20,11 @@ _TIMEOUT = 3.0  # s for one answer
 def show(name: str, service: str, *, once: bool) -> None:
     """Print the table once, or keep it up to date until Ctrl-C. Raises BenchError when the service says no."""
     console = Console()
-    with httpx.Client(base_url=service, timeout=_TIMEOUT) as client:
+    with httpx.Client(timeout=_TIMEOUT) as client:
         if once:
             console.print(_table(_get(client, name, service)))
             return
-        with Live(console=console, auto_refresh=False) as live:
+        with contextlib.suppress(KeyboardInterrupt), Live(console=console, auto_refresh=False) as live:
             while True:
                 live.update(_table(_get(client, name, service)), refresh=True)
                 time.sleep(_PERIOD)
@@ -30,13 +32,15 @@ def show(name: str, service: str, *, once: bool) -> None:
 
 def _get(client: httpx.Client, name: str, service: str) -> dict[str, Any]:
     try:
-        response = client.get(f"/api/drives/{name}/estimates")
+        response = client.get(f"{service.rstrip('/')}/api/drives/{quote(name, safe='')}/estimates")
         content = response.json()
     except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
         raise BenchError(f"no bench service answers at {service}: {error}") from None
-    if not response.is_success:
-        raise BenchError(str(content.get("detail", response.reason_phrase)))
-    return content
+    if response.is_success and isinstance(content, dict) and "estimates" in content:
+        return cast(dict[str, Any], content)
+    if isinstance(content, dict) and "detail" in content:
+        raise BenchError(str(cast(dict[str, Any], content)["detail"]))
+    raise BenchError(f"expected a bench service at {service}, got another answer ({response.status_code})")
 
 
 def _table(content: dict[str, Any]) -> Table:

@@ -91,10 +91,8 @@ def main() -> None:
     except (BenchError, DriveError) as error:
         print(f"pmsm-bench: {error}", file=sys.stderr)
         sys.exit(2)
-    except typer.Abort:
-        sys.exit(0)
-    except KeyboardInterrupt:
-        sys.exit(0)
+    except (typer.Abort, KeyboardInterrupt):
+        sys.exit(130)
     except Exception as error:  # noqa: BLE001
         _unexpected(error)
     sys.exit(status if isinstance(status, int) else 0)
@@ -104,7 +102,8 @@ def _unexpected(error: Exception) -> None:
     """Usage errors of the command-line library are sentences; anything else is our fault, and said as such."""
     format_message = getattr(error, "format_message", None)
     if format_message is not None:
-        print(f"pmsm-bench: {format_message()} (see --help)", file=sys.stderr)
+        if said := format_message():  # nothing where the help has been shown instead
+            print(f"pmsm-bench: {said} (see --help)", file=sys.stderr)
         sys.exit(2)
     print(f"pmsm-bench failed: {type(error).__name__}: {error}; please report this", file=sys.stderr)
     sys.exit(1)

@@ -31,13 +31,14 @@ def run(
 ) -> None:
     """Replay a recording, print what its last window says, write what was asked for."""
     machine = load_machine(nominal) if nominal is not None else Nominal({})
-    change: dict[str, object] = {"length": window or MAX_LENGTH, "periods_per_row": periods}
+    change: dict[str, object] = {"length": MAX_LENGTH if window is None else window, "periods_per_row": periods}
     if estimated is not None:
         change["estimated"] = [name.strip() for name in estimated.split(",") if name.strip()]
     settings = Window(held=machine.given).changed(change)
     hop = every if every is not None else max(1, (window or 1000) // 10)
     if hop < 1:
         raise ConfigError(f"--every: expected at least 1 row, got {hop}")
+    _check_outputs(file, json_out, csv_out)
     with (
         open_recording(
             file, mapping=_pairs("--map", mapping, str), constants=_pairs("--set", constants, float), T_s=machine.T_s,
@@ -50,6 +51,17 @@ def run(
     if json_out is not None:
         with _written(json_out):
             json_out.write_text(json.dumps(as_json(replayed), indent=2) + "\n", encoding="utf-8")
+
+
+def _check_outputs(file: Path, *outputs: Path | None) -> None:
+    """Refuse, before anything is opened, an output that would overwrite the recording or the other output."""
+    taken = [file.resolve()]
+    for path in outputs:
+        if path is None:
+            continue
+        if path.resolve() in taken:
+            raise ConfigError(f"{path}: expected a file of its own, this is the recording or the other output")
+        taken.append(path.resolve())
 
 
 def _pairs(option: str, items: Sequence[str], convert: Callable[[str], T]) -> dict[str, T]:
@@ -101,8 +113,9 @@ def _written(path: Path) -> Generator[None]:
 def _print(replayed: Replay) -> None:
     console = Console(highlight=False)
     summary, result = replayed.recording, replayed.result
+    title = f"{summary.path}: {summary.used} of {summary.rows} rows used, {summary.duration:.6g} s"
+    console.print(title, soft_wrap=True, markup=False)
     table = Table(
-        title=f"{summary.path}: {summary.used} of {summary.rows} rows used, {summary.duration:.6g} s",
         caption=f"last window: {result.samples} samples, {replayed.window.periods_per_row} periods per row, "
         f"{result.gaps} gaps" + (f", residual {result.residual_rms:.3g} V" if result.residual_rms is not None else ""),
     )
@@ -112,4 +125,4 @@ def _print(replayed: Replay) -> None:
         table.add_row(name, *row_cells(asdict(estimate)))
     console.print(table)
     for remark in summary.remarks():
-        console.print(remark)
+        console.print(remark, soft_wrap=True, markup=False)

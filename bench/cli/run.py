@@ -6,8 +6,10 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from types import FrameType
 
 from rich.console import Console
 
@@ -15,12 +17,13 @@ from bench.config import Config, emulated
 from bench.errors import ConfigError
 
 _READY_TIMEOUT = 180.0  # s, the first start compiles
+_END = 3.0  # s for the emulated drive to end before it is made to
 _console = Console(highlight=False, soft_wrap=True)
 
 
 def run_service(config: Config, port: int | None) -> None:
     """Serve until SIGINT or SIGTERM."""
-    with _listening(config, port) as listener:
+    with _until_told(), _listening(config, port) as listener:
         _serve(config, listener)
 
 
@@ -32,8 +35,29 @@ def run_emulator(url: str, scenario: str) -> int:
 def run_both(url: str, scenario: str, port: int | None) -> None:
     """An emulated drive in a process of its own, and the service over it."""
     config = emulated(url)
-    with _listening(config, port) as listener, _emulator(url, scenario):
+    with _until_told(), _listening(config, port) as listener, _emulator(url, scenario):
         _serve(config, listener)
+
+
+@contextlib.contextmanager
+def _until_told() -> Generator[None]:
+    """What runs inside ends in good order at Ctrl-C, SIGTERM or a closed terminal, which is no failure."""
+    hang_up = getattr(signal, "SIGHUP", None)  # not on every system
+    with contextlib.suppress(KeyboardInterrupt), _handling(signal.SIGTERM, signal.default_int_handler):
+        if hang_up is None or signal.getsignal(hang_up) is signal.SIG_IGN:  # nohup
+            yield
+        else:
+            with _handling(hang_up, lambda _number, _frame: signal.raise_signal(signal.SIGTERM)):
+                yield
+
+
+@contextlib.contextmanager
+def _handling(number: int, handler: Callable[[int, FrameType | None], object]) -> Generator[None]:
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
 
 
 @contextlib.contextmanager
@@ -72,27 +96,27 @@ def _exec(url: str, scenario: str) -> int:
 @contextlib.contextmanager
 def _emulator(url: str, scenario: str) -> Generator[None]:
     """The emulated drive's process, once it says that it is on its bus. Raises ConfigError when it cannot be."""
-    process = subprocess.Popen(
-        _emulator_command(url, scenario), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    with tempfile.TemporaryFile("w+") as errors, subprocess.Popen(  # a pipe that nobody reads would stop it when full
+        _emulator_command(url, scenario), stdout=subprocess.PIPE, stderr=errors, text=True,
         start_new_session=True,  # Ctrl-C reaches the service alone, which then ends the drive
-    )
-    try:
-        with _console.status("preparing the emulated drive (compiles at the first start)"):
-            line = _first_line(process)
-        if line is None:
-            process.kill()
-            _, errors = process.communicate()
-            raise ConfigError(errors.strip().removeprefix("pmsm-bench emulate: ") or "the emulated drive did not start")
-        _console.print(line)
-        yield
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGTERM)
+    ) as process:
         try:
-            process.communicate(timeout=5.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.communicate()
+            with _console.status("preparing the emulated drive (compiles at the first start)"):
+                line = _first_line(process)
+            if line is None:
+                process.kill()
+                process.wait()
+                errors.seek(0)
+                said = errors.read().strip().removeprefix("pmsm-bench emulate: ")
+                raise ConfigError(said or "the emulated drive did not start")
+            _console.print(line)
+            yield
+        finally:
+            process.terminate()
+            try:
+                process.wait(_END)
+            except subprocess.TimeoutExpired:
+                process.kill()
 
 
 def _first_line(process: "subprocess.Popen[str]") -> str | None:

@@ -3,6 +3,7 @@
 Bench and virtual drive stand at two ends of the same URL. Pure; opens nothing.
 """
 
+import re
 from dataclasses import dataclass, field
 from urllib.parse import parse_qsl, urlsplit
 
@@ -41,10 +42,10 @@ def parse_can_url(url: str) -> CanUrl:
         raise ValueError(f"expected a URL that starts with canopen://, got {url!r}")
     interface, *middle, node = fields
     if interface == "socketcand":
-        if len(middle) != 2:
+        if len(middle) != 2 or not middle[1]:
             raise ValueError(f"expected canopen://socketcand/HOST:PORT/CHANNEL/NODE, got {url!r}")
         host, _, port = middle[0].rpartition(":")
-        if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        if not host or not _counts_to(65535, port):
             raise ValueError(f"expected HOST:PORT with a port of 1 to 65535 in {url!r}, got {middle[0]!r}")
         return CanUrl(interface, middle[1], _node_id(node, url), host, int(port), options)
     if not interface or len(middle) != 1 or not middle[0]:
@@ -53,6 +54,11 @@ def parse_can_url(url: str) -> CanUrl:
 
 
 def _node_id(text: str, url: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 127:
+    if not _counts_to(127, text):
         raise ValueError(f"expected a node of 1 to 127 at the end of {url!r}, got {text!r}")
     return int(text)
+
+
+def _counts_to(highest: int, text: str) -> bool:
+    """Whether the text is a number of 1 to `highest`, five digits at most."""
+    return re.fullmatch("[0-9]{1,5}", text) is not None and 1 <= int(text) <= highest

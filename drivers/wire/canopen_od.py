@@ -3,6 +3,7 @@
 Standards: CiA 301 (application layer), CiA 306 (electronic data sheet). Pure: bytes and text.
 """
 
+import struct
 from typing import Final
 
 from drivers.wire.dictionary import SIGNALS, Signal, WireType, signal_named
@@ -62,6 +63,16 @@ def sdo_request_cob_id(node_id: int) -> int:
 def sdo_response_cob_id(node_id: int) -> int:
     """Identifier of the server's SDO answers."""
     return 0x580 + node_id
+
+
+def sdo_address(index: int, subindex: int) -> bytes:
+    """Bytes 1 to 3 of an SDO frame: the object that it is about."""
+    return struct.pack("<HB", index, subindex)
+
+
+def sdo_downloaded(index: int, subindex: int) -> bytes:
+    """Bytes 0 to 3 of the server's answer when an object has been written."""
+    return b"\x60" + sdo_address(index, subindex)
 
 
 def heartbeat_cob_id(node_id: int) -> int:

@@ -49,10 +49,10 @@ def encode(signal: Signal, value: float, full: FullScales) -> bytes:
         except OverflowError:
             raise ValueError(f"{signal} takes a 32-bit float, got {value}") from None
     low, high = _INTEGER_RANGE[signal.type]
-    raw = round(value / count_size(signal, full))
-    if signal.access == "rw" and not low <= raw <= high:
-        raise ValueError(f"{signal} takes {low} to {high}, got {raw}")
-    return struct.pack(signal.type.struct_format, min(max(raw, low), high))
+    counts = value / count_size(signal, full)
+    if signal.access == "rw" and not low - 0.5 <= counts <= high + 0.5:
+        raise ValueError(f"{signal} takes {low} to {high}, got {counts:g}")
+    return struct.pack(signal.type.struct_format, round(min(max(counts, low), high)))
 
 
 def _shortest(value: float) -> float:

@@ -10,6 +10,7 @@ Currents, voltages and speed travel as 16-bit counts of a full scale that the dr
 
 import math
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
@@ -134,9 +135,9 @@ def signal_at(index: int, subindex: int) -> Signal | None:
     return _BY_ADDRESS.get((index, subindex))
 
 
-def layout_id() -> int:
+def layout_id(signals: Iterable[Signal] = SIGNALS) -> int:
     """Checksum (CRC-32) over addresses, types and scales: two ends with the same value read the same bytes alike."""
     text = "\n".join(
-        f"{s.name} {s.index:04X}:{s.subindex} {s.type.name} {s.unit} {s.scale!r} {s.full_scale}" for s in SIGNALS
+        f"{s.name} {s.index:04X}:{s.subindex} {s.type.name} {s.unit} {s.scale!r} {s.full_scale}" for s in signals
     )
     return zlib.crc32(text.encode("ascii"))

@@ -1,0 +1,74 @@
+"""A TCP relay between a client and a drive's bus, so that a test can cut the line while both ends live."""
+
+import contextlib
+import socket
+import threading
+from collections.abc import Generator
+
+from tests.conftest import free_port
+
+
+class Relay:
+    """Passes bytes both ways between clients of `port` and a server, while the line is up."""
+
+    def __init__(self, server_port: int) -> None:
+        self.port = free_port()
+        self._server_port = server_port
+        self._listener: socket.socket | None = None
+        self._pairs = list[socket.socket]()
+        self._threads = list[threading.Thread]()
+
+    def mend(self) -> None:
+        """Let clients connect."""
+        self._listener = socket.create_server(("127.0.0.1", self.port))
+        self._begin(self._accept, self._listener)
+
+    def cut(self) -> None:
+        """Drop the clients and refuse new ones."""
+        if self._listener is not None:
+            with contextlib.suppress(OSError):
+                self._listener.shutdown(socket.SHUT_RDWR)
+            self._listener.close()
+        for end in self._pairs:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+        for thread in self._threads:
+            thread.join(5.0)
+        for end in self._pairs:
+            end.close()
+        self._pairs, self._threads = [], []
+
+    def _begin(self, target: object, *args: socket.socket) -> None:
+        assert callable(target)
+        thread = threading.Thread(target=target, args=args)
+        self._threads.append(thread)
+        thread.start()
+
+    def _accept(self, listener: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                client, _ = listener.accept()
+                server = socket.create_connection(("127.0.0.1", self._server_port))
+                self._pairs += [client, server]
+                self._begin(self._pass, client, server)
+                self._begin(self._pass, server, client)
+
+    @staticmethod
+    def _pass(source: socket.socket, sink: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while data := source.recv(1 << 16):
+                sink.sendall(data)
+        for end in (source, sink):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+
+@contextlib.contextmanager
+def relayed(server_port: int) -> Generator[Relay]:
+    """A relay whose line is up."""
+    relay = Relay(server_port)
+    relay.mend()
+    try:
+        yield relay
+    finally:
+        relay.cut()

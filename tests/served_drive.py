@@ -1,0 +1,127 @@
+"""A virtual drive on a CAN bus, for tests: in this process or in one of its own."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from drivers.block import Block
+from drivers.drive import Drive
+from drivers.wire.can_url import parse_can_url
+from emulator.canopen_server import CanopenNode
+from emulator.scenarios import PAPER, Scenario
+from emulator.virtual_drive import StreamRows, VirtualDrive
+from tests.conftest import bus_url, free_port
+
+PATIENCE = 15.0  # s
+READY = 120.0  # s, the first start compiles
+_BURST = 97  # control periods; a row is under way at the end of nearly every burst
+
+
+@dataclass
+class Served:
+    """A drive at a URL. Its time passes in bursts, as fast as its bus is served, whatever the wall clock says."""
+
+    url: str
+    drive: VirtualDrive
+    node: CanopenNode
+    rows: list[StreamRows] = field(default_factory=list[StreamRows])  # all that it has sent or could have
+    running: threading.Event = field(default_factory=threading.Event)
+    _end: threading.Event = field(default_factory=threading.Event)
+
+    def run(self) -> None:
+        """Let time pass until `end`; it stands still while `running` is clear."""
+        while not self._end.wait(0.004):
+            if self.running.is_set():
+                self.step(_BURST)
+
+    def step(self, periods: int) -> None:
+        rows = self.drive.run(periods)
+        self.rows.append(rows)
+        self.node.publish(rows)
+
+    def end(self) -> None:
+        self._end.set()
+
+    def produced(self) -> dict[str, np.ndarray]:
+        """Every row of the drive by column name."""
+        rows = list(self.rows)
+        return {f.name: np.concatenate([getattr(part, f.name) for part in rows]) for f in fields(StreamRows)}
+
+
+@contextlib.contextmanager
+def served(url: str, scenario: Scenario = PAPER) -> Generator[Served]:
+    """A virtual drive at a URL, in this process."""
+    drive = VirtualDrive(scenario)
+    drive.warm_up()
+    with CanopenNode(drive, parse_can_url(url)) as node:
+        bench = Served(url, drive, node)
+        bench.step(_BURST)
+        bench.running.set()
+        thread = threading.Thread(target=bench.run, name="drive's time")
+        thread.start()
+        try:
+            yield bench
+        finally:
+            bench.end()
+            thread.join()
+
+
+def virtual_url() -> str:
+    """A node on a bus of its own inside this process."""
+    return f"canopen://virtual/{uuid.uuid4().hex}/5"
+
+
+def tcp_url() -> str:
+    """A node on a bus at a free TCP port."""
+    return bus_url(free_port())
+
+
+@contextlib.contextmanager
+def emulator(*arguments: str) -> Generator["subprocess.Popen[str]"]:
+    """`python -m emulator` as a process, killed at the end where it still runs."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "emulator", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGKILL)
+        process.communicate(timeout=PATIENCE)
+
+
+def ready(process: "subprocess.Popen[str]") -> str:
+    """The line with which the emulator says that it is there."""
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    assert line, process.communicate(timeout=PATIENCE)
+    return line
+
+
+def until(happened: Callable[[], bool], what: str) -> None:
+    """Return when it has happened; fail when it does not."""
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.005)
+
+
+def first_blocks(drive: Drive, rows: int) -> list[Block]:
+    """The blocks of a stream until so many rows have come."""
+    blocks = list[Block]()
+    stream = drive.stream()
+    for block in stream:
+        blocks.append(block)
+        if sum(map(len, blocks)) >= rows:
+            break
+    with contextlib.suppress(AttributeError):
+        stream.close()  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType]
+    return blocks

@@ -1,0 +1,151 @@
+"""The reference at /docs and the OpenAPI document it is made from, as a running bench serves them."""
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from typing import Any, cast
+
+import httpx
+import pytest
+
+from bench.api.docs import example
+from bench.api.models import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
+from bench.window import Window
+from tests.conftest import RunningBench
+
+ROUTES = {
+    ("get", "/api/drives"), ("get", "/api/drives/{name}"), ("get", "/api/drives/{name}/estimates"),
+    ("get", "/api/drives/{name}/window"), ("put", "/api/drives/{name}/window"), ("get", "/api/drives/{name}/stream"),
+    ("get", "/api/health"),
+}
+
+
+class Page(HTMLParser):
+    """What a page refers to, what it names, and whether its tags are closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.addresses = list[str]()
+        self.names = set[str]()
+        self.tags = list[str]()
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.addresses += [given[key] or "" for key in ("href", "src", "action") if key in given]
+        self.names |= {given["id"] or ""} if "id" in given else set()
+        if tag not in ("meta", "link"):
+            self.tags.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.tags.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def document(running_bench: RunningBench) -> dict[str, Any]:
+    return httpx.get(f"{running_bench.url}/openapi.json").json()
+
+
+@pytest.fixture(scope="module")
+def page(running_bench: RunningBench) -> Page:
+    response = httpx.get(f"{running_bench.url}/docs")
+    assert response.status_code == 200
+    assert response.headers["content-type"].startswith("text/html")
+    assert not re.search(r"@import|url\(|<script", response.text)
+    return Page(response.text)
+
+
+def references(part: object) -> Iterator[str]:
+    """Every $ref in a document."""
+    if isinstance(part, dict):
+        for key, value in cast(dict[str, object], part).items():
+            if key == "$ref":
+                yield str(value)
+            yield from references(value)
+    elif isinstance(part, list):
+        for item in cast(list[object], part):
+            yield from references(item)
+
+
+def test_the_document_has_every_route_and_refers_to_nothing_that_is_not_there(document: dict[str, Any]) -> None:
+    assert document["openapi"].startswith("3.")
+    paths = document["paths"]
+    operations = {(method, path): told for path, methods in paths.items() for method, told in methods.items()}
+    assert set(operations) == ROUTES
+    assert len({told["operationId"] for told in operations.values()}) == len(operations)
+    for (_, path), told in operations.items():
+        assert set(told["responses"]) >= {"200", "default"}
+        assert ("404" in told["responses"]) == ("{name}" in path)
+        assert [parameter["name"] for parameter in told.get("parameters", [])] == re.findall(r"{(\w+)}", path)
+    shapes = document["components"]["schemas"]
+    assert {f"#/components/schemas/{name}" for name in shapes} >= set(references(document))
+    assert "HTTPValidationError" not in shapes  # refusals are problem documents
+
+
+def test_refusals_and_bodies_are_described(document: dict[str, Any]) -> None:
+    change = document["paths"]["/api/drives/{name}/window"]["put"]
+    assert set(change["responses"]) == {"200", "404", "422", "503", "default"}
+    assert "application/problem+json" in change["responses"]["422"]["content"]
+    shape = document["components"]["schemas"]["WindowChangeModel"]
+    assert set(shape["properties"]) == {"length", "periods_per_row", "estimated", "held"}
+    for body in shape["examples"]:
+        Window().changed(body)
+
+
+@pytest.mark.parametrize("model", [DriveModel, EstimatesModel, WindowModel, SnapshotModel, HealthModel])
+def test_examples_are_of_the_shape_they_explain(document: dict[str, Any], model: Any) -> None:
+    shapes = document["components"]["schemas"]
+    made = example(shapes[model.__name__], shapes)
+    assert model.model_validate_json(json.dumps(made))
+    assert '"minimum": 0' not in json.dumps(made)  # a field's own example comes before its shape's
+
+
+def test_the_page_needs_no_address_but_the_services_own(page: Page) -> None:
+    assert page.tags == []
+    assert page.addresses
+    for address in page.addresses:
+        assert address.startswith(("#", "/")), address
+        assert not address.startswith("//"), address
+        assert not address.startswith("#") or address[1:] in page.names
+
+
+def test_the_page_shows_every_route_and_every_shape(page: Page, document: dict[str, Any]) -> None:
+    for method, path in ROUTES:
+        told = document["paths"][path][method]
+        assert path in page.text
+        assert told["description"] in page.text
+    for name, shape in document["components"]["schemas"].items():
+        assert f"shape-{name}" in page.names
+        for field, told in shape["properties"].items():
+            assert field in page.text
+            assert told.get("description", "") in page.text
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
+def test_the_commands_of_the_page_work_as_they_stand(page: Page, running_bench: RunningBench) -> None:
+    before = httpx.get(f"{running_bench.url}/api/drives/emulated/window").json()
+    commands = re.findall(r"^\s*(?:Try it)?(curl .*?)(?:Answers|$)", page.text.replace("curl", "\ncurl"), re.MULTILINE)
+    assert len(commands) == len(ROUTES)
+    for command in commands:
+        arguments = shlex.split(command)
+        if "-N" in arguments:
+            arguments += ["--max-time", "0.5"]
+        arguments += ["--silent", "--fail"]
+        done = subprocess.run(arguments, capture_output=True, text=True, timeout=10, check=False)
+        assert done.returncode == (28 if "-N" in arguments else 0), done  # 28: an endless answer, cut
+        assert done.stdout.startswith("event: snapshot" if "-N" in arguments else "{")
+    put_back = {key: before[key] for key in before if key != "limits"}
+    assert httpx.put(f"{running_bench.url}/api/drives/emulated/window", json=put_back).status_code == 200
+
+
+def test_names_of_hosts_and_drives_are_text_on_the_page(running_bench: RunningBench) -> None:
+    text = httpx.get(f"{running_bench.url}/docs", headers={"Host": "x<script>alert(1)</script>"}).text
+    assert "<script" not in text

@@ -1,0 +1,276 @@
+"""The CANopen client against the virtual drive, the same over every transport: identity, values, refusals."""
+
+import contextlib
+import queue
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from drivers.connect import connect
+from drivers.drive import Drive
+from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, RefusedError
+from drivers.wire import canopen_od as od
+from drivers.wire.can_url import parse_can_url
+from drivers.wire.dictionary import SIGNALS, layout_id
+from emulator.canopen_server import CanopenNode
+from emulator.scenarios import PAPER
+from emulator.virtual_drive import VirtualDrive
+from tests.served_drive import PATIENCE, emulator, first_blocks, ready, served, tcp_url, virtual_url
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the drive of this transport is."""
+
+    url: str
+
+
+@pytest.fixture(scope="module", params=["virtual", "socketcand", "process"])
+def place(request: pytest.FixtureRequest) -> Iterator[Place]:
+    if request.param == "process":
+        url = tcp_url()
+        with emulator("--at", url) as process:
+            ready(process)
+            yield Place(url)
+    else:
+        with served(virtual_url() if request.param == "virtual" else tcp_url()) as drive:
+            yield Place(drive.url)
+
+
+@pytest.fixture(scope="module")
+def drive(place: Place) -> Iterator[Drive]:
+    with connect(place.url) as connected:
+        yield connected
+
+
+def in_threads(work: list[Callable[[], None]]) -> None:
+    """Do all at once; the first failure is raised."""
+    failures: queue.SimpleQueue[BaseException] = queue.SimpleQueue()
+
+    def guarded(job: Callable[[], None]) -> None:
+        try:
+            job()
+        except BaseException as error:  # noqa: BLE001 - raised again below
+            failures.put(error)
+
+    threads = [threading.Thread(target=guarded, args=(job,)) for job in work]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE)
+    if not failures.empty():
+        raise failures.get()
+
+
+def test_a_drive_says_who_it_is(drive: Drive) -> None:
+    identity = drive.identity
+    assert identity.device_name == "pmsm-bench virtual drive"
+    assert (identity.vendor_id, identity.product_code, identity.revision) == (0, 0x504D534D, 1)
+    assert identity.layout_id == layout_id()
+    assert (identity.T_s, identity.i_full, identity.u_full) == (1e-4, 24.0, 387.5)
+    assert identity.omega_full == pytest.approx(PAPER.drive.omega_full, rel=1e-6)
+
+
+def test_every_signal_can_be_read(drive: Drive) -> None:
+    values = {signal.name: drive.read(signal.name) for signal in SIGNALS}
+    assert values["u_dc"] == pytest.approx(310.0, abs=387.5 / 65536)
+    assert values["temp_winding"] == pytest.approx(23.4)
+    assert (values["control_R_s"], values["control_L_d"], values["n_p"]) == (0.9664, 4.24e-3, 4.0)
+    assert 0.0 <= values["theta_e"] < 6.2832
+
+
+def test_a_written_value_is_read_back_the_same(drive: Drive) -> None:
+    for name, value in (("i_q_ref", 1.25), ("bandwidth", 1000.0), ("control_L_q", 0.0061), ("stream_periods", 20.0)):
+        before = drive.read(name)
+        drive.write(name, value)
+        assert drive.read(name) == value
+        drive.write(name, before)
+        assert drive.read(name) == before
+
+
+def test_the_parameters_are_all_that_can_be_written(drive: Drive) -> None:
+    parameters = drive.parameters()
+    assert set(parameters) == {signal.name for signal in SIGNALS if signal.access == "rw"}
+    assert all(drive.read(name) == value for name, value in parameters.items())
+
+
+@pytest.mark.parametrize("name", ["i_d", "T_s", "tick", "layout_id", "temp_magnet"])
+def test_what_is_only_measured_cannot_be_written(drive: Drive, name: str) -> None:
+    with pytest.raises(RefusedError, match=rf"\({name}\) is (ro|const), it cannot be written") as caught:
+        drive.write(name, 1.0)
+    assert caught.value.code == 0x06010002
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("stream_periods", 4.0, r"0x2000:4 \(stream_periods\) takes at least 5 1, got 4"),
+        ("bandwidth", 1e9, r"0x2200:6 \(bandwidth\) takes at most 10000.0 rad/s, got 1"),
+        ("control_R_s", 0.0, r"0x2200:2 \(control_R_s\) takes at least 0.0001 ohm, got 0.0"),
+        ("i_q_ref", float("nan"), r"0x2300:2 \(i_q_ref\) takes a finite number, got nan"),
+        ("i_q_ref", 1e40, r"0x2300:2 \(i_q_ref\) takes a 32-bit float, got 1e\+40"),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_before_the_wire(
+    drive: Drive, name: str, value: float, sentence: str
+) -> None:
+    before = drive.read(name)
+    with pytest.raises(RefusedError, match=sentence) as caught:
+        drive.write(name, value)
+    assert caught.value.code == 0x06090030
+    assert drive.read(name) == before
+
+
+def test_a_value_that_this_drive_refuses_is_told_with_node_object_and_code(drive: Drive) -> None:
+    before = drive.read("i_q_ref")
+    with pytest.raises(RefusedError, match=r"node 5 on .* answered SDO abort 0x06090030 to 0x2300:2 \(i_q_ref\): ."):
+        drive.write("i_q_ref", 12.5)  # its current limit is 12 A
+    assert drive.read("i_q_ref") == before
+
+
+def test_an_unknown_name_is_told_with_the_names_there_are(drive: Drive) -> None:
+    for call in (lambda: drive.read("torque"), lambda: drive.write("torque", 1.0)):
+        with pytest.raises(KeyError, match="the drive has no signal 'torque'; it has T_s, bandwidth"):
+            call()
+
+
+def test_four_threads_at_once_each_get_their_own_values(drive: Drive) -> None:
+    drive.write("stream_periods", 10.0)
+    expected = {"T_s": 1e-4, "stream_periods": 10.0, "u_full": 387.5, "control_R_s": 0.9664}
+
+    def reading(name: str, value: float) -> Callable[[], None]:
+        def job() -> None:
+            assert {drive.read(name) for _ in range(100)} == {value}
+        return job
+
+    in_threads([reading(name, value) for name, value in expected.items()])
+
+
+def test_two_clients_on_one_bus_each_get_their_own_values(drive: Drive, place: Place) -> None:
+    drive.write("stream_periods", 10.0)
+    with connect(place.url) as other:
+        def one() -> None:
+            assert {drive.read("control_R_s") for _ in range(100)} == {0.9664}
+
+        def two() -> None:
+            assert {other.read("u_full") for _ in range(100)} == {387.5}
+
+        in_threads([one, two])
+
+
+def test_a_drive_can_be_closed_twice_and_then_answers_nothing(place: Place) -> None:
+    drive = connect(place.url)
+    drive.close()
+    drive.close()
+    with pytest.raises(LostError, match="no longer takes frames"):
+        drive.read("i_d")
+    assert list(drive.stream()) == []
+
+
+def test_connecting_again_and_again_leaves_nothing_behind(place: Place) -> None:
+    threads = threading.active_count()
+    for _ in range(3):
+        with connect(place.url) as drive:
+            assert len(first_blocks(drive, 5)) > 0
+    assert threading.active_count() <= threads + 2  # the server's own, of a client that has just left
+
+
+def test_a_node_that_is_not_there_is_told_in_time(place: Place) -> None:
+    url = place.url.removesuffix("/5") + "/6"
+    begun = time.monotonic()
+    with pytest.raises(ConnectError, match=r"no node 6 answered on (virtual|socketcand) .* within 0.9 s"):
+        connect(url)
+    assert time.monotonic() - begun < 2.0
+
+
+@pytest.mark.parametrize(
+    ("interface", "sentence"),
+    [("nonsense", "no CAN bus nonsense can0: "), ("socketcan", "no CAN bus socketcan no-such-bus: ")],
+)
+def test_a_bus_that_is_not_there_is_a_connect_error(interface: str, sentence: str) -> None:
+    channel = "can0" if interface == "nonsense" else "no-such-bus"
+    with pytest.raises(ConnectError, match=sentence):
+        connect(f"canopen://{interface}/{channel}/5")
+
+
+def test_a_port_without_a_server_is_a_connect_error_at_once() -> None:
+    begun = time.monotonic()
+    with pytest.raises(ConnectError, match=r"nothing serves a CAN bus at 127.0.0.1:\d+: Connection refused"):
+        connect(tcp_url())
+    assert time.monotonic() - begun < 1.0
+
+
+@pytest.mark.parametrize("host", ["x" * 70, "a..b"])
+def test_a_host_that_cannot_be_is_a_connect_error(host: str) -> None:
+    with pytest.raises(ConnectError, match="nothing serves a CAN bus at"):
+        connect(f"canopen://socketcand/{host}:29536/can0/5")
+
+
+@pytest.mark.parametrize(
+    ("greeting", "sentence"),
+    [
+        (b"HTTP/1.1 400 Bad Request\r\n", r"127.0.0.1:\d+ is no socketcand: expected '< hi >', got 'HTTP/1.1 400"),
+        (b"", r"127.0.0.1:\d+ is no socketcand: expected '< hi >', got nothing"),
+        (None, r"nothing serves a CAN bus at 127.0.0.1:\d+: timed out"),
+    ],
+)
+def test_a_port_that_serves_something_else_is_a_connect_error(greeting: bytes | None, sentence: str) -> None:
+    with contextlib.ExitStack() as open_sockets:
+        listener = open_sockets.enter_context(socket.create_server(("127.0.0.1", 0)))
+
+        def answer() -> None:
+            connection = open_sockets.enter_context(listener.accept()[0])
+            if greeting is not None:
+                connection.sendall(greeting)
+                connection.shutdown(socket.SHUT_WR)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(ConnectError, match=sentence):
+            connect(f"canopen://socketcand/127.0.0.1:{listener.getsockname()[1]}/can0/5")
+        thread.join(PATIENCE)
+
+
+def test_a_bus_of_another_name_is_a_connect_error() -> None:
+    with (
+        served(tcp_url()) as bench,
+        pytest.raises(ConnectError, match="has no bus 'can7': it answered '< error could not open bus >'"),
+    ):
+        connect(bench.url.replace("can0", "can7"))
+
+
+class OtherNode(CanopenNode):
+    """A node whose answers to some objects are other than this drive's."""
+
+    def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
+        if (index, subindex) == (0x2000, 1):
+            return (layout_id() ^ 1).to_bytes(4, "little")
+        return super().get_data(index, subindex, check_readable)
+
+
+def test_a_node_with_another_layout_is_a_connect_error() -> None:
+    url = virtual_url()
+    with (
+        OtherNode(VirtualDrive(PAPER), parse_can_url(url)),
+        pytest.raises(ConnectError, match=rf"'pmsm-bench virtual drive'\) has another signal layout: expected "
+                                          rf"0x{layout_id():08X}, got 0x{layout_id() ^ 1:08X}"),
+    ):
+        connect(url)
+
+
+def test_a_write_without_an_answer_goes_out_once() -> None:
+    url, seen = virtual_url(), list[bytes]()
+    with CanopenNode(VirtualDrive(PAPER), parse_can_url(url)) as node, connect(url) as drive:
+        node._on_nmt(0, bytearray([od.NMT_STOP, 5]), 0.0)
+        node._network.subscribe(od.sdo_request_cob_id(5), lambda _id, data, _time: seen.append(bytes(data)))
+        with pytest.raises(NoReplyError, match=r"node 5 on virtual \w+ did not answer for 0x2300:1 \(i_d_ref\)"):
+            drive.write("i_d_ref", 1.0)
+        assert [data for data in seen if data[0] != 0x80] == [bytes.fromhex("230023010000803f")]
+        seen.clear()
+        with pytest.raises(DriveError):
+            drive.read("i_d_ref")
+        assert len([data for data in seen if data[0] != 0x80]) == 3

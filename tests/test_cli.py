@@ -1,0 +1,201 @@
+"""The console script: help, usage errors, what keeps a service from starting, the live table."""
+
+import os
+import pty
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+
+import pytest
+
+from bench.cli.main import main
+from tests.conftest import COMMAND, RunningBench, bus_url, command, free_port
+
+SUBCOMMANDS = ("serve", "emulate", "up", "estimates", "replay")
+
+
+def pmsm_bench(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    """The console script in this process; its exit code."""
+    monkeypatch.setattr(sys, "argv", ["pmsm-bench", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def refused(arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
+    """The one sentence with which the console script refuses."""
+    code = pmsm_bench(monkeypatch, *arguments)
+    out, error = capsys.readouterr()
+    assert (code, out) == (2, "")
+    assert error.startswith("pmsm-bench: ")
+    assert error.count("\n") == 1
+    return error.removeprefix("pmsm-bench: ").rstrip()
+
+
+@contextmanager
+def some_web_server(body: bytes, status: int = 200) -> Generator[str]:
+    """The address of a server that is no bench."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(status)
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the library's name
+            del format, args
+
+    server = HTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,))
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+@pytest.mark.parametrize("name", SUBCOMMANDS)
+def test_every_command_explains_itself(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pmsm_bench(monkeypatch, name, "--help") == 0
+    assert f"pmsm-bench {name}" in capsys.readouterr().out
+
+
+def test_without_a_command_the_help_is_shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pmsm_bench(monkeypatch) == 2
+    out, error = capsys.readouterr()
+    assert all(name in out for name in SUBCOMMANDS)
+    assert error == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nonsense"], "No such command 'nonsense'."),
+        (["serve"], "Missing option '--config'."),
+        (["serve", "--config", "absent.toml"], "absent.toml: cannot be read: No such file or directory"),
+        (["serve", "--bogus"], "No such option: --bogus"),
+        (["up", "--port", "web"], "Invalid value for '--port'"),
+        (["up", "--port", "70000"], "cannot listen on 127.0.0.1:70000: "),
+        (["up", "--port", "-1"], "cannot listen on 127.0.0.1:-1: "),
+        (["estimates"], "Missing argument 'name'."),
+        (["estimates", "x", "--once", "--service", "nowhere"], "no bench service answers at nowhere: "),
+        (["estimates", "x", "--once", "--service", "http://[::1"], "no bench service answers at http://[::1: "),
+        (["replay"], "Missing argument 'file'."),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_is_one_sentence_and_exit_code_2(
+    arguments: list[str], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert refused(arguments, monkeypatch, capsys).startswith(said)
+
+
+def test_a_port_in_use_is_named_with_a_way_round(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        said = refused(["up", "--port", str(port)], monkeypatch, capsys)
+    assert said.startswith(f"cannot listen on 127.0.0.1:{port}: Address already in use; another port: PMSM_BENCH_PORT=")
+
+
+def test_a_port_of_the_environment_that_is_none_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("PMSM_BENCH_PORT", "web")
+    assert refused(["up"], monkeypatch, capsys) == (
+        "environment variable PMSM_BENCH_PORT: expected a port of 0 to 65535, got 'web'"
+    )
+
+
+def test_an_address_that_is_not_this_machines_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "bench.toml"
+    for host in ("192.0.2.1", "no such host", "a" * 70 + ".example"):
+        config.write_text(f'[service]\nhost = "{host}"\n[drives.a]\nurl = "{bus_url(5)}"\n', encoding="utf-8")
+        assert refused(["serve", "--config", str(config)], monkeypatch, capsys).startswith(
+            f"cannot listen on {host}:8080: "
+        )
+
+
+def test_an_emulated_drive_that_cannot_be_keeps_both_from_starting() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken, ExitStack() as stack:
+        port = taken.getsockname()[1]
+        cases = [
+            (["--at", "http://x"], "expected a URL that starts with canopen://, got 'http://x'"),
+            (["--at", "canopen://socketcand/x/5"], "expected canopen://socketcand/HOST:PORT/CHANNEL/NODE, got"),
+            (["--scenario", "absent.toml"], "absent.toml: no such file"),
+            (["--at", bus_url(port)], f"cannot serve a CAN bus at 127.0.0.1:{port}: Address already in use"),
+        ]
+        at_once = [
+            (stack.enter_context(command("up", "--port", str(free_port()), *arguments)), said)
+            for arguments, said in cases
+        ]
+        for process, said in at_once:
+            _, error = process.communicate(timeout=60.0)
+            assert process.returncode == 2
+            assert error.startswith(f"pmsm-bench: {said}")
+            assert error.count("\n") == 1
+
+
+def test_the_table_of_a_drive_shows_every_parameter_with_its_interval(running_bench: RunningBench) -> None:
+    done = subprocess.run(
+        [*COMMAND, "estimates", "emulated", "--once", "--service", running_bench.url],
+        capture_output=True, text=True, timeout=60, check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "± 95 %" in done.stdout
+    for name, unit in (("R_s", "ohm"), ("L_d", "mH"), ("L_q", "mH"), ("psi_f", "mVs")):
+        (row,) = [line for line in done.stdout.splitlines() if f" {name} " in line]
+        assert unit in row
+
+
+def test_a_live_table_ends_with_ctrl_c_and_no_complaint(running_bench: RunningBench) -> None:
+    terminal, end = pty.openpty()
+    with os.fdopen(terminal, "rb", buffering=0) as screen, os.fdopen(end, "wb") as stdout:
+        process = subprocess.Popen(
+            [*COMMAND, "estimates", "emulated", "--service", running_bench.url], stdout=stdout, stderr=subprocess.PIPE,
+        )
+        shown = b""
+        while shown.count(b"emulated: ok") < 3:  # drawn again and again
+            shown += screen.read(4096)
+        process.send_signal(signal.SIGINT)
+        while select.select([screen], [], [], 0.05)[0] or process.poll() is None:
+            if select.select([screen], [], [], 0.05)[0]:
+                screen.read(4096)
+        assert process.communicate(timeout=10.0)[1] == b""
+        assert process.returncode == 0
+
+
+@pytest.mark.parametrize("name", ["spindle", "a/b", "../health", "?", ""])
+def test_an_unknown_drive_of_the_service_is_named(
+    name: str, running_bench: RunningBench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refused(["estimates", name, "--once", "--service", running_bench.url], monkeypatch, capsys)
+    assert said.startswith(("no drive ", "nothing at "))
+
+
+def test_no_service_or_another_one_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = f"http://127.0.0.1:{free_port()}"
+    said = refused(["estimates", "x", "--once", "--service", url], monkeypatch, capsys)
+    assert said.startswith(f"no bench service answers at {url}: ")
+    for body, status in ((b"[1]", 200), (b"{}", 200), (b"{}", 500), (b"<html>", 200)):
+        with some_web_server(body, status) as url:
+            said = refused(["estimates", "x", "--once", "--service", url], monkeypatch, capsys)
+        assert url in said

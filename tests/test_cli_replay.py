@@ -1,0 +1,225 @@
+"""`pmsm-bench replay` over recordings of the emulated drive and a real one; what it refuses, in one sentence."""
+
+import csv
+import gzip
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pyarrow
+import pyarrow.parquet
+import pytest
+
+from bench.cli.main import main
+from emulator.scenarios import PAPER
+from emulator.virtual_drive import VirtualDrive
+from tests.conftest import COMMAND
+
+pa: Any = pyarrow  # comes without types
+pq: Any = pyarrow.parquet
+
+TRUTH = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}  # ohm, H, H, Vs
+PERIODS = 20_000  # of 1e-4 s
+
+MACHINE = "[machine]\nR_s = 0.9664\nL_d = 4.24e-3\nL_q = 6.21e-3\npsi_f = 0.12\n[drive]\nT_s = 1e-4\n"
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one recording in every format, and a machine file."""
+    folder = tmp_path_factory.mktemp("recordings")
+    columns = VirtualDrive(PAPER).record(PERIODS)
+    with (folder / "run.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+    (folder / "run.csv.gz").write_bytes(gzip.compress((folder / "run.csv").read_bytes()))
+    pq.write_table(pa.table(dict(columns)), folder / "run.parquet")
+    (folder / "machine.toml").write_text(MACHINE, encoding="utf-8")
+    return folder
+
+
+def pmsm_bench(*arguments: str | Path, monkeypatch: pytest.MonkeyPatch) -> int:
+    """The console script in this process; its exit code."""
+    monkeypatch.setattr(sys, "argv", ["pmsm-bench", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def expect_truth(content: dict[str, Any], *names: str, within: float = 5e-3) -> None:
+    for name in names or TRUTH:
+        estimate = content["estimates"][name]
+        assert estimate["status"] == "ok"
+        assert estimate["value"] == pytest.approx(TRUTH[name], rel=within), (name, estimate)
+        assert 0.0 < estimate["std"] < within * TRUTH[name]
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.csv.gz", "run.parquet"])
+def test_a_recording_of_the_emulated_drive_tells_all_four_parameters(
+    recordings: Path, tmp_path: Path, name: str
+) -> None:
+    out, track = tmp_path / "result.json", tmp_path / "track.csv"
+    done = subprocess.run(
+        [*COMMAND, "replay", recordings / name, "--json", out, "--csv", track, "--window", "15000", "--periods", "10",
+         "--every", "2500"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    content = json.loads(out.read_text(encoding="utf-8"))
+    expect_truth(content)
+    assert (content["samples"], content["gaps"]) == (15_000, 0)
+    assert content["window"]["periods_per_row"] == 10
+    assert (content["recording"]["rows"], content["recording"]["used"]) == (PERIODS, PERIODS)
+    for unit in ("ohm", "mH", "mVs"):
+        assert unit in done.stdout
+    with track.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["t"]) for row in rows] == pytest.approx([0.25 * k for k in range(1, 9)])
+    assert rows[-1]["samples"] == "15000"
+    for parameter, value in TRUTH.items():
+        assert float(rows[-1][parameter]) == content["estimates"][parameter]["value"]
+        assert float(rows[0][parameter]) == pytest.approx(value, rel=0.03)
+        assert float(rows[0][f"{parameter}_std"]) > float(rows[-1][f"{parameter}_std"])
+        assert rows[0][f"{parameter}_status"] == "ok"
+
+
+def test_one_period_a_row_and_the_whole_file_are_the_default(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "result.json"
+    assert pmsm_bench("replay", recordings / "run.parquet", "--json", out, monkeypatch=monkeypatch) == 0
+    content = json.loads(out.read_text(encoding="utf-8"))
+    expect_truth(content)
+    assert content["samples"] == PERIODS - 1
+
+
+def test_what_is_not_estimated_is_held_at_the_nominal_value(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "result.json"
+    assert pmsm_bench(
+        "replay", recordings / "run.csv", "--estimate", "R_s,L_q", "--nominal", recordings / "machine.toml",
+        "--json", out, monkeypatch=monkeypatch,
+    ) == 0
+    content = json.loads(out.read_text(encoding="utf-8"))
+    expect_truth(content, "R_s", "L_q")
+    for name in ("L_d", "psi_f"):
+        told = content["estimates"][name]
+        assert (told["value"], told["std"], told["status"]) == (TRUTH[name], None, "held")
+    assert "held" in capsys.readouterr().out
+
+
+def test_a_real_servo_at_standstill_has_its_resistance_and_inductance(
+    shared_recordings: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "result.json"
+    done = subprocess.run(
+        [*COMMAND, "replay", shared_recordings / "servo_standstill" / "current_steps.csv", "--map", "u_q=vqd,i_q=Iq",
+         "--set", "omega_e=0,i_d=0,u_d=0", "--align", "u=0.5", "--periods", "20", "--json", out],
+        capture_output=True, text=True, timeout=60, check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    told = json.loads(out.read_text(encoding="utf-8"))["estimates"]
+    assert told["R_s"]["value"] == pytest.approx(0.163, abs=2e-3)
+    assert told["L_q"]["value"] == pytest.approx(124e-6, abs=4e-6)
+    assert 0.0 < told["R_s"]["std"] < 0.01
+    assert 0.0 < told["L_q"]["std"] < 10e-6
+    for name in ("L_d", "psi_f"):
+        assert (told[name]["value"], told[name]["std"], told[name]["status"]) == (None, None, "not_told")
+        assert told[name]["reason"]
+    assert "motor stands still" in " ".join(done.stdout.split())
+
+
+@pytest.fixture(scope="module")
+def spoilt(recordings: Path) -> Path:
+    """The folder with files added that cannot be recordings or machine files."""
+    lines = SHORT.splitlines(keepends=True)
+    contents = {
+        "missing.csv": "t,u_d,u_q,i_d\n0,1,1,1\n1,1,1,1\n",
+        "empty.csv": "",
+        "backwards.csv": "".join(lines[:32] + lines[12:]),
+        "text.csv": "".join([*lines[:12], lines[12].replace("0.2", "x0.2")]),
+        "slow.toml": MACHINE.replace("T_s = 1e-4", "T_s = 1e-3"),
+        "zero.toml": MACHINE.replace("R_s = 0.9664", "R_s = 0"),
+    }
+    for name, content in contents.items():
+        (recordings / name).write_text(content, encoding="utf-8")
+    for name in ("run.csv.gz", "run.parquet"):
+        whole = (recordings / name).read_bytes()
+        (recordings / name.replace("run", "cut")).write_bytes(whole[: len(whole) // 2])
+    return recordings
+
+
+RUN = "{folder}/run.csv"
+SHORT = "t,u_d,u_q,i_d,i_q,omega_e\n" + "".join(f"{k * 1e-4:.4f},1,2,0.1,0.2,100\n" for k in range(50))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["absent.csv"], "absent.csv: cannot be read: No such file or directory"),
+        ([RUN, "--window", "0"], "length must be 4 (4 parameters x 1 periods per row) to 1000000 samples, got 0"),
+        ([RUN, "--window", "-5"], "to 1000000 samples, got -5"),
+        ([RUN, "--window", "3"], "to 1000000 samples, got 3"),
+        ([RUN, "--window", "2000000"], "to 1000000 samples, got 2000000"),
+        ([RUN, "--window", "many"], "Invalid value for '--window'"),
+        ([RUN, "--periods", "0"], "periods per row must be 1 to 1000, got 0"),
+        ([RUN, "--window", "40", "--periods", "11"], "window length must be 44 (4 parameters x 11 periods per row)"),
+        ([RUN, "--estimate", "R_s"], "L_d is not estimated, so a held value in H is needed, got none"),
+        ([RUN, "--estimate", "R"], "estimated: expected R_s, L_d, L_q, psi_f, got 'R'"),
+        ([RUN, "--estimate", ","], "estimated: expected at least one of R_s, L_d, L_q, psi_f, got none"),
+        ([RUN, "--every", "0"], "--every: expected at least 1 row, got 0"),
+        ([RUN, "--map", "u_q"], "--map: expected NAME=COLUMN[,...], got 'u_q'"),
+        ([RUN, "--map", "u_q=u_q,u_q=i_q"], "--map: u_q is given twice"),
+        ([RUN, "--map", "u_q=absent"], "no column 'absent' for u_q; present: t, u_d, u_q"),
+        ([RUN, "--set", "u_q=x"], "--set: expected NAME=NUMBER[,...], got 'u_q=x'"),
+        ([RUN, "--set", "u_q=nan"], "constant u_q = nan: expected a finite number"),
+        ([RUN, "--align", "i=1"], "cannot align 'i', expected u (both voltages)"),
+        ([RUN, "--nominal", "absent.toml"], "absent.toml: cannot be read"),
+        ([RUN, "--nominal", "{folder}/slow.toml"], "expected T_s = 0.001 s, the times say 0.0001 s"),
+        ([RUN, "--nominal", "{folder}/zero.toml"], "[machine] R_s = 0: expected a finite number of ohm above zero"),
+        ([RUN, "--json", RUN], "run.csv: expected a file of its own, this is the recording or the other output"),
+        ([RUN, "--csv", "{folder}/../{name}/run.csv"], "expected a file of its own"),
+        ([RUN, "--csv", "{folder}/out", "--json", "{folder}/out"], "expected a file of its own"),
+        ([RUN, "--json", "{folder}/absent/out.json"], "cannot be written: No such file or directory"),
+        ([RUN, "--csv", "{folder}"], "cannot be written: Is a directory"),
+        (["{folder}/missing.csv"], "missing columns: i_q, omega_e; present: t, u_d, u_q, i_d;"),
+        (["{folder}/backwards.csv"], "time runs backwards: expected more than 0.003 s (row 31), came 0.0011 s"),
+        (["{folder}/text.csv"], "column 'i_q', row 12: expected a number, came 'x0.2'"),
+        (["{folder}/cut.csv.gz"], "the gzip file is cut short"),
+        (["{folder}/cut.parquet"], "the Parquet file is cut short: expected a footer at its end, found none"),
+        (["{folder}/empty.csv"], "the file is empty, expected a header line and rows"),
+    ],
+    ids=lambda value: value[:40] if isinstance(value, str) else None,
+)
+def test_what_cannot_be_replayed_is_one_sentence_and_exit_code_2(
+    spoilt: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    before = (spoilt / "run.csv").stat()
+    filled = [argument.format(folder=spoilt, name=spoilt.name) for argument in arguments]
+    assert pmsm_bench("replay", *filled, monkeypatch=monkeypatch) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("pmsm-bench: ")
+    assert error.count("\n") == 1
+    assert said in error
+    after = (spoilt / "run.csv").stat()
+    assert (after.st_size, after.st_mtime_ns) == (before.st_size, before.st_mtime_ns)
+
+
+def test_cells_without_a_value_are_left_out_and_counted(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns = VirtualDrive(PAPER).record(6000)
+    columns["i_q"][1000], columns["u_d"][2000:2003] = math.nan, math.nan
+    holed = recordings / "holed.parquet"
+    pq.write_table(pa.table(dict(columns)), holed)
+    out = tmp_path / "result.json"
+    assert pmsm_bench("replay", holed, "--json", out, monkeypatch=monkeypatch) == 0
+    content = json.loads(out.read_text(encoding="utf-8"))
+    expect_truth(content, within=0.02)
+    assert content["gaps"] == 2
+    assert "rows left out for want of a value: 4 of 6000 (u_d in 3, i_q in 1)\n" in capsys.readouterr().out
