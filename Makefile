@@ -5,12 +5,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast clean
+.PHONY: run test lint types arrows fast slow browser paper clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
 
-test: lint types arrows fast ## every check
+test: lint types arrows fast ## every check but the slower families below
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -22,7 +22,16 @@ arrows: $(VENV)/.dev
 	$(BIN)/lint-imports --no-logo
 
 fast: $(VENV)/.dev
-	$(BIN)/pytest
+	$(BIN)/pytest -m "not slow and not browser"
+
+slow: $(VENV)/.dev ## tests that take long
+	$(BIN)/pytest -m slow
+
+browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
+	$(BIN)/pytest -m browser
+
+paper: $(VENV)/.dev ## the published experiment, reproduced: table and figures in build/paper
+	$(BIN)/python -m tests.paper
 
 $(VENV)/.run: pyproject.toml .ci/constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pmsm-bench needs Python 3.11 or later, got " + sys.version.split()[0])'

@@ -24,8 +24,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser("pmsm-bench emulate", description=__doc__)
     parser.add_argument("--at", default=DEFAULT_URL, metavar="URL", help=f"where to be (default {DEFAULT_URL})")
     parser.add_argument("--scenario", default="paper", metavar="NAME|FILE.toml", help="what to emulate (default paper)")
+    parser.add_argument("--with-input", action="store_true", help="end when standard input does, as with its parent")
     options = parser.parse_args(arguments)
     stop = threading.Event()
+    if options.with_input:
+        threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), name="input", daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: stop.set())
     try:

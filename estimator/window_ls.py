@@ -15,7 +15,7 @@ Knows nothing of clocks, drives or files, and leaves the solution of the equatio
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -26,7 +26,8 @@ from estimator.flux_balance import COLUMNS, flux_balance
 from estimator.kernel import kernel
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
-from estimator.solve import solve, window_sums
+from estimator.solve import WindowSums, solve, window_sums
+from estimator.stream import Stream, runs_of
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -63,8 +64,12 @@ class WindowState:
     open_sums: Array  # (62,), the chunk being filled
     group: Array  # (2, 10), the group being filled (sum) and the finished one before it (mean)
     count: Integers  # balances, finished chunks, open chunk's first, filled of group, previous group valid
-    last: Samples | None = None  # the newest sample, whose balance waits for its end
-    left_out: int = 0  # rows refused because they were not finite
+    stream: Stream = field(default_factory=Stream)
+
+    @property
+    def left_out(self) -> int:
+        """Samples refused because a value was not finite."""
+        return self.stream.left_out
 
     @property
     def samples(self) -> int:
@@ -112,14 +117,12 @@ def check_window(length: int, m: int, estimated: Sequence[str] = PARAMETERS) -> 
 
 
 def update(state: WindowState, samples: Samples, *, joined: bool = True) -> WindowState:
-    """Take in consecutive samples, one or many.
-
-    `joined`: the first of them follows the last one taken in by exactly one row; otherwise a new run begins.
-    Samples with a value that is not finite are left out and counted, and end the run.
-    """
-    for run, follows in _finite_runs(samples, state):
-        state = _take_run(state, run, joined=joined and follows)
-        joined = True
+    """Take in consecutive samples, one or many; `joined` and values that are not finite as in `stream.runs_of`."""
+    for run, continues in runs_of(state.stream, samples, joined=joined):
+        balance = flux_balance(run)
+        starts = np.zeros(len(balance), dtype=np.bool_)
+        starts[:1] = not continues
+        _append_to(state, balance, starts)
     return state
 
 
@@ -130,7 +133,7 @@ def resized(state: WindowState, length: int, m: int) -> WindowState:
         state.length = length
         return state
     new = init(length, m)
-    new.last, new.left_out = state.last, state.left_out
+    new.stream = state.stream
     n = int(state.count[0])
     held = np.arange(max(0, n - min(len(state.rows), len(new.rows))), n) % len(state.rows)
     starts = state.starts[held]
@@ -148,67 +151,29 @@ def estimate(
     for name in PARAMETERS:
         if name not in estimated and name not in held:
             raise ValueError(f"{name} is not estimated and so needs a held value, got none")
-    sums = np.zeros(_SUMS)
-    first = max(0, int(state.count[0]) - state.length)
-    _window_sums(first, state.m, state.rows, state.starts, state.sums, state.firsts, state.open_sums, state.count, sums)
-    last = state.last
-    T_s, periods = (last.T_s, last.periods) if last is not None else (1.0, 1)
-    triangles = sums[:_GROUPS].reshape(4, _Z * (_Z + 1) // 2)
-    rows, pairs = int(sums[_GROUPS]), int(sums[_PAIRS])
-    found = solve(
-        window_sums(triangles, rows, pairs, T_s, periods * state.m), estimated, held, noise_aware=noise_aware
-    )
+    sums = sums_of(state, state.length)
+    found = solve(sums, estimated, held, noise_aware=noise_aware)
     return WindowEstimate(
-        found.estimates, state.samples, state.gaps, 2 * rows, state.samples == state.length, found.condition,
+        found.estimates, state.samples, state.gaps, 2 * sums.rows, state.samples == state.length, found.condition,
         found.residual_rms,
     )
 
 
-def _finite_runs(samples: Samples, state: WindowState) -> list[tuple[Samples, bool]]:
-    """Runs of finite samples, and whether each follows its predecessor directly."""
-    columns = [samples.theta_e, samples.omega_e, samples.i_d, samples.i_q, samples.u_d, samples.u_q]
-    columns += [column for column in (samples.i_d_mean, samples.i_q_mean) if column is not None]
-    finite = np.isfinite(np.sum(columns, axis=0))
-    if finite.all():
-        return [(samples, True)] if len(samples) else []
-    state.left_out += int(np.count_nonzero(~finite))
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], finite, [False]))))
-    runs = [(samples[int(a) : int(b)], a == 0) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    if not finite[-1]:
-        state.last = None
-    return runs if finite[0] or not runs else [(runs[0][0], False), *runs[1:]]
-
-
-def _take_run(state: WindowState, samples: Samples, *, joined: bool) -> WindowState:
-    joins = joined and state.last is not None
-    if joins and state.last is not None:
-        samples = _joined(state.last, samples)
-    state.last = samples[len(samples) - 1 :]
-    balance = flux_balance(samples)
-    starts = np.zeros(len(balance), dtype=np.bool_)
-    starts[:1] = not joins
-    if len(balance):
-        _append_to(state, balance, starts)
-    return state
+def sums_of(state: WindowState, length: int) -> WindowSums:
+    """Sums over the newest `length` balances, at most the window's own length."""
+    total = np.zeros(_SUMS)
+    first = max(0, int(state.count[0]) - min(length, state.length))
+    _window_sums(
+        first, state.m, state.rows, state.starts, state.sums, state.firsts, state.open_sums, state.count, total
+    )
+    triangles = total[:_GROUPS].reshape(4, _Z * (_Z + 1) // 2)
+    T_s, periods = state.stream.T_s, state.stream.periods
+    return window_sums(triangles, int(total[_GROUPS]), int(total[_PAIRS]), T_s, periods * state.m)
 
 
 def _append_to(state: WindowState, balance: Array, starts: Bools) -> None:
     _append(balance, starts, state.m, state.rows, state.starts, state.sums, state.firsts, state.open_sums, state.group,
             state.count)
-
-
-def _joined(a: Samples, b: Samples) -> Samples:
-    def both(x: Array, y: Array) -> Array:
-        return np.concatenate((x, y))
-
-    def both_or_none(x: Array | None, y: Array | None) -> Array | None:
-        return None if x is None or y is None else np.concatenate((x, y))
-
-    return replace(
-        b, theta_e=both(a.theta_e, b.theta_e), omega_e=both(a.omega_e, b.omega_e), i_d=both(a.i_d, b.i_d),
-        i_q=both(a.i_q, b.i_q), u_d=both(a.u_d, b.u_d), u_q=both(a.u_q, b.u_q),
-        i_d_mean=both_or_none(a.i_d_mean, b.i_d_mean), i_q_mean=both_or_none(a.i_q_mean, b.i_q_mean), t0=a.t0,
-    )
 
 
 @kernel

@@ -76,6 +76,18 @@ def test_up_tells_the_truth_within_ten_seconds_and_ends_both_when_told(number: s
         pass
 
 
+def test_a_service_that_is_killed_takes_its_emulated_drive_with_it() -> None:
+    port, bus = free_port(), bus_url(free_port())
+    with command("up", "--port", str(port), "--at", bus) as process:
+        wait_for_answer(f"http://127.0.0.1:{port}/api/health", process)
+        process.kill()
+        process.wait()
+        deadline = time.monotonic() + 5.0
+        while emulators(bus):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+
 def independent(client: httpx.Client, length: int, count: int) -> tuple[dict[str, float], dict[str, float]]:
     """Scatter of so many estimates without a common sample, and the median of their stated std."""
     client.put(f"{DRIVE}/window", json={"length": length}).raise_for_status()
@@ -101,6 +113,7 @@ def pooled(above: dict[str, float], below: dict[str, float]) -> float:
     return statistics.geometric_mean(above[name] / below[name] for name in TRUTH)
 
 
+@pytest.mark.slow
 def test_a_window_four_times_as_long_halves_the_spread(running_bench: RunningBench) -> None:
     with httpx.Client(base_url=running_bench.url) as client:
         before = client.get(f"{DRIVE}/window").json()

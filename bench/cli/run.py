@@ -97,7 +97,8 @@ def _exec(url: str, scenario: str) -> int:
 def _emulator(url: str, scenario: str) -> Generator[None]:
     """The emulated drive's process, once it says that it is on its bus. Raises ConfigError when it cannot be."""
     with tempfile.TemporaryFile("w+") as errors, subprocess.Popen(  # a pipe that nobody reads would stop it when full
-        _emulator_command(url, scenario), stdout=subprocess.PIPE, stderr=errors, text=True,
+        [*_emulator_command(url, scenario), "--with-input"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True,
         start_new_session=True,  # Ctrl-C reaches the service alone, which then ends the drive
     ) as process:
         try:
