@@ -165,7 +165,7 @@ def update(state: EkfState, samples: Samples, *, joined: bool = True) -> EkfStat
             _restart_currents(state, float(run.i_d[0]), float(run.i_q[0]))
         balance = flux_balance(run)
         state.samples += len(balance)
-        rows = np.column_stack((balance, angle_turned(run), run.i_d[1:], run.i_q[1:]))
+        rows = np.column_stack((balance, angle_turned(balance, run.T_s), run.i_d[1:], run.i_q[1:]))
         filtered(
             rows, run.T_s, run.periods, model, start, state.P_0, state.Q, R, state.x, state.P, state.level, state.sums
         )

@@ -29,9 +29,18 @@ _FOLDER = _cache_folder()
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a function of numbers and arrays to machine code at its first call."""
+    return _compiled(function, fastmath=False)
+
+
+def summing_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """The same for sums whose order does not matter, so that several of their terms go at once."""
+    return _compiled(function, fastmath={"reassoc", "contract"})
+
+
+def _compiled(function: Callable[P, R], fastmath: bool | set[str]) -> Callable[P, R]:
     before = getattr(numba_config, "CACHE_DIR", "")
     setattr(numba_config, "CACHE_DIR", _FOLDER)  # noqa: B010 - numba declares its settings at run time
     try:
-        return cast(Callable[P, R], numba.njit(cache=True)(function))
+        return cast(Callable[P, R], numba.njit(cache=True, fastmath=fastmath)(function))
     finally:
         setattr(numba_config, "CACHE_DIR", before)  # noqa: B010

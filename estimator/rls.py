@@ -35,7 +35,7 @@ from estimator.flux_balance import COLUMNS, flux_balance
 from estimator.kernel import kernel
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
-from estimator.solve import WindowSums, solve, window_sums
+from estimator.solve import WindowSums, solve, sums_from
 from estimator.stream import Stream, runs_of
 from estimator.window_ls import MAX_M
 
@@ -147,7 +147,7 @@ def estimate(state: RlsState, *, noise_aware: bool = True) -> WindowEstimate:
 def P_of(state: RlsState) -> Array:
     """P of the estimated parameters in the order of PARAMETERS, shape (p, p), in the units of `Prior.P_0`."""
     free = [j for j, name in enumerate(PARAMETERS) if name in state.estimated]
-    sums = window_sums(state.products, 0, 0, 1.0, 1)
+    sums = sums_from(state.products, 0, 0, 1.0, 1)
     information = (sums.lag0[0] + sums.lag0[1])[np.ix_(free, free)] + np.eye(len(free)) / state.prior.P_0
     scale = 1.0 / np.sqrt(np.diag(information))
     P = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
@@ -160,7 +160,7 @@ def _data(state: RlsState) -> WindowSums:
     rows = round(weight**2 / squares) if squares > 0.0 else 0
     scale = rows / weight if rows else 1.0
     T_s, periods = state.stream.T_s, state.stream.periods
-    return window_sums(state.products * scale, rows, round(pairs * scale), T_s, periods * state.m)
+    return sums_from(state.products * scale, rows, round(pairs * scale), T_s, periods * state.m)
 
 
 def _with_prior(state: RlsState) -> WindowSums:

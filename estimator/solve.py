@@ -30,6 +30,8 @@ from estimator.machine import PARAMETERS, UNITS
 Array = NDArray[np.float64]
 
 NOISE_DOUBT: Final = 0.1  # the bias that current noise leaves is known to within this share of it
+FAINT_I: Final = 1e-9  # A, and
+FAINT_SPEED: Final = 1e-6  # rad/s: what is smaller is arithmetic, not a signal
 _ROUNDS: Final = 4  # of the iteration; each gains three digits
 _H: Final = 4  # place of h, and
 _SIZE: Final = 6  # size of (R_s, L_d, L_q, psi_f, h, u)
@@ -62,7 +64,7 @@ class Solution:
     residual_rms: float | None  # V
 
 
-def window_sums(triangles: Array, rows: int, pairs: int, T_s: float, periods: int) -> WindowSums:
+def sums_from(triangles: Array, rows: int, pairs: int, T_s: float, periods: int) -> WindowSums:
     """Sums from upper triangles (4, 15): d and q axis at lag 0, d and q axis at lag 1."""
     d0, q0, d1, q1 = (_square(triangle, _PLACES[k % 2]) for k, triangle in enumerate(triangles))
     return WindowSums((d0, q0), (d1, q1), rows, pairs, T_s, periods)
@@ -158,22 +160,21 @@ def _regressor_noise(sums: WindowSums, beta: Array, axes: tuple[Array, Array]) -
     -(L sigma/T)^2, however the machine is excited. Where the window does not tell L, the flux difference x itself
     has one of -sigma2/T^2; so has a signal that steps from row to row, but not without a residual to match.
     """
-    if sums.pairs == 0:
-        return np.zeros(4)
     n, T = sums.rows, sums.T
-    sigma2 = np.zeros(2)  # A2, per sample and axis
+    sigma2 = np.full(2, FAINT_I**2)  # A2, per sample and axis
     for axis, (c, S0, S1) in enumerate(zip(axes, sums.lag0, sums.lag1, strict=True)):
         j = 1 + axis  # L_d of the d axis, L_q of the q axis
         L2 = max(float(beta[j]) ** 2, 1e-18)
         gamma0 = max(0.0, float(c @ S0 @ c)) / n
-        gamma1 = float(c @ S1 @ c) / (2 * sums.pairs)
+        pairs = max(1, sums.pairs)
+        gamma1 = float(c @ S1 @ c) / (2 * pairs)
         by_residual = min(max(0.0, -gamma1) / L2, S0[j, j] / (2 * n))
-        by_signal = min(max(0.0, -S1[j, j] / (2 * sums.pairs)), gamma0 / (2.0 * L2))
-        sigma2[axis] = T**2 * max(by_residual, by_signal)
+        by_signal = min(max(0.0, -S1[j, j] / (2 * pairs)), gamma0 / (2.0 * L2))
+        sigma2[axis] += T**2 * max(by_residual, by_signal)
     of_mean = sigma2 / sums.periods
     s2 = sums.lag0[1][3, 3]  # sum of s^2, (rad/s)^2
     x = n * 2.0 * sigma2 / T**2 + s2 * of_mean
-    return np.array([n * of_mean.sum(), x[0], x[1], 0.0])
+    return np.array([n * of_mean.sum(), x[0], x[1], n * FAINT_SPEED**2])
 
 
 def _covariance(

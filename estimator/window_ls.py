@@ -1,7 +1,7 @@
 """Streaming sliding-window least squares for any subset of R_s, L_d, L_q, psi_f.
 
-The window's normal equations are sums over chunks of rows. A chunk only ever adds; what leaves the window leaves as a
-whole chunk, and the oldest one, cut by the window's edge, is summed anew from its rows. Nothing is
+The window's normal equations are sums over chunks of balances. A chunk only ever adds; what leaves the window leaves
+as a whole chunk, and the oldest one, cut by the window's edge, is summed anew from its rows. Nothing is
 subtracted, so nothing drifts: the estimate is the least-squares solution of the rows in the window.
 The sums hold all four parameters, so what is estimated and what is held may change at any time at no cost.
 
@@ -11,40 +11,30 @@ The sums hold all four parameters, so what is estimated and what is held may cha
 
 The method: S. Wang, Windowed Least Square Algorithm Based PMSM Parameters Estimation, Mathematical Problems
 in Engineering, 2013, doi 10.1155/2013/131268; its downdate, which subtracts, is replaced as said.
-Knows nothing of clocks, drives or files, and leaves the solution of the equations to `solve`.
+Knows nothing of clocks, drives or files; `window_sums` does the summing and `solve` the solving.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimate import WindowEstimate
-from estimator.flux_balance import COLUMNS, flux_balance
-from estimator.kernel import kernel
+from estimator.flux_balance import COLUMNS, columns_of
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
-from estimator.solve import WindowSums, solve, window_sums
-from estimator.stream import Stream, runs_of
+from estimator.solve import WindowSums, solve, sums_from
+from estimator.window_sums import CHUNK, PAIRS, ROWS, SUMS, take_balances, take_sample, take_samples, total_sums
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-CHUNK: Final = 256  # rows a chunk holds at least
-MAX_LENGTH: Final = 1_000_000  # rows: 80 MB
+MAX_LENGTH: Final = 1_000_000  # samples: 80 MB
 MAX_M: Final = 1000
-_HISTORY: Final = 1 << 15  # rows kept at least, so that a window can grow into what has been seen
-
-# A chunk's sums: upper triangles of z z' and of z_k z_{k+1}' + its transpose, z = (regressors, voltage),
-# for the d axis (R_s, L_d, L_q, h, u_d) and the q axis (R_s, L_d, L_q, psi_f, u_q), then rows and adjacent pairs.
-_Z: Final = 5
-_LAG1: Final = 30
-_GROUPS: Final = 60
-_PAIRS: Final = 61
-_SUMS: Final = 62
+_HISTORY: Final = 1 << 14  # balances kept at least, so that a window can grow into what has been seen
 
 
 @dataclass(slots=True, eq=False)
@@ -57,19 +47,14 @@ class WindowState:
 
     length: int  # samples the window covers
     m: int  # periods per row: balances averaged to one
-    rows: Array  # (capacity, 10), ring of balances
+    rows: Array  # (10, capacity), ring of balances
     starts: Bools  # (capacity,), True where a balance does not join the one before
-    sums: Array  # (chunks, 62), ring of finished chunks
-    firsts: Integers  # (chunks,), number of each chunk's first balance
-    open_sums: Array  # (62,), the chunk being filled
-    group: Array  # (2, 10), the group being filled (sum) and the finished one before it (mean)
-    count: Integers  # balances, finished chunks, open chunk's first, filled of group, previous group valid
-    stream: Stream = field(default_factory=Stream)
-
-    @property
-    def left_out(self) -> int:
-        """Samples refused because a value was not finite."""
-        return self.stream.left_out
+    sums: Array  # (capacity // CHUNK, SUMS), ring of finished chunks
+    places: Integers  # (capacity // CHUNK,), balances of an unfinished group before each chunk
+    ends: Array  # (8, 2), the newest sample, whose balance waits for its end, and room for that end
+    count: Integers  # (3,), balances so far; whether the newest sample is there (1) and joins one (2); samples left out
+    T_s: float = 1.0  # s, control period of the samples
+    periods: int = 1  # control periods per sample
 
     @property
     def samples(self) -> int:
@@ -77,9 +62,14 @@ class WindowState:
         return min(int(self.count[0]), self.length)
 
     @property
+    def left_out(self) -> int:
+        """Samples refused because a value was not finite."""
+        return int(self.count[2])
+
+    @property
     def gaps(self) -> int:
         """Breaks in the stream between the balances now in the window."""
-        newest, capacity = int(self.count[0]), len(self.rows)
+        newest, capacity = int(self.count[0]), len(self.starts)
         first, end = (newest - self.samples) % capacity, newest % capacity
         inside = self.starts[first:end] if first < end else np.concatenate((self.starts[first:], self.starts[:end]))
         return int(np.count_nonzero(inside[1:]))
@@ -88,20 +78,26 @@ class WindowState:
 def init(length: int, m: int = 1) -> WindowState:
     """An empty window of `length` samples with rows of m periods. Raises ValueError outside the limits."""
     check_window(length, m)
-    capacity = max(_HISTORY, 1 << (length + CHUNK + m).bit_length())  # the oldest chunk stands out of the window
-    chunks = capacity // CHUNK + 2
+    chunks = -(-max(_HISTORY, _needed(length, m)) // CHUNK)
+    capacity = chunks * CHUNK
     return WindowState(
         length, m,
-        rows=np.zeros((capacity, len(COLUMNS))), starts=np.zeros(capacity, dtype=np.bool_),
-        sums=np.zeros((chunks, _SUMS)), firsts=np.zeros(chunks, dtype=np.int64),
-        open_sums=np.zeros(_SUMS), group=np.zeros((2, len(COLUMNS))), count=np.zeros(5, dtype=np.int64),
+        rows=np.zeros((len(COLUMNS), capacity)), starts=np.zeros(capacity, dtype=np.bool_),
+        sums=np.zeros((chunks, SUMS)), places=np.zeros(chunks, dtype=np.int64),
+        ends=np.zeros((8, 2)), count=np.zeros(3, dtype=np.int64),
     )
+
+
+def _needed(length: int, m: int) -> int:
+    """Balances to keep: the window, and before it the oldest chunk's and the oldest group's."""
+    return length + 2 * CHUNK + m
 
 
 def warm_up() -> None:
     """Compile the kernels, or load them from the cache."""
     still = np.zeros(3)
-    estimate(update(init(4), Samples(still, still, still, still, still, still, T_s=1.0)))
+    state = update(init(4), Samples(still, still, still, still, still, still, T_s=1.0))
+    estimate(update_one(state, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def check_window(length: int, m: int, estimated: Sequence[str] = PARAMETERS) -> None:
@@ -117,28 +113,50 @@ def check_window(length: int, m: int, estimated: Sequence[str] = PARAMETERS) -> 
 
 
 def update(state: WindowState, samples: Samples, *, joined: bool = True) -> WindowState:
-    """Take in consecutive samples, one or many; `joined` and values that are not finite as in `stream.runs_of`."""
-    for run, continues in runs_of(state.stream, samples, joined=joined):
-        balance = flux_balance(run)
-        starts = np.zeros(len(balance), dtype=np.bool_)
-        starts[:1] = not continues
-        _append_to(state, balance, starts)
+    """Take in consecutive samples, one or many.
+
+    `joined`: the first of them follows the last one taken in by exactly one row; otherwise a new run begins.
+    Samples with a value that is not finite are left out and counted, and end the run.
+    """
+    columns = columns_of(samples)
+    state.T_s, state.periods = samples.T_s, samples.periods
+    if not joined:
+        state.count[1] = 0
+    take_samples(
+        *columns, samples.T_s, samples.periods, samples.i_d_mean is None, state.m, state.ends, state.rows, state.starts,
+        state.sums, state.places, state.count,
+    )
+    return state
+
+
+def update_one(
+    state: WindowState, theta_e: float, omega_e: float, i_d: float, i_q: float, u_d: float, u_q: float,
+    i_d_mean: float | None = None, i_q_mean: float | None = None,
+) -> WindowState:
+    """Take in the next sample, like those before in T_s and periods; see `Samples` for its values."""
+    by_ends = i_d_mean is None or i_q_mean is None
+    mean = (i_d, i_q) if i_d_mean is None or i_q_mean is None else (i_d_mean, i_q_mean)
+    take_sample(
+        (theta_e, omega_e, i_d, i_q, u_d, u_q, *mean), state.T_s, state.periods, by_ends, state.m, state.ends,
+        state.rows, state.starts, state.sums, state.places, state.count,
+    )
     return state
 
 
 def resized(state: WindowState, length: int, m: int) -> WindowState:
     """The same stream under another window: every balance still held is kept. Cost: one pass over them."""
     check_window(length, m, ())
-    if m == state.m and length + CHUNK + m < len(state.rows):
+    if m == state.m and _needed(length, m) <= len(state.starts):
         state.length = length
         return state
     new = init(length, m)
-    new.stream = state.stream
+    new.T_s, new.periods, new.ends = state.T_s, state.periods, state.ends
+    new.count[1:] = state.count[1:]
     n = int(state.count[0])
-    held = np.arange(max(0, n - min(len(state.rows), len(new.rows))), n) % len(state.rows)
+    held = np.arange(max(0, n - min(len(state.starts), len(new.starts))), n) % len(state.starts)
     starts = state.starts[held]
     starts[:1] = True
-    _append_to(new, state.rows[held], starts)
+    take_balances(state.rows[:, held], starts, m, new.rows, new.starts, new.sums, new.places, new.count)
     return new
 
 
@@ -161,114 +179,8 @@ def estimate(
 
 def sums_of(state: WindowState, length: int) -> WindowSums:
     """Sums over the newest `length` balances, at most the window's own length."""
-    total = np.zeros(_SUMS)
+    total = np.zeros(SUMS)
     first = max(0, int(state.count[0]) - min(length, state.length))
-    _window_sums(
-        first, state.m, state.rows, state.starts, state.sums, state.firsts, state.open_sums, state.count, total
-    )
-    triangles = total[:_GROUPS].reshape(4, _Z * (_Z + 1) // 2)
-    T_s, periods = state.stream.T_s, state.stream.periods
-    return window_sums(triangles, int(total[_GROUPS]), int(total[_PAIRS]), T_s, periods * state.m)
-
-
-def _append_to(state: WindowState, balance: Array, starts: Bools) -> None:
-    _append(balance, starts, state.m, state.rows, state.starts, state.sums, state.firsts, state.open_sums, state.group,
-            state.count)
-
-
-@kernel
-def _append(
-    new_rows: Array, new_starts: Bools, m: int, rows: Array, starts: Bools, sums: Array, firsts: Integers,
-    open_sums: Array, group: Array, count: Integers,
-) -> None:
-    """Put balances into the ring and their groups into the open chunk; close a full chunk between groups."""
-    capacity, chunks = len(rows), len(sums)
-    for k in range(len(new_rows)):
-        if new_starts[k]:
-            count[3] = 0
-            count[4] = 0
-        if count[3] == 0 and count[0] - count[2] >= CHUNK:
-            sums[count[1] % chunks] = open_sums
-            firsts[count[1] % chunks] = count[2]
-            count[1] += 1
-            count[2] = count[0]
-            open_sums[:] = 0.0
-        at = count[0] % capacity
-        rows[at] = new_rows[k]
-        starts[at] = new_starts[k]
-        count[0] += 1
-        _take(new_rows[k], m, group, count[3:5], open_sums)
-
-
-@kernel
-def _take(row: Array, m: int, group: Array, fill: Integers, sums: Array) -> None:
-    """Add one balance to its group; add the group to the sums when it is complete."""
-    if fill[0] == 0:
-        group[0] = row
-    else:
-        group[0] += row
-    fill[0] += 1
-    if fill[0] < m:
-        return
-    group[0] /= m
-    fill[0] = 0
-    _add_products(group[0], group[0], 0.5, sums[:_LAG1])
-    sums[_GROUPS] += 1.0
-    if fill[1]:
-        _add_products(group[0], group[1], 1.0, sums[_LAG1:_GROUPS])
-        sums[_PAIRS] += 1.0
-    group[1] = group[0]
-    fill[1] = 1
-
-
-@kernel
-def _add_products(a: Array, b: Array, weight: float, sums: Array) -> None:
-    """Add weight (z_a z_b' + z_b z_a') of both axes, upper triangles, to the sums (30,)."""
-    za = (a[0], a[2], -a[5], a[7], a[8])
-    zb = (b[0], b[2], -b[5], b[7], b[8])
-    n = 0
-    for i in range(_Z):
-        for j in range(i, _Z):
-            sums[n] += weight * (za[i] * zb[j] + zb[i] * za[j])
-            n += 1
-    za = (a[1], a[4], a[3], a[6], a[9])
-    zb = (b[1], b[4], b[3], b[6], b[9])
-    for i in range(_Z):
-        for j in range(i, _Z):
-            sums[n] += weight * (za[i] * zb[j] + zb[i] * za[j])
-            n += 1
-
-
-@kernel
-def _window_sums(
-    first: int, m: int, rows: Array, starts: Bools, sums: Array, firsts: Integers, open_sums: Array, count: Integers,
-    total: Array,
-) -> None:
-    """Sums over the complete groups among the balances numbered `first` and up."""
-    capacity, chunks = len(rows), len(sums)
-    end = count[0]  # one past the rows of the chunk in hand
-    oldest = count[2]
-    if oldest >= first:
-        total += open_sums
-        end = oldest
-        for back in range(1, count[1] + 1):
-            at = (count[1] - back) % chunks
-            oldest = firsts[at]
-            if oldest < first:
-                break
-            total += sums[at]
-            end = oldest
-    if oldest >= first:
-        return
-    # The chunk that the window's edge cuts: its groups are counted from the chunk's start or the run's.
-    group = np.zeros((2, rows.shape[1]))
-    fill = np.zeros(2, dtype=np.int64)
-    place = 0
-    for number in range(oldest, end):
-        at = number % capacity
-        if starts[at]:
-            place = 0
-            fill[:] = 0
-        if number >= first and (place == 0 or fill[0] > 0):
-            _take(rows[at], m, group, fill, total)
-        place = (place + 1) % m
+    total_sums(first, state.m, state.rows, state.starts, state.sums, state.places, state.count, total)
+    return sums_from(total[:ROWS].reshape(4, -1), int(total[ROWS]), int(total[PAIRS]), state.T_s,
+                     state.periods * state.m)
