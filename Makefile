@@ -34,13 +34,15 @@ paper: $(VENV)/.dev ## the published experiment, reproduced: table and figures i
 	$(BIN)/python -m tests.paper
 
 $(VENV)/.run: pyproject.toml .ci/constraints.txt
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pmsm-bench needs Python 3.11 or later, got " + sys.version.split()[0])'
-	$(PYTHON) -m venv $(VENV)
-	$(PIP) --editable .
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pmsm-bench needs Python 3.11 or later, got " + sys.version.split()[0])'
+	@echo "installing into $(VENV): about half a minute"
+	@$(PYTHON) -m venv $(VENV)
+	@$(PIP) --editable .
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.run
-	$(PIP) --editable ".[dev]"
+	@echo "installing the tools of the checks"
+	@$(PIP) --editable ".[dev]"
 	@touch $@
 
 clean: ## remove what make made

@@ -67,7 +67,7 @@ class Estimation:
         self._queue: queue.Queue[tuple[str, Block, float] | Callable[[], None]] = queue.Queue(QUEUE)
         self._stop = threading.Event()
         self.thread = threading.Thread(target=self._run, name="estimation", daemon=True)
-        self.failure: str | None = None
+        self._failing: dict[tuple[str, str], str] = {}  # by drive and step
 
     def start(self) -> None:
         """Compile the kernels, then begin."""
@@ -118,12 +118,16 @@ class Estimation:
 
     def _changed(self, drive: _Drive, change: Mapping[str, object]) -> Window:
         window = drive.window.changed(change)
+        before = drive.window, drive.state, drive.state.length
         try:
             drive.state = window_ls.resized(drive.state, window.length, window.periods_per_row)
-        except ValueError as error:
-            raise LimitError(str(error)) from None
-        drive.window = window
-        self._estimate(drive)
+            drive.window = window
+            self._estimate(drive)
+        except BaseException as error:
+            drive.window, drive.state, drive.state.length = before
+            if isinstance(error, ValueError):
+                raise LimitError(str(error)) from None
+            raise
         return window
 
     def _run(self) -> None:
@@ -136,17 +140,24 @@ class Estimation:
                 item()
             elif item is not None:
                 name, block, received = item
-                self._guarded(self._take, self._drives[name], block, received)
-            for drive in self._drives.values():
+                self._guarded(name, self._take, self._drives[name], block, received)
+            for name, drive in self._drives.items():
                 if drive.stale and time.monotonic() - drive.estimated_at >= REFRESH:
-                    self._guarded(self._estimate, drive)
+                    self._guarded(name, self._estimate, drive)
 
-    def _guarded(self, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+    def _guarded(self, name: str, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """Take a step; a fault of ours is told by the health page and ends neither the worker nor other drives."""
         try:
             step(*args, **kwargs)
         except Exception as error:  # noqa: BLE001
-            self.failure = f"{type(error).__name__}: {error}"
+            self._failing[name, step.__name__] = f"drive {name}: {type(error).__name__}: {error}"
+        else:
+            self._failing.pop((name, step.__name__), None)
+
+    @property
+    def failure(self) -> str | None:
+        """What fails at present; None when each drive's last step went well."""
+        return "; ".join(list(self._failing.values())) or None
 
     def _take(self, drive: _Drive, block: Block, received: float) -> None:
         row = (block.periods, block.T_s)

@@ -22,15 +22,11 @@ from pathlib import Path
 from typing import cast
 
 from bench.errors import ConfigError
-from estimator.machine import PARAMETERS, Machine
+from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS, Machine
 
-# Generous: from a hobby motor's milliohms to a laboratory coil. Outside, a unit is wrong (mH given as H).
-PLAUSIBLE = {
+KEYS = {
     "machine": {
-        "R_s": (1e-4, 1e3, "ohm"),
-        "L_d": (1e-7, 1.0, "H"),
-        "L_q": (1e-7, 1.0, "H"),
-        "psi_f": (1e-5, 100.0, "Vs"),
+        **{name: (*PLAUSIBLE[name], UNITS[name]) for name in PARAMETERS},
         "n_p": (1, 200, "pole pairs"),
         "i_rated": (1e-3, 1e5, "A"),
     },
@@ -75,12 +71,12 @@ def load_machine(path: str | Path) -> Nominal:
 def _tables(path: str | Path) -> dict[str, dict[str, float]]:
     content = _toml(path)
     for key in content:
-        if key not in PLAUSIBLE:
+        if key not in KEYS:
             raise ConfigError(f"{path}: unknown entry {key!r}, expected the tables [machine] and [drive]")
     if "machine" not in content:
         raise ConfigError(f"{path}: the table [machine] is missing, expected it with any of "
-                          + ", ".join(PLAUSIBLE["machine"]))
-    return {name: _table(path, name, content.get(name, {})) for name in PLAUSIBLE}
+                          + ", ".join(KEYS["machine"]))
+    return {name: _table(path, name, content.get(name, {})) for name in KEYS}
 
 
 def _toml(path: str | Path) -> dict[str, object]:
@@ -99,7 +95,7 @@ def _toml(path: str | Path) -> dict[str, object]:
 def _table(path: str | Path, name: str, content: object) -> dict[str, float]:
     if not isinstance(content, dict):
         raise ConfigError(f"{path}: expected a table [{name}], came {name} = {content!r}")
-    allowed = PLAUSIBLE[name]
+    allowed = KEYS[name]
     values: dict[str, float] = {}
     for key, value in cast("dict[str, object]", content).items():
         where = f"{path}: [{name}] {key}"

@@ -1,7 +1,10 @@
 """Replay: the streaming core over a recording, chunk by chunk in constant memory. Knows nothing of terminals."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+
+import numpy as np
 
 from bench.recording import RecordingReader, Summary
 from bench.runs import Chunk
@@ -18,6 +21,7 @@ class Replay:
     recording: Summary
     window: Window
     result: WindowEstimate
+    remarks: tuple[str, ...]  # what a user should know besides, a sentence each
 
 
 OnEstimate = Callable[[float, WindowEstimate], None]
@@ -27,15 +31,18 @@ OnEstimate = Callable[[float, WindowEstimate], None]
 def replay(reader: RecordingReader, window: Window, every: int = 0, on_estimate: OnEstimate | None = None) -> Replay:
     """Stream a recording through the window; with `every`, report each time so many more rows have come."""
     state = window_ls.init(window.length, window.periods_per_row)
-    due = every
+    due, turned = every, _Turned()
     for chunk in reader:
+        turned.take(chunk.samples)
         for piece, joined in _pieces(chunk, due, every):
             state = window_ls.update(state, piece, joined=joined)
             due -= len(piece)
             if every and due <= 0 and on_estimate is not None:
                 on_estimate(piece.t0 + len(piece) * piece.T, _estimate(state, window))
                 due = every
-    return Replay(reader.summary, window, _estimate(state, window))
+    return Replay(
+        reader.summary, window, _estimate(state, window), (*reader.summary.remarks(), *turned.remarks())
+    )
 
 
 def as_json(replayed: Replay) -> dict[str, object]:
@@ -52,8 +59,36 @@ def as_json(replayed: Replay) -> dict[str, object]:
             "length": window.length, "periods_per_row": window.periods_per_row,
             "estimated": list(window.estimated), "held": dict(window.held),
         },
+        "remarks": list(replayed.remarks),
         "recording": asdict(replayed.recording),
     }
+
+
+@dataclass(slots=True)
+class _Turned:
+    """Whether speed and angle of a recording tell the same; the estimator rests on the angle."""
+
+    time: float = 0.0  # s
+    by_angle: float = 0.0  # rad
+    by_speed: float = 0.0  # rad
+    path: float = 0.0  # rad, without sign
+
+    def take(self, samples: Samples) -> None:
+        by_speed = 0.5 * (samples.omega_e[:-1] + samples.omega_e[1:]) * samples.T
+        off = np.diff(samples.theta_e) - by_speed
+        off -= 2.0 * math.pi * np.round(off / (2.0 * math.pi))
+        self.time += len(off) * samples.T
+        self.by_speed += float(by_speed.sum())
+        self.by_angle += float((by_speed + off).sum())
+        self.path += float(np.abs(by_speed).sum())
+
+    def remarks(self) -> tuple[str, ...]:
+        if abs(self.by_angle - self.by_speed) <= 0.02 * self.path + 1.0:
+            return ()
+        return (
+            f"theta_e turns at {self.by_angle / self.time:.4g} rad/s on average, but omega_e says "
+            f"{self.by_speed / self.time:.4g} rad/s; the estimates rest on theta_e",
+        )
 
 
 def _estimate(state: window_ls.WindowState, window: Window) -> WindowEstimate:

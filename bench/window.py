@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 from bench.errors import LimitError, shown
-from estimator.machine import PARAMETERS, UNITS
+from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
 from estimator.window_ls import check_window
 
 
@@ -71,5 +71,9 @@ def _values(value: object) -> dict[str, float]:
             raise LimitError(f"held: expected {', '.join(PARAMETERS)}, got {shown(name)}")
         if isinstance(number, bool) or not isinstance(number, int | float) or not 0 < number <= sys.float_info.max:
             raise LimitError(f"held {name}: expected a number of {UNITS[name]} above zero, got {shown(number)}")
+        low, high = PLAUSIBLE[name]
+        if not low <= number <= high:
+            unit = UNITS[name]
+            raise LimitError(f"held {name}: expected {low:g} to {high:g} {unit} (SI, per phase), got {shown(number)}")
         values[name] = float(number)
     return values

@@ -16,6 +16,10 @@ def check_served(host: str, port: int, channel: str) -> None:
                 raise ConnectError(f"{host}:{port} is no socketcand: expected '< hi >', got {_text(greeting)}")
             server.sendall(f"< open {channel} >".encode())
             answer = server.recv(256)
+    except TimeoutError:
+        raise ConnectError(
+            f"{host}:{port} does not answer: expected a socketcand server's greeting within {_TIMEOUT:g} s"
+        ) from None
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConnectError(f"nothing serves a CAN bus at {host}:{port}: {reason}") from None

@@ -4,8 +4,11 @@ Numba's cache notices only a change of the decorated function's own file, not of
 another one. So the cache lives in a folder named after the content of this room's sources.
 """
 
+import contextlib
 import hashlib
 import os
+import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
@@ -17,11 +20,22 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+_KEPT_TIME = 86400.0  # s without use after which the folders of other versions go
+
+
 def _cache_folder() -> str:
+    """The folder for this version of the sources; those of others not used for a day are removed."""
     sources = sorted(Path(__file__).parent.glob("*.py"))
     digest = hashlib.sha256(b"\0".join(source.read_bytes() for source in sources)).hexdigest()[:16]
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return str(home / "pmsm-bench" / "estimator" / digest)
+    folder = home / "pmsm-bench" / "estimator" / digest
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        for other in folder.parent.iterdir():
+            if time.time() - other.stat().st_mtime > _KEPT_TIME:
+                shutil.rmtree(other, ignore_errors=True)
+    return str(folder)
 
 
 _FOLDER = _cache_folder()

@@ -3,6 +3,10 @@
 from dataclasses import dataclass
 
 PARAMETERS: tuple[str, ...] = ("R_s", "L_d", "L_q", "psi_f")
+PLAUSIBLE: dict[str, tuple[float, float]] = {
+    "R_s": (1e-4, 1e3), "L_d": (1e-7, 1.0), "L_q": (1e-7, 1.0), "psi_f": (1e-5, 100.0),
+}
+"""Generous, in SI: from a hobby motor's milliohms to a laboratory coil. Outside, a unit is wrong (mH given as H)."""
 UNITS: dict[str, str] = {"R_s": "ohm", "L_d": "H", "L_q": "H", "psi_f": "Vs"}
 
 

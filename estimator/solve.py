@@ -113,8 +113,7 @@ def solve(
         if name not in estimated:
             estimates[name] = _at_held(name, held, Status.HELD, "held at the given value")
         elif ex.told[free.index(k)]:
-            j = free.index(k)
-            estimates[name] = Estimate(name, float(beta[k]), float(std[j]), UNITS[name], Status.OK)
+            estimates[name] = _told(name, float(beta[k]), float(std[free.index(k)]), held)
         else:
             estimates[name] = _at_held(name, held, Status.NOT_TOLD, _why(name, free.index(k), free, ex))
     return Solution(estimates, ex.condition, math.sqrt(rss / (2 * sums.rows)))
@@ -193,6 +192,15 @@ def _covariance(
         gamma1 = min(max(gamma1, -0.5 * gamma0), 0.5 * gamma0)
         meat += gamma0 * S0[np.ix_(free, free)] + gamma1 * S1[np.ix_(free, free)]
     return inverse @ meat @ inverse, total
+
+
+def _told(name: str, value: float, std: float, held: Mapping[str, float]) -> Estimate:
+    """The estimate, unless its interval is as wide as its value."""
+    unit = UNITS[name]
+    if 1.96 * std < abs(value):
+        return Estimate(name, value, std, unit, Status.OK)
+    reason = f"this window tells no more of {name} than {value:.3g} +- {1.96 * std:.2g} {unit}"
+    return _at_held(name, held, Status.NOT_TOLD, reason)
 
 
 def _at_held(name: str, held: Mapping[str, float], status: Status, reason: str) -> Estimate:

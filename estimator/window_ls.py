@@ -77,7 +77,7 @@ class WindowState:
 
 def init(length: int, m: int = 1) -> WindowState:
     """An empty window of `length` samples with rows of m periods. Raises ValueError outside the limits."""
-    check_window(length, m)
+    check_window(length, m, ())
     chunks = -(-max(_HISTORY, _needed(length, m)) // CHUNK)
     capacity = chunks * CHUNK
     return WindowState(
@@ -104,10 +104,10 @@ def check_window(length: int, m: int, estimated: Sequence[str] = PARAMETERS) -> 
     """Raise ValueError, in a sentence, when a window cannot work."""
     if not 1 <= m <= MAX_M:
         raise ValueError(f"periods per row must be 1 to {MAX_M}, got {m}")
-    least = len(estimated) * m
+    least = max(1, len(estimated)) * m
     if not least <= length <= MAX_LENGTH:
         raise ValueError(
-            f"window length must be {least} ({len(estimated)} parameters x {m} periods per row) "
+            f"window length must be {least} ({max(1, len(estimated))} parameters x {m} periods per row) "
             f"to {MAX_LENGTH} samples, got {length}"
         )
 

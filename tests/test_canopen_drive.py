@@ -215,7 +215,7 @@ def test_a_host_that_cannot_be_is_a_connect_error(host: str) -> None:
     [
         (b"HTTP/1.1 400 Bad Request\r\n", r"127.0.0.1:\d+ is no socketcand: expected '< hi >', got 'HTTP/1.1 400"),
         (b"", r"127.0.0.1:\d+ is no socketcand: expected '< hi >', got nothing"),
-        (None, r"nothing serves a CAN bus at 127.0.0.1:\d+: timed out"),
+        (None, r"127.0.0.1:\d+ does not answer: expected a socketcand server's greeting within 2 s"),
     ],
 )
 def test_a_port_that_serves_something_else_is_a_connect_error(greeting: bytes | None, sentence: str) -> None:

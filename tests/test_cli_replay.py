@@ -210,6 +210,21 @@ def test_what_cannot_be_replayed_is_one_sentence_and_exit_code_2(
     assert (after.st_size, after.st_mtime_ns) == (before.st_size, before.st_mtime_ns)
 
 
+def test_a_speed_that_contradicts_the_angle_is_told(
+    recordings: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert pmsm_bench("replay", recordings / "run.csv", "--set", "omega_e=100", monkeypatch=monkeypatch) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "theta_e turns at 502.7 rad/s on average, but omega_e says 100 rad/s" in said
+    assert pmsm_bench("replay", recordings / "run.csv", monkeypatch=monkeypatch) == 0
+    assert "omega_e says" not in capsys.readouterr().out
+
+
+def test_a_window_as_short_as_its_parameters_is_taken(recordings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = ("--window", "3", "--estimate", "R_s,L_d,L_q", "--nominal", recordings / "machine.toml")
+    assert pmsm_bench("replay", recordings / "run.csv", *options, monkeypatch=monkeypatch) == 0
+
+
 def test_cells_without_a_value_are_left_out_and_counted(
     recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,6 +17,7 @@ from bench.window import Window
 from drivers.block import Block
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import StreamRows, VirtualDrive
+from estimator import window_ls
 from estimator.estimate import Status
 from estimator.machine import PARAMETERS
 from tests.served_drive import until
@@ -189,7 +190,10 @@ def test_drives_do_not_mix() -> None:
         assert worker.snapshot("a").window.length == 600
 
 
-@pytest.mark.parametrize("change", [{"length": 3}, {"held": {"R_s": 10**400}}, {"estimated": ["J"]}, {"size": 1}])
+@pytest.mark.parametrize(
+    "change",
+    [{"length": 3}, {"held": {"R_s": 10**400}}, {"held": {"psi_f": 1e300}}, {"estimated": ["J"]}, {"size": 1}],
+)
 def test_a_change_that_cannot_work_leaves_the_window_as_it_was(change: dict[str, Any]) -> None:
     with running() as worker:
         before = fed(worker, Source(), 700)
@@ -223,6 +227,28 @@ def test_a_fault_with_one_drive_is_told_and_stops_neither_the_worker_nor_the_oth
         until(lambda: worker.failure is not None, "the failure to be told")
         expect_truth(fed(worker, source, 800, "b"))
         expect_truth(fed(worker, source, 800, "a"))
+        assert worker.failure is None
+
+
+def test_a_change_that_the_estimator_fails_on_leaves_everything_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = Source()
+    with running() as worker:
+        before = fed(worker, source, 700)
+        solve = window_ls.estimate
+
+        def fail(*arguments: Any) -> Any:
+            if arguments[1] == ("R_s",):
+                raise OverflowError("too large")
+            return solve(*arguments)
+
+        monkeypatch.setattr(window_ls, "estimate", fail)
+        held = {"L_d": 4e-3, "L_q": 6e-3, "psi_f": 0.1}
+        with pytest.raises(OverflowError):
+            worker.change_window("a", {"length": 300, "periods_per_row": 2, "estimated": ["R_s"], "held": held})
+        after = fed(worker, source, 100)
+        assert after.window == before.window
+        assert after.result.samples == WINDOW.length
+        assert worker.failure is None
 
 
 def test_a_change_is_refused_in_a_sentence_where_no_worker_takes_it_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -37,6 +37,7 @@ def test_a_window_may_be_as_short_as_its_parameters_and_rows_allow() -> None:
         ({"length": -5}, "window length must be 4 (4 parameters x 1 periods per row) to 1000000 samples, got -5"),
         ({"length": 1_000_001}, "window length must be 4 (4 parameters x 1 periods per row) to 1000000 samples, "
                                 "got 1000001"),
+        ({"held": {"L_d": 4.24}}, "held L_d: expected 1e-07 to 1 H (SI, per phase), got 4.24"),
         ({"length": 100.0}, "length: expected a whole number, got 100.0"),
         ({"length": math.nan}, "length: expected a whole number, got nan"),
         ({"length": True}, "length: expected a whole number, got True"),

@@ -1,5 +1,6 @@
 """`pmsm-bench`: one console script. Every refusal is one sentence on standard error and exit code 2."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -51,13 +52,15 @@ def up(at: At = DEFAULT_BUS, scenario: Scenario = "paper", port: Port = None) ->
 @app.command()
 def estimates(
     name: Annotated[str, typer.Argument(help="the drive")],
-    service: Annotated[str, typer.Option(metavar="URL", help="the service")] = "http://127.0.0.1:8080",
+    service: Annotated[
+        str | None, typer.Option(metavar="URL", help="the service (default http://127.0.0.1:8080, or PMSM_BENCH_PORT)")
+    ] = None,
     once: Annotated[bool, typer.Option("--once", help="print one table and end")] = False,
 ) -> None:
     """Show a drive's live estimates as a table, until Ctrl-C."""
     from bench.cli.live import show
 
-    show(name, service, once=once)
+    show(name, service or f"http://127.0.0.1:{os.environ.get('PMSM_BENCH_PORT', '8080')}", once=once)
 
 
 @app.command()

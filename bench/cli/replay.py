@@ -124,5 +124,5 @@ def _print(replayed: Replay) -> None:
     for name, estimate in result.estimates.items():
         table.add_row(name, *row_cells(asdict(estimate)))
     console.print(table)
-    for remark in summary.remarks():
+    for remark in replayed.remarks:
         console.print(remark, soft_wrap=True, markup=False)
