@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser paper clean
+.PHONY: run test lint types arrows fast slow browser paper bench-estimator clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -44,6 +44,9 @@ $(VENV)/.dev: $(VENV)/.run
 	@echo "installing the tools of the checks"
 	@$(PIP) --editable ".[dev]"
 	@touch $@
+
+bench-estimator: $(VENV)/.dev ## the estimator's speed beside its peers and a C loop (needs gcc)
+	$(BIN)/python -m tests.bench_estimator
 
 clean: ## remove what make made
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -14,6 +14,9 @@ from pathlib import Path
 import httpx
 import pytest
 
+# A shell starts what it runs in the background with Ctrl-C ignored, and children inherit that
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 READY = 120.0  # s, the first start compiles
 COMMAND = [sys.executable, "-m", "bench.cli.main"]
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"

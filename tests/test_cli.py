@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -174,7 +175,9 @@ def test_a_live_table_ends_with_ctrl_c_and_no_complaint(running_bench: RunningBe
         while shown.count(b"emulated: ok") < 3:  # drawn again and again
             shown += screen.read(4096)
         process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + 15.0
         while select.select([screen], [], [], 0.05)[0] or process.poll() is None:
+            assert time.monotonic() < deadline
             if select.select([screen], [], [], 0.05)[0]:
                 screen.read(4096)
         assert process.communicate(timeout=10.0)[1] == b""

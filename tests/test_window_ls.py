@@ -178,3 +178,22 @@ def test_a_window_that_cannot_work_is_refused_in_a_sentence(length: int, m: int)
 def test_a_parameter_neither_estimated_nor_held_is_refused_in_a_sentence() -> None:
     with pytest.raises(ValueError, match="psi_f is not estimated and so needs a held value"):
         window_ls.estimate(window_ls.init(100), ("R_s", "L_d", "L_q"))
+
+
+@pytest.mark.slow
+def test_after_a_hundred_million_samples_the_window_is_still_exact() -> None:
+    """With a standstill and a stretch of a thousand times larger signals on the way."""
+    samples = streamed(VirtualDrive(PAPER), 50_000)
+    loud = replace(
+        samples, i_d=samples.i_d * 1e3, i_q=samples.i_q * 1e3, u_d=samples.u_d * 1e3, u_q=samples.u_q * 1e3
+    )
+    still = np.zeros(50_000)
+    rest = Samples(still, still, still, still, still, still, samples.T_s, samples.periods, still, still)
+    balance = flux_balance(samples)
+    for m, rounds in ((1, 2001), (7, 400)):
+        state = window_ls.init(1000, m)
+        for k in range(rounds):
+            stretch = {300: rest, rounds - 3: loud, rounds - 2: rest}.get(k, samples)
+            state = window_ls.update(state, stretch, joined=False)
+        assert int(state.count[0]) == rounds * 49_999
+        assert_is_lstsq(state, balance, 1000, m)
