@@ -21,7 +21,7 @@ import numpy as np
 from bench.errors import RecordingError
 from bench.runs import PROBE, Chunk, Clock, Part, RunSplitter, find_clock
 from bench.sources import MAX_PERIODS, Sources, check_options, find_sources
-from bench.table import column_names, read_parts
+from bench.table import column_names, read_parts, row_count
 from estimator.samples import Column, Samples
 
 CHUNK_ROWS = 65_536
@@ -85,6 +85,11 @@ class RecordingReader:
         self._parts = chain(first, parts)
         self._splitter = RunSplitter(self.clock, sources.constants, shift)
         self._chunks = self._read()
+
+    @property
+    def rows_expected(self) -> int | None:
+        """Rows of the file, where its format says so beforehand."""
+        return row_count(self.path)
 
     def __iter__(self) -> Iterator[Chunk]:
         return self._chunks

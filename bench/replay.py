@@ -28,12 +28,20 @@ OnEstimate = Callable[[float, WindowEstimate], None]
 """Called with the time (s) of a window's newest row's end, and what the window says."""
 
 
-def replay(reader: RecordingReader, window: Window, every: int = 0, on_estimate: OnEstimate | None = None) -> Replay:
-    """Stream a recording through the window; with `every`, report each time so many more rows have come."""
+def replay(
+    reader: RecordingReader, window: Window, every: int = 0, on_estimate: OnEstimate | None = None,
+    on_rows: Callable[[int], None] | None = None,
+) -> Replay:
+    """Stream a recording through the window; with `every`, report each time so many more rows have come.
+
+    `on_rows` hears the number of rows done, now and then.
+    """
     state = window_ls.init(window.length, window.periods_per_row)
     due, turned = every, _Turned()
     for chunk in reader:
         turned.take(chunk.samples)
+        if on_rows is not None:
+            on_rows(reader.summary.rows)
         for piece, joined in _pieces(chunk, due, every):
             state = window_ls.update(state, piece, joined=joined)
             due -= len(piece)

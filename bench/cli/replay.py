@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from bench.cli.table import row_cells
@@ -45,12 +46,23 @@ def run(
             align=_pairs("--align", align, float),
         ) as reader,
         _track(csv_out) as on_estimate,
+        _progress(reader.rows_expected) as on_rows,
     ):
-        replayed = replay(reader, settings, hop if csv_out else 0, on_estimate)
+        replayed = replay(reader, settings, hop if csv_out else 0, on_estimate, on_rows)
     _print(replayed)
     if json_out is not None:
         with _written(json_out):
             json_out.write_text(json.dumps(as_json(replayed), indent=2) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def _progress(rows: int | None) -> Generator[Callable[[int], None]]:
+    """A bar on standard error while a long recording is read, where that is a terminal."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("rows", total=rows)
+        yield lambda done: bar.update(task, completed=done)
 
 
 def _check_outputs(file: Path, *outputs: Path | None) -> None:
