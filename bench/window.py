@@ -32,7 +32,7 @@ class Window:
             held={**self.held, **_values(change.get("held", {}))},
         )
         try:
-            check_window(window.length, window.periods_per_row, window.estimated)
+            check_window(window.length, window.periods_per_row, len(window.estimated))
         except ValueError as error:
             raise LimitError(str(error)) from None
         for name in PARAMETERS:

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from estimator.estimate import Estimate, Status
 from estimator.machine import PARAMETERS, UNITS
-from estimator.solve import NOISE_DOUBT, Solution, WindowSums, solve
+from estimator.solve import NOISE_DOUBT, Solution, WindowSums, check_held, solve
 from estimator.window_ls import WindowState, sums_of
 
 Array = NDArray[np.float64]
@@ -77,9 +77,7 @@ def estimate(
 ) -> AutoEstimate:
     """What the newest samples say. Parameters not in `estimated` need a value in `held` (SI)."""
     held = held or {}
-    for name in PARAMETERS:
-        if name not in estimated and name not in held:
-            raise ValueError(f"{name} is not estimated and so needs a held value, got none")
+    check_held(estimated, held)
     cuts = lengths_of(state.samples, state.m)
     sums = [sums_of(state, length) for length in cuts]
     rings = [sums[0], *(_less(longer, shorter) for shorter, longer in pairwise(sums))]

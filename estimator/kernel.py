@@ -23,19 +23,25 @@ R = TypeVar("R")
 _KEPT_TIME = 86400.0  # s without use after which the folders of other versions go
 
 
-def _cache_folder() -> str:
-    """The folder for this version of the sources; those of others not used for a day are removed."""
+def _cache_folder() -> str | None:
+    """The folder for this version of the sources; those of others not used for a day are removed.
+
+    None where none can be written: then nothing is cached.
+    """
     sources = sorted(Path(__file__).parent.glob("*.py"))
     digest = hashlib.sha256(b"\0".join(source.read_bytes() for source in sources)).hexdigest()[:16]
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = home / "pmsm-bench" / "estimator" / digest
-    with contextlib.suppress(OSError):
+    try:
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = home / "pmsm-bench" / "estimator" / digest
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
-        for other in folder.parent.iterdir():
-            if time.time() - other.stat().st_mtime > _KEPT_TIME:
-                shutil.rmtree(other, ignore_errors=True)
-    return str(folder)
+        with contextlib.suppress(FileNotFoundError):  # another process removes it too
+            for other in folder.parent.iterdir():
+                if time.time() - other.stat().st_mtime > _KEPT_TIME:
+                    shutil.rmtree(other, ignore_errors=True)
+    except (OSError, RuntimeError):  # read-only, or no home
+        return None
+    return str(folder) if os.access(folder, os.W_OK) else None
 
 
 _FOLDER = _cache_folder()
@@ -53,8 +59,8 @@ def summing_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 def _compiled(function: Callable[P, R], fastmath: bool | set[str]) -> Callable[P, R]:
     before = getattr(numba_config, "CACHE_DIR", "")
-    setattr(numba_config, "CACHE_DIR", _FOLDER)  # noqa: B010 - numba declares its settings at run time
+    setattr(numba_config, "CACHE_DIR", _FOLDER or "")  # noqa: B010 - numba declares its settings at run time
     try:
-        return cast(Callable[P, R], numba.njit(cache=True, fastmath=fastmath)(function))
+        return cast(Callable[P, R], numba.njit(cache=_FOLDER is not None, fastmath=fastmath)(function))
     finally:
         setattr(numba_config, "CACHE_DIR", before)  # noqa: B010

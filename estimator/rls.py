@@ -35,9 +35,9 @@ from estimator.flux_balance import COLUMNS, flux_balance
 from estimator.kernel import kernel
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
-from estimator.solve import WindowSums, solve, sums_from
+from estimator.solve import WindowSums, check_held, solve, sums_from
 from estimator.stream import Stream, runs_of
-from estimator.window_ls import MAX_M
+from estimator.window_ls import check_m
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -86,11 +86,8 @@ def init(
     """Nothing known but the prior. Parameters not in `estimated` need a value in `held` (SI). Raises ValueError."""
     held = held or {}
     prior = prior or Prior()
-    for name in PARAMETERS:
-        if name not in estimated and name not in held:
-            raise ValueError(f"{name} is not estimated and so needs a held value, got none")
-    if not 1 <= m <= MAX_M:
-        raise ValueError(f"periods per row must be 1 to {MAX_M}, got {m}")
+    check_held(estimated, held)
+    check_m(m)
     if not 0.0 < prior.P_0 < np.inf:
         raise ValueError(f"P_0 must be positive and finite, got {prior.P_0}")
     check_lam(lam)

@@ -17,7 +17,7 @@ differenced noise is: correlated between neighbouring rows, and not further. Kno
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -70,6 +70,13 @@ def sums_from(triangles: Array, rows: int, pairs: int, T_s: float, periods: int)
     return WindowSums((d0, q0), (d1, q1), rows, pairs, T_s, periods)
 
 
+def check_held(estimated: Sequence[str], held: Mapping[str, float]) -> None:
+    """Raise ValueError, in a sentence, when a parameter is neither estimated nor held."""
+    for name in PARAMETERS:
+        if name not in estimated and name not in held:
+            raise ValueError(f"{name} is not estimated and so needs a held value, got none")
+
+
 def solve(
     sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool = True
 ) -> Solution:
@@ -103,7 +110,7 @@ def solve(
         if noise_aware:
             ex = excitation(G, np.diag(noise))
     if not noise_aware:
-        ex = Excitation(excitation(G, np.diag(noise)).told, ex.combinations, ex.inverse, ex.condition)
+        ex = replace(excitation(G, np.diag(noise)), inverse=ex.inverse)
 
     covariance, rss = _covariance(sums, _axes(beta, small), free, ex.inverse)
     bias = ex.inverse @ (noise * beta[free])

@@ -25,7 +25,7 @@ from estimator.estimate import WindowEstimate
 from estimator.flux_balance import COLUMNS, columns_of
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
-from estimator.solve import WindowSums, solve, sums_from
+from estimator.solve import WindowSums, check_held, solve, sums_from
 from estimator.window_sums import CHUNK, PAIRS, ROWS, SUMS, take_balances, take_sample, take_samples, total_sums
 
 Array = NDArray[np.float64]
@@ -77,7 +77,7 @@ class WindowState:
 
 def init(length: int, m: int = 1) -> WindowState:
     """An empty window of `length` samples with rows of m periods. Raises ValueError outside the limits."""
-    check_window(length, m, ())
+    check_window(length, m)
     chunks = -(-max(_HISTORY, _needed(length, m)) // CHUNK)
     capacity = chunks * CHUNK
     return WindowState(
@@ -100,16 +100,21 @@ def warm_up() -> None:
     estimate(update_one(state, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-def check_window(length: int, m: int, estimated: Sequence[str] = PARAMETERS) -> None:
-    """Raise ValueError, in a sentence, when a window cannot work."""
-    if not 1 <= m <= MAX_M:
-        raise ValueError(f"periods per row must be 1 to {MAX_M}, got {m}")
-    least = max(1, len(estimated)) * m
+def check_window(length: int, m: int, parameters: int = 1) -> None:
+    """Raise ValueError, in a sentence, when a window cannot work for so many parameters."""
+    check_m(m)
+    least = parameters * m
     if not least <= length <= MAX_LENGTH:
         raise ValueError(
-            f"window length must be {least} ({max(1, len(estimated))} parameters x {m} periods per row) "
+            f"window length must be {least} ({parameters} parameters x {m} periods per row) "
             f"to {MAX_LENGTH} samples, got {length}"
         )
+
+
+def check_m(m: int) -> None:
+    """Raise ValueError, in a sentence, when rows cannot have so many periods."""
+    if not 1 <= m <= MAX_M:
+        raise ValueError(f"periods per row must be 1 to {MAX_M}, got {m}")
 
 
 def update(state: WindowState, samples: Samples, *, joined: bool = True) -> WindowState:
@@ -145,7 +150,7 @@ def update_one(
 
 def resized(state: WindowState, length: int, m: int) -> WindowState:
     """The same stream under another window: every balance still held is kept. Cost: one pass over them."""
-    check_window(length, m, ())
+    check_window(length, m)
     if m == state.m and _needed(length, m) <= len(state.starts):
         state.length = length
         return state
@@ -166,9 +171,7 @@ def estimate(
 ) -> WindowEstimate:
     """What the window says. Parameters not in `estimated` need a value in `held` (SI); see `solve.solve`."""
     held = held or {}
-    for name in PARAMETERS:
-        if name not in estimated and name not in held:
-            raise ValueError(f"{name} is not estimated and so needs a held value, got none")
+    check_held(estimated, held)
     sums = sums_of(state, state.length)
     found = solve(sums, estimated, held, noise_aware=noise_aware)
     return WindowEstimate(
