@@ -34,7 +34,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.estimate import Estimate, Status
+from estimator.estimate import Estimate, Status, WindowEstimate
 from estimator.machine import PARAMETERS, UNITS
 from estimator.solve import NOISE_DOUBT, Solution, WindowSums, check_held, solve
 from estimator.window_ls import WindowState, sums_of
@@ -49,19 +49,6 @@ WARMTH_OF_DOUBT: Final = 3.0  # of the standard error: it hears hypotheses that 
 SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
 
 
-@dataclass(frozen=True, slots=True)
-class AutoEstimate:
-    """What the data say, each parameter through the window that suits it."""
-
-    estimates: dict[str, Estimate]  # by parameter, in the order of `machine.PARAMETERS`
-    lengths: dict[str, int]  # samples: the window of the weightiest hypothesis; of estimated parameters only
-    samples: int  # in the longest window
-    gaps: int  # breaks in the stream inside the longest window
-    filled: bool  # the longest window has as many samples as asked for
-    condition: float | None  # of the longest window, see `WindowEstimate`
-    residual_rms: float | None  # V, of the longest window
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretches:
     """Estimates of one parameter from consecutive stretches of the stream, newest first; arrays of equal length."""
@@ -74,8 +61,12 @@ class Stretches:
 
 def estimate(
     state: WindowState, estimated: Sequence[str] = PARAMETERS, held: Mapping[str, float] | None = None
-) -> AutoEstimate:
-    """What the newest samples say. Parameters not in `estimated` need a value in `held` (SI)."""
+) -> WindowEstimate:
+    """What the newest samples say; counts, condition and residual are those of the longest window.
+
+    Parameters not in `estimated` need a value in `held` (SI). Each estimate's `window` is that of the weightiest
+    hypothesis.
+    """
     held = held or {}
     check_held(estimated, held)
     cuts = lengths_of(state.samples, state.m)
@@ -86,12 +77,11 @@ def estimate(
     plain = solve(sums[-1], estimated, held, noise_aware=False)
     errors = _common_errors(rings, solutions, estimated)
     estimates: dict[str, Estimate] = {}
-    lengths: dict[str, int] = {}
     for name in PARAMETERS:
         estimates[name] = whole.estimates[name]
         if name not in estimated:
             continue
-        lengths[name] = cuts[-1]
+        estimates[name] = replace(estimates[name], window=cuts[-1])
         told = _stretches(name, solutions, errors, cuts)
         alone = whole.estimates[name].std
         if alone is not None and _precision(told) < 0.5 / alone**2:
@@ -99,10 +89,9 @@ def estimate(
         if len(told.value):
             value, std, length = weighed(told, whole.estimates[name].value)
             doubt = NOISE_DOUBT * ((whole.estimates[name].value or value) - (plain.estimates[name].value or value))
-            estimates[name] = Estimate(name, value, math.hypot(std, doubt), UNITS[name], Status.OK)
-            lengths[name] = length
-    return AutoEstimate(
-        estimates, lengths, state.samples, state.gaps, state.samples == state.length, whole.condition,
+            estimates[name] = Estimate(name, value, math.hypot(std, doubt), UNITS[name], Status.OK, window=length)
+    return WindowEstimate(
+        estimates, state.samples, state.gaps, 2 * sums[-1].rows, state.samples == state.length, whole.condition,
         whole.residual_rms,
     )
 

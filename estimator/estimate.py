@@ -23,6 +23,15 @@ class Estimate:
     unit: str
     status: Status
     reason: str = ""  # a sentence, where status is not ok
+    window: int | None = None  # samples it rests on, where the data chose them
+
+
+@dataclass(frozen=True, slots=True)
+class Combination:
+    """Parameters that a window cannot tell apart, or one that it cannot tell at all."""
+
+    parameters: tuple[str, ...]
+    reason: str  # a sentence
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,3 +45,4 @@ class WindowEstimate:
     filled: bool  # the window has as many rows as asked for
     condition: float | None  # of the column-scaled regressor matrix of the estimated parameters
     residual_rms: float | None  # V
+    combinations: tuple[Combination, ...] = ()  # what the window cannot tell; no parameter is in two of them

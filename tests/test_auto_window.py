@@ -69,7 +69,7 @@ def test_an_empty_window_has_no_data_and_a_short_one_is_all_there_is() -> None:
     assert auto_window.estimate(state, NAMES, HELD).estimates["R_s"].status is Status.NO_DATA
     window_ls.update(state, streamed(VirtualDrive(PAPER_RUN), 25))
     auto, alone = auto_window.estimate(state, NAMES, HELD), window_ls.estimate(state, NAMES, HELD)
-    assert set(auto.lengths.values()) == {24}
+    assert {auto.estimates[name].window for name in NAMES} == {24}
     assert auto.estimates["L_q"].value == pytest.approx(alone.estimates["L_q"].value, rel=1e-9)
 
 
