@@ -28,15 +28,16 @@ Biometrics 53, 1997, doi 10.2307/2533961. Knows nothing of streams beyond `windo
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimate import Estimate, Status, WindowEstimate
+from estimator.fit import NOISE_DOUBT, Z_95, Fit, fit
 from estimator.machine import PARAMETERS, UNITS
-from estimator.solve import NOISE_DOUBT, Solution, WindowSums, check_held, solve
+from estimator.solve import check_held, solve
+from estimator.sums import WindowSums
 from estimator.window_ls import WindowState, sums_of
 
 Array = NDArray[np.float64]
@@ -70,29 +71,30 @@ def estimate(
     held = held or {}
     check_held(estimated, held)
     cuts = lengths_of(state.samples, state.m)
-    sums = [sums_of(state, length) for length in cuts]
-    rings = [sums[0], *(_less(longer, shorter) for shorter, longer in pairwise(sums))]
-    whole = solve(sums[-1], estimated, held)
-    solutions = [whole] if len(rings) == 1 else [solve(ring, estimated, held) for ring in rings]
-    plain = solve(sums[-1], estimated, held, noise_aware=False)
-    errors = _common_errors(rings, solutions, estimated)
+    sums = sums_of(state, cuts)
+    whole = solve(sums[-1:], estimated, held)
+    plain = fit(sums[-1:], estimated, held, noise_aware=False)
+    rings = _rings(sums)
+    found = fit(rings, estimated, held)
+    std = _common_errors(rings, found)
+    ends = np.array([0, *cuts[:-1]], np.float64)
     estimates: dict[str, Estimate] = {}
-    for name in PARAMETERS:
-        estimates[name] = whole.estimates[name]
+    for j, name in enumerate(PARAMETERS):
+        estimates[name] = alone = whole.estimates[name]
         if name not in estimated:
             continue
-        estimates[name] = replace(estimates[name], window=cuts[-1])
-        told = _stretches(name, solutions, errors, cuts)
-        alone = whole.estimates[name].std
-        if alone is not None and _precision(told) < 0.5 / alone**2:
+        estimates[name] = replace(alone, window=cuts[-1])
+        tells = found.told[:, j] & (std[:, j] > 0.0) & (Z_95 * std[:, j] < np.abs(found.beta[:, j]))
+        told = Stretches(found.beta[tells, j], std[tells, j], np.array(cuts, np.float64)[tells], ends[tells])
+        if alone.std is not None and float(np.sum(told.std**-2.0)) < 0.5 / alone.std**2:
             continue  # the stretches, each by itself, miss what they tell together
         if len(told.value):
-            value, std, length = weighed(told, whole.estimates[name].value)
-            doubt = NOISE_DOUBT * ((whole.estimates[name].value or value) - (plain.estimates[name].value or value))
-            estimates[name] = Estimate(name, value, math.hypot(std, doubt), UNITS[name], Status.OK, window=length)
+            value, error, length = weighed(told, alone.value)
+            doubt = NOISE_DOUBT * (value - float(plain.beta[0, j])) if alone.std is not None else 0.0
+            estimates[name] = Estimate(name, value, math.hypot(error, doubt), UNITS[name], Status.OK, window=length)
     return WindowEstimate(
-        estimates, state.samples, state.gaps, 2 * sums[-1].rows, state.samples == state.length, whole.condition,
-        whole.residual_rms,
+        estimates, state.samples, state.gaps, 2 * int(sums.rows[-1]), state.samples == state.length, whole.condition,
+        whole.residual_rms, whole.combinations,
     )
 
 
@@ -149,73 +151,48 @@ def _weights(score: Array, warmth: float) -> Array:
     return weight / weight.sum()
 
 
-def _less(longer: WindowSums, shorter: WindowSums) -> WindowSums:
-    """Sums over what a window has before a shorter one.
+def _rings(sums: WindowSums) -> WindowSums:
+    """Sums over the stretches between windows of ascending length.
 
     The difference holds the pair that straddles the cut, which is no neighbour within the stretch. With it the noise of
     the stretch's two ends would cancel; it is taken out as an average pair.
     """
-    pairs = longer.pairs - shorter.pairs
-    inside = (pairs - 1) / pairs if pairs > 1 else 0.0
-    (d0, q0), (d1, q1) = longer.lag0, longer.lag1
-    (e0, r0), (e1, r1) = shorter.lag0, shorter.lag1
-    return replace(
-        longer, lag0=(d0 - e0, q0 - r0), lag1=(inside * (d1 - e1), inside * (q1 - r1)),
-        rows=longer.rows - shorter.rows, pairs=max(pairs - 1, 0),
-    )
+    rings = sums.mapped(lambda values: np.diff(values, axis=0, prepend=np.zeros_like(values[:1])))
+    inside = rings.pairs.copy()
+    inside[1:] = np.maximum(rings.pairs[1:] - 1.0, 0.0)
+    share = inside / np.maximum(rings.pairs, 1.0)
+    return replace(rings, lag1=rings.lag1 * share[:, None, None, None], pairs=inside)
 
 
-def _common_errors(
-    rings: Sequence[WindowSums], solutions: Sequence[Solution], estimated: Sequence[str]
-) -> list[dict[str, float]]:
-    """Standard errors of each stretch with a residual whose colour is that of all stretches together.
+def _common_errors(rings: WindowSums, found: Fit) -> Array:
+    """Standard errors (K, 4) of each stretch with a residual whose colour is that of all stretches together.
 
     A short stretch knows the colour of its own residual badly, and so by chance a standard error near zero. Its size
     is taken from its own and all others' residuals, in proportion to its rows and `SHARED`. Stretches that do not
-    tell all of `estimated` keep the errors they have.
+    tell all that is estimated keep the errors they have.
     """
-    errors = [{name: e.std for name, e in s.estimates.items() if e.std is not None} for s in solutions]
-    full = [k for k, e in enumerate(errors) if len(e) == len(estimated)]
-    if not full:
-        return errors
-    free = [PARAMETERS.index(name) for name in PARAMETERS if name in estimated]
-    S0 = np.array([rings[k].lag0 for k in full])  # (stretches, 2 axes, 6, 6)
-    S1 = np.array([rings[k].lag1 for k in full])
-    c = np.array([_coefficients(solutions[k]) for k in full])
-    rows, pairs = (np.array([[getattr(rings[k], n)] for k in full], np.float64) for n in ("rows", "pairs"))
+    std = found.std.copy()
+    full = found.told[:, found.free].all(axis=1)
+    if not full.any():
+        return std
+    S0, S1 = (S[full] for S in (rings.lag0, rings.lag1))  # (stretches, 2 axes, 6, 6)
+    c = _coefficients(found.beta[full])
+    rows, pairs = rings.rows[full, None], rings.pairs[full, None]
     squares, products = (np.einsum("ki,kaij,kj->ka", c, S, c) for S in (S0, S1))
-    freedom = rows - 0.5 * len(free)
+    freedom = rows - 0.5 * len(found.free)
     gamma0 = np.sum(squares, axis=0) / np.sum(freedom)  # V2, by axis
     gamma1 = np.sum(products, axis=0) / max(2.0 * np.sum(pairs), 1.0) * np.sum(rows) / np.sum(freedom)
     rho = np.clip(gamma1 / np.maximum(gamma0, 1e-300), -0.5, 0.5)
     gamma0 = (squares + SHARED * gamma0) / (freedom + SHARED)
     meat = np.einsum("ka,kaij->kij", gamma0, S0) + np.einsum("ka,kaij->kij", gamma0 * rho, S1)
-    G = S0.sum(axis=1)
-    at = np.ix_(free, free)
-    for k, g, middle in zip(full, G, meat, strict=True):
-        inverse = np.array(np.linalg.inv(g[at]), np.float64)
-        variance = np.diag(inverse @ middle[at] @ inverse)
-        errors[k] = {PARAMETERS[j]: math.sqrt(max(v, 0.0)) for j, v in zip(free, variance.tolist(), strict=True)}
-    return errors
+    G = S0.sum(axis=1)[:, found.free][..., found.free]
+    inverse = np.array(np.linalg.inv(G), np.float64)
+    variance = np.diagonal(inverse @ meat[:, found.free][..., found.free] @ inverse, axis1=1, axis2=2)
+    std[np.flatnonzero(full)[:, None], found.free] = np.sqrt(np.maximum(variance, 0.0))
+    return std
 
 
-def _coefficients(solution: Solution) -> list[float]:
-    """Of a regression row (R_s, L_d, L_q, psi_f, h, u), so that their product is minus its residual."""
-    R_s, L_d, L_q, psi_f = (solution.estimates[name].value or 0.0 for name in PARAMETERS)
-    return [R_s, L_d, L_q, psi_f, -R_s * psi_f / L_d if L_d > 0.0 else 0.0, -1.0]
-
-
-def _stretches(
-    name: str, solutions: Sequence[Solution], errors: Sequence[Mapping[str, float]], cuts: Sequence[int]
-) -> Stretches:
-    """What each stretch says of a parameter, without those that do not tell it."""
-    found: list[tuple[float, float, float, float]] = []
-    for solution, std, start, end in zip(solutions, errors, cuts, [0, *cuts[:-1]], strict=True):
-        e = solution.estimates[name]
-        if e.status is Status.OK and e.value is not None and std.get(name, 0.0) > 0.0:
-            found.append((e.value, std[name], float(start), float(end)))
-    return Stretches(*np.array(found).reshape(-1, 4).T)
-
-
-def _precision(told: Stretches) -> float:
-    return float(np.sum(told.std**-2.0))
+def _coefficients(beta: Array) -> Array:
+    """Of a regression row (R_s, L_d, L_q, psi_f, h, u), so that their product is minus its residual; (K, 6)."""
+    R_s, L_d, _, psi_f = beta.T
+    return np.column_stack((beta, -R_s * psi_f / L_d, np.full_like(R_s, -1.0)))

@@ -3,58 +3,90 @@
 A direction in parameter space is told when the regressors move along it by clearly more than their own noise does.
 Current noise sits inside the regressors (errors in variables), so a column of pure noise looks like
 excitation to the normal matrix: the test is the ratio of the two, direction by direction.
-Knows nothing of streams; works on one window's normal matrix.
+Knows nothing of streams; works on the normal matrices of K windows at once.
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-Matrix = NDArray[np.float64]
+Array = NDArray[np.float64]
 
-NOISE_SHARE = 0.1  # a direction owing more of its regressor energy than this to noise is not told
-ROUND_OFF = 1e-10  # relative energy below which a direction is arithmetic, not excitation
-INVOLVED = 0.05  # share of the largest contribution from which a parameter counts as part of a combination
+NOISE_SHARE: Final = 0.1  # a direction owing more of its regressor energy than this to noise is not told
+ROUND_OFF: Final = 1e-10  # relative energy below which a direction is arithmetic, not excitation
+INVOLVED: Final = 0.05  # share from which a parameter counts as part of a direction, or two as coupled by it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excitation:
-    """Excitation of p parameters by one window."""
+    """Excitation of p parameters by each of K windows."""
 
-    told: NDArray[np.bool_]  # shape (p,)
-    combinations: tuple[tuple[int, ...], ...]  # groups of parameters that cannot be told apart; one = not at all
-    inverse: Matrix  # shape (p, p), inverse of G - N over the directions that are told
-    condition: float | None  # of the column-scaled regressor matrix; None where a column is zero
+    told: NDArray[np.bool_]  # (K, p)
+    inverse: Array  # (K, p, p), of G - N over the directions that are told
+    weak: Array  # (K, p, p), projector on the directions that are not, in units of each column's own size
 
 
-def excitation(G: Matrix, N: Matrix) -> Excitation:
-    """Judge a normal matrix G = A'A (p, p) against the part N (p, p, diagonal) that noise contributes to it."""
-    p = len(G)
-    norm = np.sqrt(np.diag(G))
-    lively = np.flatnonzero(norm > 0.0)
-    told = np.zeros(p, dtype=np.bool_)
-    inverse = np.zeros((p, p))
-    combinations: list[tuple[int, ...]] = [(int(j),) for j in np.flatnonzero(norm == 0.0)]
-    condition: float | None = None
-    if len(lively):
-        scale = 1.0 / norm[lively]
-        C = G[np.ix_(lively, lively)] * np.outer(scale, scale)
-        noise = np.diag(N)[lively] * scale**2 / NOISE_SHARE + ROUND_OFF
-        eigenvalue, direction = np.linalg.eigh(C)
-        if len(lively) == p and eigenvalue[0] > 0.0:
-            condition = float(np.sqrt(eigenvalue[-1] / eigenvalue[0]))
-        # Generalised eigenvalues of (C, noise): energy of a direction over what noise would feign.
-        whitening = 1.0 / np.sqrt(noise)
-        strength, direction = np.linalg.eigh(C * np.outer(whitening, whitening))
-        direction = whitening[:, None] * direction  # columns v with v' C v = strength, v' noise v = 1
-        strong = strength > 1.0
-        V = direction[:, strong]
-        clean = C - np.diag(np.diag(N)[lively] * scale**2)
-        inverse[np.ix_(lively, lively)] = V @ np.linalg.inv(V.T @ clean @ V) @ V.T * np.outer(scale, scale)
-        told[lively] = True
-        for v in direction[:, ~strong].T:
-            members = lively[np.abs(v) > INVOLVED * np.max(np.abs(v))]
-            told[members] = False
-            combinations.append(tuple(int(j) for j in members))
-    return Excitation(told, tuple(combinations), inverse, condition)
+def excitation(G: Array, N: Array) -> Excitation:
+    """Judge normal matrices G = A'A (K, p, p) against what noise contributes to their diagonals, N (K, p)."""
+    scale, C = _scaled(G)
+    noise = N * scale**2
+    # Generalised eigenvalues of (C, doubt): energy of a direction over what noise would feign.
+    doubt = noise / NOISE_SHARE + ROUND_OFF
+    whitening = 1.0 / np.sqrt(doubt)
+    strength, v = np.linalg.eigh(C * whitening[:, :, None] * whitening[:, None, :])
+    v = whitening[:, :, None] * v  # columns with v' C v = strength, v' doubt v = 1
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    strong = strength > 1.0
+    clean = C - _diagonal(noise)
+    inverse = _over(v, strong, clean) * scale[:, :, None] * scale[:, None, :]
+    weak = _over(v, ~strong, np.broadcast_to(np.eye(G.shape[-1]), G.shape))
+    told = np.diagonal(weak, axis1=1, axis2=2) < INVOLVED**2
+    return Excitation(told, inverse, weak)
+
+
+def condition(G: Array) -> Array:
+    """Condition numbers of the column-scaled regressors, shape (K,); infinite where a column is zero."""
+    scale, C = _scaled(G)
+    eigenvalue = np.linalg.eigvalsh(C)
+    least, largest = eigenvalue[:, 0], eigenvalue[:, -1]
+    finite = (scale > 0.0).all(axis=1) & (least > 0.0)
+    return np.sqrt(np.divide(largest, least, out=np.full_like(least, np.inf), where=finite))
+
+
+def combinations(weak: Array) -> list[tuple[int, ...]]:
+    """Groups of parameters that a window cannot tell apart, from its projector (p, p); one alone: not at all.
+
+    The finest groups whose sums of directions make up all that is weak: where the projector couples two parameters,
+    they are of one group.
+    """
+    share = np.sqrt(np.maximum(np.diag(weak), 0.0))
+    left = [int(j) for j in np.flatnonzero(share >= INVOLVED)]
+    groups: list[tuple[int, ...]] = []
+    while left:
+        group = [left.pop(0)]
+        for j in group:  # grows while it is walked
+            coupled = [k for k in left if abs(weak[j, k]) > INVOLVED * share[j] * share[k]]
+            left = [k for k in left if k not in coupled]
+            group += coupled
+        groups.append(tuple(sorted(group)))
+    return groups
+
+
+def _scaled(G: Array) -> tuple[Array, Array]:
+    """One over the norm of each column, 0 for a column of zeros, and G in columns of norm 1."""
+    norm = np.sqrt(np.diagonal(G, axis1=1, axis2=2))
+    scale = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0.0)
+    return scale, G * scale[:, :, None] * scale[:, None, :]
+
+
+def _diagonal(values: Array) -> Array:
+    return values[:, :, None] * np.eye(values.shape[-1])
+
+
+def _over(v: Array, chosen: NDArray[np.bool_], metric: Array) -> Array:
+    """V (V' metric V)^-1 V' over the chosen columns of v, for each window."""
+    V = v * chosen[:, None, :]
+    inner = V.transpose(0, 2, 1) @ metric @ V + _diagonal((~chosen).astype(np.float64))
+    return V @ np.linalg.inv(inner) @ V.transpose(0, 2, 1)

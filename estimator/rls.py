@@ -35,8 +35,9 @@ from estimator.flux_balance import COLUMNS, flux_balance
 from estimator.kernel import kernel
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
-from estimator.solve import WindowSums, check_held, solve, sums_from
+from estimator.solve import check_held, solve
 from estimator.stream import Stream, runs_of
+from estimator.sums import SIZE, U, WindowSums, sums_from
 from estimator.window_ls import check_m
 
 Array = NDArray[np.float64]
@@ -47,7 +48,6 @@ _AT_BOUND: Final = 0.5  # share of P_0 from which P counts as come back to it
 _FILLED: Final = 0.95  # share of its final length that a forgetting memory has after three time constants
 _TINY: Final = 1e-200  # sums below are zero; they would become subnormal numbers, which are slow
 _SWEEP: Final = 256  # balances after which they are looked for
-_U: Final = 5  # place of u in sums over (R_s, L_d, L_q, psi_f, h, u)
 _ROWS, _PAIRS, _SQUARES = 0, 1, 2  # places in the sums of weights
 
 
@@ -137,17 +137,17 @@ def estimate(state: RlsState, *, noise_aware: bool = True) -> WindowEstimate:
     return WindowEstimate(
         estimates, state.samples, state.stream.gaps, 2 * round(rows),
         rows >= _FILLED / (1.0 - state.lam) if state.lam < 1.0 else rows > 0.0,
-        found.condition, found.residual_rms,
+        found.condition, found.residual_rms, found.combinations,
     )
 
 
 def P_of(state: RlsState) -> Array:
     """P of the estimated parameters in the order of PARAMETERS, shape (p, p), in the units of `Prior.P_0`."""
     free = [j for j, name in enumerate(PARAMETERS) if name in state.estimated]
-    sums = sums_from(state.products, 0, 0, 1.0, 1)
-    information = (sums.lag0[0] + sums.lag0[1])[np.ix_(free, free)] + np.eye(len(free)) / state.prior.P_0
+    G = sums_from(_triangles(state, 1.0), np.zeros((1, 5)), 1.0, 1).lag0.sum(axis=(0, 1))
+    information = G[np.ix_(free, free)] + np.eye(len(free)) / state.prior.P_0
     scale = 1.0 / np.sqrt(np.diag(information))
-    P = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+    P = np.array(np.linalg.inv(information * np.outer(scale, scale)), np.float64) * np.outer(scale, scale)
     return 0.5 * (P + P.T)
 
 
@@ -157,21 +157,26 @@ def _data(state: RlsState) -> WindowSums:
     rows = round(weight**2 / squares) if squares > 0.0 else 0
     scale = rows / weight if rows else 1.0
     T_s, periods = state.stream.T_s, state.stream.periods
-    return sums_from(state.products * scale, rows, round(pairs * scale), T_s, periods * state.m)
+    counts = np.array([[rows, round(pairs * scale), 0, 0, 0]], np.float64)
+    return sums_from(_triangles(state, scale), counts, T_s, periods * state.m)
+
+
+def _triangles(state: RlsState, scale: float) -> Array:
+    """As `sums_from` takes them, without batches."""
+    return np.concatenate((state.products * scale, np.zeros((2, 15))))[None]
 
 
 def _with_prior(state: RlsState) -> WindowSums:
     """The same with the prior as one row more for each parameter."""
     sums = _data(state)
-    scale = sums.rows / float(state.weights[_ROWS]) if sums.rows else 1.0
-    d, q = sums.lag0
-    prior = np.zeros_like(d)
+    scale = float(sums.rows[0]) / float(state.weights[_ROWS]) if sums.rows[0] else 1.0
+    lag0 = sums.lag0.copy()
     for j, name in enumerate(PARAMETERS):
         if name in state.estimated:
-            z = np.zeros(len(prior))
-            z[j], z[_U] = 1.0, state.prior.beta_0.get(name, 0.0)
-            prior += np.outer(z, z) * (scale / state.prior.P_0)
-    return replace(sums, lag0=(d + prior, q))
+            z = np.zeros(SIZE)
+            z[j], z[U] = 1.0, state.prior.beta_0.get(name, 0.0)
+            lag0[0, 0] += np.outer(z, z) * (scale / state.prior.P_0)
+    return replace(sums, lag0=lag0)
 
 
 def _known(state: RlsState) -> dict[str, float]:

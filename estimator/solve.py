@@ -1,58 +1,25 @@
-"""From the sums of a window to parameters: least squares, its second-order terms, its noise, its doubts.
+"""From the numbers of one window to what it says: values with standard errors, and sentences where it cannot tell.
 
-The rows are those of `flux_balance`, on the d and the q axis. `WindowSums` holds, per axis, the products of each row
-with itself and with the next one; nothing else of the window is needed, so a solution costs the same for any length.
-
-The equations are linear but for small terms of the mean current (see `flux_balance`), which are iterated:
-
-    u_d = ... - R_s psi_f/L_d h + b_d (x_d - y_q)        b = (R_s T_s)^2 / (12 L), d and q axis
-    u_q = ...                   + b_q (x_q + y_d)
-
-Current noise sits inside the regressors (errors in variables) and would read inductances low. What it adds to the
-normal matrix is estimated from the residual's colour and taken out (bias-eliminating least squares; survey:
-T. Soederstroem, Errors-in-variables methods in system identification, Automatica 43, 2007,
-doi 10.1016/j.automatica.2006.11.025). Standard errors are of sandwich form with a residual that is coloured the way
-differenced noise is: correlated between neighbouring rows, and not further. Knows nothing of streams.
+Knows nothing of streams; `fit` makes the numbers.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.estimate import Estimate, Status
-from estimator.excitation import Excitation, excitation
+from estimator.estimate import Combination, Estimate, Status
+from estimator.excitation import combinations
+from estimator.fit import FAINT_I, FAINT_SPEED, Z_95, Fit, fit
 from estimator.machine import PARAMETERS, UNITS
+from estimator.sums import WindowSums
 
 Array = NDArray[np.float64]
 
-NOISE_DOUBT: Final = 0.1  # the bias that current noise leaves is known to within this share of it
-FAINT_I: Final = 1e-9  # A, and
-FAINT_SPEED: Final = 1e-6  # rad/s: what is smaller is arithmetic, not a signal
-_ROUNDS: Final = 4  # of the iteration; each gains three digits
-_H: Final = 4  # place of h, and
-_SIZE: Final = 6  # size of (R_s, L_d, L_q, psi_f, h, u)
-_PLACES: Final = (np.array([0, 1, 2, 4, 5]), np.array([0, 1, 2, 3, 5]))  # of a d-axis and a q-axis row in it
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WindowSums:
-    """Sums over a window's regression rows, by axis (d, q), over (R_s, L_d, L_q, psi_f, h, u)."""
-
-    lag0: tuple[Array, Array]  # (6, 6) each: z_k z_k'
-    lag1: tuple[Array, Array]  # (6, 6) each: z_k z_{k+1}' + its transpose, over neighbouring rows
-    rows: int
-    pairs: int  # of neighbouring rows
-    T_s: float  # s, control period
-    periods: int  # control periods that a row covers
-
-    @property
-    def T(self) -> float:
-        """Time that a row covers in s."""
-        return self.T_s * self.periods
+_STEADY: Final = 0.02  # share of its mean by which a steady signal departs from it, or 3 times its noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +27,9 @@ class Solution:
     """What the sums say."""
 
     estimates: dict[str, Estimate]
+    combinations: tuple[Combination, ...]
     condition: float | None
     residual_rms: float | None  # V
-
-
-def sums_from(triangles: Array, rows: int, pairs: int, T_s: float, periods: int) -> WindowSums:
-    """Sums from upper triangles (4, 15): d and q axis at lag 0, d and q axis at lag 1."""
-    d0, q0, d1, q1 = (_square(triangle, _PLACES[k % 2]) for k, triangle in enumerate(triangles))
-    return WindowSums((d0, q0), (d1, q1), rows, pairs, T_s, periods)
 
 
 def check_held(estimated: Sequence[str], held: Mapping[str, float]) -> None:
@@ -80,133 +42,52 @@ def check_held(estimated: Sequence[str], held: Mapping[str, float]) -> None:
 def solve(
     sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool = True
 ) -> Solution:
-    """Least-squares solution for `estimated`, the others at their `held` values (SI).
+    """What one window (K = 1) says of `estimated`, the others at their `held` values (SI); see `fit.fit`.
 
-    `noise_aware` takes the energy of current noise out of the normal matrix; without it the result is plain least
-    squares, and the bias is added to the standard errors instead. A parameter that the sums cannot tell gets no
-    value of its own: its held one, if any, and a reason.
+    A parameter that the sums cannot tell gets no value of its own: its held one, if any, and a reason.
     """
-    free = [PARAMETERS.index(name) for name in PARAMETERS if name in estimated]
-    if 2 * sums.rows <= len(free):
-        reason = f"{2 * sums.rows} equations are too few for {len(free)} parameters"
-        nothing = {
-            name: Estimate(name, None, None, UNITS[name], Status.NO_DATA, reason) if name in estimated
-            else _at_held(name, held, Status.HELD, "held at the given value")
-            for name in PARAMETERS
-        }
-        return Solution(nothing, None, None)
+    return solution(sums, fit(sums, estimated, held, noise_aware=noise_aware), held)
 
-    G = (sums.lag0[0] + sums.lag0[1])[np.ix_(free, free)]
-    ex = excitation(G, np.zeros_like(G))
-    noise = np.zeros(len(free))
-    beta = np.array([0.0 if name in estimated else held[name] for name in PARAMETERS])
-    small = np.zeros(3)
-    for _ in range(_ROUNDS):
-        beta[free] = 0.0
-        d, q = _axes(beta, small)
-        beta[free] = -ex.inverse @ (sums.lag0[0] @ d + sums.lag0[1] @ q)[free]
-        small = _second_order(_known(beta, ex, free, held), sums.T_s)
-        noise = _regressor_noise(sums, beta, _axes(beta, small))[free]
-        if noise_aware:
-            ex = excitation(G, np.diag(noise))
-    if not noise_aware:
-        ex = replace(excitation(G, np.diag(noise)), inverse=ex.inverse)
 
-    covariance, rss = _covariance(sums, _axes(beta, small), free, ex.inverse)
-    bias = ex.inverse @ (noise * beta[free])
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0) + ((NOISE_DOUBT if noise_aware else 1.0) * bias) ** 2)
+def solution(sums: WindowSums, found: Fit, held: Mapping[str, float]) -> Solution:
+    """What the first of the windows in `found` says; `sums` are theirs."""
+    rows, p = float(sums.rows[0]), len(found.free)
+    if 2.0 * rows <= p:
+        return Solution(_no_data(round(2.0 * rows), found.free, held), (), None, None)
+    groups = [tuple(found.free[j] for j in group) for group in combinations(found.weak[0])]
+    untold = [Combination(tuple(PARAMETERS[j] for j in g), _why(g, sums, found)) for g in groups]
     estimates: dict[str, Estimate] = {}
     for k, name in enumerate(PARAMETERS):
-        if name not in estimated:
+        reasons = [each.reason for each in untold if name in each.parameters]
+        if k not in found.free:
             estimates[name] = _at_held(name, held, Status.HELD, "held at the given value")
-        elif ex.told[free.index(k)]:
-            estimates[name] = _told(name, float(beta[k]), float(std[free.index(k)]), held)
+        elif reasons:
+            estimates[name] = _at_held(name, held, Status.NOT_TOLD, reasons[0])
         else:
-            estimates[name] = _at_held(name, held, Status.NOT_TOLD, _why(name, free.index(k), free, ex))
-    return Solution(estimates, ex.condition, math.sqrt(rss / (2 * sums.rows)))
+            estimates[name] = e = _told(name, float(found.beta[0, k]), float(found.std[0, k]), held)
+            if e.status is Status.NOT_TOLD:
+                untold.append(Combination((name,), e.reason))
+    condition = float(found.condition[0])
+    return Solution(
+        estimates, tuple(untold), condition if math.isfinite(condition) else None, float(found.residual_rms[0])
+    )
 
 
-def _square(triangle: Array, places: NDArray[np.int64]) -> Array:
-    full = np.zeros((_SIZE, _SIZE))
-    rows, columns = np.triu_indices(len(places))
-    full[places[rows], places[columns]] = triangle
-    full[places[columns], places[rows]] = triangle
-    return full
-
-
-def _axes(beta: Array, small: Array) -> tuple[Array, Array]:
-    """Coefficients c (6,) of the d and the q axis, so that c' z is minus the residual of a row z."""
-    h, b_d, b_q = small
-    R_s, L_d, L_q, psi_f = beta
-    d = np.array([R_s, L_d + b_d, L_q + b_d, psi_f, h, -1.0])
-    return d, np.array([R_s, L_d + b_q, L_q + b_q, psi_f, h, -1.0])
-
-
-def _known(beta: Array, ex: Excitation, free: list[int], held: Mapping[str, float]) -> Array:
-    """The parameters where told or held, 0 elsewhere; shape (4,)."""
-    known = beta.copy()
-    for j, told in zip(free, ex.told, strict=True):
-        if not told:
-            known[j] = held.get(PARAMETERS[j], 0.0)
-    return known
-
-
-def _second_order(known: Array, T_s: float) -> Array:
-    """Coefficients of the small terms: of h in V, b_d and b_q in H; 0 where a parameter is not known."""
-    R_s, L_d, L_q, psi_f = known
-    h = -R_s * psi_f / L_d if L_d > 0.0 else 0.0
-    b_d, b_q = ((R_s * T_s) ** 2 / (12.0 * L) if abs(R_s) * T_s < 3.0 * L else 0.0 for L in (L_d, L_q))
-    return np.array([h, b_d, b_q])
-
-
-def _regressor_noise(sums: WindowSums, beta: Array, axes: tuple[Array, Array]) -> Array:
-    """Energy that current noise contributes to each regressor, shape (4,).
-
-    White noise of variance sigma2 in the sampled current leaves a residual whose lag-1 covariance is
-    -(L sigma/T)^2, however the machine is excited. Where the window does not tell L, the flux difference x itself
-    has one of -sigma2/T^2; so has a signal that steps from row to row, but not without a residual to match.
-    """
-    n, T = sums.rows, sums.T
-    sigma2 = np.full(2, FAINT_I**2)  # A2, per sample and axis
-    for axis, (c, S0, S1) in enumerate(zip(axes, sums.lag0, sums.lag1, strict=True)):
-        j = 1 + axis  # L_d of the d axis, L_q of the q axis
-        L2 = max(float(beta[j]) ** 2, 1e-18)
-        gamma0 = max(0.0, float(c @ S0 @ c)) / n
-        pairs = max(1, sums.pairs)
-        gamma1 = float(c @ S1 @ c) / (2 * pairs)
-        by_residual = min(max(0.0, -gamma1) / L2, S0[j, j] / (2 * n))
-        by_signal = min(max(0.0, -S1[j, j] / (2 * pairs)), gamma0 / (2.0 * L2))
-        sigma2[axis] += T**2 * max(by_residual, by_signal)
-    of_mean = sigma2 / sums.periods
-    s2 = sums.lag0[1][3, 3]  # sum of s^2, (rad/s)^2
-    x = n * 2.0 * sigma2 / T**2 + s2 * of_mean
-    return np.array([n * of_mean.sum(), x[0], x[1], n * FAINT_SPEED**2])
-
-
-def _covariance(
-    sums: WindowSums, axes: tuple[Array, Array], free: list[int], inverse: Array
-) -> tuple[Array, float]:
-    """Sandwich covariance with first-order moving-average residuals per axis, and the residual's sum of squares."""
-    n = sums.rows
-    dof = 2.0 * n / (2.0 * n - len(free))
-    meat = np.zeros((len(free), len(free)))
-    total = 0.0
-    for c, S0, S1 in zip(axes, sums.lag0, sums.lag1, strict=True):
-        rss = max(0.0, float(c @ S0 @ c))
-        total += rss
-        gamma0 = dof * rss / n
-        gamma1 = dof * float(c @ S1 @ c) / (2.0 * sums.pairs) if sums.pairs else 0.0
-        gamma1 = min(max(gamma1, -0.5 * gamma0), 0.5 * gamma0)
-        meat += gamma0 * S0[np.ix_(free, free)] + gamma1 * S1[np.ix_(free, free)]
-    return inverse @ meat @ inverse, total
+def _no_data(equations: int, free: list[int], held: Mapping[str, float]) -> dict[str, Estimate]:
+    reason = f"{equations} equations are too few for {len(free)} parameters"
+    return {
+        name: Estimate(name, None, None, UNITS[name], Status.NO_DATA, reason) if k in free
+        else _at_held(name, held, Status.HELD, "held at the given value")
+        for k, name in enumerate(PARAMETERS)
+    }
 
 
 def _told(name: str, value: float, std: float, held: Mapping[str, float]) -> Estimate:
     """The estimate, unless its interval is as wide as its value."""
     unit = UNITS[name]
-    if 1.96 * std < abs(value):
+    if Z_95 * std < abs(value):
         return Estimate(name, value, std, unit, Status.OK)
-    reason = f"this window tells no more of {name} than {value:.3g} +- {1.96 * std:.2g} {unit}"
+    reason = f"{name} cannot be told here: no closer than {value:.3g} +- {Z_95 * std:.2g} {unit}"
     return _at_held(name, held, Status.NOT_TOLD, reason)
 
 
@@ -214,18 +95,63 @@ def _at_held(name: str, held: Mapping[str, float], status: Status, reason: str) 
     return Estimate(name, held.get(name), None, UNITS[name], status, reason)
 
 
-_SILENT: Final = {
-    "R_s": "no current flows",
-    "L_d": "i_d is zero or does not stand out of its noise",
-    "L_q": "i_q is zero or does not stand out of its noise",
-    "psi_f": "the motor stands still",
-}
+def _why(group: tuple[int, ...], sums: WindowSums, found: Fit) -> str:
+    """Why a window cannot tell parameters apart, or one at all, in a sentence."""
+    names = [PARAMETERS[j] for j in group]
+    signals = _Signals.of(sums, found)
+    if len(names) == 1:
+        return f"{names[0]} cannot be told here: {signals.silence(names[0])}"
+    return f"{_listed(names)} cannot be told apart here: {signals.steadiness(names)}"
 
 
-def _why(name: str, j: int, free: list[int], ex: Excitation) -> str:
-    """Why the window cannot tell a parameter, in a sentence."""
-    groups = [group for group in ex.combinations if j in group]
-    partners = sorted({PARAMETERS[free[k]] for group in groups for k in group if k != j}, key=PARAMETERS.index)
-    if (j,) in groups or not partners:
-        return f"this window cannot tell {name}: {_SILENT[name]}"
-    return f"this window cannot tell {name} apart from {' and '.join(partners)}: currents and speed vary too little"
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Signals:
+    """What the currents and the speed of a window did."""
+
+    still: bool  # the motor stands
+    flows: tuple[bool, bool]  # i_d, i_q stand out of their noise
+    steady: tuple[bool, bool, bool]  # i_d, i_q, speed
+
+    @classmethod
+    def of(cls, sums: WindowSums, found: Fit) -> "_Signals":
+        """From the sums: at speed, y_d = i_d s and i_q keep in step with s where i_d and i_q are steady."""
+        d, q = sums.lag0[0]
+        n, T_s = float(sums.rows[0]), sums.T_s
+        ss, y_y, y_s, i_i, i_s, h_h = q[3, 3], q[1, 1], q[1, 3], q[0, 0], q[0, 3], d[4, 4]
+        level2 = np.array([d[0, 0], i_i]) / n  # A^2
+        noise2 = 9.0 * found.noise[0] + FAINT_I**2
+        still = ss <= n * FAINT_SPEED**2
+        if still:  # a current that changes has flux differences x
+            x2 = np.array([d[1, 1], q[2, 2]]) / n * sums.T**2
+            off2 = np.where(x2 > 4.0 * sums.periods * noise2, level2, 0.0)
+            steady_speed = True
+        else:
+            off2 = np.array([(y_y - y_s**2 / ss) / ss, (i_i - i_s**2 / ss) / n])
+            h = math.asin(min(1.0, 0.5 * T_s * math.sqrt(ss / n))) ** 2 / 3.0  # as a steady speed would have it
+            steady_speed = bool(h_h / n < (1.0 + 4.0 * _STEADY**2) * h**2)
+        steady = off2 <= np.maximum(_STEADY**2 * level2, noise2)
+        flows = level2 > noise2
+        return cls(bool(still), (bool(flows[0]), bool(flows[1])), (bool(steady[0]), bool(steady[1]), steady_speed))
+
+    def silence(self, name: str) -> str:
+        """Why a parameter acts nowhere."""
+        if name == "psi_f":
+            return "the motor stands still"
+        if name == "R_s":
+            return "no current flows"
+        letter, flows = ("i_d", self.flows[0]) if name == "L_d" else ("i_q", self.flows[1])
+        if self.still and flows:
+            return f"{letter} is constant and the motor stands still"
+        return f"{letter} is zero or does not stand out of its noise"
+
+    def steadiness(self, names: Sequence[str]) -> str:
+        """Why parameters act alike. L_d and psi_f are one flux linkage while i_d is constant, at any speed."""
+        letters = ("i_d",) if set(names) == {"L_d", "psi_f"} else ("i_d", "i_q", "speed")
+        constant = [letter for letter, steady in zip(letters, self.steady, strict=False) if steady]
+        if not constant:
+            return "currents and speed vary too little"
+        return f"{_listed(constant)} {'is' if len(constant) == 1 else 'are'} constant"

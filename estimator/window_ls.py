@@ -25,8 +25,9 @@ from estimator.estimate import WindowEstimate
 from estimator.flux_balance import COLUMNS, columns_of
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
-from estimator.solve import WindowSums, check_held, solve, sums_from
-from estimator.window_sums import CHUNK, PAIRS, ROWS, SUMS, take_balances, take_sample, take_samples, total_sums
+from estimator.solve import check_held, solve
+from estimator.sums import WindowSums, sums_from
+from estimator.window_sums import CHUNK, ROWS, SUMS, take_balances, take_sample, take_samples, total_sums
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -172,18 +173,19 @@ def estimate(
     """What the window says. Parameters not in `estimated` need a value in `held` (SI); see `solve.solve`."""
     held = held or {}
     check_held(estimated, held)
-    sums = sums_of(state, state.length)
+    sums = sums_of(state, [state.length])
     found = solve(sums, estimated, held, noise_aware=noise_aware)
     return WindowEstimate(
-        found.estimates, state.samples, state.gaps, 2 * sums.rows, state.samples == state.length, found.condition,
-        found.residual_rms,
+        found.estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length,
+        found.condition, found.residual_rms, found.combinations,
     )
 
 
-def sums_of(state: WindowState, length: int) -> WindowSums:
-    """Sums over the newest `length` balances, at most the window's own length."""
-    total = np.zeros(SUMS)
-    first = max(0, int(state.count[0]) - min(length, state.length))
-    total_sums(first, state.m, state.rows, state.starts, state.sums, state.places, state.count, total)
-    return sums_from(total[:ROWS].reshape(4, -1), int(total[ROWS]), int(total[PAIRS]), state.T_s,
-                     state.periods * state.m)
+def sums_of(state: WindowState, lengths: Sequence[int]) -> WindowSums:
+    """Sums over the newest so many balances, at most the window's own length."""
+    total = np.zeros((len(lengths), SUMS))
+    for length, into in zip(lengths, total, strict=True):
+        first = max(0, int(state.count[0]) - min(length, state.length))
+        total_sums(first, state.m, state.rows, state.starts, state.sums, state.places, state.count, into)
+    triangles = total[:, :ROWS].reshape(len(lengths), 6, -1)
+    return sums_from(triangles, total[:, ROWS:], state.T_s, state.periods * state.m)

@@ -1,9 +1,14 @@
 """The compiled part of the window: samples to balances in a ring, balances to chunks' sums, chunks to a window's sums.
 
 Balance number n lies at place n modulo the ring's capacity; chunk c holds the balances from c CHUNK on. A group of m
-balances belongs to the chunk in which it ends. A chunk's sums are the upper triangles of z z' and of
-z_k z_{k-1}' + its transpose, z = (regressors, voltage): (R_s, L_d, L_q, h, u_d) of the d axis and
-(R_s, L_d, L_q, psi_f, u_q) of the q axis; then the number of rows, and of pairs of neighbouring rows.
+balances, averaged, is a regression row, and belongs to the chunk in which it ends. Consecutive rows of a chunk make
+batches of at most BATCH, each half over the next, whose sums tell how the residual behaves over more than two rows.
+They are weighted by sin^2 (P. D. Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE
+Transactions on Audio and Electroacoustics 15, 1967, doi 10.1109/TAU.1967.1161901), so that their two ends do not count.
+
+A chunk's sums are the upper triangles of z z', of z_k z_{k-1}' + its transpose, and of b b' with b = sum w_k z_k over a
+batch; z = (regressors, voltage): (R_s, L_d, L_q, h, u_d) of the d axis and (R_s, L_d, L_q, psi_f, u_q) of the q axis;
+then the numbers of rows, of pairs of neighbouring rows, and of batches, and sums of w_k^2 and of w_k w_{k+1}.
 Knows nothing of what the sums are for.
 """
 
@@ -24,12 +29,29 @@ Sample = tuple[float, float, float, float, float, float, float, float]
 """theta_e (rad), omega_e (rad/s), i_d, i_q (A), u_d, u_q (V), i_d_mean, i_q_mean (A)."""
 
 CHUNK: Final = 256  # balances
-ROWS: Final = 60  # place of the number of rows in a chunk's sums,
-PAIRS: Final = 61  # of the number of pairs,
-SUMS: Final = 62  # and their size
+BATCH: Final = 32  # rows at most
+SHORTEST_BATCH: Final = 4  # rows
+ROWS: Final = 90  # place of the number of rows in a chunk's sums,
+PAIRS: Final = 91  # of the number of pairs,
+BATCHES: Final = 92  # of the number of batches,
+WEIGHTS: Final = 93  # of the two sums of their weights,
+SUMS: Final = 95  # and the size
 
 _COLUMNS: Final = ((0, 2, 5, 7, 8), (1, 4, 3, 6, 9))  # of a balance in z, by axis
 _SIGNS: Final = ((1.0, 1.0, -1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0, 1.0))
+
+
+def _tapers() -> Array:
+    """Row n: the weights of a batch of n rows, then the sums of w_k^2 and of w_k w_{k+1}."""
+    tapers = np.zeros((BATCH + 1, BATCH + 2))
+    for n in range(1, BATCH + 1):
+        tapers[n, :n] = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
+        tapers[n, BATCH] = np.sum(tapers[n, :BATCH] ** 2)
+        tapers[n, BATCH + 1] = np.sum(tapers[n, 1:BATCH] * tapers[n, : BATCH - 1])
+    return tapers
+
+
+_TAPERS: Final = _tapers()
 
 
 @kernel
@@ -177,6 +199,11 @@ def add_sums(
             while stop < end_at and not starts[stop]:
                 stop += 1
             add_products(rows, at, stop, total)
+            batch = at
+            while batch + BATCH < stop:
+                add_batch(rows, batch, batch + BATCH, total)
+                batch += BATCH // 2
+            add_batch(rows, batch, stop, total)
             at = stop
         return 0
 
@@ -190,6 +217,7 @@ def add_groups(
     """The same for groups of several balances."""
     capacity = len(starts)
     group, before = np.zeros(10), np.zeros(10)
+    batch, rows_of_batch, fresh = np.empty((10, BATCH)), 0, False
     filled, joins = 0, False
     number = begin - place
     if number - m >= first and not starts[number % capacity]:  # the group before, for its pair with the next
@@ -203,6 +231,11 @@ def add_groups(
         at = k % capacity
         if starts[at]:
             filled, joins = 0, False
+        if fresh and (rows_of_batch == BATCH or not joins):
+            add_batch(batch, 0, rows_of_batch, total)
+            fresh = False
+            rows_of_batch = BATCH // 2 if joins else 0
+            batch[:, :rows_of_batch] = batch[:, BATCH // 2 : BATCH // 2 + rows_of_batch]
         if filled == 0:
             group[:] = 0.0
         group += rows[:, at]
@@ -216,6 +249,11 @@ def add_groups(
                     add_pair(group, before, total)
                 before[:] = group
                 joins = True
+                batch[:, rows_of_batch] = group
+                rows_of_batch += 1
+                fresh = True
+    if fresh:
+        add_batch(batch, 0, rows_of_batch, total)
     return filled
 
 
@@ -239,6 +277,32 @@ def add_products(rows: Array, at: int, end: int, total: Array) -> None:
                 place += 1
     total[ROWS] += n
     total[PAIRS] += n - 1
+
+
+@summing_kernel
+def add_batch(rows: Array, at: int, end: int, total: Array) -> None:
+    """Add the products of the weighted sum of consecutive regression rows, places [at, end), if they are enough."""
+    n = end - at
+    if n < SHORTEST_BATCH:
+        return
+    w = _TAPERS[n]
+    b = np.empty(10)
+    for j in range(10):
+        column = rows[j, at:end]
+        b[j] = 0.0
+        for k in range(n):
+            b[j] += w[k] * column[k]
+    place = 60
+    for axis in range(2):
+        for i in range(5):
+            p = _COLUMNS[axis][i]
+            for j in range(i, 5):
+                q = _COLUMNS[axis][j]
+                total[place] += _SIGNS[axis][i] * _SIGNS[axis][j] * b[p] * b[q]
+                place += 1
+    total[BATCHES] += 1.0
+    total[WEIGHTS] += _TAPERS[n, BATCH]
+    total[WEIGHTS + 1] += _TAPERS[n, BATCH + 1]
 
 
 @kernel

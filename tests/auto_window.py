@@ -96,7 +96,7 @@ def errors_of(motion: Motion, seed: int, *, m: int = 1, every: int | None = None
         auto.append([found.estimates[name].value for name in NAMES])
         std.append([found.estimates[name].std for name in NAMES])
         lengths.append([(found.estimates[name].window or 0) / m for name in NAMES])
-        alone = [window_ls.solve(window_ls.sums_of(state, n * m), NAMES, HELD).estimates for n in FIXED]
+        alone = [window_ls.solve(window_ls.sums_of(state, [n * m]), NAMES, HELD).estimates for n in FIXED]
         fixed.append([[e[name].value for name in NAMES] for e in alone])
         times.append(samples.t0 + (end - 1) * samples.T)
     truth = drive.truth_at(np.array(times))

@@ -96,7 +96,7 @@ def test_95_per_cent_intervals_hold_the_truth_in_about_95_per_cent_of_windows(m:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", "50 kW traction"])
+@pytest.mark.parametrize("name", ["50 W hobby", "paper", "paper, slow", "50 kW traction"])
 def test_intervals_are_honest_over_a_thousand_windows(name: str) -> None:
     drive = VirtualDrive(SCENARIOS[name])
     truth = truth_of(drive)

@@ -1,0 +1,208 @@
+"""From the sums of windows to numbers: least squares, its second-order terms, its noise, its standard errors.
+
+The rows are those of `flux_balance`, on the d and the q axis. Nothing of a window but its `WindowSums` is needed, so a
+solution costs the same for any length, and many windows are solved at once.
+
+The equations are linear but for small terms of the mean current (see `flux_balance`), which are iterated:
+
+    u_d = ... - R_s psi_f/L_d h + b_d (x_d - y_q)        b = (R_s T_s)^2 / (12 L), d and q axis
+    u_q = ...                   + b_q (x_q + y_d)
+
+Current noise sits inside the regressors (errors in variables) and would read inductances low. What it adds to the
+normal matrix is estimated from the residual's colour and taken out (bias-eliminating least squares; survey:
+T. Soederstroem, Errors-in-variables methods in system identification, Automatica 43, 2007,
+doi 10.1016/j.automatica.2006.11.025). Standard errors are of sandwich form with a residual that is coloured the way
+differenced noise is: correlated between neighbouring rows, and not further. That colour is itself an estimate, and a
+poor one where the two lags nearly cancel: its variance is Bartlett's (M. S. Bartlett, On the theoretical specification
+and sampling properties of autocorrelated time-series, Supplement to the JRSS 8, 1946, doi 10.2307/2983611), and
+standard errors are widened from the normal to Student's distribution of as many degrees of freedom (F. E.
+Satterthwaite, An approximate distribution of estimates of variance components, Biometrics Bulletin 2, 1946,
+doi 10.2307/3002019), so that 1.96 of them hold the truth 95 times in 100. Knows nothing of streams or of words.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.excitation import condition, excitation
+from estimator.machine import PARAMETERS
+from estimator.sums import WindowSums
+
+Array = NDArray[np.float64]
+
+NOISE_DOUBT: Final = 0.1  # the bias that current noise leaves is known to within this share of it
+FAINT_I: Final = 1e-9  # A, and
+FAINT_SPEED: Final = 1e-6  # rad/s: what is smaller is arithmetic, not a signal
+Z_95: Final = 1.96
+_ROUNDS: Final = 4  # of the iteration; each gains three digits
+_FEWEST: Final = 4.0  # degrees of freedom at least: below, the correction knows no more than the error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Solutions of K windows for p of the parameters, the others held."""
+
+    free: list[int]  # places of the p parameters in PARAMETERS
+    beta: Array  # (K, 4), SI; told and held values; what is not told is worth nothing
+    std: Array  # (K, 4), standard errors; 0 where held
+    told: NDArray[np.bool_]  # (K, 4)
+    weak: Array  # (K, p, p), see `Excitation`
+    condition: Array  # (K,)
+    residual_rms: Array  # (K,), V
+    noise: Array  # (K, 2), A^2: variance of a row's mean current, d and q axis
+
+
+def fit(
+    sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool = True
+) -> Fit:
+    """Least-squares solutions for `estimated`, the others at their `held` values (SI).
+
+    `noise_aware` takes the energy of current noise out of the normal matrix; without it the result is plain least
+    squares, and the bias is added to the standard errors instead. Windows with fewer equations than parameters tell
+    nothing.
+    """
+    free = [PARAMETERS.index(name) for name in PARAMETERS if name in estimated]
+    enough = 2.0 * sums.rows > len(free)
+    G = np.where(enough[:, None, None], sums.lag0.sum(axis=1)[:, free][:, :, free], 0.0)
+    ex = excitation(G, np.zeros_like(G[:, 0]))
+    stand_in = np.array([held.get(name, 0.0) for name in PARAMETERS])
+    beta = np.tile(np.where(np.isin(np.arange(len(PARAMETERS)), free), 0.0, stand_in), (len(G), 1))
+    told = np.zeros(beta.shape, dtype=np.bool_)
+    small = np.zeros((len(G), 3))
+    noise = np.zeros_like(G[:, 0])
+    sigma2 = np.zeros((len(G), 2))
+    for _ in range(_ROUNDS):
+        beta[:, free] = 0.0
+        known = np.sum(_times(sums.lag0, _axes(beta, small)), axis=1)[:, free]
+        beta[:, free] = -_times(ex.inverse, known)
+        told[:, free] = ex.told
+        held_or_told = np.where(told, beta, stand_in)
+        small = _second_order(held_or_told, sums.T_s)
+        sigma2, energy = _regressor_noise(sums, beta, _axes(beta, small))
+        noise = energy[:, free]
+        if noise_aware:
+            ex = excitation(G, noise)
+    told[:, free] = ex.told if noise_aware else excitation(G, noise).told
+
+    variance, rss = _variance(sums, _axes(beta, small), free, ex.inverse)
+    bias = _times(ex.inverse, noise * beta[:, free])
+    std = np.zeros_like(beta)
+    std[:, free] = np.sqrt(variance + ((NOISE_DOUBT if noise_aware else 1.0) * bias) ** 2)
+    rows = np.maximum(sums.rows, 1.0)
+    return Fit(
+        free, beta, std, told & enough[:, None], ex.weak, condition(G), np.sqrt(rss / (2.0 * rows)),
+        sigma2 / sums.periods,
+    )
+
+
+def _times(A: Array, x: Array) -> Array:
+    """A x for stacks of matrices and vectors."""
+    return (A @ x[..., None])[..., 0]
+
+
+def _form(c: Array, S: Array) -> Array:
+    """c' S c for stacks."""
+    return np.sum(c * _times(S, c), axis=-1)
+
+
+def _axes(beta: Array, small: Array) -> Array:
+    """Coefficients c (K, 2, 6) of the d and the q axis, so that c' z is minus the residual of a row z."""
+    h, b_d, b_q = small.T
+    R_s, L_d, L_q, psi_f = beta.T
+    u = np.full_like(h, -1.0)
+    d = (R_s, L_d + b_d, L_q + b_d, psi_f, h, u)
+    q = (R_s, L_d + b_q, L_q + b_q, psi_f, h, u)
+    return np.stack((np.stack(d, axis=-1), np.stack(q, axis=-1)), axis=1)
+
+
+def _second_order(known: Array, T_s: float) -> Array:
+    """Coefficients (K, 3) of the small terms: of h in V, b_d and b_q in H; 0 where a parameter is not known."""
+    R_s, L_d, L_q, psi_f = known.T
+    h = np.divide(-R_s * psi_f, L_d, out=np.zeros_like(L_d), where=L_d > 0.0)
+    b_d, b_q = (
+        np.divide((R_s * T_s) ** 2 / 12.0, L, out=np.zeros_like(L), where=np.abs(R_s) * T_s < 3.0 * L)
+        for L in (L_d, L_q)
+    )
+    return np.stack((h, b_d, b_q), axis=-1)
+
+
+def _regressor_noise(sums: WindowSums, beta: Array, c: Array) -> tuple[Array, Array]:
+    """Variance of a sampled current by axis in A^2 (K, 2), and the energy it gives to each regressor (K, 4).
+
+    White noise of variance sigma2 in the sampled current leaves a residual whose lag-1 covariance is
+    -(L sigma/T)^2, however the machine is excited. Where the window does not tell L, the flux difference x itself
+    has one of -sigma2/T^2; so has a signal that steps from row to row, but not without a residual to match.
+    """
+    n, pairs, T = sums.rows[:, None], np.maximum(sums.pairs, 1.0)[:, None], sums.T
+    n_or_1 = np.maximum(n, 1.0)
+    L2 = np.maximum(beta[:, 1:3] ** 2, 1e-18)  # L_d of the d axis, L_q of the q axis
+    S0, S1 = (np.stack((S[:, 0, 1, 1], S[:, 1, 2, 2]), axis=-1) for S in (sums.lag0, sums.lag1))  # of x
+    gamma0 = np.maximum(0.0, _form(c, sums.lag0)) / n_or_1
+    gamma1 = _form(c, sums.lag1) / (2.0 * pairs)
+    by_residual = np.minimum(np.maximum(0.0, -gamma1) / L2, S0 / (2.0 * n_or_1))
+    by_signal = np.minimum(np.maximum(0.0, -S1 / (2.0 * pairs)), gamma0 / (2.0 * L2))
+    sigma2 = FAINT_I**2 + T**2 * np.maximum(by_residual, by_signal)
+    of_mean = sigma2 / sums.periods
+    x = 2.0 * n * sigma2 / T**2 + sums.lag0[:, 1, 3, 3, None] * of_mean
+    energy = np.stack((n[:, 0] * of_mean.sum(axis=1), x[:, 0], x[:, 1], n[:, 0] * FAINT_SPEED**2), axis=-1)
+    return sigma2, energy
+
+
+def _variance(sums: WindowSums, c: Array, free: list[int], inverse: Array) -> tuple[Array, Array]:
+    """Sandwich variances (K, p) with first-order moving-average residuals, and the residual's sum of squares (K,).
+
+    In terms of gamma0 and of the level f = gamma0 + 2 gamma1 that the residual's spectrum has at frequency zero.
+    """
+    n = np.maximum(sums.rows, 1.0)[:, None]
+    squares = np.maximum(0.0, _form(c, sums.lag0))
+    gamma0 = squares / np.maximum(n - 0.5 * len(free), 0.5)
+    f, of_gamma0, of_f, of_both = _colour(sums, c, squares)
+    S0, S1 = (_sandwich(inverse, S[:, :, free][..., free]) for S in (sums.lag0, sums.lag1))  # (K, 2, p)
+    A, B = gamma0[..., None] * (S0 - 0.5 * S1), gamma0[..., None] * 0.5 * S1
+    variance = np.maximum(np.sum(A + f[..., None] * B, axis=1), 0.0)
+    of_variance = np.sum(
+        of_gamma0[..., None] * A**2 + of_f[..., None] * B**2 + 2.0 * of_both[..., None] * A * B, axis=1
+    )
+    freedom = np.divide(2.0 * variance**2, of_variance, out=np.full_like(variance, np.inf), where=of_variance > 0.0)
+    return variance * _student(np.maximum(freedom, _FEWEST)) ** 2, squares.sum(axis=1)
+
+
+def _colour(sums: WindowSums, c: Array, squares: Array) -> tuple[Array, Array, Array, Array]:
+    """f over gamma0, and variances of estimates: of gamma0, of f, and their covariance; in units of gamma0, (K, 2).
+
+    Two estimates of f: from neighbours, f = gamma0 + 2 gamma1, and from batches of rows, whose weighted residuals
+    square to gamma0 (sum w_k^2 - sum w_k w_{k+1}) + f sum w_k w_{k+1}. The first is the better one for white
+    residuals, the second, by far, for those that nearly cancel over a few rows.
+    """
+    n = np.maximum(sums.rows, 1.0)[:, None]
+    mean_square = np.maximum(squares / n, 1e-300)
+    by_pairs = 1.0 + _form(c, sums.lag1) / np.maximum(sums.pairs, 1.0)[:, None] / mean_square
+    there = sums.batches[:, None] >= 1.0
+    batches, w_next = np.where(there, sums.batches[:, None], 1.0), np.where(there, sums.w_next[:, None], 1.0)
+    leak = (sums.w_w[:, None] - w_next) / w_next
+    by_batches = np.where(there, _form(c, sums.batch) / mean_square / w_next - leak, by_pairs)
+    rho = 0.5 * (np.clip(by_batches, 0.0, 2.0) - 1.0)
+    of_gamma0 = 2.0 * (1.0 + 2.0 * rho**2) / n
+    of_pairs = of_gamma0 + (4.0 * (1.0 + 3.0 * rho**2) + 16.0 * rho) / n
+    of_batches = 2.0 / batches * (1.0 + 2.0 * rho + leak) ** 2
+    share = np.where(there, of_pairs / (of_pairs + of_batches), 0.0)
+    f = np.clip((1.0 - share) * by_pairs + share * by_batches, 0.0, 2.0)
+    of_f = (1.0 - share) * of_pairs
+    of_both = (1.0 - share) * (of_gamma0 + 8.0 * rho / n) + share * 2.0 * f**2 / n
+    return f, of_gamma0, of_f, of_both
+
+
+def _sandwich(inverse: Array, S: Array) -> Array:
+    """Diagonals of inverse S inverse by axis, (K, 2, p)."""
+    outside = inverse[:, None]
+    return np.diagonal(outside @ S @ outside, axis1=2, axis2=3)
+
+
+def _student(freedom: Array) -> Array:
+    """Quantile of Student's distribution over that of the normal, for 95 % (Cornish-Fisher, to 2 % from 4 on)."""
+    z = Z_95
+    first, second = (z**3 + z) / 4.0, (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0
+    return (z + first / freedom + second / freedom**2) / z
