@@ -94,7 +94,7 @@ def estimate(
             estimates[name] = Estimate(name, value, math.hypot(error, doubt), UNITS[name], Status.OK, window=length)
     return WindowEstimate(
         estimates, state.samples, state.gaps, 2 * int(sums.rows[-1]), state.samples == state.length, whole.condition,
-        whole.residual_rms, whole.combinations,
+        whole.residual_rms, state.left_out, whole.combinations,
     )
 
 

@@ -191,7 +191,7 @@ def estimate(state: EkfState) -> WindowEstimate:
             )
     n = state.samples
     rms = math.sqrt(state.sums[0] / (2 * n)) if n else None
-    return WindowEstimate(estimates, n, state.stream.gaps, 2 * n, n > 0, None, rms)
+    return WindowEstimate(estimates, n, state.stream.gaps, 2 * n, n > 0, None, rms, state.stream.left_out)
 
 
 def _parameter(state: EkfState, name: str) -> tuple[float, float, str]:

@@ -45,4 +45,5 @@ class WindowEstimate:
     filled: bool  # the window has as many rows as asked for
     condition: float | None  # of the column-scaled regressor matrix of the estimated parameters
     residual_rms: float | None  # V
+    left_out: int = 0  # samples refused since the start because a value was not finite
     combinations: tuple[Combination, ...] = ()  # what the window cannot tell; no parameter is in two of them

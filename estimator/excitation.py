@@ -37,11 +37,11 @@ def excitation(G: Array, N: Array) -> Excitation:
     whitening = 1.0 / np.sqrt(doubt)
     strength, v = np.linalg.eigh(C * whitening[:, :, None] * whitening[:, None, :])
     v = whitening[:, :, None] * v  # columns with v' C v = strength, v' doubt v = 1
-    v /= np.linalg.norm(v, axis=1, keepdims=True)
     strong = strength > 1.0
-    clean = C - _diagonal(noise)
-    inverse = _over(v, strong, clean) * scale[:, :, None] * scale[:, None, :]
-    weak = _over(v, ~strong, np.broadcast_to(np.eye(G.shape[-1]), G.shape))
+    V = v * np.where(strong, 1.0 / np.sqrt(np.maximum(strength, 1.0)), 0.0)[:, None, :]  # of energy 1
+    inner = np.eye(G.shape[-1]) - V.transpose(0, 2, 1) @ (noise[:, :, None] * V)
+    inverse = V @ np.linalg.inv(inner) @ V.transpose(0, 2, 1) * scale[:, :, None] * scale[:, None, :]
+    weak = _projector(v * ~strong[:, None, :])
     told = np.diagonal(weak, axis1=1, axis2=2) < INVOLVED**2
     return Excitation(told, inverse, weak)
 
@@ -81,12 +81,9 @@ def _scaled(G: Array) -> tuple[Array, Array]:
     return scale, G * scale[:, :, None] * scale[:, None, :]
 
 
-def _diagonal(values: Array) -> Array:
-    return values[:, :, None] * np.eye(values.shape[-1])
-
-
-def _over(v: Array, chosen: NDArray[np.bool_], metric: Array) -> Array:
-    """V (V' metric V)^-1 V' over the chosen columns of v, for each window."""
-    V = v * chosen[:, None, :]
-    inner = V.transpose(0, 2, 1) @ metric @ V + _diagonal((~chosen).astype(np.float64))
-    return V @ np.linalg.inv(inner) @ V.transpose(0, 2, 1)
+def _projector(columns: Array) -> Array:
+    """Orthogonal projectors on what the columns of each matrix span; columns of zeros span nothing."""
+    norm = np.linalg.norm(columns, axis=1, keepdims=True)
+    basis, spread, _ = np.linalg.svd(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0.0))
+    basis = basis * (spread > ROUND_OFF)[:, None, :]
+    return basis @ basis.transpose(0, 2, 1)

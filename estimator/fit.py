@@ -17,7 +17,11 @@ poor one where the two lags nearly cancel: its variance is Bartlett's (M. S. Bar
 and sampling properties of autocorrelated time-series, Supplement to the JRSS 8, 1946, doi 10.2307/2983611), and
 standard errors are widened from the normal to Student's distribution of as many degrees of freedom (F. E.
 Satterthwaite, An approximate distribution of estimates of variance components, Biometrics Bulletin 2, 1946,
-doi 10.2307/3002019), so that 1.96 of them hold the truth 95 times in 100. Knows nothing of streams or of words.
+doi 10.2307/3002019), so that 1.96 of them hold the truth 95 times in 100.
+
+Errors that noise does not average away are added as if they were one constant voltage over the window: what the
+equations themselves leave out (`MODEL`, measured against a simulation), and the resolution of the records, where the
+noise is too small to dither it. Knows nothing of streams or of words.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,13 +33,15 @@ from numpy.typing import NDArray
 
 from estimator.excitation import condition, excitation
 from estimator.machine import PARAMETERS
-from estimator.sums import WindowSums
+from estimator.sums import H, U, WindowSums
 
 Array = NDArray[np.float64]
 
 NOISE_DOUBT: Final = 0.1  # the bias that current noise leaves is known to within this share of it
 FAINT_I: Final = 1e-9  # A, and
 FAINT_SPEED: Final = 1e-6  # rad/s: what is smaller is arithmetic, not a signal
+MODEL: Final = 1e-6  # share of the rms voltage that the flux balance, exact to second order, may be off,
+MODEL_MOVING: Final = 3e-5  # and, times the relative spread of speed^2, more where it changes within a row
 Z_95: Final = 1.96
 _ROUNDS: Final = 4  # of the iteration; each gains three digits
 _FEWEST: Final = 4.0  # degrees of freedom at least: below, the correction knows no more than the error
@@ -76,21 +82,22 @@ def fit(
     sigma2 = np.zeros((len(G), 2))
     for _ in range(_ROUNDS):
         beta[:, free] = 0.0
-        known = np.sum(_times(sums.lag0, _axes(beta, small)), axis=1)[:, free]
-        beta[:, free] = -_times(ex.inverse, known)
+        rest = np.sum(_times(sums.lag0, _axes(beta, small)), axis=1)[:, free]
+        beta[:, free] = -_times(ex.inverse, rest)
         told[:, free] = ex.told
-        held_or_told = np.where(told, beta, stand_in)
-        small = _second_order(held_or_told, sums.T_s)
+        small = _second_order(_known(beta, told, stand_in), sums.T_s)
         sigma2, energy = _regressor_noise(sums, beta, _axes(beta, small))
         noise = energy[:, free]
         if noise_aware:
             ex = excitation(G, noise)
     told[:, free] = ex.told if noise_aware else excitation(G, noise).told
 
-    variance, rss = _variance(sums, _axes(beta, small), free, ex.inverse)
+    variance, rss = _variance(sums, _axes(beta, small), free, ex.inverse, sigma2)
     bias = _times(ex.inverse, noise * beta[:, free])
     std = np.zeros_like(beta)
     std[:, free] = np.sqrt(variance + ((NOISE_DOUBT if noise_aware else 1.0) * bias) ** 2)
+    of_h = _times(ex.inverse, sums.lag0[:, 0, free, H] * _doubt_of_h(sums, beta, std, told, stand_in)[:, None])
+    std[:, free] = np.hypot(std[:, free], of_h)
     rows = np.maximum(sums.rows, 1.0)
     return Fit(
         free, beta, std, told & enough[:, None], ex.weak, condition(G), np.sqrt(rss / (2.0 * rows)),
@@ -118,15 +125,46 @@ def _axes(beta: Array, small: Array) -> Array:
     return np.stack((np.stack(d, axis=-1), np.stack(q, axis=-1)), axis=1)
 
 
+def _known(beta: Array, told: NDArray[np.bool_], stand_in: Array) -> Array:
+    """Parameters (K, 4) where told or held, else 0; the other axis' inductance stands in for one that is neither."""
+    known = np.where(told, beta, stand_in)
+    L_d, L_q = known[:, 1].copy(), known[:, 2].copy()
+    known[:, 1], known[:, 2] = np.where(L_d > 0.0, L_d, L_q), np.where(L_q > 0.0, L_q, L_d)
+    return known
+
+
 def _second_order(known: Array, T_s: float) -> Array:
     """Coefficients (K, 3) of the small terms: of h in V, b_d and b_q in H; 0 where a parameter is not known."""
     R_s, L_d, L_q, psi_f = known.T
-    h = np.divide(-R_s * psi_f, L_d, out=np.zeros_like(L_d), where=L_d > 0.0)
+    h = -_over(R_s * psi_f, L_d)
     b_d, b_q = (
         np.divide((R_s * T_s) ** 2 / 12.0, L, out=np.zeros_like(L), where=np.abs(R_s) * T_s < 3.0 * L)
         for L in (L_d, L_q)
     )
     return np.stack((h, b_d, b_q), axis=-1)
+
+
+def _doubt_of_h(sums: WindowSums, beta: Array, std: Array, told: NDArray[np.bool_], stand_in: Array) -> Array:
+    """Standard error of the coefficient of h, R_s psi_f/L_d, in V (K,): from its value to its largest likely one.
+
+    What is neither told nor held is no larger than the q-axis voltage allows: R_s i_q, psi_f s, or half of it each;
+    L_d is then L_q or half of it.
+    """
+    told = told & (Z_95 * std < np.abs(beta))
+    known, off = _known(np.abs(beta), told, stand_in), Z_95 * np.where(told, std, 0.0)
+    i_q, s, u_q = np.sqrt(np.diagonal(sums.lag0[:, 1], axis1=1, axis2=2)[:, [0, 3, U]].T)
+    share = np.where((known[:, 0] > 0.0) | (known[:, 3] > 0.0), 1.0, 0.5)
+    R_s, psi_f = (
+        np.where(known[:, j] > 0.0, known[:, j] + off[:, j], _over(share * u_q, by)) for j, by in ((0, i_q), (3, s))
+    )
+    L = np.where(known[:, 1] > 0.0, known[:, 1], np.abs(beta[:, 1:3]).max(axis=1))
+    smallest = np.where(told[:, 1] | (stand_in[1] > 0.0), np.maximum(L - off[:, 1], 0.1 * L), 0.5 * L)
+    return (_over(R_s * psi_f, smallest) - _over(known[:, 0] * known[:, 3], L)) / Z_95
+
+
+def _over(a: Array, b: Array) -> Array:
+    """a / b, and 0 where b is not above 0."""
+    return np.divide(a, b, out=np.zeros_like(b), where=b > 0.0)
 
 
 def _regressor_noise(sums: WindowSums, beta: Array, c: Array) -> tuple[Array, Array]:
@@ -144,14 +182,16 @@ def _regressor_noise(sums: WindowSums, beta: Array, c: Array) -> tuple[Array, Ar
     gamma1 = _form(c, sums.lag1) / (2.0 * pairs)
     by_residual = np.minimum(np.maximum(0.0, -gamma1) / L2, S0 / (2.0 * n_or_1))
     by_signal = np.minimum(np.maximum(0.0, -S1 / (2.0 * pairs)), gamma0 / (2.0 * L2))
-    sigma2 = FAINT_I**2 + T**2 * np.maximum(by_residual, by_signal)
+    sigma2 = FAINT_I**2 + sums.i_step**2 / 12.0 + T**2 * np.maximum(by_residual, by_signal)
     of_mean = sigma2 / sums.periods
     x = 2.0 * n * sigma2 / T**2 + sums.lag0[:, 1, 3, 3, None] * of_mean
     energy = np.stack((n[:, 0] * of_mean.sum(axis=1), x[:, 0], x[:, 1], n[:, 0] * FAINT_SPEED**2), axis=-1)
     return sigma2, energy
 
 
-def _variance(sums: WindowSums, c: Array, free: list[int], inverse: Array) -> tuple[Array, Array]:
+def _variance(
+    sums: WindowSums, c: Array, free: list[int], inverse: Array, sigma2: Array
+) -> tuple[Array, Array]:
     """Sandwich variances (K, p) with first-order moving-average residuals, and the residual's sum of squares (K,).
 
     In terms of gamma0 and of the level f = gamma0 + 2 gamma1 that the residual's spectrum has at frequency zero.
@@ -167,7 +207,35 @@ def _variance(sums: WindowSums, c: Array, free: list[int], inverse: Array) -> tu
         of_gamma0[..., None] * A**2 + of_f[..., None] * B**2 + 2.0 * of_both[..., None] * A * B, axis=1
     )
     freedom = np.divide(2.0 * variance**2, of_variance, out=np.full_like(variance, np.inf), where=of_variance > 0.0)
-    return variance * _student(np.maximum(freedom, _FEWEST)) ** 2, squares.sum(axis=1)
+    variance *= _student(np.maximum(freedom, _FEWEST)) ** 2
+    constant = n * _constant_errors(sums, c, squares / n, sigma2)
+    return variance + np.sum(constant[..., None] * S0, axis=1), squares.sum(axis=1)
+
+
+def _constant_errors(sums: WindowSums, c: Array, gamma0: Array, sigma2: Array) -> Array:
+    """Variance of a voltage error that may last for the whole window, by axis in V^2 (K, 2).
+
+    Noise of variance v dithers a resolution q: the error's mean shrinks by exp(-2 pi^2 v/q^2) (B. Widrow, I. Kollar,
+    Quantization Noise, 2008, doi 10.1017/CBO9780511754661).
+    """
+    n = np.maximum(sums.rows, 1.0)
+    u2, s2 = np.sum(sums.lag0[:, :, U, U], axis=1) / n, sums.lag0[:, 1, 3, 3] / n
+    Z2 = c[:, 0, 0] ** 2 + s2 * np.max(c[:, 0, 1:3] ** 2, axis=1)  # ohm^2
+    of_u, of_i = _undithered(sums.u_step, gamma0), _undithered(sums.i_step, sigma2 / sums.periods)
+    return ((MODEL**2 + MODEL_MOVING**2 * spread_of_speed(sums)) * u2)[:, None] + of_u + Z2[:, None] * of_i
+
+
+def spread_of_speed(sums: WindowSums) -> Array:
+    """Relative variance of the speed's square (K,), 0 to 1; from h, which grows with it."""
+    n = np.maximum(sums.rows, 1.0)
+    D = 2.0 * np.arcsin(np.minimum(1.0, 0.5 * sums.T_s * np.sqrt(sums.lag0[:, 1, 3, 3] / n)))
+    return np.clip(_over(sums.lag0[:, 0, H, H] / n, (D**2 / 12.0) ** 2) - 1.0, 0.0, 1.0)
+
+
+def _undithered(step: float, noise: Array) -> Array:
+    if step == 0.0:
+        return np.zeros_like(noise)
+    return step**2 / 12.0 * np.exp(-4.0 * np.pi**2 * noise / step**2)
 
 
 def _colour(sums: WindowSums, c: Array, squares: Array) -> tuple[Array, Array, Array, Array]:

@@ -137,7 +137,7 @@ def estimate(state: RlsState, *, noise_aware: bool = True) -> WindowEstimate:
     return WindowEstimate(
         estimates, state.samples, state.stream.gaps, 2 * round(rows),
         rows >= _FILLED / (1.0 - state.lam) if state.lam < 1.0 else rows > 0.0,
-        found.condition, found.residual_rms, found.combinations,
+        found.condition, found.residual_rms, state.stream.left_out, found.combinations,
     )
 
 
@@ -156,9 +156,11 @@ def _data(state: RlsState) -> WindowSums:
     weight, pairs, squares = (float(w) for w in state.weights)
     rows = round(weight**2 / squares) if squares > 0.0 else 0
     scale = rows / weight if rows else 1.0
-    T_s, periods = state.stream.T_s, state.stream.periods
+    stream = state.stream
     counts = np.array([[rows, round(pairs * scale), 0, 0, 0]], np.float64)
-    return sums_from(_triangles(state, scale), counts, T_s, periods * state.m)
+    return sums_from(
+        _triangles(state, scale), counts, stream.T_s, stream.periods * state.m, stream.i_step, stream.u_step
+    )
 
 
 def _triangles(state: RlsState, scale: float) -> Array:

@@ -28,6 +28,8 @@ class Samples:
     i_d_mean: Column | None = None  # A, mean over the row; needed where periods > 1
     i_q_mean: Column | None = None  # A
     t0: float = 0.0  # s, time of the first row
+    i_step: float = 0.0  # A, resolution of the currents as recorded; 0 = not known, taken for none
+    u_step: float = 0.0  # V, of the voltages
 
     def __len__(self) -> int:
         return len(self.theta_e)
@@ -48,5 +50,5 @@ class Samples:
             self.T_s, self.periods,
             None if self.i_d_mean is None else self.i_d_mean[rows],
             None if self.i_q_mean is None else self.i_q_mean[rows],
-            self.t0 + start * self.T,
+            self.t0 + start * self.T, self.i_step, self.u_step,
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.estimate import Combination, Estimate, Status
 from estimator.excitation import combinations
-from estimator.fit import FAINT_I, FAINT_SPEED, Z_95, Fit, fit
+from estimator.fit import FAINT_I, FAINT_SPEED, Z_95, Fit, fit, spread_of_speed
 from estimator.machine import PARAMETERS, UNITS
 from estimator.sums import WindowSums
 
@@ -120,20 +120,18 @@ class _Signals:
     def of(cls, sums: WindowSums, found: Fit) -> "_Signals":
         """From the sums: at speed, y_d = i_d s and i_q keep in step with s where i_d and i_q are steady."""
         d, q = sums.lag0[0]
-        n, T_s = float(sums.rows[0]), sums.T_s
-        ss, y_y, y_s, i_i, i_s, h_h = q[3, 3], q[1, 1], q[1, 3], q[0, 0], q[0, 3], d[4, 4]
+        n = float(sums.rows[0])
+        ss, y_y, y_s, i_i, i_s = q[3, 3], q[1, 1], q[1, 3], q[0, 0], q[0, 3]
         level2 = np.array([d[0, 0], i_i]) / n  # A^2
         noise2 = 9.0 * found.noise[0] + FAINT_I**2
         still = ss <= n * FAINT_SPEED**2
         if still:  # a current that changes has flux differences x
             x2 = np.array([d[1, 1], q[2, 2]]) / n * sums.T**2
             off2 = np.where(x2 > 4.0 * sums.periods * noise2, level2, 0.0)
-            steady_speed = True
         else:
             off2 = np.array([(y_y - y_s**2 / ss) / ss, (i_i - i_s**2 / ss) / n])
-            h = math.asin(min(1.0, 0.5 * T_s * math.sqrt(ss / n))) ** 2 / 3.0  # as a steady speed would have it
-            steady_speed = bool(h_h / n < (1.0 + 4.0 * _STEADY**2) * h**2)
         steady = off2 <= np.maximum(_STEADY**2 * level2, noise2)
+        steady_speed = bool(still or spread_of_speed(sums)[0] < 4.0 * _STEADY**2)
         flows = level2 > noise2
         return cls(bool(still), (bool(flows[0]), bool(flows[1])), (bool(steady[0]), bool(steady[1]), steady_speed))
 

@@ -21,6 +21,8 @@ class Stream:
     last: Samples | None = None  # the newest sample, whose row waits for its end; None after a break
     T_s: float = 1.0  # s, control period of the samples so far, known after a break too
     periods: int = 1  # control periods that a row covers
+    i_step: float = 0.0  # A, resolution of the currents, 0 where not known
+    u_step: float = 0.0  # V, of the voltages
     runs: int = 0  # unbroken stretches so far
     left_out: int = 0  # samples refused because a value was not finite
 
@@ -62,7 +64,7 @@ def _finite(samples: Samples) -> NDArray[np.bool_]:
 
 def _taken(stream: Stream, run: Samples) -> tuple[Samples, bool]:
     before, stream.last = stream.last, run[len(run) - 1 :]
-    stream.T_s, stream.periods = run.T_s, run.periods
+    stream.T_s, stream.periods, stream.i_step, stream.u_step = run.T_s, run.periods, run.i_step, run.u_step
     if before is None:
         stream.runs += 1
         return run, False

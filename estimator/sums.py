@@ -33,6 +33,8 @@ class WindowSums:
     w_next: Array  # (K,), and of the products of neighbouring weights
     T_s: float  # s, control period
     periods: int  # control periods that a row covers
+    i_step: float = 0.0  # A, resolution of the recorded currents, 0 where not known
+    u_step: float = 0.0  # V, of the voltages
 
     @property
     def T(self) -> float:
@@ -49,7 +51,9 @@ class WindowSums:
         return replace(self, **{name: change(getattr(self, name)) for name in names})
 
 
-def sums_from(triangles: Array, counts: Array, T_s: float, periods: int) -> WindowSums:
+def sums_from(
+    triangles: Array, counts: Array, T_s: float, periods: int, i_step: float = 0.0, u_step: float = 0.0
+) -> WindowSums:
     """Sums from upper triangles (K, 6, 15), d and q axis of lag0, lag1 and batch, then the five counts (K, 5)."""
     full = np.zeros((len(triangles), 6, SIZE, SIZE))
     row, column = np.triu_indices(len(_PLACES[0]))
@@ -57,4 +61,6 @@ def sums_from(triangles: Array, counts: Array, T_s: float, periods: int) -> Wind
         full[:, axis::2, places[row], places[column]] = triangles[:, axis::2]
         full[:, axis::2, places[column], places[row]] = triangles[:, axis::2]
     rows, pairs, batches, w_w, w_next = counts.T
-    return WindowSums(full[:, :2], full[:, 2:4], full[:, 4:], rows, pairs, batches, w_w, w_next, T_s, periods)
+    return WindowSums(
+        full[:, :2], full[:, 2:4], full[:, 4:], rows, pairs, batches, w_w, w_next, T_s, periods, i_step, u_step
+    )

@@ -56,6 +56,8 @@ class WindowState:
     count: Integers  # (3,), balances so far; whether the newest sample is there (1) and joins one (2); samples left out
     T_s: float = 1.0  # s, control period of the samples
     periods: int = 1  # control periods per sample
+    i_step: float = 0.0  # A, resolution of the samples' currents, 0 where not known
+    u_step: float = 0.0  # V, of their voltages
 
     @property
     def samples(self) -> int:
@@ -125,7 +127,7 @@ def update(state: WindowState, samples: Samples, *, joined: bool = True) -> Wind
     Samples with a value that is not finite are left out and counted, and end the run.
     """
     columns = columns_of(samples)
-    state.T_s, state.periods = samples.T_s, samples.periods
+    state.T_s, state.periods, state.i_step, state.u_step = samples.T_s, samples.periods, samples.i_step, samples.u_step
     if not joined:
         state.count[1] = 0
     take_samples(
@@ -157,6 +159,7 @@ def resized(state: WindowState, length: int, m: int) -> WindowState:
         return state
     new = init(length, m)
     new.T_s, new.periods, new.ends = state.T_s, state.periods, state.ends
+    new.i_step, new.u_step = state.i_step, state.u_step
     new.count[1:] = state.count[1:]
     n = int(state.count[0])
     held = np.arange(max(0, n - min(len(state.starts), len(new.starts))), n) % len(state.starts)
@@ -177,7 +180,7 @@ def estimate(
     found = solve(sums, estimated, held, noise_aware=noise_aware)
     return WindowEstimate(
         found.estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length,
-        found.condition, found.residual_rms, found.combinations,
+        found.condition, found.residual_rms, state.left_out, found.combinations,
     )
 
 
@@ -188,4 +191,4 @@ def sums_of(state: WindowState, lengths: Sequence[int]) -> WindowSums:
         first = max(0, int(state.count[0]) - min(length, state.length))
         total_sums(first, state.m, state.rows, state.starts, state.sums, state.places, state.count, into)
     triangles = total[:, :ROWS].reshape(len(lengths), 6, -1)
-    return sums_from(triangles, total[:, ROWS:], state.T_s, state.periods * state.m)
+    return sums_from(triangles, total[:, ROWS:], state.T_s, state.periods * state.m, state.i_step, state.u_step)

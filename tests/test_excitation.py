@@ -12,7 +12,7 @@ from emulator.virtual_drive import VirtualDrive
 from estimator import window_ls
 from estimator.estimate import Status, WindowEstimate
 from estimator.excitation import combinations, condition, excitation
-from tests.samples import noiseless, streamed
+from tests.samples import noiseless, recorded, streamed, truth_of
 
 HELD = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
 
@@ -84,6 +84,84 @@ def test_steady_currents_at_steady_speed_tell_nothing_apart(noise: bool) -> None
 def test_at_standstill_with_current_on_one_axis_only_that_axis_is_told(noise: bool) -> None:
     scenario = with_excitation(at_speed(PAPER if noise else noiseless(), 0.0), i_q_ref=2.0, i_q_step=3.0)
     assert statuses(window(scenario)) == {"R_s": "ok", "L_d": "not_told", "L_q": "ok", "psi_f": "not_told"}
+
+
+SWINGING = replace(PAPER, run=replace(PAPER.run, swing_rpm=200.0))
+STEPS, LEVEL = {"i_q_ref": 2.0, "i_q_step": 3.0}, {"i_d_ref": -2.0, "i_q_ref": 3.0}
+RUNS: dict[str, tuple[Scenario, list[str]]] = {  # and what each cannot tell, with noise
+    "standstill": (at_speed(PAPER, 0.0), ["psi_f cannot be told here: the motor stands still"]),
+    "standstill, steady currents": (with_excitation(at_speed(PAPER, 0.0), **LEVEL), [
+        "L_d cannot be told here: i_d is constant and the motor stands still",
+        "L_q cannot be told here: i_q is constant and the motor stands still",
+        "psi_f cannot be told here: the motor stands still",
+    ]),
+    "i_d zero": (with_excitation(PAPER, **STEPS), []),
+    "one level of i_d": (with_excitation(PAPER, i_d_ref=-2.0, **STEPS), []),
+    "one level of i_q": (with_excitation(PAPER, i_d_step=2.0, **LEVEL), []),
+    "all steady": (with_excitation(PAPER, **LEVEL), [
+        "R_s, L_d, L_q and psi_f cannot be told apart here: i_d, i_q and speed are constant",
+    ]),
+    "all steady, i_d zero": (with_excitation(PAPER, i_q_ref=3.0), [
+        "R_s and psi_f cannot be told apart here: i_d, i_q and speed are constant",
+        "L_d cannot be told here: i_d is zero or does not stand out of its noise",
+    ]),
+    "no current": (with_excitation(PAPER), [
+        "R_s cannot be told here: no current flows",
+        "L_d cannot be told here: i_d is zero or does not stand out of its noise",
+        "L_q cannot be told here: i_q is zero or does not stand out of its noise",
+    ]),
+    "steady currents, speed swings": (with_excitation(SWINGING, **LEVEL), [
+        "L_d and psi_f cannot be told apart here: i_d is constant",
+    ]),
+    "i_d zero, speed swings": (with_excitation(SWINGING, i_q_ref=3.0), [
+        "L_d cannot be told here: i_d is zero or does not stand out of its noise",
+    ]),
+    "no current, speed swings": (with_excitation(SWINGING), [
+        "R_s cannot be told here: no current flows",
+        "L_d cannot be told here: i_d is zero or does not stand out of its noise",
+        "L_q cannot be told here: i_q is zero or does not stand out of its noise",
+    ]),
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_what_cannot_be_told_is_named_with_its_reason(name: str) -> None:
+    run, reasons = RUNS[name]
+    result = window(run)
+    assert [combination.reason for combination in result.combinations] == reasons
+    for combination in result.combinations:
+        for parameter in combination.parameters:
+            estimate = result.estimates[parameter]
+            assert (estimate.status, estimate.reason) == (Status.NOT_TOLD, combination.reason)
+
+
+@pytest.mark.parametrize("noise", [True, False])
+@pytest.mark.parametrize("every_period", [False, True])
+@pytest.mark.parametrize("name", RUNS)
+def test_no_value_is_far_outside_its_own_interval(name: str, every_period: bool, noise: bool) -> None:
+    drive = VirtualDrive(RUNS[name][0] if noise else noiseless(RUNS[name][0]))
+    drive.run(2000)
+    samples = recorded(drive, 10_000) if every_period else streamed(drive, 1000)
+    m = 10 if every_period else 1
+    estimates = window_ls.estimate(window_ls.update(window_ls.init(len(samples), m), samples)).estimates
+    for parameter, truth in truth_of(drive).items():
+        e = estimates[parameter]
+        if e.status is Status.OK:
+            assert e.value is not None and e.std is not None
+            assert abs(e.value - truth) < 3.5 * e.std, (parameter, e.value, e.std)
+
+
+def test_a_resolution_that_no_noise_dithers_is_in_the_interval() -> None:
+    drive = VirtualDrive(noiseless(with_excitation(PAPER, i_q_ref=3.0)))
+    drive.run(2000)
+    fine, step = streamed(drive, 1000), 0.05  # V
+    coarse = replace(fine, u_d=step * np.round(fine.u_d / step), u_q=step * np.round(fine.u_q / step), u_step=step)
+    for samples, doubt in ((fine, 0.0), (coarse, step / np.sqrt(12.0) / (503.0 * 3.0))):
+        state = window_ls.update(window_ls.init(1000), samples)
+        e = window_ls.estimate(state, ("L_q",), HELD).estimates["L_q"]
+        assert e.value is not None and e.std is not None
+        assert abs(e.value - HELD["L_q"]) < 2.0 * e.std
+        assert e.std > 0.5 * doubt
 
 
 def test_a_window_of_zeros_says_so_of_every_parameter() -> None:
