@@ -1,6 +1,8 @@
 """The bench: acquisition, estimation, service. `api` (REST, the page) and `cli` stand on it.
 
-* `config` - drives and ports from TOML; `machine_file` - nominal values; `window` - settings of the estimation window
+* `config` - drives and ports from TOML; `machine_file` - nominal values; `window`, `tuning` - settings of the
+  estimation
+* `method` - the estimator that runs: the window, and the recursion or the filter beside it
 * `service` - everything that runs, as one context manager
 * `acquisition` - one pump thread per drive; `estimation` - one worker with a bounded queue
 * `recording` - files to samples, on `table` (formats), `sources` (columns, constants), `runs` (time base, gaps)

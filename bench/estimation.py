@@ -12,18 +12,19 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import ParamSpec
 
+from bench import method
 from bench.errors import LimitError, UnavailableError
+from bench.method import Running
 from bench.window import Window
 from drivers.block import Block
-from estimator import window_ls
 from estimator.estimate import WindowEstimate
 from estimator.samples import Samples
-from estimator.window_ls import WindowState
 
 P = ParamSpec("P")
 
 QUEUE = 256  # blocks
 REFRESH = 0.05  # s, shortest time between two estimates of one drive
+REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
 _CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings
 
 
@@ -47,16 +48,20 @@ class Snapshot:
 class _Drive:
     """One drive's estimator; touched by the worker alone, but for `snapshot` and `rows_dropped`."""
 
-    window: Window
-    state: WindowState
+    running: Running
     snapshot: Snapshot
     next_tick: int | None = None
-    row: tuple[int, float] | None = None  # periods and T_s of the rows in the window
+    row: tuple[int, float] | None = None  # periods and T_s of the rows taken in
     received: float | None = None
     t_drive: float | None = None
     rows_dropped: int = 0
     estimated_at: float = field(default=0.0)
-    stale: bool = False  # the snapshot is behind the state
+    stale: bool = False  # the snapshot is behind the estimator
+
+    @property
+    def due(self) -> float:
+        """When the next estimate may be made, in s, monotonic."""
+        return self.estimated_at + (REFRESH_CHOSEN if self.running.window.chosen_by_data else REFRESH)
 
 
 class Estimation:
@@ -71,7 +76,7 @@ class Estimation:
 
     def start(self) -> None:
         """Compile the kernels, then begin."""
-        warm_up()
+        method.warm_up()
         self.thread.start()
 
     def stop(self) -> None:
@@ -92,7 +97,7 @@ class Estimation:
         return self._drives[name].snapshot
 
     def change_window(self, name: str, change: Mapping[str, object]) -> Window:
-        """Replace settings of a drive's window; the samples it holds stay. Raises LimitError, UnavailableError."""
+        """Replace settings of a drive's window; the samples held stay. Raises LimitError, UnavailableError."""
         answer: Future[Window] = Future()
 
         def apply() -> None:
@@ -117,14 +122,13 @@ class Estimation:
             ) from None
 
     def _changed(self, drive: _Drive, change: Mapping[str, object]) -> Window:
-        window = drive.window.changed(change)
-        before = drive.window, drive.state, drive.state.length
+        before = drive.running
+        window = before.window.changed(change)
         try:
-            drive.state = window_ls.resized(drive.state, window.length, window.periods_per_row)
-            drive.window = window
+            drive.running = method.changed(before, window)
             self._estimate(drive)
         except BaseException as error:
-            drive.window, drive.state, drive.state.length = before
+            drive.running = before
             if isinstance(error, ValueError):
                 raise LimitError(str(error)) from None
             raise
@@ -142,7 +146,7 @@ class Estimation:
                 name, block, received = item
                 self._guarded(name, self._take, self._drives[name], block, received)
             for name, drive in self._drives.items():
-                if drive.stale and time.monotonic() - drive.estimated_at >= REFRESH:
+                if drive.stale and time.monotonic() >= drive.due:
                     self._guarded(name, self._estimate, drive)
 
     def _guarded(self, name: str, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
@@ -161,35 +165,31 @@ class Estimation:
 
     def _take(self, drive: _Drive, block: Block, received: float) -> None:
         row = (block.periods, block.T_s)
-        if drive.row != row:  # other rows cannot share a window
-            drive.state = window_ls.init(drive.window.length, drive.window.periods_per_row)
+        if drive.row != row:  # other rows cannot share an estimator
+            drive.running = method.start(drive.running.window)
             drive.row, drive.next_tick = row, None
         joined = drive.next_tick == int(block.tick[0])
         drive.next_tick = None  # should the update fail, the next block begins a new run
-        drive.state = window_ls.update(drive.state, samples_of(block), joined=joined)
+        method.take(drive.running, samples_of(block), joined=joined)
         drive.next_tick = int(block.tick[-1]) + block.periods
         drive.received, drive.t_drive = received, drive.next_tick * block.T_s
         drive.stale = True
 
     def _estimate(self, drive: _Drive) -> None:
         drive.estimated_at, drive.stale = time.monotonic(), False
-        result = window_ls.estimate(drive.state, drive.window.estimated, drive.window.held)
-        drive.snapshot = Snapshot(drive.window, result, drive.received, drive.t_drive, drive.rows_dropped)
+        drive.snapshot = Snapshot(
+            drive.running.window, method.estimate(drive.running), drive.received, drive.t_drive, drive.rows_dropped
+        )
 
 
 def samples_of(block: Block) -> Samples:
     """A block in the estimator's terms."""
     return Samples(
         block.theta_e, block.omega_e, block.i_d, block.i_q, block.u_d, block.u_q, block.T_s, block.periods,
-        block.i_d_mean, block.i_q_mean, int(block.tick[0]) * block.T_s,
+        block.i_d_mean, block.i_q_mean, int(block.tick[0]) * block.T_s, block.i_step, block.u_step,
     )
 
 
-def warm_up() -> None:
-    """Compile the estimator's kernels; takes seconds at the very first start, then they are kept on disk."""
-    window_ls.warm_up()
-
-
 def _new_drive(window: Window) -> _Drive:
-    state = window_ls.init(window.length, window.periods_per_row)
-    return _Drive(window, state, Snapshot(window, window_ls.estimate(state, window.estimated, window.held)))
+    running = method.start(window)
+    return _Drive(running, Snapshot(window, method.estimate(running)))

@@ -69,7 +69,7 @@ def load_machine(path: str | Path) -> Nominal:
 
 
 def _tables(path: str | Path) -> dict[str, dict[str, float]]:
-    content = _toml(path)
+    content = load_toml(path)
     for key in content:
         if key not in KEYS:
             raise ConfigError(f"{path}: unknown entry {key!r}, expected the tables [machine] and [drive]")
@@ -79,7 +79,8 @@ def _tables(path: str | Path) -> dict[str, dict[str, float]]:
     return {name: _table(path, name, content.get(name, {})) for name in KEYS}
 
 
-def _toml(path: str | Path) -> dict[str, object]:
+def load_toml(path: str | Path) -> dict[str, object]:
+    """A TOML file's content. Raises ConfigError."""
     try:
         return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
     except OSError as error:

@@ -6,17 +6,17 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from bench import method
 from bench.recording import RecordingReader, Summary
 from bench.runs import Chunk
 from bench.window import Window
-from estimator import window_ls
 from estimator.estimate import WindowEstimate
 from estimator.samples import Samples
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What a recording's last window says."""
+    """What a recording says at its end."""
 
     recording: Summary
     window: Window
@@ -25,31 +25,31 @@ class Replay:
 
 
 OnEstimate = Callable[[float, WindowEstimate], None]
-"""Called with the time (s) of a window's newest row's end, and what the window says."""
+"""Called with the time (s) at the newest row's end, and what the rows so far say."""
 
 
 def replay(
     reader: RecordingReader, window: Window, every: int = 0, on_estimate: OnEstimate | None = None,
     on_rows: Callable[[int], None] | None = None,
 ) -> Replay:
-    """Stream a recording through the window; with `every`, report each time so many more rows have come.
+    """Stream a recording through the estimator; with `every`, report each time so many more rows have come.
 
     `on_rows` hears the number of rows done, now and then.
     """
-    state = window_ls.init(window.length, window.periods_per_row)
+    running = method.start(window)
     due, turned = every, _Turned()
     for chunk in reader:
         turned.take(chunk.samples)
         if on_rows is not None:
             on_rows(reader.summary.rows)
         for piece, joined in _pieces(chunk, due, every):
-            state = window_ls.update(state, piece, joined=joined)
+            method.take(running, piece, joined=joined)
             due -= len(piece)
             if every and due <= 0 and on_estimate is not None:
-                on_estimate(piece.t0 + len(piece) * piece.T, _estimate(state, window))
+                on_estimate(piece.t0 + len(piece) * piece.T, method.estimate(running))
                 due = every
     return Replay(
-        reader.summary, window, _estimate(state, window), (*reader.summary.remarks(), *turned.remarks())
+        reader.summary, window, method.estimate(running), (*reader.summary.remarks(), *turned.remarks())
     )
 
 
@@ -57,16 +57,15 @@ def as_json(replayed: Replay) -> dict[str, object]:
     """A replay as plain values, SI."""
     result, window = replayed.result, replayed.window
     return {
+        "method": window.method,
         "estimates": {name: asdict(estimate) for name, estimate in result.estimates.items()},
         "samples": result.samples,
         "gaps": result.gaps,
         "equations": result.equations,
         "condition": result.condition,
         "residual_rms_V": result.residual_rms,
-        "window": {
-            "length": window.length, "periods_per_row": window.periods_per_row,
-            "estimated": list(window.estimated), "held": dict(window.held),
-        },
+        "combinations": [asdict(combination) for combination in result.combinations],
+        "window": asdict(window),
         "remarks": list(replayed.remarks),
         "recording": asdict(replayed.recording),
     }
@@ -97,10 +96,6 @@ class _Turned:
             f"theta_e turns at {self.by_angle / self.time:.4g} rad/s on average, but omega_e says "
             f"{self.by_speed / self.time:.4g} rad/s; the estimates rest on theta_e",
         )
-
-
-def _estimate(state: window_ls.WindowState, window: Window) -> WindowEstimate:
-    return window_ls.estimate(state, window.estimated, window.held)
 
 
 def _pieces(chunk: Chunk, due: int, every: int) -> Iterator[tuple[Samples, bool]]:

@@ -106,13 +106,17 @@ class Assembler:
             other: parts for other, parts in self._pending.items() if 0 < (other - tick) % _TICKS < TELLABLE
         }
 
+    def _count_of(self, name: str) -> float:
+        return float(self._scales[_NAMES.index(name)])
+
     def _close_block(self) -> None:
         if not self._rows:
             return
         columns = (np.array(self._rows, dtype=np.float64) * self._scales).T
         self._ready.append(Block(
             tick=np.array(self._ticks, dtype=np.int64), **dict(zip(_NAMES, columns, strict=True)),
-            T_s=self._T_s, periods=self.periods, lost_before=self._lost_before,
+            T_s=self._T_s, periods=self.periods, lost_before=self._lost_before, i_step=self._count_of("i_d"),
+            u_step=self._count_of("u_d"),
             temp_winding=self._temperatures[0], temp_magnet=self._temperatures[1],
         ))
         self._ticks, self._rows, self._lost_before = [], [], 0

@@ -29,6 +29,8 @@ class Block:
     T_s: float  # s, control period
     periods: int  # control periods per row
     lost_before: int  # rows lost between the block before and this one; 0 where they join
+    i_step: float  # A, size of a count of the currents
+    u_step: float  # V, of the voltages
     temp_winding: float  # degC, latest; NaN while the drive has told none
     temp_magnet: float  # degC, latest
 

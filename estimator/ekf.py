@@ -211,7 +211,7 @@ def _parameter(state: EkfState, name: str) -> tuple[float, float, str]:
     L = psi / i
     slope = np.zeros(5)  # dL/dx
     slope[axis], slope[2 + axis] = -L / i, 1.0 / i
-    return L, float(slope @ P @ slope), ""
+    return L, max(0.0, float(slope @ P @ slope)), ""
 
 
 def _restart_currents(state: EkfState, i_d: float, i_q: float) -> None:

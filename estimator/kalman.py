@@ -54,7 +54,7 @@ def filtered(
                 P[i, j] += R[0] * K[i, 0] * K[j, 0] + R[1] * K[i, 1] * K[j, 1]
                 P[j, i] = P[i, j]
 
-        ran_away = not (np.isfinite(x).all() and np.isfinite(P).all())
+        ran_away = not (np.isfinite(x).all() and np.isfinite(P).all() and (np.diag(P) >= 0.0).all())
         if model == 1:
             ran_away = ran_away or x[3] <= 0.05 * start[1] or x[4] <= 0.05 * start[2]
         if ran_away:

@@ -48,7 +48,7 @@ _FOLDER = _cache_folder()
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function of numbers and arrays to machine code at its first call."""
+    """Compile a function of numbers and arrays to machine code at its first call. It divides by zero as numpy does."""
     return _compiled(function, fastmath=False)
 
 
@@ -61,6 +61,7 @@ def _compiled(function: Callable[P, R], fastmath: bool | set[str]) -> Callable[P
     before = getattr(numba_config, "CACHE_DIR", "")
     setattr(numba_config, "CACHE_DIR", _FOLDER or "")  # noqa: B010 - numba declares its settings at run time
     try:
-        return cast(Callable[P, R], numba.njit(cache=_FOLDER is not None, fastmath=fastmath)(function))
+        compiler = numba.njit(cache=_FOLDER is not None, fastmath=fastmath, error_model="numpy")
+        return cast(Callable[P, R], compiler(function))
     finally:
         setattr(numba_config, "CACHE_DIR", before)  # noqa: B010

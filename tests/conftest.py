@@ -76,10 +76,10 @@ def command(*arguments: str) -> Generator["subprocess.Popen[str]"]:
 
 
 @contextmanager
-def bench_up() -> Generator[RunningBench]:
+def bench_up(*options: str) -> Generator[RunningBench]:
     """`pmsm-bench up` on free ports."""
     port, bus = free_port(), bus_url(free_port())
-    with command("up", "--port", str(port), "--at", bus) as process:
+    with command("up", "--port", str(port), "--at", bus, *options) as process:
         url = f"http://127.0.0.1:{port}"
         wait_for_answer(f"{url}/api/health", process)
         yield RunningBench(url, bus, process)

@@ -12,6 +12,7 @@ import pytest
 from tests.conftest import RunningBench
 from tests.served_drive import until
 
+KEYS = "length, periods_per_row, estimated, held, method, longest, forgetting_factor or ekf"
 DRIVE = "/api/drives/emulated"
 WINDOW = f"{DRIVE}/window"
 ROUTES = ("", "/estimates", "/window", "/stream")
@@ -65,12 +66,13 @@ def test_estimates_carry_all_that_says_how_far_to_trust_them(client: httpx.Clien
     told = client.get(f"{DRIVE}/estimates").json()
     assert list(told["estimates"]) == ["R_s", "L_d", "L_q", "psi_f"]
     for estimate in told["estimates"].values():
-        assert set(estimate) == {"value", "std", "unit", "status", "reason"}
-        assert estimate["status"] == "ok"
+        assert set(estimate) == {"value", "std", "unit", "status", "reason", "window"}
+        assert (estimate["status"], estimate["window"]) == ("ok", None)
         assert 0.0 < estimate["std"] < 0.01 * estimate["value"]
     assert [estimate["unit"] for estimate in told["estimates"].values()] == ["ohm", "H", "H", "Vs"]
     assert (told["drive"], told["status"], told["samples"]) == ("emulated", "ok", told["window"]["length"])
-    assert told["gaps"] == told["rows_dropped"] == 0
+    assert (told["method"], told["combinations"]) == ("wls", [])
+    assert told["gaps"] == told["left_out"] == told["rows_dropped"] == 0
     assert told["age_s"] < 1.0
     assert told["condition"] > 1.0
     assert told["residual_rms_V"] > 0.0
@@ -79,7 +81,8 @@ def test_estimates_carry_all_that_says_how_far_to_trust_them(client: httpx.Clien
 def test_the_window_says_what_its_settings_may_be(client: httpx.Client) -> None:
     client.put(WINDOW, json={"length": 400, "periods_per_row": 5}).raise_for_status()
     assert client.get(WINDOW).json()["limits"] == {
-        "length": {"minimum": 20, "maximum": 1_000_000}, "periods_per_row": {"minimum": 1, "maximum": 100},
+        "length": {"minimum": 20, "maximum": 1_000_000}, "longest": {"minimum": 20, "maximum": 1_000_000},
+        "periods_per_row": {"minimum": 1, "maximum": 100}, "forgetting_factor": {"minimum": 0.5, "maximum": 1.0},
     }
 
 
@@ -98,6 +101,76 @@ def test_a_put_takes_effect_at_once_and_keeps_the_samples(client: httpx.Client) 
     assert [estimate["status"] for estimate in estimates.values()] == ["ok", "held", "ok", "held"]
     assert estimates["psi_f"]["value"] == 0.119
     assert estimates["psi_f"]["std"] is None
+
+
+TRUTH = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
+OFF = {"R_s": 0.9, "L_d": 4.4e-3, "L_q": 6.0e-3}  # start values
+
+
+@pytest.mark.parametrize(
+    ("change", "within", "samples"),
+    [
+        ({"method": "rls"}, 0.01, 1000),
+        ({"method": "rls", "forgetting_factor": 0.999, "periods_per_row": 2}, 0.01, 1000),
+        ({"method": "ekf", "held": OFF}, 0.02, 1000),
+        ({"method": "ekf", "held": {"R_s": 0.9}, "estimated": ["R_s", "L_q"], "ekf": {"omega_e": 502.7}}, 0.02, 1000),
+    ],
+    ids=["rls", "rls that forgets", "ekf", "ekf of two"],
+)
+def test_each_method_tells_the_motor_with_its_intervals_and_going_back_loses_no_sample(
+    client: httpx.Client, change: dict[str, Any], within: float, samples: int
+) -> None:
+    until(lambda: client.get(DRIVE).json()["stream"]["rows"] > 2100, "rows")
+    settings = client.put(WINDOW, json=change).raise_for_status().json()
+    assert {key: settings[key] for key in change if key not in ("held", "ekf")} == {
+        key: change[key] for key in change if key not in ("held", "ekf")
+    }
+
+    def told() -> dict[str, Any]:
+        return client.get(f"{DRIVE}/estimates").json()
+
+    assert told()["samples"] < 1000  # it began with the next sample
+    until(lambda: told()["samples"] > samples, "enough rows")
+    content = told()
+    assert content["method"] == change["method"]
+    filter_holds = change["method"] == "ekf"
+    for name, estimate in content["estimates"].items():
+        if name not in settings["estimated"] or (filter_holds and name == "psi_f"):
+            assert (estimate["status"], estimate["value"]) == ("held", settings["held"][name])
+            continue
+        assert estimate["status"] == "ok"
+        assert estimate["value"] == pytest.approx(TRUTH[name], rel=within)
+        assert 0.0 < estimate["std"] < within * TRUTH[name]
+        assert estimate["window"] is None
+    if filter_holds and "psi_f" in settings["estimated"]:
+        assert content["estimates"]["psi_f"]["reason"] == "the Kalman filter holds it at the given value"
+    client.put(WINDOW, json={"method": "wls", "length": 2000}).raise_for_status()
+    assert (told()["samples"], told()["status"], told()["gaps"]) == (2000, "ok", 0)
+
+
+def test_a_window_chosen_by_the_data_says_how_long_it_is_for_each_parameter(client: httpx.Client) -> None:
+    until(lambda: client.get(DRIVE).json()["stream"]["rows"] > 2100, "rows")
+    settings = client.put(WINDOW, json={"length": "auto", "longest": 2000}).raise_for_status().json()
+    assert (settings["length"], settings["longest"]) == ("auto", 2000)
+    told = client.get(f"{DRIVE}/estimates").json()
+    assert (told["samples"], told["status"]) == (2000, "ok")
+    for name, estimate in told["estimates"].items():
+        assert estimate["status"] == "ok"
+        assert estimate["value"] == pytest.approx(TRUTH[name], rel=0.01)
+        assert 16 <= estimate["window"] <= 2000
+    assert client.put(WINDOW, json={"longest": 500}).json()["longest"] == 500
+    assert client.get(f"{DRIVE}/estimates").json()["samples"] == 500
+
+
+@pytest.mark.parametrize("method", ["rls", "ekf"])
+def test_a_change_that_is_refused_leaves_the_method_running(client: httpx.Client, method: str) -> None:
+    before = client.put(WINDOW, json={"method": method}).json()
+    until(lambda: client.get(f"{DRIVE}/estimates").json()["samples"] > 200, "rows")
+    for body in ({"method": "kalman"}, {"forgetting_factor": 2}, {"ekf": {"doubt": 9}, "method": "wls"}, {"longest": 1},
+                 {"length": 2}, {"method": "ekf", "estimated": ["psi_f"]}):
+        problem(client.put(WINDOW, json=body), 422)
+    assert client.get(WINDOW).json() == before
+    assert client.get(f"{DRIVE}/estimates").json()["samples"] > 200  # it has not begun anew
 
 
 def test_a_body_needs_no_content_type(client: httpx.Client) -> None:
@@ -141,14 +214,14 @@ def test_nothing_is_404(client: httpx.Client) -> None:
         (b"[]", 'expected a JSON object such as {"length": 2000}, got []'),
         (b"null", 'expected a JSON object such as {"length": 2000}, got None'),
         (b"5", 'expected a JSON object such as {"length": 2000}, got 5'),
-        (b'{"junk": 1}', "expected length, periods_per_row, estimated or held, got 'junk'"),
+        (b'{"junk": 1}', f"expected {KEYS}, got 'junk'"),
         (b'{"length": 3}', "window length must be 4 "),
         (b'{"length": 2000000}', "window length must be 4 "),
         (b'{"length": 1' + b"0" * 400 + b"}", "length: expected a whole number of at most 18 digits, got 1000"),
-        (b'{"length": NaN}', "length: expected a whole number, got nan"),
-        (b'{"length": "500"}', "length: expected a whole number, got '500'"),
-        (b'{"length": null}', "length: expected a whole number, got None"),
-        (b'{"length": {"a": [[[[]]]]}}', "length: expected a whole number, got {'a': [[[[]]]]}"),
+        (b'{"length": NaN}', 'length: expected a whole number or "auto", got nan'),
+        (b'{"length": "500"}', 'length: expected a whole number or "auto", got \'500\''),
+        (b'{"length": null}', 'length: expected a whole number or "auto", got None'),
+        (b'{"length": {"a": [[[[]]]]}}', 'length: expected a whole number or "auto", got {\'a\': [[[[]]]]}'),
         (b'{"periods_per_row": 0}', "periods per row must be 1 to 1000, got 0"),
         (b'{"estimated": []}', "estimated: expected at least one of R_s, L_d, L_q, psi_f, got none"),
         (b'{"estimated": ["J"]}', "estimated: expected R_s, L_d, L_q, psi_f, got 'J'"),
@@ -159,7 +232,7 @@ def test_nothing_is_404(client: httpx.Client) -> None:
         (b'{"held": {"R_s": 1e999}}', "held R_s: expected a number of ohm above zero, got inf"),
         (b'{"held": {"R_s": 1' + b"0" * 400 + b"}}", "held R_s: expected a number of ohm above zero, got 1000"),
         (b'{"held": [0.9]}', "held: expected values of R_s, L_d, L_q, psi_f, got [0.9]"),
-        (b'{"' + b"x" * 9000 + b'": 1}', "expected length, periods_per_row, estimated or held, got 'xxxx"),
+        (b'{"' + b"x" * 9000 + b'": 1}', f"expected {KEYS}, got 'xxxx"),
     ],
     ids=lambda value: repr(value)[:40],
 )

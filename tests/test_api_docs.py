@@ -6,6 +6,7 @@ import shlex
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import fields
 from html.parser import HTMLParser
 from typing import Any, cast
 
@@ -95,7 +96,7 @@ def test_refusals_and_bodies_are_described(document: dict[str, Any]) -> None:
     assert set(change["responses"]) == {"200", "404", "422", "503", "default"}
     assert "application/problem+json" in change["responses"]["422"]["content"]
     shape = document["components"]["schemas"]["WindowChangeModel"]
-    assert set(shape["properties"]) == {"length", "periods_per_row", "estimated", "held"}
+    assert set(shape["properties"]) == {field.name for field in fields(Window)}
     for body in shape["examples"]:
         Window().changed(body)
 
@@ -105,7 +106,7 @@ def test_examples_are_of_the_shape_they_explain(document: dict[str, Any], model:
     shapes = document["components"]["schemas"]
     made = example(shapes[model.__name__], shapes)
     assert model.model_validate_json(json.dumps(made))
-    assert '"minimum": 0' not in json.dumps(made)  # a field's own example comes before its shape's
+    assert '"minimum": 0,' not in json.dumps(made)  # a field's own example comes before its shape's
 
 
 def test_the_page_needs_no_address_but_the_services_own(page: Page) -> None:

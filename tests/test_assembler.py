@@ -16,7 +16,7 @@ from drivers.errors import FrameError
 FULL = {"i_full": 32.768, "u_full": 327.68, "omega_full": 3276.8}  # one count: 1 mA, 10 mV, 0.1 rad/s
 T_S = 1e-4
 COLUMNS = [f.name for f in fields(Block) if f.name not in
-           {"tick", "T_s", "periods", "lost_before", "temp_winding", "temp_magnet"}]
+           {"tick", "T_s", "periods", "lost_before", "i_step", "u_step", "temp_winding", "temp_magnet"}]
 
 
 def started(tick: int = 0, periods: int = 10, after: int | None = None) -> Assembler:
@@ -56,6 +56,7 @@ def test_golden_frames_become_a_block_in_si_units() -> None:
         assert column.dtype == np.float64
         assert column == pytest.approx([value]), name
     assert (block.T_s, block.periods, block.lost_before) == (T_S, 10, 0)
+    assert (block.i_step, block.u_step) == pytest.approx((1e-3, 10e-3))
     assert math.isnan(block.temp_winding)
     assert math.isnan(block.temp_magnet)
     assert assembler.counts == Counts(rows=1)

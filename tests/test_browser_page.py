@@ -22,13 +22,17 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
+from tests.conftest import bench_up
+
 CHROMIUM = Path("/usr/bin/chromium")
 CHROMEDRIVER = Path("/usr/bin/chromedriver")
 PATIENCE_S = 20.0
 
 # What the emulated motor can be, with room for temperature and saturation: SI minimum and maximum.
 SANE = {"R_s": (0.5, 2.0), "L_d": (2e-3, 8e-3), "L_q": (3e-3, 12e-3), "psi_f": (0.06, 0.24)}
-SETTINGS = ("length", "periods_per_row", "estimated", "held")
+SETTINGS = (
+    "method", "length", "longest", "periods_per_row", "estimated", "held", "forgetting_factor", "ekf",
+)
 PREFIX = {"m": 1e-3, "µ": 1e-6, "n": 1e-9, "k": 1e3, "": 1.0}
 UNIT = {"R_s": "Ω", "L_d": "H", "L_q": "H", "psi_f": "Vs"}
 
@@ -158,6 +162,101 @@ def test_a_parameter_can_be_held_at_a_typed_value_and_estimated_again(page: Chro
     until(page, lambda: tile(page, "psi_f").get_attribute("data-status") == "ok", "the tile to say estimated")
 
 
+@pytest.mark.parametrize(
+    ("method", "shown", "status"),
+    [
+        ("wls", {"window-length", "window-periods"}, "From the last"),
+        ("rls", {"forgetting-factor", "window-periods"}, "Recursion over"),
+        ("ekf", {"ekf-preset", "ekf-noise_i", "held-R_s", "held-psi_f"}, "Kalman filter over"),
+    ],
+)
+def test_a_method_is_chosen_with_the_settings_it_uses(
+    page: Chrome, running_bench: Bench, method: str, shown: set[str], status: str
+) -> None:
+    other = "rls" if method == "wls" else "wls"
+    request(running_bench, "PUT", {"method": other})
+    until(page, lambda: chosen_method(page) == other, "the form to follow the service")
+    choose(page, method)
+    settings = ("window-length", "window-periods", "forgetting-factor", "ekf-preset", "ekf-noise_i", "held-R_s",
+                "held-psi_f")
+    assert {setting for setting in settings if page.find_element(By.ID, setting).is_displayed()} == shown
+    assert window(running_bench)["method"] == other  # nothing is sent before it is applied
+    rows = text(page, "fact-rows")
+    until(page, lambda: text(page, "fact-rows") != rows, "the next snapshot")
+    assert chosen_method(page) == method
+    page.find_element(By.ID, "window-apply").click()
+    until(page, lambda: text(page, "estimates-status").startswith(status), f"the page to say {status}")
+    assert window(running_bench)["method"] == method
+    until(page, lambda: tile(page, "R_s").get_attribute("data-status") == "ok", "the resistance to be estimated")
+    low, high = SANE["R_s"]
+    assert low < reading(page, "R_s")[0] < high
+    held = tile(page, "psi_f").get_attribute("data-status") == "held"
+    assert held == (method == "ekf")
+
+
+def test_the_data_may_choose_the_window_and_each_tile_says_how_long_it_is(page: Chrome, running_bench: Bench) -> None:
+    page.find_element(By.ID, "window-auto").click()
+    type_over(page.find_element(By.ID, "window-longest"), "3000")
+    assert not page.find_element(By.ID, "window-length").is_displayed()
+    page.find_element(By.ID, "window-apply").click()
+    until(page, lambda: window(running_bench)["length"] == "auto", "the service to choose")
+    assert window(running_bench)["longest"] == 3000
+    for name in SANE:
+        said = tile(page, name).find_element(By.CLASS_NAME, "basis")
+        until(page, lambda said=said: re.fullmatch(r"from the last [\d.]+ m?s", said.text), f"the window of {name}")
+    page.find_element(By.ID, "window-auto").click()
+    page.find_element(By.ID, "window-apply").click()
+    until(page, lambda: window(running_bench)["length"] == 1000, "a length again")
+    until(page, lambda: tile(page, "R_s").find_element(By.CLASS_NAME, "basis").text == "", "the tiles to say no window")
+
+
+def test_settings_of_recursion_and_filter_reach_the_service_in_si(page: Chrome, running_bench: Bench) -> None:
+    choose(page, "rls")
+    type_over(page.find_element(By.ID, "forgetting-factor"), "0,999")
+    until(page, lambda: text(page, "forgetting-hint") == "remembers about 1.00 s", "how long it remembers")
+    choose(page, "ekf")
+    for key, typed in (("noise_i", "12,5"), ("omega_e", "500"), ("doubt", "20")):
+        type_over(page.find_element(By.ID, f"ekf-{key}"), typed)
+    type_over(page.find_element(By.ID, "held-L_q"), "6")
+    page.find_element(By.ID, "window-apply").click()
+    until(page, lambda: message(page).get_attribute("data-mood") == "good", "the form to report success")
+    applied = window(running_bench)
+    assert (applied["method"], applied["forgetting_factor"], applied["held"]["L_q"]) == ("ekf", 0.999, 0.006)
+    assert {key: applied["ekf"][key] for key in ("noise_i", "lsb", "omega_e", "doubt")} == {
+        "noise_i": 0.0125, "lsb": 0.009, "omega_e": 500.0, "doubt": 0.2,
+    }
+    type_over(page.find_element(By.ID, "ekf-omega_e"), Keys.DELETE)
+    page.find_element(By.ID, "window-apply").click()
+    until(page, lambda: window(running_bench)["ekf"]["omega_e"] is None, "the speed to be measured again")
+
+
+def test_a_refused_method_setting_shows_the_services_sentence_and_stays_to_be_mended(
+    page: Chrome, running_bench: Bench
+) -> None:
+    before = window(running_bench)
+    detail = refusal(running_bench, {"forgetting_factor": 1.5})
+    choose(page, "rls")
+    type_over(page.find_element(By.ID, "forgetting-factor"), "1.5")
+    page.find_element(By.ID, "window-apply").click()
+    until(page, lambda: message(page).text == detail, f"the sentence {detail!r}")
+    assert window(running_bench) == before
+    assert chosen_method(page) == "rls"
+    page.find_element(By.ID, "window-discard").click()
+    assert chosen_method(page) == before["method"]
+
+
+def test_methods_are_chosen_with_the_arrow_keys_and_every_field_has_a_name(page: Chrome) -> None:
+    radio = page.find_element(By.CSS_SELECTOR, "input[value=wls]")
+    radio.send_keys(Keys.ARROW_DOWN)
+    assert chosen_method(page) == "rls"
+    page.switch_to.active_element.send_keys(Keys.ARROW_DOWN)
+    assert chosen_method(page) == "ekf"
+    for field in page.find_elements(By.CSS_SELECTOR, "#window-form :is(input, select)"):
+        if field.is_displayed():
+            assert field.accessible_name, field.get_attribute("id")
+    page.find_element(By.ID, "window-discard").click()
+
+
 def test_the_page_reports_no_error_and_asks_no_other_host(page: Chrome, running_bench: Bench) -> None:
     until(page, lambda: run(page, "return 'data' in document.getElementById('plot-R_s')"), "a plot")
     assert [e["message"] for e in log(page, "browser") if e["level"] in {"SEVERE", "WARNING"}] == []
@@ -166,8 +265,10 @@ def test_the_page_reports_no_error_and_asks_no_other_host(page: Chrome, running_
     assert asked == {service}
 
 
+@pytest.mark.parametrize("method", ["wls", "rls", "ekf"])
 @pytest.mark.parametrize("width", [390, 768, 1440])
-def test_the_page_needs_no_horizontal_scrolling(page: Chrome, width: int) -> None:
+def test_the_page_needs_no_horizontal_scrolling(page: Chrome, width: int, method: str) -> None:
+    choose(page, method)
     metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 600}
     page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     fits = "return document.documentElement.scrollWidth <= arguments[0] && innerWidth === arguments[0]"
@@ -187,6 +288,35 @@ def test_a_broken_connection_to_the_service_is_told_and_found_again(browser: Chr
         wire.mend()
         until(browser, lambda: not browser.find_element(By.ID, "banner").is_displayed(), "the banner to go")
         assert text(browser, "link-state") == "streaming"
+        browser.get("about:blank")
+
+
+STEADY = """
+[motor]
+R_s = 0.9664
+L_d = 4.24e-3
+L_q = 6.21e-3
+psi_f = 0.12
+n_p = 4
+i_rated = 6.0
+J = 1e-3
+B = 1e-4
+[excitation]
+i_d_ref = -1.0
+i_q_ref = 3.0
+"""
+
+
+def test_what_several_parameters_cannot_be_told_for_is_said_once(browser: Chrome, tmp_path: Path) -> None:
+    scenario = tmp_path / "steady.toml"
+    scenario.write_text(STEADY, encoding="utf-8")
+    with bench_up("--scenario", str(scenario)) as bench:
+        browser.get(bench.url)
+        told = "R_s, L_d, L_q and psi_f cannot be told apart here: i_d, i_q and speed are constant."
+        until(browser, lambda: text(browser, "untold") == told, f"the sentence {told!r}")
+        for name in SANE:
+            assert tile(browser, name).get_attribute("data-status") == "not_told"
+            assert tile(browser, name).find_element(By.CLASS_NAME, "reason").text == ""
         browser.get("about:blank")
 
 
@@ -298,6 +428,14 @@ def type_over(field: WebElement, content: str) -> None:
 def apply_length(browser: Chrome, content: str) -> None:
     type_over(browser.find_element(By.ID, "window-length"), content)
     browser.find_element(By.ID, "window-apply").click()
+
+
+def choose(browser: Chrome, method: str) -> None:
+    browser.find_element(By.CSS_SELECTOR, f"input[value={method}]").click()
+
+
+def chosen_method(browser: Chrome) -> str | None:
+    return browser.find_element(By.CSS_SELECTOR, "input[name=method]:checked").get_attribute("value")
 
 
 def log(browser: Chrome, kind: str) -> list[dict[str, Any]]:

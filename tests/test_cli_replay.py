@@ -6,6 +6,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +98,78 @@ def test_one_period_a_row_and_the_whole_file_are_the_default(
     assert content["samples"] == PERIODS - 1
 
 
+TUNING = """preset = "custom"
+model = "inductances"
+P_0 = [1e-4, 1e-4, 0.1, 1e-6, 4e-6]
+Q = [0, 0, 1e-5, 1e-11, 1e-11]
+R = [1e-4, 1e-4]
+"""
+
+
+@pytest.mark.parametrize(
+    ("options", "said", "told"),
+    [
+        (["--method", "rls", "--periods", "10"], "recursive least squares, 19999 samples, forgetting factor 1,", 4),
+        (["--method", "rls", "--periods", "10", "--forgetting-factor", "0.999"], "forgetting factor 0.999,", 4),
+        (["--method", "ekf"], "extended Kalman filter (tuned), 19999 samples,", 3),
+        (["--method", "ekf", "--ekf", "{folder}/tuning.toml"], "extended Kalman filter (custom), 19999 samples,", 3),
+        (["--window", "auto", "--longest", "15000", "--periods", "10"],
+         "windows chosen by the data, from the last 15000 samples", 4),
+    ],
+    ids=["rls", "rls that forgets", "ekf", "ekf of a file", "auto"],
+)
+def test_each_method_tells_the_motor_from_a_recording_and_says_what_it_rests_on(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    options: list[str], said: str, told: int,
+) -> None:
+    (recordings / "off.toml").write_text(MACHINE.replace("0.9664", "0.9").replace("6.21e-3", "6e-3"), encoding="utf-8")
+    (recordings / "tuning.toml").write_text(TUNING, encoding="utf-8")
+    out, track = tmp_path / "result.json", tmp_path / "track.csv"
+    assert pmsm_bench(
+        "replay", recordings / "run.parquet", "--nominal", recordings / "off.toml", "--json", out, "--csv", track,
+        "--every", "5000", *(option.format(folder=recordings) for option in options), monkeypatch=monkeypatch,
+    ) == 0
+    content = json.loads(out.read_text(encoding="utf-8"))
+    expect_truth(content, *list(TRUTH)[:told], within=0.01)
+    assert content["estimates"]["psi_f"]["status"] == ("ok" if told == 4 else "held")
+    assert content["method"] == content["window"]["method"]
+    shown = " ".join(capsys.readouterr().out.split())
+    assert said in shown
+    with track.open(encoding="utf-8") as file:
+        last = list(csv.DictReader(file))[-1]
+    for name in TRUTH:
+        chosen = content["estimates"][name]["window"]
+        assert last[f"{name}_window"] == ("" if chosen is None else str(chosen))
+        assert (chosen is None) == ("auto" not in options)
+        assert chosen is None or f" {chosen} " in shown
+    assert float(last["R_s"]) == content["estimates"]["R_s"]["value"]
+
+
+def test_an_option_that_has_no_part_in_the_method_is_told(
+    recordings: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    idle = ("--window", "5000", "--periods", "2", "--longest", "9000", "--forgetting-factor", "0.9")
+    options = ("--method", "ekf", "--nominal", recordings / "machine.toml", *idle)
+    assert pmsm_bench("replay", recordings / "run.csv", *options, monkeypatch=monkeypatch) == 0
+    said = capsys.readouterr().out
+    for option in ("--window", "--periods", "--longest", "--forgetting-factor"):
+        assert f"{option} has no part in this: " in said
+
+
+def test_what_cannot_be_told_apart_is_told_once_for_all_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    steady = replace(PAPER, excitation=replace(PAPER.excitation, i_d_ref=-1.0, i_d_step=0.0, i_q_step=0.0))
+    file, out = tmp_path / "steady.parquet", tmp_path / "result.json"
+    drive = VirtualDrive(steady)
+    drive.run(2000)  # until the currents have settled
+    pq.write_table(pa.table(dict(drive.record(3000))), file)
+    assert pmsm_bench("replay", file, "--periods", "10", "--json", out, monkeypatch=monkeypatch) == 0
+    (told,) = json.loads(out.read_text(encoding="utf-8"))["combinations"]
+    assert len(told["parameters"]) > 1
+    assert " ".join(capsys.readouterr().out.split()).count(told["reason"]) == 1
+
+
 def test_what_is_not_estimated_is_held_at_the_nominal_value(
     recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -166,7 +239,13 @@ SHORT = "t,u_d,u_q,i_d,i_q,omega_e\n" + "".join(f"{k * 1e-4:.4f},1,2,0.1,0.2,100
         ([RUN, "--window", "-5"], "to 1000000 samples, got -5"),
         ([RUN, "--window", "3"], "to 1000000 samples, got 3"),
         ([RUN, "--window", "2000000"], "to 1000000 samples, got 2000000"),
-        ([RUN, "--window", "many"], "Invalid value for '--window'"),
+        ([RUN, "--window", "many"], "--window: expected a whole number of samples or auto, got 'many'"),
+        ([RUN, "--window", "auto", "--longest", "3"], "longest: window length must be 4 (4 parameters"),
+        ([RUN, "--method", "kalman"], "method: expected wls, rls or ekf, got 'kalman'"),
+        ([RUN, "--method", "rls", "--forgetting-factor", "0.1"], "forgetting_factor: expected a number of 0.5 to 1"),
+        ([RUN, "--method", "ekf"], "--method ekf: expected start values by --nominal MACHINE.toml, got none"),
+        ([RUN, "--ekf", "good"], "--ekf: expected tuned, paper or a TOML file, got 'good'"),
+        ([RUN, "--ekf", "{folder}/slow.toml"], "slow.toml: expected preset = \"tuned\", \"paper\" or \"custom\""),
         ([RUN, "--periods", "0"], "periods per row must be 1 to 1000, got 0"),
         ([RUN, "--window", "40", "--periods", "11"], "window length must be 44 (4 parameters x 11 periods per row)"),
         ([RUN, "--estimate", "R_s"], "L_d is not estimated, so a held value in H is needed, got none"),

@@ -6,6 +6,7 @@ import pytest
 
 from bench.config import PORT_VARIABLE, emulated, load_config
 from bench.errors import ConfigError
+from bench.tuning import Tuning
 from estimator.machine import PARAMETERS
 
 URL = "canopen://socketcand/127.0.0.1:29536/can0/5"
@@ -60,6 +61,23 @@ def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None
     assert spindle.window.held == {"R_s": 0.5, "psi_f": 0.2}
     assert axis.name == "Axis_2.left-hand"
     assert axis.window.estimated == PARAMETERS
+
+
+def test_method_and_its_settings_are_taken_as_the_file_says(tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text("[machine]\nR_s = 1\nL_d = 4e-3\nL_q = 6e-3\npsi_f = 0.1\n", encoding="utf-8")
+    window = load_config(written(tmp_path, DRIVE + """
+        machine = "m.toml"
+        [drives.a.window]
+        method = "ekf"
+        length = "auto"
+        longest = 5000
+        forgetting_factor = 0.995
+        [drives.a.window.ekf]
+        noise_i = 0.02
+        omega_e = 500
+    """)).drives[0].window
+    assert (window.method, window.length, window.longest, window.forgetting_factor) == ("ekf", "auto", 5000, 0.995)
+    assert window.ekf == Tuning(noise_i=0.02, omega_e=500.0)
 
 
 def test_a_url_alone_is_enough(tmp_path: Path) -> None:
@@ -120,7 +138,8 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
         (DRIVE + "machine = 5\n", "[drives.a] machine: expected a file name, got 5"),
         (DRIVE + "window = 5\n", "[drives.a]: expected a table window, got 5"),
         (DRIVE + "window.lenght = 5\n",
-         "[drives.a] window: expected length, periods_per_row, estimated or held, got 'lenght'"),
+         "[drives.a] window: expected length, periods_per_row, estimated, held, method, longest, "
+         "forgetting_factor or ekf, got 'lenght'"),
         (DRIVE + "window.length = 2\n",
          "[drives.a] window: window length must be 4 (4 parameters x 1 periods per row) to 1000000 samples, got 2"),
         (DRIVE + "window.estimated = []\n",
@@ -129,6 +148,11 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
          "[drives.a] window: held R_s: expected a number of ohm above zero, got nan"),
         (DRIVE + "window.held.R_s = -1\n",
          "[drives.a] window: held R_s: expected a number of ohm above zero, got -1"),
+        (DRIVE + 'window.method = "ekf"\n',
+         "[drives.a] window: method ekf starts from held values of R_s, L_d, L_q, psi_f, got none of R_s, L_d, L_q, "
+         'psi_f; send them with it: {"method": "ekf", "held": {"R_s": ...}}'),
+        (DRIVE + "window.ekf.preset = 5\n",
+         "[drives.a] window: ekf preset: expected tuned, paper or custom, got 5"),
         (DRIVE + f'[drives.b]\nurl = "{URL}"\n', "[drives.b] url: expected one of its own, got that of a"),
     ],
 )

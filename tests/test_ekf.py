@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from emulator.scenarios import PAPER, Excitation, Scenario
 from emulator.virtual_drive import VirtualDrive
@@ -219,6 +221,22 @@ def test_a_filter_that_runs_away_starts_anew_and_counts_it() -> None:
     state = ekf.update(started(wild), SAMPLES)
     assert state.restarts > 0
     assert np.isfinite(state.x).all() and np.isfinite(state.P).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    model=st.sampled_from(list(Model)), exponents=st.lists(st.floats(-20.0, 6.0), min_size=12, max_size=12),
+)
+def test_no_tuning_makes_it_fail(model: Model, exponents: list[float]) -> None:
+    v = [10.0**exponent for exponent in exponents]
+    tuning = EkfTuning(
+        P_0=(v[0], v[1], v[2], v[3], v[4]), Q=(v[5], v[6], v[7], v[8], v[9]), R=(max(v[10], 1e-12), max(v[11], 1e-12)),
+        model=model,
+    )
+    state = ekf.update(started(tuning), SAMPLES[:500])
+    assert np.isfinite(state.x).all() and np.isfinite(state.P).all()
+    for e in ekf.estimate(state).estimates.values():
+        assert e.std is None or e.std >= 0.0
 
 
 def test_a_user_sets_the_tuning_and_a_slower_one_is_calmer_and_lags() -> None:

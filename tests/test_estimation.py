@@ -17,7 +17,7 @@ from bench.window import Window
 from drivers.block import Block
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import StreamRows, VirtualDrive
-from estimator import window_ls
+from estimator import rls, window_ls
 from estimator.estimate import Status
 from estimator.machine import PARAMETERS
 from tests.served_drive import until
@@ -43,7 +43,7 @@ class Source:
         columns = {f.name: getattr(rows, f.name) for f in fields(StreamRows) if f.name != "row_tick"}
         return Block(
             tick=rows.row_tick, **columns, T_s=self.drive.T_s, periods=periods, lost_before=0,
-            temp_winding=float("nan"), temp_magnet=float("nan"),
+            i_step=0.0, u_step=0.0, temp_winding=float("nan"), temp_magnet=float("nan"),
         )
 
 
@@ -165,14 +165,16 @@ def test_a_worker_that_is_behind_drops_blocks_counts_their_rows_and_is_right_aft
         expect_truth(snapshot)
 
 
-def test_another_row_length_begins_a_new_window() -> None:
+@pytest.mark.parametrize("method", ["wls", "rls", "ekf"])
+def test_another_row_length_begins_anew(method: str) -> None:
     source = Source()
-    with running() as worker:
+    with running(a=WINDOW.changed({"method": method})) as worker:
         fed(worker, source, 600)
         source.drive.write("stream_periods", 20.0)
         source.drive.run(40)
         snapshot = fed(worker, source, 400)
-        assert (snapshot.result.samples, snapshot.result.gaps, snapshot.result.filled) == (399, 0, False)
+        assert (snapshot.result.samples, snapshot.result.gaps) == (399, 0)
+        assert snapshot.result.filled == (method != "wls")
         expect_truth(snapshot)
 
 
@@ -214,7 +216,7 @@ def test_rows_that_are_not_numbers_poison_nothing() -> None:
         block.u_d[60] = np.inf
         worker.put("a", block)
         snapshot = fed(worker, source, 180)
-        assert snapshot.result.gaps == 2
+        assert (snapshot.result.gaps, snapshot.result.left_out) == (2, 4)
         expect_truth(snapshot)
         assert worker.failure is None
 
@@ -249,6 +251,34 @@ def test_a_change_that_the_estimator_fails_on_leaves_everything_as_it_was(monkey
         assert after.window == before.window
         assert after.result.samples == WINDOW.length
         assert worker.failure is None
+
+
+def test_a_method_that_fails_at_its_start_leaves_the_one_before_at_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = Source()
+    with running() as worker:
+        before = fed(worker, source, 700)
+
+        def fail(*_: Any) -> Any:
+            raise OverflowError("too large")
+
+        monkeypatch.setattr(rls, "estimate", fail)
+        with pytest.raises(OverflowError):
+            worker.change_window("a", {"method": "rls", "length": 300})
+        after = fed(worker, source, 100)
+        assert after.window == before.window
+        assert after.result.samples == WINDOW.length
+        expect_truth(after)
+        assert worker.failure is None
+
+
+def test_a_window_chosen_by_the_data_is_told_again_and_again() -> None:
+    source = Source()
+    with running(a=WINDOW.changed({"length": "auto", "longest": 2000})) as worker:
+        for rows in (300, 400):
+            snapshot = fed(worker, source, rows)
+            expect_truth(snapshot)
+            assert all(estimate.window for estimate in snapshot.result.estimates.values())
+        assert (snapshot.result.samples, snapshot.result.filled) == (699, False)
 
 
 def test_a_change_is_refused_in_a_sentence_where_no_worker_takes_it_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,15 +9,20 @@
  * @typedef {{device_name: string, serial: number, T_s: number}} Identity
  * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream}} DriveState
  * @typedef {{value: number | null, std: number | null, unit: string, status: "ok" | "held" | "not_told" | "no_data",
- *   reason: string}} Estimate
+ *   reason: string, window: number | null}} Estimate
+ * @typedef {{parameters: string[], reason: string}} Combination
  * @typedef {{minimum: number, maximum: number}} Limits
- * @typedef {{length: number, periods_per_row: number, estimated: string[], held: Record<string, number>,
- *   limits: {length: Limits, periods_per_row: Limits}}} Window
- * @typedef {{drive: string, status: "ok" | "filling" | "stale" | "no_data", estimates: Record<string, Estimate>,
- *   window: Window, samples: number, gaps: number, rows_dropped: number, age_s: number | null,
+ * @typedef {"wls" | "rls" | "ekf"} Method
+ * @typedef {{preset: "tuned" | "paper" | "custom", noise_i: number, lsb: number, omega_e: number | null, doubt: number,
+ *   warming: number}} Tuning
+ * @typedef {{method: Method, length: number | "auto", longest: number, periods_per_row: number, estimated: string[],
+ *   held: Record<string, number>, forgetting_factor: number, ekf: Tuning,
+ *   limits: {length: Limits, longest: Limits, periods_per_row: Limits, forgetting_factor: Limits}}} Window
+ * @typedef {{drive: string, method: Method, status: "ok" | "filling" | "stale" | "no_data",
+ *   estimates: Record<string, Estimate>, combinations: Combination[], window: Window, samples: number, gaps: number, left_out: number, rows_dropped: number, age_s: number | null,
  *   t_drive_s: number | null, condition: number | null, residual_rms_V: number | null}} Estimates
  * @typedef {{drive: DriveState, estimates: Estimates}} Snapshot
- * @typedef {{length?: number, periods_per_row?: number, estimated?: string[], held?: Record<string, number>}} WindowChange
+ * @typedef {Partial<Omit<Window, "limits" | "ekf">> & {ekf?: Partial<Tuning>}} WindowChange
  */
 
 const PATIENCE_MS = 5000;

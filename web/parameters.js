@@ -13,6 +13,9 @@ export const PARAMETERS = [
   { name: "psi_f", letter: "ψ", index: "f", meaning: "magnet flux linkage", unit: "Vs", exponent: -3 },
 ];
 
+/** What the Kalman filter holds even where it is to be estimated. */
+export const HELD_BY_FILTER = "psi_f";
+
 /**
  * Writes a parameter's letter and index into an element.
  * @param {Element} element

@@ -1,6 +1,6 @@
 /**
  * Four tiles: one parameter each, with its interval and what can be said about it.
- * A value that cannot be told is a dash and a reason, never a number.
+ * A value that cannot be told is a dash and a reason, never a number. A reason that several share is told once, below.
  *
  * @typedef {import("./api.js").Estimates} Estimates
  * @typedef {import("./api.js").Estimate} Estimate
@@ -39,9 +39,10 @@ export function clearTiles() {
   for (const tile of tiles) {
     tile.exponent = tile.parameter.exponent;
     tile.decimals = null;
-    showTile(tile, undefined, false);
+    showTile(tile, undefined, false, "", true);
   }
   writeById("estimates-status", "No data yet.");
+  writeById("untold", "");
   writeById("fit", "");
 }
 
@@ -52,7 +53,14 @@ export function clearTiles() {
  */
 export function showEstimates(estimates, rate_hz, connected) {
   const old = !connected || estimates.status === "stale";
-  for (const tile of tiles) showTile(tile, estimates.estimates[tile.parameter.name], old);
+  const several = estimates.combinations.filter(({ parameters }) => parameters.length > 1);
+  const together = new Set(several.flatMap(({ parameters }) => parameters));
+  for (const tile of tiles) {
+    const { name } = tile.parameter;
+    const estimate = estimates.estimates[name];
+    showTile(tile, estimate, old, basis(estimate, rate_hz), !together.has(name));
+  }
+  writeById("untold", several.map(({ reason }) => sentence(reason)).join(" "));
   writeById("estimates-status", connected ? statusSentence(estimates, rate_hz) : "Last numbers received, not live.");
   document.getElementById("estimates-status")?.classList.toggle("warn", old);
   writeById("fit", fitSentence(estimates));
@@ -63,18 +71,32 @@ export function exponentOf(name) {
   return tiles.find(({ parameter }) => parameter.name === name)?.exponent ?? 0;
 }
 
+/** The window that the data chose. @param {Estimate | undefined} estimate @param {number} rate_hz */
+function basis(estimate, rate_hz) {
+  if (estimate === undefined || estimate.window === null || estimate.status !== "ok") return "";
+  return `from the last ${rate_hz > 0 ? duration(estimate.window / rate_hz) : `${integer(estimate.window)} samples`}`;
+}
+
+/** @param {string} reason */
+function sentence(reason) {
+  return `${reason.charAt(0).toUpperCase()}${reason.slice(1)}${reason.endsWith(".") ? "" : "."}`;
+}
+
 /**
  * @param {Tile} tile
  * @param {Estimate | undefined} estimate
  * @param {boolean} old
+ * @param {string} from what the value rests on, where it is its own
+ * @param {boolean} alone whether its reason is told here, and not once for several
  */
-function showTile(tile, estimate, old) {
+function showTile(tile, estimate, old, from, alone) {
   const { root, parameter } = tile;
   const status = estimate?.status ?? "no_data";
   root.dataset.status = status;
   root.classList.toggle("old", old);
   write(root, "chip", old && status === "ok" ? "last estimate" : STATUS_WORDS[status] ?? status);
-  write(root, "reason", estimate?.reason ?? "");
+  write(root, "basis", from);
+  write(root, "reason", alone ? estimate?.reason ?? "" : "");
   const value = status === "ok" || status === "held" ? estimate?.value ?? null : null;
   if (value === null) {
     write(root, "value", "—");
@@ -101,20 +123,27 @@ function showTile(tile, estimate, old) {
  * @param {Estimates} estimates
  * @param {number} rate_hz
  */
-function statusSentence({ status, samples, window, age_s }, rate_hz) {
-  const span = rate_hz > 0 ? ` (${duration(window.length / rate_hz)})` : "";
-  if (status === "filling") return `Window filling: ${integer(samples)} of ${integer(window.length)} samples.`;
+function statusSentence({ method, status, samples, window, age_s }, rate_hz) {
   if (status === "stale") return `Not live: the newest sample is ${age_s === null ? "old" : `${age(age_s)} old`}.`;
   if (status === "no_data") return "No data yet.";
-  return `From the last ${integer(samples)} samples${span}.`;
+  const span = rate_hz > 0 ? ` (${duration(samples / rate_hz)})` : "";
+  const filling = status === "filling";
+  if (method === "ekf") return `Kalman filter over ${integer(samples)} samples${span}.`;
+  if (method === "rls") return `Recursion ${filling ? "filling, " : ""}over ${integer(samples)} samples${span}.`;
+  const most = window.length === "auto" ? window.longest : window.length;
+  if (filling) return `Window filling: ${integer(samples)} of ${integer(most)} samples.`;
+  const chosen = window.length === "auto" ? "Windows chosen from the" : "From the";
+  return `${chosen} last ${integer(samples)} samples${span}.`;
 }
 
 /** @param {Estimates} estimates */
-function fitSentence({ residual_rms_V, condition, gaps, rows_dropped }) {
+function fitSentence({ method, residual_rms_V, condition, gaps, left_out, rows_dropped }) {
   const words = [];
   if (residual_rms_V !== null) words.push(`Fit residual ${plain(residual_rms_V, 3)} V rms`);
   if (condition !== null) words.push(`condition number ${plain(condition, 3)}`);
-  if (gaps > 0) words.push(`breaks of the stream inside the window ${integer(gaps)}`);
+  const where = method === "wls" ? " inside the window" : "";
+  if (gaps > 0) words.push(`breaks of the stream${where} ${integer(gaps)}`);
+  if (left_out > 0) words.push(`rows left out, not numbers ${integer(left_out)}`);
   if (rows_dropped > 0) words.push(`rows too fast for the estimator ${integer(rows_dropped)}`);
   return words.join(" · ");
 }

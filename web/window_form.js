@@ -1,5 +1,5 @@
 /**
- * The form for the estimation window. What the operator touches is theirs until it is applied or discarded; all else
+ * The form for method and settings of the estimation. What the operator touches is theirs until it is applied or discarded; all else
  * follows the service. Only what was touched is sent, and the service alone judges it.
  *
  * @typedef {import("./api.js").Window} Window
@@ -8,21 +8,35 @@
  */
 
 import { NoAnswerError, putWindow } from "./api.js";
+import { chosen, content, element, input, number, wholeNumber, write } from "./fields.js";
 import { clock, duration, engineeringExponent, integer, parseNumber, plain, prefixed } from "./format.js";
-import { PARAMETERS, writeSymbol } from "./parameters.js";
+import { HELD_BY_FILTER, PARAMETERS, writeSymbol } from "./parameters.js";
+import { fillTuning, tuningChange } from "./tuning_form.js";
 
 const SETTLE_MS = 3000;
+/** Samples offered where the service has told no length, since the data choose it. */
+const USUAL_LENGTH = "1000";
+const TYPED = "Longer: steadier values. Shorter: follows changes sooner.";
+const CHOSEN = "Each parameter rests on as much of the past as fits its present.";
 
-const element = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 const form = /** @type {HTMLFormElement} */ (element("window-form"));
-const length = /** @type {HTMLInputElement} */ (element("window-length"));
-const periods = /** @type {HTMLInputElement} */ (element("window-periods"));
+const methods = /** @type {HTMLInputElement[]} */ ([...document.querySelectorAll('input[name="method"]')]);
+/** Stands for all of `methods` where one field must. */
+const method = methods[0];
+const auto = input("window-auto");
+const length = input("window-length");
+const longest = input("window-longest");
+const periods = input("window-periods");
+const forgetting = input("forgetting-factor");
 const message = element("form-message");
 
 /**
  * @typedef {object} HeldRow
  * @property {import("./parameters.js").Parameter} parameter
  * @property {HTMLInputElement} estimated
+ * @property {HTMLElement} choice the tick box with its words
+ * @property {HTMLElement} never what stands there where the method cannot estimate it
+ * @property {HTMLElement} label
  * @property {HTMLInputElement} held
  * @property {HTMLElement} entry the held value with all that belongs to it
  * @property {HTMLElement} unit
@@ -50,7 +64,7 @@ export function buildWindowForm() {
     form.addEventListener(event, ({ target }) => touch(/** @type {HTMLInputElement} */ (target)));
   }
   form.addEventListener("submit", (event) => { event.preventDefault(); apply(); });
-  element("window-discard").addEventListener("click", () => { forget(); say("", ""); length.focus(); });
+  element("window-discard").addEventListener("click", () => { forget(); say("", ""); chosen("method")?.focus(); });
 }
 
 /**
@@ -61,16 +75,16 @@ function buildRow(parameter) {
   const template = /** @type {HTMLTemplateElement} */ (element("held-template"));
   const root = /** @type {HTMLElement} */ (template.content.firstElementChild?.cloneNode(true));
   const find = (/** @type {string} */ selector) => /** @type {any} */ (root.querySelector(selector));
-  const row = { parameter, estimated: find(".estimated"), held: find(".held"), entry: find(".entry"), unit: find(".unit"),
-    take: find(".take"), exponent: parameter.exponent };
-  writeSymbol(find(".symbol"), parameter);
+  const row = { parameter, estimated: find(".estimated"), choice: find(".switch"), never: find(".never"),
+    label: find(".held-label"), held: find(".held"), entry: find(".entry"), unit: find(".unit"), take: find(".take"),
+    exponent: parameter.exponent };
+  for (const symbol of root.querySelectorAll(".symbol")) writeSymbol(symbol, parameter);
   row.estimated.id = `estimated-${parameter.name}`;
   row.held.id = `held-${parameter.name}`;
   row.unit.id = `unit-${parameter.name}`;
   row.held.setAttribute("aria-describedby", row.unit.id);
-  find(".held-label").htmlFor = row.held.id;
-  find(".held-label").setAttribute("aria-label", `hold the ${parameter.meaning} at`);
-  row.take.setAttribute("aria-label", `hold the ${parameter.meaning} at its last estimate`);
+  row.label.htmlFor = row.held.id;
+  row.take.setAttribute("aria-label", `${parameter.meaning}: take its last estimate`);
   row.take.addEventListener("click", () => takeEstimate(row));
   element("held-rows").append(root);
   return row;
@@ -107,8 +121,13 @@ export function showWindow(window, estimates, rate) {
 function fill() {
   if (current !== null) {
     const { limits, estimated, held } = current;
-    set(length, String(current.length));
+    if (!touched.has(method)) for (const one of methods) one.checked = one.value === current.method;
+    if (!touched.has(auto)) auto.checked = current.length === "auto";
+    if (current.length !== "auto") set(length, String(current.length));
+    else if (length.value === "") length.value = USUAL_LENGTH;
+    set(longest, String(current.longest));
     set(periods, String(current.periods_per_row));
+    set(forgetting, String(current.forgetting_factor));
     for (const row of rows) {
       const { name, unit } = row.parameter;
       if (!touched.has(row.estimated)) row.estimated.checked = estimated.includes(name);
@@ -119,22 +138,49 @@ function fill() {
       }
       write(row.unit, prefixed(row.exponent, unit));
     }
-    write(element("length-limits"), span(limits.length));
+    write(element("length-limits"), span(auto.checked ? limits.longest : limits.length));
     write(element("periods-limits"), span(limits.periods_per_row));
+    write(element("forgetting-limits"), span(limits.forgetting_factor));
   }
-  for (const row of rows) {
-    row.entry.hidden = row.estimated.checked;
-    row.take.hidden = !lastEstimate.has(row.parameter.name);
+  fillTuning(current?.ekf ?? null, touched);
+  const used = content(method);
+  for (const part of /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-methods]"))) {
+    part.hidden = !part.dataset.methods?.split(" ").includes(used);
   }
+  write(element("length-effect"), auto.checked ? CHOSEN : TYPED);
+  element("length-entry").hidden = auto.checked;
+  element("longest-entry").hidden = !auto.checked;
+  for (const row of rows) fillRow(row, used === "ekf");
   write(element("length-hint"), seconds(length));
+  write(element("longest-hint"), seconds(longest));
   write(element("periods-hint"), seconds(periods));
+  write(element("forgetting-hint"), memory());
   element("window-discard").hidden = element("form-dirty").hidden = touched.size === 0;
 }
 
-/** @param {HTMLInputElement} input */
-function touch(input) {
-  if (!touched.has(input)) say("", "");
-  touched.add(input);
+/**
+ * The Kalman filter starts from the held values, so there they stand beside what is estimated too.
+ * @param {HeldRow} row
+ * @param {boolean} filter
+ */
+function fillRow(row, filter) {
+  const { name, meaning } = row.parameter;
+  const never = filter && name === HELD_BY_FILTER;
+  const starts = filter && !never && row.estimated.checked;
+  row.choice.hidden = never;
+  row.never.hidden = !never;
+  row.entry.hidden = row.estimated.checked && !filter;
+  row.take.hidden = !lastEstimate.has(name);
+  write(row.label, starts ? "start at" : "hold at");
+  const label = starts ? `start the ${meaning} at` : `hold the ${meaning} at`;
+  if (row.label.getAttribute("aria-label") !== label) row.label.setAttribute("aria-label", label);
+}
+
+/** @param {HTMLInputElement} target */
+function touch(target) {
+  const field = methods.includes(target) ? method : target;
+  if (!touched.has(field)) say("", "");
+  touched.add(field);
   fill();
 }
 
@@ -157,17 +203,19 @@ async function apply() {
   if (drive === null) return say("No drive to apply this to.", "bad");
   if (touched.size === 0) return say("Nothing has been changed.", "");
   const button = /** @type {HTMLButtonElement} */ (element("window-apply"));
-  const sent = new Map([...touched].map((input) => [input, content(input)]));
+  const sent = new Map([...touched].map((field) => [field, content(field)]));
   const asked = drive;
   button.disabled = true;
   try {
     const answer = await putWindow(asked, change());
     if (asked !== drive) return;
     settling = { wanted: fingerprint(answer), until: Date.now() + SETTLE_MS };
+    const begins = answer.method === "ekf" || (answer.method === "rls" && (sent.has(method) || sent.has(periods)));
     current = answer;
-    for (const [input, value] of sent) if (content(input) === value) touched.delete(input);
+    for (const [field, value] of sent) if (content(field) === value) touched.delete(field);
     fill();
-    say(`Applied at ${clock(new Date())}. The samples already held are kept.`, "good");
+    const after = begins ? "It begins with the next sample." : "The samples already held are kept.";
+    say(`Applied at ${clock(new Date())}. ${after}`, "good");
   } catch (error) {
     const { message: sentence } = /** @type {Error} */ (error);
     const after = error instanceof NoAnswerError ? " Whether the change was taken is not known." : "";
@@ -184,15 +232,23 @@ async function apply() {
 function change() {
   /** @type {WindowChange} */
   const body = {};
-  if (touched.has(length)) body.length = wholeNumber(length, "Window length");
+  if (touched.has(method)) body.method = /** @type {import("./api.js").Method} */ (content(method));
+  if (touched.has(auto) && auto.checked) body.length = "auto";
+  else if (!auto.checked && (touched.has(auto) || touched.has(length))) {
+    body.length = wholeNumber(length, "Window length");
+  }
+  if (touched.has(longest)) body.longest = wholeNumber(longest, "Longest window");
+  if (touched.has(forgetting)) body.forgetting_factor = number(forgetting, "Forgetting factor");
   if (touched.has(periods)) body.periods_per_row = wholeNumber(periods, "Periods per row");
   if (rows.some((row) => touched.has(row.estimated))) {
     body.estimated = rows.filter((row) => row.estimated.checked).map((row) => row.parameter.name);
   }
-  const held = rows.filter((row) => touched.has(row.held) && !row.estimated.checked);
+  const held = rows.filter((row) => touched.has(row.held) && !row.entry.hidden);
   if (held.length > 0) {
     body.held = Object.fromEntries(held.map((row) => [row.parameter.name, heldValue(row)]));
   }
+  const ekf = tuningChange(touched);
+  if (ekf !== undefined) body.ekf = ekf;
   return body;
 }
 
@@ -200,26 +256,6 @@ function change() {
 function heldValue(row) {
   const shown = number(row.held, `Held ${row.parameter.meaning}`);
   return Number((shown * 10 ** row.exponent).toPrecision(12));
-}
-
-/**
- * @param {HTMLInputElement} input
- * @param {string} what
- */
-function number(input, what) {
-  const value = parseNumber(input.value);
-  if (value === null) throw new Error(`${what}: expected a number, got “${input.value}”.`);
-  return value;
-}
-
-/**
- * In a count, 1,000 and 1.000 may mean a thousand or one: neither is guessed.
- * @param {HTMLInputElement} input
- * @param {string} what
- */
-function wholeNumber(input, what) {
-  if (/[.,]/.test(input.value)) throw new Error(`${what}: expected a whole number, got “${input.value}”.`);
-  return number(input, what);
 }
 
 /**
@@ -232,40 +268,35 @@ function say(text, mood) {
   if (text !== "") message.scrollIntoView({ block: "nearest" });
 }
 
-/** @param {HTMLInputElement} input */
-function seconds(input) {
-  const samples = parseNumber(input.value);
+/** @param {HTMLInputElement} field */
+function seconds(field) {
+  const samples = parseNumber(field.value);
   return samples === null || samples <= 0 || rate_hz <= 0 ? "" : `= ${duration(samples / rate_hz)}`;
 }
 
-/** @param {import("./api.js").Limits} limits */
-function span(limits) {
-  return `From ${integer(limits.minimum)} to ${integer(limits.maximum)}.`;
+/** How long rows are remembered, by the forgetting factor. */
+function memory() {
+  const lam = parseNumber(forgetting.value);
+  const m = parseNumber(periods.value);
+  if (lam === null || m === null || lam <= 0 || lam > 1 || rate_hz <= 0) return "";
+  return lam === 1 ? "remembers all" : `remembers about ${duration(m / (1 - lam) / rate_hz)}`;
 }
 
-/** @param {HTMLInputElement} input */
-function content(input) {
-  return input.type === "checkbox" ? String(input.checked) : input.value;
+/** @param {import("./api.js").Limits} limits */
+function span({ minimum, maximum }) {
+  const [least, most] = [minimum, maximum].map((limit) => (Number.isInteger(limit) ? integer(limit) : plain(limit, 6)));
+  return `From ${least} to ${most}.`;
 }
 
 /**
- * @param {HTMLInputElement} input
+ * @param {HTMLInputElement} field
  * @param {string} text
  */
-function set(input, text) {
-  if (!touched.has(input) && input.value !== text) input.value = text;
+function set(field, text) {
+  if (!touched.has(field) && field.value !== text) field.value = text;
 }
 
 /** @param {Window} window */
-function fingerprint({ length: samples, periods_per_row, estimated, held }) {
-  const values = PARAMETERS.map(({ name }) => (estimated.includes(name) ? "estimated" : held[name]));
-  return JSON.stringify([samples, periods_per_row, values]);
-}
-
-/**
- * @param {HTMLElement} target
- * @param {string} text
- */
-function write(target, text) {
-  if (target.textContent !== text) target.textContent = text;
+function fingerprint(window) {
+  return JSON.stringify({ ...window, limits: null });
 }

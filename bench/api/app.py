@@ -80,20 +80,27 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
         """Who the drive is, where its link stands and since when, what its stream delivered and lost."""
         return drive_model(service, name)
 
-    @app.get("/api/drives/{name}/estimates", summary="What the window says now", responses=_DRIVE)
+    @app.get("/api/drives/{name}/estimates", summary="What the method says now", responses=_DRIVE)
     def estimates(name: DriveName) -> EstimatesModel:
-        """Each parameter with standard error, unit and status, and what they rest on. Renewed 20 times a second."""
+        """Each parameter with standard error, unit and status, and what they rest on.
+
+        Renewed 20 times a second; 5 times where the data choose the window.
+        """
         return estimates_model(service, name)
 
-    @app.get("/api/drives/{name}/window", summary="Settings of the window", responses=_DRIVE)
+    @app.get("/api/drives/{name}/window", summary="Settings of the estimation", responses=_DRIVE)
     def window(name: DriveName) -> WindowModel:
-        """How many samples the estimates rest on, how they are summed, what is estimated and what is held."""
+        """Which method, how many samples it rests on, how they are summed, what is estimated and what is held."""
         return window_model(service.estimates(name).window)
 
     @app.put("/api/drives/{name}/window", summary="Change settings; the samples held stay",
              responses=_CHANGE | _DRIVE, openapi_extra={"requestBody": _CHANGE_BODY}, dependencies=[Depends(known)])
     def put_window(name: DriveName, change: Annotated[dict[str, Any], Depends(_json_object)]) -> WindowModel:
-        """Takes effect at once, on the samples held and those to come. What the body leaves out stays as it is."""
+        """Takes effect at once, on the samples held and those to come. What the body leaves out stays as it is.
+
+        The window keeps its samples under every method. rls and ekf begin with the next sample after they are chosen;
+        rls again after a change of periods_per_row, ekf after one of estimated, held or ekf.
+        """
         return window_model(service.change_window(name, change))
 
     @app.get("/api/drives/{name}/stream", summary="Snapshots as server-sent events", responses=_EVENTS | _DRIVE,

@@ -1,7 +1,8 @@
 """Shapes of what the REST interface says. SI units; ages and durations in s."""
 
+from dataclasses import asdict
 from datetime import datetime
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -9,10 +10,15 @@ from bench.acquisition import Link
 from bench.estimation import Snapshot
 from bench.service import STALE, Service
 from bench.window import Window
+from estimator.ekf import PAPER
 from estimator.machine import PARAMETERS
+from estimator.rls import SHORTEST
 from estimator.window_ls import MAX_LENGTH, MAX_M
 
 Parameter = Literal["R_s", "L_d", "L_q", "psi_f"]
+Method = Literal["wls", "rls", "ekf"]
+Length = Annotated[int | Literal["auto"], Field(union_mode="left_to_right")]
+_P_0, _Q, _R = list(PAPER.P_0), list(PAPER.Q), list(PAPER.R)
 _TIME = "2026-01-31T12:00:00Z"
 
 
@@ -86,61 +92,133 @@ class EstimateModel(BaseModel):
         description="held: at the given value; not_told: the window cannot tell it", examples=["ok"]
     )
     reason: str = Field(description="a sentence where status is not ok", examples=[""])
+    window: int | None = Field(description="samples it rests on; null unless the data chose them", examples=[None])
+
+
+class CombinationModel(BaseModel):
+    """Parameters that cannot be told apart, or one that cannot be told at all."""
+
+    parameters: list[str] = Field(examples=[["psi_f"]])
+    reason: str = Field(description="a sentence", examples=["psi_f cannot be told here: the motor stands still"])
 
 
 class Bounds(BaseModel):
-    """Least and largest value."""
+    """Least and largest whole number."""
 
     minimum: int
     maximum: int
+
+
+class Range(BaseModel):
+    """Least and largest number."""
+
+    minimum: float
+    maximum: float
 
 
 class WindowLimits(BaseModel):
     """What the settings may be."""
 
     length: Bounds
+    longest: Bounds
     periods_per_row: Bounds
+    forgetting_factor: Range
+
+
+class TuningModel(BaseModel):
+    """The Kalman filter's tuning. Settings of a preset that is not in use are kept."""
+
+    preset: Literal["tuned", "paper", "custom"] = Field(
+        "tuned", description="tuned: from noise_i, lsb, omega_e, doubt, warming; paper: the published variances; "
+        "custom: model, P_0, Q, R, i_min", examples=["tuned"],
+    )
+    noise_i: float = Field(0.01, description="tuned: noise of a phase current, standard deviation, A", examples=[0.01])
+    lsb: float = Field(0.009, description="tuned: resolution of a phase current, A", examples=[0.009])
+    omega_e: float | None = Field(
+        None, description="tuned: electrical speed, rad/s; null: the largest of the first 100 rows", examples=[None]
+    )
+    doubt: float = Field(0.3, description="tuned: relative deviation of the start values, 0.01 to 1", examples=[0.3])
+    warming: float = Field(1.0, description="tuned: how fast the motor may warm up, K/s", examples=[1.0])
+    model: Literal["fluxes", "inductances"] = Field(
+        "fluxes", examples=["fluxes"],
+        description="custom: states i_d i_q psi_d psi_q R_s, or i_d i_q R_s L_d L_q; a change needs P_0 and Q",
+    )
+    P_0: list[float] = Field(_P_0, description="custom: five variances at the start, SI", examples=[_P_0])
+    Q: list[float] = Field(_Q, description="custom: five variances per second, SI", examples=[_Q])
+    R: list[float] = Field(_R, description="custom: variances of sampled i_d, i_q, A^2", examples=[_R])
+    i_min: float = Field(0.5, description="custom: a smaller current tells no inductance, A", examples=[0.5])
 
 
 class WindowModel(BaseModel):
-    """Settings of the estimation window."""
+    """Settings of the estimation. Those that the method does not use are kept, and apply again when it does."""
 
-    length: int = Field(description="samples", examples=[1000])
-    periods_per_row: int = Field(description="stream rows summed to one regression row", examples=[1])
+    method: Method = Field(
+        description="wls: windowed least squares; rls: recursive least squares; ekf: extended Kalman filter for R_s, "
+        "L_d, L_q", examples=["wls"],
+    )
+    length: Length = Field(
+        description="wls: samples; auto: each parameter's own window, chosen by the data", examples=[1000]
+    )
+    longest: int = Field(description="wls with length auto: samples that it chooses from", examples=[10000])
+    periods_per_row: int = Field(description="wls, rls: stream rows summed to one regression row", examples=[1])
     estimated: list[str] = Field(examples=[["R_s", "L_d", "L_q"]])
     held: dict[str, float] = Field(
-        description="values, SI, used for parameters that are not estimated", examples=[{"psi_f": 0.12}]
+        description="values, SI, used for parameters that are not estimated; ekf: start values too",
+        examples=[{"psi_f": 0.12}],
     )
+    forgetting_factor: float = Field(description="rls: weight of the row before; 1: nothing forgotten", examples=[1.0])
+    ekf: TuningModel
     limits: WindowLimits = Field(
         description="what these may be while the other settings stay",
-        examples=[{"length": {"minimum": 3, "maximum": 1000000}, "periods_per_row": {"minimum": 1, "maximum": 333}}],
+        examples=[{
+            "length": {"minimum": 3, "maximum": 1000000}, "longest": {"minimum": 3, "maximum": 1000000},
+            "periods_per_row": {"minimum": 1, "maximum": 333}, "forgetting_factor": {"minimum": 0.5, "maximum": 1.0},
+        }],
     )
 
 
 class WindowChangeModel(BaseModel):
     """Settings to change; what is left out stays."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [{"length": 2000}]})
+    model_config = ConfigDict(json_schema_extra={"examples": [
+        {"length": 2000}, {"length": "auto"}, {"method": "rls", "forgetting_factor": 0.999}, {"ekf": {"noise_i": 0.02}},
+    ]})
 
-    length: int = Field(1000, description="samples, from the number of parameters times periods_per_row to 1000000")
-    periods_per_row: int = Field(1, description="stream rows summed to one regression row, 1 to 1000")
-    estimated: list[Parameter] = Field([], description="parameters to estimate, at least one")
-    held: dict[Parameter, float] = Field({}, description="values above zero, SI, for those not estimated; others stay")
+    method: Method = Field("wls", description="rls and ekf begin with the next sample; wls keeps the samples it has")
+    length: Length = Field(
+        1000, description="wls: samples, from the number of parameters times periods_per_row to 1000000; auto: each "
+        "parameter's own window, chosen by the data",
+    )
+    longest: int = Field(10000, description="wls with length auto: samples it chooses from, within the same limits")
+    periods_per_row: int = Field(1, description="wls, rls: stream rows summed to one regression row, 1 to 1000")
+    estimated: list[Parameter] = Field(
+        [], description="parameters to estimate, at least one; ekf holds psi_f even where it is among them"
+    )
+    held: dict[Parameter, float] = Field(
+        {}, description="values above zero, SI, for those not estimated; others stay; ekf needs all four, to start from"
+    )
+    forgetting_factor: float = Field(1.0, description="rls: weight of the row before, 0.5 to 1; 1: nothing forgotten")
+    ekf: TuningModel = Field(TuningModel.model_construct(), description="settings to change; what is left out stays")
 
 
 class EstimatesModel(BaseModel):
-    """What the window says now."""
+    """What the method says now."""
 
     drive: str = Field(examples=["emulated"])
+    method: Method = Field(examples=["wls"])
     status: Literal["ok", "filling", "stale", "no_data"] = Field(
         description="filling: fewer samples than asked for; stale: none came for a second"
     )
     estimates: dict[str, EstimateModel] = Field(
         description="by parameter", json_schema_extra={"propertyNames": {"enum": list(PARAMETERS)}}
     )
+    combinations: list[CombinationModel] = Field(
+        description="what cannot be told; no parameter is in two of them", examples=[[]]
+    )
     window: WindowModel
-    samples: int = Field(description="in the window", examples=[1000])
-    gaps: int = Field(description="breaks in the stream inside the window")
+    samples: int = Field(description="in the window; rls, ekf: since the method began", examples=[1000])
+    gaps: int = Field(description="breaks in the stream among these samples")
+    left_out: int = Field(description="rows with a value that is no number, since the estimation began")
     rows_dropped: int = Field(description="rows that came too fast for the estimator, since the start")
     age_s: float | None = Field(description="since the newest sample of these estimates arrived", examples=[0.021])
     t_drive_s: float | None = Field(description="drive's clock at the newest sample", examples=[251.93])
@@ -207,14 +285,14 @@ def link_model(link: Link) -> LinkModel:
 
 def window_model(window: Window) -> WindowModel:
     """A window's settings as REST shows them."""
-    m = window.periods_per_row
+    m, parameters = window.periods_per_row, len(window.estimated)
+    samples = Bounds(minimum=parameters * m, maximum=MAX_LENGTH)
     limits = WindowLimits(
-        length=Bounds(minimum=len(window.estimated) * m, maximum=MAX_LENGTH),
-        periods_per_row=Bounds(minimum=1, maximum=min(MAX_M, window.length // len(window.estimated))),
+        length=samples, longest=samples,
+        periods_per_row=Bounds(minimum=1, maximum=min(MAX_M, window.samples // parameters)),
+        forgetting_factor=Range(minimum=SHORTEST, maximum=1.0),
     )
-    return WindowModel(
-        length=window.length, periods_per_row=m, estimated=list(window.estimated), held=dict(window.held), limits=limits
-    )
+    return WindowModel.model_validate({**asdict(window), "limits": limits})
 
 
 def estimates_model(service: Service, name: str) -> EstimatesModel:
@@ -223,13 +301,16 @@ def estimates_model(service: Service, name: str) -> EstimatesModel:
     result = snapshot.result
     return EstimatesModel(
         drive=name,
+        method=snapshot.window.method,
         status=_status(snapshot),
         estimates={
-            key: EstimateModel(value=e.value, std=e.std, unit=e.unit, status=e.status.value, reason=e.reason)
-            for key, e in result.estimates.items()
+            key: EstimateModel.model_validate(estimate, from_attributes=True)
+            for key, estimate in result.estimates.items()
         },
+        combinations=[CombinationModel.model_validate(c, from_attributes=True) for c in result.combinations],
         window=window_model(snapshot.window),
-        samples=result.samples, gaps=result.gaps, rows_dropped=snapshot.rows_dropped, age_s=snapshot.age,
+        samples=result.samples, gaps=result.gaps, left_out=result.left_out, rows_dropped=snapshot.rows_dropped,
+        age_s=snapshot.age,
         t_drive_s=snapshot.t_drive, condition=result.condition, residual_rms_V=result.residual_rms,
     )
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from bench.cli.table import row_cells
+from bench.cli.table import basis_of, estimates_table
 from bench.errors import BenchError
 
 _PERIOD = 0.5  # s between two looks
@@ -44,14 +44,9 @@ def _get(client: httpx.Client, name: str, service: str) -> dict[str, Any]:
 
 
 def _table(content: dict[str, Any]) -> Table:
-    window = content["window"]
+    settings = content["window"]
     age = "no data yet" if content["age_s"] is None else f"{content['age_s']:.2f} s old"
-    table = Table(
-        title=f"{content['drive']}: {content['status'].replace('_', ' ')}",
-        caption=f"window {content['samples']} of {window['length']} samples, {content['gaps']} gaps, {age}",
+    title = f"{content['drive']}: {content['status'].replace('_', ' ')}"
+    return estimates_table(
+        content, settings, f"{basis_of(settings, content['samples'])}, {content['gaps']} gaps, {age}", title
     )
-    for heading in ("", "value", "± 95 %", "unit", "status"):
-        table.add_column(heading, justify="right" if heading in ("value", "± 95 %") else "left")
-    for name, estimate in content["estimates"].items():
-        table.add_row(name, *row_cells(estimate))
-    return table

@@ -66,24 +66,42 @@ def estimates(
 @app.command()
 def replay(
     file: Annotated[Path, typer.Argument(help="recording: CSV, CSV.gz or Parquet")],
-    nominal: Annotated[Path | None, typer.Option(metavar="MACHINE.toml", help="values of what is held")] = None,
+    nominal: Annotated[Path | None, typer.Option(metavar="MACHINE.toml", help="values held, or started from")] = None,
     mapping: Annotated[list[str] | None, typer.Option("--map", metavar="NAME=COLUMN,...", help="columns")] = None,
     constants: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE,...", help="constants")] = None,
     align: Annotated[
         list[str] | None,
         typer.Option(metavar="u=ROWS", help="the voltage in row k was applied ROWS later (fractions allowed)"),
     ] = None,
-    window: Annotated[int | None, typer.Option(help="samples (default: all, up to a million)")] = None,
-    periods: Annotated[int, typer.Option(help="periods per regression row")] = 1,
+    method: Annotated[
+        str | None,
+        typer.Option(metavar="wls|rls|ekf", help="window (default), recursive least squares, Kalman filter"),
+    ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(metavar="N|auto", help="wls: samples (default: all, up to a million), or chosen by the data"),
+    ] = None,
+    longest: Annotated[
+        int | None, typer.Option(metavar="N", help="--window auto: samples to choose from (default: 10000)")
+    ] = None,
+    periods: Annotated[int | None, typer.Option(help="wls, rls: periods per regression row (default: 1)")] = None,
+    forgetting_factor: Annotated[
+        float | None, typer.Option(metavar="LAM", help="rls: 0.5 to 1 (default: 1, nothing is forgotten)")
+    ] = None,
+    ekf: Annotated[
+        str | None,
+        typer.Option(metavar="tuned|paper|FILE.toml", help="ekf: tuning (default: tuned); start values by --nominal"),
+    ] = None,
     estimate: Annotated[str | None, typer.Option(metavar="R_s,L_q", help="what to estimate (default: all)")] = None,
     every: Annotated[int | None, typer.Option(help="rows between two lines of the CSV (default: window/10)")] = None,
     json_out: Annotated[Path | None, typer.Option("--json", metavar="OUT", help="result as JSON")] = None,
     csv_out: Annotated[Path | None, typer.Option("--csv", metavar="OUT", help="estimates over time")] = None,
 ) -> None:
     """Run the streaming estimator over a recording."""
-    from bench.cli.replay import run
+    from bench.cli.replay import Options, run
 
-    run(file, nominal, mapping or (), constants or (), align or (), window, periods, estimate, every, json_out, csv_out)
+    options = Options(method, window, longest, periods, forgetting_factor, ekf, estimate)
+    run(file, nominal, mapping or (), constants or (), align or (), options, every, json_out, csv_out)
 
 
 def main() -> None:

@@ -2,22 +2,21 @@
 
 import csv
 import json
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
-from bench.cli.table import row_cells
+from bench.cli.table import basis_of, estimates_table
 from bench.errors import ConfigError
-from bench.machine_file import Nominal, load_machine
+from bench.machine_file import Nominal, load_machine, load_toml
 from bench.recording import open_recording
 from bench.replay import OnEstimate, Replay, as_json, replay
-from bench.window import Window
+from bench.window import AUTO, Window
 from estimator.estimate import WindowEstimate
 from estimator.machine import PARAMETERS
 from estimator.window_ls import MAX_LENGTH
@@ -25,18 +24,54 @@ from estimator.window_ls import MAX_LENGTH
 T = TypeVar("T")
 
 
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Options of the estimation as given; None where one is not."""
+
+    method: str | None = None
+    window: str | None = None  # samples, or auto
+    longest: int | None = None  # samples
+    periods: int | None = None
+    forgetting_factor: float | None = None
+    ekf: str | None = None  # preset or file
+    estimate: str | None = None  # names with commas
+
+    def settings(self, machine: Nominal) -> Window:
+        """The settings they ask for. Raises ConfigError, LimitError."""
+        if self.method == "ekf" and not machine.given:
+            raise ConfigError("--method ekf: expected start values by --nominal MACHINE.toml, got none")
+        change: dict[str, object] = {
+            "method": self.method, "longest": self.longest, "periods_per_row": self.periods,
+            "forgetting_factor": self.forgetting_factor, "length": _length(self.window),
+            "ekf": None if self.ekf is None else _tuning(self.ekf),
+            "estimated": None if self.estimate is None else _names(self.estimate),
+        }
+        given = {key: value for key, value in change.items() if value is not None}
+        return Window(length=MAX_LENGTH, held=machine.given).changed(given)
+
+    def remarks(self, settings: Window) -> tuple[str, ...]:
+        """A sentence for each option given that has no part in this."""
+        uses = (
+            ("--window", self.window, settings.method == "wls", "it goes with --method wls"),
+            ("--longest", self.longest, settings.chosen_by_data, "it goes with --window auto"),
+            ("--periods", self.periods, settings.method != "ekf", "the Kalman filter takes rows one by one"),
+            ("--forgetting-factor", self.forgetting_factor, settings.method == "rls", "it goes with --method rls"),
+            ("--ekf", self.ekf, settings.method == "ekf", "it goes with --method ekf"),
+        )
+        return tuple(
+            f"{option} has no part in this: {use}" for option, value, applies, use in uses
+            if value is not None and not applies
+        )
+
+
 def run(
     file: Path, nominal: Path | None, mapping: Sequence[str], constants: Sequence[str], align: Sequence[str],
-    window: int | None, periods: int, estimated: str | None, every: int | None, json_out: Path | None,
-    csv_out: Path | None,
+    options: Options, every: int | None, json_out: Path | None, csv_out: Path | None,
 ) -> None:
-    """Replay a recording, print what its last window says, write what was asked for."""
+    """Replay a recording, print what it says at its end, write what was asked for."""
     machine = load_machine(nominal) if nominal is not None else Nominal({})
-    change: dict[str, object] = {"length": MAX_LENGTH if window is None else window, "periods_per_row": periods}
-    if estimated is not None:
-        change["estimated"] = [name.strip() for name in estimated.split(",") if name.strip()]
-    settings = Window(held=machine.given).changed(change)
-    hop = every if every is not None else max(1, (window or 1000) // 10)
+    settings = options.settings(machine)
+    hop = every if every is not None else max(1, (1000 if options.window is None else settings.samples) // 10)
     if hop < 1:
         raise ConfigError(f"--every: expected at least 1 row, got {hop}")
     _check_outputs(file, json_out, csv_out)
@@ -49,10 +84,36 @@ def run(
         _progress(reader.rows_expected) as on_rows,
     ):
         replayed = replay(reader, settings, hop if csv_out else 0, on_estimate, on_rows)
+    replayed = replace(replayed, remarks=(*replayed.remarks, *options.remarks(settings)))
     _print(replayed)
     if json_out is not None:
         with _written(json_out):
             json_out.write_text(json.dumps(as_json(replayed), indent=2) + "\n", encoding="utf-8")
+
+
+def _length(text: str | None) -> int | str | None:
+    if text is None or text == AUTO:
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise ConfigError(f"--window: expected a whole number of samples or {AUTO}, got {text!r}") from None
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _tuning(text: str) -> Mapping[str, object]:
+    """A preset of the filter's tuning, or the settings that a TOML file holds."""
+    if text in ("tuned", "paper"):
+        return {"preset": text}
+    if not Path(text).is_file():
+        raise ConfigError(f"--ekf: expected tuned, paper or a TOML file, got {text!r}")
+    settings = load_toml(text)
+    if "preset" not in settings:
+        raise ConfigError(f'{text}: expected preset = "tuned", "paper" or "custom" and settings of it, got no preset')
+    return settings
 
 
 @contextmanager
@@ -98,17 +159,17 @@ def _pairs(option: str, items: Sequence[str], convert: Callable[[str], T]) -> di
 
 @contextmanager
 def _track(path: Path | None) -> Generator[OnEstimate | None]:
-    """A writer of estimates over time to CSV: t, then value, std and status of each parameter."""
+    """A writer of estimates over time to CSV: t, then value, std, status and chosen window of each parameter."""
     if path is None:
         yield None
         return
     with _written(path), path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        header = [f"{name}{suffix}" for name in PARAMETERS for suffix in ("", "_std", "_status")]
+        header = [f"{name}{suffix}" for name in PARAMETERS for suffix in ("", "_std", "_status", "_window")]
         writer.writerow(["t", "samples", *header])
 
         def write(t: float, result: WindowEstimate) -> None:
-            cells = [cell for e in result.estimates.values() for cell in (e.value, e.std, e.status)]
+            cells = [cell for e in result.estimates.values() for cell in (e.value, e.std, e.status, e.window)]
             writer.writerow([f"{t:.9g}", result.samples, *("" if cell is None else cell for cell in cells)])
 
         yield write
@@ -127,14 +188,10 @@ def _print(replayed: Replay) -> None:
     summary, result = replayed.recording, replayed.result
     title = f"{summary.path}: {summary.used} of {summary.rows} rows used, {summary.duration:.6g} s"
     console.print(title, soft_wrap=True, markup=False)
-    table = Table(
-        caption=f"last window: {result.samples} samples, {replayed.window.periods_per_row} periods per row, "
-        f"{result.gaps} gaps" + (f", residual {result.residual_rms:.3g} V" if result.residual_rms is not None else ""),
-    )
-    for heading in ("", "value", "± 95 %", "unit", "status"):
-        table.add_column(heading, justify="right" if heading in ("value", "± 95 %") else "left")
-    for name, estimate in result.estimates.items():
-        table.add_row(name, *row_cells(asdict(estimate)))
-    console.print(table)
+    settings = asdict(replayed.window)
+    rows = "" if settings["method"] == "ekf" else f", {settings['periods_per_row']} periods per row"
+    residual = "" if result.residual_rms is None else f", residual {result.residual_rms:.3g} V"
+    basis = f"{basis_of(settings, result.samples)}{rows}, {result.gaps} gaps{residual}"
+    console.print(estimates_table(as_json(replayed), settings, basis))
     for remark in replayed.remarks:
         console.print(remark, soft_wrap=True, markup=False)

@@ -70,7 +70,7 @@ def _listening(config: Config, port: int | None) -> Generator[socket.socket]:
 
 def _serve(config: Config, listener: socket.socket) -> None:
     from bench.api.server import serve
-    from bench.estimation import warm_up
+    from bench.method import warm_up
     from bench.service import Service
 
     with _console.status("preparing the estimator (compiles at the first start)"):

@@ -1,7 +1,9 @@
-"""Estimates as cells of a table, with units an engineer reads."""
+"""Estimates as a table, with units an engineer reads, and what they rest on in words."""
 
 from collections.abc import Mapping
 from typing import Any
+
+from rich.table import Table
 
 _SCALES = {
     "ohm": ((1.0, "ohm"), (1e-3, "mohm")),
@@ -10,7 +12,45 @@ _SCALES = {
 }
 
 
-def row_cells(estimate: Mapping[str, Any]) -> list[str]:
+def estimates_table(content: Mapping[str, Any], settings: Mapping[str, Any], basis: str, title: str = "") -> Table:
+    """Estimates as REST and JSON show them, with the settings of the estimation and words on what they rest on.
+
+    A reason that several parameters share is told once, below.
+    """
+    chosen = chosen_by_data(settings)
+    several = [combination for combination in content["combinations"] if len(combination["parameters"]) > 1]
+    together = {name for combination in several for name in combination["parameters"]}
+    table = Table(title=title or None, caption="\n".join([basis, *(combination["reason"] for combination in several)]))
+    for heading in ("", "value", "± 95 %", "unit", *(("samples",) if chosen else ()), "status"):
+        table.add_column(heading, justify="right" if heading in ("value", "± 95 %", "samples") else "left")
+    for name, estimate in content["estimates"].items():
+        *cells, status = _row_cells({**estimate, "reason": ""} if name in together else estimate)
+        table.add_row(name, *cells, *((_samples(estimate),) if chosen else ()), status)
+    return table
+
+
+def basis_of(settings: Mapping[str, Any], samples: int) -> str:
+    """The method, and the samples that its estimates rest on."""
+    if settings["method"] == "rls":
+        lam = settings["forgetting_factor"]
+        return f"recursive least squares, {samples} samples, forgetting factor {lam:g}"
+    if settings["method"] == "ekf":
+        return f"extended Kalman filter ({settings['ekf']['preset']}), {samples} samples"
+    if chosen_by_data(settings):
+        return f"windows chosen by the data, from the last {samples} samples"
+    return f"window of the last {samples} samples"
+
+
+def chosen_by_data(settings: Mapping[str, Any]) -> bool:
+    """Each parameter uses a window of its own."""
+    return settings["method"] == "wls" and settings["length"] == "auto"
+
+
+def _samples(estimate: Mapping[str, Any]) -> str:
+    return "" if estimate["window"] is None else str(estimate["window"])
+
+
+def _row_cells(estimate: Mapping[str, Any]) -> list[str]:
     """Value, half the 95 % interval, unit, status of one estimate."""
     value, std = estimate["value"], estimate["std"]
     scales = _SCALES[estimate["unit"]]
