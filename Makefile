@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser paper bench-estimator clean
+.PHONY: run test lint types arrows fast slow browser paper bench-estimator auto-window clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -47,6 +47,9 @@ $(VENV)/.dev: $(VENV)/.run
 
 bench-estimator: $(VENV)/.dev ## the estimator's speed beside its peers and a C loop (needs gcc)
 	$(BIN)/python -m tests.bench_estimator
+
+auto-window: $(VENV)/.dev ## windows chosen by the data beside fixed ones, 40 seeds: about ten minutes
+	$(BIN)/python -m tests.auto_window
 
 clean: ## remove what make made
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis .import_linter_cache

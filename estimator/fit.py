@@ -25,7 +25,7 @@ noise is too small to dither it. Knows nothing of streams or of words.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -189,27 +189,81 @@ def _regressor_noise(sums: WindowSums, beta: Array, c: Array) -> tuple[Array, Ar
     return sigma2, energy
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Residual:
+    """Sums over the residuals of K windows, by axis (K, 2), and the counts that go with them (K, 1)."""
+
+    squares: Array  # V^2
+    neighbours: Array  # V^2, twice the products of neighbouring rows
+    batch: Array  # V^2, squares of weighted sums over a batch
+    rows: Array
+    pairs: Array
+    batches: Array
+    w_w: Array
+    w_next: Array
+
+    def pooled(self) -> "Residual":
+        """All windows as one."""
+        return Residual(*(np.sum(getattr(self, f.name), axis=0, keepdims=True) for f in fields(self)))
+
+
+def residual(sums: WindowSums, c: Array) -> Residual:
+    """Residuals of windows, for coefficients c (K, 2, 6), so that c' z is minus the residual of a row z."""
+    squares, neighbours, batch = (_form(c, S) for S in (sums.lag0, sums.lag1, sums.batch))
+    counts = (sums.rows, sums.pairs, sums.batches, sums.w_w, sums.w_next)
+    return Residual(np.maximum(0.0, squares), neighbours, batch, *(count[:, None] for count in counts))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Colour:
+    """Colour of a residual by axis (K, 2): first-order moving average; variances of estimates in units of gamma0."""
+
+    f: Array  # level of the spectrum at frequency zero, gamma0 + 2 gamma1, over gamma0: 0 to 2
+    of_gamma0: Array  # variance of the estimate of gamma0,
+    of_f: Array  # of f,
+    of_both: Array  # and their covariance
+
+
+def colour(r: Residual) -> Colour:
+    """Two estimates of f, weighted by their precision.
+
+    From neighbours, f = gamma0 + 2 gamma1, and from batches of rows, whose weighted residuals
+    square to gamma0 (sum w_k^2 - sum w_k w_{k+1}) + f sum w_k w_{k+1}. The first is the better one for white
+    residuals, the second, by far, for those that nearly cancel over a few rows.
+    """
+    n = np.maximum(r.rows, 1.0)
+    mean_square = np.maximum(r.squares / n, 1e-300)
+    by_pairs = 1.0 + r.neighbours / np.maximum(r.pairs, 1.0) / mean_square
+    there = r.batches >= 1.0
+    batches, w_next = np.where(there, r.batches, 1.0), np.where(there, r.w_next, 1.0)
+    leak = (r.w_w - w_next) / w_next
+    by_batches = np.where(there, r.batch / mean_square / w_next - leak, by_pairs)
+    rho = 0.5 * (np.clip(by_batches, 0.0, 2.0) - 1.0)
+    of_gamma0 = 2.0 * (1.0 + 2.0 * rho**2) / n
+    of_pairs = of_gamma0 + (4.0 * (1.0 + 3.0 * rho**2) + 16.0 * rho) / n
+    of_batches = 2.0 / batches * (1.0 + 2.0 * rho + leak) ** 2
+    share = np.where(there, of_pairs / (of_pairs + of_batches), 0.0)
+    f = np.clip((1.0 - share) * by_pairs + share * by_batches, 0.0, 2.0)
+    of_both = (1.0 - share) * (of_gamma0 + 8.0 * rho / n) + share * 2.0 * f**2 / n
+    return Colour(f, of_gamma0, (1.0 - share) * of_pairs, of_both)
+
+
 def _variance(
     sums: WindowSums, c: Array, free: list[int], inverse: Array, sigma2: Array
 ) -> tuple[Array, Array]:
-    """Sandwich variances (K, p) with first-order moving-average residuals, and the residual's sum of squares (K,).
-
-    In terms of gamma0 and of the level f = gamma0 + 2 gamma1 that the residual's spectrum has at frequency zero.
-    """
-    n = np.maximum(sums.rows, 1.0)[:, None]
-    squares = np.maximum(0.0, _form(c, sums.lag0))
-    gamma0 = squares / np.maximum(n - 0.5 * len(free), 0.5)
-    f, of_gamma0, of_f, of_both = _colour(sums, c, squares)
+    """Sandwich variances (K, p) with residuals of first-order moving average, and their sum of squares (K,)."""
+    r = residual(sums, c)
+    n, known = np.maximum(r.rows, 1.0), colour(r)
+    gamma0 = r.squares / np.maximum(n - 0.5 * len(free), 0.5)
     S0, S1 = (_sandwich(inverse, S[:, :, free][..., free]) for S in (sums.lag0, sums.lag1))  # (K, 2, p)
     A, B = gamma0[..., None] * (S0 - 0.5 * S1), gamma0[..., None] * 0.5 * S1
-    variance = np.maximum(np.sum(A + f[..., None] * B, axis=1), 0.0)
-    of_variance = np.sum(
-        of_gamma0[..., None] * A**2 + of_f[..., None] * B**2 + 2.0 * of_both[..., None] * A * B, axis=1
-    )
+    variance = np.maximum(np.sum(A + known.f[..., None] * B, axis=1), 0.0)
+    of_gamma0, of_f, of_both = (of[..., None] for of in (known.of_gamma0, known.of_f, known.of_both))
+    of_variance = np.sum(of_gamma0 * A**2 + of_f * B**2 + 2.0 * of_both * A * B, axis=1)
     freedom = np.divide(2.0 * variance**2, of_variance, out=np.full_like(variance, np.inf), where=of_variance > 0.0)
     variance *= _student(np.maximum(freedom, _FEWEST)) ** 2
-    constant = n * _constant_errors(sums, c, squares / n, sigma2)
-    return variance + np.sum(constant[..., None] * S0, axis=1), squares.sum(axis=1)
+    constant = n * _constant_errors(sums, c, r.squares / n, sigma2)
+    return variance + np.sum(constant[..., None] * S0, axis=1), r.squares.sum(axis=1)
 
 
 def _constant_errors(sums: WindowSums, c: Array, gamma0: Array, sigma2: Array) -> Array:
@@ -236,31 +290,6 @@ def _undithered(step: float, noise: Array) -> Array:
     if step == 0.0:
         return np.zeros_like(noise)
     return step**2 / 12.0 * np.exp(-4.0 * np.pi**2 * noise / step**2)
-
-
-def _colour(sums: WindowSums, c: Array, squares: Array) -> tuple[Array, Array, Array, Array]:
-    """f over gamma0, and variances of estimates: of gamma0, of f, and their covariance; in units of gamma0, (K, 2).
-
-    Two estimates of f: from neighbours, f = gamma0 + 2 gamma1, and from batches of rows, whose weighted residuals
-    square to gamma0 (sum w_k^2 - sum w_k w_{k+1}) + f sum w_k w_{k+1}. The first is the better one for white
-    residuals, the second, by far, for those that nearly cancel over a few rows.
-    """
-    n = np.maximum(sums.rows, 1.0)[:, None]
-    mean_square = np.maximum(squares / n, 1e-300)
-    by_pairs = 1.0 + _form(c, sums.lag1) / np.maximum(sums.pairs, 1.0)[:, None] / mean_square
-    there = sums.batches[:, None] >= 1.0
-    batches, w_next = np.where(there, sums.batches[:, None], 1.0), np.where(there, sums.w_next[:, None], 1.0)
-    leak = (sums.w_w[:, None] - w_next) / w_next
-    by_batches = np.where(there, _form(c, sums.batch) / mean_square / w_next - leak, by_pairs)
-    rho = 0.5 * (np.clip(by_batches, 0.0, 2.0) - 1.0)
-    of_gamma0 = 2.0 * (1.0 + 2.0 * rho**2) / n
-    of_pairs = of_gamma0 + (4.0 * (1.0 + 3.0 * rho**2) + 16.0 * rho) / n
-    of_batches = 2.0 / batches * (1.0 + 2.0 * rho + leak) ** 2
-    share = np.where(there, of_pairs / (of_pairs + of_batches), 0.0)
-    f = np.clip((1.0 - share) * by_pairs + share * by_batches, 0.0, 2.0)
-    of_f = (1.0 - share) * of_pairs
-    of_both = (1.0 - share) * (of_gamma0 + 8.0 * rho / n) + share * 2.0 * f**2 / n
-    return f, of_gamma0, of_f, of_both
 
 
 def _sandwich(inverse: Array, S: Array) -> Array:

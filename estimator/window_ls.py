@@ -27,7 +27,7 @@ from estimator.machine import PARAMETERS
 from estimator.samples import Samples
 from estimator.solve import check_held, solve
 from estimator.sums import WindowSums, sums_from
-from estimator.window_sums import CHUNK, ROWS, SUMS, take_balances, take_sample, take_samples, total_sums
+from estimator.window_sums import CHUNK, ROWS, SUMS, take_balances, take_sample, take_samples, total_sums, unfinished
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -184,11 +184,19 @@ def estimate(
     )
 
 
-def sums_of(state: WindowState, lengths: Sequence[int]) -> WindowSums:
-    """Sums over the newest so many balances, at most the window's own length."""
+def sums_of(state: WindowState, lengths: Sequence[int], ends: Sequence[int] | None = None) -> WindowSums:
+    """Sums over the newest so many balances, at most the window's own length; from `ends` balances ago, if given."""
+    newest = int(state.count[0])
     total = np.zeros((len(lengths), SUMS))
-    for length, into in zip(lengths, total, strict=True):
-        first = max(0, int(state.count[0]) - min(length, state.length))
-        total_sums(first, state.m, state.rows, state.starts, state.sums, state.places, state.count, into)
+    for length, end, into in zip(lengths, ends or [0] * len(lengths), total, strict=True):
+        first = max(0, newest - min(length, state.length))
+        total_sums(first, newest - end, state.m, state.rows, state.starts, state.sums, state.places, into)
     triangles = total[:, :ROWS].reshape(len(lengths), 6, -1)
-    return sums_from(triangles, total[:, ROWS:], state.T_s, state.periods * state.m, state.i_step, state.u_step)
+    return sums_from(
+        triangles, total[:, ROWS:], state.T_s, state.periods * state.m, state.i_step, state.u_step
+    )
+
+
+def waiting(state: WindowState) -> int:
+    """Number of the newest balances that wait for the rest of their group of m."""
+    return unfinished(state.m, state.rows, state.starts, state.places, state.count)

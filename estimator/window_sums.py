@@ -165,19 +165,24 @@ def _taken(size: int, m: int, rows: Array, starts: Bools, sums: Array, places: I
 
 @kernel
 def total_sums(
-    first: int, m: int, rows: Array, starts: Bools, sums: Array, places: Integers, count: Integers, total: Array
+    first: int, end: int, m: int, rows: Array, starts: Bools, sums: Array, places: Integers, total: Array
 ) -> None:
-    """Sums over the groups that lie wholly in the balances numbered `first` and up."""
-    newest = count[0]
-    for chunk in range(first // CHUNK, newest // CHUNK + 1):
-        begin, end = chunk * CHUNK, min(newest, (chunk + 1) * CHUNK)
+    """Sums over the groups that lie wholly in the balances numbered [first, end)."""
+    for chunk in range(first // CHUNK, (end - 1) // CHUNK + 1):
+        begin, stop = chunk * CHUNK, min(end, (chunk + 1) * CHUNK)
         at = chunk % len(sums)
-        if end == begin:
-            break
-        if begin - places[at] >= first and end == begin + CHUNK:
+        if begin - places[at] >= first and stop == begin + CHUNK:
             total += sums[at]
         else:
-            add_sums(begin, end, first, int(places[at]), m, rows, starts, total)
+            add_sums(begin, stop, first, int(places[at]), m, rows, starts, total)
+
+
+@kernel
+def unfinished(m: int, rows: Array, starts: Bools, places: Integers, count: Integers) -> int:
+    """Number of the newest balances that wait for the rest of their group."""
+    chunk = count[0] // CHUNK
+    place = int(places[chunk % len(places)])
+    return add_sums(chunk * CHUNK, count[0], count[0], place, m, rows, starts, np.zeros(SUMS))
 
 
 @kernel
