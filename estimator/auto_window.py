@@ -34,10 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimate import Estimate, Status, WindowEstimate
-from estimator.fit import NOISE_DOUBT, Z_95, Fit, colour, fit, residual
+from estimator.fit import fit
 from estimator.machine import PARAMETERS, UNITS
-from estimator.solve import check_held, solve
-from estimator.sums import WindowSums
+from estimator.solve import check_held, solution
 from estimator.window_ls import WindowState, sums_of, waiting
 
 Array = NDArray[np.float64]
@@ -47,7 +46,6 @@ SHORTEST: Final = 16  # regression rows per axis of the newest stretch, and of a
 PRICE: Final = 10.0  # a line or a cut must improve chi^2 by about this: 3 standard errors
 WARMTH: Final = 1.5
 WARMTH_OF_DOUBT: Final = 3.0  # of the standard error: it hears hypotheses that the value no longer does
-SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,28 +71,27 @@ def estimate(
     cuts = lengths_of(state.samples, state.m, waiting(state))
     rings = sums_of(state, cuts, [0, *cuts[:-1]])
     sums = sums_of(state, [state.length])
-    whole = solve(sums, estimated, held)
-    plain = fit(sums, estimated, held, noise_aware=False)
-    found = fit(rings, estimated, held)
-    std = _common_errors(rings, found)
+    whole = fit(sums, estimated, held)
+    said = solution(sums, whole, held)
+    found = fit(rings, estimated, held, together=True)
     ends = np.array([0, *cuts[:-1]], np.float64)
     estimates: dict[str, Estimate] = {}
     for j, name in enumerate(PARAMETERS):
-        estimates[name] = alone = whole.estimates[name]
+        estimates[name] = alone = said.estimates[name]
         if name not in estimated:
             continue
         estimates[name] = replace(alone, window=cuts[-1])
-        tells = found.told[:, j] & (std[:, j] > 0.0) & (Z_95 * std[:, j] < np.abs(found.beta[:, j]))
-        told = Stretches(found.beta[tells, j], std[tells, j], np.array(cuts, np.float64)[tells], ends[tells])
+        tells = found.told[:, j] & (found.beta[:, j] > 0.0)
+        told = Stretches(found.beta[tells, j], found.std[tells, j], np.array(cuts, np.float64)[tells], ends[tells])
         if alone.std is not None and float(np.sum(told.std**-2.0)) < 0.5 / alone.std**2:
             continue  # the stretches, each by itself, miss what they tell together
         if len(told.value):
             value, error, length = weighed(told, alone.value)
-            doubt = NOISE_DOUBT * (value - float(plain.beta[0, j])) if alone.std is not None else 0.0
-            estimates[name] = Estimate(name, value, math.hypot(error, doubt), UNITS[name], Status.OK, window=length)
+            error = math.hypot(error, float(whole.lasting[0, j]))
+            estimates[name] = Estimate(name, value, error, UNITS[name], Status.OK, window=length)
     return WindowEstimate(
-        estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length, whole.condition,
-        whole.residual_rms, state.left_out, whole.combinations,
+        estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length, said.condition,
+        said.residual_rms, state.left_out, said.combinations,
     )
 
 
@@ -152,35 +149,3 @@ def weighed(told: Stretches, together: float | None = None) -> tuple[float, floa
 def _weights(score: Array, warmth: float) -> Array:
     weight = np.exp(-0.5 / warmth * (score - score.min()))
     return weight / weight.sum()
-
-
-def _common_errors(rings: WindowSums, found: Fit) -> Array:
-    """Standard errors (K, 4) of each stretch with a residual whose colour is that of all stretches together.
-
-    A short stretch knows the colour of its own residual badly, and so by chance a standard error near zero. Its size
-    is taken from its own and all others' residuals, in proportion to its rows and `SHARED`. Stretches that do not
-    tell all that is estimated keep the errors they have.
-    """
-    std = found.std.copy()
-    full = found.told[:, found.free].all(axis=1)
-    if not full.any():
-        return std
-    told = rings.mapped(lambda values: values[full])
-    c = np.repeat(_coefficients(found.beta[full])[:, None], 2, axis=1)
-    own = residual(told, c)
-    freedom = own.rows - 0.5 * len(found.free)
-    rho = 0.5 * (colour(own.pooled()).f - 1.0)
-    gamma0 = np.sum(own.squares, axis=0) / np.sum(freedom)  # V2, by axis
-    gamma0 = (own.squares + SHARED * gamma0) / (freedom + SHARED)
-    meat = np.sum(gamma0[..., None, None] * (told.lag0 + rho[..., None, None] * told.lag1), axis=1)
-    G = told.lag0.sum(axis=1)[:, found.free][..., found.free]
-    inverse = np.array(np.linalg.inv(G), np.float64)
-    variance = np.diagonal(inverse @ meat[:, found.free][..., found.free] @ inverse, axis1=1, axis2=2)
-    std[np.flatnonzero(full)[:, None], found.free] = np.sqrt(np.maximum(variance, 0.0))
-    return std
-
-
-def _coefficients(beta: Array) -> Array:
-    """Of a regression row (R_s, L_d, L_q, psi_f, h, u), so that their product is minus its residual; (K, 6)."""
-    R_s, L_d, _, psi_f = beta.T
-    return np.column_stack((beta, -R_s * psi_f / L_d, np.full_like(R_s, -1.0)))

@@ -25,7 +25,11 @@ the row as an input; see `flux_balance`, whose small terms with h and (R_s T_s)^
 A Kalman filter takes its Jacobian for exact; one that is made of noise would "tell" parameters from nothing. So this
 model learns from currents, and from changes of current, only where they stand out of the noise that R states.
 
-psi_f is held in both: the published filter reads L_d off psi_d - psi_f. Knows nothing of clocks, drives or files.
+psi_f is held in both: the published filter reads L_d off psi_d - psi_f.
+
+A filter's P knows its tuning, not the data: where little is excited, or the tuning does not suit the drive, it is
+small around a wrong value. So recursive least squares over the recent rows runs beside it (`rls`), and `estimate` tells
+only what that tells too, no closer than the two agree. Knows nothing of clocks, drives or files.
 """
 
 import math
@@ -37,10 +41,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator import rls
 from estimator.estimate import Estimate, Status, WindowEstimate
+from estimator.fit import Z_95
 from estimator.flux_balance import angle_turned, flux_balance
 from estimator.kalman import filtered
 from estimator.machine import PARAMETERS, UNITS
+from estimator.rls import RlsState
 from estimator.samples import Samples
 from estimator.stream import Stream, runs_of
 
@@ -48,6 +55,7 @@ Array = NDArray[np.float64]
 Five = tuple[float, float, float, float, float]
 
 TELLABLE: Final = ("R_s", "L_d", "L_q")
+RECENT: Final = 0.999  # forgetting factor of the least squares beside the filter: a thousand rows
 _AT_START: Final = 0.6  # share of P_0 from which a variance counts as not reduced
 
 
@@ -114,6 +122,7 @@ class EkfState:
     P: Array  # (5, 5), their covariance
     level: Array  # (2,), A: i_d and i_q as they last stood out of their noise
     sums: Array  # (2,): squared innovations as a voltage over the row in V^2, restarts
+    recent: RlsState  # least squares over the recent rows
     stream: Stream = field(default_factory=Stream)
     samples: int = 0  # rows taken in
 
@@ -143,7 +152,10 @@ def init(
     for name, place in places.items():
         x[place] = known[name]
     P_0 = np.diag(free * tuning.P_0)
-    return EkfState(tuple(estimated), known, tuning, P_0, free * tuning.Q, x, P_0.copy(), np.zeros(2), np.zeros(2))
+    recent = rls.init(estimated, known, RECENT)
+    return EkfState(
+        tuple(estimated), known, tuning, P_0, free * tuning.Q, x, P_0.copy(), np.zeros(2), np.zeros(2), recent
+    )
 
 
 def warm_up() -> None:
@@ -158,6 +170,7 @@ def update(state: EkfState, samples: Samples, *, joined: bool = True) -> EkfStat
 
     After a gap currents and flux linkages start from the sample; parameters and their covariance stay.
     """
+    rls.update(state.recent, samples, joined=joined)
     start = np.array([state.known[name] for name in PARAMETERS])
     R, model = np.array(state.tuning.R), int(state.tuning.model)
     for run, continues in runs_of(state.stream, samples, joined=joined):
@@ -173,7 +186,8 @@ def update(state: EkfState, samples: Samples, *, joined: bool = True) -> EkfStat
 
 
 def estimate(state: EkfState) -> WindowEstimate:
-    """What the filter says now; standard errors from P, and no better than the tuning."""
+    """What the filter says now, as far as the recent rows bear it out; see above."""
+    recent = rls.estimate(state.recent).estimates
     estimates: dict[str, Estimate] = {}
     for name in PARAMETERS:
         if name not in state.estimated:
@@ -183,15 +197,32 @@ def estimate(state: EkfState) -> WindowEstimate:
         elif state.samples == 0:
             estimates[name] = Estimate(name, None, None, UNITS[name], Status.NO_DATA, "no row has come in yet")
         else:
-            value, variance, reason = _parameter(state, name)
-            told = not reason
-            estimates[name] = Estimate(
-                name, value if told else state.known[name], math.sqrt(variance) if told else None, UNITS[name],
-                Status.OK if told else Status.NOT_TOLD, reason,
-            )
+            estimates[name] = _told(name, *_parameter(state, name), state.known[name], recent[name])
     n = state.samples
     rms = math.sqrt(state.sums[0] / (2 * n)) if n else None
     return WindowEstimate(estimates, n, state.stream.gaps, 2 * n, n > 0, None, rms, state.stream.left_out)
+
+
+def _told(
+    name: str, value: float, variance: float, reason: str, known: float, recent: Estimate
+) -> Estimate:
+    """The filter's value, unless it has a reason not to tell it or the recent rows have one."""
+    if not reason and (recent.value is None or recent.std is None):
+        reason = recent.reason
+    if not reason and recent.value is not None:
+        std = math.hypot(math.sqrt(variance), value - recent.value)
+        if Z_95 * std < value:
+            return Estimate(name, value, std, UNITS[name], Status.OK)
+        reason = (
+            f"{name} cannot be told here: the filter says {value:.3g} {UNITS[name]}, least squares {recent.value:.3g}"
+        )
+    return Estimate(name, known, None, UNITS[name], Status.NOT_TOLD, reason)
+
+
+def values(state: EkfState) -> dict[str, float]:
+    """What the filter itself has for each parameter, borne out or not; NaN where it has nothing."""
+    found = {name: _parameter(state, name) for name in state.estimated}
+    return dict(state.known) | {name: math.nan if reason else value for name, (value, _, reason) in found.items()}
 
 
 def _parameter(state: EkfState, name: str) -> tuple[float, float, str]:

@@ -6,6 +6,7 @@ excitation to the normal matrix: the test is the ratio of the two, direction by 
 Knows nothing of streams; works on the normal matrices of K windows at once.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,16 +17,20 @@ Array = NDArray[np.float64]
 
 NOISE_SHARE: Final = 0.1  # a direction owing more of its regressor energy than this to noise is not told
 ROUND_OFF: Final = 1e-10  # relative energy below which a direction is arithmetic, not excitation
-INVOLVED: Final = 0.05  # share from which a parameter counts as part of a direction, or two as coupled by it
+INVOLVED: Final = 0.05  # share from which two parameters count as coupled by a direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excitation:
-    """Excitation of p parameters by each of K windows."""
+    """Excitation of p parameters by each of K windows.
 
-    told: NDArray[np.bool_]  # (K, p)
+    Directions are counted in units of each column's own size: the voltage that a parameter contributes.
+    """
+
+    scale: Array  # (K, p), one over each column's norm; 0 for a column of zeros
     inverse: Array  # (K, p, p), of G - N over the directions that are told
-    weak: Array  # (K, p, p), projector on the directions that are not, in units of each column's own size
+    plain: Array  # (K, p, p), of G over those that are not, as far as arithmetic goes
+    weak: Array  # (K, p, p), orthonormal columns that span the directions that are not told, and columns of zeros
 
 
 def excitation(G: Array, N: Array) -> Excitation:
@@ -38,12 +43,17 @@ def excitation(G: Array, N: Array) -> Excitation:
     strength, v = np.linalg.eigh(C * whitening[:, :, None] * whitening[:, None, :])
     v = whitening[:, :, None] * v  # columns with v' C v = strength, v' doubt v = 1
     strong = strength > 1.0
-    V = v * np.where(strong, 1.0 / np.sqrt(np.maximum(strength, 1.0)), 0.0)[:, None, :]  # of energy 1
+    energy_1 = np.where(strength > 0.0, 1.0 / np.sqrt(np.maximum(strength, 1e-300)), 0.0)
+    V = v * np.where(strong, energy_1, 0.0)[:, None, :]
     inner = np.eye(G.shape[-1]) - V.transpose(0, 2, 1) @ (noise[:, :, None] * V)
-    inverse = V @ np.linalg.inv(inner) @ V.transpose(0, 2, 1) * scale[:, :, None] * scale[:, None, :]
-    weak = _projector(v * ~strong[:, None, :])
-    told = np.diagonal(weak, axis1=1, axis2=2) < INVOLVED**2
-    return Excitation(told, inverse, weak)
+    size = np.linalg.norm(v, axis=1)  # a direction of length 1 has the energy strength / size^2
+    some = ~strong & (strength > ROUND_OFF * size**2)
+    W = v * np.where(some, energy_1, 0.0)[:, None, :]
+    back = scale[:, :, None] * scale[:, None, :]
+    return Excitation(
+        scale, V @ np.linalg.inv(inner) @ V.transpose(0, 2, 1) * back, W @ W.transpose(0, 2, 1) * back,
+        _basis(v * ~strong[:, None, :]),
+    )
 
 
 def condition(G: Array) -> Array:
@@ -55,19 +65,20 @@ def condition(G: Array) -> Array:
     return np.sqrt(np.divide(largest, least, out=np.full_like(least, np.inf), where=finite))
 
 
-def combinations(weak: Array) -> list[tuple[int, ...]]:
-    """Groups of parameters that a window cannot tell apart, from its projector (p, p); one alone: not at all.
+def combinations(weak: Array, untold: Sequence[int]) -> list[tuple[int, ...]]:
+    """Groups of untold parameters that a window cannot tell apart, from its weak directions; one alone: not at all.
 
-    The finest groups whose sums of directions make up all that is weak: where the projector couples two parameters,
-    they are of one group.
+    The finest groups whose sums of directions make up all that is weak: where the projector on it couples two
+    parameters, they are of one group.
     """
-    share = np.sqrt(np.maximum(np.diag(weak), 0.0))
-    left = [int(j) for j in np.flatnonzero(share >= INVOLVED)]
+    projector = weak @ weak.T
+    share = np.sqrt(np.maximum(np.diag(projector), 0.0))
+    left = list(untold)
     groups: list[tuple[int, ...]] = []
     while left:
         group = [left.pop(0)]
         for j in group:  # grows while it is walked
-            coupled = [k for k in left if abs(weak[j, k]) > INVOLVED * share[j] * share[k]]
+            coupled = [k for k in left if abs(projector[j, k]) > INVOLVED * share[j] * share[k]]
             left = [k for k in left if k not in coupled]
             group += coupled
         groups.append(tuple(sorted(group)))
@@ -81,9 +92,8 @@ def _scaled(G: Array) -> tuple[Array, Array]:
     return scale, G * scale[:, :, None] * scale[:, None, :]
 
 
-def _projector(columns: Array) -> Array:
-    """Orthogonal projectors on what the columns of each matrix span; columns of zeros span nothing."""
+def _basis(columns: Array) -> Array:
+    """Orthonormal columns that span the same as those of each matrix, and columns of zeros."""
     norm = np.linalg.norm(columns, axis=1, keepdims=True)
     basis, spread, _ = np.linalg.svd(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0.0))
-    basis = basis * (spread > ROUND_OFF)[:, None, :]
-    return basis @ basis.transpose(0, 2, 1)
+    return basis * (spread > ROUND_OFF)[:, None, :]

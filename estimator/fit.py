@@ -31,20 +31,26 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.excitation import condition, excitation
+from estimator.excitation import Excitation, condition, excitation
 from estimator.machine import PARAMETERS
 from estimator.sums import H, U, WindowSums
 
 Array = NDArray[np.float64]
 
-NOISE_DOUBT: Final = 0.1  # the bias that current noise leaves is known to within this share of it
+NOISE_DOUBT: Final = 0.1  # the bias that current noise leaves is known to within this share of it, at best
+NOISE_ECHO: Final = 10.0  # and that share grows by so much times the bias over the value
+PRIOR_SHARE: Final = 0.05  # of a value that is told, at most, rests on priors
 FAINT_I: Final = 1e-9  # A, and
 FAINT_SPEED: Final = 1e-6  # rad/s: what is smaller is arithmetic, not a signal
 MODEL: Final = 1e-6  # share of the rms voltage that the flux balance, exact to second order, may be off,
-MODEL_MOVING: Final = 3e-5  # and, times the relative spread of speed^2, more where it changes within a row
+MODEL_MOVING: Final = 3e-5  # times the relative spread of speed^2, more where it changes within a row,
+MODEL_TURN: Final = 8e-4  # and, times D^3, more where the rotor turns far within a control period
+STRANGE: Final = 12.0  # over the root of rows: three standard errors of the ratio of the two axes' noise
+SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
 Z_95: Final = 1.96
-_ROUNDS: Final = 4  # of the iteration; each gains three digits
-_FEWEST: Final = 4.0  # degrees of freedom at least: below, the correction knows no more than the error
+_ROUNDS: Final = 4  # of the iteration of the small terms; each gains three digits
+_FEWEST: Final = 4.0  # degrees of freedom of a variance at least: below, the correction knows no more than the error
+_BATCHES: Final = 8.0  # that a reference takes at least
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,9 +58,10 @@ class Fit:
     """Solutions of K windows for p of the parameters, the others held."""
 
     free: list[int]  # places of the p parameters in PARAMETERS
-    beta: Array  # (K, 4), SI; told and held values; what is not told is worth nothing
+    beta: Array  # (K, 4), SI; told and held values; what is not told is as good as its prior
     std: Array  # (K, 4), standard errors; 0 where held
-    told: NDArray[np.bool_]  # (K, 4)
+    lasting: Array  # (K, 4), of these, what more rows of the same kind would not average away
+    told: NDArray[np.bool_]  # (K, 4): by the window, and to less than its own size
     weak: Array  # (K, p, p), see `Excitation`
     condition: Array  # (K,)
     residual_rms: Array  # (K,), V
@@ -62,47 +69,123 @@ class Fit:
 
 
 def fit(
-    sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool = True
+    sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool = True,
+    together: bool = False,
 ) -> Fit:
     """Least-squares solutions for `estimated`, the others at their `held` values (SI).
 
     `noise_aware` takes the energy of current noise out of the normal matrix; without it the result is plain least
-    squares, and the bias is added to the standard errors instead. Windows with fewer equations than parameters tell
-    nothing.
+    squares, and the bias is added to the standard errors instead. `together`: the windows are stretches of one stream,
+    too short for each to know the colour of its residual, and share it. Windows with fewer equations than parameters
+    tell nothing.
+
+    How large the noise is, two references say, of which the larger counts: plain least squares over the rows, which
+    sees every transient, and over weighted batches of rows, in which differenced noise cancels and hardly biases. It
+    never rests on what the noise made of the solution.
     """
     free = [PARAMETERS.index(name) for name in PARAMETERS if name in estimated]
     enough = 2.0 * sums.rows > len(free)
-    G = np.where(enough[:, None, None], sums.lag0.sum(axis=1)[:, free][:, :, free], 0.0)
-    ex = excitation(G, np.zeros_like(G[:, 0]))
     stand_in = np.array([held.get(name, 0.0) for name in PARAMETERS])
-    beta = np.tile(np.where(np.isin(np.arange(len(PARAMETERS)), free), 0.0, stand_in), (len(G), 1))
-    told = np.zeros(beta.shape, dtype=np.bool_)
-    small = np.zeros((len(G), 3))
-    noise = np.zeros_like(G[:, 0])
-    sigma2 = np.zeros((len(G), 2))
+    known = np.where(np.isin(np.arange(len(PARAMETERS)), free), 0.0, stand_in)
+    beta = np.tile(known, (len(enough), 1))
+    by_rows, by_batches = beta.copy(), beta.copy()
+    G = np.where(enough[:, None, None], _of(sums.lag0, free), 0.0)
+    calm = np.where((enough & (sums.batches >= _BATCHES))[:, None, None, None], sums.batch, sums.lag0)
+    plain = _plain(G)
+    plain_calm = _plain(np.where(enough[:, None, None], _of(calm, free), 0.0))
+    small, full = np.zeros((len(enough), 3)), beta.copy()
     for _ in range(_ROUNDS):
-        beta[:, free] = 0.0
-        rest = np.sum(_times(sums.lag0, _axes(beta, small)), axis=1)[:, free]
-        beta[:, free] = -_times(ex.inverse, rest)
-        told[:, free] = ex.told
-        small = _second_order(_known(beta, told, stand_in), sums.T_s)
-        sigma2, energy = _regressor_noise(sums, beta, _axes(beta, small))
-        noise = energy[:, free]
-        if noise_aware:
-            ex = excitation(G, noise)
-    told[:, free] = ex.told if noise_aware else excitation(G, noise).told
+        c_0 = _axes(np.tile(known, (len(enough), 1)), small)
+        rest = np.sum(_times(sums.lag0, c_0), axis=1)[:, free]
+        by_rows[:, free] = -_times(plain, rest)
+        by_batches[:, free] = -_times(plain_calm, np.sum(_times(calm, c_0), axis=1)[:, free])
+        both = [_current_noise(sums, reference, _axes(reference, small)) for reference in (by_rows, by_batches)]
+        sigma2 = np.maximum(*both)
+        noise = _regressor_noise(sums, sigma2)[:, free]
+        ex = excitation(G, noise)
+        strong = -_times(ex.inverse if noise_aware else plain, rest)
+        full[:, free] = strong - _times(ex.plain, rest + _times(G, strong))
+        beta[:, free], doubt = _with_prior(sums, ex, strong, free, stand_in)
+        sure = np.zeros(beta.shape, dtype=np.bool_)
+        sure[:, free] = doubt < PRIOR_SHARE * np.abs(beta[:, free])
+        small = _second_order(_known(beta, sure, stand_in), sums.T_s)
 
-    variance, rss = _variance(sums, _axes(beta, small), free, ex.inverse, sigma2)
-    bias = _times(ex.inverse, noise * beta[:, free])
-    std = np.zeros_like(beta)
-    std[:, free] = np.sqrt(variance + ((NOISE_DOUBT if noise_aware else 1.0) * bias) ** 2)
-    of_h = _times(ex.inverse, sums.lag0[:, 0, free, H] * _doubt_of_h(sums, beta, std, told, stand_in)[:, None])
-    std[:, free] = np.hypot(std[:, free], of_h)
+    inverse = ex.inverse if noise_aware else plain
+    variance, constant, rss = _variance(sums, _axes(full, small), free, inverse, sigma2, together=together)
+    bias = _times(inverse, noise * beta[:, free])
+    bias *= _share_of_bias(bias, beta[:, free], both) if noise_aware else 1.0
+    std, lasting = np.zeros_like(beta), np.zeros_like(beta)
+    lasting[:, free] = np.sqrt(constant + doubt**2 + bias**2)
+    std[:, free] = np.sqrt(variance + lasting[:, free] ** 2)
+    sure &= Z_95 * std < np.abs(beta)
+    of_h = _times(inverse, sums.lag0[:, 0, free, H] * _doubt_of_h(sums, beta, std, sure, stand_in)[:, None])
+    std[:, free], lasting[:, free] = np.hypot(std[:, free], of_h), np.hypot(lasting[:, free], of_h)
     rows = np.maximum(sums.rows, 1.0)
     return Fit(
-        free, beta, std, told & enough[:, None], ex.weak, condition(G), np.sqrt(rss / (2.0 * rows)),
-        sigma2 / sums.periods,
+        free, beta, std, lasting, sure & (Z_95 * std < np.abs(beta)) & enough[:, None], ex.weak, condition(G),
+        np.sqrt(rss / (2.0 * rows)), sigma2 / sums.periods,
     )
+
+
+def _of(S: Array, free: list[int]) -> Array:
+    """Normal matrices of the free parameters, both axes together."""
+    return S.sum(axis=1)[:, free][:, :, free]
+
+
+def _plain(G: Array) -> Array:
+    """Inverses of normal matrices as far as arithmetic goes."""
+    return excitation(G, np.zeros_like(G[:, 0])).inverse
+
+
+def _with_prior(
+    sums: WindowSums, ex: Excitation, strong: Array, free: list[int], stand_in: Array
+) -> tuple[Array, Array]:
+    """Values with the directions that are not told filled in from what is plausible, and the standard errors of that.
+
+    In units of each column's size b = beta/scale, a direction's coordinate t follows from priors of the parameters in
+    it: a held value, to within its own size; else, for an inductance, the other axis' where that is told, likewise;
+    else nothing but that no parameter contributes more than all of the voltage. So what rests on priors alone is known
+    to no less than its own size.
+    """
+    B, scale = ex.weak, ex.scale
+    share = np.sum(B**2, axis=2)
+    u = np.sqrt(np.sum(sums.lag0[:, :, U, U], axis=1))[:, None]
+    value = np.tile(stand_in[free], (len(B), 1))
+    for name, other in (("L_d", "L_q"), ("L_q", "L_d")):
+        j, k = (free.index(PARAMETERS.index(n)) if PARAMETERS.index(n) in free else None for n in (name, other))
+        if j is not None:
+            known = np.where(share[:, k] < 0.5, strong[:, k], 0.0) if k is not None else (
+                np.full(len(B), stand_in[PARAMETERS.index(other)])
+            )
+            value[:, j] = np.where(value[:, j] > 0.0, value[:, j], np.maximum(known, 0.0))
+    norm = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    b, prior = strong * norm, value * norm
+    deviation = np.where(value > 0.0, np.minimum(prior, u), u)
+    precision = share / np.maximum(deviation, np.maximum(1e-9 * u, 1e-100)) ** 2
+    used = np.any(B != 0.0, axis=1).astype(np.float64)  # columns that are directions
+    A = B.transpose(0, 2, 1) @ (precision[:, :, None] * B)
+    size = np.sqrt(np.maximum(np.diagonal(A, axis1=1, axis2=2), 1e-300))
+    C = A / (size[:, :, None] * size[:, None, :]) * used[:, :, None] * used[:, None, :]
+    C += _diagonal(1.0 - used + 1e-12)
+    inverse = np.array(np.linalg.inv(C), np.float64) / (size[:, :, None] * size[:, None, :])
+    inverse *= used[:, :, None] * used[:, None, :]
+    t = _times(inverse, _times(B.transpose(0, 2, 1), precision * (prior - b)))
+    doubt = np.sqrt(np.maximum(np.sum((B @ inverse) * B, axis=2), 0.0))
+    return (b + _times(B, t)) * scale, doubt * scale
+
+
+def _diagonal(values: Array) -> Array:
+    return values[:, :, None] * np.eye(values.shape[-1])
+
+
+def _share_of_bias(bias: Array, value: Array, sigma2: Sequence[Array]) -> Array:
+    """Share of what noise does to a value that stays doubtful when it is taken out (K, p).
+
+    What two estimates of the noise disagree about; and the more it is, the more: the control answers to noise, so that
+    what seems excited is in part its echo.
+    """
+    apart = np.max(np.abs(sigma2[0] - sigma2[1]) / np.maximum(*sigma2), axis=1)
+    return np.minimum(1.0, NOISE_DOUBT + apart[:, None] + NOISE_ECHO * _over(np.abs(bias), np.abs(value)))
 
 
 def _times(A: Array, x: Array) -> Array:
@@ -167,8 +250,8 @@ def _over(a: Array, b: Array) -> Array:
     return np.divide(a, b, out=np.zeros_like(b), where=b > 0.0)
 
 
-def _regressor_noise(sums: WindowSums, beta: Array, c: Array) -> tuple[Array, Array]:
-    """Variance of a sampled current by axis in A^2 (K, 2), and the energy it gives to each regressor (K, 4).
+def _current_noise(sums: WindowSums, beta: Array, c: Array) -> Array:
+    """Variance of a sampled current by axis in A^2 (K, 2), by the residual that beta leaves.
 
     White noise of variance sigma2 in the sampled current leaves a residual whose lag-1 covariance is
     -(L sigma/T)^2, however the machine is excited. Where the window does not tell L, the flux difference x itself
@@ -182,11 +265,15 @@ def _regressor_noise(sums: WindowSums, beta: Array, c: Array) -> tuple[Array, Ar
     gamma1 = _form(c, sums.lag1) / (2.0 * pairs)
     by_residual = np.minimum(np.maximum(0.0, -gamma1) / L2, S0 / (2.0 * n_or_1))
     by_signal = np.minimum(np.maximum(0.0, -S1 / (2.0 * pairs)), gamma0 / (2.0 * L2))
-    sigma2 = FAINT_I**2 + sums.i_step**2 / 12.0 + T**2 * np.maximum(by_residual, by_signal)
+    return FAINT_I**2 + sums.i_step**2 / 12.0 + T**2 * np.maximum(by_residual, by_signal)
+
+
+def _regressor_noise(sums: WindowSums, sigma2: Array) -> Array:
+    """Energy that noise in the sampled currents gives to each regressor (K, 4)."""
+    n, T = sums.rows[:, None], sums.T
     of_mean = sigma2 / sums.periods
     x = 2.0 * n * sigma2 / T**2 + sums.lag0[:, 1, 3, 3, None] * of_mean
-    energy = np.stack((n[:, 0] * of_mean.sum(axis=1), x[:, 0], x[:, 1], n[:, 0] * FAINT_SPEED**2), axis=-1)
-    return sigma2, energy
+    return np.stack((n[:, 0] * of_mean.sum(axis=1), x[:, 0], x[:, 1], n[:, 0] * FAINT_SPEED**2), axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,25 +336,34 @@ def colour(r: Residual) -> Colour:
 
 
 def _variance(
-    sums: WindowSums, c: Array, free: list[int], inverse: Array, sigma2: Array
-) -> tuple[Array, Array]:
-    """Sandwich variances (K, p) with residuals of first-order moving average, and their sum of squares (K,)."""
+    sums: WindowSums, c: Array, free: list[int], inverse: Array, sigma2: Array, *, together: bool
+) -> tuple[Array, Array, Array]:
+    """Sandwich variances (K, p) with residuals of first-order moving average; of constant errors; squares (K,)."""
     r = residual(sums, c)
-    n, known = np.maximum(r.rows, 1.0), colour(r)
-    gamma0 = r.squares / np.maximum(n - 0.5 * len(free), 0.5)
+    n = np.maximum(r.rows, 1.0)
+    known, own = colour(r), np.maximum(n - 0.5 * len(free), 0.5)
+    gamma0, freedom_of_gamma0 = r.squares / own, own
+    if together:
+        pool = r.pooled()
+        known = colour(pool)
+        common = pool.squares / np.maximum(pool.rows - 0.5 * len(free) * len(n), 0.5)
+        gamma0, freedom_of_gamma0 = (r.squares + SHARED * common) / (own + SHARED), own + SHARED
     S0, S1 = (_sandwich(inverse, S[:, :, free][..., free]) for S in (sums.lag0, sums.lag1))  # (K, 2, p)
     A, B = gamma0[..., None] * (S0 - 0.5 * S1), gamma0[..., None] * 0.5 * S1
     variance = np.maximum(np.sum(A + known.f[..., None] * B, axis=1), 0.0)
     of_gamma0, of_f, of_both = (of[..., None] for of in (known.of_gamma0, known.of_f, known.of_both))
     of_variance = np.sum(of_gamma0 * A**2 + of_f * B**2 + 2.0 * of_both * A * B, axis=1)
     freedom = np.divide(2.0 * variance**2, of_variance, out=np.full_like(variance, np.inf), where=of_variance > 0.0)
-    variance *= _student(np.maximum(freedom, _FEWEST)) ** 2
+    variance *= _student(np.minimum(np.maximum(freedom, _FEWEST), np.maximum(freedom_of_gamma0, 1.0))) ** 2
     constant = n * _constant_errors(sums, c, r.squares / n, sigma2)
-    return variance + np.sum(constant[..., None] * S0, axis=1), r.squares.sum(axis=1)
+    return variance, np.sum(constant[..., None] * S0, axis=1), r.squares.sum(axis=1)
 
 
 def _constant_errors(sums: WindowSums, c: Array, gamma0: Array, sigma2: Array) -> Array:
     """Variance of a voltage error that may last for the whole window, by axis in V^2 (K, 2).
+
+    Current noise is the same on both axes. What one axis clearly has more of, as a residual that is differenced, is
+    something else, an encoder's steps say, to which the control answers: it may go with the regressors all the way.
 
     Noise of variance v dithers a resolution q: the error's mean shrinks by exp(-2 pi^2 v/q^2) (B. Widrow, I. Kollar,
     Quantization Noise, 2008, doi 10.1017/CBO9780511754661).
@@ -275,15 +371,24 @@ def _constant_errors(sums: WindowSums, c: Array, gamma0: Array, sigma2: Array) -
     n = np.maximum(sums.rows, 1.0)
     u2, s2 = np.sum(sums.lag0[:, :, U, U], axis=1) / n, sums.lag0[:, 1, 3, 3] / n
     Z2 = c[:, 0, 0] ** 2 + s2 * np.max(c[:, 0, 1:3] ** 2, axis=1)  # ohm^2
+    L2 = np.stack((c[:, 0, 1] ** 2, c[:, 1, 2] ** 2), axis=-1)
+    allowed = 1.0 + STRANGE / np.sqrt(n)[:, None]
+    strange = 2.0 * L2 / sums.T**2 * np.maximum(0.0, sigma2 - allowed * sigma2[:, ::-1])
     of_u, of_i = _undithered(sums.u_step, gamma0), _undithered(sums.i_step, sigma2 / sums.periods)
-    return ((MODEL**2 + MODEL_MOVING**2 * spread_of_speed(sums)) * u2)[:, None] + of_u + Z2[:, None] * of_i
+    model2 = MODEL**2 + (MODEL_TURN * _turn(sums) ** 3) ** 2 + MODEL_MOVING**2 * spread_of_speed(sums)
+    return (model2 * u2)[:, None] + of_u + Z2[:, None] * of_i + strange
 
 
 def spread_of_speed(sums: WindowSums) -> Array:
     """Relative variance of the speed's square (K,), 0 to 1; from h, which grows with it."""
-    n = np.maximum(sums.rows, 1.0)
-    D = 2.0 * np.arcsin(np.minimum(1.0, 0.5 * sums.T_s * np.sqrt(sums.lag0[:, 1, 3, 3] / n)))
-    return np.clip(_over(sums.lag0[:, 0, H, H] / n, (D**2 / 12.0) ** 2) - 1.0, 0.0, 1.0)
+    h_2 = sums.lag0[:, 0, H, H] / np.maximum(sums.rows, 1.0)
+    return np.clip(_over(h_2, (_turn(sums) ** 2 / 12.0) ** 2) - 1.0, 0.0, 1.0)
+
+
+def _turn(sums: WindowSums) -> Array:
+    """Angle D that the rotor turns in a control period, rms, in rad (K,)."""
+    s = np.sqrt(sums.lag0[:, 1, 3, 3] / np.maximum(sums.rows, 1.0))
+    return 2.0 * np.arcsin(np.minimum(1.0, 0.5 * sums.T_s * s))
 
 
 def _undithered(step: float, noise: Array) -> Array:
@@ -298,8 +403,12 @@ def _sandwich(inverse: Array, S: Array) -> Array:
     return np.diagonal(outside @ S @ outside, axis1=2, axis2=3)
 
 
+_QUANTILES: Final = np.array(  # of Student's distribution for 95 %, by degrees of freedom
+    [[1.0, 12.706], [2.0, 4.303], [3.0, 3.182], [4.0, 2.776], [5.0, 2.571], [7.0, 2.365], [10.0, 2.228], [20.0, 2.086],
+     [40.0, 2.021], [100.0, 1.984], [1e9, 1.960]]
+)
+
+
 def _student(freedom: Array) -> Array:
-    """Quantile of Student's distribution over that of the normal, for 95 % (Cornish-Fisher, to 2 % from 4 on)."""
-    z = Z_95
-    first, second = (z**3 + z) / 4.0, (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0
-    return (z + first / freedom + second / freedom**2) / z
+    """Quantile of Student's distribution over that of the normal, for 95 %; at least 1 degree of freedom."""
+    return np.interp(-1.0 / freedom, -1.0 / _QUANTILES[:, 0], _QUANTILES[:, 1]) / Z_95

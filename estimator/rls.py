@@ -15,6 +15,7 @@ estimated, and an unknown start (P_0 large) costs no digits. Two things differ f
   here it never exceeds P_0, and a parameter whose P has come back to it is `not_told`. A floor under the information
   is the idea of M. E. Salgado, G. C. Goodwin, R. H. Middleton, Modified least squares algorithm incorporating
   exponential resetting and forgetting, International Journal of Control 47, 1988, doi 10.1080/00207178808906026.
+* Batches of rows are summed beside rows, see `fit`: they tell how large the noise is.
 * Rows with forgotten weights count as (sum w)^2 / (sum w^2) rows of full weight in the standard errors (the effective
   sample size of L. Kish, Survey Sampling, 1965): 1/(1 - lam) remembered rows are worth (1 + lam)/(1 - lam).
 
@@ -39,16 +40,18 @@ from estimator.solve import check_held, solve
 from estimator.stream import Stream, runs_of
 from estimator.sums import SIZE, U, WindowSums, sums_from
 from estimator.window_ls import check_m
+from estimator.window_sums import BATCH, BATCHES, SUMS, add_batch
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-SHORTEST: Final = 0.5  # the smallest lam: two rows remembered
+SHORTEST: Final = 0.98  # the smallest lam: fifty rows remembered; fewer tell no standard errors
+FEWEST: Final = 40  # rows, effective, from which anything is told
 _AT_BOUND: Final = 0.5  # share of P_0 from which P counts as come back to it
 _FILLED: Final = 0.95  # share of its final length that a forgetting memory has after three time constants
 _TINY: Final = 1e-200  # sums below are zero; they would become subnormal numbers, which are slow
 _SWEEP: Final = 256  # balances after which they are looked for
-_ROWS, _PAIRS, _SQUARES = 0, 1, 2  # places in the sums of weights
+_ROWS, _PAIRS, _BATCHES, _SQUARES = 0, 1, 2, 5  # places in the sums of weights
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +74,11 @@ class RlsState:
     lam: float  # forgetting factor for each regression row of m periods; 1 = none
     m: int  # periods per row: balances averaged to one
     prior: Prior
-    products: Array  # (4, 15), weighted sums of z z' (d, q) and z_k z_{k-1}' + its transpose (d, q), see `_take`
-    weights: Array  # (3,), sums of the weights of rows, of pairs of neighbours, of the squares of those of rows
+    products: Array  # (6, 15), weighted sums of z z' (d, q), z_k z_{k-1}' + its transpose, b b' of batches; see `_take`
+    weights: Array  # (6,), sums of the weights of rows, pairs, batches, their two sums of squares, squares of rows'
+    batch: Array  # (10, BATCH), rows of the batch under way
     group: Array  # (2, 10), the group being filled (sum) and the finished one before it (mean)
-    fill: Integers  # (2,), filled of group, previous group valid
+    fill: Integers  # (3,), filled of group, previous group valid, rows of the batch
     stream: Stream = field(default_factory=Stream)
     samples: int = 0  # balances taken in
 
@@ -93,8 +97,8 @@ def init(
     check_lam(lam)
     return RlsState(
         tuple(estimated), dict(held), lam, m, prior,
-        products=np.zeros((4, 15)), weights=np.zeros(3), group=np.zeros((2, len(COLUMNS))),
-        fill=np.zeros(2, dtype=np.int64),
+        products=np.zeros((6, 15)), weights=np.zeros(6), batch=np.zeros((len(COLUMNS), BATCH)),
+        group=np.zeros((2, len(COLUMNS))), fill=np.zeros(3, dtype=np.int64),
     )
 
 
@@ -117,7 +121,7 @@ def update(state: RlsState, samples: Samples, *, joined: bool = True) -> RlsStat
             state.fill[:] = 0  # a group that a gap cuts is dropped whole
         balance = flux_balance(run)
         state.samples += len(balance)
-        _append(balance, state.m, state.lam, state.group, state.fill, state.products, state.weights)
+        _append(balance, state.m, state.lam, state.group, state.fill, state.batch, state.products, state.weights)
     return state
 
 
@@ -130,8 +134,11 @@ def with_lam(state: RlsState, lam: float) -> RlsState:
 
 def estimate(state: RlsState, *, noise_aware: bool = True) -> WindowEstimate:
     """What is remembered; `noise_aware` as in `solve.solve`, without it the textbook's recursion."""
-    found = solve(_with_prior(state), state.estimated, _known(state), noise_aware=noise_aware)
+    sums = _with_prior(state)
+    found = solve(sums, state.estimated, _known(state), noise_aware=noise_aware)
     at_bound = _at_bound(state)
+    if sums.rows[0] < FEWEST:
+        at_bound = set(state.estimated)
     estimates = {name: _told(state, e, name in at_bound) for name, e in found.estimates.items()}
     rows = float(state.weights[_ROWS])
     return WindowEstimate(
@@ -153,19 +160,19 @@ def P_of(state: RlsState) -> Array:
 
 def _data(state: RlsState) -> WindowSums:
     """The sums without the prior, scaled to the effective number of rows."""
-    weight, pairs, squares = (float(w) for w in state.weights)
+    weight, squares = float(state.weights[_ROWS]), float(state.weights[_SQUARES])
     rows = round(weight**2 / squares) if squares > 0.0 else 0
     scale = rows / weight if rows else 1.0
     stream = state.stream
-    counts = np.array([[rows, round(pairs * scale), 0, 0, 0]], np.float64)
+    counts = state.weights[None, :_SQUARES] * scale
+    counts[0, _ROWS] = rows
     return sums_from(
         _triangles(state, scale), counts, stream.T_s, stream.periods * state.m, stream.i_step, stream.u_step
     )
 
 
 def _triangles(state: RlsState, scale: float) -> Array:
-    """As `sums_from` takes them, without batches."""
-    return np.concatenate((state.products * scale, np.zeros((2, 15))))[None]
+    return state.products[None] * scale
 
 
 def _with_prior(state: RlsState) -> WindowSums:
@@ -207,12 +214,12 @@ def _told(state: RlsState, e: Estimate, at_bound: bool) -> Estimate:
 
 @kernel
 def _append(
-    balance: Array, m: int, lam: float, group: Array, fill: Integers, products: Array, weights: Array
+    balance: Array, m: int, lam: float, group: Array, fill: Integers, batch: Array, products: Array, weights: Array
 ) -> None:
     """Take in a row for every complete group of m balances."""
     for k in range(len(balance)):
         if k % _SWEEP == 0:
-            for axis in range(4):
+            for axis in range(6):
                 for n in range(15):
                     if abs(products[axis, n]) < _TINY:
                         products[axis, n] = 0.0
@@ -225,6 +232,7 @@ def _append(
             group[0] /= m
             fill[0] = 0
             _take(group[0], group[1], fill[1], lam, products, weights)
+            _take_batch(group[0], fill, batch, products, weights)
             group[1] = group[0]
             fill[1] = 1
 
@@ -247,7 +255,27 @@ def _take(row: Array, before: Array, joins: int, lam: float, products: Array, we
             products[1, n] = lam * products[1, n] + q[i] * q[j]
             products[2, n] = lam * products[2, n] + joins * (d[i] * d_before[j] + d_before[i] * d[j])
             products[3, n] = lam * products[3, n] + joins * (q[i] * q_before[j] + q_before[i] * q[j])
+            products[4, n] *= lam
+            products[5, n] *= lam
             n += 1
-    weights[0] = lam * weights[0] + 1.0
-    weights[1] = lam * weights[1] + joins
-    weights[2] = lam * lam * weights[2] + 1.0
+    weights[:5] *= lam
+    weights[_ROWS] += 1.0
+    weights[_PAIRS] += joins
+    weights[_SQUARES] = lam * lam * weights[_SQUARES] + 1.0
+
+
+@kernel
+def _take_batch(row: Array, fill: Integers, batch: Array, products: Array, weights: Array) -> None:
+    """Add a row to the batch under way, and the batch when it is complete; each overlaps the next by half."""
+    if fill[1] == 0:
+        fill[2] = 0
+    batch[:, fill[2]] = row
+    fill[2] += 1
+    if fill[2] == BATCH:
+        total = np.zeros(SUMS)
+        add_batch(batch, 0, BATCH, total)
+        for axis in range(2):
+            products[4 + axis] += total[60 + 15 * axis : 75 + 15 * axis]
+        weights[_BATCHES:_SQUARES] += total[BATCHES:SUMS]
+        fill[2] = BATCH // 2
+        batch[:, : BATCH // 2] = batch[:, BATCH // 2 :].copy()

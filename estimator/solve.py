@@ -54,22 +54,22 @@ def solution(sums: WindowSums, found: Fit, held: Mapping[str, float]) -> Solutio
     rows, p = float(sums.rows[0]), len(found.free)
     if 2.0 * rows <= p:
         return Solution(_no_data(round(2.0 * rows), found.free, held), (), None, None)
-    groups = [tuple(found.free[j] for j in group) for group in combinations(found.weak[0])]
-    untold = [Combination(tuple(PARAMETERS[j] for j in g), _why(g, sums, found)) for g in groups]
+    untold = [j for j, k in enumerate(found.free) if not (found.told[0, k] and found.beta[0, k] > 0.0)]
+    groups = combinations(found.weak[0], untold)
+    said = [Combination(tuple(PARAMETERS[found.free[j]] for j in g), _why(g, sums, found)) for g in groups]
+    reasons = {name: each.reason for each in said for name in each.parameters}
     estimates: dict[str, Estimate] = {}
     for k, name in enumerate(PARAMETERS):
-        reasons = [each.reason for each in untold if name in each.parameters]
         if k not in found.free:
             estimates[name] = _at_held(name, held, Status.HELD, "held at the given value")
-        elif reasons:
-            estimates[name] = _at_held(name, held, Status.NOT_TOLD, reasons[0])
+        elif name in reasons:
+            estimates[name] = _at_held(name, held, Status.NOT_TOLD, reasons[name])
         else:
-            estimates[name] = e = _told(name, float(found.beta[0, k]), float(found.std[0, k]), held)
-            if e.status is Status.NOT_TOLD:
-                untold.append(Combination((name,), e.reason))
+            value, std = float(found.beta[0, k]), float(found.std[0, k])
+            estimates[name] = Estimate(name, value, std, UNITS[name], Status.OK)
     condition = float(found.condition[0])
     return Solution(
-        estimates, tuple(untold), condition if math.isfinite(condition) else None, float(found.residual_rms[0])
+        estimates, tuple(said), condition if math.isfinite(condition) else None, float(found.residual_rms[0])
     )
 
 
@@ -82,26 +82,27 @@ def _no_data(equations: int, free: list[int], held: Mapping[str, float]) -> dict
     }
 
 
-def _told(name: str, value: float, std: float, held: Mapping[str, float]) -> Estimate:
-    """The estimate, unless its interval is as wide as its value."""
-    unit = UNITS[name]
-    if Z_95 * std < abs(value):
-        return Estimate(name, value, std, unit, Status.OK)
-    reason = f"{name} cannot be told here: no closer than {value:.3g} +- {Z_95 * std:.2g} {unit}"
-    return _at_held(name, held, Status.NOT_TOLD, reason)
-
-
 def _at_held(name: str, held: Mapping[str, float], status: Status, reason: str) -> Estimate:
     return Estimate(name, held.get(name), None, UNITS[name], status, reason)
 
 
 def _why(group: tuple[int, ...], sums: WindowSums, found: Fit) -> str:
-    """Why a window cannot tell parameters apart, or one at all, in a sentence."""
-    names = [PARAMETERS[j] for j in group]
+    """Why a window cannot tell parameters apart, or one at all, in a sentence. `group` counts the free parameters."""
+    places = [found.free[j] for j in group]
+    names = [PARAMETERS[k] for k in places]
     signals = _Signals.of(sums, found)
-    if len(names) == 1:
-        return f"{names[0]} cannot be told here: {signals.silence(names[0])}"
-    return f"{_listed(names)} cannot be told apart here: {signals.steadiness(names)}"
+    if len(names) > 1:
+        return f"{_listed(names)} cannot be told apart here: {signals.steadiness(names)}"
+    (name,), (k,) = names, places
+    if np.sum(found.weak[0, group[0]] ** 2) > 0.5:
+        return f"{name} cannot be told here: {signals.silence(name)}"
+    value, half = float(found.beta[0, k]), Z_95 * float(found.std[0, k])
+    if half < abs(value):
+        return (
+            f"{name} cannot be told here: it comes out as {value:.3g} +- {half:.2g} {UNITS[name]}, which no motor has; "
+            "the equations do not fit these data"
+        )
+    return f"{name} cannot be told here: no closer than {value:.3g} +- {half:.2g} {UNITS[name]}"
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -1,5 +1,6 @@
 """Real parts for tests: a running bench over an emulated drive, in processes of their own."""
 
+import os
 import signal
 import socket
 import subprocess
@@ -16,6 +17,7 @@ import pytest
 
 # A shell starts what it runs in the background with Ctrl-C ignored, and children inherit that
 signal.signal(signal.SIGINT, signal.default_int_handler)
+os.environ.pop("PMSM_BENCH_PORT", None)  # it would beat the ports that tests choose
 
 READY = 120.0  # s, the first start compiles
 COMMAND = [sys.executable, "-m", "bench.cli.main"]

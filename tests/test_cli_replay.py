@@ -148,7 +148,7 @@ def test_each_method_tells_the_motor_from_a_recording_and_says_what_it_rests_on(
 def test_an_option_that_has_no_part_in_the_method_is_told(
     recordings: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    idle = ("--window", "5000", "--periods", "2", "--longest", "9000", "--forgetting-factor", "0.9")
+    idle = ("--window", "5000", "--periods", "2", "--longest", "9000", "--forgetting-factor", "0.99")
     options = ("--method", "ekf", "--nominal", recordings / "machine.toml", *idle)
     assert pmsm_bench("replay", recordings / "run.csv", *options, monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
@@ -242,7 +242,7 @@ SHORT = "t,u_d,u_q,i_d,i_q,omega_e\n" + "".join(f"{k * 1e-4:.4f},1,2,0.1,0.2,100
         ([RUN, "--window", "many"], "--window: expected a whole number of samples or auto, got 'many'"),
         ([RUN, "--window", "auto", "--longest", "3"], "longest: window length must be 4 (4 parameters"),
         ([RUN, "--method", "kalman"], "method: expected wls, rls or ekf, got 'kalman'"),
-        ([RUN, "--method", "rls", "--forgetting-factor", "0.1"], "forgetting_factor: expected a number of 0.5 to 1"),
+        ([RUN, "--method", "rls", "--forgetting-factor", "0.1"], "forgetting_factor: expected a number of 0.98 to 1"),
         ([RUN, "--method", "ekf"], "--method ekf: expected start values by --nominal MACHINE.toml, got none"),
         ([RUN, "--ekf", "good"], "--ekf: expected tuned, paper or a TOML file, got 'good'"),
         ([RUN, "--ekf", "{folder}/slow.toml"], "slow.toml: expected preset = \"tuned\", \"paper\" or \"custom\""),

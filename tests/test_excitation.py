@@ -11,6 +11,7 @@ from emulator.scenarios import PAPER, Excitation, Scenario
 from emulator.virtual_drive import VirtualDrive
 from estimator import window_ls
 from estimator.estimate import Status, WindowEstimate
+from estimator.excitation import Excitation as Told
 from estimator.excitation import combinations, condition, excitation
 from tests.samples import noiseless, recorded, streamed, truth_of
 
@@ -172,13 +173,18 @@ def test_a_window_of_zeros_says_so_of_every_parameter() -> None:
     assert result.condition is None
 
 
+def share(ex: Told) -> np.ndarray:
+    """Of each parameter in what the first window cannot tell."""
+    return np.sum(ex.weak[0] ** 2, axis=1)
+
+
 def test_a_combination_is_named_by_its_members() -> None:
     rng = np.random.default_rng(1)
     a = rng.normal(size=(500, 3))
     A = np.column_stack([a[:, 0], 2.0 * a[:, 0], a[:, 1], a[:, 2]])
     ex = excitation((A.T @ A)[None], np.zeros((1, 4)))
-    assert combinations(ex.weak[0]) == [(0, 1)]
-    assert ex.told[0].tolist() == [False, False, True, True]
+    assert combinations(ex.weak[0], range(2)) == [(0, 1)]
+    assert share(ex) == pytest.approx([0.5, 0.5, 0.0, 0.0], abs=1e-9)
 
 
 @given(st.permutations(range(6)), st.integers(0, 2**32 - 1))
@@ -187,7 +193,8 @@ def test_combinations_that_have_nothing_to_do_with_each_other_are_not_mixed(orde
     columns = np.column_stack([a, 2.0 * a, b, b + 1e-9 * c, 3.0 * b, c])  # {0, 1} and {2, 3, 4}, and one that is told
     A = columns[:, order]
     ex = excitation((A.T @ A)[None], np.zeros((1, 6)))
-    groups = {frozenset(order[j] for j in group) for group in combinations(ex.weak[0])}
+    untold = [place for place in range(6) if order[place] != 5]
+    groups = {frozenset(order[j] for j in group) for group in combinations(ex.weak[0], untold)}
     assert groups == {frozenset({0, 1}), frozenset({2, 3, 4})}
 
 
@@ -195,7 +202,8 @@ def test_a_column_of_pure_noise_is_not_excitation() -> None:
     rng = np.random.default_rng(1)
     A = np.column_stack([rng.normal(size=500), 0.01 * rng.normal(size=500)])
     G = np.array([A.T @ A, A.T @ A])
-    assert excitation(G, np.array([[0.0, 500 * 0.01**2], [0.0, 0.0]])).told.tolist() == [[True, False], [True, True]]
+    ex = excitation(G, np.array([[0.0, 500 * 0.01**2], [0.0, 0.0]]))
+    assert np.sum(ex.weak**2, axis=2) == pytest.approx(np.array([[0.0, 1.0], [0.0, 0.0]]), abs=1e-2)
 
 
 def test_told_directions_are_inverted_like_the_normal_matrix() -> None:

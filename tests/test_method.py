@@ -64,12 +64,12 @@ def test_another_method_begins_with_the_next_sample_while_the_window_keeps_all(w
 @pytest.mark.parametrize(
     ("window", "change", "goes_on"),
     [
-        (RLS, {"forgetting_factor": 0.9}, True),
+        (RLS, {"forgetting_factor": 0.99}, True),
         (RLS, {"estimated": ["R_s", "L_q"]}, True),
         (RLS, {"held": {"R_s": 1.0}}, True),
         (RLS, {"length": "auto", "ekf": {"preset": "paper"}}, True),
         (RLS, {"periods_per_row": 2}, False),
-        (EKF, {"length": 700, "periods_per_row": 3, "forgetting_factor": 0.9}, True),
+        (EKF, {"length": 700, "periods_per_row": 3, "forgetting_factor": 0.99}, True),
         (EKF, {"ekf": {"noise_i": 0.02}}, False),
         (EKF, {"held": {"R_s": 1.0}}, False),
         (EKF, {"estimated": ["R_s", "L_q"]}, False),
@@ -94,7 +94,7 @@ def test_a_recursion_uses_at_once_what_is_held_now() -> None:
 def test_what_was_changed_stays_as_it_was_until_it_is_left(window: Window) -> None:
     running = fed(window, stream())
     before = method.estimate(running)
-    for change in ({"length": 100}, {"periods_per_row": 7}, {"method": "rls", "forgetting_factor": 0.5},
+    for change in ({"length": 100}, {"periods_per_row": 7}, {"method": "rls", "forgetting_factor": 0.98},
                    {"estimated": ["R_s"]}, {"length": "auto"}):
         method.changed(running, window.changed(change))
         assert method.estimate(running) == before
