@@ -83,48 +83,95 @@ def fit(
     sees every transient, and over weighted batches of rows, in which differenced noise cancels and hardly biases. It
     never rests on what the noise made of the solution.
     """
+    task = _task(sums, estimated, held, noise_aware=noise_aware)
+    small = np.zeros((len(sums.rows), 3))
+    found = _solved(sums, task, small)
+    for _ in range(_ROUNDS - 1):
+        small = _second_order(_known(found.beta, found.sure, task.stand_in), sums.T_s)
+        found = _solved(sums, task, small)
+
+    free, beta = task.free, found.beta
+    variance, constant, rss = _variance(
+        sums, _axes(found.full, small), free, found.inverse, found.sigma2, together=together
+    )
+    bias = _times(found.inverse, found.noise * beta[:, free])
+    bias *= _share_of_bias(bias, beta[:, free], found.apart) if noise_aware else 1.0
+    std, lasting = np.zeros_like(beta), np.zeros_like(beta)
+    lasting[:, free] = np.sqrt(constant + found.doubt**2 + bias**2)
+    std[:, free] = np.sqrt(variance + lasting[:, free] ** 2)
+    sure = found.sure & (Z_95 * std < np.abs(beta))
+    of_h = sums.lag0[:, 0, free, H] * _doubt_of_h(sums, beta, std, sure, task.stand_in)[:, None]
+    of_h = _times(found.inverse, of_h)
+    std[:, free], lasting[:, free] = np.hypot(std[:, free], of_h), np.hypot(lasting[:, free], of_h)
+    rows = np.maximum(sums.rows, 1.0)
+    return Fit(
+        free, beta, std, lasting, sure & (Z_95 * std < np.abs(beta)) & task.enough[:, None], found.ex.weak,
+        condition(task.G), np.sqrt(rss / (2.0 * rows)), found.sigma2 / float(sums.periods),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """What is the same in every round."""
+
+    free: list[int]
+    known: Array  # (K, 4), held values, 0 for free ones
+    stand_in: Array  # (4,), held values of all
+    enough: NDArray[np.bool_]  # (K,), more equations than parameters
+    G: Array  # (K, p, p), normal matrices of the rows,
+    plain: Array  # and their inverses, as far as arithmetic goes
+    calm: Array  # (K, 2, 6, 6), the sums of batches, of rows where those are few
+    plain_calm: Array  # (K, p, p), inverses of their normal matrices
+    noise_aware: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Round:
+    """What comes of one round."""
+
+    beta: Array  # (K, 4)
+    full: Array  # (K, 4), the same with directions that are not told as plain least squares has them
+    sure: NDArray[np.bool_]  # (K, 4), hardly rests on priors
+    doubt: Array  # (K, p), standard error by priors
+    inverse: Array  # (K, p, p)
+    ex: Excitation
+    sigma2: Array  # (K, 2), A^2, of a sampled current
+    apart: Array  # (K,), what two estimates of it disagree about, as a share
+    noise: Array  # (K, p), energy that it gives to each regressor
+
+
+def _task(sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool) -> _Task:
     free = [PARAMETERS.index(name) for name in PARAMETERS if name in estimated]
     enough = 2.0 * sums.rows > len(free)
     stand_in = np.array([held.get(name, 0.0) for name in PARAMETERS])
     known = np.where(np.isin(np.arange(len(PARAMETERS)), free), 0.0, stand_in)
-    beta = np.tile(known, (len(enough), 1))
-    by_rows, by_batches = beta.copy(), beta.copy()
-    G = np.where(enough[:, None, None], _of(sums.lag0, free), 0.0)
     calm = np.where((enough & (sums.batches >= _BATCHES))[:, None, None, None], sums.batch, sums.lag0)
-    plain = _plain(G)
-    plain_calm = _plain(np.where(enough[:, None, None], _of(calm, free), 0.0))
-    small, full = np.zeros((len(enough), 3)), beta.copy()
-    for _ in range(_ROUNDS):
-        c_0 = _axes(np.tile(known, (len(enough), 1)), small)
-        rest = np.sum(_times(sums.lag0, c_0), axis=1)[:, free]
-        by_rows[:, free] = -_times(plain, rest)
-        by_batches[:, free] = -_times(plain_calm, np.sum(_times(calm, c_0), axis=1)[:, free])
-        both = [_current_noise(sums, reference, _axes(reference, small)) for reference in (by_rows, by_batches)]
-        sigma2 = np.maximum(*both)
-        noise = _regressor_noise(sums, sigma2)[:, free]
-        ex = excitation(G, noise)
-        strong = -_times(ex.inverse if noise_aware else plain, rest)
-        full[:, free] = strong - _times(ex.plain, rest + _times(G, strong))
-        beta[:, free], doubt = _with_prior(sums, ex, strong, free, stand_in)
-        sure = np.zeros(beta.shape, dtype=np.bool_)
-        sure[:, free] = doubt < PRIOR_SHARE * np.abs(beta[:, free])
-        small = _second_order(_known(beta, sure, stand_in), sums.T_s)
-
-    inverse = ex.inverse if noise_aware else plain
-    variance, constant, rss = _variance(sums, _axes(full, small), free, inverse, sigma2, together=together)
-    bias = _times(inverse, noise * beta[:, free])
-    bias *= _share_of_bias(bias, beta[:, free], both) if noise_aware else 1.0
-    std, lasting = np.zeros_like(beta), np.zeros_like(beta)
-    lasting[:, free] = np.sqrt(constant + doubt**2 + bias**2)
-    std[:, free] = np.sqrt(variance + lasting[:, free] ** 2)
-    sure &= Z_95 * std < np.abs(beta)
-    of_h = _times(inverse, sums.lag0[:, 0, free, H] * _doubt_of_h(sums, beta, std, sure, stand_in)[:, None])
-    std[:, free], lasting[:, free] = np.hypot(std[:, free], of_h), np.hypot(lasting[:, free], of_h)
-    rows = np.maximum(sums.rows, 1.0)
-    return Fit(
-        free, beta, std, lasting, sure & (Z_95 * std < np.abs(beta)) & enough[:, None], ex.weak, condition(G),
-        np.sqrt(rss / (2.0 * rows)), sigma2 / sums.periods,
+    G, G_calm = (np.where(enough[:, None, None], _of(S, free), 0.0) for S in (sums.lag0, calm))
+    return _Task(
+        free, np.tile(known, (len(enough), 1)), stand_in, enough, G, _plain(G), calm, _plain(G_calm), noise_aware
     )
+
+
+def _solved(sums: WindowSums, task: _Task, small: Array) -> _Round:
+    """A round, for given coefficients of the small terms (K, 3)."""
+    free, c_0 = task.free, _axes(task.known, small)
+    rest = np.sum(_times(sums.lag0, c_0), axis=1)[:, free]
+    by_rows, by_batches = task.known.copy(), task.known.copy()
+    by_rows[:, free] = -_times(task.plain, rest)
+    by_batches[:, free] = -_times(task.plain_calm, np.sum(_times(task.calm, c_0), axis=1)[:, free])
+    one, other = (_current_noise(sums, reference, _axes(reference, small)) for reference in (by_rows, by_batches))
+    sigma2 = np.maximum(one, other)
+    noise = _regressor_noise(sums, sigma2)[:, free]
+    ex = excitation(task.G, noise)
+    inverse = ex.inverse if task.noise_aware else task.plain
+    strong = -_times(inverse, rest)
+    beta, full = task.known.copy(), task.known.copy()
+    full[:, free] = strong - _times(ex.plain, rest + _times(task.G, strong))
+    beta[:, free], doubt = _with_prior(sums, ex, strong, free, task.stand_in)
+    sure = np.zeros(beta.shape, dtype=np.bool_)
+    sure[:, free] = doubt < PRIOR_SHARE * np.abs(beta[:, free])
+    apart = np.max(np.abs(one - other) / sigma2, axis=1)
+    return _Round(beta, full, sure, doubt, inverse, ex, sigma2, apart, noise)
 
 
 def _of(S: Array, free: list[int]) -> Array:
@@ -165,9 +212,9 @@ def _with_prior(
     used = np.any(B != 0.0, axis=1).astype(np.float64)  # columns that are directions
     A = B.transpose(0, 2, 1) @ (precision[:, :, None] * B)
     size = np.sqrt(np.maximum(np.diagonal(A, axis1=1, axis2=2), 1e-300))
-    C = A / (size[:, :, None] * size[:, None, :]) * used[:, :, None] * used[:, None, :]
-    C += _diagonal(1.0 - used + 1e-12)
-    inverse = np.array(np.linalg.inv(C), np.float64) / (size[:, :, None] * size[:, None, :])
+    scaled = A / (size[:, :, None] * size[:, None, :]) * used[:, :, None] * used[:, None, :]
+    scaled += _diagonal(1.0 - used + 1e-12)
+    inverse = np.array(np.linalg.inv(scaled), np.float64) / (size[:, :, None] * size[:, None, :])
     inverse *= used[:, :, None] * used[:, None, :]
     t = _times(inverse, _times(B.transpose(0, 2, 1), precision * (prior - b)))
     doubt = np.sqrt(np.maximum(np.sum((B @ inverse) * B, axis=2), 0.0))
@@ -178,13 +225,12 @@ def _diagonal(values: Array) -> Array:
     return values[:, :, None] * np.eye(values.shape[-1])
 
 
-def _share_of_bias(bias: Array, value: Array, sigma2: Sequence[Array]) -> Array:
+def _share_of_bias(bias: Array, value: Array, apart: Array) -> Array:
     """Share of what noise does to a value that stays doubtful when it is taken out (K, p).
 
     What two estimates of the noise disagree about; and the more it is, the more: the control answers to noise, so that
     what seems excited is in part its echo.
     """
-    apart = np.max(np.abs(sigma2[0] - sigma2[1]) / np.maximum(*sigma2), axis=1)
     return np.minimum(1.0, NOISE_DOUBT + apart[:, None] + NOISE_ECHO * _over(np.abs(bias), np.abs(value)))
 
 
