@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser paper bench-estimator auto-window clean
+.PHONY: run test lint types arrows fast slow browser test-vcan paper bench-estimator auto-window clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -22,13 +22,16 @@ arrows: $(VENV)/.dev
 	$(BIN)/lint-imports --no-logo
 
 fast: $(VENV)/.dev
-	$(BIN)/pytest -m "not slow and not browser"
+	$(BIN)/pytest -m "not slow and not browser and not vcan"
 
 slow: $(VENV)/.dev ## tests that take long
 	$(BIN)/pytest -m slow
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser
+
+test-vcan: $(VENV)/.dev ## CANopen over SocketCAN, in an emulated machine (Debian: qemu-system-x86, busybox-static, can-utils)
+	$(BIN)/python -m tests.vcan
 
 paper: $(VENV)/.dev ## the published experiment, reproduced: table and figures in build/paper
 	$(BIN)/python -m tests.paper

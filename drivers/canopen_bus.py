@@ -1,7 +1,8 @@
 """One node on a CAN bus, to its client. The only client file that knows canopen and python-can.
 
 SDO transfers are one at a time, under a lock; reads are repeated when no answer comes, writes never. Knows nothing of
-signals. What is subscribed runs in the bus library's reader thread.
+signals. What is subscribed runs in the bus library's reader thread; the bench's own heartbeat has a thread of its own,
+so that it stops with this process, whatever the bus hardware could repeat by itself.
 """
 
 import contextlib
@@ -13,18 +14,21 @@ from typing import Any, cast
 import can
 import canopen
 from canopen.network import MessageListener
+from canopen.sdo.client import SdoClient
 
-from drivers.errors import ConnectError, LostError, NoReplyError, RefusedError
+from drivers.errors import ConnectError, FrameError, LostError, NoReplyError, RefusedError
 from drivers.socketcand import check_served
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import CanUrl
 
 SDO_TIMEOUT = 0.3  # s, for one answer
 READ_ATTEMPTS = 3
+HEARTBEAT = 0.02  # s, between the bench's own heartbeats; a drive's watchdog has to be slower
+EXPEDITED = 4  # bytes; longer downloads go by blocks
 _BUS_ERRORS = (can.CanError, OSError, RuntimeError, AttributeError)  # the last two: closed meanwhile
 
 # What an SDO answer is (CiA 301, 7.2.4.3): the upper three bits of its first byte
-_SEGMENT, _UPLOADED, _DOWNLOADED, _ABORTED = 0, 2, 3, 4
+_SEGMENT, _UPLOADED, _DOWNLOADED, _ABORTED, _BLOCK_DOWNLOAD, _BLOCK_UPLOAD = 0, 2, 3, 4, 5, 6
 
 # python-can's socketcand client logs a line per partial frame; canopen logs what arrives here as exceptions.
 logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)
@@ -39,14 +43,17 @@ class CanopenBus:
         self._sdo_lock = threading.Lock()
         self._asked = (_UPLOADED, b"")  # kind and address of the answer that is waited for
         self._segments = False  # whether segments of it follow
+        self._block = False  # whether a block transfer is under way, in which an answer may begin with anything
         self._closed = threading.Event()
         self._close_lock = threading.Lock()
+        self._beating: threading.Thread | None = None
         self._network = _open(url, self._closed)
-        self._sdo = self._network.add_node(url.node_id, canopen.ObjectDictionary()).sdo
+        request, answer = od.sdo_request_cob_id(url.node_id), od.sdo_response_cob_id(url.node_id)
+        self._sdo = SdoClient(request, answer, canopen.ObjectDictionary())
+        self._sdo.network = self._network
         self._sdo.RESPONSE_TIMEOUT = SDO_TIMEOUT
         self._forward: Callable[[int, bytearray, float], None] = cast(Any, self._sdo).on_response
-        self._network.unsubscribe(od.sdo_response_cob_id(url.node_id))
-        self._network.subscribe(od.sdo_response_cob_id(url.node_id), self._on_answer)
+        self._network.subscribe(answer, self._on_answer)
 
     @property
     def node(self) -> str:
@@ -64,19 +71,24 @@ class CanopenBus:
 
     def read(self, index: int, subindex: int, what: str) -> bytes:
         """Bytes of an object, called `what` in messages."""
-        for attempt in range(READ_ATTEMPTS):
-            try:
-                with self._transfer(_UPLOADED, index, subindex, what):
-                    return bytes(self._sdo.upload(index, subindex))
-            except NoReplyError:
-                if attempt == READ_ATTEMPTS - 1 or self._closed.is_set():
-                    raise
-        raise AssertionError
+        return self._repeated(lambda: self._uploaded(index, subindex, what))
+
+    def read_block(self, index: int, subindex: int, what: str) -> bytes:
+        """The same by blocks, with a checksum: for what is long."""
+        return self._repeated(lambda: self._block_uploaded(index, subindex, what))
 
     def write(self, index: int, subindex: int, what: str, data: bytes) -> None:
         """Set an object, called `what` in messages; returns when the node has taken it."""
+        if len(data) > EXPEDITED:
+            self._block_download(index, subindex, what, data)
+            return
         with self._transfer(_DOWNLOADED, index, subindex, what):
             self._sdo.download(index, subindex, data)
+
+    def beat(self, node: int) -> None:
+        """Send heartbeats as this node, operational, until the bus is closed."""
+        self._beating = threading.Thread(target=self._beat, args=(node,), name="heartbeat", daemon=True)
+        self._beating.start()
 
     def command(self, nmt: int) -> None:
         """Send the node an NMT command."""
@@ -95,19 +107,59 @@ class CanopenBus:
     def close(self) -> None:
         """Leave the bus."""
         self._closed.set()
+        if self._beating is not None and self._beating is not threading.current_thread():
+            self._beating.join()
         with self._close_lock, contextlib.suppress(Exception):  # it raises again what ended its reader thread
             self._network.disconnect()
+
+    def _beat(self, node: int) -> None:
+        while not self._closed.wait(HEARTBEAT):
+            with contextlib.suppress(*_BUS_ERRORS):  # who reads or writes is told
+                self._network.send_message(od.heartbeat_cob_id(node), bytes([od.STATE_OPERATIONAL]))
+
+    def _repeated(self, read: Callable[[], bytes]) -> bytes:
+        """A read that is repeated when no answer comes, or a spoilt one."""
+        for _ in range(READ_ATTEMPTS - 1):
+            try:
+                return read()
+            except (NoReplyError, FrameError):
+                if self._closed.is_set():
+                    raise
+        return read()
+
+    def _uploaded(self, index: int, subindex: int, what: str) -> bytes:
+        with self._transfer(_UPLOADED, index, subindex, what):
+            return bytes(self._sdo.upload(index, subindex))
+
+    def _block_uploaded(self, index: int, subindex: int, what: str) -> bytes:
+        with self._transfer(_BLOCK_UPLOAD, index, subindex, what), self._sdo.open(
+            index, subindex, "rb", buffering=0, block_transfer=True
+        ) as stream:
+            try:
+                return bytes(cast(Any, stream).readall())
+            except AttributeError:  # the library's own, where the end of the transfer does not come
+                raise canopen.SdoCommunicationError("no end of the block transfer") from None
+
+    def _block_download(self, index: int, subindex: int, what: str, data: bytes) -> None:
+        with self._transfer(_BLOCK_DOWNLOAD, index, subindex, what), self._sdo.open(
+            index, subindex, "wb", buffering=0, size=len(data), block_transfer=True
+        ) as stream:
+            for at in range(0, len(data), 7):
+                cast(Any, stream).write(data[at : at + 7])
 
     def _on_answer(self, cob_id: int, data: bytearray, time: float) -> None:
         """Every client on a bus hears the answers to all: the library gets those to this one's request alone."""
         if len(data) != 8:
             return
         kind, (asked, address) = data[0] >> 5, self._asked
-        if kind == _SEGMENT:
+        if self._block:
+            mine = True
+        elif kind == _SEGMENT:
             mine = self._segments
         else:
             mine = kind in (asked, _ABORTED) and bytes(data[1:4]) == address
             self._segments = mine and kind == _UPLOADED and not data[0] & 2  # 2: the answer is all of it
+            self._block = mine and kind in (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD)
         if mine:
             self._forward(cob_id, data, time)
 
@@ -116,19 +168,33 @@ class CanopenBus:
         """The one transfer under way; the library's errors as ours, in a sentence."""
         where = f"0x{index:04X}:{subindex} ({what})"
         with self._sdo_lock:
-            self._segments = False
+            self._segments = self._block = False
             self._asked = (kind, od.sdo_address(index, subindex))
             try:
                 yield
             except canopen.SdoAbortedError as error:
                 code = error.code
+                if code == od.Abort.TIME_OUT:
+                    raise NoReplyError(f"{self.node} waited too long for the rest of {where}") from None
                 raise RefusedError(f"{self.node} answered SDO abort 0x{code:08X} to {where}: {error}", code) from None
-            except canopen.SdoCommunicationError:
+            except canopen.SdoCommunicationError as error:
+                self._abort(kind, index, subindex)
+                if "CRC" in str(error):
+                    raise FrameError(f"{self.node} sent {where} with a checksum that is not right") from None
                 raise NoReplyError(f"{self.node} did not answer for {where} within {SDO_TIMEOUT} s") from None
             except _BUS_ERRORS as error:
                 raise LostError(f"{self._url.bus} no longer takes frames: {_first_line(error)}") from None
             finally:
-                self._asked = (kind, b"")
+                self._asked, self._block = (kind, b""), False
+
+    def _abort(self, kind: int, index: int, subindex: int) -> None:
+        """End a block transfer that has failed, at the server too."""
+        if kind in (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD):
+            with contextlib.suppress(*_BUS_ERRORS):
+                code = int(od.Abort.TIME_OUT).to_bytes(4, "little")
+                self._network.send_message(
+                    od.sdo_request_cob_id(self._url.node_id), b"\x80" + od.sdo_address(index, subindex) + code
+                )
 
 
 class _Listener(MessageListener):
@@ -137,6 +203,10 @@ class _Listener(MessageListener):
     def __init__(self, network: canopen.Network, closed: threading.Event) -> None:
         super().__init__(network)
         self._closed = closed
+
+    def on_message_received(self, msg: can.Message) -> None:
+        if not msg.is_extended_id:  # a 29-bit identifier is another one, whatever its number
+            super().on_message_received(msg)
 
     def on_error(self, exc: Exception) -> None:
         del exc
@@ -159,4 +229,5 @@ def _open(url: CanUrl, closed: threading.Event) -> canopen.Network:
 
 
 def _first_line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
+    text = (str(error) or type(error).__name__).splitlines()[0]
+    return text.partition(" Traceback")[0].rstrip()  # python-can appends one to its own sentence

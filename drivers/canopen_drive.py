@@ -12,18 +12,22 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Self
 
-from drivers.assembler import TELLABLE, Assembler, Counts
+from drivers.assembler import Assembler
 from drivers.block import Block
 from drivers.canopen_bus import READ_ATTEMPTS, SDO_TIMEOUT, CanopenBus
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
+from drivers.operation import Fault
+from drivers.rows import TELLABLE, Counts
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import CanUrl
+from drivers.wire.cia402 import error_text
 from drivers.wire.codec import FullScales, decode, encode
-from drivers.wire.dictionary import SIGNALS, layout_id, signal_named
+from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_DATA, SIGNALS, layout_id, signal_named
 
 SILENCE = 1.0  # s without a row after which a drive counts as lost, where the row's tick can tell so much
 POLL = 0.01  # s, how often the stream looks for new frames
+HEARTBEAT_MISSED_MS = 500  # ms without the bench's heartbeat that count as missed, by object 0x1016
 
 _ROW_LENGTH = signal_named("stream_periods")
 _ROW_LENGTH_SET = od.sdo_downloaded(_ROW_LENGTH.index, _ROW_LENGTH.subindex)
@@ -40,9 +44,14 @@ class CanopenDrive:
         self._rebooted = threading.Event()
         self._changed = threading.Event()  # somebody has set the row length
         self._full: FullScales = {}
+        self._fault: Fault | None = None
         self._bus = CanopenBus(url)
         try:
             self.identity = self._identify()
+            self._check_pdos(url.node_id)
+            self._bus.subscribe(od.emergency_cob_id(url.node_id), self._on_emergency)
+            self._note_fault(int(self.read("error_code")))
+            self._be_heard(_bench_node(url))
         except BaseException as error:
             self.close()
             if isinstance(error, DriveError):
@@ -52,11 +61,17 @@ class CanopenDrive:
             self._bus.subscribe(od.tpdo_cob_id(number, url.node_id), self._queued(number))
         self._bus.subscribe(od.heartbeat_cob_id(url.node_id), self._on_heartbeat)
         self._bus.subscribe(od.sdo_response_cob_id(url.node_id), self._on_sdo_response)
+        self._bus.beat(_bench_node(url))
 
     @property
     def counts(self) -> Counts:
         """Rows and gaps of the latest stream."""
         return self._assembler.counts if self._assembler else Counts()
+
+    @property
+    def fault(self) -> Fault | None:
+        """Why the drive is in fault, as it has told by itself; None where it is not."""
+        return self._fault
 
     def read(self, name: str) -> float:
         """Value of a signal, SI."""
@@ -90,7 +105,7 @@ class CanopenDrive:
 
     def parameters(self) -> dict[str, float]:
         """Every writable signal with its value, SI."""
-        return {signal.name: self.read(signal.name) for signal in SIGNALS if signal.access == "rw"}
+        return {signal.name: self.read(signal.name) for signal in SIGNALS if signal.is_parameter}
 
     def stream(self) -> Iterator[Block]:
         """Start the stream and yield blocks as they come; it stops when the iterator is closed.
@@ -108,6 +123,17 @@ class CanopenDrive:
                 raise
         finally:
             self._stop()
+
+    def captured(self, offset: int, count: int) -> Iterator[bytes]:
+        """The recorder's samples from `offset` on, `count` of them, in pieces whose checksum is right."""
+        width = 2 * sum(self.read(f"capture_channel_{k}") > 0 for k in range(1, CAPTURE_CHANNELS + 1))
+        while count > 0:
+            self.write("capture_offset", float(offset))
+            piece = self._bus.read_block(*CAPTURE_DATA, "recording")[: count * width]
+            if not width or len(piece) < width:
+                raise FrameError(f"{self._bus.node} sent {len(piece)} bytes of a recording, expected {count * width}")
+            yield piece
+            offset, count = offset + len(piece) // width, count - len(piece) // width
 
     def close(self) -> None:
         """Stop the stream and close the bus."""
@@ -127,12 +153,12 @@ class CanopenDrive:
         bus = self._bus
         try:
             vendor, product, revision, serial = (
-                int.from_bytes(bus.read(od.OD_IDENTITY, k, "identity"), "little") for k in (1, 2, 3, 4)
+                int.from_bytes(self._asked(od.OD_IDENTITY, k, "identity"), "little") for k in (1, 2, 3, 4)
             )
         except NoReplyError:
             waited = READ_ATTEMPTS * SDO_TIMEOUT
             raise ConnectError(f"no {bus.node.replace(' on ', ' answered on ')} within {waited:g} s") from None
-        name = bus.read(od.OD_DEVICE_NAME, 0, "device name").decode("ascii", "replace")
+        name = self._asked(od.OD_DEVICE_NAME, 0, "device name").decode("ascii", "replace")
         try:
             layout = int(self.read("layout_id"))
         except RefusedError:
@@ -144,6 +170,42 @@ class CanopenDrive:
             )
         full = self._full = {key: self.read(key) for key in ("i_full", "u_full", "omega_full")}
         return Identity(name, vendor, product, revision, serial, layout, self.read("T_s"), **full)
+
+    def _asked(self, index: int, subindex: int, what: str) -> bytes:
+        """An object that every such drive has."""
+        try:
+            return self._bus.read(index, subindex, what)
+        except RefusedError:
+            raise ConnectError(f"{self._bus.node} is no such drive: it has no {what}") from None
+
+    def _check_pdos(self, node_id: int) -> None:
+        """Raise ConnectError when what the node would stream is not what is expected."""
+        for number in range(len(od.TPDO_LAYOUT)):
+            cob_id, transmission, count = (
+                int.from_bytes(self._asked(index, subindex, f"TPDO {number + 1}"), "little")
+                for index, subindex in ((od.OD_TPDO + number, 1), (od.OD_TPDO + number, 2),
+                                        (od.OD_TPDO_MAPPING + number, 0))
+            )
+            expected, name = od.tpdo_cob_id(number, node_id), f"{self._bus.node} has TPDO {number + 1}"
+            if cob_id & (od.NOT_VALID | 0x1FFF_FFFF) != expected:
+                raise ConnectError(f"{name} under 0x{cob_id:X}, expected 0x{expected:X}")
+            if transmission < od.ON_EVENT:
+                raise ConnectError(f"{name} of transmission type {transmission}, expected {od.ON_EVENT}, on events")
+            mapping = tuple(
+                int.from_bytes(self._asked(od.OD_TPDO_MAPPING + number, k, f"TPDO {number + 1}"), "little")
+                for k in range(1, min(count, od.MAPPING_ENTRIES) + 1)
+            )
+            if mapping != od.tpdo_mapping(number):
+                raise ConnectError(
+                    f"{name} with {od.mapping_text(mapping)}, expected {od.mapping_text(od.tpdo_mapping(number))}"
+                )
+
+    def _be_heard(self, node: int) -> None:
+        """Have the drive listen to the bench's heartbeats, where it can: they feed its watchdog."""
+        consumed = (node << 16 | HEARTBEAT_MISSED_MS).to_bytes(4, "little")
+        with contextlib.suppress(RefusedError):
+            if self._bus.read(od.OD_HEARTBEAT_CONSUMER, 1, "heartbeat consumer") != consumed:
+                self._bus.write(od.OD_HEARTBEAT_CONSUMER, 1, "heartbeat consumer", consumed)
 
     def _blocks(self) -> Iterator[Block]:
         """Blocks as they come, until the drive is closed."""
@@ -218,3 +280,16 @@ class CanopenDrive:
     def _on_heartbeat(self, data: bytes) -> None:
         if data == bytes([od.STATE_BOOT_UP]):
             self._rebooted.set()
+            self._fault = None
+
+    def _on_emergency(self, data: bytes) -> None:
+        if len(data) == 8:
+            self._note_fault(int.from_bytes(data[:2], "little"))
+
+    def _note_fault(self, code: int) -> None:
+        self._fault = Fault(code, error_text(code)) if code & 0xFF00 else None  # CiA 301: 0x00xx says that it is gone
+
+
+def _bench_node(url: CanUrl) -> int:
+    """The node that the bench's heartbeats are of."""
+    return od.BENCH_NODE if url.node_id != od.BENCH_NODE else od.BENCH_NODE - 1

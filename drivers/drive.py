@@ -42,11 +42,15 @@ class Drive(Protocol):
         ...
 
     def parameters(self) -> dict[str, float]:
-        """Every writable signal with its value, SI."""
+        """Every parameter with its value, SI."""
         ...
 
     def stream(self) -> Iterator[Block]:
         """Start the stream and yield blocks until the drive is closed. Raises LostError when it falls silent."""
+        ...
+
+    def captured(self, offset: int, count: int) -> Iterator[bytes]:
+        """The recorder's samples from `offset` on, `count` of them, as they come; see `dictionary.CAPTURE_DATA`."""
         ...
 
     def close(self) -> None:

@@ -5,7 +5,10 @@
 * `course` - the winding's temperature over time and the parameters that follow it
 * `firmware`, `excitation` - field-oriented control and its references; `stream` - the rows it sends
 * `simulation` - all of these in one compiled loop; `virtual_drive` - that loop behind the drive's dictionary
-* `canopen_server` - a CANopen node over it; `socketcand` - a CAN bus on a TCP port; `clock` - real time
+* `operation` - its state machine, faults and watchdog; `recorder` - its recorder
+* `canopen_server` - a CANopen node over it, with `canopen_objects`, `sdo_server`, `tpdo`; `socketcand` - a CAN bus on
+  a TCP port; `clock` - real time; `faults` - what befalls a link
+* `modbus_server` - a Modbus unit over it, with `modbus_frames`, `modbus_registers`; `row_ring` - the latest rows
 * `scenarios`, `bounds` - what is emulated, from TOML or built in, and what it may be
 * `frames`, `noise`, `kernel` - space vectors, random numbers, compilation
 

@@ -1,66 +1,75 @@
-"""A CANopen node over the virtual drive: SDO server, NMT, heartbeat, the TPDO stream.
+"""A CANopen node over the virtual drive: SDO server, NMT, heartbeats, emergencies, TPDOs with rows and with SYNC.
 
 The only emulator file that knows canopen and python-can. What arrives from the bus is served in the bus's reader
-thread; values written wait in the virtual drive for its next tick. Time comes in as the drive's ticks.
+thread; values written wait in the virtual drive for its next tick. Time comes in as the drive's.
 """
 
 import contextlib
+import heapq
 import logging
 import queue
 import struct
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, Self
 
 import can
 import canopen
 import numpy as np
 from canopen.network import MessageListener
-from canopen.sdo.exceptions import SdoAbortedError
-from canopen.sdo.server import SdoServer
-from numpy.typing import NDArray
 
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import CanUrl
-from drivers.wire.codec import FullScales, count_size, decode, encode
-from drivers.wire.dictionary import Signal, WireType, signal_at
+from drivers.wire.cia402 import error_register
+from emulator.canopen_objects import NodeObjects
+from emulator.faults import Faults
+from emulator.sdo_server import SdoAbortError, SdoServer
 from emulator.socketcand import BusError, Frame, SocketcandServer
+from emulator.tpdo import payload, payloads
 from emulator.virtual_drive import StreamRows, VirtualDrive
 
 logging.getLogger("canopen").setLevel(logging.CRITICAL)
 
-_SERIAL = 1
-_ABORT_READ_ONLY = 0x06010002
-_ABORT_NO_OBJECT = 0x06020000
-_ABORT_LENGTH = 0x06070010
-_ABORT_NO_SUBINDEX = 0x06090011
-_ABORT_VALUE_RANGE = 0x06090030
+_STATES = {
+    od.NMT_START: od.STATE_OPERATIONAL,
+    od.NMT_STOP: od.STATE_STOPPED,
+    od.NMT_PRE_OPERATIONAL: od.STATE_PRE_OPERATIONAL,
+}
 
 
 class CanopenNode:
-    """One node on a bus. `publish` is called after every run of the virtual drive; `close` leaves the bus."""
+    """One node on a bus. `publish` is called after every run of the virtual drive; `close` leaves the bus.
 
-    def __init__(self, drive: VirtualDrive, url: CanUrl) -> None:
+    `faults` may be changed at any time.
+    """
+
+    def __init__(self, drive: VirtualDrive, url: CanUrl, faults: Faults | None = None) -> None:
         self._drive = drive
         self._id = url.node_id
-        self._full: FullScales = {name: drive.read(name) for name in ("i_full", "u_full", "omega_full")}
+        self.faults = faults or Faults()
+        self._delayed: list[tuple[float, int, Frame]] = []  # s when it goes out, its turn, frame
+        self._turn = 0
+        self._lock = threading.RLock()  # guards what follows, between the bus's reader thread and the drive's
+        self._objects = NodeObjects(drive, self._id)
+        self._sdo = SdoServer(self)
         self._state = od.STATE_BOOT_UP
-        self._heartbeat_ms = od.HEARTBEAT_MS
-        self._heartbeat_tick = 0
+        self._resets = drive.resets
+        self._heartbeat_at = drive.elapsed  # s, of the latest
         self._rows_sent = 0
-        self._packers = [_RowPacker(number, self._full) for number in range(od.ROW_TPDOS)]
+        self._begins: int | None = None  # tick at which the first row to be sent begins at the earliest
+        self._error = 0  # error code that the bus has been told
         self._bus = _open(url)
         self._network = canopen.Network(self._bus)
         self._network.NOTIFIER_CYCLE = 0.02  # s, for which `close` waits
         self._closed = threading.Event()
         self._network.listeners[:] = [_Listener(self._network, self._closed)]
         self._network.connect()
-        self._sdo = SdoServer(od.sdo_request_cob_id(self._id), od.sdo_response_cob_id(self._id), self._objects())
-        self._sdo.network = self._network
-        self._answer: Callable[[int, bytearray, float], None] = cast(Any, self._sdo).on_request
         self._network.subscribe(od.sdo_request_cob_id(self._id), self._on_sdo)
         self._network.subscribe(od.NMT_COB_ID, self._on_nmt)
+        self._network.subscribe(od.SYNC_COB_ID, self._on_sync)
+        for node in range(1, 128):
+            self._network.subscribe(od.heartbeat_cob_id(node), self._on_heartbeat)
         self._boot()
 
     @property
@@ -69,19 +78,25 @@ class CanopenNode:
         return self._bus
 
     def publish(self, rows: StreamRows) -> None:
-        """Send what has become due: the rows' TPDOs when operational, the heartbeat. Raises BusError."""
+        """Send what has become due: rows' TPDOs when operational, emergencies, the heartbeat. Raises BusError."""
         try:
             self._network.check()
         except Exception as error:  # noqa: BLE001 - whatever ended the library's reader thread
             raise BusError(f"the CAN bus {self._bus.channel_info} is gone: {_first_line(error)}") from None
-        frames: list[Frame] = []
-        if self._state == od.STATE_OPERATIONAL and len(rows.row_tick):
-            frames += self._row_frames(rows)
-        tick = self._drive.tick
-        heartbeat_ticks = self._heartbeat_ms * 1e-3 / self._drive.read("T_s")
-        if self._heartbeat_ms and tick - self._heartbeat_tick >= heartbeat_ticks:
-            self._heartbeat_tick = tick
-            frames.append((od.heartbeat_cob_id(self._id), bytes([self._state])))
+        now = self._drive.elapsed
+        with self._lock:
+            if self._drive.resets != self._resets:
+                self._resets = self._drive.resets
+                self._objects.errors.clear()
+                self._boot()
+            frames = [(od.sdo_response_cob_id(self._id), answer) for answer in self._sdo.expire(now)]
+            frames += self._emergency()
+            if self._state == od.STATE_OPERATIONAL:
+                frames += self._row_frames(rows)
+            heartbeat = self._objects.communication.heartbeat_ms * 1e-3
+            if heartbeat and self._state != od.STATE_BOOT_UP and now - self._heartbeat_at >= heartbeat * (1.0 - 1e-9):
+                self._heartbeat_at = now
+                frames.append((od.heartbeat_cob_id(self._id), bytes([self._state])))
         self._send(frames)
 
     def close(self) -> None:
@@ -98,142 +113,123 @@ class CanopenNode:
     ) -> None:
         self.close()
 
-    def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
-        """Bytes of an object, for the SDO server. `check_readable` is the library's; all objects are readable."""
-        del check_readable
-        signal = signal_at(index, subindex)
-        if signal is not None:
-            return encode_any(signal, self._drive.read(signal.name), self._full)
-        data = self._communication_object(index, subindex)
-        if data is None:
-            known = signal_at(index, 1) or self._communication_object(index, 0) is not None
-            raise SdoAbortedError(_ABORT_NO_SUBINDEX if known else _ABORT_NO_OBJECT)
-        return data
+    def get_data(self, index: int, subindex: int) -> bytes:
+        """Bytes of an object, for the SDO server."""
+        self._check_refused(index)
+        return self._objects.get_data(index, subindex)
 
-    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+    def set_data(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object, for the SDO server."""
-        del check_writable
-        if (index, subindex) == (od.OD_HEARTBEAT, 0):
-            if len(data) != 2:
-                raise SdoAbortedError(_ABORT_LENGTH)
-            (self._heartbeat_ms,) = struct.unpack("<H", data)
-            return
-        signal = signal_at(index, subindex)
-        if signal is None:
-            self.get_data(index, subindex)  # aborts when there is no such object
-            raise SdoAbortedError(_ABORT_READ_ONLY)
-        if signal.access != "rw":
-            raise SdoAbortedError(_ABORT_READ_ONLY)
-        if 8 * len(data) != signal.type.bits:
-            raise SdoAbortedError(_ABORT_LENGTH)
-        try:
-            self._drive.write(signal.name, decode(signal, bytes(data), self._full))
-        except ValueError:
-            raise SdoAbortedError(_ABORT_VALUE_RANGE) from None
+        self._check_refused(index)
+        self._objects.set_data(index, subindex, data)
 
-    def _objects(self) -> Any:
-        """This node in the shape the library's SDO server asks for."""
-        self.object_dictionary = canopen.ObjectDictionary()
-        return self
-
-    def _communication_object(self, index: int, subindex: int) -> bytes | None:
-        record: dict[int, list[bytes]] = {
-            od.OD_DEVICE_TYPE: [struct.pack("<I", od.DEVICE_TYPE)],
-            od.OD_ERROR_REGISTER: [b"\0"],
-            od.OD_DEVICE_NAME: [od.DEVICE_NAME.encode("ascii")],
-            od.OD_HEARTBEAT: [struct.pack("<H", self._heartbeat_ms)],
-            od.OD_IDENTITY: [b"\4", *(struct.pack("<I", value) for value in
-                                      (od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, _SERIAL))],
-        }
-        number = index & 0xFF
-        if number < len(od.TPDO_LAYOUT):
-            mapping = od.tpdo_mapping(number)
-            record[od.OD_TPDO + number] = [b"\2", struct.pack("<I", od.tpdo_cob_id(number, self._id)), b"\xfe"]
-            record[od.OD_TPDO_MAPPING + number] = [
-                bytes([len(mapping)]), *(struct.pack("<I", entry) for entry in mapping)
-            ]
-        if subindex == 0 and index not in record and signal_at(index, 1):
-            highest = max(k for k in range(1, 256) if signal_at(index, k))
-            return bytes([highest])
-        fields = record.get(index, [])
-        return fields[subindex] if subindex < len(fields) else None
+    def _check_refused(self, index: int) -> None:
+        if self.faults.refuses(index, self._drive.elapsed):
+            raise SdoAbortError(od.Abort.GENERAL)
 
     def _row_frames(self, rows: StreamRows) -> list[Frame]:
-        payloads = [packer.payloads(rows) for packer in self._packers]
-        ids = [od.tpdo_cob_id(number, self._id) for number in range(len(od.TPDO_LAYOUT))]
+        if self._begins is None:  # in rows that were under way at the start, what was written before may not count yet
+            self._begins = self._drive.tick
+        first = int(np.searchsorted(rows.row_tick, self._begins))
+        if first == len(rows):
+            return []
+        tpdos = self._objects.communication.tpdos
+        sent = [
+            (number, tpdo.cob_id & 0x7FF, payloads(tpdo, rows, self._objects.full, self._drive.read))
+            for number, tpdo in enumerate(tpdos) if tpdo.valid and tpdo.on_event
+        ]
         frames: list[Frame] = []
-        for k in range(len(rows.row_tick)):
-            frames += [(cob_id, payload[k]) for cob_id, payload in zip(ids, payloads, strict=False)]
+        for k in range(first, len(rows)):
             self._rows_sent += 1
-            if self._rows_sent % od.SLOW_ROWS == 1:
-                slow = od.TPDO_LAYOUT[od.ROW_TPDOS]
-                tick = struct.pack("<H", int(rows.row_tick[k]) & 0xFFFF)
-                values = (encode(s, self._drive.read(s.name), self._full) for s in slow[1:])
-                frames.append((ids[od.ROW_TPDOS], tick + b"".join(values)))
+            slow_too = self._rows_sent % od.SLOW_ROWS == 1
+            frames += [(cob_id, data[k]) for number, cob_id, data in sent if number < od.ROW_TPDOS or slow_too]
         return frames
 
-    def _on_sdo(self, cob_id: int, data: bytearray, time: float) -> None:
-        if self._state != od.STATE_STOPPED:  # CiA 301, 7.3.2.2: a stopped node is deaf but for NMT
-            self._answer(cob_id, data, time)
+    def _emergency(self) -> list[Frame]:
+        """What has to be told of errors that have come or gone."""
+        code = int(self._drive.read("error_code"))
+        if code == self._error:
+            return []
+        self._error = code
+        if code:
+            self._objects.note_error(code)
+        if self._state == od.STATE_STOPPED:
+            return []
+        return [(od.emergency_cob_id(self._id), struct.pack("<HB5x", code, error_register(code)))]
+
+    def _on_sdo(self, _cob_id: int, data: bytearray, _time: float) -> None:
+        now = self._drive.elapsed
+        for request in self.faults.passed(bytes(data), now):
+            if not request.intact or self._state in (od.STATE_STOPPED, od.STATE_BOOT_UP):
+                continue  # CiA 301, 7.3.2.2: a stopped node is deaf but for NMT
+            self._drive.hear()
+            with self._lock:
+                answers = self._sdo.request(request.data, now)
+            self._send([(od.sdo_response_cob_id(self._id), answer) for answer in answers])
+
+    def _on_heartbeat(self, cob_id: int, data: bytearray, _time: float) -> None:
+        own = self._objects.communication.bench_node
+        if own is not None and cob_id == od.heartbeat_cob_id(own) and len(data) == 1 and self._line_open:
+            self._drive.hear()
+
+    def _on_sync(self, _cob_id: int, data: bytearray, _time: float) -> None:
+        if self._state != od.STATE_OPERATIONAL or len(data) > 1 or not self._line_open:
+            return
+        with self._lock:
+            due = [tpdo for tpdo in self._objects.communication.tpdos if tpdo.due()]
+            values = self._drive.values({signal.name for tpdo in due for signal in tpdo.signals})
+            self._send([(tpdo.cob_id & 0x7FF, payload(tpdo, values, self._objects.full)) for tpdo in due])
 
     def _on_nmt(self, _cob_id: int, data: bytearray, _time: float) -> None:
-        if len(data) != 2 or data[1] not in (0, self._id):
+        if len(data) != 2 or data[1] not in (0, self._id) or self._state == od.STATE_BOOT_UP or not self._line_open:
             return
-        states = {
-            od.NMT_START: od.STATE_OPERATIONAL,
-            od.NMT_STOP: od.STATE_STOPPED,
-            od.NMT_PRE_OPERATIONAL: od.STATE_PRE_OPERATIONAL,
-        }
-        if data[0] in states:
-            self._state = states[data[0]]
-        elif data[0] in (od.NMT_RESET_NODE, od.NMT_RESET_COMMUNICATION):
-            self._heartbeat_ms = od.HEARTBEAT_MS
-            self._boot()
+        with self._lock:
+            if data[0] in _STATES:
+                self._state, self._begins = _STATES[data[0]], None
+            elif data[0] == od.NMT_RESET_COMMUNICATION:
+                self._boot()
+            elif data[0] == od.NMT_RESET_NODE:
+                self._state = od.STATE_BOOT_UP
+                self._drive.reset()  # which `publish` notices
 
     def _boot(self) -> None:
+        """Begin to communicate, as stored."""
+        self._objects.reset()
+        self._sdo = SdoServer(self)
         self._send([(od.heartbeat_cob_id(self._id), bytes([od.STATE_BOOT_UP]))])
         self._state = od.STATE_PRE_OPERATIONAL
         self._rows_sent = 0
 
+    @property
+    def _line_open(self) -> bool:
+        """No fault closes the line."""
+        return not self.faults.closed(self._drive.elapsed)
+
     def _send(self, frames: list[Frame]) -> None:
+        """Put frames on the bus, through the faults of its line, and those that were delayed till now."""
+        frames = self._spoilt(frames)
         if isinstance(self._bus, _SocketcandBus):
             self._bus.send_all(frames)
             return
-        for cob_id, payload in frames:
+        for cob_id, data in frames:
             with contextlib.suppress(can.CanError, OSError):  # a bus that takes no frame loses it
-                self._network.send_message(cob_id, payload)
+                self._network.send_message(cob_id, data)
 
-
-def encode_any(signal: Signal, value: float, full: FullScales) -> bytes:
-    """Bytes of a value the drive itself holds: never refused, wrapped where a counter has run over."""
-    if signal.type is WireType.F32:
-        return struct.pack("<f", value)
-    if signal.type in (WireType.U16, WireType.U32) and signal.scale == 1.0:
-        return struct.pack(signal.type.struct_format, int(value) % (1 << signal.type.bits))
-    return encode(signal, value, full)
-
-
-class _RowPacker:
-    """The payloads of one TPDO for many rows at once."""
-
-    def __init__(self, number: int, full: FullScales) -> None:
-        self._signals = od.TPDO_LAYOUT[number][1:]
-        self._scales = [count_size(signal, full) for signal in self._signals]
-        self._dtype = np.dtype([(s.name, s.type.struct_format) for s in od.TPDO_LAYOUT[number]])
-
-    def payloads(self, rows: StreamRows) -> list[bytes]:
-        packed = np.empty(len(rows.row_tick), dtype=self._dtype)
-        packed["row_tick"] = rows.row_tick & 0xFFFF
-        for signal, scale in zip(self._signals, self._scales, strict=True):
-            column: NDArray[np.float64] = getattr(rows, signal.name)
-            counts = np.round(column / scale)
-            if signal.name == "theta_e":
-                packed[signal.name] = counts.astype(np.int64) & 0xFFFF
-            else:
-                packed[signal.name] = np.clip(counts, -0x8000, 0x7FFF)
-        data = packed.tobytes()
-        size = self._dtype.itemsize
-        return [data[k : k + size] for k in range(0, len(data), size)]
+    def _spoilt(self, frames: list[Frame]) -> list[Frame]:
+        """What the line lets through now. A frame that is not intact is lost: every CAN controller checks its sum."""
+        if self.faults.none:
+            return frames
+        now = self._drive.elapsed
+        with self._lock:
+            for cob_id, data in frames:
+                for out in self.faults.passed(data, now):
+                    if out.intact:
+                        self._turn += 1
+                        heapq.heappush(self._delayed, (out.at, self._turn, (cob_id, out.data)))
+            due: list[Frame] = []
+            while self._delayed and self._delayed[0][0] <= now:
+                due.append(heapq.heappop(self._delayed)[2])
+        return due
 
 
 class _Listener(MessageListener):
@@ -242,6 +238,10 @@ class _Listener(MessageListener):
     def __init__(self, network: canopen.Network, closed: threading.Event) -> None:
         super().__init__(network)
         self._closed = closed
+
+    def on_message_received(self, msg: can.Message) -> None:
+        if not msg.is_extended_id:  # a 29-bit identifier is another one, whatever its number
+            super().on_message_received(msg)
 
     def on_error(self, exc: Exception) -> None:
         del exc

@@ -41,6 +41,7 @@ class Commissioning(NamedTuple):
     T_s: float  # s, control period
     u_dc: float  # V
     i_max: float  # A, longest current reference
+    i_trip: float  # A, a sampled current beyond it switches the bridge off
     speed_control: bool  # i_q from a speed loop that follows the profile
     profile: Profile
     k_p_speed: float  # A s/rad, proportional gain of the speed loop, electrical speed
@@ -52,6 +53,8 @@ class Commissioning(NamedTuple):
 class FirmwareState(NamedTuple):
     """What the firmware remembers from period to period."""
 
+    powered: bool  # the bridge is on
+    tripped: bool  # and was switched off by an overcurrent
     u_next: complex  # V, stationary frame: to be applied over the next period
     integral: complex  # V, rotor frame: of the current control
     theta_m: float  # rad, of the sample before
@@ -61,16 +64,22 @@ class FirmwareState(NamedTuple):
     axis_q: Axis
 
 
-def switched_on(theta_m: float, omega_m: float, n_p: int, psi_f: float, T_s: float) -> FirmwareState:
+def switched_on(
+    theta_m: float, omega_m: float, n_p: int, psi_f: float, T_s: float, powered: bool
+) -> FirmwareState:
     """State at the first sample; the first voltage is the back-EMF, so that no current rushes in."""
     omega_e = n_p * omega_m
     u = turned(n_p * theta_m + 0.5 * omega_e * T_s) * (1j * omega_e * psi_f)
-    return FirmwareState(u, 0j, theta_m - omega_m * T_s, omega_e, 0.0, AXIS_AT_REST, AXIS_AT_REST)
+    return FirmwareState(powered, False, u, 0j, theta_m - omega_m * T_s, omega_e, 0.0, AXIS_AT_REST, AXIS_AT_REST)
 
 
 @kernel
 def computed(fixed: Commissioning, settings: Settings, state: FirmwareState, sample: Sample, t: float) -> FirmwareState:
-    """One control period: the sample at time t (s) taken in, the voltage of the next period in `u_next`."""
+    """One control period: the sample at time t (s) taken in, the voltage of the next period in `u_next`.
+
+    With the bridge off, `u_next` is what the machine's terminals then have, near enough: the current decays, and with
+    no current the back-EMF is left. The drive does not know that voltage.
+    """
     T_s, u_dc = fixed.T_s, fixed.u_dc
     R_s, L_d, L_q, psi_f = (settings.control_R_s, settings.control_L_d, settings.control_L_q, settings.control_psi_f)
     alpha = settings.bandwidth
@@ -79,6 +88,9 @@ def computed(fixed: Commissioning, settings: Settings, state: FirmwareState, sam
     raw_speed = settings.n_p * nearest(sample.theta_m - state.theta_m) / T_s
     omega_e = state.omega_e + (raw_speed - state.omega_e) * T_s / (fixed.T_speed + T_s)
     i = measured_current(sample) * turned(-theta_e)
+
+    tripped = state.tripped or (state.powered and abs(i) > fixed.i_trip)
+    powered = state.powered and not tripped
 
     # References
     hold = max(1, math.ceil(settings.step_time / T_s - 1e-6))
@@ -94,6 +106,8 @@ def computed(fixed: Commissioning, settings: Settings, state: FirmwareState, sam
         settings.i_d_ref + settings.i_d_step * fraction(axis_d),
         i_q_wanted + settings.i_q_step * fraction(axis_q),
     )
+    if not powered:
+        i_ref, i_q_integral = 0j, 0.0
     if abs(i_ref) > fixed.i_max:
         i_ref *= fixed.i_max / abs(i_ref)
 
@@ -107,9 +121,11 @@ def computed(fixed: Commissioning, settings: Settings, state: FirmwareState, sam
     integral = state.integral + alpha * R_s * T_s * (
         e + complex(short.real / (alpha * L_d), short.imag / (alpha * L_q))
     )
+    if not powered:
+        integral = 0j
     most = longest(u_dc)
     if abs(integral) > most:
         integral *= most / abs(integral)
 
     u_next = u_limited * turned(theta_e + _DELAY * omega_e * T_s)
-    return FirmwareState(u_next, integral, sample.theta_m, omega_e, i_q_integral, axis_d, axis_q)
+    return FirmwareState(powered, tripped, u_next, integral, sample.theta_m, omega_e, i_q_integral, axis_d, axis_q)

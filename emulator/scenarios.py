@@ -50,10 +50,12 @@ class Drive:
     noise_i: Annotated[float, Bound("A", low=0.0)] = 0.01  # standard deviation, each phase current
     adc_bits: Annotated[int, Bound(low=0, high=24)] = 12  # 0: ideal
     encoder_counts: Annotated[int, Bound(low=0, high=2**30)] = 0  # per mechanical turn; 0: ideal
-    stream_periods: Annotated[int, Bound(low=5, high=1000)] = 10  # control periods per stream row
+    stream_periods: Annotated[int, Bound(low=1, high=1000)] = 10  # control periods per stream row
     sub_steps: Annotated[int, Bound(low=1, high=1000)] = 10  # integration steps per control period, at least
     bridge: str = "averaged"  # the mean voltage over a control period; or "switched": edges
     timer_counts: Annotated[int, Bound(low=0, high=2**24)] = 5000  # per control period, when switched; 0: ideal
+    temperature_trip: Annotated[float, Bound("degC")] = 155.0  # of the winding, switches the bridge off
+    enabled: bool = True  # in operation from the start; otherwise it waits for commands
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ The voltage that the drive records is the one it set: within the inverter's reac
 what the compare registers of its timer hold. A drive reads those back; what its legs make of them it cannot see.
 """
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -52,8 +53,8 @@ class State(NamedTuple):
     row: Row
 
 
-def started(bench: Bench, n_p: int, psi_f: float) -> State:
-    """The state at tick 0: no current, angle zero, speed as the profile says, the drive switched on.
+def started(bench: Bench, n_p: int, psi_f: float, powered: bool) -> State:
+    """The state at tick 0: no current, angle zero, speed as the profile says, the bridge on or off.
 
     `n_p` and `psi_f` (Vs) are what the drive takes the machine for.
     """
@@ -61,7 +62,7 @@ def started(bench: Bench, n_p: int, psi_f: float) -> State:
     machine = machine_at(bench.machine, bench.course, 0.0)
     plant = PlantState(flux(machine, 0j), omega_m, 0.0, 0.0, 0.0, 0.0)
     sample = sampled(bench.sensors, stator_current(machine, plant), 0.0, 0)
-    firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s)
+    firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s, powered)
     return State(0, plant, sample, firmware, NO_ROW)
 
 
@@ -86,7 +87,7 @@ def simulated(
     for n in range(periods):
         t = tick * T_s
         # The period: the voltage computed one period ago is applied while the next is computed
-        u = limited(firmware.u_next, u_dc)
+        u, known = limited(firmware.u_next, u_dc), firmware.powered
         firmware = computed(bench.fixed, settings, firmware, sample, t)
         machine = machine_at(bench.machine, bench.course, t + 0.5 * T_s)
         if bench.bridge.switched:
@@ -106,7 +107,7 @@ def simulated(
             turn,
             measured_current(before) * turned(-theta_e),
             measured_current(sample) * turned(-(theta_e + turn)),
-            u * turned(-(theta_e + turn / 2.0)),
+            u * turned(-(theta_e + turn / 2.0)) if known else complex(math.nan, math.nan),
             u_dc,
         )
         row = extended(row, tick, period, settings.stream_periods)

@@ -1,33 +1,39 @@
 """The virtual drive: all of the emulator behind the drive's dictionary, advanced by control periods.
 
-It has no clock and no thread: whoever calls `run` is its time. `read` and `write` may come from other
-threads; what is written waits and takes effect at the start of the next `run`. Knows nothing of buses.
+It has no clock and no thread: whoever calls `run` is its time. `read`, `write` and `captured` may come from other
+threads; what is written waits and takes effect, in its order, at the start of the next `run`. Knows nothing of buses.
 """
 
 import math
 import threading
+from collections.abc import Iterable
 from dataclasses import astuple, dataclass, fields
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.wire.cia402 import OVERCURRENT, OVERTEMPERATURE_MOTOR, State
 from drivers.wire.codec import check_range
-from drivers.wire.dictionary import Signal, layout_id, signal_named
+from drivers.wire.dictionary import SIGNALS, Signal, WireType, layout_id, signal_named
 from emulator import stream
 from emulator.bridge import Bridge
 from emulator.course import continued, course_of, row_at, rows_at
 from emulator.firmware import Commissioning, Settings
 from emulator.machine import at_temperature
 from emulator.mechanics import Shaft
+from emulator.operation import Operation
 from emulator.plant import PlantState
+from emulator.recorder import ARMED, TRIGGERED, Recorder, Setup
 from emulator.scenarios import Scenario, check
 from emulator.sensors import Sensors
 from emulator.simulation import RECORDED, Bench, simulated, started
 
 Column = NDArray[np.float64]
 
-_WHOLE: Final = frozenset({"stream_periods", "n_p"})
+_WHOLE: Final = frozenset(s.name for s in SIGNALS if s.access == "rw" and s.type is not WireType.F32)
+_PARAMETERS: Final = tuple(s.name for s in SIGNALS if s.is_parameter)
+_RESET: Final = "reset"  # stands among what is written
 _CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step"})
 _SPEED_FILTER: Final = 1e-3  # s
 _NO_RECORDING: Final = np.empty((0, len(RECORDED)))
@@ -81,22 +87,48 @@ class VirtualDrive:
         course = course_of(motor, run.temperature_profile or ((0.0, run.temperature),))
         bridge = Bridge(drive.bridge == "switched", drive.timer_counts)
         self._bench = Bench(motor, course, self._shaft, self._sensors, self._fixed, bridge, drive.sub_steps)
-        self._state = started(self._bench, self._settings.n_p, self._settings.control_psi_f)
+        self._state = started(
+            self._bench, self._settings.n_p, self._settings.control_psi_f, powered=drive.enabled
+        )
+        self._operation = Operation(State.OPERATION_ENABLED if drive.enabled else State.SWITCH_ON_DISABLED)
+        self._reset_at = 0  # tick since power-on of the latest reset
+        self.resets = 0  # so many there have been
         self._lock = threading.Lock()  # guards what follows
-        self._written: dict[str, float] = {}
+        self._recorder = Recorder({name: self._constants()[name] for name in ("i_full", "u_full", "omega_full")})
+        self._written: list[tuple[str, float]] = []
+        self._heard = False
         self._next_temperature: float | None = None
         self._readable = self._constants() | dict.fromkeys(stream.COLUMNS, 0.0) | {"row_tick": 0.0}
+        self._readable |= {s.name: max(0.0, s.minimum or 0.0) for s in SIGNALS if s.access == "rw"}
         self._publish()
+        self._delivered = {name: self._readable[name] for name in _PARAMETERS}
+        self._stored = dict(self._delivered)
 
     @property
     def tick(self) -> int:
         """Control periods since reset, all bits."""
-        return self._state.tick
+        return self._state.tick - self._reset_at
+
+    @property
+    def rows_end(self) -> int:
+        """Tick at which the latest complete stream row ended: the one under way began there."""
+        row = self._state.row
+        return row.tick + (row.periods if row.taken == row.periods else 0) - self._reset_at
+
+    @property
+    def elapsed(self) -> float:
+        """Time since power-on in s, whatever resets there were."""
+        return self._state.tick * self.T_s
 
     @property
     def T_s(self) -> float:
         """Control period in s."""
         return self._fixed.T_s
+
+    @property
+    def row_periods(self) -> int:
+        """Control periods of the rows that began in the latest run."""
+        return self._settings.stream_periods
 
     @property
     def plant(self) -> PlantState:
@@ -140,14 +172,34 @@ class VirtualDrive:
         """SI value of a signal: as last written, or of the latest row. Raises KeyError for an unknown one."""
         signal_named(name)
         with self._lock:
-            return self._written[name] if name in self._written else self._readable[name]
+            return self._present()[name]
+
+    def values(self, names: Iterable[str]) -> dict[str, float]:
+        """SI values of signals, all of one moment."""
+        with self._lock:
+            present = self._present()
+        return {name: present[name] for name in names}
 
     def write(self, name: str, value: float) -> None:
         """Write a signal (SI), from the next `run` on. Raises KeyError or ValueError, in a sentence."""
         signal = signal_named(name)
-        self._check_write(signal, value)
         with self._lock:
-            self._written[name] = float(value)
+            self._check_write(signal, value)
+            self._written.append((name, float(value)))
+
+    def reset(self) -> None:
+        """Start anew at the next `run`, as after a power cycle: stored parameters, tick 0, state as at the start."""
+        with self._lock:
+            self._written.append((_RESET, 0.0))
+
+    def hear(self) -> None:
+        """The bench was heard, which is what the watchdog waits for."""
+        self._heard = True
+
+    def captured(self, offset: int, count: int) -> bytes:
+        """Samples of the recording from `offset` on, at most `count`: 16-bit little-endian counts, sample by sample."""
+        with self._lock:
+            return self._recorder.data(offset, count)
 
     def set_temperature(self, temperature: float) -> None:
         """Set winding and magnets to a temperature (degC), from the next `run` on. Raises ValueError.
@@ -166,6 +218,8 @@ class VirtualDrive:
         check_range(signal, value)
         if signal.name in _WHOLE and value != int(value):
             raise ValueError(f"{signal} takes a whole number, got {value}")
+        if signal.name == "capture_command" and value == 1.0:
+            Setup.of(self._present())
         if signal.name in _CURRENTS and abs(value) > self._fixed.i_max:
             raise ValueError(
                 f"{signal} takes at most {self._fixed.i_max:g} A, the drive's current limit, got {value:g}"
@@ -175,33 +229,104 @@ class VirtualDrive:
         if periods < 0:
             raise ValueError(f"a drive runs 0 or more periods, got {periods}")
         self._take_written()
+        firmware = self._state.firmware
+        self._state = self._state._replace(
+            firmware=firmware._replace(powered=self._operation.powered, tripped=False)
+        )
+        recording = self._record_for_capture(periods, recording)
+        tick = self.tick
         rows = self._simulate(periods, recording)
+        self._protect()
+        with self._lock:
+            self._recorder.take(tick, recording)
         self._publish(rows)
         return rows
+
+    def _record_for_capture(self, periods: int, recording: NDArray[np.float64]) -> NDArray[np.float64]:
+        if len(recording) or self._recorder.state not in (ARMED, TRIGGERED):
+            return recording
+        return np.empty((periods, len(RECORDED)))
+
+    def _protect(self) -> None:
+        """Go into fault where the simulation tripped, the winding is too hot, or nobody was heard for too long."""
+        operation, heard = self._operation, self._heard
+        self._heard = False
+        if heard or not operation.powered:
+            operation.heard = self.tick
+        if self._state.firmware.tripped:
+            operation.fault(OVERCURRENT)
+        if operation.powered and self.truth.temp_winding > self.scenario.drive.temperature_trip:
+            operation.fault(OVERTEMPERATURE_MOTOR)
+        operation.watch(self.tick, round(self._readable["watchdog_time"] / self.T_s))
 
     def _simulate(self, periods: int, recording: NDArray[np.float64]) -> StreamRows:
         # One row may end at once, the others take `stream_periods`
         room = 1 + periods // self._settings.stream_periods
         ticks, rows = np.empty(room, np.int64), np.empty((room, len(stream.COLUMNS)))
         self._state, n = simulated(self._bench, self._settings, self._state, periods, ticks, rows, recording)
-        return StreamRows(ticks[:n], *np.ascontiguousarray(rows[:n].T))
+        whole = ticks[:n] >= self._reset_at  # a row that a reset cut is none
+        return StreamRows(ticks[:n][whole] - self._reset_at, *np.ascontiguousarray(rows[:n][whole].T))
 
     def _take_written(self) -> None:
         with self._lock:
-            written, self._written = self._written, {}
-            self._readable.update(written)
+            written, self._written = self._written, []
             temperature, self._next_temperature = self._next_temperature, None
+            for name, value in written:
+                self._take(name, value)
         if temperature is not None:
             now, bench = self._state.tick * self.T_s, self._bench
             self._bench = bench._replace(course=continued(bench.course, now, bench.machine, temperature))
-        if written:
-            values = {name: int(value) if name in _WHOLE else value for name, value in written.items()}
-            self._settings = self._settings._replace(**values)
+        values: dict[str, Any] = {name: self._readable[name] for name in Settings._fields}
+        values |= {name: int(values[name]) for name in _WHOLE if name in values}
+        self._settings = Settings(**values)
+
+    def _take(self, name: str, value: float) -> None:
+        """What has been written, one by one."""
+        if name == _RESET:
+            self._restart()
+            return
+        self._readable[name] = value
+        if name == "control_word":
+            self._operation.command(int(value))
+        elif name == "store":
+            self._stored = {key: self._readable[key] for key in _PARAMETERS}
+        elif name == "restore":
+            self._stored = dict(self._delivered)
+        elif name == "capture_command":
+            self._command_recorder(int(value))
+
+    def _restart(self) -> None:
+        self._readable |= self._stored
+        self._reset_at = self._state.tick
+        self.resets += 1
+        enabled = self.scenario.drive.enabled
+        self._operation = Operation(State.OPERATION_ENABLED if enabled else State.SWITCH_ON_DISABLED)
+        self._recorder = Recorder(self._recorder.full)
+
+    def _command_recorder(self, command: int) -> None:
+        if command == 0:
+            self._recorder.stop()
+        elif command == 1:
+            self._recorder.arm(Setup.of(self._readable))
+        else:
+            self._recorder.trigger()
+        self._readable["capture_state"] = float(self._recorder.state)
+
+    def _present(self) -> dict[str, float]:
+        """Values as they will be when all that is written has been taken."""
+        armed = {"capture_state": float(ARMED)} if ("capture_command", 1.0) in self._written else {}
+        return self._readable | {name: value for name, value in self._written if name != _RESET} | armed
 
     def _publish(self, rows: StreamRows | None = None) -> None:
         """Make the present readable: settings, tick, temperature, the latest row."""
         latest = {name: float(value) for name, value in self._settings._asdict().items()}
-        latest["tick"] = float(self._state.tick & 0xFFFF_FFFF)
+        latest["tick"] = float(self.tick & 0xFFFF_FFFF)
+        latest["status_word"] = float(self._operation.state.bits)
+        latest["error_code"] = float(self._operation.error_code)
+        latest["capture_state"] = float(self._recorder.state)
+        latest["capture_count"] = float(self._recorder.count)
+        latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
+        latest["capture_number"] = float(self._recorder.number)
         latest["temp_winding"] = latest["temp_magnet"] = self.truth.temp_winding
         if rows:
             latest |= {name: float(getattr(rows, name)[-1]) for name in stream.COLUMNS}
@@ -244,6 +369,7 @@ def _commissioned(scenario: Scenario) -> Commissioning:
         drive.T_s,
         drive.u_dc,
         drive.i_max,
+        0.5 * (drive.i_max + drive.adc_full),
         run.speed_control,
         scenario.profile,
         k_p,

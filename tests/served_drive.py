@@ -1,6 +1,7 @@
 """A virtual drive on a CAN bus, for tests: in this process or in one of its own."""
 
 import contextlib
+import queue
 import signal
 import subprocess
 import sys
@@ -14,8 +15,10 @@ import numpy as np
 
 from drivers.block import Block
 from drivers.drive import Drive
+from drivers.errors import DriveError
 from drivers.wire.can_url import parse_can_url
 from emulator.canopen_server import CanopenNode
+from emulator.faults import Faults
 from emulator.scenarios import PAPER, Scenario
 from emulator.virtual_drive import StreamRows, VirtualDrive
 from tests.conftest import bus_url, free_port
@@ -57,11 +60,11 @@ class Served:
 
 
 @contextlib.contextmanager
-def served(url: str, scenario: Scenario = PAPER) -> Generator[Served]:
+def served(url: str, scenario: Scenario = PAPER, faults: Faults | None = None) -> Generator[Served]:
     """A virtual drive at a URL, in this process."""
     drive = VirtualDrive(scenario)
     drive.warm_up()
-    with CanopenNode(drive, parse_can_url(url)) as node:
+    with CanopenNode(drive, parse_can_url(url), faults) as node:
         bench = Served(url, drive, node)
         bench.step(_BURST)
         bench.running.set()
@@ -125,3 +128,68 @@ def first_blocks(drive: Drive, rows: int) -> list[Block]:
     with contextlib.suppress(AttributeError):
         stream.close()  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType]
     return blocks
+
+
+def joined(blocks: list[Block], name: str) -> np.ndarray:
+    """A column of many blocks."""
+    return np.concatenate([getattr(block, name) for block in blocks])
+
+
+class Listening:
+    """A stream iterated in a thread of its own: its blocks so far, and how it ended."""
+
+    def __init__(self, drive: Drive) -> None:
+        self.blocks = list[Block]()
+        self.error: DriveError | None = None
+        self._drive = drive
+        self.thread = threading.Thread(target=self._run, name="listening")
+        self.thread.start()
+
+    @property
+    def rows(self) -> int:
+        """So many have come."""
+        return sum(map(len, self.blocks))
+
+    def ended(self) -> DriveError | None:
+        """How it ended; fails when it does not."""
+        self.thread.join(PATIENCE)
+        assert not self.thread.is_alive(), "the stream has not ended"
+        return self.error
+
+    def _run(self) -> None:
+        try:
+            for block in self._drive.stream():
+                self.blocks.append(block)
+        except DriveError as error:
+            self.error = error
+
+
+@contextlib.contextmanager
+def listening(drive: Drive) -> Generator[Listening]:
+    """A stream under way, ended at the end."""
+    listener = Listening(drive)
+    try:
+        until(lambda: listener.rows > 20 or not listener.thread.is_alive(), "no rows")
+        yield listener
+    finally:
+        drive.close()
+        listener.thread.join(PATIENCE)
+
+
+def in_threads(work: list[Callable[[], None]]) -> None:
+    """Do all at once; the first failure is raised."""
+    failures: queue.SimpleQueue[BaseException] = queue.SimpleQueue()
+
+    def guarded(job: Callable[[], None]) -> None:
+        try:
+            job()
+        except BaseException as error:  # noqa: BLE001 - raised again below
+            failures.put(error)
+
+    threads = [threading.Thread(target=guarded, args=(job,)) for job in work]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE)
+    if not failures.empty():
+        raise failures.get()

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.assembler import Assembler, Counts
+from drivers.assembler import Assembler
 from drivers.block import Block
 from drivers.errors import FrameError
+from drivers.rows import Counts
 
 FULL = {"i_full": 32.768, "u_full": 327.68, "omega_full": 3276.8}  # one count: 1 mA, 10 mV, 0.1 rad/s
 T_S = 1e-4
@@ -59,6 +60,18 @@ def test_golden_frames_become_a_block_in_si_units() -> None:
     assert (block.i_step, block.u_step) == pytest.approx((1e-3, 10e-3))
     assert math.isnan(block.temp_winding)
     assert math.isnan(block.temp_magnet)
+    assert assembler.counts == Counts(rows=1)
+
+
+def test_the_voltage_of_a_bridge_that_is_off_is_no_number() -> None:
+    assembler = started()
+    assembler.frame(0, frame(0, 10))
+    assembler.frame(1, bytes.fromhex("0a00102700800080"))  # 10, 10000, not known, not known
+    assembler.frame(2, frame(2, 10))
+    (block,) = assembler.take()
+    assert np.isnan(block.u_d).all()
+    assert np.isnan(block.u_q).all()
+    assert block.omega_e == pytest.approx([1000.0])
     assert assembler.counts == Counts(rows=1)
 
 

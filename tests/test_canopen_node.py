@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
-from drivers.wire.dictionary import SIGNALS
+from drivers.wire.dictionary import CAPTURE_DATA, SIGNALS
 from emulator.canopen_server import CanopenNode
 from emulator.scenarios import PAPER
 from emulator.socketcand import BusError
@@ -51,6 +51,12 @@ class Wire:
 
     def nmt(self, command: int, node: int = 5) -> None:
         self.send(0, bytes([command, node]))
+
+    def operate(self) -> None:
+        """Operational; rows that begin from now on are sent."""
+        self.nmt(1)
+        self.in_state(od.STATE_OPERATIONAL)
+        assert self.run(0) == []
 
     def run(self, periods: int) -> list[tuple[int, bytes]]:
         """What comes while time passes."""
@@ -98,7 +104,12 @@ def test_the_order_to_reset_is_followed_by_the_boot_up_message(wire: Wire) -> No
         wire.nmt(1)
         wire.in_state(od.STATE_OPERATIONAL)
         wire.nmt(command)
-        assert wire.next() == (0x705, b"\x00")
+        if command == 129:
+            wire.in_state(od.STATE_BOOT_UP)
+            assert wire.run(1000)[0] == (0x705, b"\x00")  # the drive as a whole has reset
+            assert wire.drive.tick == 1000
+        else:
+            assert wire.next() == (0x705, b"\x00")
         wire.in_state(od.STATE_PRE_OPERATIONAL)
 
 
@@ -122,6 +133,19 @@ def test_a_stopped_node_answers_no_sdo_until_it_is_woken(wire: Wire) -> None:
         ("4000180100000000", "4300180185010000"),  # TPDO 1: 0x185
         ("40001a0000000000", "4f001a0004000000"),
         ("40001a0200000000", "43001a0210020021"),  # theta_e
+        ("40001a0500000000", "43001a0500000000"),
+        ("4010100000000000", "4f10100001000000"),
+        ("4010100100000000", "4310100101000000"),  # stores on command
+        ("4011100100000000", "4311100101000000"),
+        ("2310100173617665", "6010100100000000"),  # "save"
+        ("231110016c6f6164", "6011100100000000"),  # "load"
+        ("4003100000000000", "4f03100000000000"),
+        ("4005100000000000", "4305100080000000"),
+        ("4014100000000000", "4314100085000000"),
+        ("4016100100000000", "4316100100000000"),
+        ("23161001e8037f00", "6016100100000000"),
+        ("4041600000000000", "4b41600027000000"),  # operation enabled
+        ("2b40600000000000", "6040600000000000"),
         ("4000200200000000", "43002002a0860100"),  # T_s: 100000 ns
         ("4000200400000000", "4b0020040a000000"),
         ("4000200000000000", "4f00200004000000"),
@@ -141,14 +165,22 @@ def test_an_sdo_request_gets_the_answer_made_by_hand(wire: Wire, request_: str, 
         ("4018100500000000", 0x06090011),
         ("2300200100000000", 0x06010002),  # read only
         ("2300100000000000", 0x06010002),
-        ("23001a0100000000", 0x06010002),
+        ("23001a0102002160", 0x08000022),  # the mapping of a TPDO that is valid
+        ("2f001a0000000000", 0x08000022),
         ("2300200401000000", 0x06070010),  # four bytes where there are two
         ("2f17100001000000", 0x06070010),
-        ("2b00200404000000", 0x06090030),  # 4 periods
+        ("2b00200403000000", 0x06090030),  # 3 periods: more frames than 1 Mbit/s carries
         ("230023020000c07f", 0x06090030),  # not a number
         ("2300230200004841", 0x06090030),  # 12.5 A
         ("2300500001000000", 0x06020000),
-        ("c000200100000000", 0x05040001),  # block download
+        ("e000200100000000", 0x05040001),  # no such command
+        ("6000000000000000", 0x05040001),  # a segment of nothing
+        ("a000200100000000", 0x05040002),  # a block of no segments
+        ("2310100100000000", 0x08000020),  # not the word to store
+        ("4003100100000000", 0x08000024),  # no error so far
+        ("2f03100001000000", 0x06090030),
+        ("4004180000000000", 0x06020000),  # four TPDOs
+        ("4041600100000000", 0x06090011),
     ],
 )
 def test_what_cannot_be_is_aborted_with_the_standards_code(wire: Wire, request_: str, code: int) -> None:
@@ -158,6 +190,9 @@ def test_what_cannot_be_is_aborted_with_the_standards_code(wire: Wire, request_:
     assert struct.unpack("<I", answer[4:])[0] == code
 
 
+NO_DATA = {CAPTURE_DATA, *((0x1003, k) for k in range(1, 9))}  # of a drive that nothing has happened to
+
+
 def test_every_object_of_the_data_sheet_can_be_read_in_its_size_and_default(wire: Wire) -> None:
     source: Any = io.StringIO(od.eds())
     source.name = "drive.eds"
@@ -165,6 +200,8 @@ def test_every_object_of_the_data_sheet_can_be_read_in_its_size_and_default(wire
     for entry in dictionary.values():
         variables: list[Any] = [entry] if hasattr(entry, "data_type") else list(entry.values())
         for variable in variables:
+            if (variable.index, variable.subindex) in NO_DATA:
+                continue
             data = wire.node.get_data(variable.index, variable.subindex)
             assert len(variable) == 8 or 8 * len(data) == len(variable), variable.name
             if variable.default is not None:
@@ -182,8 +219,7 @@ def test_what_the_drive_itself_holds_can_always_be_read(wire: Wire) -> None:
 def test_rows_go_out_in_operational_alone_and_the_slow_pdo_with_every_hundredth(wire: Wire) -> None:
     wire.next()
     assert [f for f in wire.run(500) if f[0] != 0x705] == []
-    wire.nmt(1)
-    wire.in_state(od.STATE_OPERATIONAL)
+    wire.operate()
     frames = [f for f in wire.run(2000) if f[0] != 0x705]
     ids = [cob_id for cob_id, _ in frames]
     assert [ids.count(cob_id) for cob_id in (0x185, 0x285, 0x385, 0x485)] == [200, 200, 200, 2]
@@ -199,17 +235,34 @@ def test_a_heartbeat_time_of_zero_stops_it(wire: Wire) -> None:
     assert wire.run(10_000) == []
 
 
+IDENTITY_ASKED = bytes.fromhex("4018100200000000")
+OBJECTS = [
+    (0x1800, 1), (0x1800, 2), (0x1A00, 0), (0x1A00, 1), (0x1003, 0), (0x1016, 1), (0x1017, 0), (0x6040, 0),
+    (0x2400, 15),
+    *((s.index, s.subindex) for s in SIGNALS if s.is_parameter),
+]
+
+
+def written(address: tuple[int, int], value: bytes) -> bytes:
+    """An SDO request that writes."""
+    return b"\x22" + od.sdo_address(*address) + value
+
+
 def test_no_frames_whatever_end_the_node(wire: Wire) -> None:
     @settings(deadline=None)
-    @given(st.lists(st.tuples(st.sampled_from([0x605, 0x605, 0x000, 0x705]), st.binary(max_size=8)), max_size=12))
+    @given(st.lists(st.one_of(
+        st.tuples(st.sampled_from([0x605, 0x000, 0x705, 0x77F, 0x080]), st.binary(max_size=8)),
+        st.tuples(st.just(0x000), st.sampled_from([bytes([command, 5]) for command in (1, 2, 128, 129, 130)])),
+        st.tuples(st.just(0x605), st.builds(written, st.sampled_from(OBJECTS), st.binary(min_size=4, max_size=4))),
+    ), max_size=20))
     def survives(frames: list[tuple[int, bytes]]) -> None:
-        for frame in frames:
-            wire.send(*frame)
-        wire.nmt(od.NMT_PRE_OPERATIONAL)
-        wire.send(0x605, bytes.fromhex("4018100200000000"))
+        for cob_id, data in frames:
+            wire.node._network.notify(cob_id, bytearray(data), 0.0)  # in this thread, where an exception is seen
+        wire.run(10)  # what was told to reset has reset
+        for cob_id, data in ((0x000, b"\x80\x05"), (0x605, b"\x80" + bytes(7)), (0x605, IDENTITY_ASKED)):
+            wire.node._network.notify(cob_id, bytearray(data), 0.0)
         while wire.next()[1].hex() != "431810024d534d50":
             pass
-        wire.run(10)
 
     survives()
 
@@ -236,3 +289,153 @@ def test_every_signal_is_answered(wire: Wire) -> None:
         answer = bytes.fromhex(wire.sdo((b"\x40" + od.sdo_address(signal.index, signal.subindex) + bytes(4)).hex()))
         assert answer[0] == 0x43 | (4 - size) << 2
         assert answer[1:4] == struct.pack("<HB", signal.index, signal.subindex)
+
+
+# TPDOs by CiA 301: how a mapping is changed, and what is refused on the way
+
+INVALID, VALID = "23001801850100 80".replace(" ", ""), "2300180185010000"
+
+
+def test_a_mapping_is_changed_by_the_standards_procedure(wire: Wire) -> None:
+    for request in (
+        INVALID, "2f001a0000000000", "23001a0110004160", "23001a0210010021", "23001a0320030020", "2f001a0003000000",
+        VALID,
+    ):
+        assert wire.sdo(request) == "60" + request[2:8] + "00000000", request
+    wire.operate()
+    first = next(data for cob_id, data in wire.run(20) if cob_id == 0x185)
+    assert first == struct.pack("<HHI", 0x27, 0, 20)  # status word, the row's tick, the tick now
+
+
+@pytest.mark.parametrize(
+    ("requests", "code"),
+    [
+        (["2f001a0000000000"], 0x08000022),  # still valid
+        ([INVALID, "23001a0110004160"], 0x08000022),  # entries are still counted
+        ([INVALID, "2f001a0000000000", "23001a0110010050"], 0x06040041),  # no such object
+        ([INVALID, "2f001a0000000000", "23001a0120030022"], 0x06040041),  # a parameter
+        ([INVALID, "2f001a0000000000", "23001a0108010021"], 0x06040041),  # another size
+        ([INVALID, "2f001a0000000000", "23001a0420030020", "2f001a0004000000"], 0x06040042),  # 80 bits
+        ([INVALID, "2f001a0000000000", "2f001a0005000000"], 0x06040041),  # an entry that is none
+        ([INVALID, "2f001a0000000000", "2f001a0009000000"], 0x06090030),
+        ([INVALID, "2f001a0000000000", "2b001a0001000000"], 0x06070010),
+        (["2300180186010000"], 0x08000022),  # another identifier while valid
+        ([INVALID, "2300180105060000"], 0x06090030),  # that of an SDO
+        ([INVALID, "2300180100000000"], 0x06090030),  # that of NMT
+        ([INVALID, "23001801850100a0"], 0x06090030),  # of 29 bits
+        (["2f00180200000000"], 0x06090030),  # synchronous but acyclic
+        (["2f001802fc000000"], 0x06090030),  # on remote frames
+        (["2f00180005000000"], 0x06010002),
+        (["4000180300000000"], 0x06090011),
+        (["40001a0900000000"], 0x06090011),
+    ],
+)
+def test_a_mapping_that_cannot_be_is_refused(wire: Wire, requests: list[str], code: int) -> None:
+    *before, last = requests
+    for request in before:
+        assert wire.sdo(request)[:2] == "60"
+    answer = bytes.fromhex(wire.sdo(last))
+    assert (answer[0], struct.unpack_from("<I", answer, 4)[0]) == (0x80, code)
+
+
+def test_a_synchronous_pdo_goes_with_every_so_manieth_sync_and_is_of_one_moment(wire: Wire) -> None:
+    wire.sdo("2f00180203000000")
+    wire.sdo("2f01180201000000")
+    wire.operate()
+    frames = wire.run(100)
+    assert {cob_id for cob_id, _ in frames} == {0x385, 0x485}  # the others do not go with rows any more
+    for number in range(1, 7):
+        wire.send(0x80, b"")
+        cob_id, second = wire.next()
+        if number % 3 == 0:
+            assert cob_id == 0x185
+            first, (cob_id, second) = second, wire.next()
+            assert first[:2] == second[:2] == struct.pack("<H", 90)  # the latest row
+        assert cob_id == 0x285
+
+
+def test_sync_moves_nothing_before_operational(wire: Wire) -> None:
+    wire.next()
+    wire.sdo("2f00180201000000")
+    wire.send(0x80, b"")
+    assert wire.sdo("4000180200000000") == "4f00180201000000"
+    wire.operate()
+    wire.send(0x80, b"\x01")  # with a counter
+    assert wire.next()[0] == 0x185
+
+
+# Errors, the bench's heartbeat, resets
+
+
+def test_a_fault_is_told_once_kept_in_the_history_and_its_end_told_too(wire: Wire) -> None:
+    wire.next()
+    wire.drive.write("watchdog_time", 0.01)
+    frames = [frame for _ in range(5) for frame in wire.run(90)]
+    assert frames == [(0x085, bytes.fromhex("3081110000000000"))]
+    assert wire.sdo("4001100000000000") == "4f01100011000000"
+    assert wire.sdo("4003100000000000") == "4f03100001000000"
+    assert wire.sdo("4003100100000000") == "4303100130810000"
+    wire.sdo("2b40600080000000")
+    assert (0x085, bytes(8)) in wire.run(10)
+    assert wire.sdo("4003100100000000") == "4303100130810000"
+    assert wire.sdo("2f03100000000000") == "6003100000000000"
+    assert wire.sdo("4003100100000000") == "8003100124000008"
+
+
+def test_a_heartbeat_of_the_node_that_is_consumed_feeds_the_watchdog_and_no_other_does(wire: Wire) -> None:
+    assert wire.sdo("23161001e8037f00") == "6016100100000000"
+    wire.drive.write("watchdog_time", 0.05)
+    heard = list[int]()
+    hear = wire.drive.hear
+    wire.drive.hear = lambda: (heard.append(wire.drive.tick), hear())[1]
+    for k in range(10):
+        wire.send(0x77F, b"\x05")
+        until(lambda k=k: len(heard) == k + 1, "it is not heard")
+        wire.run(400)
+    assert wire.drive.read("status_word") == 0x27
+    for cob_id, data in ((0x77E, b"\x05"), (0x77F, b""), (0x705, b"\x05")):
+        wire.send(cob_id, data)
+    wire.run(600)
+    assert (wire.drive.read("status_word"), wire.drive.read("error_code")) == (0x08, 0x8130)
+    assert len(heard) == 10
+
+
+def test_resetting_communication_leaves_the_drive_alone_and_restores_how_it_communicates(wire: Wire) -> None:
+    wire.run(500)
+    wire.sdo("2b171000c8000000")
+    wire.sdo("2310100173617665")  # store
+    wire.sdo("2b171000f4010000")
+    wire.sdo(INVALID)
+    wire.nmt(130)
+    until(lambda: wire.sdo("4000180100000000") == "4300180185010000", "the TPDO is not as stored")
+    assert wire.sdo("4017100000000000") == "4b171000c8000000"
+    wire.sdo("231110016c6f6164")  # restore
+    assert wire.sdo("4017100000000000") == "4b171000c8000000"
+    wire.nmt(130)
+    until(lambda: wire.sdo("4017100000000000") == "4b17100064000000", "it is not as delivered")
+    assert (wire.drive.tick, wire.drive.resets) == (500, 0)
+
+
+def test_a_drive_that_is_reset_over_another_link_boots_on_the_bus(wire: Wire) -> None:
+    wire.next()
+    wire.operate()
+    wire.run(100)
+    wire.drive.reset()
+    assert wire.run(100)[0] == (0x705, b"\x00")
+    assert wire.node._state == od.STATE_PRE_OPERATIONAL
+
+
+def test_node_guarding_and_29_bit_identifiers_are_not_answered(wire: Wire) -> None:
+    wire.next()
+    for cob_id in (0x705, 0x185, 0x605):
+        wire.bus.send(can.Message(arbitration_id=cob_id, is_remote_frame=True, dlc=1, is_extended_id=False))
+    read = bytes.fromhex("4018100200000000")
+    wire.bus.send(can.Message(arbitration_id=0x605, data=read, is_extended_id=True))
+    wire.send(0x605, bytes.fromhex("4000100000000000"))
+    assert wire.next() == (0x585, bytes.fromhex("4300100092010200"))
+
+
+def test_a_transfer_that_is_left_is_aborted_by_the_node(wire: Wire) -> None:
+    assert wire.sdo("4008100000000000")[:2] == "41"
+    frames = wire.run(30_000)
+    assert (0x585, bytes.fromhex("8008100000000405")) in frames

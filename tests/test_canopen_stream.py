@@ -3,23 +3,30 @@
 import contextlib
 import itertools
 import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 
 import can
 import numpy as np
 import pytest
 
-from drivers.block import Block
 from drivers.connect import connect
 from drivers.drive import Drive
-from drivers.errors import ConnectError, DriveError, FrameError, LostError
+from drivers.errors import ConnectError, FrameError, LostError
 from drivers.wire import canopen_od as od
 from drivers.wire.codec import count_size
 from drivers.wire.dictionary import signal_named
-from tests.served_drive import PATIENCE, Served, emulator, first_blocks, ready, served, tcp_url, until, virtual_url
+from tests.served_drive import (
+    Listening,
+    Served,
+    first_blocks,
+    joined,
+    listening,
+    served,
+    tcp_url,
+    until,
+    virtual_url,
+)
 
 URLS = {"virtual": virtual_url, "socketcand": tcp_url}
 COLUMNS = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean", "u_dc")
@@ -35,49 +42,6 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Served]:
 def drive(bench: Served) -> Iterator[Drive]:
     with connect(bench.url) as connected:
         yield connected
-
-
-def joined(blocks: list[Block], name: str) -> np.ndarray:
-    return np.concatenate([getattr(block, name) for block in blocks])
-
-
-class Listening:
-    """A stream iterated in a thread of its own: its blocks so far, and how it ended."""
-
-    def __init__(self, drive: Drive) -> None:
-        self.blocks = list[Block]()
-        self.error: DriveError | None = None
-        self._drive = drive
-        self.thread = threading.Thread(target=self._run, name="listening")
-        self.thread.start()
-
-    @property
-    def rows(self) -> int:
-        return sum(map(len, self.blocks))
-
-    def ended(self) -> DriveError | None:
-        self.thread.join(PATIENCE)
-        assert not self.thread.is_alive(), "the stream has not ended"
-        return self.error
-
-    def _run(self) -> None:
-        try:
-            for block in self._drive.stream():
-                self.blocks.append(block)
-        except DriveError as error:
-            self.error = error
-
-
-@contextlib.contextmanager
-def listening(drive: Drive) -> Generator[Listening]:
-    """A stream under way, ended at the end."""
-    listener = Listening(drive)
-    try:
-        until(lambda: listener.rows > 20 or not listener.thread.is_alive(), "no rows")
-        yield listener
-    finally:
-        drive.close()
-        listener.thread.join(PATIENCE)
 
 
 def test_what_the_drive_produced_arrives_within_half_a_count(bench: Served, drive: Drive) -> None:
@@ -176,16 +140,6 @@ def test_two_clients_hear_the_same_rows_and_a_reader_disturbs_neither(bench: Ser
     assert all(first[tick] == i_q for tick, i_q in common.items())
 
 
-def test_values_can_be_read_and_written_while_streaming(drive: Drive) -> None:
-    with listening(drive) as listener:
-        for k in range(50):
-            drive.write("i_q_ref", k / 100.0)
-            assert drive.read("i_q_ref") == k / 100.0
-        until(lambda: listener.rows > 100, "no rows")
-    assert listener.error is None
-    assert all(block.lost_before == 0 for block in listener.blocks)
-
-
 def test_closing_from_another_thread_ends_the_stream_without_an_error(drive: Drive) -> None:
     with listening(drive) as listener:
         begun = time.monotonic()
@@ -243,25 +197,6 @@ def test_a_bus_that_vanishes_is_lost_and_had_again_when_it_is_back() -> None:
         assert time.monotonic() - begun < 2.5
     with served(url), connect(url) as again:
         assert len(first_blocks(again, 20)) > 0
-
-
-@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_process_that_dies_or_hangs_is_lost_in_a_sentence(
-    end: signal.Signals, capfd: pytest.CaptureFixture[str]
-) -> None:
-    url = tcp_url()
-    with emulator("--at", url) as process:
-        ready(process)
-        with connect(url) as drive, listening(drive) as listener:
-            os.kill(process.pid, end)
-            begun = time.monotonic()
-            error = listener.ended()
-            assert time.monotonic() - begun < 1.6
-            drive.close()
-            assert time.monotonic() - begun < 2.5
-        assert isinstance(error, LostError)
-        assert "Traceback" not in str(error)
-    assert capfd.readouterr().err == ""
 
 
 def test_a_bus_whose_reader_fails_is_lost_and_closes(capfd: pytest.CaptureFixture[str]) -> None:

@@ -17,9 +17,10 @@ from pathlib import Path
 import pytest
 
 from bench.cli.main import main
+from drivers.wire.canopen_od import eds
 from tests.conftest import COMMAND, RunningBench, bus_url, command, free_port
 
-SUBCOMMANDS = ("serve", "emulate", "up", "estimates", "replay")
+SUBCOMMANDS = ("serve", "emulate", "up", "eds", "estimates", "replay")
 
 
 def pmsm_bench(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
@@ -70,6 +71,19 @@ def test_every_command_explains_itself(
 ) -> None:
     assert pmsm_bench(monkeypatch, name, "--help") == 0
     assert f"pmsm-bench {name}" in capsys.readouterr().out
+
+
+def test_the_data_sheet_is_printed_or_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pmsm_bench(monkeypatch, "eds") == 0
+    printed = capsys.readouterr().out
+    assert printed == eds() + "\n"
+    assert pmsm_bench(monkeypatch, "eds", "--out", str(tmp_path / "drive.eds")) == 0
+    assert (tmp_path / "drive.eds").read_text() == printed
+    assert capsys.readouterr().out == ""
+    said = refused(["eds", "--out", str(tmp_path)], monkeypatch, capsys)
+    assert said == f"cannot write {tmp_path}: Is a directory"
 
 
 def test_without_a_command_the_help_is_shown(

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from drivers.wire.dictionary import SIGNALS
+from drivers.wire.dictionary import SIGNALS, WireType
 from emulator import stream
 from emulator.frames import clarke
 from emulator.scenarios import PAPER, Excitation, Run
@@ -137,11 +137,12 @@ def test_every_signal_can_be_read() -> None:
         drive.read("torque")
 
 
-def test_what_is_written_is_read_at_once_and_stays() -> None:
+def test_a_parameter_that_is_written_is_read_at_once_and_stays() -> None:
     drive = VirtualDrive(PAPER)
     for signal in SIGNALS:
-        if signal.access == "rw":
-            value = {"n_p": 4.0, "stream_periods": 20.0}.get(signal.name, drive.read(signal.name) * 1.01)
+        if signal.is_parameter:
+            value = drive.read(signal.name) * 1.01 if signal.type is WireType.F32 else signal.maximum or 0.0
+            value = {"n_p": 4.0, "stream_periods": 20.0, "watchdog_time": 0.0}.get(signal.name, value)
             drive.write(signal.name, value)
             assert drive.read(signal.name) == value
             drive.run(30)
@@ -156,7 +157,7 @@ def test_what_is_written_is_read_at_once_and_stays() -> None:
         ("i_d_step", -1.0, r"0x2300:3 \(i_d_step\) takes at least 0\.0 A, got -1\.0"),
         ("step_time", 1e-4, r"0x2300:5 \(step_time\) takes at least 0\.001 s, got 0\.0001"),
         ("bandwidth", math.nan, r"0x2200:6 \(bandwidth\) takes a finite number, got nan"),
-        ("stream_periods", 4.0, r"0x2000:4 \(stream_periods\) takes at least 5 1, got 4\.0"),
+        ("stream_periods", 0.0, r"0x2000:4 \(stream_periods\) takes at least 1 1, got 0\.0"),
         ("stream_periods", 10.5, r"0x2000:4 \(stream_periods\) takes a whole number, got 10\.5"),
         ("i_d", 1.0, r"0x2100:3 \(i_d\) cannot be written"),
         ("T_s", 1e-3, r"0x2000:2 \(T_s\) cannot be written"),

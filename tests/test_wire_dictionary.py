@@ -9,7 +9,19 @@ from itertools import groupby
 import pytest
 
 from drivers.wire.canopen_od import ROW_TPDOS, TPDO_LAYOUT
-from drivers.wire.dictionary import SIGNALS, Signal, WireType, layout_id, signal_at, signal_named
+from drivers.wire.codec import channel_signal
+from drivers.wire.dictionary import (
+    CAPTURE_DATA,
+    CHANNELS,
+    RESTORE_WORD,
+    SIGNALS,
+    STORE_WORD,
+    Signal,
+    WireType,
+    layout_id,
+    signal_at,
+    signal_named,
+)
 
 
 def changed(signal_name: str, **fields: object) -> list[Signal]:
@@ -25,12 +37,33 @@ def test_every_address_and_every_name_is_there_once() -> None:
 def test_subindices_of_an_object_count_from_one_without_a_hole() -> None:
     for _, group in groupby(sorted(SIGNALS, key=lambda s: (s.index, s.subindex)), key=lambda s: s.index):
         subindices = [signal.subindex for signal in group]
-        assert subindices == list(range(1, len(subindices) + 1))
+        assert subindices in ([0], list(range(1, len(subindices) + 1)))  # a variable, or a record
         assert len(subindices) <= 254
 
 
-def test_signals_stand_in_the_manufacturers_range() -> None:
-    assert all(0x2000 <= signal.index <= 0x5FFF for signal in SIGNALS)
+STANDARD = {  # by CiA 301 and CiA 402
+    "store": (0x1010, 1), "restore": (0x1011, 1), "error_code": (0x603F, 0), "control_word": (0x6040, 0),
+    "status_word": (0x6041, 0),
+}
+
+
+def test_signals_stand_in_the_manufacturers_range_but_for_those_of_the_standards() -> None:
+    outside = {s.name: (s.index, s.subindex) for s in SIGNALS if not 0x2000 <= s.index <= 0x5FFF}
+    assert outside == STANDARD
+    assert (CAPTURE_DATA[0], 1) == CAPTURE_DATA
+    assert signal_at(*CAPTURE_DATA) is None
+
+
+def test_what_is_written_to_make_something_happen_is_no_parameter() -> None:
+    commands = {s.name for s in SIGNALS if s.access == "rw" and not s.is_parameter}
+    assert commands == {"control_word", "store", "restore", "capture_command", "capture_offset"}
+    assert (STORE_WORD, RESTORE_WORD) == (0x65766173, 0x64616F6C)  # "save" and "load", CiA 301
+
+
+def test_every_channel_of_the_recorder_is_a_stream_signal_or_a_phase_current() -> None:
+    assert CHANNELS[0] == "none"
+    assert {name for name in CHANNELS[1:] if signal_named(channel_signal(name).name).index != 0x2100} == set()
+    assert len(set(CHANNELS)) == len(CHANNELS)
 
 
 @pytest.mark.parametrize("signal", SIGNALS, ids=lambda s: s.name)
@@ -51,7 +84,7 @@ def test_bounds_belong_to_what_can_be_written_and_leave_room(signal: Signal) -> 
         assert low is None
         assert high is None
     if low is not None and high is not None:
-        assert low < high
+        assert low < high or signal.name in ("store", "restore")  # one word alone does it
 
 
 @pytest.mark.parametrize("signal", SIGNALS, ids=lambda s: s.name)

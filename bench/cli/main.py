@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import BenchError
+from bench.errors import BenchError, ConfigError
 from drivers.errors import DriveError
 
 app = typer.Typer(
@@ -50,6 +50,16 @@ def up(at: At = DEFAULT_BUS, scenario: Scenario = "paper", port: Port = None) ->
 
 
 @app.command()
+def eds(
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="write it there (default: standard output)")] = None,
+) -> None:
+    """Print the drive's electronic data sheet for CANopen tools."""
+    from drivers.wire.canopen_od import eds as data_sheet
+
+    _written(data_sheet(), out)
+
+
+@app.command()
 def estimates(
     name: Annotated[str, typer.Argument(help="the drive")],
     service: Annotated[
@@ -86,7 +96,7 @@ def replay(
     ] = None,
     periods: Annotated[int | None, typer.Option(help="wls, rls: periods per regression row (default: 1)")] = None,
     forgetting_factor: Annotated[
-        float | None, typer.Option(metavar="LAM", help="rls: 0.5 to 1 (default: 1, nothing is forgotten)")
+        float | None, typer.Option(metavar="LAM", help="rls: 0.99 to 1 (default: 1, nothing is forgotten)")
     ] = None,
     ekf: Annotated[
         str | None,
@@ -102,6 +112,25 @@ def replay(
 
     options = Options(method, window, longest, periods, forgetting_factor, ekf, estimate)
     run(file, nominal, mapping or (), constants or (), align or (), options, every, json_out, csv_out)
+
+
+@app.command()
+def registers(as_json: Annotated[bool, typer.Option("--json", help="as JSON")] = False) -> None:
+    """Print the Modbus registers of a drive."""
+    from bench.cli.registers import show
+
+    show(as_json=as_json)
+
+
+def _written(text: str, out: Path | None) -> None:
+    """A text on standard output, or in a file."""
+    if out is None:
+        print(text)
+        return
+    try:
+        out.write_text(text + "\n", encoding="ascii")
+    except OSError as error:
+        raise ConfigError(f"cannot write {out}: {error.strerror}") from None
 
 
 def main() -> None:

@@ -4,9 +4,11 @@ Standards: CiA 301 (application layer), CiA 306 (electronic data sheet). Pure: b
 """
 
 import struct
+from collections.abc import Iterable
+from enum import IntEnum
 from typing import Final
 
-from drivers.wire.dictionary import SIGNALS, Signal, WireType, signal_named
+from drivers.wire.dictionary import CAPTURE_DATA, SIGNALS, Signal, WireType, signal_at, signal_named
 
 DEVICE_NAME: Final = "pmsm-bench virtual drive"
 DEVICE_TYPE: Final = 0x0002_0192  # CiA 402, servo drive
@@ -17,7 +19,13 @@ REVISION: Final = 1
 # Communication objects (CiA 301)
 OD_DEVICE_TYPE: Final = 0x1000
 OD_ERROR_REGISTER: Final = 0x1001
+OD_ERROR_HISTORY: Final = 0x1003
+OD_SYNC_COB_ID: Final = 0x1005
 OD_DEVICE_NAME: Final = 0x1008
+OD_STORE: Final = 0x1010
+OD_RESTORE: Final = 0x1011
+OD_EMERGENCY_COB_ID: Final = 0x1014
+OD_HEARTBEAT_CONSUMER: Final = 0x1016
 OD_HEARTBEAT: Final = 0x1017
 OD_IDENTITY: Final = 0x1018
 OD_TPDO: Final = 0x1800
@@ -35,8 +43,38 @@ STATE_STOPPED: Final = 4
 STATE_OPERATIONAL: Final = 5
 STATE_PRE_OPERATIONAL: Final = 127
 
+
+class Abort(IntEnum):
+    """SDO abort codes (CiA 301, table 22)."""
+
+    TOGGLE = 0x05030000
+    TIME_OUT = 0x05040000
+    COMMAND = 0x05040001
+    BLOCK_SIZE = 0x05040002
+    SEQUENCE = 0x05040003
+    CRC = 0x05040004
+    MEMORY = 0x05040005
+    READ_ONLY = 0x06010002
+    NO_OBJECT = 0x06020000
+    NOT_MAPPABLE = 0x06040041
+    PDO_LENGTH = 0x06040042
+    LENGTH = 0x06070010
+    NO_SUBINDEX = 0x06090011
+    VALUE_RANGE = 0x06090030
+    GENERAL = 0x08000000
+    NOT_STORED = 0x08000020
+    DEVICE_STATE = 0x08000022
+    NO_DATA = 0x08000024
+
+
+SYNC_COB_ID: Final = 0x080
 HEARTBEAT_MS: Final = 100  # ms, default producer time
+ERROR_HISTORY: Final = 8  # errors at most in object 0x1003
+BENCH_NODE: Final = 127  # the node whose heartbeat the bench sends; another where the drive itself has this id
+STORES_ON_COMMAND: Final = 1  # what objects 0x1010 and 0x1011 tell when they are read
+BUS_FRAMES: Final = 8000  # full frames a second on a bus of 1 Mbit/s
 SLOW_ROWS: Final = 100  # the slow TPDO goes with every this many rows
+UPLOAD_SAMPLES: Final = 4096  # of a recording, at most, that one transfer of object 0x2410 brings: 0.9 s at 1 Mbit/s
 
 TPDO_LAYOUT: Final[tuple[tuple[Signal, ...], ...]] = tuple(
     tuple(signal_named(name) for name in names)
@@ -53,6 +91,11 @@ ROW_TPDOS: Final = 3  # so many frames make a row
 def tpdo_cob_id(number: int, node_id: int) -> int:
     """Identifier of TPDO `number` (0 to 3), predefined connection set."""
     return 0x180 + 0x100 * number + node_id
+
+
+def emergency_cob_id(node_id: int) -> int:
+    """Identifier of the node's emergency messages."""
+    return 0x080 + node_id
 
 
 def sdo_request_cob_id(node_id: int) -> int:
@@ -90,12 +133,42 @@ def tpdo_mapping(number: int) -> tuple[int, ...]:
     return tuple(s.index << 16 | s.subindex << 8 | s.type.bits for s in TPDO_LAYOUT[number])
 
 
+NOT_VALID: Final = 1 << 31  # bit of a TPDO's COB-ID: it is not sent
+ON_EVENT: Final = 254  # transmission type: when the drive has something to tell, here with its rows
+MAPPING_ENTRIES: Final = 8  # at most, in a TPDO
+
+
+def transmission_known(type_: int) -> bool:
+    """Whether the drive knows this transmission type: every 1st to 240th SYNC, or on events of its own."""
+    return 1 <= type_ <= 240 or type_ in (254, 255)
+
+
+def mappable(signal: Signal) -> bool:
+    """Whether a TPDO may carry this signal."""
+    return signal.index == 0x2100 or signal.name in ("status_word", "error_code", "tick")
+
+
+def mapping_text(entries: Iterable[int]) -> str:
+    """A mapping in words."""
+    def name(entry: int) -> str:
+        signal = signal_at(entry >> 16, entry >> 8 & 0xFF)
+        return signal.name if signal and signal.type.bits == entry & 0xFF else f"0x{entry:08X}"
+
+    return " ".join(map(name, entries)) or "nothing"
+
+
 def eds() -> str:
     """The drive's electronic data sheet (CiA 306) as text."""
     objects: dict[int, list[str]] = {
         OD_DEVICE_TYPE: _variable(OD_DEVICE_TYPE, None, "Device type", 0x07, "ro", DEVICE_TYPE),
         OD_ERROR_REGISTER: _variable(OD_ERROR_REGISTER, None, "Error register", 0x05, "ro", 0),
         OD_DEVICE_NAME: _variable(OD_DEVICE_NAME, None, "Device name", 0x09, "const", DEVICE_NAME),
+        OD_ERROR_HISTORY: _array(OD_ERROR_HISTORY, "Pre-defined error field", "rw", 0, [
+            (f"Error {k}", 0x07, "ro", None) for k in range(1, ERROR_HISTORY + 1)]),
+        OD_SYNC_COB_ID: _variable(OD_SYNC_COB_ID, None, "COB-ID SYNC message", 0x07, "const", SYNC_COB_ID),
+        OD_EMERGENCY_COB_ID: _variable(OD_EMERGENCY_COB_ID, None, "COB-ID EMCY", 0x07, "ro", "$NODEID+0x80"),
+        OD_HEARTBEAT_CONSUMER: _array(OD_HEARTBEAT_CONSUMER, "Consumer heartbeat time", "const", 1, [
+            ("Bench", 0x07, "rw", 0)]),
         OD_HEARTBEAT: _variable(OD_HEARTBEAT, None, "Producer heartbeat time", 0x06, "rw", HEARTBEAT_MS),
         OD_IDENTITY: _record(OD_IDENTITY, "Identity", [
             ("Vendor-ID", 0x07, "ro", VENDOR_ID), ("Product code", 0x07, "ro", PRODUCT_CODE),
@@ -103,15 +176,19 @@ def eds() -> str:
     }
     for number in range(len(TPDO_LAYOUT)):
         objects[OD_TPDO + number] = _record(OD_TPDO + number, f"TPDO {number + 1}", [
-            ("COB-ID", 0x07, "ro", f"$NODEID+0x{tpdo_cob_id(number, 0):X}"), ("Transmission type", 0x05, "ro", 254)])
-        objects[OD_TPDO_MAPPING + number] = _record(OD_TPDO_MAPPING + number, f"TPDO {number + 1} mapping", [
-            (f"Entry {k + 1}", 0x07, "ro", entry) for k, entry in enumerate(tpdo_mapping(number))])
+            ("COB-ID", 0x07, "rw", f"$NODEID+0x{tpdo_cob_id(number, 0):X}"),
+            ("Transmission type", 0x05, "rw", ON_EVENT)])
+        mapping = tpdo_mapping(number)
+        entries = (*mapping, *[0] * (MAPPING_ENTRIES - len(mapping)))
+        objects[OD_TPDO_MAPPING + number] = _array(OD_TPDO_MAPPING + number, f"TPDO {number + 1} mapping", "rw", len(
+            mapping), [(f"Entry {k}", 0x07, "rw", entry) for k, entry in enumerate(entries, 1)], record=True)
     for index in sorted({signal.index for signal in SIGNALS}):
-        objects[index] = _signal_record(index, [signal for signal in SIGNALS if signal.index == index])
+        objects[index] = _signals(index, [signal for signal in SIGNALS if signal.index == index])
+    objects[CAPTURE_DATA[0]] = _record(CAPTURE_DATA[0], "Recording", [("Data", 0x0F, "ro", None)])
 
     mandatory = [OD_DEVICE_TYPE, OD_ERROR_REGISTER, OD_IDENTITY]
-    optional = [index for index in objects if index < 0x2000 and index not in mandatory]
-    own = [index for index in objects if index >= 0x2000]
+    own = [index for index in objects if 0x2000 <= index < 0x6000]
+    optional = [index for index in objects if index not in (*mandatory, *own)]
     head = [
         "[FileInfo]", "FileName=pmsm-bench.eds", "FileVersion=1", "FileRevision=0", "EDSVersion=4.0",
         "Description=Permanent-magnet synchronous motor drive", "CreatedBy=pmsm-bench", "",
@@ -136,34 +213,46 @@ Entry = tuple[str, int, str, int | str | None]
 
 def _variable(
     index: int, subindex: int | None, name: str, canopen_type: int, access: str, default: int | str | None,
-    mappable: bool = False,
+    mapped: bool = False,
 ) -> list[str]:
     section = f"{index:04X}" if subindex is None else f"{index:04X}sub{subindex:X}"
     value = f"0x{default:X}" if isinstance(default, int) else default or ""
     return [
         f"[{section}]", f"ParameterName={name}", "ObjectType=0x7", f"DataType=0x{canopen_type:04X}",
-        f"AccessType={access}", f"DefaultValue={value}", f"PDOMapping={int(mappable)}", "",
+        f"AccessType={access}", f"DefaultValue={value}", f"PDOMapping={int(mapped)}", "",
     ]
 
 
 def _record(index: int, name: str, entries: list[Entry]) -> list[str]:
-    lines = [f"[{index:04X}]", f"ParameterName={name}", "ObjectType=0x9", f"SubNumber={len(entries) + 1}", ""]
-    lines += _variable(index, 0, "Highest sub-index supported", 0x05, "const", len(entries))
+    return _array(index, name, "const", len(entries), entries, record=True)
+
+
+def _array(
+    index: int, name: str, head_access: str, count: int, entries: list[Entry], record: bool = False
+) -> list[str]:
+    """`head_access` and `count` are those of sub-index 0."""
+    kind = 0x9 if record else 0x8
+    lines = [f"[{index:04X}]", f"ParameterName={name}", f"ObjectType=0x{kind}", f"SubNumber={len(entries) + 1}", ""]
+    lines += _variable(index, 0, "Highest sub-index supported", 0x05, head_access, count)
     for k, (entry, canopen_type, access, default) in enumerate(entries, 1):
         lines += _variable(index, k, entry, canopen_type, access, default)
     return lines
 
 
 _RECORD_NAMES: Final = {
-    0x2000: "Drive", 0x2010: "Full scales", 0x2100: "Stream", 0x2200: "Control", 0x2300: "References",
+    0x1010: "Store parameters", 0x1011: "Restore default parameters", 0x2000: "Drive", 0x2010: "Full scales",
+    0x2100: "Stream", 0x2200: "Control", 0x2300: "References", 0x2400: "Recorder",
 }
 
 
-def _signal_record(index: int, signals: list[Signal]) -> list[str]:
+def _signals(index: int, signals: list[Signal]) -> list[str]:
+    if signals[0].subindex == 0:
+        (s,) = signals
+        return _variable(index, None, s.name, s.type.canopen_type, s.access, None, mappable(s))
     name = _RECORD_NAMES[index]
     highest = max(signal.subindex for signal in signals)
     lines = [f"[{index:04X}]", f"ParameterName={name}", "ObjectType=0x9", f"SubNumber={len(signals) + 1}", ""]
     lines += _variable(index, 0, "Highest sub-index supported", WireType.U8.canopen_type, "const", highest)
     for s in signals:
-        lines += _variable(s.index, s.subindex, s.name, s.type.canopen_type, s.access, None, mappable=index == 0x2100)
+        lines += _variable(s.index, s.subindex, s.name, s.type.canopen_type, s.access, None, mappable(s))
     return lines

@@ -2,9 +2,13 @@
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from drivers.wire.dictionary import Signal, WireType
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.wire.dictionary import CHANNELS, NOT_KNOWN, Signal, WireType, signal_named
 
 FullScales = Mapping[str, float]
 """Values of `i_full`, `u_full`, `omega_full` as read from the drive."""
@@ -24,10 +28,15 @@ def count_size(signal: Signal, full: FullScales) -> float:
 
 
 def decode(signal: Signal, data: bytes, full: FullScales) -> float:
-    """SI value of the bytes. Raises ValueError when their number is wrong or the value is no number."""
+    """SI value of the bytes, NaN where the drive does not know it.
+
+    Raises ValueError when their number is wrong or the value is no number.
+    """
     if len(data) * 8 != signal.type.bits:
         raise ValueError(f"{signal} has {signal.type.bits // 8} bytes, got {len(data)}")
     (raw,) = struct.unpack(signal.type.struct_format, data)
+    if signal.full_scale and raw == NOT_KNOWN:
+        return math.nan
     value = (_shortest(raw) if signal.type is WireType.F32 else raw) * count_size(signal, full)
     if not math.isfinite(value):
         raise ValueError(f"{signal} is {value}, expected a finite number")
@@ -39,6 +48,8 @@ def encode(signal: Signal, value: float, full: FullScales) -> bytes:
 
     Raises ValueError when a value to be written is outside the signal's or the type's range.
     """
+    if signal.full_scale and math.isnan(value):
+        return struct.pack(signal.type.struct_format, NOT_KNOWN)
     if not math.isfinite(value):
         raise ValueError(f"{signal} takes a finite number, got {value}")
     if signal.access == "rw":
@@ -49,10 +60,58 @@ def encode(signal: Signal, value: float, full: FullScales) -> bytes:
         except OverflowError:
             raise ValueError(f"{signal} takes a 32-bit float, got {value}") from None
     low, high = _INTEGER_RANGE[signal.type]
+    if signal.full_scale:
+        low = NOT_KNOWN + 1
     counts = value / count_size(signal, full)
     if signal.access == "rw" and not low - 0.5 <= counts <= high + 0.5:
         raise ValueError(f"{signal} takes {low} to {high}, got {counts:g}")
     return struct.pack(signal.type.struct_format, round(min(max(counts, low), high)))
+
+
+def encode_held(signal: Signal, value: float, full: FullScales) -> bytes:
+    """Bytes of a value that the drive itself holds: never refused, wrapped where a counter has run over."""
+    if signal.type is WireType.F32:
+        return struct.pack(signal.type.struct_format, value)
+    if signal.scale == 1.0 and signal.full_scale is None and signal.type in (WireType.U16, WireType.U32):
+        return struct.pack(signal.type.struct_format, int(value) % (1 << signal.type.bits))
+    return encode(signal, value, full)
+
+
+def counts_to_si(counts: NDArray[np.integer[Any]], names: Sequence[str], full: FullScales) -> NDArray[np.float64]:
+    """Counts (n, len(names)) of stream signals or channels to SI, one row a name: shape (len(names), n)."""
+    scales = [count_size(channel_signal(name), full) for name in names]
+    values = np.array(counts, np.float64).T
+    for k, (name, scale) in enumerate(zip(names, scales, strict=True)):
+        if channel_signal(name).full_scale:
+            values[k, values[k] == NOT_KNOWN] = np.nan
+        else:
+            values[k] %= 65536.0
+        values[k] *= scale
+    return values
+
+
+def si_to_counts(columns: Sequence[NDArray[np.float64]], names: Sequence[str], full: FullScales) -> NDArray[np.int16]:
+    """Columns in SI to counts (n, len(names)), as a drive sends them; an angle's unsigned count as its 16 bits."""
+    counts = np.empty((len(columns[0]), len(names)), np.int16)
+    for k, (column, name) in enumerate(zip(columns, names, strict=True)):
+        signal = channel_signal(name)
+        whole = np.round(column / count_size(signal, full))
+        if signal.full_scale:
+            whole = np.where(np.isnan(whole), NOT_KNOWN, np.clip(whole, NOT_KNOWN + 1, 0x7FFF))
+        counts[:, k] = whole.astype(np.int64).astype(np.uint16).view(np.int16)
+    return counts
+
+
+def channel_signal(name: str) -> Signal:
+    """The stream signal that a channel of the recorder is scaled like."""
+    return signal_named("i_d" if name in ("i_a", "i_b", "i_c") else name)
+
+
+def channel_number(name: str) -> int:
+    """Number of a channel of the recorder. Raises ValueError, in a sentence."""
+    if name not in CHANNELS[1:]:
+        raise ValueError(f"expected a channel out of {', '.join(CHANNELS[1:])}, got {name!r}")
+    return CHANNELS.index(name)
 
 
 def _shortest(value: float) -> float:
@@ -73,3 +132,12 @@ def check_range(signal: Signal, value: float) -> None:
         raise ValueError(f"{signal} takes at least {low} {signal.unit}, got {value}")
     if high is not None and value > high:
         raise ValueError(f"{signal} takes at most {high} {signal.unit}, got {value}")
+
+
+def encode_any(signal: Signal, value: float, full: FullScales) -> bytes:
+    """Bytes of a value the drive itself holds: never refused, wrapped where a counter has run over."""
+    if signal.type is WireType.F32:
+        return struct.pack("<f", value)
+    if signal.type in (WireType.U16, WireType.U32) and signal.scale == 1.0:
+        return struct.pack(signal.type.struct_format, int(value) % (1 << signal.type.bits))
+    return encode(signal, value, full)

@@ -1,11 +1,13 @@
 """Every signal of the drive, once: CANopen address, type, unit, scale, access, range.
 
-The EDS and the PDO layouts are derived from this table. A *row* of the stream covers `stream_periods` control periods
-and follows the recording convention: `theta_e i_d i_q` are sampled at its start (`row_tick`), `u_d u_q`
-and the mean quantities are means over the row, each period taken in the rotor frame at that period's middle.
+The EDS, the PDO layouts, the Modbus registers and the UART's numbers are derived from this table. A *row* of the
+stream covers `stream_periods` control periods and follows the recording convention: `theta_e i_d i_q` are sampled at
+its start (`row_tick`), `u_d u_q` and the mean quantities are means over the row, each period taken in the rotor frame
+at that period's middle.
 
 Currents, voltages and speed travel as 16-bit counts of a full scale that the drive tells (`i_full`, `u_full`,
-`omega_full`), so that one layout serves motors from 50 W to 50 kW.
+`omega_full`), so that one layout serves motors from 50 W to 50 kW. The count -32768 says that a quantity is not known:
+the voltage of a bridge that is off.
 """
 
 import math
@@ -46,7 +48,8 @@ class Signal:
     """One row of the dictionary.
 
     `scale` is the SI value of one count; with `full_scale` it is a fraction of the named signal's value.
-    `minimum` and `maximum` (SI) bound what may be written; None leaves that side to the type.
+    `minimum` and `maximum` (SI) bound what may be written; None leaves that side to the type. A `command` is written to
+    make something happen, and is no parameter.
     """
 
     name: str
@@ -60,6 +63,12 @@ class Signal:
     full_scale: str | None = None
     minimum: float | None = None
     maximum: float | None = None
+    command: bool = False
+
+    @property
+    def is_parameter(self) -> bool:
+        """A value that the drive keeps and that its user sets."""
+        return self.access == "rw" and not self.command
 
     def __str__(self) -> str:
         return f"0x{self.index:04X}:{self.subindex} ({self.name})"
@@ -67,6 +76,7 @@ class Signal:
 
 _F = WireType.F32
 _PER_FULL = 1.0 / 32768.0  # 16-bit signed counts a full scale
+NOT_KNOWN = -0x8000  # count of a quantity in full scales that the drive does not know
 
 
 def _stream(subindex: int, name: str, unit: str, full_scale: str, summary: str) -> Signal:
@@ -79,13 +89,38 @@ def _setting(
     return Signal(name, index, subindex, _F, unit, "rw", summary, minimum=minimum, maximum=maximum)
 
 
+STORE_WORD = int.from_bytes(b"save", "little")  # CiA 301, object 0x1010
+RESTORE_WORD = int.from_bytes(b"load", "little")  # CiA 301, object 0x1011
+
+
+def _command(
+    index: int, subindex: int, name: str, type_: WireType, minimum: float, maximum: float, summary: str
+) -> Signal:
+    return Signal(name, index, subindex, type_, "1", "rw", summary, minimum=minimum, maximum=maximum, command=True)
+
+
+def _whole(subindex: int, name: str, minimum: int, maximum: int, summary: str) -> Signal:
+    """A setting of the recorder that is a whole number."""
+    type_ = WireType.I16 if minimum < 0 else WireType.U16 if maximum <= 0xFFFF else WireType.U32
+    return Signal(name, 0x2400, subindex, type_, "1", "rw", summary, minimum=minimum, maximum=maximum)
+
+
+CHANNELS = ("none", "theta_e", "i_d", "i_q", "omega_e", "u_d", "u_q", "u_dc", "i_a", "i_b", "i_c")
+"""What the recorder can record, by number; scaled like the stream, phase currents like i_d."""
+
+CAPTURE_CHANNELS = 8  # at most
+CAPTURE_SAMPLES = 65536  # at most, of all channels
+
+STREAM_ROW = ("theta_e", "i_d", "i_q", "omega_e", "u_d", "u_q", "u_dc", "i_d_mean", "i_q_mean")
+"""A row of the stream after its tick, where it travels in one piece."""
+
 SIGNALS: tuple[Signal, ...] = (
     # What the drive is
     Signal("layout_id", 0x2000, 1, WireType.U32, "1", "const", "checksum of this dictionary"),
     Signal("T_s", 0x2000, 2, WireType.U32, "s", "const", "control period", scale=1e-9),
     Signal("tick", 0x2000, 3, WireType.U32, "1", "ro", "control periods since reset"),
     Signal("stream_periods", 0x2000, 4, WireType.U16, "1", "rw", "control periods per stream row",
-           minimum=5, maximum=1000),
+           minimum=1, maximum=1000),
     Signal("i_full", 0x2010, 1, _F, "A", "const", "full scale of currents (peak, dq)"),
     Signal("u_full", 0x2010, 2, _F, "V", "const", "full scale of voltages"),
     Signal("omega_full", 0x2010, 3, _F, "rad/s", "const", "full scale of electrical speed"),
@@ -116,7 +151,32 @@ SIGNALS: tuple[Signal, ...] = (
     _setting(0x2300, 3, "i_d_step", "A", 0.0, None, "d-axis excitation: steps within +- this"),
     _setting(0x2300, 4, "i_q_step", "A", 0.0, None, "q-axis excitation: steps within +- this"),
     _setting(0x2300, 5, "step_time", "s", 1e-3, 10.0, "shortest time between excitation steps"),
+    _setting(0x2300, 6, "watchdog_time", "s", 0.0, 10.0, "silence of the bench after which it goes off; 0: never"),
+    # Its state (CiA 402), and its memory (CiA 301)
+    _command(0x6040, 0, "control_word", WireType.U16, 0, 0xFFFF, "commands to the state machine"),
+    Signal("status_word", 0x6041, 0, WireType.U16, "1", "ro", "state of its state machine"),
+    Signal("error_code", 0x603F, 0, WireType.U16, "1", "ro", "what put it into fault; 0: nothing"),
+    _command(0x1010, 1, "store", WireType.U32, STORE_WORD, STORE_WORD, "keep all parameters over a power cycle"),
+    _command(0x1011, 1, "restore", WireType.U32, RESTORE_WORD, RESTORE_WORD, "parameters as delivered, after a reset"),
+    # Its recorder
+    *(_whole(k, f"capture_channel_{k}", 0, len(CHANNELS) - 1, f"channel {k}: what it records; 0: nothing")
+      for k in range(1, CAPTURE_CHANNELS + 1)),
+    _whole(9, "capture_decimation", 1, 1000, "control periods per sample"),
+    _whole(10, "capture_length", 1, CAPTURE_SAMPLES, "samples to record"),
+    _whole(11, "capture_pre", 0, CAPTURE_SAMPLES - 1, "of these, samples before the trigger"),
+    _whole(12, "trigger_channel", 0, len(CHANNELS) - 1, "what triggers; 0: a command"),
+    _setting(0x2400, 13, "trigger_level", "1", None, None, "SI value that it must cross"),
+    _whole(14, "trigger_edge", -1, 1, "1: upwards, -1: downwards, 0: either way"),
+    _command(0x2400, 15, "capture_command", WireType.U16, 0, 2, "0: stop, 1: arm, 2: trigger now"),
+    Signal("capture_state", 0x2400, 16, WireType.U16, "1", "ro", "0: idle, 1: armed, 2: triggered, 3: done"),
+    Signal("capture_count", 0x2400, 17, WireType.U32, "1", "ro", "samples recorded"),
+    Signal("capture_tick", 0x2400, 18, WireType.U32, "1", "ro", "tick of the first sample"),
+    Signal("capture_number", 0x2400, 19, WireType.U16, "1", "ro", "of this recording; each arming makes another"),
+    _command(0x2400, 20, "capture_offset", WireType.U32, 0, CAPTURE_SAMPLES, "first sample of the next upload"),
 )
+
+CAPTURE_DATA = (0x2410, 1)
+"""Address of the recording: samples from `capture_offset` on, each all chosen channels as 16-bit counts."""
 
 _BY_NAME = {signal.name: signal for signal in SIGNALS}
 _BY_ADDRESS = {(signal.index, signal.subindex): signal for signal in SIGNALS}
@@ -136,8 +196,9 @@ def signal_at(index: int, subindex: int) -> Signal | None:
 
 
 def layout_id(signals: Iterable[Signal] = SIGNALS) -> int:
-    """Checksum (CRC-32) over addresses, types and scales: two ends with the same value read the same bytes alike."""
-    text = "\n".join(
-        f"{s.name} {s.index:04X}:{s.subindex} {s.type.name} {s.unit} {s.scale!r} {s.full_scale}" for s in signals
-    )
+    """Checksum (CRC-32) over addresses, types, scales and orders: two ends of one value read the same bytes alike."""
+    text = "\n".join((
+        *(f"{s.name} {s.index:04X}:{s.subindex} {s.type.name} {s.unit} {s.scale!r} {s.full_scale}" for s in signals),
+        *CHANNELS, *STREAM_ROW,
+    ))
     return zlib.crc32(text.encode("ascii"))

@@ -1,0 +1,165 @@
+"""A recording by the drive's own recorder, at the rate of its control: set up, trigger, upload. Over any transport.
+
+The upload goes on after a lost link where it stood, as long as the drive still has the same recording.
+Knows nothing of buses.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.drive import Drive
+from drivers.errors import FrameError, NoReplyError, RefusedError
+from drivers.wire.codec import channel_number, counts_to_si
+from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_SAMPLES
+
+PATIENCE: Final = 2.0  # s, for the recorder to be armed
+_POLL: Final = 0.02  # s
+_STOP, _ARM, _TRIGGER = 0.0, 1.0, 2.0
+_ARMED, _DONE = 1, 3
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What to record. Channels by name, see `dictionary.CHANNELS`; phase currents in A, the rest as in the stream."""
+
+    channels: tuple[str, ...]
+    length: int  # samples
+    decimation: int = 1  # control periods per sample
+    pre: int = 0  # samples before the trigger
+    trigger: str = ""  # channel; none: at once
+    level: float = 0.0  # SI
+    edge: int = 1  # 1 upwards, -1 downwards, 0 either way
+
+    def __post_init__(self) -> None:
+        """Raise ValueError, in a sentence, when no drive could do it."""
+        for name in (*self.channels, *((self.trigger,) if self.trigger else ())):
+            channel_number(name)
+        if not 1 <= len(self.channels) <= CAPTURE_CHANNELS or len(set(self.channels)) < len(self.channels):
+            raise ValueError(f"expected 1 to {CAPTURE_CHANNELS} different channels, got {', '.join(self.channels)}")
+        if not 1 <= self.length <= CAPTURE_SAMPLES:
+            raise ValueError(f"expected a length of 1 to {CAPTURE_SAMPLES} samples, got {self.length}")
+        if not 1 <= self.decimation <= 1000:
+            raise ValueError(f"expected a decimation of 1 to 1000 control periods, got {self.decimation}")
+        if not 0 <= self.pre < self.length:
+            raise ValueError(f"expected 0 to {self.length - 1} samples before the trigger, got {self.pre}")
+        if self.edge not in (-1, 0, 1):
+            raise ValueError(f"expected an edge of 1, -1 or 0, got {self.edge}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """A recording; columns of equal length in SI, by channel."""
+
+    columns: dict[str, NDArray[np.float64]]
+    tick: int  # of the first sample
+    T_s: float  # s, control period
+    decimation: int  # control periods per sample
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Times in s by the drive's clock."""
+        n = len(next(iter(self.columns.values())))
+        return self.T_s * (self.tick + self.decimation * np.arange(n, dtype=np.float64))
+
+
+@dataclass(slots=True)
+class Upload:
+    """An upload under way; it outlives the link."""
+
+    setup: Setup
+    number: int  # of the drive's recording
+    tick: int
+    count: int  # samples there are
+    data: bytearray = field(default_factory=bytearray)
+
+    @property
+    def done(self) -> int:
+        """Samples uploaded."""
+        return len(self.data) // (2 * len(self.setup.channels))
+
+
+def arm(drive: Drive, setup: Setup) -> None:
+    """Set the recorder up and arm it; without a trigger it starts at once."""
+    before = drive.read("capture_number")
+    drive.write("capture_command", _STOP)
+    for k in range(CAPTURE_CHANNELS):
+        name = setup.channels[k] if k < len(setup.channels) else None
+        drive.write(f"capture_channel_{k + 1}", float(channel_number(name)) if name else 0.0)
+    drive.write("capture_decimation", float(setup.decimation))
+    drive.write("capture_length", float(setup.length))
+    drive.write("capture_pre", float(setup.pre))
+    drive.write("trigger_channel", float(channel_number(setup.trigger)) if setup.trigger else 0.0)
+    drive.write("trigger_level", setup.level)
+    drive.write("trigger_edge", float(setup.edge))
+    drive.write("capture_command", _ARM)
+    deadline = time.monotonic() + PATIENCE
+    while drive.read("capture_number") == before:  # until then, what it tells is of the recording before
+        if time.monotonic() > deadline:
+            raise NoReplyError(f"the recorder has not been armed within {PATIENCE:g} s")
+        time.sleep(_POLL / 10.0)
+    if not setup.trigger:
+        trigger(drive)
+
+
+def trigger(drive: Drive) -> None:
+    """Trigger now, whatever the trigger waits for."""
+    drive.write("capture_command", _TRIGGER)
+
+
+def finished(drive: Drive) -> bool:
+    """The recording is complete."""
+    return int(drive.read("capture_state")) == _DONE
+
+
+def awaited(drive: Drive, setup: Setup, patience: float) -> Upload:
+    """Wait for the recording to be complete, at most `patience` s. Raises NoReplyError."""
+    deadline = time.monotonic() + patience
+    while not finished(drive):
+        if time.monotonic() > deadline:
+            waits = int(drive.read("capture_state")) == _ARMED
+            raise NoReplyError(
+                f"no recording within {patience:g} s: "
+                + ("the trigger has not come" if waits else "it is still under way")
+            )
+        time.sleep(_POLL)
+    number, tick, count = (int(drive.read(name)) for name in ("capture_number", "capture_tick", "capture_count"))
+    return Upload(setup, number, tick, count)
+
+
+def upload(drive: Drive, under_way: Upload, on_samples: Callable[[int], None] | None = None) -> Capture:
+    """Upload what is missing; call again, with the drive connected anew, after a DriveError.
+
+    Raises RefusedError when the drive has another recording by now.
+    """
+    _check_same(drive, under_way)
+    size = 2 * len(under_way.setup.channels)
+    del under_way.data[under_way.done * size :]
+    for piece in drive.captured(under_way.done, under_way.count - under_way.done):
+        under_way.data += piece
+        if on_samples is not None:
+            on_samples(under_way.done)
+    _check_same(drive, under_way)
+    if len(under_way.data) != under_way.count * size:
+        raise FrameError(f"expected a recording of {under_way.count * size} bytes, got {len(under_way.data)}")
+    counts = np.frombuffer(bytes(under_way.data), "<i2").reshape(under_way.count, -1)
+    full = {name: getattr(drive.identity, name) for name in ("i_full", "u_full", "omega_full")}
+    columns = counts_to_si(counts, under_way.setup.channels, full)
+    return Capture(
+        dict(zip(under_way.setup.channels, columns, strict=True)), under_way.tick, drive.identity.T_s,
+        under_way.setup.decimation,
+    )
+
+
+def _check_same(drive: Drive, under_way: Upload) -> None:
+    """Raise RefusedError where the drive has another recording, or none any more."""
+    number, tick = int(drive.read("capture_number")), int(drive.read("capture_tick"))
+    if (number, tick) != (under_way.number, under_way.tick) or not finished(drive):
+        raise RefusedError(
+            f"the drive no longer has recording {under_way.number} of tick {under_way.tick}, "
+            f"it has {number} of tick {tick}", 0
+        )

@@ -1,0 +1,299 @@
+"""A drive on a Modbus line: registers for values, the window for rows of the stream and samples of a recording.
+
+The thread that iterates `stream` asks for the rows that are new; every answer tells which they are. Knows nothing of
+frames and of the library beneath the line.
+"""
+
+import struct
+import time
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import Final, Self, TypeVar
+
+from drivers.block import Block
+from drivers.drive import Identity
+from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
+from drivers.modbus_line import ModbusLine
+from drivers.rows import TELLABLE, TICKS, Counts, RowBlocks
+from drivers.turns import Turns
+from drivers.wire import modbus_map as registers
+from drivers.wire.codec import FullScales, decode, encode
+from drivers.wire.dictionary import SIGNALS, Signal, layout_id, signal_named
+from drivers.wire.modbus_url import ModbusUrl
+
+SILENCE: Final = 1.0  # s without a row after which a drive counts as lost
+POLL: Final = 0.01  # s, how often the stream looks for new rows
+_BURST: Final = 16  # requests, at most, between two looks at what else is to be done
+_SETTLING: Final = 1000  # control periods in which rows of the length before may still come
+_NUMBERS: Final = 1 << 32  # of rows, and of ticks
+
+_ROW_LENGTH: Final = signal_named("stream_periods")
+T = TypeVar("T")
+
+_FULL_SCALES: Final = ("i_full", "u_full", "omega_full")
+
+
+class ModbusDrive:
+    """Modbus client of one unit. Opens the line, checks that the unit is such a drive, and reads its identity."""
+
+    def __init__(self, url: ModbusUrl) -> None:
+        self._full: FullScales = {}
+        self._blocks: RowBlocks | None = None
+        self._next = 0  # running number of the next row
+        self._tick = 0  # from which on rows are expected
+        self._ready: list[Block] = []
+        self._stream_lock = Turns()  # start and assembly of the stream
+        self._streaming = False
+        self._line = ModbusLine(url)
+        try:
+            self.identity = self._identify()
+        except BaseException as error:
+            self.close()
+            if isinstance(error, DriveError):
+                raise ConnectError(str(error)) from None
+            raise
+
+    @property
+    def counts(self) -> Counts:
+        """Rows and gaps of the latest stream."""
+        return self._blocks.counts if self._blocks else Counts()
+
+    def read(self, name: str) -> float:
+        """Value of a signal, SI."""
+        return self._read([signal_named(name)])[name]
+
+    def write(self, name: str, value: float) -> None:
+        """Set a signal, SI, and read it back. A change of `stream_periods` restarts a running stream.
+
+        Before `store`, all parameters are read twice: what is kept over a power cycle has been seen.
+        """
+        signal = signal_named(name)
+        words = self._words(signal, value)
+        if name == "store":
+            self._look_twice()
+        if signal is not _ROW_LENGTH:
+            self._write(signal, words)
+            return
+        with self._stream_lock:  # no row is assembled before its length is known
+            try:
+                self._write(signal, words)
+            finally:
+                if self._streaming:
+                    self._start()
+
+    def parameters(self) -> dict[str, float]:
+        """Every parameter with its value, SI."""
+        wanted = [signal for signal in SIGNALS if signal.is_parameter]
+        found: dict[str, float] = {}
+        for block in registers.blocks(wanted):
+            found |= self._read(block)
+        return {signal.name: found[signal.name] for signal in wanted}
+
+    def stream(self) -> Iterator[Block]:
+        """Start the stream and yield blocks as they come; it stops when the iterator is closed.
+
+        Raises LostError when it falls silent or the drive resets, FrameError when somebody else on the line sets
+        `stream_periods`: rows of unknown length are worth nothing.
+        """
+        try:
+            with self._stream_lock:
+                self._streaming = True
+                self._next = self._ask(0, rows=0).made
+                self._start()
+            yield from self._stream()
+        except NoReplyError as error:
+            raise LostError(f"{self._line.unit} fell silent: {error}") from None
+        except DriveError:
+            if not self._line.closed.is_set():
+                raise
+        finally:
+            self._streaming = False
+
+    def captured(self, offset: int, count: int) -> Iterator[bytes]:
+        """The recorder's samples from `offset` on, `count` of them, piece by piece."""
+        number: int | None = None
+        done = 0
+        while done < count:
+            window = self._line.window(registers.SAMPLES, offset + done, registers.MOST_REGISTERS, "recording")
+            samples = self._taken_apart(registers.Samples.of, window)
+            if number not in (None, samples.number):
+                raise RefusedError(f"{self._line.unit} no longer has recording {number}, it has {samples.number}", 0)
+            number = samples.number
+            if not window.count or not samples.counts:
+                return
+            wanted = min(window.count, count - done)
+            done += wanted
+            yield samples.counts[: 2 * samples.channels * wanted]
+
+    def close(self) -> None:
+        """Stop the stream and leave the line."""
+        self._line.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _identify(self) -> Identity:
+        """By reading alone: nothing is written to a device that is no such drive."""
+        unit = self._line.unit
+        try:
+            head = registers.Head.of(self._line.read(registers.HEAD, registers.HEAD_LENGTH))
+        except NoReplyError:
+            raise ConnectError(
+                f"no {unit.replace(' at ', ' answered at ').replace(' on ', ' answered on ')} "
+                f"within {self._line.patience:.3g} s"
+            ) from None
+        except RefusedError as error:
+            raise ConnectError(f"{unit} is no such drive: it has no identity where one is expected; {error}") from None
+        if head.layout_id != layout_id():
+            name = f" ({head.device_name!r})" if head.device_name.isprintable() and head.device_name else ""
+            raise ConnectError(
+                f"{unit}{name} has another signal layout: expected 0x{layout_id():08X}, got 0x{head.layout_id:08X}"
+            )
+        self._full = {key: self.read(key) for key in _FULL_SCALES}
+        return Identity(
+            head.device_name, head.vendor_id, head.product_code, head.revision, head.serial, head.layout_id,
+            self.read("T_s"), **self._full,
+        )
+
+    def _read(self, signals: list[Signal]) -> dict[str, float]:
+        """Values of neighbours, in one request."""
+        first = registers.address_of(signals[0])
+        length = registers.address_of(signals[-1]) + registers.length_of(signals[-1]) - first
+        what = registers.name_of(first, length)
+        words = registers.registers(self._line.window(registers.REGISTERS, first, length, what).data)
+        found: dict[str, float] = {}
+        for signal in signals:
+            at = registers.address_of(signal) - first
+            data = registers.bytes_of(signal, words[at : at + registers.length_of(signal)])
+            try:
+                found[signal.name] = decode(signal, data, self._full)
+            except ValueError as error:
+                raise FrameError(f"{self._line.unit}: {error}") from None
+        return found
+
+    def _words(self, signal: Signal, value: float) -> list[int]:
+        """The registers of a value to be written. Raises RefusedError."""
+        if signal.access != "rw":
+            where = registers.name_of(registers.address_of(signal))
+            raise RefusedError(f"{where} is {signal.access}, it cannot be written", registers.ILLEGAL_ADDRESS)
+        try:
+            return registers.words_of(signal, encode(signal, value, self._full))
+        except ValueError as error:
+            raise RefusedError(str(error), registers.ILLEGAL_VALUE) from None
+
+    def _write(self, signal: Signal, words: list[int]) -> None:
+        address = registers.address_of(signal)
+        back = self._line.write(address, words)
+        if signal.is_parameter and back != words:
+            raise FrameError(
+                f"{self._line.unit} took {_hex(words)} for {registers.name_of(address)}, but reads back {_hex(back)}"
+            )
+
+    def _look_twice(self) -> None:
+        first, second = self.parameters(), self.parameters()
+        changed = [name for name in first if first[name] != second[name]]
+        if changed:
+            raise FrameError(
+                f"{self._line.unit} is not told to store: read twice, {', '.join(changed)} changed in between"
+            )
+
+    def _stream(self) -> Iterator[Block]:
+        """Blocks as they come, until the drive is closed."""
+        heard, more = time.monotonic(), False
+        while not self._line.closed.is_set() and (more or not self._line.closed.wait(POLL)):
+            with self._stream_lock:
+                more = self._fetch()
+                blocks = self._taken()
+            if blocks:
+                yield from blocks
+                heard = time.monotonic()  # the time that they took elsewhere is no silence of the drive's
+            silent = time.monotonic() - heard
+            if silent > max(SILENCE, 3.0 * self._row_time()):
+                raise LostError(
+                    f"{self._line.unit} fell silent: no row for {silent:.1f} s, "
+                    f"expected one every {self._row_time() * 1e3:g} ms"
+                )
+
+    def _taken(self) -> list[Block]:
+        """The blocks complete by now."""
+        ready, self._ready = self._ready, []
+        return ready + (self._blocks.take() if self._blocks else [])
+
+    def _start(self) -> None:
+        """Rows from the present tick on: those before it may be of another length."""
+        now = self._read([signal_named("tick"), _ROW_LENGTH])
+        self._begin(int(now["tick"]), int(now["stream_periods"]))
+
+    def _begin(self, tick: int, periods: int) -> RowBlocks:
+        """Join rows anew, of `periods` control periods each, from a tick on."""
+        after = None
+        if self._blocks is not None:
+            after = self._blocks.end
+            self._ready += self._blocks.take()
+        self._tick = tick
+        self._blocks = RowBlocks(self.identity.T_s, periods, self._full, tick, after)
+        return self._blocks
+
+    def _fetch(self) -> bool:
+        """Take in what is new, as far as a few requests reach; whether there is more."""
+        for _ in range(_BURST):
+            part = self._ask(self._next, registers.MOST_ROWS)
+            if _difference(part.made, self._next) < 0:
+                raise LostError(f"{self._line.unit} has reset: it counts {part.made} rows, {self._next} were heard of")
+            if part.rows:
+                self._take(part)
+                self._next = (part.first + len(part.rows)) % _NUMBERS
+            if not part.rows or self._next == part.made:
+                return False
+        return True
+
+    def _ask(self, first: int, rows: int) -> registers.Rows:
+        length = struct.calcsize(registers.ROWS_HEAD) // 2 + rows * registers.ROW_LENGTH
+        return self._taken_apart(registers.Rows.of, self._line.window(registers.ROWS, first, length, "rows"))
+
+    def _take(self, part: registers.Rows) -> None:
+        blocks, rows = self._blocks, part.rows
+        assert blocks is not None
+        tick = self._tick + _difference(part.tick, self._tick)  # all bits
+        if not blocks.counts.rows:  # what is older than the stream is not of it
+            older = -(min(0, tick - self._tick) // part.periods)
+            rows, tick = rows[older:], tick + older * part.periods
+        if not rows:
+            return
+        if tick < self._tick:
+            raise LostError(f"{self._line.unit} has reset: tick {part.tick} came after {self._tick}")
+        if part.periods != blocks.periods:
+            if blocks.counts.rows or tick > self._tick + _SETTLING:
+                raise FrameError(f"somebody else has set stream_periods of {self._line.unit}")
+            return
+        if tick - self._tick + part.periods >= TELLABLE:
+            counts = blocks.counts
+            blocks = self._begin(tick, part.periods)
+            blocks.counts = counts
+        blocks.temperatures = part.temperatures
+        for k, row in enumerate(rows):
+            blocks.row((tick + k * part.periods) % TICKS, row)
+        self._tick = tick + len(rows) * part.periods
+
+    def _row_time(self) -> float:
+        return self.identity.T_s * (self._blocks.periods if self._blocks else 1)
+
+    def _taken_apart(self, of: Callable[[registers.Window], T], window: registers.Window) -> T:
+        try:
+            return of(window)
+        except ValueError as error:
+            raise FrameError(f"{self._line.unit} answered what cannot be: {error}") from None
+
+
+def _difference(later: int, earlier: int) -> int:
+    """Of two numbers of which at least one has lost all but its low 32 bits."""
+    return (later - earlier + _NUMBERS // 2) % _NUMBERS - _NUMBERS // 2
+
+
+def _hex(words: list[int]) -> str:
+    return "0x" + registers.data_of(words).hex()

@@ -1,0 +1,282 @@
+"""One unit on a Modbus line, to its client. The only client file that knows pymodbus.
+
+Requests are one at a time, in the order in which threads come. The library times out by itself and is never
+interrupted. After a time-out a late answer may still be under way: a TCP connection is made anew, a serial line is read
+until it is silent, and whatever comes later is told by its function, by its size, and, in the window, by the request's
+number: every value is read through the window. What is only read is asked again when no answer comes; what is written,
+never.
+
+Knows nothing of signals.
+"""
+
+import contextlib
+import logging
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final, TypeVar, cast
+
+import serial
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.exceptions import ConnectionException, ModbusException
+from pymodbus.pdu import ModbusPDU
+
+from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
+from drivers.turns import Turns
+from drivers.wire.modbus_map import (
+    EXCEPTIONS,
+    READ,
+    READ_WRITE,
+    REGISTERS,
+    REQUEST,
+    REQUEST_FORMAT,
+    WINDOW,
+    WINDOW_LENGTH,
+    WRITE,
+    Window,
+    name_of,
+    registers,
+)
+from drivers.wire.modbus_url import ModbusUrl, SerialPlace, TcpPlace
+
+REPLY_TIMEOUT: Final = 0.3  # s for one answer, besides its time on the line
+READ_ATTEMPTS: Final = 3
+_LINE_TIMEOUT: Final = 2.0  # s to connect, or for a request to be sent
+_QUIET: Final = 0.05  # s without a byte: nothing more is under way
+_DRAIN: Final = 1.0  # s, at most, until a line is silent
+_LONGEST: Final = 280  # bytes of a request and its answer
+_BITS: Final = 11  # of a character on the line
+
+T = TypeVar("T")
+
+logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs what arrives here as exceptions
+
+
+class ModbusLine:
+    """A unit as its client sees it, from construction to `close`. Raises ConnectError when there is no such line."""
+
+    def __init__(self, url: ModbusUrl) -> None:
+        self.unit = str(url)
+        self.closed = threading.Event()  # set from the first `close` on
+        self._url = url
+        self._turns = Turns()
+        self._number = 0  # of the latest request in the window
+        self._received = b""  # since the latest request
+        self._gone = False  # there is no line any more
+        try:
+            self._client: _TcpClient | _SerialClient = self._opened()
+        except _NoLineError as error:
+            raise ConnectError(f"nothing serves Modbus {_at(url)}: {error}") from None
+
+    @property
+    def patience(self) -> float:
+        """Time in s within which an answer that is read comes, or never."""
+        return READ_ATTEMPTS * _timeout(self._url)
+
+    def read(self, address: int, count: int) -> list[int]:
+        """Holding registers, by function code 3."""
+        with self._turns:
+            return self._repeated(lambda: self._registers(
+                READ, count, self._execute(
+                    READ, name_of(address, count),
+                    lambda: self._client.read_holding_registers(address, count=count, device_id=self._url.unit),
+                )
+            ))
+
+    def window(self, kind: int, first: int, length: int, what: str) -> Window:
+        """What the drive's window shows of `kind` from `first` on, in `length` registers besides its head."""
+        with self._turns:
+            return self._window(kind, first, length, what)
+
+    def write(self, address: int, words: Sequence[int]) -> list[int]:
+        """Write registers, by function code 16; what the window shows of them right after it."""
+        what = name_of(address)
+        with self._turns:
+            self._check()
+            try:
+                self._written(address, words, what)
+            except (NoReplyError, FrameError):
+                self._clear()
+                raise
+            return registers(self._window(REGISTERS, address, len(words), what).data)
+
+    def close(self) -> None:
+        """Leave the line, when the request under way has ended."""
+        self.closed.set()
+        with self._turns:
+            self._client.close()
+
+    def _window(self, kind: int, first: int, length: int, what: str) -> Window:
+        self._number = (self._number + 1) & 0xFFFF
+        request = registers(struct.pack(REQUEST_FORMAT, self._number, kind, first))
+        return self._repeated(lambda: self._echoed(request, length + WINDOW_LENGTH, what))
+
+    def _echoed(self, request: list[int], count: int, what: str) -> Window:
+        """One request of the window. Raises FrameError for the answer to another."""
+        answer = self._execute(READ_WRITE, what, lambda: self._client.readwrite_registers(
+            read_address=WINDOW, read_count=count, write_address=REQUEST, values=request, device_id=self._url.unit,
+        ))
+        words = self._registers(READ_WRITE, count, answer)
+        if words[:2] != request[:2]:
+            raise FrameError(f"{self.unit} answered request {words[0]}, expected {request[0]}, for {what}")
+        return Window.of(words)
+
+    def _written(self, address: int, words: Sequence[int], what: str) -> None:
+        answer = self._execute(
+            WRITE, what, lambda: self._client.write_registers(address, list(words), device_id=self._url.unit)
+        )
+        if (answer.function_code, answer.address, answer.count) != (WRITE, address, len(words)):
+            raise FrameError(f"{self.unit} answered a write to {what} with {self._received.hex(' ')}")
+
+    def _registers(self, function: int, count: int, answer: ModbusPDU) -> list[int]:
+        if answer.function_code != function or len(answer.registers) != count:
+            raise FrameError(
+                f"{self.unit} answered with {self._received.hex(' ')}, "
+                f"expected {count} registers by function {function}"
+            )
+        return list(answer.registers)
+
+    def _repeated(self, attempt: Callable[[], T]) -> T:
+        """The same request until it is answered."""
+        failure: DriveError | None = None
+        for _ in range(READ_ATTEMPTS):
+            self._check()
+            try:
+                return attempt()
+            except (NoReplyError, FrameError) as error:
+                failure = error
+                self._clear()
+        assert failure is not None
+        raise failure
+
+    def _execute(self, function: int, what: str, call: Callable[[], ModbusPDU]) -> ModbusPDU:
+        """One transaction; the library's errors as ours, in a sentence."""
+        self._received = b""
+        try:
+            answer = call()
+        except (ConnectionException, OSError):
+            self._gone = True
+            self._client.close()
+            raise LostError(f"{self.unit} is gone: the line has ended") from None
+        except (ModbusException, ValueError, LookupError, struct.error):  # the last three: answers that cannot be
+            if self._received:
+                raise FrameError(f"{self.unit} answered for {what} with {self._received.hex(' ')}") from None
+            raise NoReplyError(f"{self.unit} did not answer for {what} within {_timeout(self._url):g} s") from None
+        if answer.isError():
+            code = cast(Any, answer).exception_code
+            if answer.function_code != function | 0x80:
+                raise FrameError(f"{self.unit} refused function {answer.function_code & 0x7F}, expected {function}")
+            text = EXCEPTIONS.get(code, "unknown")
+            raise RefusedError(f"{self.unit} answered Modbus exception {code} ({text}) for {what}", code)
+        return answer
+
+    def _check(self) -> None:
+        """Raise LostError when there is no line any more."""
+        if self.closed.is_set():
+            raise LostError(f"the line to {self.unit} is closed: it no longer takes frames")
+        if self._gone:
+            raise LostError(f"{self.unit} is gone: the line has ended")
+
+    def _clear(self) -> None:
+        """Have nothing under way on the line: no answer, and no part of one."""
+        if self.closed.is_set():
+            return
+        try:
+            if isinstance(self._client, _SerialClient):
+                self._client.drain()
+            else:
+                self._client.close()
+                self._client = self._opened()
+        except (_NoLineError, OSError) as error:
+            self._gone = True
+            self._client.close()
+            raise LostError(f"{self.unit} is gone: {error}") from None
+
+    def _opened(self) -> "_TcpClient | _SerialClient":
+        place, timeout = self._url.place, _timeout(self._url)
+        try:
+            if isinstance(place, TcpPlace):
+                return _TcpClient(place, timeout, self._trace)
+            return _SerialClient(place, timeout, self._trace)
+        except (OSError, ValueError) as error:  # ValueError: pyserial, of a URL that it does not know
+            raise _NoLineError(_first_line(error)) from None
+
+    def _trace(self, sending: bool, data: bytes) -> bytes:
+        """Told by the library of all that it sends and receives."""
+        self._received = b"" if sending else data
+        return data
+
+
+class _NoLineError(Exception):
+    """No line, and why."""
+
+
+class _TcpClient(ModbusTcpClient):
+    """The library's client, connected."""
+
+    def __init__(self, place: TcpPlace, timeout: float, trace: Callable[[bool, bytes], bytes]) -> None:
+        super().__init__(place.host, port=place.port, timeout=timeout, retries=0, trace_packet=trace)
+        self.socket = socket.create_connection((place.host, place.port), timeout=_LINE_TIMEOUT)
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def connect(self) -> bool:
+        """There is no other connection than the one that it began with."""
+        return self.socket is not None
+
+
+class _SerialClient(ModbusSerialClient):
+    """The library's client on an open port. It waits for bytes, where the library would look every millisecond."""
+
+    def __init__(self, place: SerialPlace, timeout: float, trace: Callable[[bool, bytes], bytes]) -> None:
+        super().__init__(place.device, baudrate=place.baudrate, timeout=timeout, retries=0, trace_packet=trace)
+        self.socket: Any = serial.serial_for_url(
+            place.device, baudrate=place.baudrate, parity=place.parity, stopbits=place.stopbits,
+            timeout=timeout, write_timeout=_LINE_TIMEOUT, exclusive=True,
+        )
+
+    def connect(self) -> bool:
+        return self.socket is not None
+
+    def recv(self, size: int | None) -> bytes:
+        """What has come, waiting at most the time-out for its first byte."""
+        del size
+        if self.socket is None:
+            raise ConnectionException("closed")
+        data = self.socket.read(1)
+        while data and len(data) < _LONGEST and (waiting := self.socket.in_waiting):
+            data += self.socket.read(waiting)
+        return data
+
+    def drain(self) -> None:
+        """Read until the line is silent."""
+        if self.socket is None:
+            return
+        deadline = time.monotonic() + _DRAIN
+        timeout, self.socket.timeout = self.socket.timeout, _QUIET
+        while self.socket.read(1) and time.monotonic() < deadline:
+            self.socket.read(self.socket.in_waiting)
+        self.socket.timeout = timeout
+
+    def close(self) -> None:
+        connection = getattr(self.socket, "_socket", None)  # pyserial leaves it open where its far end has gone
+        with contextlib.suppress(OSError):  # of a port that has gone
+            super().close()
+        if connection is not None:
+            connection.close()
+        self.socket = None
+
+
+def _timeout(url: ModbusUrl) -> float:
+    """Time in s for one answer."""
+    line = _LONGEST * _BITS / url.place.baudrate if isinstance(url.place, SerialPlace) else 0.0
+    return round(REPLY_TIMEOUT + line, 2)
+
+
+def _at(url: ModbusUrl) -> str:
+    return f"{'at' if isinstance(url.place, TcpPlace) else 'on'} {url.place}"
+
+
+def _first_line(error: BaseException) -> str:
+    return (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0]

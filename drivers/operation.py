@@ -1,0 +1,117 @@
+"""What a bench does with any drive's state machine, by its words alone: the same over every transport.
+
+CiA 402. Knows nothing of buses.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import Final
+
+from drivers.drive import Drive
+from drivers.errors import FaultError, FrameError, NoReplyError
+from drivers.wire.cia402 import Command, State, error_text, state_of
+from drivers.wire.dictionary import RESTORE_WORD, STORE_WORD
+
+PATIENCE: Final = 2.0  # s, for a state to be reached
+_POLL: Final = 0.005  # s
+
+_TO_ENABLE: Final = {
+    State.SWITCH_ON_DISABLED: Command.SHUTDOWN,
+    State.READY_TO_SWITCH_ON: Command.SWITCH_ON,
+    State.SWITCHED_ON: Command.ENABLE_OPERATION,
+    State.QUICK_STOP_ACTIVE: Command.DISABLE_VOLTAGE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Why a drive is in fault."""
+
+    code: int  # CiA 402 error code
+    text: str
+
+
+def state(drive: Drive) -> State:
+    """The drive's state. Raises DriveError."""
+    word = int(drive.read("status_word"))
+    found = state_of(word)
+    if found is None:
+        raise FrameError(f"status word 0x{word:04X} is no state of CiA 402")
+    return found
+
+
+def fault(drive: Drive) -> Fault | None:
+    """What put the drive into fault; None when nothing did."""
+    code = int(drive.read("error_code"))
+    return Fault(code, error_text(code)) if code else None
+
+
+def enable(drive: Drive) -> None:
+    """Switch the bridge on, step by step. Raises FaultError when the drive is in fault."""
+    deadline = time.monotonic() + PATIENCE
+    while (now := state(drive)) is not State.OPERATION_ENABLED:
+        _check_fault(drive, now)
+        if now not in _TO_ENABLE:
+            _await_change(drive, now, deadline)
+            continue
+        _command(drive, _TO_ENABLE[now])
+        _await_change(drive, now, deadline)
+
+
+def disable(drive: Drive) -> None:
+    """Switch the bridge off; in fault it is off already."""
+    _command(drive, Command.DISABLE_VOLTAGE)
+    _await(drive, {State.SWITCH_ON_DISABLED, State.FAULT})
+
+
+def quick_stop(drive: Drive) -> None:
+    """Stop at once; the bridge is off after it, and only `disable`, then `enable` lead on."""
+    _command(drive, Command.QUICK_STOP)
+    _await(drive, {State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED, State.FAULT})
+
+
+def reset_fault(drive: Drive) -> None:
+    """Leave fault; raises FaultError where its cause remains."""
+    drive.write("control_word", 0.0)
+    _command(drive, Command.FAULT_RESET)
+    deadline = time.monotonic() + PATIENCE
+    while (now := state(drive)) is State.FAULT:
+        if time.monotonic() > deadline:
+            _check_fault(drive, now)
+        time.sleep(_POLL)
+    drive.write("control_word", 0.0)
+
+
+def store(drive: Drive) -> None:
+    """Keep all parameters over a power cycle."""
+    drive.write("store", STORE_WORD)
+
+
+def restore(drive: Drive) -> None:
+    """Parameters as delivered, from the next reset on."""
+    drive.write("restore", RESTORE_WORD)
+
+
+def _command(drive: Drive, command: Command) -> None:
+    drive.write("control_word", float(command.bits))
+
+
+def _check_fault(drive: Drive, now: State) -> None:
+    if now is State.FAULT:
+        found = fault(drive)
+        code, text = (found.code, found.text) if found else (0, "unknown error")
+        raise FaultError(f"the drive is in fault: {text} (0x{code:04X})", code)
+
+
+def _await(drive: Drive, wanted: set[State]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while (now := state(drive)) not in wanted:
+        _await_change(drive, now, deadline)
+
+
+def _await_change(drive: Drive, before: State, deadline: float) -> None:
+    while (now := state(drive)) is before:
+        if time.monotonic() > deadline:
+            raise NoReplyError(f"the drive stays in state {now} for more than {PATIENCE:g} s")
+        time.sleep(_POLL)
+

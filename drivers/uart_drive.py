@@ -1,0 +1,458 @@
+"""A drive on a serial line: framed requests and replies, multiplexed with the stream. The only client file that knows
+pyserial.
+
+A reader thread takes bytes off the line and hands frames out: replies to who waits for their sequence number, those of
+the stream into a queue. Requests may come from any thread, several at once. What comes late is dropped.
+"""
+
+import contextlib
+import os
+import queue
+import random
+import re
+import select
+import socket
+import struct
+import threading
+import time
+from collections import deque
+from collections.abc import Generator, Iterator
+from types import TracebackType
+from typing import Any, Final, Self, cast
+
+import serial
+
+from drivers.block import Block
+from drivers.drive import Identity
+from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
+from drivers.rows import TELLABLE, Counts, RowBlocks
+from drivers.wire import uart_frame as uf
+from drivers.wire.codec import FullScales, count_size, decode, encode
+from drivers.wire.dictionary import SIGNALS, layout_id, signal_named
+from drivers.wire.uart_frame import Frame, Kind
+from drivers.wire.uart_url import UartUrl
+
+REPLY_TIMEOUT: Final = 0.3  # s
+ATTEMPTS: Final = 3  # for what may be asked twice
+WRITE_TIMEOUT: Final = 1.0  # s, after which a line that takes nothing counts as lost
+SILENCE: Final = 1.0  # s without a row after which a drive counts as lost
+POLL: Final = 0.01  # s, how often the stream looks for new frames
+PING: Final = 0.1  # s without a request after which the drive is told that the bench is there
+_READER_POLL: Final = 0.02  # s, for which `close` waits
+_UNANSWERED: Final = 0  # sequence number of requests whose answer nobody waits for
+
+_TEMPERATURE: Final = count_size(signal_named("temp_winding"), {})  # degC, size of a count
+
+Answers = queue.SimpleQueue[Frame | None]
+"""Frames that answer one request; None: the line is gone."""
+
+
+class UartDrive:
+    """Client of the drive on a serial line. Opens it, checks that such a drive answers, and reads its identity."""
+
+    def __init__(self, url: UartUrl) -> None:
+        self._url = url
+        self._full: FullScales = {}
+        self._decoder = uf.Decoder()
+        self._sequence = random.getrandbits(16)  # replies to a client before this one are none of its own
+        self._send_lock = threading.Lock()
+        self._sent = time.monotonic()
+        self._waiting: dict[int, Answers] = {}
+        self._frames: deque[bytes] = deque()
+        self._rows: RowBlocks | None = None
+        self._counts = Counts()
+        self._stream_sequence = -1
+        self._streaming = False
+        self._stream_lock = threading.Lock()  # start, stop and assembly of the stream
+        self._rebooted = threading.Event()
+        self._fault_code = 0
+        self._failure = ""  # why the line is gone
+        self._closed = threading.Event()
+        self._deaf = threading.Event()  # ends the reader
+        self._close_lock = threading.Lock()
+        self._port = _open(url)
+        self._selectable = _selectable(url)
+        self._reader = threading.Thread(target=self._listen, name=f"uart {url.line}", daemon=True)
+        self._reader.start()
+        try:
+            self.identity = self._identify()
+        except BaseException as error:
+            self.close()
+            if isinstance(error, DriveError):
+                raise ConnectError(str(error)) from None
+            raise
+
+    @property
+    def counts(self) -> Counts:
+        """Rows and gaps of the latest stream."""
+        return self._counts
+
+    @property
+    def seen(self) -> uf.Seen:
+        """Frames that came over the line, and what was none."""
+        return self._decoder.seen
+
+    @property
+    def fault_code(self) -> int:
+        """CiA 402 error code of the latest fault that the drive told by itself; 0: none."""
+        return self._fault_code
+
+    def read(self, name: str) -> float:
+        """Value of a signal, SI."""
+        signal = signal_named(name)
+        number = uf.NUMBER.pack(uf.number_of(signal))
+        answer = self._exchange(Kind.READ, number, str(signal))
+        if answer[: len(number)] != number:
+            raise FrameError(f"the drive at {self._url} answered for another signal than {signal}")
+        try:
+            return decode(signal, answer[len(number) :], self._full)
+        except ValueError as error:
+            raise FrameError(f"the drive at {self._url}: {error}") from None
+
+    def write(self, name: str, value: float) -> None:
+        """Set a signal, SI. A change of `stream_periods` counts in a running stream from its first row on."""
+        signal = signal_named(name)
+        if signal.access != "rw":
+            raise RefusedError(f"{signal} is {signal.access}, it cannot be written", uf.READ_ONLY)
+        try:
+            data = encode(signal, value, self._full)
+        except ValueError as error:
+            raise RefusedError(str(error), uf.WRONG_VALUE) from None
+        self._exchange(Kind.WRITE, uf.NUMBER.pack(uf.number_of(signal)) + data, str(signal), attempts=1)
+
+    def parameters(self) -> dict[str, float]:
+        """Every parameter with its value, SI."""
+        return {signal.name: self.read(signal.name) for signal in SIGNALS if signal.is_parameter}
+
+    def stream(self) -> Iterator[Block]:
+        """Start the stream and yield blocks as they come; it stops when the iterator is closed.
+
+        Raises LostError when it falls silent, the line is gone or the drive resets.
+        """
+        try:
+            with self._stream_lock:
+                self._rebooted.clear()
+                self._start()
+            yield from self._blocks()
+        except DriveError:
+            if not self._closed.is_set():
+                raise
+        finally:
+            self._stop()
+
+    def captured(self, offset: int, count: int) -> Iterator[bytes]:
+        """The recorder's samples from `offset` on, `count` of them, piece by piece. What is lost is asked for again.
+
+        Raises RefusedError when the drive has another recording meanwhile.
+        """
+        upload = _Upload(offset, count)
+        in_vain = 0
+        try:
+            while not upload.complete:
+                if in_vain == ATTEMPTS:
+                    raise NoReplyError(self._no_reply("the recording"))
+                in_vain += 1
+                with self._asked(Kind.UPLOAD, upload.missing) as answers:
+                    for piece in self._pieces(answers, upload):
+                        in_vain = 0
+                        yield piece
+        finally:
+            if not upload.complete:
+                with contextlib.suppress(DriveError):
+                    self._send(Frame(Kind.UPLOAD, _UNANSWERED, _Upload(0, 0).missing))
+
+    def close(self) -> None:
+        """Stop the stream and close the line."""
+        self._closed.set()
+        self._stop()
+        self._deaf.set()
+        with self._close_lock:
+            self._reader.join()
+            self._fail(f"{self._url} is closed")
+            _close(self._port)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # Requests
+
+    def _identify(self) -> Identity:
+        try:
+            answer = self._exchange(Kind.IDENTIFY, b"", "its identity")
+        except NoReplyError:
+            raise ConnectError(self._nobody()) from None
+        if len(answer) < uf.IDENTITY.size:
+            raise FrameError(f"the drive at {self._url} answered {len(answer)} bytes for its identity")
+        vendor, product, revision, serial_number, layout = uf.IDENTITY.unpack_from(answer)
+        name = answer[uf.IDENTITY.size :].decode("ascii", "replace")
+        if layout != layout_id():
+            raise ConnectError(
+                f"the drive at {self._url} ({name!r}) has another signal layout: "
+                f"expected 0x{layout_id():08X}, got 0x{layout:08X}"
+            )
+        full = self._full = {key: self.read(key) for key in ("i_full", "u_full", "omega_full")}
+        return Identity(name, vendor, product, revision, serial_number, layout, self.read("T_s"), **full)
+
+    def _nobody(self) -> str:
+        seen, waited = self.seen, ATTEMPTS * REPLY_TIMEOUT
+        if seen.frames:
+            return f"{seen.frames} frames came from {self._url} within {waited:g} s, but none is a drive's identity"
+        if seen.bytes_dropped:
+            return (
+                f"no drive answered at {self._url}: {seen.bytes_dropped} bytes came within {waited:g} s, "
+                "but no frame; it is another device, or its baud rate is another"
+            )
+        return f"no drive answered at {self._url} within {waited:g} s: nothing came"
+
+    def _exchange(self, kind: Kind, payload: bytes, what: str, attempts: int = ATTEMPTS) -> bytes:
+        """Payload of the answer to a request about `what`; repeated where it may be."""
+        for _ in range(attempts):
+            with self._asked(kind, payload) as answers, contextlib.suppress(queue.Empty):
+                return self._checked(answers.get(timeout=REPLY_TIMEOUT), kind, what)
+        raise NoReplyError(self._no_reply(what))
+
+    @contextlib.contextmanager
+    def _asked(self, kind: Kind, payload: bytes) -> Generator[Answers]:
+        """A request on its way, and where its answers arrive; those that come after this are dropped."""
+        answers: Answers = queue.SimpleQueue()
+        with self._send_lock:
+            sequence = self._sequence = self._sequence % 0xFFFF + 1
+            self._waiting[sequence] = answers
+        if kind is Kind.START:
+            self._stream_sequence = sequence
+        try:
+            self._send(Frame(kind, sequence, payload))
+            yield answers
+        finally:
+            self._waiting.pop(sequence, None)
+
+    def _send(self, frame: Frame) -> None:
+        with self._send_lock:
+            if self._failure:
+                raise LostError(self._failure)
+            self._sent = time.monotonic()
+            try:
+                self._port.write(uf.packed(frame))
+            except OSError as error:
+                raise LostError(f"{self._url} takes nothing any more: {_reason(error)}") from None
+
+    def _checked(self, answer: Frame | None, kind: Kind, what: str) -> bytes:
+        if answer is None:
+            raise LostError(self._failure)
+        if answer.kind == Kind.REFUSAL and len(answer.payload) == uf.REFUSAL.size:
+            _, code = uf.REFUSAL.unpack(answer.payload)
+            reason = uf.REFUSAL_TEXTS.get(code, "no reason known")
+            raise RefusedError(f"the drive at {self._url} refused {what} with 0x{code:08X}: {reason}", code)
+        if answer.kind != kind | uf.REPLY:
+            raise FrameError(f"the drive at {self._url} answered a frame of kind 0x{answer.kind:02X} for {what}")
+        return answer.payload
+
+    def _no_reply(self, what: str) -> str:
+        return f"the drive at {self._url} did not answer for {what} within {REPLY_TIMEOUT} s"
+
+    def _pieces(self, answers: Answers, upload: "_Upload") -> Iterator[bytes]:
+        """Pieces that follow each other, until one is missing or all are there."""
+        while not upload.complete:
+            if self._failure:
+                raise LostError(self._failure)
+            try:
+                answer = answers.get(timeout=REPLY_TIMEOUT)
+            except queue.Empty:
+                return
+            piece = upload.taken(self._checked(answer, Kind.UPLOAD, "the recording"))
+            if piece is None:
+                return
+            if piece:
+                yield piece
+
+    # The stream
+
+    def _start(self) -> None:
+        self._frames.clear()
+        answer = self._exchange(Kind.START, b"", "the stream")
+        try:
+            tick, periods = uf.STARTED.unpack(answer)
+        except struct.error:
+            raise FrameError(f"the drive at {self._url} answered {len(answer)} bytes for the stream") from None
+        self._counts = Counts()
+        self._rows = self._row_blocks(periods, tick)
+        self._streaming = True
+
+    def _row_blocks(self, periods: int, tick: int) -> RowBlocks:
+        """What joins rows of this length from a tick on; counts go on."""
+        rows = RowBlocks(self.identity.T_s, periods, self._full, tick, self._rows.end if self._rows else None)
+        rows.counts = self._counts
+        return rows
+
+    def _stop(self) -> None:
+        with self._stream_lock:
+            if not self._streaming:
+                return
+            self._streaming, self._stream_sequence = False, -1
+            self._frames.clear()
+            with contextlib.suppress(DriveError):
+                self._exchange(Kind.STOP, b"", "the stream's end", attempts=1)
+
+    def _blocks(self) -> Iterator[Block]:
+        """Blocks as they come, until the drive is closed."""
+        heard = time.monotonic()
+        while not self._closed.wait(POLL):
+            blocks = self._drain()
+            if blocks:
+                heard = time.monotonic()
+                yield from blocks
+            if self._rebooted.is_set():
+                raise LostError(f"the drive at {self._url} has reset")
+            if self._failure:
+                raise LostError(self._failure)
+            silent = time.monotonic() - heard
+            if silent > self._patience():
+                raise LostError(
+                    f"the drive at {self._url} fell silent: no row for {silent:.1f} s, "
+                    f"expected one every {self._row_time() * 1e3:g} ms"
+                )
+
+    def _drain(self) -> list[Block]:
+        with self._stream_lock:
+            rows, blocks = self._rows, list[Block]()
+            if rows is None:
+                return blocks
+            while self._frames:
+                try:
+                    part = uf.unpacked_rows(self._frames.popleft())
+                except ValueError as error:
+                    raise FrameError(f"the drive at {self._url}: {error}") from None
+                ahead = rows.ahead(part.tick)
+                if rows.end is not None and rows.counts.rows and ahead < 0:
+                    self._rebooted.set()
+                    break
+                if part.periods != rows.periods or (rows.counts.rows and ahead % rows.periods):
+                    blocks += rows.take()
+                    rows = self._rows = self._row_blocks(part.periods, part.tick)
+                rows.temperatures = (part.temperatures[0] * _TEMPERATURE, part.temperatures[1] * _TEMPERATURE)
+                rows.run(part.tick, part.counts)
+            return blocks + rows.take()
+
+    def _row_time(self) -> float:
+        return self.identity.T_s * (self._rows.periods if self._rows else 1)
+
+    def _patience(self) -> float:
+        """Silence in s after which the drive counts as lost."""
+        return max(min(SILENCE, TELLABLE * self.identity.T_s), 3.0 * self._row_time())
+
+    # The line, in the reader's thread
+
+    def _listen(self) -> None:
+        try:
+            while not self._deaf.is_set():
+                for frame in self._decoder.feed(self._received()):
+                    self._hand_out(frame)
+                if time.monotonic() - self._sent > PING:
+                    self._send(Frame(Kind.PING, _UNANSWERED))
+        except LostError as error:
+            self._fail(str(error))
+        except Exception as error:  # noqa: BLE001 - whatever ended the library's port
+            self._fail(f"{self._url} is gone: {_reason(error)}")
+
+    def _received(self) -> bytes:
+        """What has come, waited for a little."""
+        if self._selectable:
+            ready, _, _ = select.select([self._port], [], [], _READER_POLL)
+            return self._port.read(65536) if ready else b""
+        first: bytes = self._port.read(1)
+        return first + self._port.read(self._port.in_waiting) if first else b""
+
+    def _hand_out(self, frame: Frame) -> None:
+        if frame.kind == Kind.STREAM:
+            if frame.sequence == self._stream_sequence:
+                self._frames.append(frame.payload)
+        elif frame.kind == Kind.EVENT:
+            self._note(frame.payload)
+        elif waiting := self._waiting.get(frame.sequence):
+            waiting.put(frame)
+
+    def _note(self, event: bytes) -> None:
+        if len(event) == uf.EVENT.size:
+            what, code = uf.EVENT.unpack(event)
+            if what == uf.EVENT_RESET:
+                self._rebooted.set()
+            elif what == uf.EVENT_FAULT:
+                self._fault_code = code
+
+    def _fail(self, why: str) -> None:
+        """The line is gone: whoever waits for an answer is told."""
+        with self._send_lock:
+            self._failure = self._failure or why
+            waiting = list(self._waiting.values())
+        for answers in waiting:
+            answers.put(None)
+
+
+class _Upload:
+    """Which samples of a recording have come."""
+
+    def __init__(self, offset: int, count: int) -> None:
+        self.next, self.end = offset, offset + count  # samples
+        self.complete = False
+        self._number: int | None = None
+
+    @property
+    def missing(self) -> bytes:
+        """The request for what has not come yet."""
+        return uf.SPAN.pack(self.next, self.end - self.next)
+
+    def taken(self, payload: bytes) -> bytes | None:
+        """Samples of a piece that follows those before; None when it does not follow."""
+        if len(payload) < uf.PIECE.size:
+            raise FrameError(f"expected a piece of a recording, got {len(payload)} bytes")
+        number, first, channels = uf.PIECE.unpack_from(payload)
+        if self._number not in (None, number):
+            raise RefusedError(f"the drive has recording {number} by now, and no longer {self._number}", 0)
+        if first != self.next:
+            return None
+        data = payload[uf.PIECE.size :]
+        if data and (not channels or len(data) % (2 * channels)):
+            raise FrameError(f"expected whole samples of {channels} channels, got {len(data)} bytes")
+        self._number, self.complete = number, not data
+        self.next += len(data) // (2 * channels) if data else 0
+        return data
+
+
+def _open(url: UartUrl) -> Any:
+    try:
+        port = cast(Any, serial).serial_for_url(
+            url.line, baudrate=url.baudrate, timeout=0.0 if _selectable(url) else _READER_POLL,
+            write_timeout=WRITE_TIMEOUT, exclusive=True,
+        )
+    except (OSError, ValueError) as error:
+        raise ConnectError(f"cannot open {url}: {_reason(error)}") from None
+    if url.protocol == "socket":
+        with socket.socket(fileno=os.dup(port.fileno())) as same:
+            same.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return port
+
+
+def _selectable(url: UartUrl) -> bool:
+    """Whether the port can be waited for by `select`, and then be read without waiting."""
+    return url.protocol == "socket" or (bool(url.device) and os.name == "posix")
+
+
+def _close(port: Any) -> None:
+    """Close the port; pyserial forgets to where the other end of a socket has gone first."""
+    open_socket = getattr(port, "_socket", None)
+    with contextlib.suppress(OSError):
+        port.close()
+    if open_socket is not None:
+        open_socket.close()
+
+
+def _reason(error: BaseException) -> str:
+    """Why, in the system's words where it has told a number."""
+    text = (str(error) or type(error).__name__).splitlines()[0]
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) else re.sub(r"^.*\[Errno -?[0-9]+\] ", "", text)

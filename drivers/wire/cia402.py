@@ -1,0 +1,76 @@
+"""The drive's state machine as its words tell it: CiA 402 (IEC 61800-7-201), and the error codes of its faults.
+
+Pure: numbers to names and back. What moves the machine is the drive's business.
+"""
+
+from enum import Enum
+from typing import Final
+
+
+class State(Enum):
+    """States of the machine: value (bits of the status word, mask that they are looked for under)."""
+
+    NOT_READY = (0x0000, 0x004F)
+    SWITCH_ON_DISABLED = (0x0040, 0x004F)
+    READY_TO_SWITCH_ON = (0x0021, 0x006F)
+    SWITCHED_ON = (0x0023, 0x006F)
+    OPERATION_ENABLED = (0x0027, 0x006F)
+    QUICK_STOP_ACTIVE = (0x0007, 0x006F)
+    FAULT_REACTION_ACTIVE = (0x000F, 0x004F)
+    FAULT = (0x0008, 0x004F)
+
+    @property
+    def bits(self) -> int:
+        """Of the status word."""
+        return self.value[0]
+
+    def __str__(self) -> str:
+        return self.name.lower().replace("_", " ")
+
+
+class Command(Enum):
+    """Commands of the control word: value (bits, mask that they are looked for under)."""
+
+    SHUTDOWN = (0x06, 0x87)
+    SWITCH_ON = (0x07, 0x8F)
+    ENABLE_OPERATION = (0x0F, 0x8F)
+    DISABLE_VOLTAGE = (0x00, 0x82)
+    QUICK_STOP = (0x02, 0x86)
+    FAULT_RESET = (0x80, 0x80)  # on the rising edge of its bit
+
+    @property
+    def bits(self) -> int:
+        """Of the control word."""
+        return self.value[0]
+
+
+def state_of(status_word: int) -> State | None:
+    """The state that a status word tells; None where it tells none."""
+    return next((state for state in State if status_word & state.value[1] == state.bits), None)
+
+
+def command_of(control_word: int) -> Command | None:
+    """The command that a control word gives; None where it gives none."""
+    return next((command for command in Command if control_word & command.value[1] == command.bits), None)
+
+
+OVERCURRENT: Final = 0x2310
+OVERTEMPERATURE_MOTOR: Final = 0x4210
+COMMUNICATION: Final = 0x8130  # nothing was heard of the bench for the watchdog's time
+
+ERROR_TEXTS: Final = {
+    OVERCURRENT: "overcurrent", OVERTEMPERATURE_MOTOR: "motor too hot", COMMUNICATION: "the bench fell silent",
+}
+
+
+def error_text(code: int) -> str:
+    """An error code in words."""
+    return ERROR_TEXTS.get(code, "unknown error")
+
+
+def error_register(code: int) -> int:
+    """Object 0x1001 (CiA 301, 7.5.2.2) for an error code: generic, and its kind."""
+    if code == 0:
+        return 0
+    kind = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x8: 0x10}.get(code >> 12, 0x80)
+    return 0x01 | kind

@@ -1,0 +1,210 @@
+"""What every drive keeps to, whatever the transport: one in a process of its own, in real time, known by its URL."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from drivers.connect import connect
+from drivers.drive import Drive
+from drivers.errors import ConnectError, LostError, RefusedError
+from drivers.wire.dictionary import SIGNALS, layout_id
+from emulator.scenarios import PAPER
+from tests.served_drive import Listening, first_blocks, in_threads, joined, listening, until
+from tests.transports import TRANSPORTS, ServedProcess, Transport
+
+STREAMED = 3.0  # s
+LOST_WITHIN = 3.0  # s
+
+
+@pytest.fixture(scope="module", params=TRANSPORTS)
+def transport(request: pytest.FixtureRequest) -> Transport:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def bench(transport: Transport) -> Iterator[ServedProcess]:
+    with transport.serve(transport.new_url()) as served:
+        yield served
+
+
+@pytest.fixture
+def drive(bench: ServedProcess, transport: Transport) -> Iterator[Drive]:
+    with connect(bench.url) as connected:
+        connected.write("stream_periods", transport.stream_periods)
+        yield connected
+
+
+def test_a_drive_says_who_it_is(drive: Drive) -> None:
+    identity = drive.identity
+    assert identity.device_name == "pmsm-bench virtual drive"
+    assert (identity.vendor_id, identity.product_code, identity.revision) == (0, 0x504D534D, 1)
+    assert identity.layout_id == layout_id()
+    assert (identity.T_s, identity.i_full, identity.u_full) == (1e-4, 24.0, 387.5)
+    assert identity.omega_full == pytest.approx(PAPER.drive.omega_full, rel=1e-6)
+
+
+def test_every_signal_can_be_read(drive: Drive) -> None:
+    values = {signal.name: drive.read(signal.name) for signal in SIGNALS}
+    assert values["u_dc"] == pytest.approx(310.0, abs=387.5 / 65536)
+    assert values["temp_winding"] == pytest.approx(23.4)
+    assert (values["control_R_s"], values["control_L_d"], values["n_p"]) == (0.9664, 4.24e-3, 4.0)
+    assert 0.0 <= values["theta_e"] < 6.2832
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("i_q_ref", 1.25), ("bandwidth", 1000.0), ("control_L_q", 0.0061), ("stream_periods", 200.0)]
+)
+def test_a_written_value_is_read_back_the_same(drive: Drive, name: str, value: float) -> None:
+    before = drive.read(name)
+    drive.write(name, value)
+    assert drive.read(name) == value
+    drive.write(name, before)
+    assert drive.read(name) == before
+
+
+def test_the_parameters_are_all_that_can_be_written_but_for_commands(drive: Drive) -> None:
+    parameters = drive.parameters()
+    assert set(parameters) == {signal.name for signal in SIGNALS if signal.is_parameter}
+    assert all(drive.read(name) == value for name, value in parameters.items())
+
+
+@pytest.mark.parametrize("name", ["i_d", "T_s", "tick", "layout_id", "temp_magnet"])
+def test_what_is_only_measured_cannot_be_written(drive: Drive, name: str) -> None:
+    with pytest.raises(RefusedError, match=rf"\({name}\) is (ro|const), it cannot be written"):
+        drive.write(name, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("stream_periods", 0.0, r"\(stream_periods\) takes at least 1 1, got 0"),
+        ("bandwidth", 1e9, r"\(bandwidth\) takes at most 10000.0 rad/s, got 1"),
+        ("control_R_s", 0.0, r"\(control_R_s\) takes at least 0.0001 ohm, got 0.0"),
+        ("i_q_ref", float("nan"), r"\(i_q_ref\) takes a finite number, got nan"),
+        ("i_q_ref", 1e40, r"\(i_q_ref\) takes a 32-bit float, got 1e\+40"),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_before_the_wire(
+    drive: Drive, name: str, value: float, sentence: str
+) -> None:
+    before = drive.read(name)
+    with pytest.raises(RefusedError, match=sentence):
+        drive.write(name, value)
+    assert drive.read(name) == before
+
+
+def test_a_value_that_this_drive_refuses_is_told_by_name(drive: Drive) -> None:
+    before = drive.read("i_q_ref")
+    with pytest.raises(RefusedError, match=r"\(i_q_ref\)"):
+        drive.write("i_q_ref", 12.5)  # its current limit is 12 A
+    assert drive.read("i_q_ref") == before
+
+
+def test_an_unknown_name_is_told_with_the_names_there_are(drive: Drive) -> None:
+    for call in (lambda: drive.read("torque"), lambda: drive.write("torque", 1.0)):
+        with pytest.raises(KeyError, match="the drive has no signal 'torque'; it has T_s, "):
+            call()
+
+
+def test_four_threads_at_once_each_get_their_own_values(drive: Drive) -> None:
+    drive.write("stream_periods", 100.0)
+    expected = {"T_s": 1e-4, "stream_periods": 100.0, "u_full": 387.5, "control_R_s": 0.9664}
+
+    def reading(name: str, value: float) -> Callable[[], None]:
+        def job() -> None:
+            assert {drive.read(name) for _ in range(100)} == {value}
+        return job
+
+    in_threads([reading(name, value) for name, value in expected.items()])
+
+
+def test_no_row_of_the_stream_is_lost(drive: Drive, transport: Transport) -> None:
+    row_time = transport.stream_periods * drive.identity.T_s
+    begun = time.monotonic()
+    blocks = first_blocks(drive, round(STREAMED / row_time))
+    assert time.monotonic() - begun > 0.8 * STREAMED  # in real time; a machine that is held up takes longer
+    assert all(block.lost_before == 0 and block.periods == transport.stream_periods for block in blocks)
+    assert np.all(np.diff(joined(blocks, "tick")) == transport.stream_periods)
+    assert joined(blocks, "omega_e") == pytest.approx(4.0 * 1200.0 * np.pi / 30.0, rel=1e-3)
+    assert joined(blocks, "u_dc") == pytest.approx(310.0, abs=0.01)
+    assert blocks[-1].temp_winding == pytest.approx(23.4)
+
+
+def test_values_can_be_read_and_written_while_streaming(drive: Drive) -> None:
+    with listening(drive) as listener:
+        for k in range(50):
+            drive.write("i_q_ref", k / 100.0)
+            assert drive.read("i_q_ref") == k / 100.0
+        until(lambda: listener.rows > 100, "no rows")
+    assert listener.error is None
+    assert all(block.lost_before == 0 for block in listener.blocks)
+
+
+def test_another_row_length_counts_while_streaming(drive: Drive, transport: Transport) -> None:
+    longer = 2 * transport.stream_periods
+    with listening(drive) as listener:
+        drive.write("stream_periods", longer)
+        until(lambda: listener.blocks[-1].periods == longer, "no rows of the new length")
+    assert listener.error is None
+    assert {block.periods for block in listener.blocks} == {transport.stream_periods, longer}
+    assert all(np.all(np.diff(block.tick) == block.periods) for block in listener.blocks)
+
+
+def test_a_drive_can_be_closed_twice_and_then_answers_nothing(bench: ServedProcess) -> None:
+    drive = connect(bench.url)
+    drive.close()
+    drive.close()
+    with pytest.raises(LostError):
+        drive.read("i_d")
+    assert list(drive.stream()) == []
+
+
+def test_connecting_again_and_again_leaves_nothing_behind(bench: ServedProcess) -> None:
+    threads = threading.active_count()
+    for _ in range(3):
+        with connect(bench.url) as drive:
+            assert len(first_blocks(drive, 5)) > 0
+    assert threading.active_count() <= threads + 2  # the server's own, of a client that has just left
+
+
+def test_a_drive_that_hangs_is_lost_in_a_sentence_and_had_again_when_it_goes_on(
+    bench: ServedProcess, drive: Drive, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with listening(drive) as listener:
+        bench.process.send_signal(signal.SIGSTOP)
+        try:
+            lost_in_time(listener, drive)
+        finally:
+            bench.process.send_signal(signal.SIGCONT)
+    with connect(bench.url) as again:
+        assert len(first_blocks(again, 20)) > 0
+    assert capfd.readouterr().err == ""
+
+
+def test_a_drive_that_dies_is_lost_in_a_sentence_and_had_again_when_it_is_back(
+    transport: Transport, capfd: pytest.CaptureFixture[str]
+) -> None:
+    url = transport.new_url()
+    with transport.serve(url) as bench, connect(url) as drive, listening(drive) as listener:
+        bench.process.kill()
+        lost_in_time(listener, drive)
+        with pytest.raises(ConnectError):
+            connect(url)
+    with transport.serve(url), connect(url) as again:
+        assert len(first_blocks(again, 20)) > 0
+    assert capfd.readouterr().err == ""
+
+
+def lost_in_time(listener: Listening, drive: Drive) -> None:
+    """The stream ends with a LostError soon, and the drive can be closed."""
+    begun = time.monotonic()
+    error = listener.ended()
+    drive.close()
+    assert time.monotonic() - begun < LOST_WITHIN
+    assert isinstance(error, LostError)
+    assert str(error)
+    assert "Traceback" not in str(error)

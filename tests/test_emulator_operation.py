@@ -1,0 +1,223 @@
+"""The drive's state machine by CiA 402: every transition of the standard, faults and their reset, the watchdog."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.wire.cia402 import (
+    COMMUNICATION,
+    OVERCURRENT,
+    OVERTEMPERATURE_MOTOR,
+    Command,
+    State,
+    command_of,
+    error_register,
+    error_text,
+    state_of,
+)
+from emulator.operation import Operation
+from emulator.scenarios import PAPER, Scenario
+from emulator.virtual_drive import VirtualDrive
+
+OFF, READY, ON, ENABLED = (
+    State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED,
+)
+STOPPED, FAULT = State.QUICK_STOP_ACTIVE, State.FAULT
+
+# IEC 61800-7-201, by the numbers of its transitions: (number, state, control word, next state)
+TRANSITIONS = [
+    (2, OFF, 0x06, READY), (3, READY, 0x07, ON), (4, ON, 0x0F, ENABLED), (5, ENABLED, 0x07, ON), (6, ON, 0x06, READY),
+    (7, READY, 0x00, OFF), (7, READY, 0x02, OFF), (8, ENABLED, 0x06, READY), (9, ENABLED, 0x00, OFF),
+    (10, ON, 0x00, OFF), (10, ON, 0x02, OFF), (11, ENABLED, 0x02, STOPPED), (12, STOPPED, 0x00, OFF),
+    (15, FAULT, 0x80, OFF), (16, STOPPED, 0x0F, ENABLED),
+]
+
+
+def scenario(**drive: object) -> Scenario:
+    """The paper's, with another drive."""
+    return replace(PAPER, drive=replace(PAPER.drive, **drive))  # pyright: ignore[reportArgumentType]
+
+
+def told(drive: VirtualDrive) -> State | None:
+    return state_of(int(drive.read("status_word")))
+
+
+def commanded(drive: VirtualDrive, *words: int) -> None:
+    for word in words:
+        drive.write("control_word", word)
+    drive.run(1)
+
+
+@pytest.mark.parametrize(("number", "before", "word", "after"), TRANSITIONS)
+def test_a_transition_of_the_standard_happens(number: int, before: State, word: int, after: State) -> None:
+    operation = Operation(before)
+    operation.command(word)
+    assert operation.state is after, number
+
+
+def test_no_other_word_leads_anywhere() -> None:
+    allowed = {(before, word) for _, before, word, _ in TRANSITIONS} | {(READY, 0x0F)}  # 3 and 4 at once
+    for before, word in itertools.product((OFF, READY, ON, ENABLED, STOPPED), (0x00, 0x02, 0x06, 0x07, 0x0F, 0x80)):
+        if (before, word) not in allowed:
+            operation = Operation(before)
+            operation.command(word)
+            assert operation.state is before, (before, word)
+
+
+@pytest.mark.parametrize("word", range(256))
+def test_a_word_is_one_command_by_its_bits_alone(word: int) -> None:
+    command = command_of(word)
+    assert command is command_of(word | 0xFF00)
+    if word & 0x80:
+        assert command is Command.FAULT_RESET
+    elif not word & 0x02:
+        assert command is Command.DISABLE_VOLTAGE
+    elif not word & 0x04:
+        assert command is Command.QUICK_STOP
+    elif not word & 0x01:
+        assert command is Command.SHUTDOWN
+    else:
+        assert command is (Command.ENABLE_OPERATION if word & 0x08 else Command.SWITCH_ON)
+
+
+def test_a_status_word_tells_its_state_whatever_its_other_bits_are() -> None:
+    for state in State:
+        assert state_of(state.bits) is state
+        assert state_of(state.bits | 0xFF90) is state
+    assert str(ENABLED) == "operation enabled"
+    assert state_of(0x0006) is None
+
+
+def test_a_fault_is_reset_by_the_rising_edge_of_its_bit_alone() -> None:
+    operation = Operation(ENABLED)
+    operation.command(0x8F)
+    operation.fault(OVERCURRENT)
+    operation.command(0x8F)  # the bit was set before already
+    assert (operation.state, operation.error_code) == (FAULT, OVERCURRENT)
+    operation.command(0x0F)
+    assert operation.state is FAULT
+    operation.command(0x80)
+    assert (operation.state, operation.error_code) == (OFF, 0)
+
+
+def test_the_first_cause_of_a_fault_stands() -> None:
+    operation = Operation(ENABLED)
+    operation.fault(OVERCURRENT)
+    operation.fault(COMMUNICATION)
+    assert operation.error_code == OVERCURRENT
+
+
+def test_an_error_code_has_a_text_and_a_register_by_its_kind() -> None:
+    codes = (0, OVERCURRENT, OVERTEMPERATURE_MOTOR, COMMUNICATION, 0x3210, 0x6100)
+    assert [error_register(code) for code in codes] == [0x00, 0x03, 0x09, 0x11, 0x05, 0x81]
+    assert error_text(OVERCURRENT) == "overcurrent"
+    assert error_text(0x9999) == "unknown error"
+
+
+def test_a_drive_goes_through_its_states_and_its_bridge_is_on_in_one_of_them() -> None:
+    drive = VirtualDrive(scenario(enabled=False))
+    drive.run(200)
+    for word, state in ((0x06, READY), (0x07, ON), (0x0F, ENABLED), (0x02, STOPPED), (0x00, OFF)):
+        commanded(drive, word)
+        assert told(drive) is state
+        assert np.isnan(drive.record(5)["u_q"]).all() == (state is not ENABLED)
+
+
+def test_without_a_bridge_no_current_flows_and_the_stream_says_that_the_voltage_is_not_known() -> None:
+    drive = VirtualDrive(PAPER)
+    drive.run(500)
+    commanded(drive, 0x00)
+    drive.run(500)
+    rows = drive.run(500)
+    assert np.abs(rows.i_q).max() < 0.1
+    assert np.isnan(rows.u_d).all()
+    assert np.isnan(rows.u_q).all()
+    commanded(drive, 0x06, 0x07, 0x0F)
+    drive.run(100)
+    rows = drive.run(1000)
+    assert np.isfinite(rows.u_q).all()
+    assert np.ptp(rows.i_q) > 1.0
+
+
+def test_a_current_beyond_the_limit_trips_the_drive_within_the_period() -> None:
+    drive = VirtualDrive(PAPER)
+    drive.run(500)
+    drive.write("n_p", 8)  # the current control turns into a wrong frame
+    drive.write("i_q_ref", 9.0)
+    drive.run(2000)
+    assert told(drive) is FAULT
+    assert drive.read("error_code") == OVERCURRENT
+    drive.write("n_p", PAPER.motor.n_p)
+    drive.write("i_q_ref", 2.0)
+    drive.run(100)
+    commanded(drive, 0x80, 0x06, 0x07, 0x0F)
+    assert told(drive) is ENABLED
+    drive.run(2000)
+    assert told(drive) is ENABLED
+    assert drive.read("error_code") == 0
+
+
+def test_a_winding_that_is_too_hot_trips_the_drive_until_it_has_cooled_down() -> None:
+    drive = VirtualDrive(scenario(temperature_trip=60.0))
+    drive.set_temperature(61.0)
+    drive.run(10)
+    assert (told(drive), drive.read("error_code")) == (FAULT, OVERTEMPERATURE_MOTOR)
+    commanded(drive, 0x80, 0x06, 0x0F)
+    assert (told(drive), drive.read("error_code")) == (FAULT, OVERTEMPERATURE_MOTOR)
+    drive.set_temperature(50.0)
+    commanded(drive, 0x00, 0x80, 0x06, 0x0F)
+    assert (told(drive), drive.read("error_code")) == (ENABLED, 0)
+
+
+def test_a_bench_that_falls_silent_for_the_watchdogs_time_leaves_the_bridge_off() -> None:
+    drive = VirtualDrive(PAPER)
+    drive.write("watchdog_time", 0.05)
+    for _ in range(20):
+        drive.hear()
+        drive.run(100)
+        assert told(drive) is ENABLED
+    drive.run(499)
+    assert told(drive) is ENABLED
+    drive.run(2)
+    assert (told(drive), drive.read("error_code")) == (FAULT, COMMUNICATION)
+
+
+def test_a_watchdog_of_zero_never_bites_and_none_bites_while_the_bridge_is_off() -> None:
+    drive = VirtualDrive(PAPER)
+    drive.run(20_000)
+    assert told(drive) is ENABLED
+    drive.write("watchdog_time", 0.01)
+    commanded(drive, 0x00)
+    drive.run(1000)
+    assert told(drive) is OFF
+    commanded(drive, 0x06, 0x0F)  # its time counts from here
+    assert told(drive) is ENABLED
+
+
+def test_a_reset_is_like_a_power_cycle() -> None:
+    drive = VirtualDrive(PAPER)
+    drive.write("bandwidth", 900.0)
+    drive.write("store", 0x65766173)
+    drive.write("i_q_ref", 1.0)
+    commanded(drive, 0x00)
+    drive.run(1234)
+    drive.reset()
+    rows = drive.run(100)
+    assert drive.tick == 100
+    assert np.all((rows.row_tick >= 0) & (rows.row_tick < 100))
+    assert told(drive) is ENABLED
+    assert (drive.read("bandwidth"), drive.read("i_q_ref")) == (900.0, 2.0)
+
+
+def test_restored_parameters_come_with_the_next_reset() -> None:
+    drive = VirtualDrive(PAPER)
+    drive.write("bandwidth", 900.0)
+    drive.write("store", 0x65766173)
+    drive.write("restore", 0x64616F6C)
+    drive.run(1)
+    assert drive.read("bandwidth") == 900.0
+    drive.reset()
+    drive.run(1)
+    assert drive.read("bandwidth") == PAPER.drive.bandwidth
