@@ -15,7 +15,7 @@
     periods_per_row = 1
     estimated = ["R_s", "L_d", "L_q", "psi_f"]
     held = {psi_f = 0.12}                             # SI; what it leaves out comes from the nominal machine
-    forgetting_factor = 1.0                           # rls: 0.5 to 1 = nothing is forgotten
+    forgetting_factor = 1.0                           # rls: 0.99 to 1 = nothing is forgotten
     ekf = {preset = "tuned", noise_i = 0.01}          # or "paper", "custom": see bench/tuning.py
 
 What is not understood is refused in a sentence that names file and key.

@@ -29,7 +29,7 @@ psi_f is held in both: the published filter reads L_d off psi_d - psi_f.
 
 A filter's P knows its tuning, not the data: where little is excited, or the tuning does not suit the drive, it is
 small around a wrong value. So recursive least squares over the recent rows runs beside it (`rls`), and `estimate` tells
-only what that tells too, no closer than the two agree. Knows nothing of clocks, drives or files.
+only what that tells too, no closer than it and no closer than the two agree. Knows nothing of clocks, drives or files.
 """
 
 import math
@@ -210,7 +210,7 @@ def _told(
     if not reason and (recent.value is None or recent.std is None):
         reason = recent.reason
     if not reason and recent.value is not None:
-        std = math.hypot(math.sqrt(variance), value - recent.value)
+        std = max(math.hypot(math.sqrt(variance), value - recent.value), recent.std or 0.0)
         if Z_95 * std < value:
             return Estimate(name, value, std, UNITS[name], Status.OK)
         reason = (

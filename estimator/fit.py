@@ -95,7 +95,7 @@ def fit(
         sums, _axes(found.full, small), free, found.inverse, found.sigma2, together=together
     )
     bias = _times(found.inverse, found.noise * beta[:, free])
-    bias *= _share_of_bias(bias, beta[:, free], found.apart) if noise_aware else 1.0
+    bias *= _share_of_bias(sums, bias, beta[:, free], found.apart) if noise_aware else 1.0
     std, lasting = np.zeros_like(beta), np.zeros_like(beta)
     lasting[:, free] = np.sqrt(constant + found.doubt**2 + bias**2)
     std[:, free] = np.sqrt(variance + lasting[:, free] ** 2)
@@ -167,7 +167,7 @@ def _solved(sums: WindowSums, task: _Task, small: Array) -> _Round:
     strong = -_times(inverse, rest)
     beta, full = task.known.copy(), task.known.copy()
     full[:, free] = strong - _times(ex.plain, rest + _times(task.G, strong))
-    beta[:, free], doubt = _with_prior(sums, ex, strong, free, task.stand_in)
+    beta[:, free], doubt = _with_prior(sums, ex, strong, full[:, free], free, task.stand_in)
     sure = np.zeros(beta.shape, dtype=np.bool_)
     sure[:, free] = doubt < PRIOR_SHARE * np.abs(beta[:, free])
     apart = np.max(np.abs(one - other) / sigma2, axis=1)
@@ -185,7 +185,7 @@ def _plain(G: Array) -> Array:
 
 
 def _with_prior(
-    sums: WindowSums, ex: Excitation, strong: Array, free: list[int], stand_in: Array
+    sums: WindowSums, ex: Excitation, strong: Array, full: Array, free: list[int], stand_in: Array
 ) -> tuple[Array, Array]:
     """Values with the directions that are not told filled in from what is plausible, and the standard errors of that.
 
@@ -201,7 +201,7 @@ def _with_prior(
     for name, other in (("L_d", "L_q"), ("L_q", "L_d")):
         j, k = (free.index(PARAMETERS.index(n)) if PARAMETERS.index(n) in free else None for n in (name, other))
         if j is not None:
-            known = np.where(share[:, k] < 0.5, strong[:, k], 0.0) if k is not None else (
+            known = np.where(share[:, k] < 0.5, full[:, k], 0.0) if k is not None else (
                 np.full(len(B), stand_in[PARAMETERS.index(other)])
             )
             value[:, j] = np.where(value[:, j] > 0.0, value[:, j], np.maximum(known, 0.0))
@@ -225,13 +225,14 @@ def _diagonal(values: Array) -> Array:
     return values[:, :, None] * np.eye(values.shape[-1])
 
 
-def _share_of_bias(bias: Array, value: Array, apart: Array) -> Array:
+def _share_of_bias(sums: WindowSums, bias: Array, value: Array, apart: Array) -> Array:
     """Share of what noise does to a value that stays doubtful when it is taken out (K, p).
 
-    What two estimates of the noise disagree about; and the more it is, the more: the control answers to noise, so that
-    what seems excited is in part its echo.
+    What so few rows tell of the noise, and what two estimates of it disagree about; and the more it is, the more: the
+    control answers to noise, so that what seems excited is in part its echo.
     """
-    return np.minimum(1.0, NOISE_DOUBT + apart[:, None] + NOISE_ECHO * _over(np.abs(bias), np.abs(value)))
+    known = np.maximum(NOISE_DOUBT, 3.0 / np.sqrt(np.maximum(sums.rows, 1.0)))
+    return np.minimum(1.0, (known + apart)[:, None] + NOISE_ECHO * _over(np.abs(bias), np.abs(value)))
 
 
 def _times(A: Array, x: Array) -> Array:
@@ -419,7 +420,7 @@ def _constant_errors(sums: WindowSums, c: Array, gamma0: Array, sigma2: Array) -
     Z2 = c[:, 0, 0] ** 2 + s2 * np.max(c[:, 0, 1:3] ** 2, axis=1)  # ohm^2
     L2 = np.stack((c[:, 0, 1] ** 2, c[:, 1, 2] ** 2), axis=-1)
     allowed = 1.0 + STRANGE / np.sqrt(n)[:, None]
-    strange = 2.0 * L2 / sums.T**2 * np.maximum(0.0, sigma2 - allowed * sigma2[:, ::-1])
+    strange = 8.0 * L2 / sums.T**2 * np.maximum(0.0, sigma2 - allowed * sigma2[:, ::-1])
     of_u, of_i = _undithered(sums.u_step, gamma0), _undithered(sums.i_step, sigma2 / sums.periods)
     model2 = MODEL**2 + (MODEL_TURN * _turn(sums) ** 3) ** 2 + MODEL_MOVING**2 * spread_of_speed(sums)
     return (model2 * u2)[:, None] + of_u + Z2[:, None] * of_i + strange

@@ -45,8 +45,8 @@ from estimator.window_sums import BATCH, BATCHES, SUMS, add_batch
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-SHORTEST: Final = 0.98  # the smallest lam: fifty rows remembered; fewer tell no standard errors
-FEWEST: Final = 40  # rows, effective, from which anything is told
+SHORTEST: Final = 0.99  # the smallest lam: a hundred rows remembered; fewer tell no standard errors
+FEWEST: Final = 100  # rows, effective, from which anything is told
 _AT_BOUND: Final = 0.5  # share of P_0 from which P counts as come back to it
 _FILLED: Final = 0.95  # share of its final length that a forgetting memory has after three time constants
 _TINY: Final = 1e-200  # sums below are zero; they would become subnormal numbers, which are slow

@@ -82,7 +82,7 @@ def test_the_window_says_what_its_settings_may_be(client: httpx.Client) -> None:
     client.put(WINDOW, json={"length": 400, "periods_per_row": 5}).raise_for_status()
     assert client.get(WINDOW).json()["limits"] == {
         "length": {"minimum": 20, "maximum": 1_000_000}, "longest": {"minimum": 20, "maximum": 1_000_000},
-        "periods_per_row": {"minimum": 1, "maximum": 100}, "forgetting_factor": {"minimum": 0.98, "maximum": 1.0},
+        "periods_per_row": {"minimum": 1, "maximum": 100}, "forgetting_factor": {"minimum": 0.99, "maximum": 1.0},
     }
 
 

@@ -242,7 +242,7 @@ SHORT = "t,u_d,u_q,i_d,i_q,omega_e\n" + "".join(f"{k * 1e-4:.4f},1,2,0.1,0.2,100
         ([RUN, "--window", "many"], "--window: expected a whole number of samples or auto, got 'many'"),
         ([RUN, "--window", "auto", "--longest", "3"], "longest: window length must be 4 (4 parameters"),
         ([RUN, "--method", "kalman"], "method: expected wls, rls or ekf, got 'kalman'"),
-        ([RUN, "--method", "rls", "--forgetting-factor", "0.1"], "forgetting_factor: expected a number of 0.98 to 1"),
+        ([RUN, "--method", "rls", "--forgetting-factor", "0.1"], "forgetting_factor: expected a number of 0.99 to 1"),
         ([RUN, "--method", "ekf"], "--method ekf: expected start values by --nominal MACHINE.toml, got none"),
         ([RUN, "--ekf", "good"], "--ekf: expected tuned, paper or a TOML file, got 'good'"),
         ([RUN, "--ekf", "{folder}/slow.toml"], "slow.toml: expected preset = \"tuned\", \"paper\" or \"custom\""),

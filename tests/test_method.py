@@ -94,7 +94,7 @@ def test_a_recursion_uses_at_once_what_is_held_now() -> None:
 def test_what_was_changed_stays_as_it_was_until_it_is_left(window: Window) -> None:
     running = fed(window, stream())
     before = method.estimate(running)
-    for change in ({"length": 100}, {"periods_per_row": 7}, {"method": "rls", "forgetting_factor": 0.98},
+    for change in ({"length": 100}, {"periods_per_row": 7}, {"method": "rls", "forgetting_factor": 0.99},
                    {"estimated": ["R_s"]}, {"length": "auto"}):
         method.changed(running, window.changed(change))
         assert method.estimate(running) == before

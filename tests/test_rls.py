@@ -75,7 +75,7 @@ def still(rows: int) -> Samples:
 
 @settings(max_examples=40, deadline=None)
 @given(
-    lam=st.sampled_from([1.0, 0.9999, 0.999, 0.99, 0.98]), m=st.integers(1, 12),
+    lam=st.sampled_from([1.0, 0.9999, 0.999, 0.995, 0.99]), m=st.integers(1, 12),
     prior=st.sampled_from([Prior(), STIFF]), cuts=st.lists(st.integers(1, ROWS - 1), max_size=20, unique=True),
 )
 def test_over_any_split_of_the_stream_it_is_the_least_squares_solution_of_all_rows_weighted_by_age(
@@ -151,7 +151,7 @@ def test_what_is_not_estimated_is_held_on_the_right_hand_side(estimated: tuple[s
         assert (estimate.std is not None) == (name in estimated)
 
 
-@pytest.mark.parametrize("lam", [0.98, 0.99, 0.9999])
+@pytest.mark.parametrize("lam", [0.99, 0.9999])
 def test_a_million_rows_of_standstill_bring_P_back_to_its_bound_and_no_further(lam: float) -> None:
     state = rls.update(rls.init(lam=lam), SAMPLES)
     before = np.diag(rls.P_of(state))

@@ -172,7 +172,7 @@ class WindowModel(BaseModel):
         description="what these may be while the other settings stay",
         examples=[{
             "length": {"minimum": 3, "maximum": 1000000}, "longest": {"minimum": 3, "maximum": 1000000},
-            "periods_per_row": {"minimum": 1, "maximum": 333}, "forgetting_factor": {"minimum": 0.98, "maximum": 1.0},
+            "periods_per_row": {"minimum": 1, "maximum": 333}, "forgetting_factor": {"minimum": 0.99, "maximum": 1.0},
         }],
     )
 
@@ -197,7 +197,7 @@ class WindowChangeModel(BaseModel):
     held: dict[Parameter, float] = Field(
         {}, description="values above zero, SI, for those not estimated; others stay; ekf needs all four, to start from"
     )
-    forgetting_factor: float = Field(1.0, description="rls: weight of the row before, 0.98 to 1; 1: nothing forgotten")
+    forgetting_factor: float = Field(1.0, description="rls: weight of the row before, 0.99 to 1; 1: nothing forgotten")
     ekf: TuningModel = Field(TuningModel.model_construct(), description="settings to change; what is left out stays")
 
 

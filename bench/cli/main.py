@@ -86,7 +86,7 @@ def replay(
     ] = None,
     periods: Annotated[int | None, typer.Option(help="wls, rls: periods per regression row (default: 1)")] = None,
     forgetting_factor: Annotated[
-        float | None, typer.Option(metavar="LAM", help="rls: 0.5 to 1 (default: 1, nothing is forgotten)")
+        float | None, typer.Option(metavar="LAM", help="rls: 0.99 to 1 (default: 1, nothing is forgotten)")
     ] = None,
     ekf: Annotated[
         str | None,
