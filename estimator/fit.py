@@ -280,7 +280,6 @@ def _doubt_of_h(sums: WindowSums, beta: Array, std: Array, told: NDArray[np.bool
     What is neither told nor held is no larger than the q-axis voltage allows: R_s i_q, psi_f s, or half of it each;
     L_d is then L_q or half of it.
     """
-    told = told & (Z_95 * std < np.abs(beta))
     known, off = _known(np.abs(beta), told, stand_in), Z_95 * np.where(told, std, 0.0)
     i_q, s, u_q = np.sqrt(np.diagonal(sums.lag0[:, 1], axis1=1, axis2=2)[:, [0, 3, U]].T)
     share = np.where((known[:, 0] > 0.0) | (known[:, 3] > 0.0), 1.0, 0.5)

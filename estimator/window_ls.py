@@ -97,10 +97,11 @@ def _needed(length: int, m: int) -> int:
 
 
 def warm_up() -> None:
-    """Compile the kernels, or load them from the cache."""
+    """Compile all kernels, or load them from the cache."""
     still = np.zeros(3)
     state = update(init(4), Samples(still, still, still, still, still, still, T_s=1.0))
     estimate(update_one(state, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    waiting(resized(state, 4, 2))
 
 
 def check_window(length: int, m: int, parameters: int = 1) -> None:

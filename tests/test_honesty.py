@@ -55,7 +55,6 @@ CASES = {
     "steps on i_d only, i_q zero": Case(excited(Excitation(0.0, 0.0, 3.0)), settle=5000),
     "steps on i_q only, i_d zero": Case(excited(Excitation(0.0, 2.0, 0.0, 3.0))),
     "the same without noise": Case(noiseless(excited(Excitation(0.0, 2.0, 0.0, 3.0)))),
-    "steps of 50 mA": Case(excited(Excitation(0.0, 2.0, 0.05, 0.05))),
     "every control period": Case(rows=6000, every_period=True),
     "every control period, 30 mA": Case(rows=6000, every_period=True, noise_i=0.03),
     "every control period, 50 mA": Case(rows=6000, every_period=True, noise_i=0.05),

@@ -1,5 +1,7 @@
 """The estimator that runs: a change of method or settings begins anew only what it must, and nothing on failure."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -153,3 +155,44 @@ def test_no_tuning_within_its_limits_breaks_the_filter(tuning: dict[str, float])
     for estimate in result.estimates.values():
         assert estimate.value is not None
         assert np.isfinite(estimate.value)
+
+
+COMPILED_LATER = """
+import sys
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from bench import method
+from bench.window import Window
+from estimator.samples import Samples
+
+def compiled():
+    return {
+        (module.__name__, name): len(value.overloads)
+        for module in list(sys.modules.values()) if module.__name__.startswith("estimator.")
+        for name, value in vars(module).items() if isinstance(value, Dispatcher)
+    }
+
+method.warm_up()
+before = compiled()
+random = np.random.default_rng(1)
+held = {"R_s": 0.9, "L_d": 4.4e-3, "L_q": 6.0e-3, "psi_f": 0.12}
+samples = Samples(*random.standard_normal((6, 1000)), T_s=1e-4)
+plain = Window(length=500, held=held)
+for change in {}, {"length": "auto"}, {"method": "rls"}, {"method": "ekf"}, {"periods_per_row": 4}, {"length": 100}:
+    running = method.start(plain)
+    method.take(running, samples, joined=True)
+    running = method.changed(running, plain.changed(change))
+    method.take(running, samples, joined=True)
+    method.take(running, samples[:7], joined=False)
+    method.estimate(running)
+after = compiled()
+print(len(before), [name for name in after if after[name] != before[name]])
+"""
+
+
+def test_nothing_is_left_to_compile_while_it_runs() -> None:
+    """A compilation stops every thread for a second, and the samples with it."""
+    ran = subprocess.run([sys.executable, "-c", COMPILED_LATER], capture_output=True, text=True, check=True)
+    kernels, later = ran.stdout.split(maxsplit=1)
+    assert int(kernels) > 5
+    assert later.strip() == "[]"
