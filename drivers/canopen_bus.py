@@ -1,13 +1,13 @@
 """One node on a CAN bus, to its client. The only client file that knows canopen and python-can.
 
 SDO transfers are one at a time, under a lock; reads are repeated when no answer comes, writes never. Knows nothing of
-signals. What is subscribed runs in the bus library's reader thread; the bench's own heartbeat has a thread of its own,
-so that it stops with this process, whatever the bus hardware could repeat by itself.
+signals. What is subscribed runs in the bus library's reader thread.
 """
 
 import contextlib
 import logging
 import threading
+import time
 from collections.abc import Callable, Generator
 from typing import Any, cast
 
@@ -46,7 +46,7 @@ class CanopenBus:
         self._block = False  # whether a block transfer is under way, in which an answer may begin with anything
         self._closed = threading.Event()
         self._close_lock = threading.Lock()
-        self._beating: threading.Thread | None = None
+        self._beaten = 0.0  # s, monotonic, when the latest heartbeat was sent
         self._network = _open(url, self._closed)
         request, answer = od.sdo_request_cob_id(url.node_id), od.sdo_response_cob_id(url.node_id)
         self._sdo = SdoClient(request, answer, canopen.ObjectDictionary())
@@ -86,9 +86,12 @@ class CanopenBus:
             self._sdo.download(index, subindex, data)
 
     def beat(self, node: int) -> None:
-        """Send heartbeats as this node, operational, until the bus is closed."""
-        self._beating = threading.Thread(target=self._beat, args=(node,), name="heartbeat", daemon=True)
-        self._beating.start()
+        """Send a heartbeat as this node, operational, where one is due."""
+        now = time.monotonic()
+        if now - self._beaten >= HEARTBEAT:
+            self._beaten = now
+            with contextlib.suppress(*_BUS_ERRORS):  # who reads or writes is told
+                self._network.send_message(od.heartbeat_cob_id(node), bytes([od.STATE_OPERATIONAL]))
 
     def command(self, nmt: int) -> None:
         """Send the node an NMT command."""
@@ -107,15 +110,8 @@ class CanopenBus:
     def close(self) -> None:
         """Leave the bus."""
         self._closed.set()
-        if self._beating is not None and self._beating is not threading.current_thread():
-            self._beating.join()
         with self._close_lock, contextlib.suppress(Exception):  # it raises again what ended its reader thread
             self._network.disconnect()
-
-    def _beat(self, node: int) -> None:
-        while not self._closed.wait(HEARTBEAT):
-            with contextlib.suppress(*_BUS_ERRORS):  # who reads or writes is told
-                self._network.send_message(od.heartbeat_cob_id(node), bytes([od.STATE_OPERATIONAL]))
 
     def _repeated(self, read: Callable[[], bytes]) -> bytes:
         """A read that is repeated when no answer comes, or a spoilt one."""

@@ -1,7 +1,8 @@
 """A drive on a CAN bus: SDO for values, TPDOs for the stream.
 
-The bus's reader thread only puts frames into a queue; the thread that iterates `stream` assembles them. Knows nothing
-of the libraries beneath the bus.
+The bus's reader thread only puts frames into a queue; the thread that iterates `stream` assembles them, and sends the
+bench's heartbeats, which feed the drive's watchdog: it is the one that acts. Knows nothing of the libraries beneath the
+bus.
 """
 
 import contextlib
@@ -37,7 +38,9 @@ class CanopenDrive:
     """CANopen client of one node. Opens the bus, checks that the node is such a drive, and reads its identity."""
 
     def __init__(self, url: CanUrl) -> None:
-        self._frames: deque[tuple[int, bytes]] = deque()
+        self._frames: deque[tuple[float, int, bytes]] = deque()  # s, monotonic, when it came; TPDO; payload
+        self._heard = 0.0  # s, monotonic, when the latest row was whole
+        self._bench_node = od.BENCH_NODE if url.node_id != od.BENCH_NODE else od.BENCH_NODE - 1  # the heartbeats' node
         self._assembler: Assembler | None = None
         self._streaming = False
         self._stream_lock = threading.Lock()  # start, stop and assembly of the stream
@@ -48,10 +51,10 @@ class CanopenDrive:
         self._bus = CanopenBus(url)
         try:
             self.identity = self._identify()
-            self._check_pdos(url.node_id)
+            self._set_up_pdos(url.node_id)
             self._bus.subscribe(od.emergency_cob_id(url.node_id), self._on_emergency)
             self._note_fault(int(self.read("error_code")))
-            self._be_heard(_bench_node(url))
+            self._be_heard()
         except BaseException as error:
             self.close()
             if isinstance(error, DriveError):
@@ -61,7 +64,6 @@ class CanopenDrive:
             self._bus.subscribe(od.tpdo_cob_id(number, url.node_id), self._queued(number))
         self._bus.subscribe(od.heartbeat_cob_id(url.node_id), self._on_heartbeat)
         self._bus.subscribe(od.sdo_response_cob_id(url.node_id), self._on_sdo_response)
-        self._bus.beat(_bench_node(url))
 
     @property
     def counts(self) -> Counts:
@@ -178,48 +180,59 @@ class CanopenDrive:
         except RefusedError:
             raise ConnectError(f"{self._bus.node} is no such drive: it has no {what}") from None
 
-    def _check_pdos(self, node_id: int) -> None:
-        """Raise ConnectError when what the node would stream is not what is expected."""
+    def _set_up_pdos(self, node_id: int) -> None:
+        """Have the node stream what is expected, where it would not. Raises ConnectError when it refuses."""
         for number in range(len(od.TPDO_LAYOUT)):
             cob_id, transmission, count = (
                 int.from_bytes(self._asked(index, subindex, f"TPDO {number + 1}"), "little")
                 for index, subindex in ((od.OD_TPDO + number, 1), (od.OD_TPDO + number, 2),
                                         (od.OD_TPDO_MAPPING + number, 0))
             )
-            expected, name = od.tpdo_cob_id(number, node_id), f"{self._bus.node} has TPDO {number + 1}"
-            if cob_id & (od.NOT_VALID | 0x1FFF_FFFF) != expected:
-                raise ConnectError(f"{name} under 0x{cob_id:X}, expected 0x{expected:X}")
-            if transmission < od.ON_EVENT:
-                raise ConnectError(f"{name} of transmission type {transmission}, expected {od.ON_EVENT}, on events")
             mapping = tuple(
                 int.from_bytes(self._asked(od.OD_TPDO_MAPPING + number, k, f"TPDO {number + 1}"), "little")
                 for k in range(1, min(count, od.MAPPING_ENTRIES) + 1)
             )
-            if mapping != od.tpdo_mapping(number):
+            expected = od.tpdo_cob_id(number, node_id)
+            same_place = cob_id & (od.NOT_VALID | 0x1FFF_FFFF) == expected and transmission >= od.ON_EVENT
+            if same_place and mapping == od.tpdo_mapping(number):
+                continue
+            try:
+                self._set_up_pdo(number, cob_id, expected)
+            except RefusedError as error:
                 raise ConnectError(
-                    f"{name} with {od.mapping_text(mapping)}, expected {od.mapping_text(od.tpdo_mapping(number))}"
-                )
+                    f"{self._bus.node} has TPDO {number + 1} under 0x{cob_id:X}, of transmission type {transmission}, "
+                    f"with {od.mapping_text(mapping)}, expected 0x{expected:X}, {od.ON_EVENT} and "
+                    f"{od.mapping_text(od.tpdo_mapping(number))}, and cannot be set up so: {error}"
+                ) from None
 
-    def _be_heard(self, node: int) -> None:
+    def _set_up_pdo(self, number: int, cob_id: int, expected: int) -> None:
+        """By CiA 301, 7.5.2.36: not valid, mapped anew, valid."""
+        parameters, mapping, entries = od.OD_TPDO + number, od.OD_TPDO_MAPPING + number, od.tpdo_mapping(number)
+        for index, subindex, value, size in (
+            (parameters, 1, cob_id | od.NOT_VALID, 4), (mapping, 0, 0, 1),
+            *((mapping, k, entry, 4) for k, entry in enumerate(entries, 1)), (mapping, 0, len(entries), 1),
+            (parameters, 2, od.ON_EVENT, 1), (parameters, 1, expected, 4),
+        ):
+            self._bus.write(index, subindex, f"TPDO {number + 1}", value.to_bytes(size, "little"))
+
+    def _be_heard(self) -> None:
         """Have the drive listen to the bench's heartbeats, where it can: they feed its watchdog."""
-        consumed = (node << 16 | HEARTBEAT_MISSED_MS).to_bytes(4, "little")
+        consumed = (self._bench_node << 16 | HEARTBEAT_MISSED_MS).to_bytes(4, "little")
         with contextlib.suppress(RefusedError):
             if self._bus.read(od.OD_HEARTBEAT_CONSUMER, 1, "heartbeat consumer") != consumed:
                 self._bus.write(od.OD_HEARTBEAT_CONSUMER, 1, "heartbeat consumer", consumed)
 
     def _blocks(self) -> Iterator[Block]:
         """Blocks as they come, until the drive is closed."""
-        heard = time.monotonic()
         while not self._bus.closed.wait(POLL):
+            self._bus.beat(self._bench_node)
             blocks = self._drain()
-            if blocks:
-                heard = time.monotonic()
-                yield from blocks
+            yield from blocks
             if self._rebooted.is_set():
                 raise LostError(f"{self._bus.node} has reset")
             self._bus.check()
-            silent = time.monotonic() - heard
-            if silent > self._patience():
+            silent = time.monotonic() - self._heard
+            if not blocks and silent > self._patience():  # after blocks, more may have come while they were dealt with
                 raise LostError(
                     f"{self._bus.node} fell silent: no row for {silent:.1f} s, "
                     f"expected one every {self._row_time() * 1e3:g} ms"
@@ -234,7 +247,7 @@ class CanopenDrive:
         self._frames.clear()
         after = self._assembler.end if self._assembler else None
         self._assembler = Assembler(self.identity.T_s, periods, self._full, tick, after)
-        self._streaming = True
+        self._streaming, self._heard = True, time.monotonic()
         self._bus.command(od.NMT_START)
 
     def _stop(self) -> None:
@@ -253,8 +266,11 @@ class CanopenDrive:
             if self._changed.is_set():
                 raise FrameError(f"somebody else has set stream_periods of {self._bus.node}")
             while self._frames:
-                number, data = self._frames.popleft()
+                came, number, data = self._frames.popleft()
+                rows = assembler.counts.rows
                 assembler.frame(number, data)
+                if assembler.counts.rows != rows:
+                    self._heard = came
             return assembler.take()
 
     def _row_time(self) -> float:
@@ -269,7 +285,7 @@ class CanopenDrive:
 
         def put(data: bytes) -> None:
             if self._streaming:
-                self._frames.append((number, data))
+                self._frames.append((time.monotonic(), number, data))
 
         return put
 
@@ -288,8 +304,3 @@ class CanopenDrive:
 
     def _note_fault(self, code: int) -> None:
         self._fault = Fault(code, error_text(code)) if code & 0xFF00 else None  # CiA 301: 0x00xx says that it is gone
-
-
-def _bench_node(url: CanUrl) -> int:
-    """The node that the bench's heartbeats are of."""
-    return od.BENCH_NODE if url.node_id != od.BENCH_NODE else od.BENCH_NODE - 1

@@ -28,6 +28,10 @@ class Drive(Protocol):
     """A connected drive. Methods raise `DriveError`; all may be called from any thread.
 
     Use as a context manager: leaving it stops the stream and closes the link.
+
+    The drive's watchdog (`watchdog_time`) waits for the bench to act, not for a link to be up: it is fed by calls, and
+    by taking blocks of `stream`, at least every 0.1 s, and by nothing else. A bench that hangs, or has nothing to say
+    and streams nothing, is silent.
     """
 
     @property

@@ -1,7 +1,8 @@
 """A drive on a Modbus line: registers for values, the window for rows of the stream and samples of a recording.
 
-The thread that iterates `stream` asks for the rows that are new; every answer tells which they are. Knows nothing of
-frames and of the library beneath the line.
+The thread that iterates `stream` asks for the rows that are new; every answer tells which they are. That feeds the
+drive's watchdog, too: no other thread asks for anything by itself. Knows nothing of frames and of the library beneath
+the line.
 """
 
 import struct

@@ -2,7 +2,8 @@
 pyserial.
 
 A reader thread takes bytes off the line and hands frames out: replies to who waits for their sequence number, those of
-the stream into a queue. Requests may come from any thread, several at once. What comes late is dropped.
+the stream into a queue. Requests may come from any thread, several at once. What comes late is dropped. The thread that
+iterates `stream` tells the drive's watchdog that the bench is there: it is the one that acts.
 """
 
 import contextlib
@@ -37,7 +38,7 @@ ATTEMPTS: Final = 3  # for what may be asked twice
 WRITE_TIMEOUT: Final = 1.0  # s, after which a line that takes nothing counts as lost
 SILENCE: Final = 1.0  # s without a row after which a drive counts as lost
 POLL: Final = 0.01  # s, how often the stream looks for new frames
-PING: Final = 0.1  # s without a request after which the drive is told that the bench is there
+PING: Final = 0.05  # s without a request after which a stream tells the drive that the bench is there
 _READER_POLL: Final = 0.02  # s, for which `close` waits
 _UNANSWERED: Final = 0  # sequence number of requests whose answer nobody waits for
 
@@ -58,7 +59,8 @@ class UartDrive:
         self._send_lock = threading.Lock()
         self._sent = time.monotonic()
         self._waiting: dict[int, Answers] = {}
-        self._frames: deque[bytes] = deque()
+        self._frames: deque[tuple[float, bytes]] = deque()  # s, monotonic, when it came; payload
+        self._heard = 0.0  # s, monotonic, when the latest row came
         self._rows: RowBlocks | None = None
         self._counts = Counts()
         self._stream_sequence = -1
@@ -281,7 +283,7 @@ class UartDrive:
             raise FrameError(f"the drive at {self._url} answered {len(answer)} bytes for the stream") from None
         self._counts = Counts()
         self._rows = self._row_blocks(periods, tick)
-        self._streaming = True
+        self._streaming, self._heard = True, time.monotonic()
 
     def _row_blocks(self, periods: int, tick: int) -> RowBlocks:
         """What joins rows of this length from a tick on; counts go on."""
@@ -300,18 +302,17 @@ class UartDrive:
 
     def _blocks(self) -> Iterator[Block]:
         """Blocks as they come, until the drive is closed."""
-        heard = time.monotonic()
         while not self._closed.wait(POLL):
+            if time.monotonic() - self._sent > PING:
+                self._send(Frame(Kind.PING, _UNANSWERED))
             blocks = self._drain()
-            if blocks:
-                heard = time.monotonic()
-                yield from blocks
+            yield from blocks
             if self._rebooted.is_set():
                 raise LostError(f"the drive at {self._url} has reset")
             if self._failure:
                 raise LostError(self._failure)
-            silent = time.monotonic() - heard
-            if silent > self._patience():
+            silent = time.monotonic() - self._heard
+            if not blocks and silent > self._patience():  # after blocks, more may have come while they were dealt with
                 raise LostError(
                     f"the drive at {self._url} fell silent: no row for {silent:.1f} s, "
                     f"expected one every {self._row_time() * 1e3:g} ms"
@@ -323,8 +324,9 @@ class UartDrive:
             if rows is None:
                 return blocks
             while self._frames:
+                came, payload = self._frames.popleft()
                 try:
-                    part = uf.unpacked_rows(self._frames.popleft())
+                    part = uf.unpacked_rows(payload)
                 except ValueError as error:
                     raise FrameError(f"the drive at {self._url}: {error}") from None
                 ahead = rows.ahead(part.tick)
@@ -336,6 +338,7 @@ class UartDrive:
                     rows = self._rows = self._row_blocks(part.periods, part.tick)
                 rows.temperatures = (part.temperatures[0] * _TEMPERATURE, part.temperatures[1] * _TEMPERATURE)
                 rows.run(part.tick, part.counts)
+                self._heard = came
             return blocks + rows.take()
 
     def _row_time(self) -> float:
@@ -352,10 +355,6 @@ class UartDrive:
             while not self._deaf.is_set():
                 for frame in self._decoder.feed(self._received()):
                     self._hand_out(frame)
-                if time.monotonic() - self._sent > PING:
-                    self._send(Frame(Kind.PING, _UNANSWERED))
-        except LostError as error:
-            self._fail(str(error))
         except Exception as error:  # noqa: BLE001 - whatever ended the library's port
             self._fail(f"{self._url} is gone: {_reason(error)}")
 
@@ -370,7 +369,7 @@ class UartDrive:
     def _hand_out(self, frame: Frame) -> None:
         if frame.kind == Kind.STREAM:
             if frame.sequence == self._stream_sequence:
-                self._frames.append(frame.payload)
+                self._frames.append((time.monotonic(), frame.payload))
         elif frame.kind == Kind.EVENT:
             self._note(frame.payload)
         elif waiting := self._waiting.get(frame.sequence):

@@ -7,7 +7,7 @@
 * `simulation` - all of these in one compiled loop; `virtual_drive` - that loop behind the drive's dictionary
 * `operation` - its state machine, faults and watchdog; `recorder` - its recorder
 * `canopen_server` - a CANopen node over it, with `canopen_objects`, `sdo_server`, `tpdo`; `socketcand` - a CAN bus on
-  a TCP port; `clock` - real time; `faults` - what befalls a link
+  a TCP port; `clock` - real time; `link` - a server at a URL, opened again where it goes; `faults` - what befalls it
 * `modbus_server` - a Modbus unit over it, with `modbus_frames`, `modbus_registers`; `row_ring` - the latest rows
 * `scenarios`, `bounds` - what is emulated, from TOML or built in, and what it may be
 * `frames`, `noise`, `kernel` - space vectors, random numbers, compilation

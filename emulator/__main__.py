@@ -7,21 +7,14 @@ import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
 
-from drivers.wire.can_url import parse_can_url
-from drivers.wire.modbus_url import parse_modbus_url
-from drivers.wire.uart_url import parse_uart_url
 from emulator.bounds import ScenarioError
-from emulator.canopen_server import CanopenNode
 from emulator.clock import Pacer
-from emulator.faults import FORMS, Faults, parse_fault
-from emulator.modbus_server import ModbusServer
+from emulator.faults import FORMS, Faults, parse_fault, script
+from emulator.link import Link
 from emulator.scenarios import BUILT_IN, Scenario, load
 from emulator.socketcand import BusError
-from emulator.uart_server import UartServer
-from emulator.virtual_drive import StreamRows, VirtualDrive
+from emulator.virtual_drive import VirtualDrive
 
 DEFAULT_URL = "canopen://socketcand/127.0.0.1:29536/can0/5"
 _STEP = 2e-3  # s, how often the virtual drive catches up with real time
@@ -38,6 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--fault", action="append", default=[], metavar="FAULT", help=f"what befalls its links, repeatable: {FORMS}"
     )
+    parser.add_argument("--fault-script", metavar="FILE", help="faults from a file, one a line, '#' for comments")
     parser.add_argument("--with-input", action="store_true", help="end when standard input does, as with its parent")
     options = parser.parse_args(arguments)
     stop = threading.Event()
@@ -46,7 +40,8 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: stop.set())
     try:
-        faults = Faults(parse_fault(text) for text in options.fault)
+        told = [parse_fault(text) for text in options.fault]
+        faults = Faults(told + (script(Path(options.fault_script)) if options.fault_script else []))
         run(scenario_named(options.scenario), options.at or [DEFAULT_URL], stop, faults)
     except (ScenarioError, BusError, ValueError) as error:
         print(f"pmsm-bench emulate: {error}", file=sys.stderr)
@@ -59,44 +54,21 @@ def scenario_named(name: str) -> Scenario:
     return BUILT_IN[name] if name in BUILT_IN else load(Path(name))
 
 
-class Server(Protocol):
-    """The drive's end of a link; serves from construction to the end of its context."""
-
-    def publish(self, rows: StreamRows) -> None:
-        """Send what has become due. Called after every run of the virtual drive."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-
 def run(scenario: Scenario, urls: Sequence[str], stop: threading.Event, faults: Faults) -> None:
     """Be the scenario's drive at some URLs, in real time, until told to stop."""
     drive = VirtualDrive(scenario)
     drive.warm_up()
-    with ExitStack() as links:
-        servers = [links.enter_context(server_at(url, drive, faults)) for url in urls]
+    with ExitStack() as opened:
+        links = [opened.enter_context(Link(url, drive, faults)) for url in urls]
         print(f"emulated drive {scenario.name!r} is at {' and '.join(urls)}", flush=True)
         pacer = Pacer(drive.T_s, most=round(_CATCH_UP / drive.T_s))
         while not stop.is_set():
             if faults.reset_due(drive.elapsed):
                 drive.reset()
             rows = drive.run(pacer.due())
-            for server in servers:
-                server.publish(rows)
+            for link in links:
+                link.publish(rows)
             stop.wait(pacer.wait_time(round(_STEP / drive.T_s)))
-
-
-def server_at(url: str, drive: VirtualDrive, faults: Faults) -> Server:
-    """The drive's end of the link that a URL names. Raises ValueError, BusError."""
-    if url.startswith("uart://"):
-        return UartServer(drive, parse_uart_url(url))
-    if url.startswith("modbus+"):
-        return ModbusServer(drive, parse_modbus_url(url), faults)
-    return CanopenNode(drive, parse_can_url(url), faults)
 
 
 if __name__ == "__main__":

@@ -59,6 +59,7 @@ class CanopenNode:
         self._rows_sent = 0
         self._begins: int | None = None  # tick at which the first row to be sent begins at the earliest
         self._error = 0  # error code that the bus has been told
+        self._off = False  # the bus
         self._bus = _open(url)
         self._network = canopen.Network(self._bus)
         self._network.NOTIFIER_CYCLE = 0.02  # s, for which `close` waits
@@ -90,7 +91,7 @@ class CanopenNode:
                 self._objects.errors.clear()
                 self._boot()
             frames = [(od.sdo_response_cob_id(self._id), answer) for answer in self._sdo.expire(now)]
-            frames += self._emergency()
+            frames += self._recovery(now) + self._emergency()
             if self._state == od.STATE_OPERATIONAL:
                 frames += self._row_frames(rows)
             heartbeat = self._objects.communication.heartbeat_ms * 1e-3
@@ -145,6 +146,16 @@ class CanopenNode:
             frames += [(cob_id, data[k]) for number, cob_id, data in sent if number < od.ROW_TPDOS or slow_too]
         return frames
 
+    def _recovery(self, now: float) -> list[Frame]:
+        """What has to be told when the node is back on a bus that it had to leave."""
+        was, self._off = self._off, self.faults.bus_off(now)
+        if not was or self._off:
+            return []
+        if self._state == od.STATE_OPERATIONAL:
+            self._state = od.STATE_PRE_OPERATIONAL  # CiA 301, 7.5.2.30: what is delivered for 0x1029
+        codes = (od.RECOVERED_FROM_BUS_OFF, self._error)  # told, and over
+        return [(od.emergency_cob_id(self._id), struct.pack("<HB5x", code, error_register(code))) for code in codes]
+
     def _emergency(self) -> list[Frame]:
         """What has to be told of errors that have come or gone."""
         code = int(self._drive.read("error_code"))
@@ -160,7 +171,7 @@ class CanopenNode:
     def _on_sdo(self, _cob_id: int, data: bytearray, _time: float) -> None:
         now = self._drive.elapsed
         for request in self.faults.passed(bytes(data), now):
-            if not request.intact or self._state in (od.STATE_STOPPED, od.STATE_BOOT_UP):
+            if not request.intact or not self._line_open or self._state in (od.STATE_STOPPED, od.STATE_BOOT_UP):
                 continue  # CiA 301, 7.3.2.2: a stopped node is deaf but for NMT
             self._drive.hear()
             with self._lock:
@@ -202,8 +213,9 @@ class CanopenNode:
 
     @property
     def _line_open(self) -> bool:
-        """No fault closes the line."""
-        return not self.faults.closed(self._drive.elapsed)
+        """No fault closes the line, or keeps the node off it."""
+        now = self._drive.elapsed
+        return not self.faults.closed(now) and not self.faults.bus_off(now)
 
     def _send(self, frames: list[Frame]) -> None:
         """Put frames on the bus, through the faults of its line, and those that were delayed till now."""
@@ -220,6 +232,8 @@ class CanopenNode:
         if self.faults.none:
             return frames
         now = self._drive.elapsed
+        if self.faults.bus_off(now):
+            return []
         with self._lock:
             for cob_id, data in frames:
                 for out in self.faults.passed(data, now):

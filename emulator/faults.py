@@ -1,14 +1,19 @@
-"""What links do: frames lost, delayed, doubled, corrupted; a line closed for a while; resets; refusals. On any bus.
+"""What links do: frames lost, delayed, doubled, corrupted; lines that end; resets; refusals. On any bus.
 
 A fault is told in one word, KIND[=VALUE][@BEGIN[+LENGTH]], times in s since power-on by the drive's clock:
 
-    lose=0.01  delay=0.01  double=0.01  corrupt=0.01    so many of all frames, 0 to 1
-    lose=1@5+0.1                                        all, from 5 s on for 0.1 s
-    closed@5+2                                          nothing passes either way
-    reset@5                                             the drive resets
-    refuse=0x2200                                       every access to objects of this index is refused
+    lose=0.01  double=0.01  corrupt=0.01    so many of all frames, 0 to 1
+    delay=0.01  late=0.01                   ... come 20 ms later; 0.5 s later, when nobody waits for them any more
+    noise=0.0001                            so many of all bytes are lost, changed, or have another put before them
+    lose=1@5+0.1                            all, from 5 s on for 0.1 s
+    closed@5+2                              nothing passes either way
+    unplugged@5+2                           the port, the line, the end on the bus is gone, and then there again
+    busoff@5+2                              CAN: the node leaves the bus, and comes back pre-operational
+    reset@5                                 the drive resets
+    refuse=0x2200                           every access to objects of this index is refused
 
-The same seed gives the same faults. Knows nothing of any transport.
+A script is a file of such words, a line each; what follows a '#' is a comment. The same seed gives the same faults.
+Knows nothing of any transport.
 """
 
 import math
@@ -17,12 +22,16 @@ import re
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, NamedTuple
 
-RATES: Final = ("lose", "delay", "double", "corrupt")
+RATES: Final = ("lose", "delay", "late", "double", "corrupt", "noise")
+SPANS: Final = ("closed", "unplugged", "busoff", "reset")
 DELAY: Final = 0.02  # s, of a frame that is delayed
+LATE: Final = 0.5  # s, of one that is late: clients wait 0.3 s
 FORMS: Final = (
-    "lose=RATE, delay=RATE, double=RATE, corrupt=RATE, closed, reset or refuse=INDEX, each with @BEGIN or @BEGIN+LENGTH"
+    f"{', '.join(f'{kind}=RATE' for kind in RATES)}, {', '.join(SPANS)} or refuse=INDEX, "
+    "each with @BEGIN or @BEGIN+LENGTH"
 )
 _SPEC: Final = re.compile(r"(\w+)(?:=([^@]+))?(?:@([^+]+)(?:\+(.+))?)?")
 
@@ -55,7 +64,7 @@ def parse_fault(text: str) -> Fault:
     kind, value, begin, length = match.groups() if match else ("", None, None, None)
     needs_value = kind in (*RATES, "refuse")
     try:
-        if needs_value != (value is not None) or kind not in (*RATES, "closed", "reset", "refuse"):
+        if needs_value != (value is not None) or kind not in (*RATES, *SPANS, "refuse"):
             raise ValueError
         number = float(int(value or "0", 0)) if kind == "refuse" else float(value or "0")
         start, lasts = float(begin or "0"), float(length) if length else math.inf
@@ -66,6 +75,22 @@ def parse_fault(text: str) -> Fault:
     if not (0.0 <= start < math.inf and lasts > 0.0):
         raise ValueError(f"expected times of 0 s or more in {text!r}")
     return Fault(kind, number, start, start + lasts)
+
+
+def script(path: Path) -> list[Fault]:
+    """The faults of a file. Raises ValueError, in a sentence with file and line."""
+    try:
+        lines = path.read_text("utf-8").splitlines()
+    except (OSError, UnicodeError) as error:
+        raise ValueError(f"cannot read the faults in {path}: {getattr(error, 'strerror', None) or error}") from None
+    faults = list[Fault]()
+    for number, line in enumerate(lines, 1):
+        if word := line.partition("#")[0].strip():
+            try:
+                faults.append(parse_fault(word))
+            except ValueError as error:
+                raise ValueError(f"{path}, line {number}: {error}") from None
+    return faults
 
 
 class Faults:
@@ -84,7 +109,15 @@ class Faults:
 
     def closed(self, t: float) -> bool:
         """Nothing passes at time t (s)."""
-        return any(fault.kind == "closed" and fault.at(t) for fault in self._faults)
+        return self._happens("closed", t)
+
+    def unplugged(self, t: float) -> bool:
+        """There is no line at time t (s)."""
+        return self._happens("unplugged", t)
+
+    def bus_off(self, t: float) -> bool:
+        """A CAN node is off its bus at time t (s)."""
+        return self._happens("busoff", t)
 
     def refuses(self, index: int, t: float) -> bool:
         """Accesses to an object are refused at time t (s)."""
@@ -104,20 +137,37 @@ class Faults:
         if self.closed(t):
             return []
         with self._lock:
-            hit = {kind: self._random.random() < self._rate(kind, t) for kind in RATES}
-            bit = self._random.randrange(8 * len(frame) or 1)
+            hit = {kind: self._random.random() < self._rate(kind, t) for kind in RATES if kind != "noise"}
+            data = self._flipped(frame) if hit["corrupt"] else frame
+            data = self._noised(data, self._rate("noise", t))
         if hit["lose"]:
             return []
-        data = _flipped(frame, bit) if hit["corrupt"] else frame
-        out = Passed(t + DELAY if hit["delay"] else t, data, not hit["corrupt"])
+        out = Passed(t + hit["delay"] * DELAY + hit["late"] * LATE, data, data == frame)
         return [out, out] if hit["double"] else [out]
+
+    def _happens(self, kind: str, t: float) -> bool:
+        return any(fault.kind == kind and fault.at(t) for fault in self._faults)
 
     def _rate(self, kind: str, t: float) -> float:
         return max((fault.value for fault in self._faults if fault.kind == kind and fault.at(t)), default=0.0)
 
+    def _flipped(self, frame: bytes) -> bytes:
+        """The frame with one bit changed."""
+        data = bytearray(frame)
+        if data:
+            bit = self._random.randrange(8 * len(data))
+            data[bit // 8] ^= 1 << bit % 8
+        return bytes(data)
 
-def _flipped(frame: bytes, bit: int) -> bytes:
-    data = bytearray(frame)
-    if data:
-        data[bit // 8] ^= 1 << bit % 8
-    return bytes(data)
+    def _noised(self, frame: bytes, rate: float) -> bytes:
+        """The frame with each byte hit at this rate: lost, changed, or with another one put before it."""
+        if not rate:
+            return frame
+        out = bytearray()
+        for byte in frame:
+            if self._random.random() >= rate:
+                out.append(byte)
+                continue
+            kind, other = self._random.randrange(3), self._random.randrange(256)
+            out += (b"", bytes([byte ^ (other or 1)]), bytes([other, byte]))[kind]
+        return bytes(out)

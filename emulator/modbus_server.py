@@ -25,6 +25,7 @@ from emulator.virtual_drive import StreamRows, VirtualDrive
 
 _SILENCE: Final = 0.01  # s without a byte that ends a frame; 3.5 characters are 0.3 ms at 115200 bit/s
 _SEND_TIMEOUT: Final = 1.0  # s after which a client that takes nothing is dropped
+_PAUSE: Final = 0.1  # s, where nobody can be let in
 _TICK: Final = 1e-3  # s, how often the drive's clock is looked at
 _PTYS: Final = "/dev/pts/"
 
@@ -227,20 +228,25 @@ class _Listener:
             reason, *_ = str(getattr(error, "strerror", None) or error).split(" (while attempting")
             raise BusError(f"cannot serve Modbus at {place}: {reason}") from None
         self._begin = begin
+        self._closing = threading.Event()
         self._thread = threading.Thread(target=self._accept, name=f"modbus {place.port}", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
+        self._closing.set()
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
         self._thread.join()
 
     def _accept(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                connection, _ = self._socket.accept()
-                self._begin(_Client(connection))
+        while not self._closing.is_set():
+            try:
+                client = _Client(self._socket.accept()[0])
+            except OSError:  # closed, left again, or out of file descriptors for a while
+                self._closing.wait(_PAUSE)
+                continue
+            self._begin(client)
 
 
 def _tcp_place(place: SerialPlace) -> TcpPlace:

@@ -5,6 +5,7 @@ the ticks of those that follow tell the gap. Time comes in as the drive's ticks.
 """
 
 import contextlib
+import heapq
 import math
 import os
 import re
@@ -25,11 +26,11 @@ import numpy as np
 
 from drivers.wire import canopen_od as od
 from drivers.wire import uart_frame as uf
-from drivers.wire.codec import FullScales, decode, encode_any, si_to_counts
+from drivers.wire.codec import FullScales, decode, encode_held, si_to_counts
 from drivers.wire.dictionary import STREAM_ROW, Signal, layout_id, signal_named
 from drivers.wire.uart_frame import Frame, Kind
 from drivers.wire.uart_url import UartUrl
-from emulator.line_noise import LineNoise
+from emulator.faults import Faults
 from emulator.socketcand import BusError
 from emulator.virtual_drive import StreamRows, VirtualDrive
 
@@ -54,12 +55,15 @@ class _RefusedError(Exception):
 
 
 class UartServer:
-    """A drive on a serial line. `paced`: no quicker than the baud rate, by the drive's time. `noise`: both ways."""
+    """A drive on a serial line. `paced`: no quicker than the baud rate, by the drive's time.
+
+    `faults` may be changed at any time.
+    """
 
     def __init__(
-        self, drive: VirtualDrive, place: UartUrl, paced: bool = False, noise: LineNoise | None = None
+        self, drive: VirtualDrive, place: UartUrl, faults: Faults | None = None, paced: bool = False
     ) -> None:
-        self.noise = noise
+        self.faults = faults or Faults()
         self._drive = drive
         self._place = place
         self._paced = paced
@@ -174,10 +178,15 @@ class UartServer:
 
     def _add(self, descriptor: int, same_speed: Callable[[], bool]) -> None:
         os.set_blocking(descriptor, False)
-        line = _Line(descriptor, self._place.baudrate, self._paced, self.noise, same_speed)
+        line = _Line(descriptor, self._place.baudrate, self._paced, self._passed, same_speed)
         with self._lock:
             self._lines[descriptor] = line
         self._selector.register(descriptor, selectors.EVENT_READ, partial(self._attend, line))
+
+    def _passed(self, data: bytes) -> list[tuple[float, bytes]]:
+        """What becomes of bytes that go into a line: when it comes out, in s from now, and what."""
+        now = self._drive.elapsed
+        return [(out.at - now, out.data) for out in self.faults.passed(data, now)]
 
     def _drop(self, line: "_Line") -> None:
         with self._lock:
@@ -234,13 +243,13 @@ class UartServer:
 
     def _read(self, _line: "_Line", frame: Frame) -> bytes:
         (number,) = _fields(uf.NUMBER, frame.payload)
-        signal = _signal(number)
-        return frame.payload + encode_any(signal, self._drive.read(signal.name), self._full)
+        signal = self._signal(number)
+        return frame.payload + encode_held(signal, self._drive.read(signal.name), self._full)
 
     def _write(self, _line: "_Line", frame: Frame) -> bytes:
         about, data = frame.payload[: uf.NUMBER.size], frame.payload[uf.NUMBER.size :]
         (number,) = _fields(uf.NUMBER, about)
-        signal = _signal(number)
+        signal = self._signal(number)
         if signal.access != "rw":
             raise _RefusedError(uf.READ_ONLY, number)
         if 8 * len(data) != signal.type.bits:
@@ -269,6 +278,14 @@ class UartServer:
         with self._lock:
             line.begin_upload(_pieces(frame.sequence, number, offset, data, channels))
         return None
+
+    def _signal(self, number: int) -> Signal:
+        signal = uf.signal_numbered(number)
+        if signal is None:
+            raise _RefusedError(uf.NO_SUCH_OBJECT, number)
+        if self.faults.refuses(signal.index, self._drive.elapsed):
+            raise _RefusedError(uf.GENERAL, number)
+        return signal
 
     # The stream
 
@@ -303,8 +320,10 @@ class _Line:
     """A line to one client. What goes out goes frame by frame: replies and events, then rows, then a recording."""
 
     def __init__(
-        self, descriptor: int, baudrate: int, paced: bool, noise: LineNoise | None, same_speed: Callable[[], bool]
+        self, descriptor: int, baudrate: int, paced: bool, passed: Callable[[bytes], list[tuple[float, bytes]]],
+        same_speed: Callable[[], bool],
     ) -> None:
+        """`passed`: what becomes of bytes on their way, and after how many s."""
         self.descriptor = descriptor
         self.stream: int | None = None  # sequence number of the request that started it
         self.begins: int | None = None  # tick of its first row at the earliest
@@ -313,7 +332,7 @@ class _Line:
         self._backlog = min(max(round(0.2 * self._bytes_a_second), _BACKLOG[0]), _BACKLOG[1])
         self._paced = paced
         self._due = 0.0 if paced else math.inf  # bytes that the line takes by now
-        self._noise = noise
+        self._passed = passed
         self._same_speed = same_speed
         self._decoder = uf.Decoder()
         self._replies = deque[bytes]()
@@ -321,6 +340,9 @@ class _Line:
         self._behind = 0  # bytes of rows
         self._pieces: Iterator[bytes] = iter(())
         self._unsent = b""  # of what has begun to be sent
+        self._late: list[tuple[float, int, bytes]] = []  # s when it goes out, its turn, a frame
+        self._turn = 0
+        self._time = 0.0  # s, that has passed
 
     def received(self) -> list[Frame]:
         """Frames that have come. Raises OSError when the client has left."""
@@ -330,7 +352,7 @@ class _Line:
             return []
         if not data:
             raise ConnectionResetError
-        return self._decoder.feed(self._carried(data))
+        return self._decoder.feed(b"".join(part for _, part in self._passed(self._at_their_speed(data))))
 
     def reply(self, frame: Frame) -> None:
         if len(self._replies) < _REPLIES:
@@ -360,6 +382,7 @@ class _Line:
 
     def pass_time(self, time: float) -> None:
         """The line takes more after so many s; what it could have taken while idle is gone, but for a chunk."""
+        self._time += time
         if self._paced:
             idle = not (self._unsent or self._replies or self._rows)
             self._due = (min(self._due, _CHUNK) if idle else self._due) + time * self._bytes_a_second
@@ -382,10 +405,17 @@ class _Line:
         if self._unsent:
             return
         frames, size = list[bytes](), 0
+        while self._late and self._late[0][0] <= self._time:
+            frames.append(heapq.heappop(self._late)[2])
         while size < _CHUNK and (frame := self._next()):
-            frames.append(frame)
             size += len(frame)
-        self._unsent = self._carried(b"".join(frames))
+            for wait, part in self._passed(frame):
+                if wait > 0.0:
+                    self._turn += 1
+                    heapq.heappush(self._late, (self._time + wait, self._turn, part))
+                else:
+                    frames.append(part)
+        self._unsent = self._at_their_speed(b"".join(frames))
 
     def _next(self) -> bytes:
         if self._replies:
@@ -396,11 +426,9 @@ class _Line:
             return frame
         return next(self._pieces, b"")
 
-    def _carried(self, data: bytes) -> bytes:
-        """What arrives at the other end."""
-        if data and not self._same_speed():
-            data = bytes(byte ^ 0x5A for byte in data[::2])  # other bytes, and another number of them
-        return self._noise.spoilt(data) if self._noise else data
+    def _at_their_speed(self, data: bytes) -> bytes:
+        """What arrives at an end that may be set to another baud rate: other bytes, and another number of them."""
+        return data if not data or self._same_speed() else bytes(byte ^ 0x5A for byte in data[::2])
 
 
 def _pieces(sequence: int, number: int, offset: int, data: bytes, channels: int) -> Iterator[bytes]:
@@ -415,13 +443,6 @@ def _pieces(sequence: int, number: int, offset: int, data: bytes, channels: int)
 def _drain(ring: socket.socket, _events: int) -> None:
     with contextlib.suppress(BlockingIOError):
         ring.recv(_CHUNK)
-
-
-def _signal(number: int) -> Signal:
-    signal = uf.signal_numbered(number)
-    if signal is None:
-        raise _RefusedError(uf.NO_SUCH_OBJECT, number)
-    return signal
 
 
 def _fields(layout: struct.Struct, payload: bytes) -> tuple[Any, ...]:

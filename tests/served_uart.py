@@ -11,7 +11,6 @@ from drivers.block import Block
 from drivers.wire.codec import count_size
 from drivers.wire.dictionary import STREAM_ROW, signal_named
 from drivers.wire.uart_url import parse_uart_url
-from emulator.line_noise import LineNoise
 from emulator.scenarios import PAPER, Scenario
 from emulator.uart_server import UartServer
 from emulator.virtual_drive import StreamRows, VirtualDrive
@@ -65,12 +64,12 @@ class ServedUart:
 
 @contextlib.contextmanager
 def served_uart(
-    url: str, scenario: Scenario = PAPER, paced: bool = False, noise: LineNoise | None = None
+    url: str, scenario: Scenario = PAPER, paced: bool = False
 ) -> Generator[ServedUart]:
     """A virtual drive at a URL, in this process."""
     drive = VirtualDrive(scenario)
     drive.warm_up()
-    with UartServer(drive, parse_uart_url(url), paced, noise) as server:
+    with UartServer(drive, parse_uart_url(url), paced=paced) as server:
         bench = ServedUart(url, drive, server)
         bench.step(_BURST)
         bench.running.set()

@@ -141,15 +141,20 @@ def test_faults_of_the_command_line_befall_the_drive() -> None:
             assert len(first_blocks(again, 20)) > 0
 
 
-def test_the_bench_keeps_a_watchdog_quiet_while_it_is_connected_and_the_drive_goes_off_when_it_leaves(
-    bench: Served, drive: CanopenDrive
-) -> None:
-    drive.write("watchdog_time", 0.5)  # of the drive's time, which is quicker here
-    begun = bench.drive.tick
-    until(lambda: bench.drive.tick > begun + 12_000, "its time stands still")
-    assert bench.drive.read("error_code") == 0
-    drive.close()
-    until(lambda: bench.drive.read("error_code") == COMMUNICATION, "it stays on")
+def test_a_node_that_was_off_the_bus_says_so_and_is_no_drive_in_fault(bench: Served, drive: CanopenDrive) -> None:
+    told = list[bytes]()
+    with CanopenDrive(parse_can_url(bench.url)) as other, listening(drive) as listener:
+        other._bus.subscribe(od.emergency_cob_id(5), told.append)
+        spoil(bench, "busoff")
+        assert isinstance(listener.ended(), LostError)
+        assert told == []
+        spoil(bench)
+        until(lambda: len(told) == 2, "it does not say that it is back")
+        assert [frame.hex() for frame in told] == ["4081110000000000", "0000000000000000"]
+        assert other.fault is None
+        assert bench.node._state == od.STATE_PRE_OPERATIONAL
+    with connect(bench.url) as again:
+        assert len(first_blocks(again, 20)) > 0
 
 
 def test_a_fault_and_its_end_are_told_by_the_drive_itself(bench: Served, drive: CanopenDrive) -> None:

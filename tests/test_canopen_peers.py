@@ -19,8 +19,9 @@ from drivers.wire.can_url import parse_can_url
 from drivers.wire.dictionary import CHANNELS, signal_named
 from emulator.canopen_server import CanopenNode
 from emulator.scenarios import PAPER
+from emulator.sdo_server import SdoAbortError
 from emulator.virtual_drive import VirtualDrive
-from tests.served_drive import PATIENCE, Served, served, until, virtual_url
+from tests.served_drive import PATIENCE, Served, first_blocks, served, until, virtual_url
 
 
 def data_sheet(text: str | None = None) -> Any:
@@ -222,23 +223,59 @@ def test_our_client_says_that_a_node_is_no_such_drive(other: tuple[str, Any]) ->
         connect(url)
 
 
-@pytest.mark.parametrize(
-    ("changed", "sentence"),
-    [
-        ({"layout": 1}, r"'pmsm-bench virtual drive'\) has another signal layout: expected 0x\w+, got 0x00000001"),
-        ({"x1800_1": 0x1A5}, r"node 5 on .* has TPDO 1 under 0x1A5, expected 0x185"),
-        ({"x1802_1": 0x8000_0385}, r"has TPDO 3 under 0x80000385, expected 0x385"),
-        ({"x1801_2": 1}, r"has TPDO 2 of transmission type 1, expected 254, on events"),
-        ({"x1A01_0": 2}, r"has TPDO 2 with row_tick omega_e, expected row_tick omega_e u_d u_q"),
-        ({"x1A00_4": 0x60410010}, r"has TPDO 1 with row_tick theta_e i_d status_word, expected row_tick theta_e i_d"),
-        ({"x1A03_1": 0x20FF0110}, r"has TPDO 4 with 0x20FF0110 temp_winding temp_magnet, expected row_tick"),
-    ],
-)
-def test_our_client_says_what_is_another(other: tuple[str, Any], changed: dict[str, int], sentence: str) -> None:
+def test_our_client_writes_nothing_to_a_node_of_another_layout(other: tuple[str, Any]) -> None:
     url, network = other
-    network.add_node(drive_like_node(**changed))
+    node = network.add_node(drive_like_node(layout=1, x1800_1=0x1A5))
+    sentence = r"'pmsm-bench virtual drive'\) has another signal layout: expected 0x\w+, got 0x00000001"
     with pytest.raises(ConnectError, match=sentence):
         connect(url)
+    assert node.sdo[0x1800][1].raw == 0x1A5
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"x1800_1": 0x1A5}, {"x1802_1": 0x8000_0385}, {"x1801_2": 1}, {"x1A01_0": 2}, {"x1A00_4": 0x60410010},
+     {"x1A03_1": 0x20FF0110}],
+    ids=lambda changed: next(iter(changed)),
+)
+def test_our_client_sets_up_a_stream_that_is_another(other: tuple[str, Any], changed: dict[str, int]) -> None:
+    url, network = other
+    node = network.add_node(drive_like_node(**changed))
+    with connect(url):
+        pass
+    for number, cob_id in enumerate((0x185, 0x285, 0x385, 0x485)):
+        assert (node.sdo[0x1800 + number][1].raw, node.sdo[0x1800 + number][2].raw) == (cob_id, 254)
+        mapping = tuple(node.sdo[0x1A00 + number][k].raw for k in range(1, node.sdo[0x1A00 + number][0].raw + 1))
+        assert mapping == od.tpdo_mapping(number)
+
+
+class Stubborn(CanopenNode):
+    """A node whose mapping is fixed, and another."""
+
+    def set_data(self, index: int, subindex: int, data: bytes) -> None:
+        if index >= 0x1A00 and index < 0x1B00:
+            raise SdoAbortError(od.Abort.READ_ONLY)
+        super().set_data(index, subindex, data)
+
+
+def test_our_client_says_what_cannot_be_set_up() -> None:
+    url = virtual_url()
+    with Stubborn(VirtualDrive(PAPER), parse_can_url(url)) as node:
+        node._objects.communication.tpdos[1].count = 2
+        with pytest.raises(ConnectError, match=(
+            r"node 5 on virtual \w+ has TPDO 2 under 0x285, of transmission type 254, with row_tick omega_e, expected "
+            r"0x285, 254 and row_tick omega_e u_d u_q, and cannot be set up so: "
+            r"node 5 .* answered SDO abort 0x06010002 to 0x1A01:0"
+        )):
+            connect(url)
+
+
+def test_our_client_streams_from_a_node_that_was_mapped_otherwise(bench: Served) -> None:
+    tpdo = bench.node._objects.communication.tpdos[0]
+    tpdo.entries[2], tpdo.transmission = tpdo.entries[3], 7
+    with connect(bench.url) as drive:
+        assert len(first_blocks(drive, 20)) > 0
+    assert (tpdo.mapping[3][3], tpdo.transmission) == (0x21, od.ON_EVENT)
 
 
 def test_our_client_reads_a_node_of_the_library_that_is_such_a_drive(other: tuple[str, Any]) -> None:

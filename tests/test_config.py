@@ -130,8 +130,8 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
         ("[drives.a]\n", '[drives.a]: expected url = "canopen://...", got None'),
         ("[drives.a]\nurl = 5\n", '[drives.a]: expected url = "canopen://...", got 5'),
         ('[drives.a]\nurl = "http://x"\n',
-         "[drives.a] url: expected a drive URL that starts with canopen:// or modbus+tcp:// or modbus+rtu:// or uart://, "
-         "got 'http://x'"),
+         "[drives.a] url: expected a drive URL that starts with canopen:// or modbus+tcp:// or modbus+rtu:// "
+         "or uart://, got 'http://x'"),
         ('[drives.a]\nurl = "canopen://socketcand/h:0/can0/5"\n',
          "[drives.a] url: expected HOST:PORT with a port of 1 to 65535 in 'canopen://socketcand/h:0/can0/5', "
          "got 'h:0'"),

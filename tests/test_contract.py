@@ -8,16 +8,19 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from drivers import canopen_drive, modbus_drive, operation, uart_drive
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import ConnectError, LostError, RefusedError
+from drivers.wire.cia402 import COMMUNICATION, State
 from drivers.wire.dictionary import SIGNALS, layout_id
 from emulator.scenarios import PAPER
 from tests.served_drive import Listening, first_blocks, in_threads, joined, listening, until
 from tests.transports import TRANSPORTS, ServedProcess, Transport
 
-STREAMED = 3.0  # s
+STREAMED = 1.0  # s
 LOST_WITHIN = 3.0  # s
+WATCHDOG = 0.3  # s
 
 
 @pytest.fixture(scope="module", params=TRANSPORTS)
@@ -154,6 +157,50 @@ def test_another_row_length_counts_while_streaming(drive: Drive, transport: Tran
     assert all(np.all(np.diff(block.tick) == block.periods) for block in listener.blocks)
 
 
+def test_a_slow_reader_is_no_silence_of_the_drive(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
+    for client in (canopen_drive, modbus_drive, uart_drive):
+        monkeypatch.setattr(client, "SILENCE", 0.2)  # s
+    stream = drive.stream()
+    before = next(stream)
+    for _ in range(2):
+        pass_time(0.3)
+        after = next(stream)
+        assert (after.lost_before, after.tick[0]) == (0, before.tick[-1] + before.periods)
+        before = after
+    drive.close()
+
+
+def test_a_drive_goes_off_when_the_bench_hangs_though_its_link_stands(drive: Drive) -> None:
+    """Taking blocks is all that the bench does for the watchdog, and all that it leaves off."""
+    drive.write("stream_periods", 100.0)
+    operation.enable(drive)
+    drive.write("watchdog_time", WATCHDOG)
+    stream = drive.stream()
+    begun = time.monotonic()
+    powered = list[float]()
+    while time.monotonic() - begun < 2.5 * WATCHDOG:
+        powered += next(stream).i_q_mean.tolist()
+    assert np.abs(powered).max() > 0.5  # A: the bridge is on
+    pass_time(1.5 * WATCHDOG)
+    assert operation.state(drive) is State.FAULT
+    assert operation.fault(drive) == operation.Fault(COMMUNICATION, "the bench fell silent")
+    now = drive.read("tick")
+    while (off := next(stream)).tick[0] < now:
+        pass
+    assert np.abs(off.i_q_mean).max() < 0.05
+    at_rest(drive)
+
+
+def test_a_drive_goes_off_when_the_bench_is_gone(bench: ServedProcess, drive: Drive) -> None:
+    operation.enable(drive)
+    drive.write("watchdog_time", WATCHDOG)
+    drive.close()
+    pass_time(1.5 * WATCHDOG)
+    with connect(bench.url) as again:
+        assert operation.state(again) is State.FAULT
+        at_rest(again)
+
+
 def test_a_drive_can_be_closed_twice_and_then_answers_nothing(bench: ServedProcess) -> None:
     drive = connect(bench.url)
     drive.close()
@@ -197,6 +244,18 @@ def test_a_drive_that_dies_is_lost_in_a_sentence_and_had_again_when_it_is_back(
     with transport.serve(url), connect(url) as again:
         assert len(first_blocks(again, 20)) > 0
     assert capfd.readouterr().err == ""
+
+
+def pass_time(duration: float) -> None:
+    """Do nothing for so many s."""
+    threading.Event().wait(duration)
+
+
+def at_rest(drive: Drive) -> None:
+    """As other tests expect a drive: on, and without a watchdog."""
+    drive.write("watchdog_time", 0.0)
+    operation.reset_fault(drive)
+    operation.enable(drive)
 
 
 def lost_in_time(listener: Listening, drive: Drive) -> None:

@@ -45,7 +45,10 @@ def refused(*arguments: str) -> str:
 
 def test_a_place_that_cannot_be_is_one_sentence_and_exit_2() -> None:
     said = refused("--at", "nonsense")
-    assert said == "pmsm-bench emulate: expected a URL that starts with canopen://, got 'nonsense'\n"
+    assert said == (
+        "pmsm-bench emulate: expected a URL that starts with canopen:// or modbus+tcp:// or modbus+rtu:// "
+        "or uart://, got 'nonsense'\n"
+    )
 
 
 def test_a_port_in_use_is_one_sentence_and_exit_2(url: str) -> None:

@@ -285,12 +285,6 @@ def test_the_state_machine_goes_all_its_ways(drive: Drive) -> None:
     operation.disable(drive)
 
 
-def test_a_bench_that_falls_silent_is_noticed_by_the_drive(bench: Served) -> None:
-    with connect(bench.url) as drive:
-        drive.write("watchdog_time", 0.5)
-    until(lambda: bench.drive.read("error_code") == 0x8130, "the watchdog sleeps")
-
-
 # Recordings
 
 

@@ -18,11 +18,11 @@ from drivers.connect import connect
 from drivers.errors import ConnectError, FaultError, LostError, NoReplyError, RefusedError
 from drivers.uart_drive import UartDrive, _Upload
 from drivers.wire import uart_frame as uf
-from drivers.wire.cia402 import COMMUNICATION, State
+from drivers.wire.cia402 import State
 from drivers.wire.codec import count_size, counts_to_si
 from drivers.wire.dictionary import CAPTURE_SAMPLES, layout_id, signal_named
 from drivers.wire.uart_url import parse_uart_url
-from emulator.line_noise import LineNoise
+from emulator.faults import Faults, parse_fault
 from emulator.scenarios import PAPER
 from emulator.socketcand import BusError
 from emulator.uart_server import UartServer
@@ -184,22 +184,6 @@ def test_what_is_stored_is_there_after_a_reset_and_what_is_not_is_not(bench: Ser
     operation.restore(drive)
     bench.drive.reset()
     until(lambda: drive.read("control_R_s") == 0.9664, "what was delivered is not there")
-
-
-def test_the_watchdog_is_fed_while_connected_and_bites_when_the_bench_is_gone(bench: ServedUart) -> None:
-    bench.burst = 40  # about real time
-    with UartDrive(parse_uart_url(bench.url)) as drive:
-        drive.write("watchdog_time", 1.0)
-        operation.enable(drive)
-        begun = bench.drive.tick
-        until(lambda: bench.drive.tick > begun + 30_000, "its time stands still")
-        assert bench.drive.read("error_code") == 0.0
-        with listening(drive) as listener:
-            begun = bench.drive.tick
-            until(lambda: bench.drive.tick > begun + 30_000, "its time stands still")
-        assert listener.error is None
-        assert bench.drive.read("error_code") == 0.0
-    until(lambda: bench.drive.read("error_code") == COMMUNICATION, "the watchdog does not bite")
 
 
 # The recorder
@@ -398,20 +382,17 @@ def test_a_drive_with_another_layout_is_told_before_anything_else_is_asked(url: 
 
 
 def test_noise_makes_gaps_that_are_told_and_never_a_wrong_value(url: str) -> None:
-    noise = LineNoise(1e-4, seed=3)
-    with served_uart(url, noise=None) as bench, UartDrive(parse_uart_url(url)) as drive:
+    with served_uart(url) as bench, UartDrive(parse_uart_url(url)) as drive:
         drive.write("stream_periods", 1.0)
         with listening(drive) as listener:
-            for line in bench.server._lines.values():
-                line._noise = noise
+            bench.server.faults = Faults([parse_fault("noise=0.0001")], seed=3)
             values = set[float]()
             for _ in range(200):
                 with contextlib.suppress(NoReplyError):
                     values.add(drive.read("control_R_s"))
             until(lambda: drive.counts.rows_lost > 500, "nothing was hit")
             assert listener.error is None
-            for line in bench.server._lines.values():
-                line._noise = None
+            bench.server.faults = Faults()
         bench.end()
         assert values == {0.9664}
         blocks = listener.blocks

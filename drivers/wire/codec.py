@@ -132,12 +132,3 @@ def check_range(signal: Signal, value: float) -> None:
         raise ValueError(f"{signal} takes at least {low} {signal.unit}, got {value}")
     if high is not None and value > high:
         raise ValueError(f"{signal} takes at most {high} {signal.unit}, got {value}")
-
-
-def encode_any(signal: Signal, value: float, full: FullScales) -> bytes:
-    """Bytes of a value the drive itself holds: never refused, wrapped where a counter has run over."""
-    if signal.type is WireType.F32:
-        return struct.pack("<f", value)
-    if signal.type in (WireType.U16, WireType.U32) and signal.scale == 1.0:
-        return struct.pack(signal.type.struct_format, int(value) % (1 << signal.type.bits))
-    return encode(signal, value, full)

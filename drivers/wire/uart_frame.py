@@ -55,9 +55,11 @@ READ_ONLY: Final = 0x06010002
 NO_SUCH_OBJECT: Final = 0x06020000
 WRONG_LENGTH: Final = 0x06070010
 WRONG_VALUE: Final = 0x06090030
+GENERAL: Final = 0x08000000
 REFUSAL_TEXTS: Final = {
     NO_SUCH_REQUEST: "no such request", READ_ONLY: "it cannot be written", NO_SUCH_OBJECT: "no such signal",
     WRONG_LENGTH: "wrong number of bytes", WRONG_VALUE: "value outside its range",
+    GENERAL: "general error",
 }
 
 PAYLOAD: Final = 1024  # bytes, at most
