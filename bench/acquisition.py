@@ -15,7 +15,7 @@ from enum import StrEnum
 from drivers.block import Block
 from drivers.connect import connect
 from drivers.drive import Drive, Identity
-from drivers.errors import DriveError
+from drivers.errors import DriveError, ResetError
 
 RETRY = (0.25, 4.0)  # s, first and longest wait before connecting again
 _CLOCK_DOUBT = 1.0  # s by which a drive's clock and ours may disagree over an outage and be the same clock still
@@ -78,7 +78,7 @@ class Acquisition:
         self._stop = threading.Event()
         self._drive: Drive | None = None
         self._drive_lock = threading.Lock()
-        self._next_tick: int | None = None
+        self._next_tick: int | None = None  # None: the drive's clock has begun anew
         self._arrivals: deque[tuple[float, int]] = deque()
         self._thread = threading.Thread(target=self._run, name=f"pump {name}", daemon=True)
         self.link = Link(LinkState.CONNECTING, _now())
@@ -115,6 +115,9 @@ class Acquisition:
                     for block in drive.stream() if not self._stop.is_set() else ():
                         self._take(block, drive.identity)
                         wait = RETRY[0]
+            except ResetError as error:
+                self._next_tick = None
+                self._failed(str(error))
             except DriveError as error:
                 self._failed(str(error))
             except Exception as error:  # noqa: BLE001 - a fault of ours must not end a drive's pump in silence
@@ -137,13 +140,10 @@ class Acquisition:
 
     def _take(self, block: Block, identity: Identity) -> None:
         link, now = self.link, time.monotonic()
-        first = int(block.tick[0])
         gaps, lost = int(block.lost_before > 0), block.lost_before
         if link.state is not LinkState.STREAMING:
-            if self._next_tick is not None and link.received is not None:  # rows between two sessions
-                missed = first - self._next_tick
-                went_on = abs(missed * block.T_s - (now - link.received)) < _CLOCK_DOUBT  # it may have been reset
-                gaps, lost = 1, max(0, math.ceil(missed / block.periods)) if went_on else 0
+            if link.received is not None:  # rows between two sessions
+                gaps, lost = 1, self._missed(block, now - link.received)
             again = link.state is LinkState.LOST
             link = replace(link, state=LinkState.STREAMING, since=_now(), reconnects=link.reconnects + again)
             self._arrivals.clear()
@@ -157,6 +157,12 @@ class Acquisition:
             rows_lost=link.rows_lost + lost, received=now, arrivals=tuple(self._arrivals),
         )
         self._on_block(block)
+
+    def _missed(self, block: Block, outage: float) -> int:
+        """Rows that the drive made in an outage of so many s, where it did not begin anew."""
+        missed = 0 if self._next_tick is None else int(block.tick[0]) - self._next_tick
+        went_on = abs(missed * block.T_s - outage) < _CLOCK_DOUBT  # it may have been reset without saying so
+        return max(0, math.ceil(missed / block.periods)) if went_on else 0
 
 
 def _now() -> datetime:

@@ -17,7 +17,7 @@ from drivers.assembler import Assembler
 from drivers.block import Block
 from drivers.canopen_bus import READ_ATTEMPTS, SDO_TIMEOUT, CanopenBus
 from drivers.drive import Identity
-from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
+from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
 from drivers.operation import Fault
 from drivers.rows import TELLABLE, Counts
 from drivers.wire import canopen_od as od
@@ -229,7 +229,7 @@ class CanopenDrive:
             blocks = self._drain()
             yield from blocks
             if self._rebooted.is_set():
-                raise LostError(f"{self._bus.node} has reset")
+                raise ResetError(f"{self._bus.node} has reset")
             self._bus.check()
             silent = time.monotonic() - self._heard
             if not blocks and silent > self._patience():  # after blocks, more may have come while they were dealt with

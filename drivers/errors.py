@@ -3,6 +3,7 @@
     DriveError
       ConnectError   no such bus, port, node
       LostError      it was there: heartbeat missed, port gone
+        ResetError   it has reset
       NoReplyError   no answer in time
       RefusedError   the drive said no (SDO abort, Modbus exception)
       FrameError     bytes that cannot be
@@ -20,6 +21,10 @@ class ConnectError(DriveError):
 
 class LostError(DriveError):
     """The drive was there and is gone."""
+
+
+class ResetError(LostError):
+    """The drive has reset: its tick counts anew."""
 
 
 class NoReplyError(DriveError):

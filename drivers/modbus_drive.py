@@ -13,7 +13,7 @@ from typing import Final, Self, TypeVar
 
 from drivers.block import Block
 from drivers.drive import Identity
-from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
+from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
 from drivers.modbus_line import ModbusLine
 from drivers.rows import TELLABLE, TICKS, Counts, RowBlocks
 from drivers.turns import Turns
@@ -245,7 +245,7 @@ class ModbusDrive:
         for _ in range(_BURST):
             part = self._ask(self._next, registers.MOST_ROWS)
             if _difference(part.made, self._next) < 0:
-                raise LostError(f"{self._line.unit} has reset: it counts {part.made} rows, {self._next} were heard of")
+                raise ResetError(f"{self._line.unit} has reset: it counts {part.made} rows, {self._next} were heard of")
             if part.rows:
                 self._take(part)
                 self._next = (part.first + len(part.rows)) % _NUMBERS
@@ -267,7 +267,7 @@ class ModbusDrive:
         if not rows:
             return
         if tick < self._tick:
-            raise LostError(f"{self._line.unit} has reset: tick {part.tick} came after {self._tick}")
+            raise ResetError(f"{self._line.unit} has reset: tick {part.tick} came after {self._tick}")
         if part.periods != blocks.periods:
             if blocks.counts.rows or tick > self._tick + _SETTLING:
                 raise FrameError(f"somebody else has set stream_periods of {self._line.unit}")

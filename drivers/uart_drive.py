@@ -25,7 +25,7 @@ import serial
 
 from drivers.block import Block
 from drivers.drive import Identity
-from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
+from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
 from drivers.rows import TELLABLE, Counts, RowBlocks
 from drivers.wire import uart_frame as uf
 from drivers.wire.codec import FullScales, count_size, decode, encode
@@ -308,7 +308,7 @@ class UartDrive:
             blocks = self._drain()
             yield from blocks
             if self._rebooted.is_set():
-                raise LostError(f"the drive at {self._url} has reset")
+                raise ResetError(f"the drive at {self._url} has reset")
             if self._failure:
                 raise LostError(self._failure)
             silent = time.monotonic() - self._heard

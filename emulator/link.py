@@ -29,12 +29,15 @@ class Server(Protocol):
 
 
 class Link:
-    """The link at a URL, from construction to `close`. Raises ValueError, BusError where it cannot be at first."""
+    """The link at a URL, from construction to `close`. Raises ValueError, BusError where it cannot be at first.
+
+    `faults` may be changed at any time.
+    """
 
     def __init__(self, url: str, drive: VirtualDrive, faults: Faults) -> None:
         self._url = url
         self._drive = drive
-        self._faults = faults
+        self.faults = faults
         self._trouble = ""  # that has been told
         self._again = 0.0  # s by the drive's clock, when to try again
         self._server: Server | None = server_at(url, drive, faults)
@@ -42,14 +45,14 @@ class Link:
     def publish(self, rows: StreamRows) -> None:
         """Send what has become due; where the link has gone, see whether it is back."""
         now = self._drive.elapsed
-        if self._faults.unplugged(now):
+        if self.faults.unplugged(now):
             self.close()
             return
         if self._server is None and now < self._again:
             return
         try:
             if self._server is None:
-                self._server = server_at(self._url, self._drive, self._faults)
+                self._server = server_at(self._url, self._drive, self.faults)
             self._server.publish(rows)
         except BusError as error:
             self.close()

@@ -76,6 +76,25 @@ def test_a_scenario_that_cannot_be_is_one_sentence_and_exit_2(
     assert said.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (None, "cannot read the faults in {file}: No such file or directory"),
+        ("reset@1\n# later\n\nexplode@5\n", "{file}, line 4: expected a fault as lose=RATE, "),
+        ("lose=2 # twice\n", "{file}, line 1: expected a rate of 0 to 1 in 'lose=2', got 2"),
+    ],
+)
+def test_a_fault_script_that_cannot_be_is_one_sentence_and_exit_2(
+    tmp_path: Path, text: str | None, sentence: str
+) -> None:
+    file = tmp_path / "faults"
+    if text is not None:
+        file.write_text(text)
+    said = refused("--at", tcp_url(), "--fault-script", str(file))
+    assert said.startswith("pmsm-bench emulate: " + sentence.format(file=file))
+    assert said.count("\n") == 1
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_scenario_from_a_file_is_served_until_a_signal_ends_it_at_once(
     tmp_path: Path, number: signal.Signals

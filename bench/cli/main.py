@@ -34,11 +34,23 @@ def serve(
 
 
 @app.command()
-def emulate(at: At = DEFAULT_BUS, scenario: Scenario = "paper") -> None:
-    """Run an emulated drive on a bus, in real time, until Ctrl-C."""
+def emulate(
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="URL", help=f"where the drive is; may be repeated: on several at once ({DEFAULT_BUS})"),
+    ] = None,
+    scenario: Scenario = "paper",
+    fault: Annotated[
+        list[str] | None, typer.Option(metavar="FAULT", help="what befalls its links, as lose=0.01@5+2; repeatable")
+    ] = None,
+    fault_script: Annotated[str | None, typer.Option(metavar="FILE", help="such faults, one a line")] = None,
+) -> None:
+    """Run an emulated drive, in real time, until Ctrl-C."""
     from bench.cli.run import run_emulator
 
-    raise typer.Exit(run_emulator(at, scenario))
+    faults = [part for text in fault or () for part in ("--fault", text)]
+    script = ["--fault-script", fault_script] if fault_script is not None else []
+    raise typer.Exit(run_emulator(at or [DEFAULT_BUS], scenario, faults + script))
 
 
 @app.command()

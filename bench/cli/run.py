@@ -27,9 +27,10 @@ def run_service(config: Config, port: int | None) -> None:
         _serve(config, listener)
 
 
-def run_emulator(url: str, scenario: str) -> int:
-    """Become the emulated drive."""
-    return subprocess.call(_emulator_command(url, scenario)) if os.name == "nt" else _exec(url, scenario)
+def run_emulator(urls: list[str], scenario: str, faults: list[str]) -> int:
+    """Become the emulated drive; `faults` are its options about them."""
+    command = [*_emulator_command(urls, scenario), *faults]
+    return subprocess.call(command) if os.name == "nt" else _exec(command)
 
 
 def run_both(url: str, scenario: str, port: int | None) -> None:
@@ -85,19 +86,20 @@ def _serve(config: Config, listener: socket.socket) -> None:
         serve(service, listener)
 
 
-def _emulator_command(url: str, scenario: str) -> list[str]:
-    return [sys.executable, "-m", "emulator", "--at", url, "--scenario", scenario]
+def _emulator_command(urls: list[str], scenario: str) -> list[str]:
+    places = [part for url in urls for part in ("--at", url)]
+    return [sys.executable, "-m", "emulator", *places, "--scenario", scenario]
 
 
-def _exec(url: str, scenario: str) -> int:
-    os.execv(sys.executable, _emulator_command(url, scenario))
+def _exec(command: list[str]) -> int:
+    os.execv(sys.executable, command)
 
 
 @contextlib.contextmanager
 def _emulator(url: str, scenario: str) -> Generator[None]:
     """The emulated drive's process, once it says that it is on its bus. Raises ConfigError when it cannot be."""
     with tempfile.TemporaryFile("w+") as errors, subprocess.Popen(  # a pipe that nobody reads would stop it when full
-        [*_emulator_command(url, scenario), "--with-input"],
+        [*_emulator_command([url], scenario), "--with-input"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True,
         start_new_session=True,  # Ctrl-C reaches the service alone, which then ends the drive
     ) as process:
