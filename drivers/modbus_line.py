@@ -233,7 +233,8 @@ class _SerialClient(ModbusSerialClient):
         super().__init__(place.device, baudrate=place.baudrate, timeout=timeout, retries=0, trace_packet=trace)
         self.socket: Any = serial.serial_for_url(
             place.device, baudrate=place.baudrate, parity=place.parity, stopbits=place.stopbits,
-            timeout=timeout, write_timeout=_LINE_TIMEOUT, exclusive=True,
+            timeout=timeout, exclusive=True,
+            write_timeout=None if place.device.startswith("rfc2217://") else _LINE_TIMEOUT,  # it knows none
         )
 
     def connect(self) -> bool:

@@ -426,7 +426,7 @@ def _open(url: UartUrl) -> Any:
     try:
         port = cast(Any, serial).serial_for_url(
             url.line, baudrate=url.baudrate, timeout=0.0 if _selectable(url) else _READER_POLL,
-            write_timeout=WRITE_TIMEOUT, exclusive=True,
+            write_timeout=None if url.protocol == "rfc2217" else WRITE_TIMEOUT, exclusive=True,  # it knows none
         )
     except (OSError, ValueError) as error:
         raise ConnectError(f"cannot open {url}: {_reason(error)}") from None
