@@ -1,16 +1,13 @@
 """One emulated drive over every transport at once, and the real service over them: loss, return, resets, faults."""
 
 import contextlib
-import threading
 from collections.abc import Generator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import canopen
 import pytest
 
-from bench.acquisition import Link as LinkOfBench
-from bench.acquisition import LinkState
+from bench.acquisition import Link, LinkState
 from bench.config import Config, DriveConfig
 from bench.service import Service
 from bench.window import Window
@@ -19,12 +16,8 @@ from drivers.drive import Drive
 from drivers.errors import DriveError, RefusedError
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
-from emulator.clock import Pacer
-from emulator.faults import Faults, parse_fault
-from emulator.link import Link
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
 from tests.conftest import command
+from tests.driving import driving
 from tests.served_drive import emulator, joined, listening, ready, tcp_url, until
 from tests.transports import modbus_pty_url, modbus_socket_url, modbus_tcp_url, pty_url, serial_socket_url
 
@@ -52,7 +45,7 @@ def service_over(urls: dict[str, str]) -> Generator[Service]:
         yield service
 
 
-def streaming(service: Service) -> dict[str, LinkOfBench]:
+def streaming(service: Service) -> dict[str, Link]:
     """All links, when rows come over each again."""
     before = {name: service.link(name).rows for name in service.drives}
 
@@ -127,46 +120,10 @@ def test_the_service_streams_again_after_a_reset_and_after_the_drives_death(urls
             service.close()
 
 
-@dataclass
-class Driving:
-    """A drive in this process, in real time, and its links."""
-
-    drive: VirtualDrive
-    links: list[Link]
-    end: threading.Event = field(default_factory=threading.Event)
-
-    def run(self) -> None:
-        pacer = Pacer(self.drive.T_s, most=500)
-        while not self.end.wait(0.002):
-            rows = self.drive.run(pacer.due())
-            for link in self.links:
-                link.publish(rows)
-
-    def spoil(self, *texts: str) -> None:
-        """What befalls the links from now on."""
-        for link in self.links:
-            link.faults = Faults(map(parse_fault, texts))
-
-
-@contextlib.contextmanager
-def driving(urls: dict[str, str]) -> Generator[Driving]:
-    drive = VirtualDrive(PAPER)
-    drive.warm_up()
-    with contextlib.ExitStack() as stack:
-        running = Driving(drive, [stack.enter_context(Link(url, drive, Faults())) for url in urls.values()])
-        thread = threading.Thread(target=running.run, name="drive's time")
-        thread.start()
-        try:
-            yield running
-        finally:
-            running.end.set()
-            thread.join()
-
-
 def test_the_service_rebuilds_every_link_that_was_unplugged_and_counts_what_it_missed(
     urls: dict[str, str], capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with driving(urls) as running, service_over(urls) as service:
+    with driving(*urls.values()) as running, service_over(urls) as service:
         running.spoil("unplugged")
         lost(service)
         tick = running.drive.tick
