@@ -157,9 +157,15 @@ def test_another_row_length_counts_while_streaming(drive: Drive, transport: Tran
     assert all(np.all(np.diff(block.tick) == block.periods) for block in listener.blocks)
 
 
-def test_a_slow_reader_is_no_silence_of_the_drive(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short silence is enough for a drive to be lost."""
     for client in (canopen_drive, modbus_drive, uart_drive):
         monkeypatch.setattr(client, "SILENCE", 0.2)  # s
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_slow_reader_is_no_silence_of_the_drive(drive: Drive) -> None:
     stream = drive.stream()
     before = next(stream)
     for _ in range(2):
@@ -218,6 +224,7 @@ def test_connecting_again_and_again_leaves_nothing_behind(bench: ServedProcess) 
     assert threading.active_count() <= threads + 2  # the server's own, of a client that has just left
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_drive_that_hangs_is_lost_in_a_sentence_and_had_again_when_it_goes_on(
     bench: ServedProcess, drive: Drive, capfd: pytest.CaptureFixture[str]
 ) -> None:

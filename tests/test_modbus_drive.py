@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers import capture, operation
+from drivers import capture, modbus_line, operation
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import ConnectError, DriveError, FaultError, FrameError, LostError, NoReplyError, RefusedError
@@ -47,6 +47,12 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Served]:
 def drive(bench: Served) -> Iterator[Drive]:
     with connect(bench.url) as connected:
         yield connected
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What waits for answers in vain does so for a short while."""
+    monkeypatch.setattr(modbus_line, "REPLY_TIMEOUT", 0.1)
 
 
 # Rows
@@ -322,6 +328,7 @@ def test_a_drive_without_a_recording_gives_no_samples(drive: Drive) -> None:
 # Late answers
 
 
+@pytest.mark.usefixtures("impatient")
 def test_late_and_double_answers_never_become_another_registers_value(bench: Served, drive: Drive) -> None:
     expected = {"T_s": 1e-4, "u_full": 387.5, "i_full": 24.0, "control_R_s": 0.9664, "n_p": 4.0, "bandwidth": 2000.0}
     drive.write("bandwidth", 2000.0)
@@ -329,7 +336,7 @@ def test_late_and_double_answers_never_become_another_registers_value(bench: Ser
     for _ in range(12):
         name = chance.choice(sorted(expected))
         bench.server.faults = Disturbed(
-            chance.choice([1, 1, 2]), delay=chance.choice([0.0, 0.5, 1.0, 2.0]), copies=chance.choice([1, 2, 3]),
+            chance.choice([1, 1, 2]), delay=chance.choice([0.0, 0.15, 0.35, 0.7]), copies=chance.choice([1, 2, 3]),
             skip=chance.choice([0, 1]),  # in the drive's time, which is faster
         )
         try:
@@ -351,8 +358,9 @@ def soon(drive: Drive) -> bool:
         return False
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_write_whose_answer_is_late_is_not_taken_for_another(bench: Served, drive: Drive) -> None:
-    bench.server.faults = Disturbed(1, delay=2.0, skip=1)  # of the drive's time, which is faster
+    bench.server.faults = Disturbed(1, delay=0.7, skip=1)  # of the drive's time, which is faster
     with contextlib.suppress(NoReplyError):
         drive.write("i_q_ref", 1.0)
     for value in (2.0, 3.0):
@@ -362,11 +370,12 @@ def test_a_write_whose_answer_is_late_is_not_taken_for_another(bench: Served, dr
     until(lambda: soon(drive), "the line stays disturbed")
 
 
+@pytest.mark.usefixtures("impatient")
 def test_rows_come_whole_over_a_line_that_delays_doubles_and_loses() -> None:
     for url in (tcp_url(), pty_url()):
         with served(url) as bench, connect(bench.url) as drive:
             bench.server.faults = Faults(map(parse_fault, ("lose=0.01", "double=0.05", "delay=0.05")), 7)
-            blocks = first_blocks(drive, 2000)
+            blocks = first_blocks(drive, 1000)
             bench.end()
             ticks = joined(blocks, "tick")
             assert np.all(np.diff(ticks) % 10 == 0)
@@ -555,8 +564,9 @@ class Liar:
             thread.join()
 
 
+@pytest.mark.usefixtures("impatient")
 @given(data=st.data())
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_answer_breaks_a_client_or_becomes_a_drive(data: st.DataObject) -> None:
     noise = [data.draw(st.binary(max_size=60)) for _ in range(4)]
     kind = data.draw(st.sampled_from(["bytes", "header", "function", "head"]))
@@ -577,8 +587,9 @@ def test_no_answer_breaks_a_client_or_becomes_a_drive(data: st.DataObject) -> No
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.usefixtures("impatient")
 @given(noise=st.binary(min_size=1, max_size=80))
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_bytes_on_a_serial_line_break_a_client(noise: bytes) -> None:
     with contextlib.closing(Liar(lambda _: noise)) as liar, pytest.raises(ConnectError) as caught:
         connect(f"modbus+rtu://socket://127.0.0.1:{liar.port}/1")
@@ -609,8 +620,10 @@ def disturbed() -> Iterator[Served]:
 
 @pytest.fixture(scope="module")
 def corrupted(disturbed: Served) -> Iterator[Drive]:
-    with connect(disturbed.url) as drive:
-        yield drive
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(modbus_line, "REPLY_TIMEOUT", 0.1)
+        with connect(disturbed.url) as drive:
+            yield drive
 
 
 def test_turns_are_taken_in_the_order_in_which_threads_come() -> None:

@@ -9,13 +9,16 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from drivers import capture, operation
+from drivers import capture, operation, uart_drive
 from drivers.connect import connect
-from drivers.errors import ConnectError, FaultError, LostError, NoReplyError, RefusedError
+from drivers.errors import ConnectError, DriveError, FaultError, FrameError, LostError, NoReplyError, RefusedError
 from drivers.uart_drive import UartDrive, _Upload
 from drivers.wire import uart_frame as uf
 from drivers.wire.cia402 import State
@@ -139,7 +142,7 @@ def test_pacing_by_the_baud_rate_lets_through_what_the_line_carries() -> None:
     url = pty_url().replace("3000000", "115200")
     with served_uart(url, paced=True) as bench, UartDrive(parse_uart_url(url)) as drive:
         drive.write("stream_periods", 1.0)
-        blocks = first_blocks(drive, 4500)
+        blocks = first_blocks(drive, 2400)
         bench.end()
         bench.check(blocks)
         blocks = blocks[len(blocks) // 3 :]  # by then the line is as far behind as it will be
@@ -232,9 +235,9 @@ def test_an_upload_goes_on_where_it_stood_after_the_link_is_lost(bench: ServedUa
 
 def test_a_recording_is_uploaded_while_rows_come_without_loss(bench: ServedUart, drive: UartDrive) -> None:
     drive.write("stream_periods", 1.0)
+    under_way = recorded(bench, drive, CAPTURE_SAMPLES)
+    bench.burst = 40
     with listening(drive) as listener:
-        under_way = recorded(bench, drive, CAPTURE_SAMPLES)
-        bench.burst = 97
         capture.upload(drive, under_way)
     bench.end()
     assert bytes(under_way.data) == bench.drive.captured(0, CAPTURE_SAMPLES)
@@ -411,6 +414,84 @@ def test_any_bytes_and_any_frame_leave_the_drive_serving(drive: UartDrive) -> No
         harmless = kind not in (uf.Kind.WRITE, uf.Kind.START)
         drive._port.write(dice.randbytes(100) + (uf.packed(uf.Frame(kind, 0, payload)) if harmless else b"\0"))
     assert drive.parameters() == before
+
+
+def test_frames_whatever_end_nothing_and_become_no_value() -> None:
+    with served_uart(pty_url()) as bench, UartDrive(parse_uart_url(bench.url)) as drive:
+        bench.running.clear()
+        bench.step(10)
+        rows = uf.ROWS.size + uf.ROW_BYTES
+
+        @settings(deadline=None)
+        @given(st.lists(st.tuples(
+            st.sampled_from(list(uf.Kind)) | st.integers(0, 255), st.integers(0, 3),
+            st.binary(max_size=40).filter(lambda payload: len(payload) != rows),
+        ), max_size=15))
+        def survives(frames: list[tuple[int, int, bytes]]) -> None:
+            drive._start()
+            for kind, ahead, payload in frames:
+                drive._hand_out(uf.Frame(kind, (drive._sequence + ahead) % 65536, payload))
+            with contextlib.suppress(FrameError):
+                assert drive._drain() == []
+            assert drive.counts.rows == 0
+            assert drive.read("u_full") == 387.5
+
+        survives()
+
+
+@given(st.binary(max_size=60))
+def test_a_piece_whatever_is_samples_or_an_error(payload: bytes) -> None:
+    upload = _Upload(0, 10)
+    try:
+        data = upload.taken(payload)
+    except (FrameError, RefusedError):
+        return
+    assert data is None or payload.endswith(data)
+
+
+class Liar(UartServer):
+    """A drive whose answers are what is told here, whatever was asked."""
+
+    lies = b""
+
+    def _answer(self, line: Any, frame: uf.Frame) -> None:
+        if self.lies and frame.kind != uf.Kind.STOP:
+            line.reply(uf.Frame(frame.kind | uf.REPLY, frame.sequence, self.lies))
+        else:
+            super()._answer(line, frame)
+
+
+def test_answers_whatever_become_no_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uart_drive, "REPLY_TIMEOUT", 0.1)
+    url = parse_uart_url(pty_url())
+    with Liar(VirtualDrive(PAPER), url) as server, UartDrive(url) as drive:
+        number = uf.NUMBER.pack(uf.number_of(signal_named("u_full")))
+
+        @settings(deadline=None, max_examples=50)
+        @given(st.binary(min_size=1, max_size=40) | st.binary(max_size=8).map(lambda data: number + data))
+        def survives(lies: bytes) -> None:
+            server.lies = lies
+            with contextlib.suppress(DriveError):
+                assert (lies[:2], len(lies)) == (number, 6), drive.read("u_full")
+            with contextlib.suppress(DriveError):
+                assert all(lies.endswith(piece) for piece in itertools.islice(drive.captured(0, 10), 2))
+            with contextlib.suppress(FrameError):
+                drive._start()
+            drive._stop()
+            server.lies = b""
+            assert drive.read("u_full") == 387.5
+
+        survives()
+
+
+@pytest.mark.parametrize("lies", [b"\0", bytes(20), bytes(40), b"\xff" * 40, bytes(range(30))])
+def test_answers_whatever_become_no_drive(lies: bytes) -> None:
+    url = parse_uart_url(pty_url())
+    with Liar(VirtualDrive(PAPER), url) as server:
+        server.lies = lies
+        with pytest.raises(ConnectError) as caught:
+            UartDrive(url)
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.slow
