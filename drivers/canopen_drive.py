@@ -206,7 +206,7 @@ class CanopenDrive:
                 ) from None
 
     def _set_up_pdo(self, number: int, cob_id: int, expected: int) -> None:
-        """By CiA 301, 7.5.2.36: not valid, mapped anew, valid."""
+        """As CiA 301 has it for object 0x1A00: not valid, mapped anew, valid."""
         parameters, mapping, entries = od.OD_TPDO + number, od.OD_TPDO_MAPPING + number, od.tpdo_mapping(number)
         for index, subindex, value, size in (
             (parameters, 1, cob_id | od.NOT_VALID, 4), (mapping, 0, 0, 1),

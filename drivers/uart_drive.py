@@ -303,14 +303,14 @@ class UartDrive:
     def _blocks(self) -> Iterator[Block]:
         """Blocks as they come, until the drive is closed."""
         while not self._closed.wait(POLL):
-            if time.monotonic() - self._sent > PING:
-                self._send(Frame(Kind.PING, _UNANSWERED))
             blocks = self._drain()
             yield from blocks
             if self._rebooted.is_set():
                 raise ResetError(f"the drive at {self._url} has reset")
             if self._failure:
                 raise LostError(self._failure)
+            if time.monotonic() - self._sent > PING:
+                self._send(Frame(Kind.PING, _UNANSWERED))
             silent = time.monotonic() - self._heard
             if not blocks and silent > self._patience():  # after blocks, more may have come while they were dealt with
                 raise LostError(

@@ -152,7 +152,7 @@ class CanopenNode:
         if not was or self._off:
             return []
         if self._state == od.STATE_OPERATIONAL:
-            self._state = od.STATE_PRE_OPERATIONAL  # CiA 301, 7.5.2.30: what is delivered for 0x1029
+            self._state = od.STATE_PRE_OPERATIONAL  # CiA 301: what object 0x1029 is by default
         codes = (od.RECOVERED_FROM_BUS_OFF, self._error)  # told, and over
         return [(od.emergency_cob_id(self._id), struct.pack("<HB5x", code, error_register(code))) for code in codes]
 

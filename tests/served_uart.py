@@ -17,16 +17,18 @@ from emulator.virtual_drive import StreamRows, VirtualDrive
 from tests.served_drive import joined
 
 _BURST = 97  # control periods; a row is under way at the end of nearly every burst
+_BEHIND = 16384  # bytes of rows that a client may be behind
 
 
 @dataclass
 class ServedUart:
-    """A drive at a URL. Its time passes in bursts, whatever the wall clock says."""
+    """A drive at a URL. Its time passes in bursts, by no clock; while `patient`, no quicker than clients take rows."""
 
     url: str
     drive: VirtualDrive
     server: UartServer
     burst: int = _BURST  # control periods
+    patient: bool = True
     rows: list[StreamRows] = field(default_factory=list[StreamRows], repr=False)  # all that it has sent or could have
     running: threading.Event = field(default_factory=threading.Event)
     _end: threading.Event = field(default_factory=threading.Event)
@@ -34,7 +36,8 @@ class ServedUart:
     def run(self) -> None:
         """Let time pass until `end`; it stands still while `running` is clear."""
         while not self._end.wait(0.004):
-            if self.running.is_set():
+            behind = max((line._behind for line in list(self.server._lines.values())), default=0)
+            if self.running.is_set() and not (self.patient and behind > _BEHIND):
                 self.step(self.burst)
 
     def step(self, periods: int) -> None:
@@ -70,7 +73,7 @@ def served_uart(
     drive = VirtualDrive(scenario)
     drive.warm_up()
     with UartServer(drive, parse_uart_url(url), paced=paced) as server:
-        bench = ServedUart(url, drive, server)
+        bench = ServedUart(url, drive, server, patient=not paced)
         bench.step(_BURST)
         bench.running.set()
         thread = threading.Thread(target=bench.run, name="drive's time")

@@ -127,7 +127,7 @@ def test_a_client_that_does_not_read_does_not_hold_the_drive_up(bench: ServedUar
         return b""
 
     received, drive._received = drive._received, deaf
-    bench.burst = 500
+    bench.burst, bench.patient = 500, False
     until(lambda: bench.server.rows_dropped > 1000, "nothing was dropped")
     drive._received = received
     until(lambda: before.append(next(stream)) or before[-1].lost_before > 0, "the gap is not told")

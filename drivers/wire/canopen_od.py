@@ -69,7 +69,7 @@ class Abort(IntEnum):
 
 SYNC_COB_ID: Final = 0x080
 HEARTBEAT_MS: Final = 100  # ms, default producer time
-RECOVERED_FROM_BUS_OFF: Final = 0x8140  # error code (CiA 301, table 26)
+RECOVERED_FROM_BUS_OFF: Final = 0x8140  # error code (CiA 301)
 ERROR_HISTORY: Final = 8  # errors at most in object 0x1003
 BENCH_NODE: Final = 127  # the node whose heartbeat the bench sends; another where the drive itself has this id
 STORES_ON_COMMAND: Final = 1  # what objects 0x1010 and 0x1011 tell when they are read
