@@ -18,7 +18,7 @@ from bench.method import Running
 from bench.window import Window
 from drivers.block import Block
 from estimator.estimate import WindowEstimate
-from estimator.samples import Samples
+from estimator.samples import Resolution, Samples
 
 P = ParamSpec("P")
 
@@ -186,7 +186,7 @@ def samples_of(block: Block) -> Samples:
     """A block in the estimator's terms."""
     return Samples(
         block.theta_e, block.omega_e, block.i_d, block.i_q, block.u_d, block.u_q, block.T_s, block.periods,
-        block.i_d_mean, block.i_q_mean, int(block.tick[0]) * block.T_s, block.i_step, block.u_step,
+        block.i_d_mean, block.i_q_mean, int(block.tick[0]) * block.T_s, Resolution(block.i_step, block.u_step),
     )
 
 

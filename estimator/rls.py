@@ -166,9 +166,7 @@ def _data(state: RlsState) -> WindowSums:
     stream = state.stream
     counts = state.weights[None, :_SQUARES] * scale
     counts[0, _ROWS] = rows
-    return sums_from(
-        _triangles(state, scale), counts, stream.T_s, stream.periods * state.m, stream.i_step, stream.u_step
-    )
+    return sums_from(_triangles(state, scale), counts, stream.T_s, stream.periods * state.m, stream.resolution)
 
 
 def _triangles(state: RlsState, scale: float) -> Array:
