@@ -75,7 +75,8 @@ class RecordingReader:
     """An open recording: iterate once over its chunks; `summary` grows on the way."""
 
     def __init__(
-        self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float
+        self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float,
+        theta_step: float,
     ) -> None:
         self.path = path
         self.sources = sources
@@ -83,7 +84,7 @@ class RecordingReader:
             first = _first_rows(parts)
             self.clock = _clock(first, sources, T_s)
         self._parts = chain(first, parts)
-        self._splitter = RunSplitter(self.clock, sources.constants, shift)
+        self._splitter = RunSplitter(self.clock, sources.constants, shift, theta_step)
         self._chunks = self._read()
 
     @property
@@ -132,12 +133,14 @@ def open_recording(
     constants: Mapping[str, float] | None = None,
     T_s: float | None = None,
     align: Mapping[str, float] | None = None,
+    theta_step: float = 0.0,
     chunk_rows: int = CHUNK_ROWS,
 ) -> Generator[RecordingReader]:
     """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
 
     `mapping`: quantity to the file's column. `constants`: quantity to value. `T_s`: control period in s, which the
-    file's times must meet within 1 %. `align`: `{"u": rows}`, see the module.
+    file's times must meet within 1 %. `align`: `{"u": rows}`, see the module. `theta_step`: resolution of `theta_e` in
+    rad, 0 where it is not known.
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
@@ -145,7 +148,7 @@ def open_recording(
     columns = tuple(dict.fromkeys(sources.columns.values()))
     with closing(read_parts(path, columns, chunk_rows)) as parts:
         named = ({name: part[column] for name, column in sources.columns.items()} for part in parts)
-        yield RecordingReader(path, sources, named, T_s, align.get("u", 0))
+        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), theta_step)
 
 
 def read_recording(

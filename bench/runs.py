@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import RecordingError
-from estimator.samples import Column, Samples
+from estimator.samples import Column, Resolution, Samples
 
 Part = Mapping[str, Column]  # columns by quantity, of equal length
 
@@ -104,8 +104,9 @@ class RunSplitter:
     a row is the mean of the two recorded ones weighted by the time each was applied in it.
     """
 
-    def __init__(self, clock: Clock, constants: Mapping[str, float], shift: float) -> None:
+    def __init__(self, clock: Clock, constants: Mapping[str, float], shift: float, theta_step: float) -> None:
         self.clock = clock
+        self._resolution = Resolution(theta_e=theta_step)
         self.tally = Tally()
         self._constants = {name: value for name, value in constants.items() if name != "periods"}
         self._late, self._later = math.floor(shift), math.ceil(shift)
@@ -226,7 +227,7 @@ class RunSplitter:
             T_s=self.clock.T_s, periods=self.clock.periods,
             i_d_mean=columns["i_d_mean"][rows] if "i_d_mean" in columns else None,
             i_q_mean=columns["i_q_mean"][rows] if "i_q_mean" in columns else None,
-            t0=float(columns["t"][front]),
+            t0=float(columns["t"][front]), resolution=self._resolution,
         )
         joined = run.handed_on > 0
         run.handed_on += len(samples)

@@ -38,7 +38,10 @@ class Service:
     def __init__(self, config: Config) -> None:
         self.config = config
         self._urls = {drive.name: drive.url for drive in config.drives}
-        self._estimation = Estimation({drive.name: drive.window for drive in config.drives})
+        self._estimation = Estimation(
+            {drive.name: drive.window for drive in config.drives},
+            {drive.name: drive.theta_step for drive in config.drives},
+        )
         self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
         self._started = time.monotonic()
 
