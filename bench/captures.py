@@ -75,7 +75,7 @@ class Captures:
         """Arm a drive's recorder, for `whom`; the rest happens by itself. Raises BenchError, DriveError."""
         status = new_status(drive, Request.of(given))
         self._check_folder()
-        holder = f"capture {status.id}" + (f", asked for from {whom}," if whom else "")
+        holder = f"capture {status.id}" + (f" (asked for from {whom})" if whom else "")
         run, lease = self._run(status, holder), self._leases[drive]
         lease.take(holder, run.most_seconds)
         try:

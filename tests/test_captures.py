@@ -190,7 +190,7 @@ def test_a_second_writer_is_told_who_writes_and_until_when(service: Service, dri
     with pytest.raises(ConflictError) as refused:
         ask(service)
     assert str(refused.value) == (
-        f"drive spindle takes one writer at a time, and capture {first.id}, asked for from 127.0.0.1, holds it "
+        f"drive spindle takes one writer at a time, and capture {first.id} (asked for from 127.0.0.1) holds it "
         f"until {writer.until:%H:%M:%S} UTC at the latest"
     )
     assert drive.drive.read("capture_number") == number
