@@ -2,9 +2,9 @@
 
 import json
 import time
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,11 @@ from drivers.errors import LostError, RefusedError
 from emulator.faults import Faults, parse_fault
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
-from tests.conftest import bus_url
+from tests import served_modbus
+from tests.conftest import bus_url, free_port
 from tests.relay import relayed
 from tests.served_drive import Served, served, tcp_url, until
+from tests.served_uart import served_uart
 
 NEVER = {"trigger": "i_q > 1000"}
 
@@ -272,8 +274,28 @@ def test_a_folder_that_cannot_be_is_said_before_anything_is_recorded(drive: Serv
     assert drive.drive.read("capture_number") == number
 
 
-def test_an_upload_goes_on_where_it_was_when_the_link_comes_back(drive: Served, tmp_path: Path) -> None:
-    with relayed(int(drive.url.split(":")[2].split("/")[0])) as line, running(bus_url(line.port), tmp_path) as service:
+@dataclass(frozen=True)
+class Way:
+    """A transport over TCP: the URL at a port, and a drive served there in this process."""
+
+    url: Callable[[int], str]
+    serve: Callable[[str], AbstractContextManager[Any]]
+
+
+WAYS = {
+    "canopen": Way(bus_url, served),
+    "modbus": Way(lambda port: f"modbus+tcp://127.0.0.1:{port}/1", served_modbus.served),
+    "uart": Way(lambda port: f"uart://socket://127.0.0.1:{port}?baudrate=3000000",
+                lambda url: served_uart(url, paced=True)),
+}
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
+def test_an_upload_goes_on_where_it_was_when_the_link_comes_back(way: Way, tmp_path: Path) -> None:
+    port = free_port()
+    with (
+        way.serve(way.url(port)), relayed(port) as line, running(way.url(line.port), tmp_path) as service
+    ):
         ask(service, length=60_000)
         before = uploading(service, 8192)
         line.cut()
