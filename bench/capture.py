@@ -180,7 +180,7 @@ class Run:
                 self._stop_recorder()
                 raise NoReplyError(f"the recording stands still at {count} samples for {_STANDSTILL:g} s")
             if seen.state == ARMED:
-                self._tell(state=State.ARMED, reason=f"waiting for {_awaited(request)}")
+                self._tell(state=State.ARMED, reason=f"waiting for {_awaited(request).rstrip(',')}")
             else:
                 self._tell(state=State.TRIGGERED, samples=count, reason="")
             self._pause(_POLL)
