@@ -25,7 +25,7 @@ from drivers.errors import DriveError, GoneError, NoReplyError, RefusedError
 T = TypeVar("T")
 
 LINK_PATIENCE: Final = 120.0  # s that a lost link is waited for
-_POLL: Final = 0.05  # s between two looks at the recorder
+_POLL: Final = 0.1  # s between two looks at the recorder, which a slow line shares with the stream
 _RETRY: Final = 0.2  # s
 _REFUSALS: Final = 5  # in a row, after which a drive means it
 _STANDSTILL: Final = 10.0  # s without another sample after which a recording is given up

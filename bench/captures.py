@@ -6,6 +6,7 @@ One at a time per drive, under the drive's lease. Knows nothing of HTTP.
 import contextlib
 import os
 import threading
+import time
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
@@ -35,7 +36,7 @@ class Captures:
     def __init__(
         self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Mapping[str, Lease]
     ) -> None:
-        self._folder, self._urls, self._links, self._leases = folder, urls, links, leases
+        self._folder, self._urls, self._links, self._leases = folder.absolute(), urls, links, leases
         self._lock = threading.Lock()  # guards what follows
         self._known: dict[str, Status] = {}  # oldest first
         self._runs: dict[str, tuple[Run, threading.Thread]] = {}  # under way
@@ -53,7 +54,8 @@ class Captures:
             if path.with_suffix(".parquet").exists():
                 path.unlink()
                 continue
-            with contextlib.suppress(BenchError):  # a second one of a drive waits for the next start
+            # A second one of a drive waits for the next start; what makes no sense is left alone
+            with contextlib.suppress(BenchError, ValueError, TypeError):
                 self._resume(heading, data)
 
     def leave(self) -> None:
@@ -65,11 +67,12 @@ class Captures:
             run.leave()
 
     def join(self, timeout: float) -> None:
-        """Wait for the end of all runs, each at most so many seconds."""
+        """Wait for the end of all runs, at most so many seconds."""
+        deadline = time.monotonic() + timeout
         with self._lock:
             runs = list(self._runs.values())
         for _, thread in runs:
-            thread.join(timeout)
+            thread.join(max(0.0, deadline - time.monotonic()))
 
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
         """Arm a drive's recorder, for `whom`; the rest happens by itself. Raises BenchError, DriveError."""
@@ -154,8 +157,8 @@ class Captures:
             with self._lock:
                 self._known[status.id] = status
 
-        path = self._folder / f"{status.id}.parquet"
-        run = Run(status, self._urls[status.drive], self._links[status.drive], path, changed, interrupted)
+        path, url, link = self._folder / f"{status.id}.parquet", self._urls[status.drive], self._links[status.drive]
+        run = Run(status, url, link, path, changed, interrupted)  # of which `changed` asks
         return run
 
     def _begin(self, run: Run) -> None:
