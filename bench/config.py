@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from bench.errors import ConfigError, LimitError, shown
-from bench.machine_file import load_machine
+from bench.machine_file import Nominal, load_machine
 from bench.window import Window
 from drivers.connect import check_url
 from drivers.errors import ConnectError
@@ -53,6 +53,7 @@ class DriveConfig:
     name: str
     url: str
     window: Window
+    theta_step: float = 0.0  # rad, resolution of its electrical angle, 0 where not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,16 +118,16 @@ def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
         check_url(url)
     except ConnectError as error:
         raise ConfigError(f"{where} url: {error}") from None
-    held: dict[str, float] = {}
+    nominal = Nominal({})
     if "machine" in table:
         if not isinstance(table["machine"], str):
             raise ConfigError(f"{where} machine: expected a file name, got {shown(table['machine'])}")
-        held = dict(load_machine(path.parent / table["machine"]).given)
+        nominal = load_machine(path.parent / table["machine"])
     try:
-        window = Window(held=held).changed(_table(table, "window", where))
+        window = Window(held=nominal.given).changed(_table(table, "window", where))
     except LimitError as error:
         raise ConfigError(f"{where} window: {error}") from None
-    return DriveConfig(name, url, window)
+    return DriveConfig(name, url, window, nominal.theta_step)
 
 
 def _port(service: Mapping[str, Any], where: str) -> int:

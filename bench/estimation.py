@@ -18,7 +18,7 @@ from bench.method import Running
 from bench.window import Window
 from drivers.block import Block
 from estimator.estimate import WindowEstimate
-from estimator.samples import Samples
+from estimator.samples import Resolution, Samples
 
 P = ParamSpec("P")
 
@@ -50,6 +50,7 @@ class _Drive:
 
     running: Running
     snapshot: Snapshot
+    theta_step: float = 0.0  # rad, resolution of its angle, 0 where not known
     next_tick: int | None = None
     row: tuple[int, float] | None = None  # periods and T_s of the rows taken in
     received: float | None = None
@@ -67,8 +68,10 @@ class _Drive:
 class Estimation:
     """The worker; runs from `start` to `stop`."""
 
-    def __init__(self, windows: Mapping[str, Window]) -> None:
-        self._drives = {name: _new_drive(window) for name, window in windows.items()}
+    def __init__(self, windows: Mapping[str, Window], theta_steps: Mapping[str, float] | None = None) -> None:
+        """Settings by drive, and what is known of their angles' resolution in rad."""
+        known = theta_steps or {}
+        self._drives = {name: _new_drive(window, known.get(name, 0.0)) for name, window in windows.items()}
         self._queue: queue.Queue[tuple[str, Block, float] | Callable[[], None]] = queue.Queue(QUEUE)
         self._stop = threading.Event()
         self.thread = threading.Thread(target=self._run, name="estimation", daemon=True)
@@ -170,7 +173,7 @@ class Estimation:
             drive.row, drive.next_tick = row, None
         joined = drive.next_tick == int(block.tick[0])
         drive.next_tick = None  # should the update fail, the next block begins a new run
-        method.take(drive.running, samples_of(block), joined=joined)
+        method.take(drive.running, samples_of(block, drive.theta_step), joined=joined)
         drive.next_tick = int(block.tick[-1]) + block.periods
         drive.received, drive.t_drive = received, drive.next_tick * block.T_s
         drive.stale = True
@@ -182,14 +185,15 @@ class Estimation:
         )
 
 
-def samples_of(block: Block) -> Samples:
+def samples_of(block: Block, theta_step: float = 0.0) -> Samples:
     """A block in the estimator's terms."""
     return Samples(
         block.theta_e, block.omega_e, block.i_d, block.i_q, block.u_d, block.u_q, block.T_s, block.periods,
-        block.i_d_mean, block.i_q_mean, int(block.tick[0]) * block.T_s, block.i_step, block.u_step,
+        block.i_d_mean, block.i_q_mean, int(block.tick[0]) * block.T_s,
+        Resolution(block.i_step, block.u_step, theta_step),
     )
 
 
-def _new_drive(window: Window) -> _Drive:
+def _new_drive(window: Window, theta_step: float) -> _Drive:
     running = method.start(window)
-    return _Drive(running, Snapshot(window, method.estimate(running)))
+    return _Drive(running, Snapshot(window, method.estimate(running)), theta_step)

@@ -10,6 +10,7 @@
     [drive]
     T_s = 1e-4           # s
     u_dc = 310.0         # V
+    encoder_counts = 65536  # of a mechanical turn; with n_p
 
 Every key may be left out: what is not known is not written, and nothing is assumed in its place.
 """
@@ -33,6 +34,7 @@ KEYS = {
     "drive": {
         "T_s": (1e-7, 10.0, "s"),
         "u_dc": (1.0, 1e5, "V"),
+        "encoder_counts": (2, 2**30, "counts"),
     },
 }
 
@@ -46,6 +48,12 @@ class Nominal:
     i_rated: float | None = None  # A, peak
     T_s: float | None = None  # s, control period
     u_dc: float | None = None  # V
+    encoder_counts: int | None = None  # of a mechanical turn
+
+    @property
+    def theta_step(self) -> float:
+        """Electrical angle of an encoder's count in rad; 0 where it is not known."""
+        return 2.0 * math.pi * self.n_p / self.encoder_counts if self.n_p and self.encoder_counts else 0.0
 
     @property
     def machine(self) -> Machine | None:
@@ -59,12 +67,15 @@ def load_machine(path: str | Path) -> Nominal:
     """The machine file's nominal values. Raises ConfigError with a sentence for the user."""
     tables = _tables(path)
     machine, drive = tables["machine"], tables["drive"]
+    if "encoder_counts" in drive and "n_p" not in machine:
+        raise ConfigError(f"{path}: [drive] encoder_counts needs [machine] n_p, expected both or neither")
     return Nominal(
         given={name: machine[name] for name in PARAMETERS if name in machine},
         n_p=int(machine["n_p"]) if "n_p" in machine else None,
         i_rated=machine.get("i_rated"),
         T_s=drive.get("T_s"),
         u_dc=drive.get("u_dc"),
+        encoder_counts=int(drive["encoder_counts"]) if "encoder_counts" in drive else None,
     )
 
 
@@ -102,7 +113,7 @@ def _table(path: str | Path, name: str, content: object) -> dict[str, float]:
         where = f"{path}: [{name}] {key}"
         if key not in allowed:
             raise ConfigError(f"{where} is unknown, expected one of {', '.join(allowed)}")
-        values[key] = _value(where, value, *allowed[key], whole=key == "n_p")
+        values[key] = _value(where, value, *allowed[key], whole=key in ("n_p", "encoder_counts"))
     return values
 
 

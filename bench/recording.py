@@ -23,7 +23,7 @@ from bench.errors import RecordingError
 from bench.runs import PROBE, Chunk, Clock, Part, RunSplitter, find_clock
 from bench.sources import MAX_PERIODS, Sources, check_options, find_sources
 from bench.table import column_names, notes, read_parts, row_count
-from estimator.samples import Column, Samples
+from estimator.samples import Column, Resolution, Samples
 
 CHUNK_ROWS = 65_536
 
@@ -80,7 +80,7 @@ class RecordingReader:
 
     def __init__(
         self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float,
-        noted: "_Noted | None" = None,
+        noted: "_Noted",
     ) -> None:
         self.path = path
         self.sources = sources
@@ -88,9 +88,8 @@ class RecordingReader:
             first = _first_rows(parts)
             self.clock = _clock(first, sources, T_s)
         self._parts = chain(first, parts)
-        self._noted = noted or _Noted()
-        steps = self._noted.i_step, self._noted.u_step
-        self._splitter = RunSplitter(self.clock, sources.constants, shift, *steps)
+        self._noted = noted
+        self._splitter = RunSplitter(self.clock, sources.constants, shift, noted.resolution)
         self._chunks = self._read()
 
     @property
@@ -140,12 +139,14 @@ def open_recording(
     constants: Mapping[str, float] | None = None,
     T_s: float | None = None,
     align: Mapping[str, float] | None = None,
+    theta_step: float = 0.0,
     chunk_rows: int = CHUNK_ROWS,
 ) -> Generator[RecordingReader]:
     """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
 
     `mapping`: quantity to the file's column. `constants`: quantity to value. `T_s`: control period in s, which the
-    file's times must meet within 1 %. `align`: `{"u": rows}`, see the module.
+    file's times must meet within 1 %. `align`: `{"u": rows}`, see the module. `theta_step`: resolution of `theta_e` in
+    rad, 0 where it is not known.
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
@@ -153,7 +154,8 @@ def open_recording(
     columns = tuple(dict.fromkeys(sources.columns.values()))
     with closing(read_parts(path, columns, chunk_rows)) as parts:
         named = ({name: part[column] for name, column in sources.columns.items()} for part in parts)
-        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), _noted(path, sources))
+        noted = _noted(path, sources, theta_step)
+        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted)
 
 
 def read_recording(
@@ -191,7 +193,7 @@ def _one(stretches: list[Samples]) -> Samples:
         periods=first.periods,
         i_d_mean=whole([s.i_d_mean for s in stretches]),
         i_q_mean=whole([s.i_q_mean for s in stretches]),
-        t0=first.t0, i_step=first.i_step, u_step=first.u_step,
+        t0=first.t0, resolution=first.resolution,
     )
 
 
@@ -199,12 +201,11 @@ def _one(stretches: list[Samples]) -> Samples:
 class _Noted:
     """What a recording of the bench's own says besides its columns."""
 
-    i_step: float = 0.0  # A, resolution; 0: not known
-    u_step: float = 0.0  # V
-    expected: int | None = None  # rows it was to have
+    resolution: Resolution
+    expected: int | None  # rows it was to have
 
 
-def _noted(path: Path, sources: Sources) -> _Noted:
+def _noted(path: Path, sources: Sources, theta_step: float) -> _Noted:
     """Raises RecordingError where it holds some control periods only: their flux balances do not join."""
     told = notes(path)
     decimation, expected, steps = told.get("decimation", 1), told.get("expected"), told.get("steps")
@@ -218,7 +219,8 @@ def _noted(path: Path, sources: Sources) -> _Noted:
         found = [known.get(sources.columns.get(name, "")) for name in names]
         return max((float(size) for size in found if isinstance(size, int | float)), default=0.0)
 
-    return _Noted(step("i_d", "i_q"), step("u_d", "u_q"), expected if isinstance(expected, int) else None)
+    resolution = Resolution(step("i_d", "i_q"), step("u_d", "u_q"), theta_step)
+    return _Noted(resolution, expected if isinstance(expected, int) else None)
 
 
 def _first_rows(parts: Iterator[Part]) -> list[Part]:

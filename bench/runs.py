@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import RecordingError
-from estimator.samples import Column, Samples
+from estimator.samples import Column, Resolution, Samples
 
 Part = Mapping[str, Column]  # columns by quantity, of equal length
 
@@ -104,14 +104,11 @@ class RunSplitter:
     a row is the mean of the two recorded ones weighted by the time each was applied in it.
     """
 
-    def __init__(
-        self, clock: Clock, constants: Mapping[str, float], shift: float, i_step: float = 0.0, u_step: float = 0.0
-    ) -> None:
-        """`i_step` (A) and `u_step` (V): resolution of what is recorded, 0 where it is not known."""
+    def __init__(self, clock: Clock, constants: Mapping[str, float], shift: float, resolution: Resolution) -> None:
         self.clock = clock
+        self._resolution = resolution
         self.tally = Tally()
         self._constants = {name: value for name, value in constants.items() if name != "periods"}
-        self._steps = i_step, u_step
         self._late, self._later = math.floor(shift), math.ceil(shift)
         self._weight = shift - self._late
         self._cut_front, self._cut_back = max(self._later, 0), max(-self._late, 0)
@@ -230,7 +227,7 @@ class RunSplitter:
             T_s=self.clock.T_s, periods=self.clock.periods,
             i_d_mean=columns["i_d_mean"][rows] if "i_d_mean" in columns else None,
             i_q_mean=columns["i_q_mean"][rows] if "i_q_mean" in columns else None,
-            t0=float(columns["t"][front]), i_step=self._steps[0], u_step=self._steps[1],
+            t0=float(columns["t"][front]), resolution=self._resolution,
         )
         joined = run.handed_on > 0
         run.handed_on += len(samples)

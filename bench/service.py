@@ -41,7 +41,10 @@ class Service:
     def __init__(self, config: Config) -> None:
         self.config = config
         self._urls = {drive.name: drive.url for drive in config.drives}
-        self._estimation = Estimation({drive.name: drive.window for drive in config.drives})
+        self._estimation = Estimation(
+            {drive.name: drive.window for drive in config.drives},
+            {drive.name: drive.theta_step for drive in config.drives},
+        )
         self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
         self._leases = {name: Lease(name) for name in self._urls}
         self.captures = Captures(config.captures, self._urls, self._pumps, self._leases)

@@ -83,7 +83,7 @@ class Window:
         if missing := [name for name in PARAMETERS if name not in self.held]:
             raise LimitError(
                 f"method ekf starts from held values of {', '.join(PARAMETERS)}, got none of {', '.join(missing)}; "
-                f'send them with it: {{"method": "ekf", "held": {{"{missing[0]}": ...}}}}'
+                "give those in held"
             )
 
 

@@ -9,7 +9,7 @@ Then every window that ends at such a cut is a hypothesis, in two forms:
     line    within the window it moves in a straight line, and the line's end is the present value
 
 and what lies before the window is free. A hypothesis is judged by its misfit to the stretches in the window, in
-units of their standard errors, and pays `PRICE` for each thing it leaves free:
+units of their standard errors less what all of them share, and pays `PRICE` for each thing it leaves free:
 
     score = chi^2 + PRICE (stretches left out of the window + 1 for a line)
 
@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimate import Estimate, Status, WindowEstimate
-from estimator.fit import PRIOR_SHARE, fit
+from estimator.fit import PRIOR_SHARE, Z_95, fit
 from estimator.machine import PARAMETERS, UNITS
 from estimator.solve import check_held, solution
 from estimator.window_ls import WindowState, sums_of, waiting
@@ -83,14 +83,17 @@ def estimate(
             continue
         estimates[name] = replace(alone, window=cuts[-1])
         tells = found.told[:, j] & (found.lasting[:, j] < np.minimum(PRIOR_SHARE * found.beta[:, j], found.std[:, j]))
-        std = np.sqrt(np.maximum(found.std**2 - found.lasting**2, 0.0))[tells, j]  # what stretches do not share
+        if not tells.any():
+            continue
+        shared = float(found.lasting[tells, j].min())
+        std = np.sqrt(found.std[tells, j] ** 2 - shared**2)
         told = Stretches(found.beta[tells, j], std, np.array(cuts, np.float64)[tells], ends[tells])
         if alone.std is not None and float(np.sum(told.std**-2.0)) < 0.5 / alone.std**2:
             continue  # the stretches, each by itself, miss what they tell together
-        if len(told.value):
-            value, error, length = weighed(told, alone.value)
-            moved = LAG_DOUBT * (value - float(whole.beta[0, j])) if alone.std is not None else 0.0
-            error = math.hypot(error, moved, float(whole.lasting[0, j]))
+        value, error, length = weighed(told, alone.value)
+        moved = LAG_DOUBT * (value - float(whole.beta[0, j])) if alone.std is not None else 0.0
+        error = math.hypot(error, moved, max(shared, float(whole.lasting[0, j])))
+        if Z_95 * error < value:
             estimates[name] = Estimate(name, value, error, UNITS[name], Status.OK, window=length)
     return WindowEstimate(
         estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length, said.condition,

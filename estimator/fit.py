@@ -20,8 +20,8 @@ Satterthwaite, An approximate distribution of estimates of variance components, 
 doi 10.2307/3002019), so that 1.96 of them hold the truth 95 times in 100.
 
 Errors that noise does not average away are added as if they were one constant voltage over the window: what the
-equations themselves leave out (`MODEL`, measured against a simulation), and the resolution of the records, where the
-noise is too small to dither it. Knows nothing of streams or of words.
+equations themselves leave out (`MODEL`, measured against a simulation), the resolution of the records, where the
+noise is too small to dither it, and the step of the angle's sensor. Knows nothing of streams or of words.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,6 @@ FAINT_SPEED: Final = 1e-6  # rad/s: what is smaller is arithmetic, not a signal
 MODEL: Final = 1e-6  # share of the rms voltage that the flux balance, exact to second order, may be off,
 MODEL_MOVING: Final = 3e-5  # times the relative spread of speed^2, more where it changes within a row,
 MODEL_TURN: Final = 8e-4  # and, times D^3, more where the rotor turns far within a control period
-STRANGE: Final = 12.0  # over the root of rows: three standard errors of the ratio of the two axes' noise
 SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
 Z_95: Final = 1.96
 _ROUNDS: Final = 4  # of the iteration of the small terms; each gains three digits
@@ -76,14 +75,14 @@ def fit(
 
     `noise_aware` takes the energy of current noise out of the normal matrix; without it the result is plain least
     squares, and the bias is added to the standard errors instead. `together`: the windows are stretches of one stream,
-    too short for each to know the colour of its residual, and share it. Windows with fewer equations than parameters
-    tell nothing.
+    too short for each to know current noise or the colour of its residual, and share both. Windows with fewer equations
+    than parameters tell nothing.
 
     How large the noise is, two references say, of which the larger counts: plain least squares over the rows, which
     sees every transient, and over weighted batches of rows, in which differenced noise cancels and hardly biases. It
     never rests on what the noise made of the solution.
     """
-    task = _task(sums, estimated, held, noise_aware=noise_aware)
+    task = _task(sums, estimated, held, noise_aware=noise_aware, together=together)
     small = np.zeros((len(sums.rows), 3))
     found = _solved(sums, task, small)
     for _ in range(_ROUNDS - 1):
@@ -123,6 +122,7 @@ class _Task:
     calm: Array  # (K, 2, 6, 6), the sums of batches, of rows where those are few
     plain_calm: Array  # (K, p, p), inverses of their normal matrices
     noise_aware: bool
+    together: bool  # windows of one stream, with one noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +140,9 @@ class _Round:
     noise: Array  # (K, p), energy that it gives to each regressor
 
 
-def _task(sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool) -> _Task:
+def _task(
+    sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool, together: bool
+) -> _Task:
     free = [PARAMETERS.index(name) for name in PARAMETERS if name in estimated]
     enough = 2.0 * sums.rows > len(free)
     stand_in = np.array([held.get(name, 0.0) for name in PARAMETERS])
@@ -148,7 +150,8 @@ def _task(sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float],
     calm = np.where((enough & (sums.batches >= _BATCHES))[:, None, None, None], sums.batch, sums.lag0)
     G, G_calm = (np.where(enough[:, None, None], _of(S, free), 0.0) for S in (sums.lag0, calm))
     return _Task(
-        free, np.tile(known, (len(enough), 1)), stand_in, enough, G, _plain(G), calm, _plain(G_calm), noise_aware
+        free, np.tile(known, (len(enough), 1)), stand_in, enough, G, _plain(G), calm, _plain(G_calm),
+        noise_aware, together,
     )
 
 
@@ -160,6 +163,9 @@ def _solved(sums: WindowSums, task: _Task, small: Array) -> _Round:
     by_rows[:, free] = -_times(task.plain, rest)
     by_batches[:, free] = -_times(task.plain_calm, np.sum(_times(task.calm, c_0), axis=1)[:, free])
     one, other = (_current_noise(sums, reference, _axes(reference, small)) for reference in (by_rows, by_batches))
+    if task.together:
+        rows = np.maximum(sums.rows, 1.0)
+        one, other = (np.tile(np.average(each, axis=0, weights=rows), (len(rows), 1)) for each in (one, other))
     sigma2 = np.maximum(one, other)
     noise = _regressor_noise(sums, sigma2)[:, free]
     ex = excitation(task.G, noise)
@@ -311,7 +317,7 @@ def _current_noise(sums: WindowSums, beta: Array, c: Array) -> Array:
     gamma1 = _form(c, sums.lag1) / (2.0 * pairs)
     by_residual = np.minimum(np.maximum(0.0, -gamma1) / L2, S0 / (2.0 * n_or_1))
     by_signal = np.minimum(np.maximum(0.0, -S1 / (2.0 * pairs)), gamma0 / (2.0 * L2))
-    return FAINT_I**2 + sums.i_step**2 / 12.0 + T**2 * np.maximum(by_residual, by_signal)
+    return FAINT_I**2 + sums.resolution.i**2 / 12.0 + T**2 * np.maximum(by_residual, by_signal)
 
 
 def _regressor_noise(sums: WindowSums, sigma2: Array) -> Array:
@@ -408,21 +414,28 @@ def _variance(
 def _constant_errors(sums: WindowSums, c: Array, gamma0: Array, sigma2: Array) -> Array:
     """Variance of a voltage error that may last for the whole window, by axis in V^2 (K, 2).
 
-    Current noise is the same on both axes. What one axis clearly has more of, as a residual that is differenced, is
-    something else, an encoder's steps say, to which the control answers: it may go with the regressors all the way.
-
     Noise of variance v dithers a resolution q: the error's mean shrinks by exp(-2 pi^2 v/q^2) (B. Widrow, I. Kollar,
     Quantization Noise, 2008, doi 10.1017/CBO9780511754661).
     """
     n = np.maximum(sums.rows, 1.0)
     u2, s2 = np.sum(sums.lag0[:, :, U, U], axis=1) / n, sums.lag0[:, 1, 3, 3] / n
     Z2 = c[:, 0, 0] ** 2 + s2 * np.max(c[:, 0, 1:3] ** 2, axis=1)  # ohm^2
-    L2 = np.stack((c[:, 0, 1] ** 2, c[:, 1, 2] ** 2), axis=-1)
-    allowed = 1.0 + STRANGE / np.sqrt(n)[:, None]
-    strange = 8.0 * L2 / sums.T**2 * np.maximum(0.0, sigma2 - allowed * sigma2[:, ::-1])
-    of_u, of_i = _undithered(sums.u_step, gamma0), _undithered(sums.i_step, sigma2 / sums.periods)
+    of_u, of_i = _undithered(sums.resolution.u, gamma0), _undithered(sums.resolution.i, sigma2 / sums.periods)
     model2 = MODEL**2 + (MODEL_TURN * _turn(sums) ** 3) ** 2 + MODEL_MOVING**2 * spread_of_speed(sums)
-    return (model2 * u2)[:, None] + of_u + Z2[:, None] * of_i + strange
+    return (model2 * u2)[:, None] + of_u + Z2[:, None] * of_i + _of_angle(sums, c, s2)
+
+
+def _of_angle(sums: WindowSums, c: Array, s2: Array) -> Array:
+    """What a constant error of the angle, of up to its sensor's step, does to the voltages: in V^2 (K, 2).
+
+    The rotor frame is turned by delta: psi_d gains delta (L_d - L_q) i_q, psi_q gains delta (psi_f + (L_d - L_q) i_d).
+    """
+    delta2 = sums.resolution.theta_e**2 / 3.0
+    i2 = sums.lag0[:, :, 0, 0] / np.maximum(sums.rows, 1.0)[:, None]  # A^2, i_d and i_q
+    saliency2 = ((c[:, 0, 1] - c[:, 0, 2]) ** 2)[:, None]
+    flux2 = saliency2 * i2
+    flux2[:, 0] += c[:, 0, 3] ** 2
+    return delta2 * s2[:, None] * flux2
 
 
 def spread_of_speed(sums: WindowSums) -> Array:

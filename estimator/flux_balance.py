@@ -1,4 +1,4 @@
-"""The rows of the regression: the machine's flux balance over whole control periods, exact for any speed.
+"""The rows of the regression: the machine's flux balance over whole control periods, at any speed.
 
 Over one control period the stator flux linkage, seen from the stationary frame, changes by the voltage-time area less
 the resistive drop. Written in the rotor frame at the middle of the period, with `D` the angle turned in it,
@@ -23,7 +23,8 @@ follows an arc whose mean is not that of its ends but
 
 to second order in D and T_s R_s/L (L_d = L_q in the second term; L is that of the axis). The first two are in the
 rows; the others need the parameters and are left to `solve`. Left out, these terms read R_s 0.04 % low at 80 Hz and
-10 kHz, and 16 times that at 320 Hz, and an inductance of time constant 10 T_s 0.08 % high.
+10 kHz, and 16 times that at 320 Hz, and an inductance of time constant 10 T_s 0.08 % high. Terms of third order, which
+are left out, read L_q 0.04 % low at D = 0.84 rad; intervals count them in (`fit.MODEL_TURN`).
 
 Derived here. The period-exact discretisation of the flux linkage is textbook matter: L. Harnefors, Control of
 Variable-Speed Drives, Vaesteras, 2002. Knows nothing of windows or of least squares.

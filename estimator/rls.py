@@ -40,7 +40,7 @@ from estimator.solve import check_held, solve
 from estimator.stream import Stream, runs_of
 from estimator.sums import SIZE, U, WindowSums, sums_from
 from estimator.window_ls import check_m
-from estimator.window_sums import BATCH, BATCHES, SUMS, add_batch
+from estimator.window_sums import BATCH, BATCHES, PLACES, SIGNS, SUMS, add_batch
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -166,9 +166,7 @@ def _data(state: RlsState) -> WindowSums:
     stream = state.stream
     counts = state.weights[None, :_SQUARES] * scale
     counts[0, _ROWS] = rows
-    return sums_from(
-        _triangles(state, scale), counts, stream.T_s, stream.periods * state.m, stream.i_step, stream.u_step
-    )
+    return sums_from(_triangles(state, scale), counts, stream.T_s, stream.periods * state.m, stream.resolution)
 
 
 def _triangles(state: RlsState, scale: float) -> Array:
@@ -241,23 +239,18 @@ def _append(
 def _take(row: Array, before: Array, joins: int, lam: float, products: Array, weights: Array) -> None:
     """Forget, then add a row's products with itself and, where it joins it, with the one before.
 
-    Upper triangles over z = (regressors, voltage): (R_s, L_d, L_q, h, u_d) of the d axis and
-    (R_s, L_d, L_q, psi_f, u_q) of the q axis.
+    Upper triangles over the places in z of `window_sums`, by axis.
     """
-    d = (row[0], row[2], -row[5], row[7], row[8])
-    q = (row[1], row[4], row[3], row[6], row[9])
-    d_before = (before[0], before[2], -before[5], before[7], before[8])
-    q_before = (before[1], before[4], before[3], before[6], before[9])
-    n = 0
-    for i in range(5):
-        for j in range(i, 5):
-            products[0, n] = lam * products[0, n] + d[i] * d[j]
-            products[1, n] = lam * products[1, n] + q[i] * q[j]
-            products[2, n] = lam * products[2, n] + joins * (d[i] * d_before[j] + d_before[i] * d[j])
-            products[3, n] = lam * products[3, n] + joins * (q[i] * q_before[j] + q_before[i] * q[j])
-            products[4, n] *= lam
-            products[5, n] *= lam
-            n += 1
+    for axis in range(2):
+        places, signs, n = PLACES[axis], SIGNS[axis], 0
+        for i in range(5):
+            a, a_before = signs[i] * row[places[i]], signs[i] * before[places[i]]
+            for j in range(i, 5):
+                b, b_before = signs[j] * row[places[j]], signs[j] * before[places[j]]
+                products[axis, n] = lam * products[axis, n] + a * b
+                products[2 + axis, n] = lam * products[2 + axis, n] + joins * (a * b_before + a_before * b)
+                products[4 + axis, n] *= lam
+                n += 1
     weights[:5] *= lam
     weights[_ROWS] += 1.0
     weights[_PAIRS] += joins

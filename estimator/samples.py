@@ -1,11 +1,23 @@
 """Samples: SI columns of one recording or stream without gaps, as every estimator takes them."""
 
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Column = NDArray[np.float64]
+
+
+class Resolution(NamedTuple):
+    """Steps of what was measured and recorded; 0 = not known, taken for none."""
+
+    i: float = 0.0  # A
+    u: float = 0.0  # V
+    theta_e: float = 0.0  # rad, of the angle as the sensor tells it, rounded or cut off
+
+
+NOT_KNOWN: Final = Resolution()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,8 +40,7 @@ class Samples:
     i_d_mean: Column | None = None  # A, mean over the row; needed where periods > 1
     i_q_mean: Column | None = None  # A
     t0: float = 0.0  # s, time of the first row
-    i_step: float = 0.0  # A, resolution of the currents as recorded; 0 = not known, taken for none
-    u_step: float = 0.0  # V, of the voltages
+    resolution: Resolution = NOT_KNOWN
 
     def __len__(self) -> int:
         return len(self.theta_e)
@@ -50,5 +61,5 @@ class Samples:
             self.T_s, self.periods,
             None if self.i_d_mean is None else self.i_d_mean[rows],
             None if self.i_q_mean is None else self.i_q_mean[rows],
-            self.t0 + start * self.T, self.i_step, self.u_step,
+            self.t0 + start * self.T, self.resolution,
         )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.samples import Samples
+from estimator.samples import NOT_KNOWN, Resolution, Samples
 
 Array = NDArray[np.float64]
 
@@ -21,8 +21,7 @@ class Stream:
     last: Samples | None = None  # the newest sample, whose row waits for its end; None after a break
     T_s: float = 1.0  # s, control period of the samples so far, known after a break too
     periods: int = 1  # control periods that a row covers
-    i_step: float = 0.0  # A, resolution of the currents, 0 where not known
-    u_step: float = 0.0  # V, of the voltages
+    resolution: Resolution = NOT_KNOWN
     runs: int = 0  # unbroken stretches so far
     left_out: int = 0  # samples refused because a value was not finite
 
@@ -64,7 +63,7 @@ def _finite(samples: Samples) -> NDArray[np.bool_]:
 
 def _taken(stream: Stream, run: Samples) -> tuple[Samples, bool]:
     before, stream.last = stream.last, run[len(run) - 1 :]
-    stream.T_s, stream.periods, stream.i_step, stream.u_step = run.T_s, run.periods, run.i_step, run.u_step
+    stream.T_s, stream.periods, stream.resolution = run.T_s, run.periods, run.resolution
     if before is None:
         stream.runs += 1
         return run, False

@@ -11,6 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.samples import NOT_KNOWN, Resolution
+
 Array = NDArray[np.float64]
 
 SIZE: Final = 6  # of z
@@ -33,8 +35,7 @@ class WindowSums:
     w_next: Array  # (K,), and of the products of neighbouring weights
     T_s: float  # s, control period
     periods: int  # control periods that a row covers
-    i_step: float = 0.0  # A, resolution of the recorded currents, 0 where not known
-    u_step: float = 0.0  # V, of the voltages
+    resolution: Resolution
 
     @property
     def T(self) -> float:
@@ -52,7 +53,7 @@ class WindowSums:
 
 
 def sums_from(
-    triangles: Array, counts: Array, T_s: float, periods: int, i_step: float = 0.0, u_step: float = 0.0
+    triangles: Array, counts: Array, T_s: float, periods: int, resolution: Resolution = NOT_KNOWN
 ) -> WindowSums:
     """Sums from upper triangles (K, 6, 15), d and q axis of lag0, lag1 and batch, then the five counts (K, 5)."""
     full = np.zeros((len(triangles), 6, SIZE, SIZE))
@@ -62,5 +63,5 @@ def sums_from(
         full[:, axis::2, places[column], places[row]] = triangles[:, axis::2]
     rows, pairs, batches, w_w, w_next = counts.T
     return WindowSums(
-        full[:, :2], full[:, 2:4], full[:, 4:], rows, pairs, batches, w_w, w_next, T_s, periods, i_step, u_step
+        full[:, :2], full[:, 2:4], full[:, 4:], rows, pairs, batches, w_w, w_next, T_s, periods, resolution
     )

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from estimator.estimate import WindowEstimate
 from estimator.flux_balance import COLUMNS, columns_of
 from estimator.machine import PARAMETERS
-from estimator.samples import Samples
+from estimator.samples import NOT_KNOWN, Resolution, Samples
 from estimator.solve import check_held, solve
 from estimator.sums import WindowSums, sums_from
 from estimator.window_sums import CHUNK, ROWS, SUMS, take_balances, take_sample, take_samples, total_sums, unfinished
@@ -56,8 +56,7 @@ class WindowState:
     count: Integers  # (3,), balances so far; whether the newest sample is there (1) and joins one (2); samples left out
     T_s: float = 1.0  # s, control period of the samples
     periods: int = 1  # control periods per sample
-    i_step: float = 0.0  # A, resolution of the samples' currents, 0 where not known
-    u_step: float = 0.0  # V, of their voltages
+    resolution: Resolution = NOT_KNOWN
 
     @property
     def samples(self) -> int:
@@ -128,7 +127,7 @@ def update(state: WindowState, samples: Samples, *, joined: bool = True) -> Wind
     Samples with a value that is not finite are left out and counted, and end the run.
     """
     columns = columns_of(samples)
-    state.T_s, state.periods, state.i_step, state.u_step = samples.T_s, samples.periods, samples.i_step, samples.u_step
+    state.T_s, state.periods, state.resolution = samples.T_s, samples.periods, samples.resolution
     if not joined:
         state.count[1] = 0
     take_samples(
@@ -160,7 +159,7 @@ def resized(state: WindowState, length: int, m: int) -> WindowState:
         return state
     new = init(length, m)
     new.T_s, new.periods, new.ends = state.T_s, state.periods, state.ends
-    new.i_step, new.u_step = state.i_step, state.u_step
+    new.resolution = state.resolution
     new.count[1:] = state.count[1:]
     n = int(state.count[0])
     held = np.arange(max(0, n - min(len(state.starts), len(new.starts))), n) % len(state.starts)
@@ -193,9 +192,7 @@ def sums_of(state: WindowState, lengths: Sequence[int], ends: Sequence[int] | No
         first = max(0, newest - min(length, state.length))
         total_sums(first, newest - end, state.m, state.rows, state.starts, state.sums, state.places, into)
     triangles = total[:, :ROWS].reshape(len(lengths), 6, -1)
-    return sums_from(
-        triangles, total[:, ROWS:], state.T_s, state.periods * state.m, state.i_step, state.u_step
-    )
+    return sums_from(triangles, total[:, ROWS:], state.T_s, state.periods * state.m, state.resolution)
 
 
 def waiting(state: WindowState) -> int:

@@ -37,8 +37,8 @@ BATCHES: Final = 92  # of the number of batches,
 WEIGHTS: Final = 93  # of the two sums of their weights,
 SUMS: Final = 95  # and the size
 
-_COLUMNS: Final = ((0, 2, 5, 7, 8), (1, 4, 3, 6, 9))  # of a balance in z, by axis
-_SIGNS: Final = ((1.0, 1.0, -1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0, 1.0))
+PLACES: Final = ((0, 2, 5, 7, 8), (1, 4, 3, 6, 9))  # of a balance in z, by axis
+SIGNS: Final = ((1.0, 1.0, -1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0, 1.0))
 
 
 def _tapers() -> Array:
@@ -269,14 +269,14 @@ def add_products(rows: Array, at: int, end: int, total: Array) -> None:
     place = 0
     for axis in range(2):
         for i in range(5):
-            a = rows[_COLUMNS[axis][i], at:end]
+            a = rows[PLACES[axis][i], at:end]
             for j in range(i, 5):
-                b = rows[_COLUMNS[axis][j], at:end]
+                b = rows[PLACES[axis][j], at:end]
                 lag0, lag1 = a[0] * b[0], 0.0
                 for k in range(1, n):
                     lag0 += a[k] * b[k]
                     lag1 += a[k] * b[k - 1] + a[k - 1] * b[k]
-                sign = _SIGNS[axis][i] * _SIGNS[axis][j]
+                sign = SIGNS[axis][i] * SIGNS[axis][j]
                 total[place] += sign * lag0
                 total[30 + place] += sign * lag1
                 place += 1
@@ -300,10 +300,10 @@ def add_batch(rows: Array, at: int, end: int, total: Array) -> None:
     place = 60
     for axis in range(2):
         for i in range(5):
-            p = _COLUMNS[axis][i]
+            p = PLACES[axis][i]
             for j in range(i, 5):
-                q = _COLUMNS[axis][j]
-                total[place] += _SIGNS[axis][i] * _SIGNS[axis][j] * b[p] * b[q]
+                q = PLACES[axis][j]
+                total[place] += SIGNS[axis][i] * SIGNS[axis][j] * b[p] * b[q]
                 place += 1
     total[BATCHES] += 1.0
     total[WEIGHTS] += _TAPERS[n, BATCH]
@@ -316,10 +316,10 @@ def add_pair(row: Array, before: Array, total: Array) -> None:
     place = 30
     for axis in range(2):
         for i in range(5):
-            p = _COLUMNS[axis][i]
+            p = PLACES[axis][i]
             for j in range(i, 5):
-                q = _COLUMNS[axis][j]
-                sign = _SIGNS[axis][i] * _SIGNS[axis][j]
+                q = PLACES[axis][j]
+                sign = SIGNS[axis][i] * SIGNS[axis][j]
                 total[place] += sign * (row[p] * before[q] + before[p] * row[q])
                 place += 1
     total[PAIRS] += 1.0

@@ -1,11 +1,18 @@
 """Samples from the emulated drive, as the stream or as a recording of every control period."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
 from emulator.scenarios import PAPER, Scenario
 from emulator.virtual_drive import StreamRows, VirtualDrive
-from estimator.samples import Samples
+from estimator.samples import Resolution, Samples
+
+
+def resolution_of(drive: VirtualDrive) -> Resolution:
+    """What its encoder resolves."""
+    counts = drive.scenario.drive.encoder_counts
+    return Resolution(theta_e=2.0 * math.pi * drive.scenario.motor.n_p / counts if counts else 0.0)
 
 
 def samples_of_rows(rows: StreamRows, drive: VirtualDrive) -> Samples:
@@ -13,6 +20,7 @@ def samples_of_rows(rows: StreamRows, drive: VirtualDrive) -> Samples:
     return Samples(
         rows.theta_e, rows.omega_e, rows.i_d, rows.i_q, rows.u_d, rows.u_q, drive.T_s,
         int(drive.read("stream_periods")), rows.i_d_mean, rows.i_q_mean, int(rows.row_tick[0]) * drive.T_s,
+        resolution_of(drive),
     )
 
 
@@ -24,7 +32,9 @@ def streamed(drive: VirtualDrive, rows: int) -> Samples:
 def recorded(drive: VirtualDrive, periods: int) -> Samples:
     """The drive's next control periods."""
     r = drive.record(periods)
-    return Samples(r["theta_e"], r["omega_e"], r["i_d"], r["i_q"], r["u_d"], r["u_q"], drive.T_s)
+    return Samples(
+        r["theta_e"], r["omega_e"], r["i_d"], r["i_q"], r["u_d"], r["u_q"], drive.T_s, resolution=resolution_of(drive)
+    )
 
 
 def noiseless(scenario: Scenario = PAPER) -> Scenario:

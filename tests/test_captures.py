@@ -92,7 +92,8 @@ def check_by_twin(path: Path, length: int) -> None:
     twin = VirtualDrive(PAPER)
     twin.run(round(run.t0 / 1e-4))
     whole = twin.record(length)
-    for name, step in (("i_d", run.i_step), ("i_q", run.i_step), ("u_d", run.u_step), ("u_q", run.u_step)):
+    i, u = run.resolution.i, run.resolution.u
+    for name, step in (("i_d", i), ("i_q", i), ("u_d", u), ("u_q", u)):
         assert np.abs(getattr(run, name) - whole[name]).max() <= 0.5001 * step, name
 
 

@@ -156,6 +156,19 @@ def test_an_option_that_has_no_part_in_the_method_is_told(
         assert f"{option} has no part in this: " in said
 
 
+def test_the_step_of_the_encoder_goes_into_the_intervals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An encoder that cuts its angle off is half a count behind, which reads as L_q."""
+    machine, file, out = tmp_path / "machine.toml", tmp_path / "run.parquet", tmp_path / "result.json"
+    coarse = replace(PAPER, drive=replace(PAPER.drive, encoder_counts=4096))
+    pq.write_table(pa.table(dict(VirtualDrive(coarse).record(PERIODS))), file)
+    machine.write_text(MACHINE.replace("[drive]", "n_p = 4\n[drive]\nencoder_counts = 4096"), encoding="utf-8")
+    options = ("--periods", "10", "--nominal", machine, "--json", out)
+    assert pmsm_bench("replay", file, *options, monkeypatch=monkeypatch) == 0
+    L_q = json.loads(out.read_text(encoding="utf-8"))["estimates"]["L_q"]
+    off = abs(L_q["value"] / TRUTH["L_q"] - 1.0)
+    assert 0.005 < off < 1.96 * L_q["std"] / TRUTH["L_q"] < 0.05
+
+
 def test_what_cannot_be_told_apart_is_told_once_for_all_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

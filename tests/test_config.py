@@ -1,5 +1,6 @@
 """The configuration file: what it may say, and the sentence for everything else."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -37,7 +38,8 @@ def sentence(folder: Path, text: str) -> str:
 
 
 def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None:
-    (tmp_path / "spindle.toml").write_text("[machine]\nR_s = 0.5\npsi_f = 0.1\n", encoding="utf-8")
+    machine = "[machine]\nR_s = 0.5\npsi_f = 0.1\nn_p = 4\n[drive]\nencoder_counts = 8\n"
+    (tmp_path / "spindle.toml").write_text(machine, encoding="utf-8")
     config = load_config(written(tmp_path, f"""
         [service]
         host = "0.0.0.0"
@@ -60,6 +62,7 @@ def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None
     assert (spindle.window.length, spindle.window.periods_per_row) == (500, 4)
     assert spindle.window.estimated == ("R_s", "L_d", "L_q")
     assert spindle.window.held == {"R_s": 0.5, "psi_f": 0.2}
+    assert spindle.theta_step == pytest.approx(math.pi)
     assert axis.name == "Axis_2.left-hand"
     assert axis.window.estimated == PARAMETERS
 
@@ -163,7 +166,7 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
          "[drives.a] window: held R_s: expected a number of ohm above zero, got -1"),
         (DRIVE + 'window.method = "ekf"\n',
          "[drives.a] window: method ekf starts from held values of R_s, L_d, L_q, psi_f, got none of R_s, L_d, L_q, "
-         'psi_f; send them with it: {"method": "ekf", "held": {"R_s": ...}}'),
+         "psi_f; give those in held"),
         (DRIVE + "window.ekf.preset = 5\n",
          "[drives.a] window: ekf preset: expected tuned, paper or custom, got 5"),
         (DRIVE + f'[drives.b]\nurl = "{URL}"\n', "[drives.b] url: expected one of its own, got that of a"),

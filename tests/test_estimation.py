@@ -1,5 +1,6 @@
 """The estimation worker: blocks of the emulated drive in, snapshots out, the window changed while it runs."""
 
+import math
 import threading
 import time
 from collections.abc import Generator
@@ -334,3 +335,19 @@ def test_stopping_ends_the_thread_even_with_work_waiting() -> None:
     worker.stop()
     assert not worker.thread.is_alive()
     Estimation({"a": WINDOW}).stop()  # never started
+
+
+def test_a_known_step_of_the_angle_widens_what_rests_on_the_angle() -> None:
+    source = Source()
+    blocks = [source.block(100) for _ in range(6)]
+    told: list[Snapshot] = []
+    for step in (0.0, 4 * 2.0 * math.pi / 4096):
+        worker = Estimation({"a": WINDOW}, {"a": step})
+        worker.start()
+        for block in blocks:
+            worker.put("a", block)
+        told.append(settled(worker, blocks[-1]))
+        worker.stop()
+    fine, coarse = ({name: e.std or 0.0 for name, e in each.result.estimates.items()} for each in told)
+    assert coarse["L_q"] > 20.0 * fine["L_q"]
+    assert coarse["L_q"] < 0.05 * PAPER.motor.L_q

@@ -13,6 +13,7 @@ from estimator import window_ls
 from estimator.estimate import Status, WindowEstimate
 from estimator.excitation import Excitation as Told
 from estimator.excitation import combinations, condition, excitation
+from estimator.samples import Resolution
 from tests.samples import noiseless, recorded, streamed, truth_of
 
 HELD = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
@@ -156,7 +157,8 @@ def test_a_resolution_that_no_noise_dithers_is_in_the_interval() -> None:
     drive = VirtualDrive(noiseless(with_excitation(PAPER, i_q_ref=3.0)))
     drive.run(2000)
     fine, step = streamed(drive, 1000), 0.05  # V
-    coarse = replace(fine, u_d=step * np.round(fine.u_d / step), u_q=step * np.round(fine.u_q / step), u_step=step)
+    u_d, u_q = (step * np.round(u / step) for u in (fine.u_d, fine.u_q))
+    coarse = replace(fine, u_d=u_d, u_q=u_q, resolution=Resolution(u=step))
     for samples, doubt in ((fine, 0.0), (coarse, step / np.sqrt(12.0) / (503.0 * 3.0))):
         state = window_ls.update(window_ls.init(1000), samples)
         e = window_ls.estimate(state, ("L_q",), HELD).estimates["L_q"]

@@ -1,5 +1,6 @@
 """The machine file: what it says, and the sentence for each thing it cannot say."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,6 +25,7 @@ i_rated = 6.0
 [drive]
 T_s = 1e-4
 u_dc = 310.0
+encoder_counts = 65536
 """
 
 
@@ -49,7 +51,8 @@ def refusal(load: Load, content: str | bytes) -> str:
 def test_a_whole_file_gives_the_machine_and_the_drive(load: Load):
     nominal = load(WHOLE)
     assert nominal.machine == Machine(0.9664, 4.24e-3, 6.21e-3, 0.12, n_p=4, i_rated=6.0)
-    assert (nominal.T_s, nominal.u_dc) == (1e-4, 310.0)
+    assert (nominal.T_s, nominal.u_dc, nominal.encoder_counts) == (1e-4, 310.0, 65536)
+    assert nominal.theta_step == pytest.approx(4 * 2 * math.pi / 65536)
     assert nominal.given == {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
 
 
@@ -99,6 +102,12 @@ def test_a_wrong_type_names_the_key_and_what_came(load: Load, value: str):
 def test_pole_pairs_are_a_whole_number(load: Load):
     assert "n_p: expected a whole number" in refusal(load, "[machine]\nn_p = 4.0\n")
     assert "n_p: expected a whole number" in refusal(load, "[machine]\nn_p = true\n")
+
+
+def test_counts_of_an_encoder_are_whole_and_need_the_pole_pairs(load: Load):
+    assert "encoder_counts needs [machine] n_p" in refusal(load, "[machine]\n[drive]\nencoder_counts = 4096\n")
+    assert "expected a whole number" in refusal(load, "[machine]\nn_p = 4\n[drive]\nencoder_counts = 4096.0\n")
+    assert load("[machine]\nn_p = 4\n").theta_step == 0.0
 
 
 @pytest.mark.parametrize("value", ["0", "0.0", "-1.5", "nan", "inf", "-inf"])

@@ -98,7 +98,7 @@ def test_a_window_may_be_as_short_as_its_parameters_and_rows_allow() -> None:
         ({"ekf": {"R": [0.1, "x"]}}, "ekf R: expected a number of 1e-12 to 1e+06, got 'x'"),
         ({"ekf": {"i_min": 0}}, "ekf i_min: expected a number of 1e-06 to 10000 A, got 0"),
         ({"method": "ekf"}, "method ekf starts from held values of R_s, L_d, L_q, psi_f, got none of R_s, L_d, L_q; "
-                            'send them with it: {"method": "ekf", "held": {"R_s": ...}}'),
+                            "give those in held"),
         ({"method": "ekf", "estimated": ["psi_f"], "held": ALL_HELD},
          "method ekf estimates R_s, L_d, L_q and holds the rest, got psi_f"),
     ],
