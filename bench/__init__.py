@@ -7,5 +7,7 @@
 * `acquisition` - one pump thread per drive; `estimation` - one worker with a bounded queue
 * `recording` - files to samples, on `table` (formats), `sources` (columns, constants), `runs` (time base, gaps)
 * `replay` - the streaming core over a recording
+* `captures` - those of a service, on `capture` (one of them), `capture_request`, `capture_file` (on disk)
+* `lease` - who writes to a drive
 * `errors` - what the bench itself can refuse
 """

@@ -15,7 +15,7 @@ from enum import StrEnum
 from drivers.block import Block
 from drivers.connect import connect
 from drivers.drive import Drive, Identity
-from drivers.errors import DriveError, ResetError
+from drivers.errors import DriveError, LostError, ResetError
 
 RETRY = (0.25, 4.0)  # s, first and longest wait before connecting again
 _CLOCK_DOUBT = 1.0  # s by which a drive's clock and ours may disagree over an outage and be the same clock still
@@ -73,6 +73,7 @@ class Acquisition:
     """The pump of one drive; runs from `start` to `end`."""
 
     def __init__(self, name: str, url: str, on_block: Callable[[Block], None]) -> None:
+        self._name = name
         self._url = url
         self._on_block = on_block
         self._stop = threading.Event()
@@ -87,6 +88,15 @@ class Acquisition:
     def thread(self) -> threading.Thread:
         """The pump's thread, for the health page."""
         return self._thread
+
+    def drive(self) -> Drive:
+        """The drive, connected, for whoever asks it for more than its stream. Raises LostError while it is not."""
+        with self._drive_lock:
+            drive = self._drive
+        if drive is None:
+            error = self.link.last_error
+            raise LostError(f"there is no link to drive {self._name}" + (f": {error.sentence}" if error else ""))
+        return drive
 
     def start(self) -> None:
         """Begin; returns at once, whether or not the drive is there."""

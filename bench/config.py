@@ -3,6 +3,7 @@
     [service]
     host = "127.0.0.1"
     port = 8080                                       # PMSM_BENCH_PORT has the last word
+    captures = "captures"                             # folder of captures, beside this file
 
     [drives.spindle]
     url = "canopen://socketcan/can0/5"
@@ -25,7 +26,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -37,6 +38,12 @@ from drivers.errors import ConnectError
 
 PORT_VARIABLE: Final = "PMSM_BENCH_PORT"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+
+def captures_folder() -> Path:
+    """Where captures go unless the configuration says otherwise: among the user's data, as XDG has it."""
+    home = os.environ.get("XDG_DATA_HOME")
+    return (Path(home) if home else Path.home() / ".local" / "share") / "pmsm-bench" / "captures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +63,7 @@ class Config:
     drives: tuple[DriveConfig, ...]
     host: str = "127.0.0.1"
     port: int = 8080
+    captures: Path = field(default_factory=captures_folder)
 
 
 def emulated(url: str) -> Config:
@@ -76,7 +84,7 @@ def load_config(path: Path) -> Config:
         raise ConfigError(f"{path}: not TOML: {type(error).__name__}") from None
     _known(content, {"service", "drives"}, str(path))
     service = _table(content, "service", str(path))
-    _known(service, {"host", "port"}, f"{path}: [service]")
+    _known(service, {"host", "port", "captures"}, f"{path}: [service]")
     host = service.get("host", "127.0.0.1")
     if not isinstance(host, str) or not host:
         raise ConfigError(f"{path}: [service] host: expected an address, got {shown(host)}")
@@ -88,7 +96,10 @@ def load_config(path: Path) -> Config:
     for drive in drives:  # two clients of one node would end each other's stream
         if (other := named.setdefault(drive.url, drive.name)) != drive.name:
             raise ConfigError(f"{path}: [drives.{drive.name}] url: expected one of its own, got that of {other}")
-    return Config(drives, host, _port(service, str(path)))
+    captures = service.get("captures", str(captures_folder()))
+    if not isinstance(captures, str) or not captures:
+        raise ConfigError(f"{path}: [service] captures: expected a folder, got {shown(captures)}")
+    return Config(drives, host, _port(service, str(path)), path.parent / captures)
 
 
 def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:

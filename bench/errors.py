@@ -2,6 +2,7 @@
 
     BenchError
       LimitError       the bench said no, before the wire
+      ConflictError    it may be asked for, but not now: somebody writes, something has ended
       ConfigError      a configuration, machine file or option that cannot be
       RecordingError   a recording that cannot be read as one
       ParameterError   a parameter set that cannot be
@@ -15,6 +16,10 @@ class BenchError(Exception):
 
 class LimitError(BenchError):
     """The bench said no, before the wire."""
+
+
+class ConflictError(BenchError):
+    """What may be asked for, but not now."""
 
 
 class ConfigError(BenchError):

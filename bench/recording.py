@@ -15,14 +15,15 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import chain, groupby
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from bench.errors import RecordingError
 from bench.runs import PROBE, Chunk, Clock, Part, RunSplitter, find_clock
 from bench.sources import MAX_PERIODS, Sources, check_options, find_sources
-from bench.table import column_names, read_parts, row_count
-from estimator.samples import Column, Samples
+from bench.table import column_names, notes, read_parts, row_count
+from estimator.samples import Column, Resolution, Samples
 
 CHUNK_ROWS = 65_536
 
@@ -45,6 +46,7 @@ class Summary:
     irregular_steps: int  # steps of time that are no multiple of the row's duration
     sources: Mapping[str, str]  # each quantity's source in words
     unused: tuple[str, ...]  # columns present and not read
+    expected: int | None = None  # rows it was to have, where it says so
 
     def remarks(self) -> tuple[str, ...]:
         """What a user should know besides the result."""
@@ -58,6 +60,8 @@ class Summary:
             said.append(f"rows left out for want of a value: {self.left_out} of {self.rows} ({cells})")
         if self.unaligned:
             said.append(f"rows without a voltage after alignment: {self.unaligned}")
+        if self.expected is not None and self.rows < self.expected:
+            said.append(f"the recording is partial: {self.rows} of {self.expected} rows")
         if self.runs > 1:
             said.append(f"runs without a gap: {self.runs}")
         return tuple(said)
@@ -76,7 +80,7 @@ class RecordingReader:
 
     def __init__(
         self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float,
-        theta_step: float,
+        noted: "_Noted",
     ) -> None:
         self.path = path
         self.sources = sources
@@ -84,7 +88,8 @@ class RecordingReader:
             first = _first_rows(parts)
             self.clock = _clock(first, sources, T_s)
         self._parts = chain(first, parts)
-        self._splitter = RunSplitter(self.clock, sources.constants, shift, theta_step)
+        self._noted = noted
+        self._splitter = RunSplitter(self.clock, sources.constants, shift, noted.resolution)
         self._chunks = self._read()
 
     @property
@@ -114,6 +119,7 @@ class RecordingReader:
             irregular_steps=tally.irregular,
             sources=self.sources.told,
             unused=self.sources.unused,
+            expected=self._noted.expected,
         )
 
     def _read(self) -> Iterator[Chunk]:
@@ -148,7 +154,8 @@ def open_recording(
     columns = tuple(dict.fromkeys(sources.columns.values()))
     with closing(read_parts(path, columns, chunk_rows)) as parts:
         named = ({name: part[column] for name, column in sources.columns.items()} for part in parts)
-        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), theta_step)
+        noted = _noted(path, sources, theta_step)
+        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted)
 
 
 def read_recording(
@@ -186,8 +193,34 @@ def _one(stretches: list[Samples]) -> Samples:
         periods=first.periods,
         i_d_mean=whole([s.i_d_mean for s in stretches]),
         i_q_mean=whole([s.i_q_mean for s in stretches]),
-        t0=first.t0,
+        t0=first.t0, resolution=first.resolution,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Noted:
+    """What a recording of the bench's own says besides its columns."""
+
+    resolution: Resolution
+    expected: int | None  # rows it was to have
+
+
+def _noted(path: Path, sources: Sources, theta_step: float) -> _Noted:
+    """Raises RecordingError where it holds some control periods only: their flux balances do not join."""
+    told = notes(path)
+    decimation, expected, steps = told.get("decimation", 1), told.get("expected"), told.get("steps")
+    if decimation != 1:
+        raise RecordingError(
+            f"{path}: expected every control period, it holds one of {decimation}; capture with a decimation of 1"
+        )
+    known: Mapping[str, object] = cast(Mapping[str, object], steps) if isinstance(steps, dict) else {}
+
+    def step(*names: str) -> float:
+        found = [known.get(sources.columns.get(name, "")) for name in names]
+        return max((float(size) for size in found if isinstance(size, int | float)), default=0.0)
+
+    resolution = Resolution(step("i_d", "i_q"), step("u_d", "u_q"), theta_step)
+    return _Noted(resolution, expected if isinstance(expected, int) else None)
 
 
 def _first_rows(parts: Iterator[Part]) -> list[Part]:

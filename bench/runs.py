@@ -104,9 +104,9 @@ class RunSplitter:
     a row is the mean of the two recorded ones weighted by the time each was applied in it.
     """
 
-    def __init__(self, clock: Clock, constants: Mapping[str, float], shift: float, theta_step: float) -> None:
+    def __init__(self, clock: Clock, constants: Mapping[str, float], shift: float, resolution: Resolution) -> None:
         self.clock = clock
-        self._resolution = Resolution(theta_e=theta_step)
+        self._resolution = resolution
         self.tally = Tally()
         self._constants = {name: value for name, value in constants.items() if name != "periods"}
         self._late, self._later = math.floor(shift), math.ceil(shift)

@@ -7,12 +7,15 @@ from types import TracebackType
 from typing import Any, Self
 
 from bench.acquisition import Acquisition, Link, LinkState
+from bench.captures import Captures
 from bench.config import Config
 from bench.errors import shown
 from bench.estimation import Estimation, Snapshot
+from bench.lease import Lease, Writer
 from bench.window import Window
 
 STALE = 1.0  # s without a sample after which estimates are called stale
+_CANCEL = 0.5  # s in which captures end, while there are still links
 _LEAVE = 1.5  # s in which all pumps must end; one that is held up in connecting is left behind
 
 
@@ -43,22 +46,28 @@ class Service:
             {drive.name: drive.theta_step for drive in config.drives},
         )
         self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
+        self._leases = {name: Lease(name) for name in self._urls}
+        self.captures = Captures(config.captures, self._urls, self._pumps, self._leases)
         self._started = time.monotonic()
 
     def __enter__(self) -> Self:
         self._estimation.start()
         for pump in self._pumps.values():
             pump.start()
+        self.captures.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        deadline = time.monotonic() + _LEAVE
+        self.captures.leave()
+        self.captures.join(_CANCEL)  # while there are links, by which recorders are told to stop
         for pump in self._pumps.values():
             pump.end()
-        deadline = time.monotonic() + _LEAVE
         for pump in self._pumps.values():
             pump.join(max(0.0, deadline - time.monotonic()))
+        self.captures.join(max(0.0, deadline - time.monotonic()))
         self._estimation.stop()
 
     @property
@@ -82,6 +91,10 @@ class Service:
     def estimates(self, name: str) -> Snapshot:
         """A drive's latest estimates. Raises UnknownDriveError."""
         return self._estimation.snapshot(self._known(name))
+
+    def writer(self, name: str) -> Writer | None:
+        """Who writes to a drive at present. Raises UnknownDriveError."""
+        return self._leases[self._known(name)].writer
 
     def change_window(self, name: str, change: Mapping[str, Any]) -> Window:
         """Change a drive's window while it runs. Raises UnknownDriveError, LimitError."""

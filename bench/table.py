@@ -6,12 +6,13 @@ wrong with a file is a RecordingError that says what was expected and what came.
 """
 
 import csv
+import json
 import re
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn, cast
 
 import numpy as np
 import pyarrow
@@ -28,6 +29,8 @@ pa_csv: Any = pyarrow.csv
 pq: Any = pyarrow.parquet
 
 Part = dict[str, NDArray[np.float64]]  # columns of equal length, one stretch of rows
+
+NOTES: Final = b"pmsm-bench"  # key of the notes that a Parquet file of the bench's carries, a JSON object
 
 HEAD = 1 << 16  # bytes in which a CSV's header must end
 BLOCK = 1 << 20  # bytes of CSV taken at a time
@@ -65,6 +68,20 @@ def row_count(path: Path) -> int | None:
         return None
     with _as_sentences(path, "its end"), pq.ParquetFile(path) as file:
         return int(file.metadata.num_rows)
+
+
+def notes(path: Path) -> dict[str, Any]:
+    """What the bench noted in a Parquet file when it wrote it; empty in any other file."""
+    if _kind(path) != "parquet":
+        return {}
+    with _as_sentences(path, "its end"), pq.ParquetFile(path) as file:
+        kept: Any = file.schema_arrow.metadata
+    text: bytes = kept[NOTES] if kept and NOTES in kept else b"{}"
+    try:
+        told = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    return cast(dict[str, Any], told) if isinstance(told, dict) else {}
 
 
 def quoted(text: str) -> str:

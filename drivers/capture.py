@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.drive import Drive
-from drivers.errors import FrameError, NoReplyError, RefusedError
-from drivers.wire.codec import channel_number, counts_to_si
+from drivers.errors import FrameError, GoneError, NoReplyError
+from drivers.wire.codec import FullScales, channel_number, counts_to_si
 from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_SAMPLES
 
 PATIENCE: Final = 2.0  # s, for the recorder to be armed
 _POLL: Final = 0.02  # s
 _STOP, _ARM, _TRIGGER = 0.0, 1.0, 2.0
-_ARMED, _DONE = 1, 3
+
+ARMED, TRIGGERED, DONE = 1, 2, 3  # states of the recorder; 0: idle
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +84,19 @@ class Upload:
         return len(self.data) // (2 * len(self.setup.channels))
 
 
-def arm(drive: Drive, setup: Setup) -> None:
-    """Set the recorder up and arm it; without a trigger it starts at once."""
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Where the recorder stands."""
+
+    state: int
+    count: int  # samples recorded
+
+
+def arm(drive: Drive, setup: Setup, *, by_command: bool = False) -> int:
+    """Set the recorder up and arm it; the number of the recording to come.
+
+    Without a trigger it starts at once, `by_command` when `trigger` is called.
+    """
     before = drive.read("capture_number")
     drive.write("capture_command", _STOP)
     for k in range(CAPTURE_CHANNELS):
@@ -98,12 +110,13 @@ def arm(drive: Drive, setup: Setup) -> None:
     drive.write("trigger_edge", float(setup.edge))
     drive.write("capture_command", _ARM)
     deadline = time.monotonic() + PATIENCE
-    while drive.read("capture_number") == before:  # until then, what it tells is of the recording before
+    while (number := drive.read("capture_number")) == before:  # until then, what it tells is of the recording before
         if time.monotonic() > deadline:
             raise NoReplyError(f"the recorder has not been armed within {PATIENCE:g} s")
         time.sleep(_POLL / 10.0)
-    if not setup.trigger:
+    if not setup.trigger and not by_command:
         trigger(drive)
+    return int(number)
 
 
 def trigger(drive: Drive) -> None:
@@ -111,55 +124,73 @@ def trigger(drive: Drive) -> None:
     drive.write("capture_command", _TRIGGER)
 
 
-def finished(drive: Drive) -> bool:
-    """The recording is complete."""
-    return int(drive.read("capture_state")) == _DONE
+def stop(drive: Drive) -> None:
+    """Wait for the trigger no longer; a recording under way ends where it stands."""
+    drive.write("capture_command", _STOP)
+
+
+def seen(drive: Drive, number: int) -> Seen:
+    """Where the recording of this number stands. Raises GoneError where the drive no longer has it."""
+    state, count = int(drive.read("capture_state")), int(drive.read("capture_count"))
+    now = int(drive.read("capture_number"))  # last: what has been read before is of this recording, or of one before
+    if now != number:
+        raise GoneError(f"the drive no longer has recording {number}, it has {now or 'none'}")
+    return Seen(state, count)
+
+
+def found(drive: Drive, setup: Setup) -> Upload:
+    """The recording that the drive has, to be uploaded."""
+    number, tick, count = (int(drive.read(name)) for name in ("capture_number", "capture_tick", "capture_count"))
+    return Upload(setup, number, tick, count)
 
 
 def awaited(drive: Drive, setup: Setup, patience: float) -> Upload:
     """Wait for the recording to be complete, at most `patience` s. Raises NoReplyError."""
     deadline = time.monotonic() + patience
-    while not finished(drive):
+    while (state := int(drive.read("capture_state"))) != DONE:
         if time.monotonic() > deadline:
-            waits = int(drive.read("capture_state")) == _ARMED
             raise NoReplyError(
                 f"no recording within {patience:g} s: "
-                + ("the trigger has not come" if waits else "it is still under way")
+                + ("the trigger has not come" if state == ARMED else "it is still under way")
             )
         time.sleep(_POLL)
-    number, tick, count = (int(drive.read(name)) for name in ("capture_number", "capture_tick", "capture_count"))
-    return Upload(setup, number, tick, count)
+    return found(drive, setup)
 
 
 def upload(drive: Drive, under_way: Upload, on_samples: Callable[[int], None] | None = None) -> Capture:
     """Upload what is missing; call again, with the drive connected anew, after a DriveError.
 
-    Raises RefusedError when the drive has another recording by now.
+    Raises GoneError when the drive has another recording by now.
     """
     _check_same(drive, under_way)
     size = 2 * len(under_way.setup.channels)
     del under_way.data[under_way.done * size :]
-    for piece in drive.captured(under_way.done, under_way.count - under_way.done):
-        under_way.data += piece
-        if on_samples is not None:
-            on_samples(under_way.done)
-    _check_same(drive, under_way)
+    if under_way.done < under_way.count:
+        for piece in drive.captured(under_way.done, under_way.count - under_way.done):
+            under_way.data += piece
+            if on_samples is not None:
+                on_samples(under_way.done)
+        _check_same(drive, under_way)
     if len(under_way.data) != under_way.count * size:
         raise FrameError(f"expected a recording of {under_way.count * size} bytes, got {len(under_way.data)}")
-    counts = np.frombuffer(bytes(under_way.data), "<i2").reshape(under_way.count, -1)
-    full = {name: getattr(drive.identity, name) for name in ("i_full", "u_full", "omega_full")}
-    columns = counts_to_si(counts, under_way.setup.channels, full)
-    return Capture(
-        dict(zip(under_way.setup.channels, columns, strict=True)), under_way.tick, drive.identity.T_s,
-        under_way.setup.decimation,
-    )
+    identity = drive.identity
+    full = {"i_full": identity.i_full, "u_full": identity.u_full, "omega_full": identity.omega_full}
+    return decoded(under_way, identity.T_s, full)
+
+
+def decoded(under_way: Upload, T_s: float, full: FullScales) -> Capture:
+    """What has been uploaded so far, in SI."""
+    channels, done = under_way.setup.channels, under_way.done
+    counts = np.frombuffer(bytes(under_way.data), "<i2", done * len(channels)).reshape(done, -1)
+    columns = counts_to_si(counts, channels, full)
+    return Capture(dict(zip(channels, columns, strict=True)), under_way.tick, T_s, under_way.setup.decimation)
 
 
 def _check_same(drive: Drive, under_way: Upload) -> None:
-    """Raise RefusedError where the drive has another recording, or none any more."""
+    """Raise GoneError where the drive has another recording, or none any more."""
     number, tick = int(drive.read("capture_number")), int(drive.read("capture_tick"))
-    if (number, tick) != (under_way.number, under_way.tick) or not finished(drive):
-        raise RefusedError(
+    if (number, tick) != (under_way.number, under_way.tick) or int(drive.read("capture_state")) != DONE:
+        raise GoneError(
             f"the drive no longer has recording {under_way.number} of tick {under_way.tick}, "
-            f"it has {number} of tick {tick}", 0
+            f"it has {number} of tick {tick}"
         )

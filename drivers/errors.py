@@ -6,6 +6,7 @@
         ResetError   it has reset
       NoReplyError   no answer in time
       RefusedError   the drive said no (SDO abort, Modbus exception)
+        GoneError    it has what was asked for no longer
       FrameError     bytes that cannot be
       FaultError     the drive is in fault (carries the error code)
 """
@@ -37,6 +38,13 @@ class RefusedError(DriveError):
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
         self.code = code
+
+
+class GoneError(RefusedError):
+    """The drive no longer has what was asked for."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, 0)
 
 
 class FrameError(DriveError):

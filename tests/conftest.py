@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Generator, Iterator
@@ -18,6 +19,8 @@ import pytest
 # A shell starts what it runs in the background with Ctrl-C ignored, and children inherit that
 signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.pop("PMSM_BENCH_PORT", None)  # it would beat the ports that tests choose
+_DATA = tempfile.TemporaryDirectory(prefix="pmsm-bench-")  # captures of tests are none of the user's
+os.environ["XDG_DATA_HOME"] = _DATA.name
 
 READY = 120.0  # s, the first start compiles
 COMMAND = [sys.executable, "-m", "bench.cli.main"]

@@ -15,7 +15,7 @@ from tests.served_drive import until
 KEYS = "length, periods_per_row, estimated, held, method, longest, forgetting_factor or ekf"
 DRIVE = "/api/drives/emulated"
 WINDOW = f"{DRIVE}/window"
-ROUTES = ("", "/estimates", "/window", "/stream")
+ROUTES = ("", "/estimates", "/window", "/stream", "/captures", "/captures/latest", "/captures/latest/file")
 PROBLEM = "application/problem+json"
 
 
@@ -50,7 +50,7 @@ def test_drives_are_listed_and_told_one_by_one(client: httpx.Client) -> None:
     (listed,) = client.get("/api/drives").json()["drives"]
     told = client.get(DRIVE).json()
     for drive in (listed, told):
-        assert set(drive) == {"name", "url", "identity", "link", "stream"}
+        assert set(drive) == {"name", "url", "identity", "link", "stream", "writer"}
         assert drive["name"] == "emulated"
         assert drive["url"].startswith("canopen://socketcand/127.0.0.1:")
         assert drive["identity"]["T_s"] == pytest.approx(1e-4)
@@ -184,8 +184,11 @@ def test_an_unknown_drive_is_404_on_every_route(client: httpx.Client, route: str
 
 
 @pytest.mark.parametrize("body", [b'{"length": 500}', b"{", b""])
-def test_an_unknown_drive_is_404_whatever_the_body(client: httpx.Client, body: bytes) -> None:
-    assert problem(client.put("/api/drives/spindle/window", content=body), 404) == (
+@pytest.mark.parametrize(("method", "route"), [("PUT", "window"), ("POST", "captures")])
+def test_an_unknown_drive_is_404_whatever_the_body(
+    client: httpx.Client, method: str, route: str, body: bytes
+) -> None:
+    assert problem(client.request(method, f"/api/drives/spindle/{route}", content=body), 404) == (
         "no drive 'spindle'; the drives are emulated"
     )
 

@@ -8,21 +8,29 @@ import subprocess
 from collections.abc import Iterator
 from dataclasses import fields
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any, cast
 
 import httpx
 import pytest
 
+from bench.api.capture_models import CaptureModel, CapturesModel
 from bench.api.docs import example
 from bench.api.models import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
+from bench.capture_request import Request
+from bench.recording import read_recording
 from bench.window import Window
 from tests.conftest import RunningBench
+from tests.served_drive import until
 
 ROUTES = {
     ("get", "/api/drives"), ("get", "/api/drives/{name}"), ("get", "/api/drives/{name}/estimates"),
     ("get", "/api/drives/{name}/window"), ("put", "/api/drives/{name}/window"), ("get", "/api/drives/{name}/stream"),
-    ("get", "/api/health"),
+    ("get", "/api/health"), ("get", "/api/drives/{name}/captures"), ("post", "/api/drives/{name}/captures"),
+    ("get", "/api/drives/{name}/captures/{id}"), ("get", "/api/drives/{name}/captures/{id}/file"),
+    ("post", "/api/drives/{name}/captures/{id}/trigger"), ("delete", "/api/drives/{name}/captures/{id}"),
 }
+CAPTURES = "/api/drives/emulated/captures"
 
 
 class Page(HTMLParser):
@@ -83,7 +91,7 @@ def test_the_document_has_every_route_and_refers_to_nothing_that_is_not_there(do
     assert set(operations) == ROUTES
     assert len({told["operationId"] for told in operations.values()}) == len(operations)
     for (_, path), told in operations.items():
-        assert set(told["responses"]) >= {"200", "default"}
+        assert set(told["responses"]) >= {"202" if told["operationId"].startswith("ask_") else "200", "default"}
         assert ("404" in told["responses"]) == ("{name}" in path)
         assert [parameter["name"] for parameter in told.get("parameters", [])] == re.findall(r"{(\w+)}", path)
     shapes = document["components"]["schemas"]
@@ -99,9 +107,18 @@ def test_refusals_and_bodies_are_described(document: dict[str, Any]) -> None:
     assert set(shape["properties"]) == {field.name for field in fields(Window)}
     for body in shape["examples"]:
         Window().changed(body)
+    asked = document["paths"]["/api/drives/{name}/captures"]["post"]
+    assert set(asked["responses"]) == {"202", "404", "409", "422", "503", "default"}
+    shape = document["components"]["schemas"]["CaptureRequestModel"]
+    assert set(shape["properties"]) == {field.name for field in fields(Request)}
+    for body in shape["examples"]:
+        Request.of(body)
+    assert Request.of({name: field["examples"][0] for name, field in shape["properties"].items()})
 
 
-@pytest.mark.parametrize("model", [DriveModel, EstimatesModel, WindowModel, SnapshotModel, HealthModel])
+@pytest.mark.parametrize(
+    "model", [DriveModel, EstimatesModel, WindowModel, SnapshotModel, HealthModel, CaptureModel, CapturesModel]
+)
 def test_examples_are_of_the_shape_they_explain(document: dict[str, Any], model: Any) -> None:
     shapes = document["components"]["schemas"]
     made = example(shapes[model.__name__], shapes)
@@ -131,18 +148,24 @@ def test_the_page_shows_every_route_and_every_shape(page: Page, document: dict[s
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
-def test_the_commands_of_the_page_work_as_they_stand(page: Page, running_bench: RunningBench) -> None:
+def test_the_commands_of_the_page_work_as_they_stand(page: Page, running_bench: RunningBench, tmp_path: Path) -> None:
     before = httpx.get(f"{running_bench.url}/api/drives/emulated/window").json()
     commands = re.findall(r"^\s*(?:Try it)?(curl .*?)(?:Answers|$)", page.text.replace("curl", "\ncurl"), re.MULTILINE)
     assert len(commands) == len(ROUTES)
     for command in commands:
         arguments = shlex.split(command)
-        if "-N" in arguments:
-            arguments += ["--max-time", "0.5"]
-        arguments += ["--silent", "--fail"]
-        done = subprocess.run(arguments, capture_output=True, text=True, timeout=10, check=False)
-        assert done.returncode == (28 if "-N" in arguments else 0), done  # 28: an endless answer, cut
-        assert done.stdout.startswith("event: snapshot" if "-N" in arguments else "{")
+        endless, ended = "-N" in arguments, arguments[1:3] == ["-X", "DELETE"] or command.endswith("/trigger")
+        if "/captures/latest" in command:
+            until(lambda: httpx.get(f"{running_bench.url}{CAPTURES}/latest").json()["state"] == "done", "the capture")
+        arguments += ["--max-time", "0.5"] if endless else []
+        arguments += ["--silent", "--fail-with-body"]
+        done = subprocess.run(arguments, capture_output=True, text=True, timeout=10, check=False, cwd=tmp_path)
+        assert done.returncode == (28 if endless else 22 if ended else 0), done  # 28: cut; 22: refused
+        if ended:
+            assert " is done, there is nothing to " in json.loads(done.stdout)["detail"]
+        elif not command.endswith("/file"):
+            assert done.stdout.startswith("event: snapshot" if endless else "{")
+    assert len(read_recording(tmp_path / "capture.parquet").runs[0]) == 5000
     put_back = {key: before[key] for key in before if key != "limits"}
     assert httpx.put(f"{running_bench.url}/api/drives/emulated/window", json=put_back).status_code == 200
 

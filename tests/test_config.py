@@ -44,6 +44,7 @@ def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None
         [service]
         host = "0.0.0.0"
         port = 9000
+        captures = "runs"
         [drives.spindle]
         url = "{URL}"
         machine = "spindle.toml"
@@ -55,7 +56,7 @@ def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None
         [drives."Axis_2.left-hand"]
         url = "canopen://socketcan/vcan0/7"
     """))
-    assert (config.host, config.port) == ("0.0.0.0", 9000)
+    assert (config.host, config.port, config.captures) == ("0.0.0.0", 9000, tmp_path / "runs")
     spindle, axis = config.drives
     assert (spindle.name, spindle.url) == ("spindle", URL)
     assert (spindle.window.length, spindle.window.periods_per_row) == (500, 4)
@@ -89,6 +90,16 @@ def test_a_url_alone_is_enough(tmp_path: Path) -> None:
     assert config.drives[0].window.length == 1000
 
 
+def test_captures_go_among_the_users_data_unless_a_folder_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert emulated(URL).captures == load_config(written(tmp_path, DRIVE)).captures == tmp_path / "pmsm-bench/captures"
+    monkeypatch.delenv("XDG_DATA_HOME")
+    monkeypatch.setenv("HOME", "/home/ada")
+    assert emulated(URL).captures == Path("/home/ada/.local/share/pmsm-bench/captures")
+
+
 def test_the_built_in_configuration_is_the_emulated_motor() -> None:
     config = emulated(URL)
     (drive,) = config.drives
@@ -117,9 +128,10 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
         ("drives = 5\n", "expected a table drives, got 5"),
         ("service = []\n" + DRIVE, "expected a table service, got []"),
         ("[server]\n" + DRIVE, "unknown key 'server', expected one of drives, service"),
-        ("[service]\nprot = 1\n" + DRIVE, "[service]: unknown key 'prot', expected one of host, port"),
+        ("[service]\nprot = 1\n" + DRIVE, "[service]: unknown key 'prot', expected one of captures, host, port"),
         ("[service]\nhost = 5\n" + DRIVE, "[service] host: expected an address, got 5"),
         ('[service]\nhost = ""\n' + DRIVE, "[service] host: expected an address, got ''"),
+        ("[service]\ncaptures = 5\n" + DRIVE, "[service] captures: expected a folder, got 5"),
         ("[service]\nport = 65536\n" + DRIVE, "[service] port: expected a port of 0 to 65535, got 65536"),
         ("[service]\nport = true\n" + DRIVE, "[service] port: expected a port of 0 to 65535, got True"),
         ('[service]\nport = "80"\n' + DRIVE, "[service] port: expected a port of 0 to 65535, got '80'"),

@@ -7,7 +7,9 @@
  * @typedef {{rate_hz: number, nominal_rate_hz: number | null, rows: number, gaps: number, rows_lost: number,
  *   age_s: number | null}} Stream
  * @typedef {{device_name: string, serial: number, T_s: number}} Identity
- * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream}} DriveState
+ * @typedef {{holder: string, until: string}} Writer
+ * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream,
+ *   writer: Writer | null}} DriveState
  * @typedef {{value: number | null, std: number | null, unit: string, status: "ok" | "held" | "not_told" | "no_data",
  *   reason: string, window: number | null}} Estimate
  * @typedef {{parameters: string[], reason: string}} Combination
@@ -21,7 +23,12 @@
  * @typedef {{drive: string, method: Method, status: "ok" | "filling" | "stale" | "no_data",
  *   estimates: Record<string, Estimate>, combinations: Combination[], window: Window, samples: number, gaps: number, left_out: number, rows_dropped: number, age_s: number | null,
  *   t_drive_s: number | null, condition: number | null, residual_rms_V: number | null}} Estimates
- * @typedef {{drive: DriveState, estimates: Estimates}} Snapshot
+ * @typedef {"now" | "command" | {signal: string, level: number, edge: string}} Trigger
+ * @typedef {{signals: string[], length: number, decimation: number, trigger?: Trigger, pre_trigger?: number,
+ *   timeout_s?: number}} CaptureRequest
+ * @typedef {{id: string, drive: string, state: string, progress: number, samples: number, reason: string,
+ *   file: string | null, asked: string, request: CaptureRequest}} Capture
+ * @typedef {{drive: DriveState, estimates: Estimates, capture: Capture | null}} Snapshot
  * @typedef {Partial<Omit<Window, "limits" | "ekf">> & {ekf?: Partial<Tuning>}} WindowChange
  */
 
@@ -39,6 +46,49 @@ export async function listDrives() {
  */
 export function putWindow(drive, change) {
   return call("PUT", `/api/drives/${encodeURIComponent(drive)}/window`, change);
+}
+
+/**
+ * @param {string} drive
+ * @param {CaptureRequest} request
+ * @returns {Promise<Capture>}
+ */
+export function askCapture(drive, request) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/captures`, request);
+}
+
+/**
+ * @param {string} drive
+ * @param {string} id
+ * @returns {Promise<Capture>}
+ */
+export function triggerCapture(drive, id) {
+  return call("POST", `${captureAddress(drive, id)}/trigger`);
+}
+
+/**
+ * @param {string} drive
+ * @param {string} id
+ * @returns {Promise<Capture>}
+ */
+export function cancelCapture(drive, id) {
+  return call("DELETE", captureAddress(drive, id));
+}
+
+/**
+ * @param {string} drive
+ * @param {string} id
+ */
+export function captureFile(drive, id) {
+  return `${captureAddress(drive, id)}/file`;
+}
+
+/**
+ * @param {string} drive
+ * @param {string} id
+ */
+function captureAddress(drive, id) {
+  return `/api/drives/${encodeURIComponent(drive)}/captures/${encodeURIComponent(id)}`;
 }
 
 /** @param {string} drive */

@@ -6,6 +6,7 @@
  */
 
 import { hideBanner, showLost, showNotice } from "./banner.js";
+import { buildCapturePanel, showCapture, startCapturePanel } from "./capture_panel.js";
 import { keepConnected } from "./connection.js";
 import { onDriveChosen, showDrive, showDrives } from "./header.js";
 import { History } from "./history.js";
@@ -34,6 +35,7 @@ function chooseDrive(name) {
   state.histories = new Map(PARAMETERS.map((parameter) => [parameter.name, new History()]));
   clearTiles();
   startWindowForm(name);
+  startCapturePanel(name);
   drawPlots();
 }
 
@@ -44,6 +46,7 @@ function drawWords() {
   showDrive(snapshot.drive, (Date.now() - received) / 1000, connected);
   showEstimates(snapshot.estimates, rate, connected);
   showWindow(snapshot.estimates.window, snapshot.estimates.estimates, rate);
+  showCapture(snapshot.capture, snapshot.drive.identity?.T_s ?? 0, connected);
 }
 
 function drawPlots() {
@@ -67,6 +70,7 @@ function start() {
   buildTiles();
   buildPlots();
   buildWindowForm();
+  buildCapturePanel();
   const reconnect = keepConnected({
     drives(drives) {
       const wanted = state.drive ?? decodeURIComponent(location.hash.slice(1));

@@ -1,19 +1,19 @@
 """The application: routes over a running service, the page's files, the live stream."""
 
 import asyncio
-import json
 from collections.abc import AsyncIterator, Callable
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 from fastapi import Depends, FastAPI, Request
-from fastapi import Path as InPath
 from fastapi.responses import FileResponse, HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 
-from bench.api import docs, problems
+from bench.api import captures, docs, problems
+from bench.api.answers import ANY, DRIVE, PROBLEM, SHAPES, Answers, DriveName, body_of, json_object
+from bench.api.capture_models import CaptureRequestModel, LevelModel, capture_model
 from bench.api.models import (
     DriveModel,
     DrivesModel,
@@ -29,33 +29,22 @@ from bench.api.models import (
     link_model,
     window_model,
 )
-from bench.errors import LimitError, shown
 from bench.service import Service
 
 DISPLAY_PERIOD = 0.1  # s between two events of the live stream
 VERSION = metadata.version("pmsm-bench")
-_MAX_BODY = 1 << 16  # bytes
 _READ = ["GET", "HEAD"]
 
-_SHAPES = "#/components/schemas/"
-_PROBLEM: dict[str, Any] = {"content": {"application/problem+json": {"schema": {"$ref": f"{_SHAPES}ProblemModel"}}}}
-_Answers = dict[int | str, dict[str, Any]]
-_ANY: _Answers = {"default": {"description": "Any other refusal or failure"} | _PROBLEM}
-_DRIVE: _Answers = {404: {"description": "No drive of that name"} | _PROBLEM} | _ANY
-_CHANGE: _Answers = {
-    422: {"description": "Not a window that can work"} | _PROBLEM,
-    503: {"description": "The estimation is too far behind"} | _PROBLEM,
+_CHANGE: Answers = {
+    422: {"description": "Not a window that can work"} | PROBLEM,
+    503: {"description": "The estimation is too far behind"} | PROBLEM,
 }
-_CHANGE_BODY: dict[str, Any] = {
-    "required": True, "content": {"application/json": {"schema": {"$ref": f"{_SHAPES}WindowChangeModel"}}}
-}
-_EVENTS: _Answers = {
+_EVENTS: Answers = {
     200: {"description": "Events called snapshot, ten a second", "content": {"text/event-stream": {"itemSchema": {
         "properties": {"data": {"contentMediaType": "application/json",
-                                "contentSchema": {"$ref": f"{_SHAPES}SnapshotModel"}}}
+                                "contentSchema": {"$ref": f"{SHAPES}SnapshotModel"}}}
     }}}}
 }
-DriveName = Annotated[str, InPath(description="name of a drive")]
 
 
 def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> FastAPI:
@@ -70,17 +59,17 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
     def known(name: DriveName) -> None:
         service.url(name)
 
-    @app.get("/api/drives", summary="All drives", responses=_ANY)
+    @app.get("/api/drives", summary="All drives", responses=ANY)
     def drives() -> DrivesModel:
         """Every drive of the configuration, there or not."""
         return DrivesModel(drives=[drive_model(service, name) for name in service.drives])
 
-    @app.get("/api/drives/{name}", summary="Identity, link, stream of one drive", responses=_DRIVE)
+    @app.get("/api/drives/{name}", summary="Identity, link, stream of one drive", responses=DRIVE)
     def drive(name: DriveName) -> DriveModel:
         """Who the drive is, where its link stands and since when, what its stream delivered and lost."""
         return drive_model(service, name)
 
-    @app.get("/api/drives/{name}/estimates", summary="What the method says now", responses=_DRIVE)
+    @app.get("/api/drives/{name}/estimates", summary="What the method says now", responses=DRIVE)
     def estimates(name: DriveName) -> EstimatesModel:
         """Each parameter with standard error, unit and status, and what they rest on.
 
@@ -88,14 +77,14 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
         """
         return estimates_model(service, name)
 
-    @app.get("/api/drives/{name}/window", summary="Settings of the estimation", responses=_DRIVE)
+    @app.get("/api/drives/{name}/window", summary="Settings of the estimation", responses=DRIVE)
     def window(name: DriveName) -> WindowModel:
         """Which method, how many samples it rests on, how they are summed, what is estimated and what is held."""
         return window_model(service.estimates(name).window)
 
     @app.put("/api/drives/{name}/window", summary="Change settings; the samples held stay",
-             responses=_CHANGE | _DRIVE, openapi_extra={"requestBody": _CHANGE_BODY}, dependencies=[Depends(known)])
-    def put_window(name: DriveName, change: Annotated[dict[str, Any], Depends(_json_object)]) -> WindowModel:
+             responses=_CHANGE | DRIVE, openapi_extra=body_of("WindowChangeModel"), dependencies=[Depends(known)])
+    def put_window(name: DriveName, change: Annotated[dict[str, Any], Depends(json_object)]) -> WindowModel:
         """Takes effect at once, on the samples held and those to come. What the body leaves out stays as it is.
 
         The window keeps its samples under every method. rls and ekf begin with the next sample after they are chosen;
@@ -103,16 +92,22 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
         """
         return window_model(service.change_window(name, change))
 
-    @app.get("/api/drives/{name}/stream", summary="Snapshots as server-sent events", responses=_EVENTS | _DRIVE,
+    @app.get("/api/drives/{name}/stream", summary="Snapshots as server-sent events", responses=_EVENTS | DRIVE,
              response_class=EventSourceResponse, dependencies=[Depends(known)])
     async def stream(name: DriveName) -> AsyncIterator[ServerSentEvent]:
-        """The drive and its estimates at display rate, until the client leaves."""
+        """The drive, its estimates and its latest capture at display rate, until the client leaves."""
         while not ending():
-            snapshot = SnapshotModel(drive=drive_model(service, name), estimates=estimates_model(service, name))
+            latest = service.captures.latest(name)
+            snapshot = SnapshotModel(
+                drive=drive_model(service, name), estimates=estimates_model(service, name),
+                capture=None if latest is None else capture_model(latest),
+            )
             yield ServerSentEvent(event="snapshot", raw_data=snapshot.model_dump_json())
             await asyncio.sleep(DISPLAY_PERIOD)
 
-    @app.get("/api/health", summary="State of every thread and link", responses=_ANY)
+    captures.install(app, service)
+
+    @app.get("/api/health", summary="State of every thread and link", responses=ANY)
     def health() -> HealthModel:
         """Always 200 while the service lives; its own status says whether all is well."""
         return HealthModel(
@@ -134,26 +129,10 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
 
 def _complete(document: dict[str, Any]) -> None:
     """Add to the OpenAPI document the shapes that no route's signature tells."""
-    for model in (ProblemModel, SnapshotModel, WindowChangeModel):
-        shape = model.model_json_schema(ref_template=f"{_SHAPES}{{model}}")
+    for model in (ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, LevelModel):
+        shape = model.model_json_schema(ref_template=f"{SHAPES}{{model}}")
         shape.pop("$defs", None)  # they are there already
         document["components"]["schemas"][model.__name__] = shape
-
-
-async def _json_object(request: Request) -> dict[str, Any]:
-    """The request's body. Raises LimitError when it is no JSON object."""
-    text = b""
-    async for part in request.stream():
-        text += part
-        if len(text) > _MAX_BODY:
-            raise LimitError(f"expected a body of at most {_MAX_BODY} bytes, got more")
-    try:
-        body = json.loads(text)
-    except (ValueError, RecursionError):
-        raise LimitError("the body is not JSON, expected an object such as {\"length\": 2000}") from None
-    if not isinstance(body, dict):
-        raise LimitError(f"expected a JSON object such as {{\"length\": 2000}}, got {shown(body)}")
-    return cast(dict[str, Any], body)
 
 
 def _serve_page(app: FastAPI) -> None:

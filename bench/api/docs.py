@@ -33,7 +33,7 @@ pre { margin: 4px 0 0; padding: 10px 12px; border-radius: 7px; background: var(-
   font-size: 0.85rem; line-height: 1.4; }
 .method { display: inline-block; min-width: 3.2em; font: 600 0.85rem ui-monospace, "DejaVu Sans Mono", monospace;
   color: var(--accent); }
-.method.put { color: var(--warn); }
+.method:is(.put, .post, .delete) { color: var(--warn); }
 table { border-collapse: collapse; width: 100%; font-size: 0.93rem; }
 td { padding: 4px 14px 4px 0; border-top: 1px solid var(--line); vertical-align: top; }
 tr:first-child td { border-top: 0; }
@@ -58,8 +58,8 @@ def render(document: Schema, root: str, name: str) -> str:
         for method, path, operation in operations
     )
     articles = "".join(
-        _article(method, path, operation, _curl(method, root.rstrip("/") + path.format(name=name), operation, schemas),
-                 schemas)
+        _article(method, path, operation, schemas,
+                 _curl(method, root.rstrip("/") + path.format(name=name, id="latest"), operation, schemas))
         for method, path, operation in operations
     )
     shapes = "".join(_shape(name, schema) for name, schema in sorted(schemas.items()))
@@ -97,7 +97,7 @@ def _operations(document: Schema) -> Iterator[tuple[str, str, Schema]]:
             yield method, path, operation
 
 
-def _article(method: str, path: str, operation: Schema, command: str, schemas: Schema) -> str:
+def _article(method: str, path: str, operation: Schema, schemas: Schema, command: str) -> str:
     parts = [
         f'<article class="card" id="{_anchor(method, path)}"><h3>{_method(method)}<code>{escape(path)}</code></h3>'
         f"<p>{escape(operation.get('description', operation['summary']))}</p>"
@@ -110,15 +110,26 @@ def _article(method: str, path: str, operation: Schema, command: str, schemas: S
     parts.append(f"<h4>Try it</h4><pre>{escape(command)}</pre>")
     answers = sorted(operation["responses"].items())
     parts.append(f"<h4>Answers</h4>{_rows((code, _type(_content(a)), a['description']) for code, a in answers)}")
-    text = json.dumps(example(_content(operation["responses"]["200"]), schemas), indent=2)
-    parts.append(f"<details><summary>Example of an answer</summary><pre>{escape(text)}</pre></details></article>")
-    return "".join(parts)
+    if (schema := _content(_success(operation))).get("format") != "binary":
+        text = json.dumps(example(schema, schemas), indent=2)
+        parts.append(f"<details><summary>Example of an answer</summary><pre>{escape(text)}</pre></details>")
+    return "".join([*parts, "</article>"])
 
 
 def _curl(method: str, url: str, operation: Schema, schemas: Schema) -> str:
+    answer = _success(operation)["content"]
     if body := _content(operation.get("requestBody", {})):
         return f"curl -X {method.upper()} {url} -d '{json.dumps(example(body, schemas))}'"
-    return f"curl -N {url}" if "text/event-stream" in operation["responses"]["200"]["content"] else f"curl {url}"
+    if method != "get":
+        return f"curl -X {method.upper()} {url}"
+    if _content(_success(operation)).get("format") == "binary":
+        return f"curl -o capture.parquet {url}"
+    return f"curl -N {url}" if "text/event-stream" in answer else f"curl {url}"
+
+
+def _success(operation: Schema) -> Schema:
+    """The answer of a request that is granted."""
+    return next(answer for code, answer in operation["responses"].items() if code.startswith("2"))
 
 
 def _shape(name: str, schema: Schema) -> str:
@@ -150,7 +161,7 @@ def _type(schema: Schema) -> str:
         return f"list of {_type(schema['items'])}"
     if "additionalProperties" in schema:
         return f"{_type(schema['additionalProperties'])} by name"
-    kind = str(schema.get("type"))
+    kind = "file" if schema.get("format") == "binary" else str(schema.get("type"))
     return "time (RFC 3339)" if schema.get("format") == "date-time" else escape(_KINDS.get(kind, kind))
 
 

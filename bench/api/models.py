@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.acquisition import Link
+from bench.api.capture_models import CaptureModel
 from bench.estimation import Snapshot
 from bench.service import STALE, Service
 from bench.window import Window
@@ -66,6 +67,13 @@ class StreamModel(BaseModel):
     age_s: float | None = Field(description="since the latest row arrived", examples=[0.004])
 
 
+class WriterModel(BaseModel):
+    """Who writes to a drive; a second writer is refused until it has ended."""
+
+    holder: str = Field(examples=["capture emulated-20260131-120000-000 (asked for from 127.0.0.1)"])
+    until: datetime = Field(description="when its lease ends at the latest", examples=[_TIME])
+
+
 class DriveModel(BaseModel):
     """One drive."""
 
@@ -74,6 +82,7 @@ class DriveModel(BaseModel):
     identity: IdentityModel | None = Field(description="null before the first connection")
     link: LinkModel
     stream: StreamModel
+    writer: WriterModel | None = Field(description="null while nobody writes to it", examples=[None])
 
 
 class DrivesModel(BaseModel):
@@ -231,6 +240,7 @@ class SnapshotModel(BaseModel):
 
     drive: DriveModel
     estimates: EstimatesModel
+    capture: CaptureModel | None = Field(description="the latest; null where there was none", examples=[None])
 
 
 class ThreadModel(BaseModel):
@@ -265,7 +275,7 @@ class ProblemModel(BaseModel):
 def drive_model(service: Service, name: str) -> DriveModel:
     """A drive as REST shows it."""
     link = service.link(name)
-    identity = link.identity
+    identity, writer = link.identity, service.writer(name)
     return DriveModel(
         name=name,
         url=service.url(name),
@@ -275,6 +285,7 @@ def drive_model(service: Service, name: str) -> DriveModel:
             rate_hz=round(link.rate, 1), nominal_rate_hz=None if link.row_time is None else round(1 / link.row_time, 6),
             rows=link.rows, gaps=link.gaps, rows_lost=link.rows_lost, age_s=link.age,
         ),
+        writer=None if writer is None else WriterModel.model_validate(writer, from_attributes=True),
     )
 
 

@@ -8,12 +8,15 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
-from bench.errors import BenchError, LimitError, UnavailableError, shown
+from bench.captures import UnknownCaptureError
+from bench.errors import BenchError, ConflictError, LimitError, UnavailableError, shown
 from bench.service import UnknownDriveError
 from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, RefusedError
 
 _STATUS: dict[type[Exception], int] = {
     UnknownDriveError: 404,
+    UnknownCaptureError: 404,
+    ConflictError: 409,
     LimitError: 422,
     UnavailableError: 503,
     BenchError: 422,

@@ -1,1 +1,1 @@
-"""The command line: `pmsm-bench serve | emulate | up | estimates | replay`. `main` has them all."""
+"""The command line: `pmsm-bench serve | emulate | up | estimates | capture | replay`. `main` has them all."""

@@ -2,16 +2,15 @@
 
 import contextlib
 import time
-from typing import Any, cast
-from urllib.parse import quote
+from typing import Any
 
 import httpx
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from bench.cli.rest import Rest
 from bench.cli.table import basis_of, estimates_table
-from bench.errors import BenchError
 
 _PERIOD = 0.5  # s between two looks
 _TIMEOUT = 3.0  # s for one answer
@@ -21,26 +20,14 @@ def show(name: str, service: str, *, once: bool) -> None:
     """Print the table once, or keep it up to date until Ctrl-C. Raises BenchError when the service says no."""
     console = Console()
     with httpx.Client(timeout=_TIMEOUT) as client:
+        rest = Rest(client, service)
         if once:
-            console.print(_table(_get(client, name, service)))
+            console.print(_table(rest.call("GET", name, "estimates", key="estimates")))
             return
         with contextlib.suppress(KeyboardInterrupt), Live(console=console, auto_refresh=False) as live:
             while True:
-                live.update(_table(_get(client, name, service)), refresh=True)
+                live.update(_table(rest.call("GET", name, "estimates", key="estimates")), refresh=True)
                 time.sleep(_PERIOD)
-
-
-def _get(client: httpx.Client, name: str, service: str) -> dict[str, Any]:
-    try:
-        response = client.get(f"{service.rstrip('/')}/api/drives/{quote(name, safe='')}/estimates")
-        content = response.json()
-    except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
-        raise BenchError(f"no bench service answers at {service}: {error}") from None
-    if response.is_success and isinstance(content, dict) and "estimates" in content:
-        return cast(dict[str, Any], content)
-    if isinstance(content, dict) and "detail" in content:
-        raise BenchError(str(cast(dict[str, Any], content)["detail"]))
-    raise BenchError(f"expected a bench service at {service}, got another answer ({response.status_code})")
 
 
 def _table(content: dict[str, Any]) -> Table:

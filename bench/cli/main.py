@@ -18,6 +18,9 @@ app = typer.Typer(
 DEFAULT_BUS = "canopen://socketcand/127.0.0.1:29536/can0/5"
 At = Annotated[str, typer.Option(metavar="URL", help="where the emulated drive is")]
 Port = Annotated[int | None, typer.Option(help="port of the service (default 8080, or PMSM_BENCH_PORT)")]
+Service = Annotated[
+    str | None, typer.Option(metavar="URL", help="the service (default http://127.0.0.1:8080, or PMSM_BENCH_PORT)")
+]
 Scenario = Annotated[str, typer.Option(metavar="NAME|FILE.toml", help="what to emulate")]
 
 
@@ -74,15 +77,50 @@ def eds(
 @app.command()
 def estimates(
     name: Annotated[str, typer.Argument(help="the drive")],
-    service: Annotated[
-        str | None, typer.Option(metavar="URL", help="the service (default http://127.0.0.1:8080, or PMSM_BENCH_PORT)")
-    ] = None,
+    service: Service = None,
     once: Annotated[bool, typer.Option("--once", help="print one table and end")] = False,
 ) -> None:
     """Show a drive's live estimates as a table, until Ctrl-C."""
     from bench.cli.live import show
 
-    show(name, service or f"http://127.0.0.1:{os.environ.get('PMSM_BENCH_PORT', '8080')}", once=once)
+    show(name, service or _usual_service(), once=once)
+
+
+@app.command()
+def capture(
+    name: Annotated[str | None, typer.Argument(help="the drive, as the service calls it")] = None,
+    signals: Annotated[
+        str | None, typer.Option(metavar="i_d,i_q,...", help="what to record (default: what an estimation rests on)")
+    ] = None,
+    length: Annotated[int | None, typer.Option(metavar="N", help="samples, up to 65536 (default: 10000)")] = None,
+    decimation: Annotated[
+        int | None, typer.Option(metavar="D", help="control periods per sample (default: 1, as estimations need it)")
+    ] = None,
+    pre_trigger: Annotated[
+        float | None, typer.Option(metavar="SHARE", help="of the samples, from before the trigger (default: 0)")
+    ] = None,
+    trigger: Annotated[
+        str | None, typer.Option(metavar="now|command|i_q>2.0", help="what starts it; levels in SI (default: now)")
+    ] = None,
+    timeout: Annotated[float | None, typer.Option(metavar="S", help="for the trigger to come (default: 60)")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.parquet", help="default: named by drive and time")] = None,
+    service: Service = None,
+    drive: Annotated[str | None, typer.Option(metavar="URL", help="a drive by its bus, without a service")] = None,
+) -> None:
+    """Record with a drive's own recorder, every control period, into a file for `replay`. Ctrl-C cancels it."""
+    from bench.cli.capture import by_service, directly
+
+    given = {
+        "signals": None if signals is None else [part.strip() for part in signals.split(",")], "length": length,
+        "decimation": decimation, "pre_trigger": pre_trigger, "trigger": trigger, "timeout_s": timeout,
+    }
+    given = {key: value for key, value in given.items() if value is not None}
+    if (name is None) == (drive is None):
+        raise ConfigError("expected a drive's name, or its URL by --drive, got " + ("none" if name is None else "both"))
+    if name is not None:
+        by_service(name, service or _usual_service(), given, out)
+    elif drive is not None:
+        directly(drive, given, out)
 
 
 @app.command()
@@ -132,6 +170,10 @@ def registers(as_json: Annotated[bool, typer.Option("--json", help="as JSON")] =
     from bench.cli.registers import show
 
     show(as_json=as_json)
+
+
+def _usual_service() -> str:
+    return f"http://127.0.0.1:{os.environ.get('PMSM_BENCH_PORT', '8080')}"
 
 
 def _written(text: str, out: Path | None) -> None:

@@ -1,0 +1,40 @@
+"""What routes have in common: names in their paths, JSON bodies, the refusals that their descriptions tell."""
+
+import json
+from typing import Annotated, Any, Final, cast
+
+from fastapi import Path, Request
+
+from bench.errors import LimitError, shown
+
+_MAX_BODY: Final = 1 << 16  # bytes
+
+SHAPES: Final = "#/components/schemas/"
+PROBLEM: dict[str, Any] = {"content": {"application/problem+json": {"schema": {"$ref": f"{SHAPES}ProblemModel"}}}}
+Answers = dict[int | str, dict[str, Any]]
+ANY: Answers = {"default": {"description": "Any other refusal or failure"} | PROBLEM}
+DRIVE: Answers = {404: {"description": "No drive of that name"} | PROBLEM} | ANY
+
+DriveName = Annotated[str, Path(description="name of a drive")]
+
+
+def body_of(model: str) -> dict[str, Any]:
+    """The description of a route's JSON body."""
+    schema = {"schema": {"$ref": f"{SHAPES}{model}"}}
+    return {"requestBody": {"required": True, "content": {"application/json": schema}}}
+
+
+async def json_object(request: Request) -> dict[str, Any]:
+    """The request's body. Raises LimitError when it is no JSON object."""
+    text = b""
+    async for part in request.stream():
+        text += part
+        if len(text) > _MAX_BODY:
+            raise LimitError(f"expected a body of at most {_MAX_BODY} bytes, got more")
+    try:
+        body = json.loads(text)
+    except (ValueError, RecursionError):
+        raise LimitError("the body is not JSON, expected an object such as {\"length\": 2000}") from None
+    if not isinstance(body, dict):
+        raise LimitError(f"expected a JSON object such as {{\"length\": 2000}}, got {shown(body)}")
+    return cast(dict[str, Any], body)

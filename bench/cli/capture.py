@@ -1,0 +1,172 @@
+"""`pmsm-bench capture`: by the running service, or by a drive's bus without one."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import httpx
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from bench.capture import Run, State, Status, new_status
+from bench.capture_request import Request
+from bench.cli.rest import Rest
+from bench.errors import BenchError, ConfigError, UnavailableError
+from drivers.connect import connect
+from drivers.drive import Drive
+from drivers.errors import DriveError
+
+_PERIOD: Final = 0.1  # s between two looks
+_TIMEOUT: Final = 10.0  # s for one answer
+_PATIENCE: Final = 60.0  # s for a service that is started anew
+_console: Final = Console(highlight=False, soft_wrap=True)
+
+
+def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | None) -> None:
+    """Have the service capture, and download the recording. Raises BenchError."""
+    _check_out(out)
+    length = Request.of(given).length
+    with httpx.Client(timeout=_TIMEOUT) as client:
+        rest = Rest(client, service)
+        said = rest.call("POST", name, "captures", body=dict(given), key="state")
+        id_ = str(said["id"])
+        path = Path(f"{id_}.parquet") if out is None else out
+        try:
+            with _bar(length) as show:
+                while not State(said["state"]).ended:
+                    show(said["state"], said["samples"], said["reason"])
+                    time.sleep(_PERIOD)
+                    said = _patiently(lambda: rest.call("GET", name, "captures", id_, key="state"), show)
+        except KeyboardInterrupt:
+            with contextlib.suppress(BenchError):
+                rest.call("DELETE", name, "captures", id_)
+            raise
+        _check_end(said["state"], said["reason"], said["file"])
+        with _written(path):
+            path.write_bytes(rest.download(name, "captures", id_, "file"))
+    _tell(path, length)
+
+
+def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
+    """Capture over a drive's bus. Raises BenchError, DriveError."""
+    _check_out(out)
+    status = new_status("drive", Request.of(given))
+    path = Path(f"{status.id}.parquet") if out is None else out
+    with _Link(url) as link, _bar(status.request.length) as show:
+
+        def changed(status: Status) -> None:
+            if not status.state.ended:
+                show(status.state, status.samples, status.reason)
+
+        run = Run(status, url, link, path, changed)
+        if run.part.exists():
+            raise ConfigError(f"{run.part} is of a capture that was interrupted; remove it, or choose another --out")
+        run.arm()
+        ended = threading.Event()  # a join that Ctrl-C interrupts takes the thread for ended (Python 3.11)
+        threading.Thread(target=lambda: (run.finish(), ended.set()), name="capture", daemon=True).start()
+        try:
+            while not ended.wait(_PERIOD):
+                pass
+        except KeyboardInterrupt:
+            run.cancel()
+            ended.wait()
+            raise
+    _check_end(run.status.state, run.status.reason, run.status.file)
+    _tell(path, status.request.length)
+
+
+class _Link:
+    """A drive by its URL, connected anew where it was lost."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._drive: Drive | None = None
+
+    def drive(self) -> Drive:
+        """The drive, connected. Raises DriveError."""
+        if self._drive is not None:
+            try:
+                self._drive.read("tick")
+            except DriveError:
+                self.close()
+        if self._drive is None:
+            self._drive = connect(self._url)
+        return self._drive
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._drive is not None:
+            self._drive.close()
+            self._drive = None
+
+    def __enter__(self) -> "_Link":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+Show = Callable[[str, int, str], None]
+"""Shows a state, samples, and what it waits for."""
+
+
+@contextmanager
+def _bar(length: int) -> Generator[Show]:
+    """A bar on standard error, where that is a terminal."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=length)
+
+        def show(state: str, samples: int, reason: str) -> None:
+            bar.update(task, completed=samples, description=f"{state}: {reason}" if reason else str(state))
+
+        yield show
+
+
+def _patiently(ask: Callable[[], dict[str, Any]], show: Show) -> dict[str, Any]:
+    """An answer of the service, be it after it has been started anew: the capture goes on in it."""
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            return ask()
+        except UnavailableError as error:
+            if time.monotonic() > deadline:
+                raise
+            show("waiting", 0, str(error))
+            time.sleep(_PERIOD)
+
+
+def _check_out(out: Path | None) -> None:
+    """Before anything is recorded: there is a place for it, and nothing there is lost."""
+    if out is None:
+        return
+    if out.suffix != ".parquet":
+        raise ConfigError(f"--out: expected a file name that ends in .parquet, got {str(out)!r}")
+    if out.exists():
+        raise ConfigError(f"--out: {out} exists already, expected a new file")
+    if not out.parent.is_dir():
+        raise ConfigError(f"--out: there is no folder {out.parent}")
+
+
+def _check_end(state: str, reason: str, file: object) -> None:
+    if state == State.DONE:
+        return
+    said = "failed" if state == State.FAILED else f"was {state}"
+    raise BenchError(f"the capture {said}" + (f": {reason}" if reason else "") + (f" in {file}" if file else ""))
+
+
+@contextmanager
+def _written(path: Path) -> Generator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _tell(path: Path, length: int) -> None:
+    _console.print(f"{path}: {length} samples; estimates: pmsm-bench replay {path}", markup=False)

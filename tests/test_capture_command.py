@@ -1,0 +1,217 @@
+"""`pmsm-bench capture` between real processes: three drives on three buses, the service, the file, its replay."""
+
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from bench.recording import read_recording
+from bench.table import column_names
+from drivers.connect import connect
+from tests.conftest import COMMAND, command, free_port, wait_for_answer
+from tests.served_drive import tcp_url, until
+from tests.test_cli import refused
+from tests.test_end_to_end import TRUTH, within
+from tests.transports import modbus_tcp_url, pty_url, serving
+
+BUSES: Mapping[str, Callable[[], str]] = {"canopen": tcp_url, "modbus": modbus_tcp_url, "uart": pty_url}
+NEVER = ("--trigger", "i_q<-1000", "--timeout", "0.1")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A service over three drives, named by their buses."""
+
+    url: str
+    drives: Mapping[str, str]  # URLs
+
+    def said(self, drive: str) -> dict[str, Any]:
+        """The drive's latest capture."""
+        return httpx.get(f"{self.url}/api/drives/{drive}/captures/latest").json()
+
+
+@pytest.fixture(scope="module")
+def drives() -> Iterator[dict[str, str]]:
+    with ExitStack() as stack:
+        yield {name: stack.enter_context(serving(new_url())).url for name, new_url in BUSES.items()}
+
+
+@contextmanager
+def serve(drives: Mapping[str, str], folder: Path, port: int) -> Generator["subprocess.Popen[str]"]:
+    """`pmsm-bench serve` over these drives, each of which streams; captures in a folder."""
+    config = folder / "bench.toml"
+    tables = "".join(f'[drives.{name}]\nurl = "{url}"\n' for name, url in drives.items())
+    config.write_text(f'[service]\nport = {port}\ncaptures = "captures"\n{tables}', encoding="utf-8")
+    with command("serve", "--config", str(config)) as process:
+        url = f"http://127.0.0.1:{port}/api"
+        wait_for_answer(f"{url}/health", process)
+        until(lambda: httpx.get(f"{url}/health").json()["status"] == "ok", "all drives to stream")
+        yield process
+
+
+@pytest.fixture(scope="module")
+def bench(drives: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    port = free_port()
+    with serve(drives, tmp_path_factory.mktemp("bench"), port):
+        yield Bench(f"http://127.0.0.1:{port}", drives)
+
+
+def run(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [*COMMAND, *arguments], capture_output=True, text=True, timeout=120, check=False, cwd=cwd, env=os.environ
+    )
+
+
+# Without the service first: a serial line has one client at a time
+
+
+@pytest.mark.parametrize("name", BUSES)
+def test_a_capture_needs_no_service(drives: dict[str, str], name: str, tmp_path: Path) -> None:
+    done = run("capture", "--drive", drives[name], "--length", "3000", "--signals", "i_a, u_dc", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    (path,) = tmp_path.iterdir()
+    assert done.stdout == f"{path.name}: 3000 samples; estimates: pmsm-bench replay {path.name}\n"
+    assert column_names(path) == ("t", "i_a", "u_dc")
+
+
+def test_a_trigger_that_never_comes_is_told_without_a_service(
+    drives: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    said = refused(["capture", "--drive", drives["uart"], *NEVER], monkeypatch, capsys)
+    assert said == "the capture failed: the trigger, i_q falling through -1000, has not come within 0.1 s"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_interrupted_is_not_written_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("got.part").write_text("")
+    said = refused(["capture", "--drive", tcp_url(), "--out", "got.parquet"], monkeypatch, capsys)
+    assert said == "got.part is of a capture that was interrupted; remove it, or choose another --out"
+
+
+def test_ctrl_c_cancels_on_the_drive_without_a_service(drives: dict[str, str], tmp_path: Path) -> None:
+    interrupted("--drive", drives["canopen"], folder=tmp_path)
+    with connect(drives["canopen"]) as drive:
+        assert drive.read("capture_state") == 0.0
+
+
+@pytest.mark.parametrize("name", BUSES)
+def test_a_capture_replayed_tells_the_motor_within_one_per_cent(bench: Bench, name: str, tmp_path: Path) -> None:
+    wanted = ["--length", "20000", "--pre-trigger", "0.1", "--trigger", "i_q>2.0", "--out", "got.parquet"]
+    done = run("capture", name, "--service", bench.url, *wanted, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "got.parquet: 20000 samples; estimates: pmsm-bench replay got.parquet\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["got.parquet"]
+    i_q = read_recording(tmp_path / "got.parquet").runs[0].i_q
+    assert i_q[1999] <= 2.0 < i_q[2000]
+    done = run("replay", "got.parquet", "--periods", "10", "--json", "told.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "told.json").read_text())
+    assert within(told["estimates"], 0.01), told["estimates"]
+    assert set(told["estimates"]) == set(TRUTH)
+    assert (told["gaps"], told["remarks"]) == (0, [])
+
+
+def test_ctrl_c_cancels_in_the_service(bench: Bench, tmp_path: Path) -> None:
+    interrupted("canopen", "--service", bench.url, folder=tmp_path)
+    assert bench.said("canopen")["state"] == "cancelled"
+
+
+def interrupted(*arguments: str, folder: Path) -> None:
+    """A capture on a terminal that waits for its trigger, then Ctrl-C: nothing is left, nothing complained of."""
+    terminal, end = pty.openpty()
+    with os.fdopen(terminal, "rb", buffering=0) as screen, os.fdopen(end, "wb") as stderr:
+        process = subprocess.Popen(
+            [*COMMAND, "capture", *arguments, "--trigger", "i_q > 1000"], stdout=subprocess.PIPE, stderr=stderr,
+            cwd=folder,
+        )
+        shown = b""
+        while b"waiting for the trigger" not in shown:  # the bar tells what is waited for
+            assert select.select([screen], [], [], 60.0)[0], shown
+            shown += screen.read(4096)
+        process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + 15.0
+        while process.poll() is None:
+            assert time.monotonic() < deadline
+            if select.select([screen], [], [], 0.05)[0]:
+                screen.read(4096)
+        assert process.communicate(timeout=10.0)[0] == b""
+    assert process.returncode == 130
+    assert list(folder.iterdir()) == []
+
+
+def test_a_service_that_is_killed_in_mid_upload_goes_on_when_it_is_back(
+    drives: dict[str, str], tmp_path: Path
+) -> None:
+    port, one = free_port(), {"modbus": drives["modbus"]}
+    bench = Bench(f"http://127.0.0.1:{port}", one)
+    with ExitStack() as stack:
+        with serve(one, tmp_path, port) as service:
+            asking = stack.enter_context(command(
+                "capture", "modbus", "--service", bench.url, "--length", "60000", "--out", str(tmp_path / "got.parquet")
+            ))
+            until(lambda: bench.said("modbus").get("state") == "uploading", "the upload")
+            until(lambda: bench.said("modbus")["samples"] > 1000, "some of it")
+            service.kill()
+            service.communicate()
+        (part,) = (tmp_path / "captures").iterdir()
+        assert part.suffix == ".part"
+        with serve(one, tmp_path, port):
+            out, error = asking.communicate(timeout=60.0)
+            assert (asking.returncode, error) == (0, "")
+            assert out.startswith(f"{tmp_path}/got.parquet: 60000 samples")
+            assert bench.said("modbus")["state"] == "done"
+    assert len(read_recording(tmp_path / "got.parquet").runs[0]) == 60_000
+    assert [path.name for path in (tmp_path / "captures").iterdir()] == [f"{part.stem}.parquet"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "expected a drive's name, or its URL by --drive, got none"),
+        (["x", "--drive", "uart:///dev/null"], "expected a drive's name, or its URL by --drive, got both"),
+        (["x", "--length", "70000"], "length: expected a whole number of 1 to 65536, got 70000"),
+        (["x", "--signals", "i_d,torque"], "signals: the recorder has theta_e, "),
+        (["x", "--trigger", "i_q=2"], 'trigger: expected "now", "command", "i_q > 2.0" or '),
+        (["x", "--out", "x.csv"], "--out: expected a file name that ends in .parquet, got 'x.csv'"),
+        (["x", "--out", "there.parquet"], "--out: there.parquet exists already, expected a new file"),
+        (["x", "--out", "no/x.parquet"], "--out: there is no folder no"),
+        (["--drive", "http://x"], "expected a drive URL that starts with canopen:// "),
+        (["--drive", "uart:///dev/nothing-there"], "cannot open /dev/nothing-there at "),
+        (["x", "--service", "nowhere"], "no bench service answers at nowhere: "),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_is_one_sentence(
+    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there.parquet").write_text("")
+    assert refused(["capture", *arguments], monkeypatch, capsys).startswith(said)
+    assert [path.name for path in tmp_path.iterdir()] == ["there.parquet"]
+
+
+def test_a_capture_that_fails_says_why(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert refused(["capture", "spindle", "--service", bench.url], monkeypatch, capsys) == (
+        "no drive 'spindle'; the drives are canopen, modbus, uart"
+    )
+    said = refused(["capture", "uart", "--service", bench.url, *NEVER], monkeypatch, capsys)
+    assert said == "the capture failed: the trigger, i_q falling through -1000, has not come within 0.1 s"
+    assert list(tmp_path.iterdir()) == []

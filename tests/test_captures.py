@@ -1,0 +1,457 @@
+"""Captures as a service keeps them: every state, every refusal, links and services that end in between."""
+
+import json
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from bench.capture import State, Status
+from bench.capture_file import Heading, PartFile, read_part
+from bench.capture_request import Request
+from bench.captures import UnknownCaptureError
+from bench.config import Config, DriveConfig
+from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
+from bench.recording import read_recording
+from bench.service import Service
+from bench.table import notes
+from bench.window import Window
+from drivers.errors import LostError, RefusedError
+from emulator.faults import Faults, parse_fault
+from emulator.scenarios import PAPER
+from emulator.virtual_drive import VirtualDrive
+from tests import served_modbus
+from tests.conftest import bus_url, free_port
+from tests.relay import relayed
+from tests.served_drive import PATIENCE, Served, served, tcp_url, until
+from tests.served_uart import served_uart
+
+NEVER = {"trigger": "i_q > 1000"}
+
+
+@pytest.fixture(scope="module")
+def drive() -> Iterator[Served]:
+    with served(tcp_url()) as one:
+        yield one
+
+
+@contextmanager
+def running(url: str, folder: Path) -> Generator[Service]:
+    """A service over one drive called `spindle`, which streams."""
+    with Service(Config((DriveConfig("spindle", url, Window()),), captures=folder)) as service:
+        streams(service)
+        yield service
+
+
+@pytest.fixture
+def service(drive: Served, tmp_path: Path) -> Iterator[Service]:
+    with running(drive.url, tmp_path) as one:
+        yield one
+
+
+def streams(service: Service) -> None:
+    rows = service.link("spindle").rows
+    until(lambda: service.link("spindle").rows > rows, "rows")
+
+
+def ask(service: Service, **given: Any) -> Status:
+    return service.captures.ask("spindle", given)
+
+
+def reached(service: Service, state: State, id_: str = "latest") -> Status:
+    """The capture in this state; fails where it has ended in another, or comes no further."""
+    before, since = None, time.monotonic()
+    while (status := service.captures.one("spindle", id_)).state is not state:
+        assert not status.state.ended, status
+        if status != before:
+            before, since = status, time.monotonic()
+        assert time.monotonic() - since < PATIENCE, status
+        time.sleep(0.005)
+    return status
+
+
+def uploading(service: Service, samples: int = 1) -> Status:
+    """The capture with so many samples uploaded, and more to come."""
+    reached(service, State.UPLOADING)
+    until(lambda: service.captures.one("spindle", "latest").samples >= samples, "samples")
+    status = service.captures.one("spindle", "latest")
+    assert status.state is State.UPLOADING
+    return status
+
+
+def check_by_twin(path: Path, length: int) -> None:
+    """A recording is what a twin of the drive, which was never reset, did at those times, within half a count."""
+    (run,) = read_recording(path).runs
+    assert len(run) == length
+    twin = VirtualDrive(PAPER)
+    twin.run(round(run.t0 / 1e-4))
+    whole = twin.record(length)
+    i, u = run.resolution.i, run.resolution.u
+    for name, step in (("i_d", i), ("i_q", i), ("u_d", u), ("u_q", u)):
+        assert np.abs(getattr(run, name) - whole[name]).max() <= 0.5001 * step, name
+
+
+def test_a_capture_goes_through_its_states_to_a_recording_that_tells_units_and_steps(
+    service: Service, tmp_path: Path
+) -> None:
+    begun = ask(service, length=3000, pre_trigger=0.25, trigger="i_q<2")
+    assert (begun.state, begun.progress) == (State.ARMED, 0.0)
+    done = reached(service, State.DONE)
+    assert (done.samples, done.progress, done.reason) == (3000, 1.0, "")
+    path = tmp_path / f"{done.id}.parquet"
+    assert done.file == path
+    assert list(tmp_path.iterdir()) == [path]
+    check_by_twin(path, 3000)
+    recording = read_recording(path)
+    i_q = recording.runs[0].i_q
+    assert i_q[750] <= 2.0 < i_q[749]
+    assert recording.summary.remarks() == ()
+    told = notes(path)
+    assert (told["drive"], told["complete"], told["samples"], told["decimation"]) == ("spindle", True, 3000, 1)
+    assert told["request"]["trigger"] == {"signal": "i_q", "level": 2.0, "edge": "falling"}
+    assert told["steps"]["i_q"] == pytest.approx(24.0 / 32768)
+    assert told["T_s"] == pytest.approx(1e-4)
+
+
+@dataclass(frozen=True)
+class Way:
+    """A transport over TCP: the URL at a port, and a drive served there in this process."""
+
+    url: Callable[[int], str]
+    serve: Callable[[str], AbstractContextManager[Any]]
+
+
+WAYS = {
+    "canopen": Way(bus_url, served),
+    "modbus": Way(lambda port: f"modbus+tcp://127.0.0.1:{port}/1", served_modbus.served),
+    "uart": Way(lambda port: f"uart://socket://127.0.0.1:{port}?baudrate=3000000",
+                lambda url: served_uart(url, paced=True)),
+}
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
+def test_the_stream_loses_no_row_while_a_capture_is_uploaded(way: Way, tmp_path: Path) -> None:
+    url = way.url(free_port())
+    with way.serve(url), running(url, tmp_path) as service:
+        ask(service, length=20_000)
+        rows = reached(service, State.UPLOADING) and service.link("spindle").rows
+        reached(service, State.DONE)
+        link = service.link("spindle")
+        assert link.rows > rows
+        assert (link.gaps, link.rows_lost, link.reconnects) == (0, 0, 0)
+
+
+def test_what_is_chosen_is_recorded_and_nothing_else(service: Service) -> None:
+    ask(service, signals=["i_a", "u_dc"], length=200, decimation=7)
+    path = reached(service, State.DONE).file
+    assert path is not None
+    parquet: Any = pyarrow.parquet
+    table: Any = parquet.read_table(path)
+    assert table.column_names == ["t", "i_a", "u_dc"]
+    assert [field.metadata[b"unit"] for field in table.schema] == [b"s", b"A", b"V"]
+    assert np.diff(table["t"].to_numpy()) == pytest.approx(7e-4)
+    assert table["u_dc"].to_numpy() == pytest.approx(310.0, abs=0.01)
+
+
+def test_a_decimated_capture_is_refused_as_a_recording_of_every_period(service: Service) -> None:
+    ask(service, length=200, decimation=2)
+    path = reached(service, State.DONE).file
+    assert path is not None
+    with pytest.raises(BenchError, match="expected every control period, it holds one of 2; capture with a decimation"):
+        read_recording(path)
+
+
+def test_a_capture_by_command_waits_for_it(service: Service) -> None:
+    id_ = ask(service, length=100, trigger="command").id
+    until(lambda: "waiting for the command" in service.captures.one("spindle", id_).reason, "waiting")
+    service.captures.trigger("spindle", id_)
+    assert reached(service, State.DONE, id_).samples == 100
+    with pytest.raises(ConflictError, match=f"capture {id_} is done, there is nothing to trigger"):
+        service.captures.trigger("spindle", id_)
+
+
+def test_a_trigger_that_never_comes_ends_in_a_sentence_and_a_drive_that_waits_no_longer(
+    service: Service, drive: Served, tmp_path: Path
+) -> None:
+    ask(service, **NEVER, timeout_s=0.2)
+    status = reached(service, State.FAILED)
+    assert status.reason == "the trigger, i_q rising through 1000, has not come within 0.2 s"
+    assert status.file is None
+    assert list(tmp_path.iterdir()) == []
+    until(lambda: drive.drive.read("capture_state") == 0.0, "the recorder to stop")
+    assert service.writer("spindle") is None
+    with pytest.raises(ConflictError, match=f"capture {status.id} has no recording, it is failed"):
+        service.captures.file("spindle", status.id)
+
+
+def test_a_capture_is_cancelled_on_the_drive_too(service: Service, drive: Served, tmp_path: Path) -> None:
+    id_ = ask(service, **NEVER).id
+    assert drive.drive.read("capture_state") == 1.0
+    assert service.captures.cancel("spindle", id_).state is State.CANCELLED
+    until(lambda: drive.drive.read("capture_state") == 0.0, "the recorder to stop")
+    with pytest.raises(ConflictError, match=f"capture {id_} is cancelled, there is nothing to cancel"):
+        service.captures.cancel("spindle", id_)
+    ask(service, length=60_000)
+    uploading(service)
+    assert service.captures.cancel("spindle", "latest").state is State.CANCELLED
+    assert list(tmp_path.iterdir()) == []
+    ask(service, length=10)  # the drive is free again
+    reached(service, State.DONE)
+
+
+def test_a_second_writer_is_told_who_writes_and_until_when(service: Service, drive: Served) -> None:
+    first = service.captures.ask("spindle", NEVER | {"timeout_s": 100.0}, "127.0.0.1")
+    writer = service.writer("spindle")
+    assert writer is not None
+    assert 100.0 < (writer.until - first.asked).total_seconds() < 300.0
+    number = drive.drive.read("capture_number")
+    with pytest.raises(ConflictError) as refused:
+        ask(service)
+    assert str(refused.value) == (
+        f"drive spindle takes one writer at a time, and capture {first.id} (asked for from 127.0.0.1) holds it "
+        f"until {writer.until:%H:%M:%S} UTC at the latest"
+    )
+    assert drive.drive.read("capture_number") == number
+    assert service.captures.all("spindle") == [service.captures.one("spindle", first.id)]
+    service.captures.cancel("spindle", first.id)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"signals": ["torque"]}, "signals: the recorder has theta_e, i_d, .*, got 'torque'"),
+        ({"signals": []}, "signals: expected a list out of theta_e, .*, got \\[\\]"),
+        ({"signals": "i_d"}, "signals: expected a list out of .*, got 'i_d'"),
+        ({"signals": ["i_d", "i_d"]}, "expected 1 to 8 different channels, got i_d, i_d"),
+        ({"signals": ["none"]}, "signals: the recorder has .*, got 'none'"),
+        ({"length": 65_537}, "length: expected a whole number of 1 to 65536, got 65537"),
+        ({"length": 0}, "length: .*, got 0"),
+        ({"length": 1.5}, "length: .*, got 1.5"),
+        ({"length": True}, "length: .*, got True"),
+        ({"decimation": 1001}, "decimation: expected a whole number of 1 to 1000, got 1001"),
+        ({"pre_trigger": 1.5}, "pre_trigger: expected a number of 0 to 1, got 1.5"),
+        ({"timeout_s": 0}, "timeout_s: expected a number of 0.1 to 86400, got 0"),
+        ({"trigger": "sometimes"}, 'trigger: expected "now", "command", "i_q > 2.0" or .*, got \'sometimes\''),
+        ({"trigger": "i_q > soon"}, "trigger: .*, got 'i_q > soon'"),
+        ({"trigger": "torque > 2"}, "trigger signal: the recorder has .*, got 'torque'"),
+        ({"trigger": {"signal": "i_q"}}, "trigger level: expected a number of .*, got None"),
+        ({"trigger": {"signal": "i_q", "level": float("nan")}}, "trigger level: .*, got nan"),
+        ({"trigger": {"signal": "i_q", "level": 1, "edge": "up"}}, "trigger edge: expected rising, falling or either"),
+        ({"trigger": {"signal": "i_q", "slope": 1}}, "trigger: expected signal, level or edge, got 'slope'"),
+        ({"trigger": None}, "trigger: .*, got None"),
+        ({"samples": 5}, "expected signals, length, .* or timeout_s, got 'samples'"),
+    ],
+    ids=str,
+)
+def test_what_no_drive_could_do_is_refused(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(LimitError, match=said):
+        Request.of(given)
+
+
+def test_a_refusal_comes_before_the_wire(service: Service, drive: Served) -> None:
+    number = drive.drive.read("capture_number")
+    with pytest.raises(LimitError, match="length: "):
+        ask(service, length=65_537)
+    assert drive.drive.read("capture_number") == number
+    assert service.writer("spindle") is None
+    assert service.captures.all("spindle") == []
+
+
+def test_an_unknown_capture_is_told_with_the_latest(service: Service) -> None:
+    with pytest.raises(UnknownCaptureError, match="drive spindle has no capture 'latest'; there is none"):
+        service.captures.one("spindle", "latest")
+    id_ = ask(service, length=10).id
+    reached(service, State.DONE)
+    with pytest.raises(UnknownCaptureError, match=f"drive spindle has no capture 'x'; the latest is {id_}"):
+        service.captures.one("spindle", "x")
+
+
+def test_a_drive_without_a_recorder_is_said(tmp_path: Path) -> None:
+    faults = Faults([parse_fault("refuse=0x2400")])
+    with served(tcp_url(), faults=faults) as drive, running(drive.url, tmp_path) as service:
+        with pytest.raises(RefusedError, match=r"drive spindle has no recorder: node 5 .* to 0x2400:19"):
+            ask(service)
+        assert service.writer("spindle") is None
+        assert service.captures.all("spindle") == []
+
+
+def test_a_drive_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with (
+        Service(Config((DriveConfig("spindle", tcp_url(), Window()),), captures=tmp_path)) as service,
+        pytest.raises(LostError, match="there is no link to drive spindle"),
+    ):
+        ask(service)
+
+
+def test_a_folder_that_cannot_be_is_said_before_anything_is_recorded(drive: Served, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    number = drive.drive.read("capture_number")
+    with (
+        running(drive.url, tmp_path / "file" / "captures") as service,
+        pytest.raises(UnavailableError, match=r"captures cannot be kept in .*captures: Not a directory"),
+    ):
+        ask(service)
+    assert drive.drive.read("capture_number") == number
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
+def test_an_upload_goes_on_where_it_was_when_the_link_comes_back(way: Way, tmp_path: Path) -> None:
+    port = free_port()
+    with (
+        way.serve(way.url(port)), relayed(port) as line, running(way.url(line.port), tmp_path) as service
+    ):
+        ask(service, length=60_000)
+        before = uploading(service, 8192)
+        line.cut()
+        until(lambda: "it goes on when the link is back: " in service.captures.one("spindle", "latest").reason, "it")
+        stood = service.captures.one("spindle", "latest")
+        assert before.samples <= stood.samples < 60_000
+        line.mend()
+        until(lambda: service.captures.one("spindle", "latest").reason == "", "it to go on")
+        assert service.captures.one("spindle", "latest").samples >= stood.samples
+        done = reached(service, State.DONE)
+        assert done.file is not None
+        check_by_twin(done.file, 60_000)
+
+
+def test_an_armed_capture_outlives_its_link(drive: Served, tmp_path: Path) -> None:
+    with relayed(int(drive.url.split(":")[2].split("/")[0])) as line, running(bus_url(line.port), tmp_path) as service:
+        ask(service, length=500, trigger="command")
+        line.cut()
+        until(lambda: "when the link is back" in service.captures.one("spindle", "latest").reason, "the loss")
+        line.mend()
+        until(lambda: "waiting for the command" in service.captures.one("spindle", "latest").reason, "the link")
+        streams(service)
+        service.captures.trigger("spindle", "latest")
+        reached(service, State.DONE)
+
+
+def test_a_drive_that_resets_in_between_has_lost_its_capture_and_what_was_uploaded_is_kept_as_partial(
+    tmp_path: Path
+) -> None:
+    with served(tcp_url()) as drive, running(drive.url, tmp_path) as service:
+        ask(service, length=60_000)
+        uploading(service, 8192)
+        drive.drive.reset()
+        status = reached(service, State.FAILED)
+        assert status.reason.startswith("the drive no longer has recording ")
+        assert status.reason.endswith(f"; the first {status.samples} of 60000 samples are kept")
+        partial = tmp_path / f"{status.id}.partial.parquet"
+        assert status.file == partial
+        assert list(tmp_path.iterdir()) == [partial]
+        recording = read_recording(partial)
+        assert len(recording.runs[0]) == status.samples >= 8192
+        assert recording.summary.remarks() == (f"the recording is partial: {status.samples} of 60000 rows",)
+        until(lambda: service.writer("spindle") is None, "the lease")
+        ask(service, **NEVER)
+        until(lambda: drive.drive.read("capture_state") == 1.0, "it to be armed")
+        drive.drive.reset()
+        assert reached(service, State.FAILED).reason == "the drive no longer has recording 1, it has none"
+
+
+def test_another_client_that_stops_the_recorder_is_said(service: Service, drive: Served) -> None:
+    ask(service, **NEVER)
+    drive.drive.write("capture_command", 0.0)
+    assert reached(service, State.FAILED).reason == (
+        "another client has stopped the recorder before the recording was complete"
+    )
+
+
+def test_a_service_that_ends_leaves_no_recorder_armed(drive: Served, tmp_path: Path) -> None:
+    with running(drive.url, tmp_path) as service:
+        ask(service, **NEVER)
+        until(lambda: drive.drive.read("capture_state") == 1.0, "it to be armed")
+    assert service.captures.one("spindle", "latest").state is State.CANCELLED
+    assert service.captures.one("spindle", "latest").reason == "the service has ended"
+    until(lambda: drive.drive.read("capture_state") == 0.0, "the recorder to stop")
+
+
+def test_an_upload_that_a_service_left_goes_on_in_the_next(drive: Served, tmp_path: Path) -> None:
+    with running(drive.url, tmp_path) as service:
+        id_ = ask(service, length=60_000).id
+        uploading(service, 8192)
+    stood = service.captures.one("spindle", id_)
+    assert stood.state is State.UPLOADING
+    assert stood.reason == "the service has ended; it goes on when the service runs again"
+    assert [path.name for path in tmp_path.iterdir()] == [f"{id_}.part"]  # nothing that looks complete
+    with (tmp_path / f"{id_}.part").open("ab") as part:
+        part.write(b"\0" * 5)  # as a write cut short leaves it
+    with running(drive.url, tmp_path) as service:
+        assert service.captures.one("spindle", id_).samples >= stood.samples
+        assert service.captures.one("spindle", id_).asked == stood.asked
+        done = reached(service, State.DONE, id_)
+        assert [path.name for path in tmp_path.iterdir()] == [f"{id_}.parquet"]
+        assert done.file is not None
+        check_by_twin(done.file, 60_000)
+
+
+def test_what_a_service_left_and_the_drive_no_longer_has_is_kept_as_partial(tmp_path: Path) -> None:
+    with served(tcp_url()) as drive:
+        with running(drive.url, tmp_path) as service:
+            id_ = ask(service, length=60_000).id
+            uploading(service, 4096)
+        drive.drive.reset()
+        until(lambda: drive.drive.resets == 1, "the reset")
+        with running(drive.url, tmp_path) as service:
+            status = reached(service, State.FAILED, id_)
+            assert 4096 <= status.samples < 60_000
+            assert [path.name for path in tmp_path.iterdir()] == [f"{id_}.partial.parquet"]
+
+
+def test_part_files_that_are_none_or_of_other_drives_are_left_alone(drive: Served, tmp_path: Path) -> None:
+    heading = Heading("a-1", "a", drive.url, "x", "2026-01-31T12:00:00+00:00", {"signals": ["i_d"]}, 1, 2, 3, 1e-4, {})
+    elsewhere = replace(heading, id="spindle-1", drive="spindle", url="canopen://socketcan/can0/5")
+    for one in (heading, elsewhere):
+        with PartFile(tmp_path / f"{one.id}.part", one) as part:
+            part.keep(bytearray(b"1234567"), 7)
+    for name, content in (("b.part", b"{}\n"), ("c.part", b""), ("d.part", b"\xff[\n"), ("e.part", b"[1]\n12")):
+        (tmp_path / name).write_bytes(content)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with running(drive.url, tmp_path) as service:
+        assert service.captures.all("spindle") == []
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert read_part(tmp_path / "a-1.part") == (heading, bytearray(b"123456"))
+
+
+def test_only_so_many_captures_are_remembered(service: Service, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bench.captures._REMEMBERED", 3)
+    asked = list[str]()
+    for _ in range(5):
+        asked.append(ask(service, length=5).id)
+        reached(service, State.DONE, asked[-1])
+    assert [status.id for status in service.captures.all("spindle")] == asked[:1:-1]
+
+
+def test_a_lost_link_is_waited_for_no_longer_than_it_is_worth(
+    drive: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.capture.LINK_PATIENCE", 0.5)
+    with relayed(int(drive.url.split(":")[2].split("/")[0])) as line, running(bus_url(line.port), tmp_path) as service:
+        ask(service, length=60_000)
+        uploading(service)
+        line.cut()
+        status = reached(service, State.FAILED)
+        assert status.reason.startswith("it could not go on for 0.5 s: ")
+        assert f"the first {status.samples} of 60000 samples are kept" in status.reason
+
+
+def test_a_recording_that_cannot_be_written_leaves_what_was_uploaded(
+    service: Service, tmp_path: Path
+) -> None:
+    id_ = ask(service, length=500, trigger="command").id
+    for name in (f"{id_}.parquet", f"{id_}.partial.parquet"):
+        (tmp_path / name).mkdir()
+    service.captures.trigger("spindle", id_)
+    status = reached(service, State.FAILED)
+    assert status.reason == f"the recording cannot be written: Is a directory; what was uploaded is in {id_}.part"
+    assert status.file is None
+    found = read_part(tmp_path / f"{id_}.part")
+    assert found is not None
+    assert len(found[1]) == 500 * 12
+    assert json.loads((tmp_path / f"{id_}.part").read_bytes().partition(b"\n")[0])["count"] == 500
