@@ -40,6 +40,7 @@ _STATES = {
 }
 
 
+_REMOVED = (errno.ENODEV, errno.ENXIO)  # there is no such interface any more
 _DOWN = 0.05  # s, between two looks at an interface that is down
 _NO_FRAME = 0.1  # s, after which a reader that was woken for a frame that is not there goes on
 
@@ -65,6 +66,7 @@ class CanopenNode:
         self._rows_sent = 0
         self._begins: int | None = None  # tick at which the first row to be sent begins at the earliest
         self._error = 0  # error code that the bus has been told
+        self._failure: Exception | None = None  # that a frame met: the kernel tells one thread, the reader or a sender
         self._bus = _open(url)
         self._network = canopen.Network(self._bus)
         self._network.NOTIFIER_CYCLE = 0.02  # s, for which `close` waits
@@ -131,7 +133,7 @@ class CanopenNode:
     def _check(self) -> None:
         """Raise BusError when the bus is gone. An interface that is down may come up again: a drive waits for it."""
         notifier = self._network.notifier
-        error = notifier.exception if notifier is not None else None
+        error = self._failure or (notifier.exception if notifier is not None else None)
         if error is not None and not _passing(error):
             raise BusError(f"the CAN bus {self._bus.channel_info} is gone: {_first_line(error)}")
 
@@ -230,8 +232,11 @@ class CanopenNode:
             self._bus.send_all(frames)
             return
         for cob_id, data in frames:
-            with contextlib.suppress(can.CanError, OSError):  # a bus that takes no frame loses it
+            try:
                 self._network.send_message(cob_id, data)
+            except (can.CanError, OSError) as error:  # a bus that takes no frame loses it
+                if getattr(error, "error_code", None) in _REMOVED:
+                    self._failure = error
 
     def _spoilt(self, frames: list[Frame]) -> list[Frame]:
         """What the line lets through now. A frame that is not intact is lost: every CAN controller checks its sum."""

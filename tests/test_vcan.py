@@ -4,6 +4,7 @@ What is the same over every transport is in test_contract. `make test-vcan` runs
 """
 
 import itertools
+import re
 import struct
 import subprocess
 from collections.abc import Iterator
@@ -273,7 +274,7 @@ def test_a_bus_that_goes_down_is_told_at_once_and_the_drive_is_had_again_when_it
 ) -> None:
     with connect(bench.url) as drive, listening(drive) as listener:
         begin = log.heard()
-        set_link("down")
+        link("set", BUS, "down")
         try:
             error = listener.ended()
             assert isinstance(error, LostError)
@@ -282,13 +283,24 @@ def test_a_bus_that_goes_down_is_told_at_once_and_the_drive_is_had_again_when_it
             with pytest.raises(ConnectError, match=f"socketcan {BUS} no longer takes frames: .*Network is down"):
                 connect(bench.url)
         finally:
-            set_link("up")
+            link("set", BUS, "up")
     with connect(bench.url) as again:
         assert len(first_blocks(again, 20)) > 0
     assert bench.process.poll() is None
     assert BOOTED not in [seen.frame for seen in log.frames(begin)]  # it is the same drive, and has not been reset
 
 
-def set_link(state: str) -> None:
-    """Take the interface down, or up."""
-    subprocess.run(["busybox", "ip", "link", "set", BUS, state], check=True, timeout=PATIENCE)
+def test_a_drive_whose_bus_is_removed_ends_with_a_sentence(bench: ServedProcess) -> None:
+    link("del", BUS)
+    try:
+        assert bench.process.wait(PATIENCE) == 2
+        said = bench.process.communicate()[1]
+        assert re.fullmatch("pmsm-bench emulate: the CAN bus socketcan .* is gone: [^\\n]+\\n", said), said
+    finally:
+        link("add", BUS, "type", "vcan")
+        link("set", BUS, "up")
+
+
+def link(*command: str) -> None:
+    """`ip link` and a command."""
+    subprocess.run(["busybox", "ip", "link", *command], check=True, timeout=PATIENCE)
