@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser test-vcan paper bench-estimator auto-window clean
+.PHONY: run test lint types arrows fast slow browser test-vcan paper bench-estimator bench-links auto-window clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -50,6 +50,9 @@ $(VENV)/.dev: $(VENV)/.run
 
 bench-estimator: $(VENV)/.dev ## the estimator's speed beside its peers and a C loop (needs gcc)
 	$(BIN)/python -m tests.bench_estimator
+
+bench-links: $(VENV)/.dev ## the links over loopback beside what their buses would allow: about nine minutes
+	$(BIN)/python -m tests.bench_links
 
 auto-window: $(VENV)/.dev ## windows chosen by the data beside fixed ones, 40 seeds: about ten minutes
 	$(BIN)/python -m tests.auto_window

@@ -52,6 +52,7 @@ class Link:
     gaps: int = 0
     rows_lost: int = 0
     received: float | None = None  # s, monotonic, when the latest block came
+    t_drive: float | None = None  # s, drive's clock at the end of the latest row
     arrivals: tuple[tuple[float, int], ...] = ()  # (s monotonic, rows so far) within the last _RATE_SPAN
 
     @property
@@ -164,7 +165,8 @@ class Acquisition:
             self._arrivals.popleft()
         self.link = replace(
             link, identity=identity, row_time=block.periods * block.T_s, rows=rows, gaps=link.gaps + gaps,
-            rows_lost=link.rows_lost + lost, received=now, arrivals=tuple(self._arrivals),
+            rows_lost=link.rows_lost + lost, received=now, t_drive=self._next_tick * block.T_s,
+            arrivals=tuple(self._arrivals),
         )
         self._on_block(block)
 

@@ -22,7 +22,7 @@ from estimator.samples import Resolution, Samples
 
 P = ParamSpec("P")
 
-QUEUE = 256  # blocks
+QUEUE = 1024  # blocks; four drives bring 800 a second, and a busy machine holds the worker up
 REFRESH = 0.05  # s, shortest time between two estimates of one drive
 REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
 _CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings

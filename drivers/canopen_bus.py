@@ -5,7 +5,9 @@ signals. What is subscribed runs in the bus library's reader thread.
 """
 
 import contextlib
+import errno
 import logging
+import socket
 import threading
 import time
 from collections.abc import Callable, Generator
@@ -25,6 +27,9 @@ SDO_TIMEOUT = 0.3  # s, for one answer
 READ_ATTEMPTS = 3
 HEARTBEAT = 0.02  # s, between the bench's own heartbeats; a drive's watchdog has to be slower
 EXPEDITED = 4  # bytes; longer downloads go by blocks
+_BACKLOG = 4 << 20  # bytes of frames that may wait in the kernel for a reader that is held up; it may grant less
+_NO_FRAME = 0.1  # s, after which a reader that was woken for a frame that is not there goes on
+_GONE = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO)  # what an interface that is down, or no more, answers
 _BUS_ERRORS = (can.CanError, OSError, RuntimeError, AttributeError)  # the last two: closed meanwhile
 
 # What an SDO answer is (CiA 301, 7.2.4.3): the upper three bits of its first byte
@@ -47,6 +52,7 @@ class CanopenBus:
         self._closed = threading.Event()
         self._close_lock = threading.Lock()
         self._beaten = 0.0  # s, monotonic, when the latest heartbeat was sent
+        self._failure: BaseException | None = None  # that a heartbeat met
         self._network = _open(url, self._closed)
         request, answer = od.sdo_request_cob_id(url.node_id), od.sdo_response_cob_id(url.node_id)
         self._sdo = SdoClient(request, answer, canopen.ObjectDictionary())
@@ -90,8 +96,11 @@ class CanopenBus:
         now = time.monotonic()
         if now - self._beaten >= HEARTBEAT:
             self._beaten = now
-            with contextlib.suppress(*_BUS_ERRORS):  # who reads or writes is told
+            try:
                 self._network.send_message(od.heartbeat_cob_id(node), bytes([od.STATE_OPERATIONAL]))
+            except _BUS_ERRORS as error:  # the kernel tells one thread that an interface is down: it may be this one
+                if getattr(error, "error_code", None) in _GONE:
+                    self._failure = error
 
     def command(self, nmt: int) -> None:
         """Send the node an NMT command."""
@@ -103,6 +112,8 @@ class CanopenBus:
     def check(self) -> None:
         """Raise LostError when the bus has failed."""
         try:
+            if self._failure is not None:
+                raise self._failure
             self._network.check()
         except Exception as error:  # noqa: BLE001 - whatever ended the library's reader thread
             raise LostError(f"{self._url.bus} is gone: {_first_line(error)}") from None
@@ -221,7 +232,19 @@ def _open(url: CanUrl, closed: threading.Event) -> canopen.Network:
         network.connect(interface=url.interface, channel=url.channel, **options)
     except Exception as error:  # noqa: BLE001 - each CAN interface has its own errors for a bus that is not there
         raise ConnectError(f"no CAN bus {url.bus}: {_first_line(error)}") from None
+    _prepare(network.bus)
     return network
+
+
+def _prepare(bus: can.BusABC | None) -> None:
+    """Where the bus is a socket of the kernel's: room for many frames, and a reader that never waits for ever.
+
+    An interface that goes down wakes the reader and tells one thread; where that was a sender, nothing is to be read.
+    """
+    frames = getattr(bus, "socket", None)
+    if isinstance(frames, socket.socket):
+        frames.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BACKLOG)
+        frames.settimeout(_NO_FRAME)
 
 
 def _first_line(error: BaseException) -> str:

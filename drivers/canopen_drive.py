@@ -27,7 +27,7 @@ from drivers.wire.codec import FullScales, decode, encode
 from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_DATA, SIGNALS, layout_id, signal_named
 
 SILENCE = 1.0  # s without a row after which a drive counts as lost, where the row's tick can tell so much
-POLL = 0.01  # s, how often the stream looks for new frames
+POLL = 0.005  # s, how often the stream looks for new frames
 HEARTBEAT_MISSED_MS = 500  # ms without the bench's heartbeat that count as missed, by object 0x1016
 
 _ROW_LENGTH = signal_named("stream_periods")

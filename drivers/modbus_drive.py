@@ -23,7 +23,7 @@ from drivers.wire.dictionary import SIGNALS, Signal, layout_id, signal_named
 from drivers.wire.modbus_url import ModbusUrl
 
 SILENCE: Final = 1.0  # s without a row after which a drive counts as lost
-POLL: Final = 0.01  # s, how often the stream looks for new rows
+POLL: Final = 0.005  # s, how often the stream looks for new rows
 _BURST: Final = 16  # requests, at most, between two looks at what else is to be done
 _SETTLING: Final = 1000  # control periods in which rows of the length before may still come
 _NUMBERS: Final = 1 << 32  # of rows, and of ticks

@@ -5,9 +5,11 @@ thread; values written wait in the virtual drive for its next tick. Time comes i
 """
 
 import contextlib
+import errno
 import heapq
 import logging
 import queue
+import socket
 import struct
 import threading
 from collections.abc import Iterable
@@ -38,6 +40,11 @@ _STATES = {
 }
 
 
+_REMOVED = (errno.ENODEV, errno.ENXIO)  # there is no such interface any more
+_DOWN = 0.05  # s, between two looks at an interface that is down
+_NO_FRAME = 0.1  # s, after which a reader that was woken for a frame that is not there goes on
+
+
 class CanopenNode:
     """One node on a bus. `publish` is called after every run of the virtual drive; `close` leaves the bus.
 
@@ -55,11 +62,12 @@ class CanopenNode:
         self._sdo = SdoServer(self)
         self._state = od.STATE_BOOT_UP
         self._resets = drive.resets
-        self._heartbeat_at = drive.elapsed  # s, of the latest
+        self._heartbeat = (0, 0.0)  # ms between two, s when the latest was due
         self._rows_sent = 0
         self._begins: int | None = None  # tick at which the first row to be sent begins at the earliest
         self._error = 0  # error code that the bus has been told
         self._off = False  # the bus
+        self._failure: Exception | None = None  # that a frame met: the kernel tells one thread, the reader or a sender
         self._bus = _open(url)
         self._network = canopen.Network(self._bus)
         self._network.NOTIFIER_CYCLE = 0.02  # s, for which `close` waits
@@ -80,10 +88,7 @@ class CanopenNode:
 
     def publish(self, rows: StreamRows) -> None:
         """Send what has become due: rows' TPDOs when operational, emergencies, the heartbeat. Raises BusError."""
-        try:
-            self._network.check()
-        except Exception as error:  # noqa: BLE001 - whatever ended the library's reader thread
-            raise BusError(f"the CAN bus {self._bus.channel_info} is gone: {_first_line(error)}") from None
+        self._check()
         now = self._drive.elapsed
         with self._lock:
             if self._drive.resets != self._resets:
@@ -94,11 +99,9 @@ class CanopenNode:
             frames += self._recovery(now) + self._emergency()
             if self._state == od.STATE_OPERATIONAL:
                 frames += self._row_frames(rows)
-            heartbeat = self._objects.communication.heartbeat_ms * 1e-3
-            if heartbeat and self._state != od.STATE_BOOT_UP and now - self._heartbeat_at >= heartbeat * (1.0 - 1e-9):
-                self._heartbeat_at = now
+            if self._heartbeat_due(now):
                 frames.append((od.heartbeat_cob_id(self._id), bytes([self._state])))
-        self._send(frames)
+            self._send(frames)  # before the reader's thread changes the state that they were made in
 
     def close(self) -> None:
         """Leave the bus."""
@@ -127,6 +130,22 @@ class CanopenNode:
     def _check_refused(self, index: int) -> None:
         if self.faults.refuses(index, self._drive.elapsed):
             raise SdoAbortError(od.Abort.GENERAL)
+
+    def _check(self) -> None:
+        """Raise BusError when the bus is gone. An interface that is down may come up again: a drive waits for it."""
+        notifier = self._network.notifier
+        error = self._failure or (notifier.exception if notifier is not None else None)
+        if error is not None and not _passing(error):
+            raise BusError(f"the CAN bus {self._bus.channel_info} is gone: {_first_line(error)}")
+
+    def _heartbeat_due(self, now: float) -> bool:
+        """Whether a heartbeat goes out at time `now` (s). What it is late by does not delay those to come."""
+        (before, latest), period = self._heartbeat, self._objects.communication.heartbeat_ms
+        if period != before:
+            latest = now
+        passed = int((now - latest) / (period * 1e-3) + 1e-6) if period else 0
+        self._heartbeat = (period, latest + passed * period * 1e-3)
+        return passed > 0 and self._state != od.STATE_BOOT_UP
 
     def _row_frames(self, rows: StreamRows) -> list[Frame]:
         if self._begins is None:  # in rows that were under way at the start, what was written before may not count yet
@@ -176,7 +195,7 @@ class CanopenNode:
             self._drive.hear()
             with self._lock:
                 answers = self._sdo.request(request.data, now)
-            self._send([(od.sdo_response_cob_id(self._id), answer) for answer in answers])
+                self._send([(od.sdo_response_cob_id(self._id), answer) for answer in answers])
 
     def _on_heartbeat(self, cob_id: int, data: bytearray, _time: float) -> None:
         own = self._objects.communication.bench_node
@@ -209,6 +228,7 @@ class CanopenNode:
         self._sdo = SdoServer(self)
         self._send([(od.heartbeat_cob_id(self._id), bytes([od.STATE_BOOT_UP]))])
         self._state = od.STATE_PRE_OPERATIONAL
+        self._heartbeat = (self._objects.communication.heartbeat_ms, self._drive.elapsed)
         self._rows_sent = 0
 
     @property
@@ -224,8 +244,11 @@ class CanopenNode:
             self._bus.send_all(frames)
             return
         for cob_id, data in frames:
-            with contextlib.suppress(can.CanError, OSError):  # a bus that takes no frame loses it
+            try:
                 self._network.send_message(cob_id, data)
+            except (can.CanError, OSError) as error:  # a bus that takes no frame loses it
+                if getattr(error, "error_code", None) in _REMOVED:
+                    self._failure = error
 
     def _spoilt(self, frames: list[Frame]) -> list[Frame]:
         """What the line lets through now. A frame that is not intact is lost: every CAN controller checks its sum."""
@@ -247,7 +270,7 @@ class CanopenNode:
 
 
 class _Listener(MessageListener):
-    """Where the bus fails, holds the library's reader thread until the node is closed; `Network.check` tells of it."""
+    """Where the bus fails, holds the library's reader thread until the node is closed, or a bit where it may pass."""
 
     def __init__(self, network: canopen.Network, closed: threading.Event) -> None:
         super().__init__(network)
@@ -258,8 +281,7 @@ class _Listener(MessageListener):
             super().on_message_received(msg)
 
     def on_error(self, exc: Exception) -> None:
-        del exc
-        self._closed.wait()
+        self._closed.wait(_DOWN if _passing(exc) else None)
 
 
 class _SocketcandBus(can.BusABC):
@@ -294,9 +316,20 @@ def _open(url: CanUrl) -> can.BusABC:
         return _SocketcandBus(SocketcandServer(url.host, url.port or 0, url.channel))
     options: dict[str, Any] = dict(url.options)
     try:
-        return can.Bus(interface=url.interface, channel=url.channel, **options)
+        bus = can.Bus(interface=url.interface, channel=url.channel, **options)
     except Exception as error:  # noqa: BLE001 - each CAN interface has its own errors for a bus that is not there
         raise BusError(f"no CAN bus {url.bus}: {_first_line(error)}") from None
+    frames = getattr(bus, "socket", None)
+    if isinstance(frames, socket.socket):  # of the kernel's, which tells one thread that the interface has gone down:
+        frames.settimeout(_NO_FRAME)  # where that was a sender, the reader, woken too, finds nothing
+    return bus
+
+
+def _passing(error: BaseException) -> bool:
+    """The interface is down, or the reader was woken for nothing: neither need last."""
+    return isinstance(error, can.CanError) and (
+        error.error_code == errno.ENETDOWN or isinstance(error.__cause__, TimeoutError)
+    )
 
 
 def _first_line(error: BaseException) -> str:

@@ -28,12 +28,15 @@ _decorating = threading.Lock()
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """`function`, compiled at its first call or taken from the cache. Division by zero gives inf."""
+    """`function`, compiled at its first call or taken from the cache. Division by zero gives inf.
+
+    Other threads go on while it runs: the drive's links are served meanwhile.
+    """
     with _decorating:
         before = _config.CACHE_DIR
         _config.CACHE_DIR = "" if _CACHE is None else str(_CACHE)  # numba reads it while it decorates only
         try:
-            compiled = numba.njit(cache=_CACHE is not None, error_model="numpy")(function)
+            compiled = numba.njit(cache=_CACHE is not None, error_model="numpy", nogil=True)(function)
         finally:
             _config.CACHE_DIR = before
     return cast(Callable[P, R], compiled)

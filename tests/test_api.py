@@ -59,6 +59,7 @@ def test_drives_are_listed_and_told_one_by_one(client: httpx.Client) -> None:
         assert drive["stream"]["nominal_rate_hz"] == pytest.approx(1000.0)
         assert drive["stream"]["gaps"] == drive["stream"]["rows_lost"] == 0
         assert drive["stream"]["age_s"] < 1.0
+        assert drive["stream"]["t_drive_s"] * 1000.0 >= drive["stream"]["rows"]
     assert told["stream"]["rows"] >= listed["stream"]["rows"] > 0
 
 

@@ -83,6 +83,27 @@ def test_a_node_boots_into_pre_operational_and_beats_ten_times_a_second(wire: Wi
     assert beats == [(0x705, b"\x7f")] * 10
 
 
+def test_heartbeats_keep_their_pace_in_whatever_steps_time_passes(wire: Wire) -> None:
+    wire.next()
+    beats = [wire.drive.elapsed for _ in range(1031) if wire.run(97)]  # 10.0007 s
+    assert len(beats) == 100
+    assert all(0.0 <= at - 0.1 * (k + 1) < 97e-4 for k, at in enumerate(beats))
+
+
+def test_a_drive_that_was_held_up_beats_once_and_not_for_all_that_it_missed(wire: Wire) -> None:
+    wire.next()
+    assert wire.run(3500) == [(0x705, b"\x7f")]
+    assert [len(wire.run(100)) for _ in range(10)] == [0, 0, 0, 0, 1, 0, 0, 0, 0, 0]
+
+
+def test_a_new_heartbeat_time_counts_from_when_it_is_set(wire: Wire) -> None:
+    wire.next()
+    wire.run(900)
+    assert wire.sdo("2b17100032000000") == "6017100000000000"  # 50 ms
+    wire.run(0)
+    assert [len(wire.run(100)) for _ in range(10)] == [0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+
+
 @pytest.mark.parametrize(("command", "state"), [(1, 5), (2, 4), (128, 127)])
 @pytest.mark.parametrize("node", [0, 5])
 def test_nmt_commands_to_this_node_or_all_change_its_state(wire: Wire, command: int, state: int, node: int) -> None:

@@ -5,7 +5,7 @@
  * @typedef {{state: "connecting" | "streaming" | "lost", since: string, reconnects: number,
  *   last_error: LinkError | null}} Link
  * @typedef {{rate_hz: number, nominal_rate_hz: number | null, rows: number, gaps: number, rows_lost: number,
- *   age_s: number | null}} Stream
+ *   age_s: number | null, t_drive_s: number | null}} Stream
  * @typedef {{device_name: string, serial: number, T_s: number}} Identity
  * @typedef {{holder: string, until: string}} Writer
  * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream,

@@ -65,6 +65,7 @@ class StreamModel(BaseModel):
     gaps: int = Field(description="breaks between rows")
     rows_lost: int = Field(description="rows the drive made and the bench never had, by the drive's clock")
     age_s: float | None = Field(description="since the latest row arrived", examples=[0.004])
+    t_drive_s: float | None = Field(description="drive's clock at the end of the latest row", examples=[251.93])
 
 
 class WriterModel(BaseModel):
@@ -284,6 +285,7 @@ def drive_model(service: Service, name: str) -> DriveModel:
         stream=StreamModel(
             rate_hz=round(link.rate, 1), nominal_rate_hz=None if link.row_time is None else round(1 / link.row_time, 6),
             rows=link.rows, gaps=link.gaps, rows_lost=link.rows_lost, age_s=link.age,
+            t_drive_s=link.t_drive,
         ),
         writer=None if writer is None else WriterModel.model_validate(writer, from_attributes=True),
     )

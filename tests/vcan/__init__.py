@@ -7,5 +7,5 @@ pytest runs the tests marked `vcan`.
     kernel      Debian's kernel package, fetched and unpacked; which of its modules are needed, in order
     initramfs   the first file system: busybox, those modules, init.sh
     init.sh     the first program: modules, files, vcan0, then the tests
-    machine     the machine: booted, listened to, timed
+    machine     the machine: booted, listened to, with a clock that knows nothing of the host's load
 """

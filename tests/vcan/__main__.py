@@ -35,7 +35,7 @@ def main(options: list[str]) -> int:
         kernel = unpacked(FOLDER / "kernel")
         subprocess.run([sys.executable, "-c", WARM_UP], cwd=PROJECT, env=os.environ | COMPILED, check=True)
         print(f"booting {kernel.image.name}, {time.monotonic() - begun:.0f} s", flush=True)
-        status = run(kernel, FOLDER, command(options or TESTS), TIMEOUT)
+        status = run(kernel, FOLDER, command([*TESTS, *options]), TIMEOUT)
     except (KernelError, MachineError, subprocess.CalledProcessError) as error:
         print(f"test-vcan: {error}", file=sys.stderr)
         return 2
