@@ -25,6 +25,7 @@ P = ParamSpec("P")
 QUEUE = 1024  # blocks; four drives bring 800 a second, and a busy machine holds the worker up
 REFRESH = 0.05  # s, shortest time between two estimates of one drive
 REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
+LATE = 0.5  # s that an estimate waits for rows to be taken in first, where those come faster
 _CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings
 
 
@@ -148,9 +149,10 @@ class Estimation:
             elif item is not None:
                 name, block, received = item
                 self._guarded(name, self._take, self._drives[name], block, received)
-            for name, drive in self._drives.items():
-                if drive.stale and time.monotonic() >= drive.due:
-                    self._guarded(name, self._estimate, drive)
+            late = LATE if self._queue.qsize() > QUEUE // 8 else 0.0
+            due = {name: drive.due + late for name, drive in self._drives.items() if drive.stale}
+            if due and time.monotonic() >= due[name := min(due, key=due.__getitem__)]:
+                self._guarded(name, self._estimate, self._drives[name])
 
     def _guarded(self, name: str, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """Take a step; a fault of ours is told by the health page and ends neither the worker nor other drives."""

@@ -48,7 +48,10 @@ _FOLDER = _cache_folder()
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function of numbers and arrays to machine code at its first call. It divides by zero as numpy does."""
+    """Compile a function of numbers and arrays to machine code at its first call. It divides by zero as numpy does.
+
+    It lets other threads go on meanwhile: the arrays it is given are its caller's alone.
+    """
     return _compiled(function, fastmath=False)
 
 
@@ -61,7 +64,7 @@ def _compiled(function: Callable[P, R], fastmath: bool | set[str]) -> Callable[P
     before = getattr(numba_config, "CACHE_DIR", "")
     setattr(numba_config, "CACHE_DIR", _FOLDER or "")  # noqa: B010 - numba declares its settings at run time
     try:
-        compiler = numba.njit(cache=_FOLDER is not None, fastmath=fastmath, error_model="numpy")
+        compiler = numba.njit(cache=_FOLDER is not None, fastmath=fastmath, error_model="numpy", nogil=True)
         return cast(Callable[P, R], compiler(function))
     finally:
         setattr(numba_config, "CACHE_DIR", before)  # noqa: B010
