@@ -33,18 +33,25 @@ def test_an_interface_that_goes_is_told_at_both_ends_and_served_again_when_it_is
             troubles[channel] = number
             error = listener.ended()
             assert isinstance(error, LostError)
-            assert str(error).startswith(f"falling {channel} is gone: Error receiving: [Errno {number}] {words}")
+            assert str(error).startswith(f"falling {channel} is gone: ")  # by whichever thread met it first
+            assert f"[Errno {number}] {words}" in str(error)
             with pytest.raises(LostError, match=f"falling {channel} no longer takes frames: .*{words}"):
                 drive.write("i_q_ref", 1.0)
         with pytest.raises(ConnectError, match=words):
             connect(url)
         tick = running.drive.tick
         until(lambda: running.drive.tick > tick + 15_000, "its time stands still")
-        said = capfd.readouterr().err.splitlines()
-        assert all(line.startswith("pmsm-bench emulate: ") and words in line for line in said), said
-        assert 1 <= len(said) <= 2  # gone, and that it cannot be opened
         del troubles[channel]
-        until(lambda: capfd.readouterr().err == f"pmsm-bench emulate: {url} is served again\n", "nothing is said")
+        if number == errno.ENODEV:  # else the node waits in silence
+            said: list[str] = []
+
+            def told_again() -> bool:
+                said.extend(capfd.readouterr().err.splitlines())
+                return f"pmsm-bench emulate: {url} is served again" in said
+
+            until(told_again, "nothing is said")
+            assert all(line.startswith("pmsm-bench emulate: ") and words in line for line in said[:-1]), said
+            assert 2 <= len(said) <= 3  # gone, perhaps that it cannot be opened, and served again
         with connect(url) as again:
             assert len(first_blocks(again, 50)) > 0
     assert capfd.readouterr().err == ""
