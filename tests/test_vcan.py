@@ -290,15 +290,21 @@ def test_a_bus_that_goes_down_is_told_at_once_and_the_drive_is_had_again_when_it
     assert BOOTED not in [seen.frame for seen in log.frames(begin)]  # it is the same drive, and has not been reset
 
 
-def test_a_drive_whose_bus_is_removed_ends_with_a_sentence(bench: ServedProcess) -> None:
+def test_a_drive_whose_bus_is_removed_says_so_and_serves_it_again_when_it_is_back(bench: ServedProcess) -> None:
+    errors = bench.process.stderr
+    assert errors is not None
     link("del", BUS)
     try:
-        assert bench.process.wait(PATIENCE) == 2
-        said = bench.process.communicate()[1]
-        assert re.fullmatch("pmsm-bench emulate: the CAN bus socketcan .* is gone: [^\\n]+\\n", said), said
+        said = errors.readline()
+        assert re.fullmatch("pmsm-bench emulate: the CAN bus socketcan .* is gone: [^\\n]+\n", said), said
     finally:
         link("add", BUS, "type", "vcan")
         link("set", BUS, "up")
+    again = f"pmsm-bench emulate: {bench.url} is served again\n"
+    while (said := errors.readline()) != again:
+        assert said.startswith("pmsm-bench emulate: no CAN bus socketcan "), said
+    with connect(bench.url) as drive:
+        assert len(first_blocks(drive, 20)) > 0
 
 
 def link(*command: str) -> None:
