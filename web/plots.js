@@ -147,7 +147,7 @@ function layout(span_s, unit, limits, colours) {
     ticks: "outside", ticklen: 4, tickcolor: colours.line };
   return {
     autosize: true,
-    margin: { l: 62, r: 14, t: 8, b: 38 },
+    margin: { l: 76, r: 14, t: 8, b: 38 },
     paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: colours.muted },
