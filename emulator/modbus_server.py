@@ -9,7 +9,6 @@ import os
 import select
 import socket
 import threading
-import tty
 from collections.abc import Callable, Generator
 from pathlib import Path
 from types import TracebackType
@@ -21,13 +20,13 @@ from emulator.faults import Faults, Passed
 from emulator.modbus_frames import Framing, Request, RtuFraming, TcpFraming
 from emulator.modbus_registers import Registers
 from emulator.socketcand import BusError
+from emulator.terminal import Terminal
 from emulator.virtual_drive import StreamRows, VirtualDrive
 
 _SILENCE: Final = 0.01  # s without a byte that ends a frame; 3.5 characters are 0.3 ms at 115200 bit/s
 _SEND_TIMEOUT: Final = 1.0  # s after which a client that takes nothing is dropped
 _PAUSE: Final = 0.1  # s, where nobody can be let in
 _TICK: Final = 1e-3  # s, how often the drive's clock is looked at
-_PTYS: Final = "/dev/pts/"
 
 
 class Disturbance(Protocol):
@@ -176,24 +175,14 @@ class _Client:
 
 
 class _Pty:
-    """A serial line that this process makes: a pty, and a link to it at a path. Raises BusError where none can be."""
+    """A serial line that this process makes. Raises BusError where none can be."""
 
     checked = False
 
     def __init__(self, link: Path) -> None:
-        if link.is_symlink() and str(link.readlink()).startswith(_PTYS):
-            link.unlink()  # of one that could not tidy up
-        self._near, self._far = os.openpty()  # the far end stays open, so that clients may come and go
-        tty.setraw(self._far)
-        os.set_blocking(self._near, False)
+        self._terminal = Terminal(link)
+        self._near = self._terminal.near
         self._wake = os.eventfd(0)
-        self._link = link
-        self._target = os.ttyname(self._far)
-        try:
-            link.symlink_to(self._target)
-        except OSError as error:
-            self._close_files()
-            raise BusError(f"cannot serve a serial line at {link}: {error.strerror}") from None
 
     def receive(self, patience: float | None) -> bytes | None:
         ready, _, _ = select.select([self._near, self._wake], [], [], patience)
@@ -209,13 +198,9 @@ class _Pty:
         os.eventfd_write(self._wake, 1)
 
     def close(self) -> None:
-        if self._link.is_symlink() and str(self._link.readlink()) == self._target:
-            self._link.unlink()
-        self._close_files()
-
-    def _close_files(self) -> None:
-        for number in (self._near, self._far, self._wake):
-            os.close(number)
+        self._terminal.close()
+        os.close(self._near)
+        os.close(self._wake)
 
 
 class _Listener:

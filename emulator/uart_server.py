@@ -14,7 +14,6 @@ import socket
 import struct
 import termios
 import threading
-import tty
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
@@ -32,6 +31,7 @@ from drivers.wire.uart_frame import Frame, Kind
 from drivers.wire.uart_url import UartUrl
 from emulator.faults import Faults
 from emulator.socketcand import BusError
+from emulator.terminal import Terminal
 from emulator.virtual_drive import StreamRows, VirtualDrive
 
 _SERIAL: Final = 1
@@ -143,20 +143,9 @@ class UartServer:
     # Lines
 
     def _open_terminal(self, resources: contextlib.ExitStack) -> None:
-        """A pseudo-terminal, and a link to it at the place's path."""
-        path = Path(self._place.device)
-        master, slave = os.openpty()  # the slave stays open: the line is there without a client, too
-        resources.callback(os.close, slave)
-        try:
-            tty.setraw(slave)
-            if path.is_symlink() and (not path.exists() or str(path.readlink()).startswith("/dev/pts/")):
-                path.unlink()  # of an emulator that was killed
-            path.symlink_to(os.ttyname(slave))
-        except OSError as error:
-            os.close(master)
-            raise BusError(f"cannot serve a serial line at {path}: {error.strerror}") from None
-        resources.callback(_unlink, path, os.ttyname(slave))
-        self._add(master, lambda: _speed_of(slave) in (self._place.baudrate, None))
+        terminal = Terminal(Path(self._place.device))
+        resources.callback(terminal.close)
+        self._add(terminal.near, lambda: _speed_of(terminal.far) in (self._place.baudrate, None))
 
     def _open_port(self, resources: contextlib.ExitStack) -> None:
         place = self._place
@@ -459,10 +448,3 @@ def _counts(values: Iterable[float]) -> tuple[int, int]:
 def _speed_of(terminal: int) -> int | None:
     """Baud rate that the client has set; None where the system has no number for it."""
     return _SPEEDS.get(termios.tcgetattr(terminal)[5])
-
-
-def _unlink(path: Path, target: str) -> None:
-    """Remove a link, if it is still ours."""
-    with contextlib.suppress(OSError):
-        if str(path.readlink()) == target:
-            path.unlink()

@@ -16,8 +16,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-# A shell starts what it runs in the background with Ctrl-C ignored, and children inherit that
+# A shell starts what it runs in the background with Ctrl-C ignored, nohup with a closed terminal; children inherit that
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 os.environ.pop("PMSM_BENCH_PORT", None)  # it would beat the ports that tests choose
 _DATA = tempfile.TemporaryDirectory(prefix="pmsm-bench-")  # captures of tests are none of the user's
 os.environ["XDG_DATA_HOME"] = _DATA.name

@@ -76,6 +76,20 @@ def test_up_tells_the_truth_within_ten_seconds_and_ends_both_when_told(number: s
         pass
 
 
+def test_up_outlives_its_terminal_under_nohup() -> None:
+    port, bus = free_port(), bus_url(free_port())
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does, and children inherit
+    try:
+        with command("up", "--port", str(port), "--at", bus) as process:
+            wait_for_answer(f"http://127.0.0.1:{port}/api/health", process)
+            process.send_signal(signal.SIGHUP)
+            wait_for_answer(f"http://127.0.0.1:{port}/api/health", process)
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(15.0) == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 def test_a_service_that_is_killed_takes_its_emulated_drive_with_it() -> None:
     port, bus = free_port(), bus_url(free_port())
     with command("up", "--port", str(port), "--at", bus) as process:

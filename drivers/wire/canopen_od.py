@@ -158,6 +158,9 @@ def mapping_text(entries: Iterable[int]) -> str:
     return " ".join(map(name, entries)) or "nothing"
 
 
+_AT, _ON = "12:00PM", "11-21-2026"  # of the data sheet; by no clock, so that it is the same every time
+
+
 def eds() -> str:
     """The drive's electronic data sheet (CiA 306) as text."""
     objects: dict[int, list[str]] = {
@@ -185,18 +188,20 @@ def eds() -> str:
             mapping), [(f"Entry {k}", 0x07, "rw", entry) for k, entry in enumerate(entries, 1)], record=True)
     for index in sorted({signal.index for signal in SIGNALS}):
         objects[index] = _signals(index, [signal for signal in SIGNALS if signal.index == index])
-    objects[CAPTURE_DATA[0]] = _record(CAPTURE_DATA[0], "Recording", [("Data", 0x0F, "ro", None)])
+    objects[CAPTURE_DATA[0]] = _record(CAPTURE_DATA[0], "Recording", [("Data", _DOMAIN_TYPE, "ro", None)])
 
     mandatory = [OD_DEVICE_TYPE, OD_ERROR_REGISTER, OD_IDENTITY]
     own = [index for index in objects if 0x2000 <= index < 0x6000]
     optional = [index for index in objects if index not in (*mandatory, *own)]
     head = [
         "[FileInfo]", "FileName=pmsm-bench.eds", "FileVersion=1", "FileRevision=0", "EDSVersion=4.0",
-        "Description=Permanent-magnet synchronous motor drive", "CreatedBy=pmsm-bench", "",
+        "Description=Permanent-magnet synchronous motor drive",
+        *(line for done in ("Creation", "Modification") for line in (f"{done}Time={_AT}", f"{done}Date={_ON}")),
+        "CreatedBy=pmsm-bench", "ModifiedBy=pmsm-bench", "",
         "[DeviceInfo]", "VendorName=pmsm-bench", f"VendorNumber=0x{VENDOR_ID:08X}", f"ProductName={DEVICE_NAME}",
         f"ProductNumber=0x{PRODUCT_CODE:08X}", f"RevisionNumber=0x{REVISION:08X}", "OrderCode=0",
         *(f"BaudRate_{rate}={int(rate == 1000)}" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)),
-        "SimpleBootUpMaster=0", "SimpleBootUpSlave=1", "Granularity=0", "DynamicChannelsSupported=0",
+        "SimpleBootUpMaster=0", "SimpleBootUpSlave=1", "Granularity=8", "DynamicChannelsSupported=0",
         "GroupMessaging=0",
         "NrOfRXPDO=0", f"NrOfTXPDO={len(TPDO_LAYOUT)}", "LSS_Supported=0", "",
         "[DummyUsage]", *(f"Dummy000{k}=0" for k in range(1, 8)), "",
@@ -209,18 +214,21 @@ def eds() -> str:
     return "\n".join([*head, *lists, *(line for index in sorted(objects) for line in objects[index])])
 
 
+_DOMAIN, _VARIABLE, _ARRAY, _RECORD = 0x2, 0x7, 0x8, 0x9  # object codes (CiA 301, table 42)
+_DOMAIN_TYPE: Final = 0x0F
 Entry = tuple[str, int, str, int | str | None]
 
 
 def _variable(
     index: int, subindex: int | None, name: str, canopen_type: int, access: str, default: int | str | None,
-    mapped: bool = False,
+    mapped: bool = False, limits: Iterable[str] = (),
 ) -> list[str]:
+    kind = _DOMAIN if canopen_type == _DOMAIN_TYPE else _VARIABLE
     section = f"{index:04X}" if subindex is None else f"{index:04X}sub{subindex:X}"
     value = f"0x{default:X}" if isinstance(default, int) else default or ""
     return [
-        f"[{section}]", f"ParameterName={name}", "ObjectType=0x7", f"DataType=0x{canopen_type:04X}",
-        f"AccessType={access}", f"DefaultValue={value}", f"PDOMapping={int(mapped)}", "",
+        f"[{section}]", f"ParameterName={name}", f"ObjectType=0x{kind}", f"DataType=0x{canopen_type:04X}",
+        *limits, f"AccessType={access}", f"DefaultValue={value}", f"PDOMapping={int(mapped)}", "",
     ]
 
 
@@ -232,7 +240,7 @@ def _array(
     index: int, name: str, head_access: str, count: int, entries: list[Entry], record: bool = False
 ) -> list[str]:
     """`head_access` and `count` are those of sub-index 0."""
-    kind = 0x9 if record else 0x8
+    kind = _RECORD if record else _ARRAY
     lines = [f"[{index:04X}]", f"ParameterName={name}", f"ObjectType=0x{kind}", f"SubNumber={len(entries) + 1}", ""]
     lines += _variable(index, 0, "Highest sub-index supported", 0x05, head_access, count)
     for k, (entry, canopen_type, access, default) in enumerate(entries, 1):
@@ -240,7 +248,7 @@ def _array(
     return lines
 
 
-_RECORD_NAMES: Final = {
+_NAMES: Final = {
     0x1010: "Store parameters", 0x1011: "Restore default parameters", 0x2000: "Drive", 0x2010: "Full scales",
     0x2100: "Stream", 0x2200: "Control", 0x2300: "References", 0x2400: "Recorder",
 }
@@ -250,10 +258,20 @@ def _signals(index: int, signals: list[Signal]) -> list[str]:
     if signals[0].subindex == 0:
         (s,) = signals
         return _variable(index, None, s.name, s.type.canopen_type, s.access, None, mappable(s))
-    name = _RECORD_NAMES[index]
+    name = _NAMES[index]
     highest = max(signal.subindex for signal in signals)
-    lines = [f"[{index:04X}]", f"ParameterName={name}", "ObjectType=0x9", f"SubNumber={len(signals) + 1}", ""]
+    kind = _ARRAY if index in (OD_STORE, OD_RESTORE) else _RECORD
+    lines = [f"[{index:04X}]", f"ParameterName={name}", f"ObjectType=0x{kind}", f"SubNumber={len(signals) + 1}", ""]
     lines += _variable(index, 0, "Highest sub-index supported", WireType.U8.canopen_type, "const", highest)
     for s in signals:
-        lines += _variable(s.index, s.subindex, s.name, s.type.canopen_type, s.access, None, mappable(s))
+        lines += _variable(s.index, s.subindex, s.name, s.type.canopen_type, s.access, None, mappable(s), _limits(s))
     return lines
+
+
+def _limits(signal: Signal) -> list[str]:
+    """The range of a whole number; that of others has no form that all tools read."""
+    if signal.type is WireType.F32 or not signal.is_parameter:
+        return []
+    bounds = (("LowLimit", signal.minimum), ("HighLimit", signal.maximum))
+    mask = (1 << signal.type.bits) - 1
+    return [f"{key}=0x{int(value) & mask:X}" for key, value in bounds if value is not None]
