@@ -15,7 +15,7 @@ from bench.capture import Link, Run, State, Status, new_status
 from bench.capture_file import PartFile, check_place
 from bench.capture_request import Request
 from bench.errors import ConflictError, UnavailableError, shown
-from bench.lease import Lease
+from bench.lease import Leases
 
 LATEST: Final = "latest"
 _CANCEL: Final = 5.0  # s for a capture to end
@@ -33,7 +33,7 @@ class Captures:
     """Everything about captures; runs from `start` to `end`."""
 
     def __init__(
-        self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Mapping[str, Lease]
+        self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Leases
     ) -> None:
         self._folder, self._urls, self._links, self._leases = folder.absolute(), urls, links, leases
         self._lock = threading.Lock()  # guards what follows
@@ -68,13 +68,14 @@ class Captures:
         status = new_status(drive, Request.of(given))
         self._check_folder()
         holder = f"capture {status.id}" + (f" (asked for from {whom})" if whom else "")
-        run, lease = self._run(status, holder), self._leases[drive]
-        lease.take(holder, run.most_seconds)
+        run = self._run(status, holder)
+        self._links[drive].drive()  # from here on it is known which device that is
+        self._leases.take(drive, holder, run.most_seconds)
         try:
             run.arm()
-            lease.take(holder, run.most_seconds)  # now it is known how long a sample takes
+            self._leases.take(drive, holder, run.most_seconds)  # now it is known how long a sample takes
         except BaseException:
-            lease.release(holder)
+            self._leases.release(drive, holder)
             raise
         self._begin(run)
         return run.status
@@ -145,18 +146,16 @@ class Captures:
             status = Status(heading.id, heading.drive, request, asked, State.UPLOADING)
             run = self._run(status, holder := f"capture {heading.id}", part)
             # A second one of a drive waits for the next start
-            self._leases[heading.drive].take(holder, run.most_seconds)
+            self._leases.take(heading.drive, holder, run.most_seconds)
             self._begin(run)
             otherwise.pop_all()
 
     def _run(self, status: Status, holder: str, interrupted: PartFile | None = None) -> Run:
-        lease = self._leases[status.drive]
-
         def changed(status: Status) -> None:
             if status.state.ended:
-                lease.release(holder)
+                self._leases.release(status.drive, holder)
             else:
-                lease.take(holder, run.most_seconds)
+                self._leases.take(status.drive, holder, run.most_seconds)
             with self._lock:
                 self._known[status.id] = status
 

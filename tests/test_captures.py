@@ -258,6 +258,17 @@ def test_what_no_drive_could_do_is_refused(given: dict[str, Any], said: str) -> 
         Request.of(given)
 
 
+def test_a_drive_of_two_names_takes_one_writer(drive: Served, tmp_path: Path) -> None:
+    names = ("spindle", "alias")
+    drives = tuple(DriveConfig(name, drive.url, Window()) for name in names)
+    with Service(Config(drives, captures=tmp_path)) as service:
+        until(lambda: all(service.link(name).identity is not None for name in names), "both links")
+        until(lambda: service.link("spindle").rows > 0, "the stream")
+        first = ask(service, **NEVER)
+        with pytest.raises(ConflictError, match=f"drive alias takes one writer .* capture {first.id} holds"):
+            service.captures.ask("alias", {})
+
+
 def test_a_refusal_comes_before_the_wire(service: Service, drive: Served) -> None:
     number = drive.drive.read("capture_number")
     with pytest.raises(LimitError, match="length: "):
