@@ -121,6 +121,7 @@ class Acquisition:
         while not self._stop.is_set():
             try:
                 with connect(self._url) as drive:
+                    self.link = replace(self.link, identity=drive.identity)
                     with self._drive_lock:
                         self._drive = drive
                     for block in drive.stream() if not self._stop.is_set() else ():

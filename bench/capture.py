@@ -28,6 +28,7 @@ LINK_PATIENCE: Final = 120.0  # s that a lost link is waited for
 _POLL: Final = 0.1  # s between two looks at the recorder, which a slow line shares with the stream
 _RETRY: Final = 0.2  # s
 _REFUSALS: Final = 5  # in a row, after which a drive means it
+_STOPPED: Final = "another client has stopped the recorder before the recording was complete"
 _STANDSTILL: Final = 10.0  # s without another sample after which a recording is given up
 
 
@@ -83,7 +84,7 @@ class Run:
 
     def __init__(
         self, status: Status, url: str, link: Link, path: Path, on_change: Callable[[Status], None],
-        interrupted: tuple[Heading, bytearray] | None = None,
+        interrupted: PartFile | None = None,
     ) -> None:
         """`path` is where the recording goes; `interrupted`, what a run before this one has uploaded."""
         self.status = status
@@ -92,21 +93,19 @@ class Run:
         self._leave = threading.Event()
         self._cancelled = False
         self._number = 0  # of the drive's recording
+        self._armed = self._tick = 0  # by the drive's clock: when it was armed, and latest
         self._T_s = 0.0  # s
-        self._heading: Heading | None = None
         self._upload: Upload | None = None
-        self._kept: int | None = None
+        self._part = interrupted
         self._progressed = time.monotonic()
         self._refusals = 0
         if interrupted is not None:
-            self._heading, data = interrupted
-            heading = self._heading
-            self._upload = Upload(status.request.setup, heading.number, heading.tick, heading.count, data)
-            self._kept = len(data)
+            heading = interrupted.heading
+            self._upload = Upload(status.request.setup, heading.number, heading.tick, heading.count, interrupted.data)
 
     @property
     def part(self) -> Path:
-        """What has been uploaded so far."""
+        """What has been uploaded so far, unless that name was another's."""
         return self.path.with_suffix(".part")
 
     @property
@@ -125,6 +124,7 @@ class Run:
         except RefusedError as error:
             raise RefusedError(f"drive {self.status.drive} has no recorder: {error}", error.code) from None
         self._T_s = drive.identity.T_s
+        self._armed = self._tick = int(drive.read("tick"))
         self._number = capture.arm(drive, request.setup, by_command=request.trigger == COMMAND)
 
     def trigger(self) -> None:
@@ -147,8 +147,8 @@ class Run:
         try:
             if self._upload is None:
                 self._await_recording()
-            self._take_over()
-            self._tell(state=State.DONE, samples=self.status.request.length, file=self.path)
+            written = self._take_over()
+            self._tell(state=State.DONE, samples=self.status.request.length, file=written)
         except _LeftError:
             self._left()
         except (DriveError, BenchError) as error:
@@ -157,6 +157,9 @@ class Run:
             self._failed(f"the recording cannot be written: {error.strerror or error}")
         except Exception as error:  # noqa: BLE001 - a fault of ours must not leave a capture without an end
             self._failed(f"the bench failed on this capture: {type(error).__name__}: {error}")
+        finally:
+            if self._part is not None:
+                self._part.close()
 
     def _await_recording(self) -> None:
         request = self.status.request
@@ -164,13 +167,13 @@ class Run:
         begun = grown = time.monotonic()
         count = -1
         while True:
-            seen = self._with_drive(lambda drive: capture.seen(drive, self._number))
+            seen = self._with_drive(self._seen)
             now = time.monotonic()
             if seen.state == DONE:
-                self._tell(samples=request.length)
+                self._tell(samples=seen.count)
                 return
             if seen.state not in (ARMED, TRIGGERED):
-                raise GoneError("another client has stopped the recorder before the recording was complete")
+                raise GoneError(_STOPPED)
             if seen.state == ARMED and now - begun > patience:
                 self._stop_recorder()
                 raise NoReplyError(f"{_awaited(request)} has not come within {request.timeout_s:g} s")
@@ -185,26 +188,44 @@ class Run:
                 self._tell(state=State.TRIGGERED, samples=count, reason="")
             self._pause(_POLL)
 
-    def _take_over(self) -> None:
-        """Upload, beside the part file, and write the recording."""
-        if self._upload is None or self._heading is None:
-            upload = self._with_drive(lambda drive: capture.found(drive, self.status.request.setup))
-            self._heading, self._upload = self._headed(upload), upload
-        upload, heading = self._upload, self._heading
+    def _seen(self, drive: Drive) -> capture.Seen:
+        """Where the recorder stands. Raises GoneError where it has lost the recording, also by a reset of the drive."""
+        before, self._tick = self._tick, int(drive.read("tick"))
+        if capture.earlier(self._tick, before):
+            raise GoneError(f"the drive no longer has recording {self._number}, it has been reset")
+        return capture.seen(drive, self._number)
+
+    def _found(self, drive: Drive) -> Upload:
+        self._seen(drive)
+        upload = capture.found(drive, self.status.request.setup)
+        capture.check_ours(drive, upload, self._number, self._armed)
+        return upload
+
+    def _take_over(self) -> Path:
+        """Upload, beside the part file, and write the recording; where it is."""
+        if self._upload is None:
+            self._upload = self._with_drive(self._found)
+        upload = self._upload
         self._tell(state=State.UPLOADING, samples=upload.done, reason="")
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        with PartFile(self.part, heading, self._kept) as part:
+        if self._part is None:
+            heading = self._headed(upload)
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._part = PartFile.begun(self.part, heading)
+        part = self._part
 
-            def uploaded(done: int) -> None:
-                part.keep(upload.data, done * 2 * len(upload.setup.channels))
-                self._went_on()
-                self._tell(samples=done, reason="")
-                if self._leave.is_set():
-                    raise _LeftError
+        def uploaded(done: int) -> None:
+            part.keep(upload.data, done * 2 * len(upload.setup.channels))
+            self._went_on()
+            self._tell(samples=done, reason="")
+            if self._leave.is_set():
+                raise _LeftError
 
-            self._with_drive(lambda drive: capture.upload(drive, upload, uploaded))
-        write_recording(self.path, heading, upload)
-        self.part.unlink(missing_ok=True)
+        self._with_drive(lambda drive: capture.upload(drive, upload, uploaded))
+        if upload.count < self.status.request.length:
+            raise GoneError(_STOPPED)
+        written = write_recording(self.path, part.heading, upload)
+        part.remove()
+        return written
 
     def _headed(self, upload: Upload) -> Heading:
         status = self.status
@@ -244,29 +265,31 @@ class Run:
     def _left(self) -> None:
         if self._upload is None:
             self._stop_recorder()
-        elif not self._cancelled:
+        elif not self._cancelled and self._part is not None:
             self._tell(reason="the service has ended; it goes on when the service runs again")
             return
-        self.part.unlink(missing_ok=True)
+        self._remove_part()
         self._tell(state=State.CANCELLED, reason="" if self._cancelled else "the service has ended")
 
     def _failed(self, why: str) -> None:
         """Keep what there is, as a partial recording."""
-        upload, heading = self._upload, self._heading
-        if upload is None or heading is None or not upload.done:
-            self.part.unlink(missing_ok=True)
+        upload, part = self._upload, self._part
+        if upload is None or part is None or not upload.done:
+            self._remove_part()
             self._tell(state=State.FAILED, reason=why)
             return
-        partial = self.path.with_suffix(".partial.parquet")
         try:
-            write_recording(partial, heading, upload)
-            self.part.unlink(missing_ok=True)
-        except OSError:
-            kept = f"; what was uploaded is in {self.part.name}"
-            self._tell(state=State.FAILED, reason=f"{why}{kept}")
+            partial = write_recording(self.path.with_suffix(".partial.parquet"), part.heading, upload)
+        except Exception:  # noqa: BLE001 - as in `finish`
+            self._tell(state=State.FAILED, reason=f"{why}; the first {part.samples} samples are in {part.path.name}")
             return
-        why = f"{why}; the first {upload.done} of {upload.count} samples are kept"
+        part.remove()
+        why = f"{why}; the first {upload.done} of {self.status.request.length} samples are kept"
         self._tell(state=State.FAILED, samples=upload.done, reason=why, file=partial)
+
+    def _remove_part(self) -> None:
+        if self._part is not None:
+            self._part.remove()
 
     def _stop_recorder(self) -> None:
         """As far as the drive can be had: a recorder that waits on does no harm."""

@@ -1,21 +1,28 @@
 """Captures on disk: what has been uploaded so far, and the recording it becomes. The one file that writes Parquet.
 
 An upload under way is `NAME.part`: a line of JSON that says what it is, then counts as they came; it outlives the
-process. The recording is `NAME.parquet`, written whole or not at all. What can no longer be completed is kept as
-`NAME.partial.parquet`, whose notes say so.
+process, and is locked while one works at it. The recording is `NAME.parquet`, written whole or not at all. What can no
+longer be completed is kept as `NAME.partial.parquet`, whose notes say so. No file that is there is written over: the
+new one is `NAME-1` then, or the next that is free.
 """
 
 import contextlib
+import fcntl
 import json
 import os
+import secrets
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from itertools import count
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self, TypeVar
 
 from drivers.capture import Capture, Setup, Upload, decoded
 from drivers.drive import Identity
 from drivers.wire.codec import channel_signal, count_size
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +53,48 @@ class Heading:
 
 
 class PartFile:
-    """The file of an upload under way, grown as samples come. Use as a context manager; leaving it keeps the file."""
+    """The file of an upload under way, grown as samples come. It is locked until `close`, which leaves it there."""
 
-    def __init__(self, path: Path, heading: Heading, done: int | None = None) -> None:
-        """A new file; with `done`, the one that is there, of whose samples so many bytes are good. Raises OSError."""
-        head = json.dumps(asdict(heading)).encode() + b"\n"
-        self._file = path.open("xb" if done is None else "r+b")
-        self._done = done or 0
-        if done is None:
-            self._file.write(head)
-            self._file.flush()
-        else:
-            self._file.truncate(len(head) + done)
-            self._file.seek(0, os.SEEK_END)
+    def __init__(self, path: Path, file: BinaryIO, heading: Heading, data: bytearray) -> None:
+        """Use `begun` or `found`."""
+        self.path, self.heading, self.data = path, heading, data  # what was there, whole samples alone
+        self._file, self._done = file, len(data)
+
+    @classmethod
+    def begun(cls, path: Path, heading: Heading) -> Self:
+        """A new file, under this name or the next that is free. Raises OSError."""
+        path, file = _first_free(path, lambda name: name.open("xb"))
+        with contextlib.suppress(OSError):  # where a file system has no locks, one does without
+            fcntl.flock(file, fcntl.LOCK_EX)
+        part = cls(path, file, heading, bytearray())
+        try:
+            file.write(_head(heading))
+            file.flush()
+        except OSError:
+            part.remove()
+            raise
+        return part
+
+    @classmethod
+    def found(cls, path: Path) -> Self | None:
+        """One that an interrupted upload has left; None where it cannot be read as one, or is being worked at."""
+        if not path.is_file():
+            return None
+        with contextlib.ExitStack() as stack, contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+            file = stack.enter_context(path.open("r+b"))
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not os.fstat(file.fileno()).st_nlink:  # it has ended since
+                return None
+            head, end, data = file.read().partition(b"\n")
+            heading = Heading(**json.loads(head))
+            size = 2 * len(heading.request["signals"])
+            if end and size:
+                data = data[: len(data) // size * size][: heading.count * size]
+                file.truncate(len(head) + len(end) + len(data))
+                file.seek(0, os.SEEK_END)
+                stack.pop_all()
+                return cls(path, file, heading, bytearray(data))
+        return None
 
     def keep(self, data: bytearray, size: int) -> None:
         """Have the first `size` bytes of the samples on disk."""
@@ -66,28 +102,28 @@ class PartFile:
         self._file.flush()
         self._done = max(self._done, size)
 
-    def __enter__(self) -> Self:
-        return self
+    @property
+    def samples(self) -> int:
+        """Whole samples on disk."""
+        return self._done // (2 * len(self.heading.request["signals"]))
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
+    def remove(self) -> None:
+        """It is needed no longer."""
+        self.path.unlink(missing_ok=True)
+        self.close()
 
-
-def read_part(path: Path) -> tuple[Heading, bytearray] | None:
-    """What an upload that was interrupted has kept, whole samples alone; None where it cannot be read as one."""
-    with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
-        head, end, data = path.read_bytes().partition(b"\n")
-        heading = Heading(**json.loads(head))
-        size = 2 * len(heading.request["signals"])
-        if end and size:
-            return heading, bytearray(data[: len(data) // size * size][: heading.count * size])
-    return None
+    def close(self) -> None:
+        """Leave it to who comes next."""
+        with contextlib.suppress(OSError):  # of what could not be written, which has been said
+            self._file.close()
 
 
-def write_recording(path: Path, heading: Heading, upload: Upload) -> None:
-    """Write what has been uploaded as a recording, whole or not at all. Raises OSError."""
+def _head(heading: Heading) -> bytes:
+    return json.dumps(asdict(heading)).encode() + b"\n"
+
+
+def write_recording(path: Path, heading: Heading, upload: Upload) -> Path:
+    """Write what has been uploaded as a recording, whole or not at all, and tell where. Raises OSError."""
     import pyarrow
     import pyarrow.parquet
 
@@ -101,26 +137,65 @@ def write_recording(path: Path, heading: Heading, upload: Upload) -> None:
         [pa.field(name, pa.float64(), metadata={"unit": _unit(name)}) for name in columns],
         metadata={NOTES: json.dumps(_notes(heading, upload.setup, got)).encode()},
     )
+    return write_new(path, lambda file: pq.write_table(pa.table(columns, schema=schema), file, compression="zstd"))
+
+
+def write_new(path: Path, write: Callable[[BinaryIO], object]) -> Path:
+    """Write a file, whole or not at all, under this name or the next that is free; tell which. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(path.name + ".tmp")
+    with _unfinished(path) as (unfinished, file):
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+        return _first_free(path, lambda name: _place(unfinished, name))[0]
+
+
+def check_place(path: Path) -> None:
+    """Raise OSError where no new file can be written beside this one."""
+    with _unfinished(path):
+        pass
+
+
+@contextmanager
+def _unfinished(path: Path) -> Generator[tuple[Path, BinaryIO]]:
+    """A file of a name that nobody else has; it is gone afterwards."""
+    name = path.with_name(f"{path.name}.{secrets.token_hex(4)}.tmp")
+    with name.open("xb") as file:
+        try:
+            yield name, file
+        finally:
+            name.unlink(missing_ok=True)
+
+
+def _place(unfinished: Path, name: Path) -> None:
+    """Give a written file its name. Raises FileExistsError where that is another's."""
     try:
-        with unfinished.open("wb") as file:
-            pq.write_table(pa.table(columns, schema=schema), file, compression="zstd")
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-    except BaseException:
-        unfinished.unlink(missing_ok=True)
+        os.link(unfinished, name)
+    except FileExistsError:
         raise
+    except OSError:  # a file system without links
+        name.open("xb").close()
+        unfinished.replace(name)
+
+
+def _first_free(path: Path, make: Callable[[Path], T]) -> tuple[Path, T]:
+    """Make a file that is not there yet, under this name or `NAME-1`, `NAME-2`. Raises OSError."""
+    stem, dot, ends = path.name.partition(".")
+    for k in count(1):
+        try:
+            return path, make(path)
+        except FileExistsError:
+            path = path.with_name(f"{stem}-{k}{dot}{ends}")
+    raise AssertionError
 
 
 def _notes(heading: Heading, setup: Setup, got: Capture) -> dict[str, Any]:
     """What a reader of the recording should know besides its columns; SI."""
-    samples = len(got.t)
+    samples, expected = len(got.t), heading.request["length"]
     return {
         "capture": heading.id, "drive": heading.drive, "url": heading.url, "device": heading.device,
         "asked": heading.asked, "request": heading.request,
-        "samples": samples, "expected": heading.count, "complete": samples == heading.count,
+        "samples": samples, "expected": expected, "complete": samples == expected,
         "T_s": heading.T_s, "decimation": setup.decimation, "tick": heading.tick,
         "steps": {name: count_size(channel_signal(name), heading.full) for name in setup.channels},
     }

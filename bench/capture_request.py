@@ -71,6 +71,11 @@ class Request:
         level = self.trigger if isinstance(self.trigger, Level) else Level("", 0.0)
         return Setup(self.signals, self.length, self.decimation, pre, level.signal, level.level, EDGES[level.edge])
 
+    @property
+    def replayable(self) -> bool:
+        """An estimation can rest on it: every control period of all that it needs."""
+        return self.decimation == 1 and self.length > 1 and set(NEEDED) <= set(self.signals)
+
     def as_json(self) -> dict[str, Any]:
         """As plain values, of which `of` makes it again."""
         return asdict(self) | {"signals": list(self.signals)}

@@ -4,7 +4,6 @@ One at a time per drive, under the drive's lease. Knows nothing of HTTP.
 """
 
 import contextlib
-import os
 import threading
 import time
 from collections.abc import Mapping
@@ -13,10 +12,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.capture import Link, Run, State, Status, new_status
-from bench.capture_file import Heading, read_part
+from bench.capture_file import PartFile, check_place
 from bench.capture_request import Request
-from bench.errors import BenchError, ConflictError, UnavailableError, shown
-from bench.lease import Lease
+from bench.errors import ConflictError, UnavailableError, shown
+from bench.lease import Leases
 
 LATEST: Final = "latest"
 _CANCEL: Final = 5.0  # s for a capture to end
@@ -34,7 +33,7 @@ class Captures:
     """Everything about captures; runs from `start` to `end`."""
 
     def __init__(
-        self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Mapping[str, Lease]
+        self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Leases
     ) -> None:
         self._folder, self._urls, self._links, self._leases = folder.absolute(), urls, links, leases
         self._lock = threading.Lock()  # guards what follows
@@ -45,18 +44,8 @@ class Captures:
     def start(self) -> None:
         """Go on with what was uploading when a service before this one ended."""
         for path in sorted(self._folder.glob("*.part")):
-            found = read_part(path)
-            if found is None:
-                continue
-            heading, data = found
-            if self._urls.get(heading.drive) != heading.url or heading.id != path.stem:
-                continue
-            if path.with_suffix(".parquet").exists():
-                path.unlink()
-                continue
-            # A second one of a drive waits for the next start; what makes no sense is left alone
-            with contextlib.suppress(BenchError, ValueError, TypeError):
-                self._resume(heading, data)
+            with contextlib.suppress(Exception):  # what makes no sense is left alone
+                self._go_on(path)
 
     def leave(self) -> None:
         """Have all runs end: what waits for its trigger is cancelled, what is uploading goes on at the next start."""
@@ -79,13 +68,14 @@ class Captures:
         status = new_status(drive, Request.of(given))
         self._check_folder()
         holder = f"capture {status.id}" + (f" (asked for from {whom})" if whom else "")
-        run, lease = self._run(status, holder), self._leases[drive]
-        lease.take(holder, run.most_seconds)
+        run = self._run(status, holder)
+        self._links[drive].drive()  # from here on it is known which device that is
+        self._leases.take(drive, holder, run.most_seconds)
         try:
             run.arm()
-            lease.take(holder, run.most_seconds)  # now it is known how long a sample takes
+            self._leases.take(drive, holder, run.most_seconds)  # now it is known how long a sample takes
         except BaseException:
-            lease.release(holder)
+            self._leases.release(drive, holder)
             raise
         self._begin(run)
         return run.status
@@ -139,21 +129,33 @@ class Captures:
             raise ConflictError(f"capture {status.id} is {status.state}, {otherwise}")
         return found
 
-    def _resume(self, heading: Heading, data: bytearray) -> None:
-        request, asked = Request.of(heading.request), datetime.fromisoformat(heading.asked)
-        status, holder = Status(heading.id, heading.drive, request, asked, State.UPLOADING), f"capture {heading.id}"
-        run = self._run(status, holder, (heading, data))
-        self._leases[heading.drive].take(holder, run.most_seconds)
-        self._begin(run)
+    def _go_on(self, path: Path) -> None:
+        """Take up an upload, unless it is of another service, or drive. Raises whatever an odd file leads to."""
+        part = PartFile.found(path)
+        if part is None:
+            return
+        with contextlib.ExitStack() as otherwise:
+            otherwise.callback(part.close)
+            heading = part.heading
+            if self._urls.get(heading.drive) != heading.url or heading.id != path.stem:
+                return
+            if path.with_suffix(".parquet").exists():
+                part.remove()
+                return
+            request, asked = Request.of(heading.request), datetime.fromisoformat(heading.asked)
+            status = Status(heading.id, heading.drive, request, asked, State.UPLOADING)
+            run = self._run(status, holder := f"capture {heading.id}", part)
+            # A second one of a drive waits for the next start
+            self._leases.take(heading.drive, holder, run.most_seconds)
+            self._begin(run)
+            otherwise.pop_all()
 
-    def _run(self, status: Status, holder: str, interrupted: tuple[Heading, bytearray] | None = None) -> Run:
-        lease = self._leases[status.drive]
-
+    def _run(self, status: Status, holder: str, interrupted: PartFile | None = None) -> Run:
         def changed(status: Status) -> None:
             if status.state.ended:
-                lease.release(holder)
+                self._leases.release(status.drive, holder)
             else:
-                lease.take(holder, run.most_seconds)
+                self._leases.take(status.drive, holder, run.most_seconds)
             with self._lock:
                 self._known[status.id] = status
 
@@ -184,8 +186,6 @@ class Captures:
         """Before anything is recorded, there is a place to put it. Raises UnavailableError."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
+            check_place(self._folder / "capture")
         except OSError as error:
             raise UnavailableError(f"captures cannot be kept in {self._folder}: {error.strerror or error}") from None
-        if not os.access(self._folder, os.W_OK):
-            raise UnavailableError(f"captures cannot be kept in {self._folder}: it cannot be written")
-

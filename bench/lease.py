@@ -1,6 +1,7 @@
 """Who writes to a drive: one at a time, each until a time that is told. Knows nothing of drives but their names."""
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
@@ -15,36 +16,41 @@ class Writer:
     until: datetime  # it ends by itself then, unless renewed
 
 
-class Lease:
-    """The lease of one drive: for whatever changes it, be it the recorder, a parameter or its state."""
+class Leases:
+    """The lease of every drive, by its name: for whatever changes it, be it the recorder, a parameter or its state."""
 
-    def __init__(self, drive: str) -> None:
-        self._drive = drive
+    def __init__(self, device: Callable[[str], object] = lambda name: None) -> None:
+        """`device` tells which device has a name, None where that is not known: names of one device share a lease."""
+        self._device = device
         self._lock = threading.Lock()
-        self._writer: Writer | None = None
+        self._writers: dict[str, Writer] = {}
 
-    @property
-    def writer(self) -> Writer | None:
-        """Who writes at present; None when nobody does."""
+    def writer(self, drive: str) -> Writer | None:
+        """Who writes to a drive at present; None when nobody does."""
         with self._lock:
-            return self._present()
+            return self._present(drive)
 
-    def take(self, holder: str, seconds: float) -> None:
+    def take(self, drive: str, holder: str, seconds: float) -> None:
         """Be the writer for so long; who is it already may be so for longer. Raises ConflictError."""
         with self._lock:
-            writer = self._present()
+            writer = self._present(drive)
             if writer is not None and writer.holder != holder:
                 raise ConflictError(
-                    f"drive {self._drive} takes one writer at a time, and {writer.holder} holds it "
+                    f"drive {drive} takes one writer at a time, and {writer.holder} holds it "
                     f"until {writer.until:%H:%M:%S} UTC at the latest"
                 )
-            self._writer = Writer(holder, datetime.now(UTC) + timedelta(seconds=seconds))
+            self._writers[drive] = Writer(holder, datetime.now(UTC) + timedelta(seconds=seconds))
 
-    def release(self, holder: str) -> None:
+    def release(self, drive: str, holder: str) -> None:
         """Write no longer; without effect for who does not."""
         with self._lock:
-            if self._writer is not None and self._writer.holder == holder:
-                self._writer = None
+            if drive in self._writers and self._writers[drive].holder == holder:
+                del self._writers[drive]
 
-    def _present(self) -> Writer | None:
-        return self._writer if self._writer is not None and self._writer.until > datetime.now(UTC) else None
+    def _present(self, drive: str) -> Writer | None:
+        device, now = self._device(drive), datetime.now(UTC)
+        for name, writer in self._writers.items():
+            same = name == drive or (device is not None and self._device(name) == device)
+            if same and writer.until > now:
+                return writer
+        return None

@@ -11,7 +11,7 @@ from bench.captures import Captures
 from bench.config import Config
 from bench.errors import shown
 from bench.estimation import Estimation, Snapshot
-from bench.lease import Lease, Writer
+from bench.lease import Leases, Writer
 from bench.window import Window
 
 STALE = 1.0  # s without a sample after which estimates are called stale
@@ -46,7 +46,7 @@ class Service:
             {drive.name: drive.theta_step for drive in config.drives},
         )
         self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
-        self._leases = {name: Lease(name) for name in self._urls}
+        self._leases = Leases(self._device)
         self.captures = Captures(config.captures, self._urls, self._pumps, self._leases)
         self._started = time.monotonic()
 
@@ -94,7 +94,7 @@ class Service:
 
     def writer(self, name: str) -> Writer | None:
         """Who writes to a drive at present. Raises UnknownDriveError."""
-        return self._leases[self._known(name)].writer
+        return self._leases.writer(self._known(name))
 
     def change_window(self, name: str, change: Mapping[str, Any]) -> Window:
         """Change a drive's window while it runs. Raises UnknownDriveError, LimitError."""
@@ -113,6 +113,13 @@ class Service:
 
     def _pump(self, name: str, url: str) -> Acquisition:
         return Acquisition(name, url, lambda block: self._estimation.put(name, block))
+
+    def _device(self, name: str) -> object:
+        """What tells a drive from all others, whatever it is called here; None where it does not say."""
+        identity = self._pumps[name].link.identity
+        if identity is None or not identity.serial:
+            return None
+        return identity.vendor_id, identity.product_code, identity.serial
 
     def _known(self, name: str) -> str:
         if name not in self._urls:

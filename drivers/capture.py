@@ -20,6 +20,8 @@ from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_SAMPLES
 PATIENCE: Final = 2.0  # s, for the recorder to be armed
 _POLL: Final = 0.02  # s
 _STOP, _ARM, _TRIGGER = 0.0, 1.0, 2.0
+_CHANNELS: Final = tuple(f"capture_channel_{k + 1}" for k in range(CAPTURE_CHANNELS))
+_SET_UP: Final = (*_CHANNELS, "capture_decimation", "capture_length", "capture_pre")
 
 ARMED, TRIGGERED, DONE = 1, 2, 3  # states of the recorder; 0: idle
 
@@ -99,12 +101,8 @@ def arm(drive: Drive, setup: Setup, *, by_command: bool = False) -> int:
     """
     before = drive.read("capture_number")
     drive.write("capture_command", _STOP)
-    for k in range(CAPTURE_CHANNELS):
-        name = setup.channels[k] if k < len(setup.channels) else None
-        drive.write(f"capture_channel_{k + 1}", float(channel_number(name)) if name else 0.0)
-    drive.write("capture_decimation", float(setup.decimation))
-    drive.write("capture_length", float(setup.length))
-    drive.write("capture_pre", float(setup.pre))
+    for name, value in zip(_SET_UP, _numbers(setup), strict=True):
+        drive.write(name, float(value))
     drive.write("trigger_channel", float(channel_number(setup.trigger)) if setup.trigger else 0.0)
     drive.write("trigger_level", setup.level)
     drive.write("trigger_edge", float(setup.edge))
@@ -142,6 +140,31 @@ def found(drive: Drive, setup: Setup) -> Upload:
     """The recording that the drive has, to be uploaded."""
     number, tick, count = (int(drive.read(name)) for name in ("capture_number", "capture_tick", "capture_count"))
     return Upload(setup, number, tick, count)
+
+
+def check_ours(drive: Drive, under_way: Upload, number: int, since: int) -> None:
+    """Raise GoneError where a recording that was found is not the one of this number, armed at tick `since`.
+
+    Numbers count anew when the drive resets, and so does its tick.
+    """
+    set_up = [int(drive.read(name)) for name in _SET_UP]
+    if under_way.number != number or earlier(under_way.tick, since) or set_up != _numbers(under_way.setup):
+        raise GoneError(
+            f"the drive no longer has recording {number}, armed at tick {since}: it has {under_way.number} "
+            f"of tick {under_way.tick}, or its recorder is set up for another"
+        )
+    _check_same(drive, under_way)
+
+
+def earlier(tick: int, than: int) -> bool:
+    """One tick is before another, as a counter of 32 bits tells it."""
+    return (tick - than) % (1 << 32) >= 1 << 31
+
+
+def _numbers(setup: Setup) -> list[int]:
+    """What `_SET_UP` is in the drive."""
+    channels = [channel_number(name) for name in setup.channels]
+    return [*channels, *[0] * (CAPTURE_CHANNELS - len(channels)), setup.decimation, setup.length, setup.pre]
 
 
 def awaited(drive: Drive, setup: Setup, patience: float) -> Upload:
@@ -189,7 +212,8 @@ def decoded(under_way: Upload, T_s: float, full: FullScales) -> Capture:
 def _check_same(drive: Drive, under_way: Upload) -> None:
     """Raise GoneError where the drive has another recording, or none any more."""
     number, tick = int(drive.read("capture_number")), int(drive.read("capture_tick"))
-    if (number, tick) != (under_way.number, under_way.tick) or int(drive.read("capture_state")) != DONE:
+    same = (number, tick, int(drive.read("capture_count"))) == (under_way.number, under_way.tick, under_way.count)
+    if not same or int(drive.read("capture_state")) != DONE:
         raise GoneError(
             f"the drive no longer has recording {under_way.number} of tick {under_way.tick}, "
             f"it has {number} of tick {tick}"

@@ -18,7 +18,6 @@ from emulator.sdo_server import SdoAbortError
 from emulator.tpdo import Tpdo
 from emulator.virtual_drive import VirtualDrive
 
-_SERIAL = 1
 _STORE, _RESTORE = (od.OD_STORE, 1), (od.OD_RESTORE, 1)
 
 
@@ -54,6 +53,10 @@ class NodeObjects:
     def note_error(self, code: int) -> None:
         """Keep an error in the history."""
         self.errors = [code, *self.errors][: od.ERROR_HISTORY]
+
+    def identity(self) -> list[bytes]:
+        """Who the drive is."""
+        return [b"\4", *map(_u32, (od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, self._drive.serial))]
 
     def get_data(self, index: int, subindex: int) -> bytes:
         """Bytes of an object. Raises SdoAbortError."""
@@ -162,8 +165,6 @@ def _number(data: bytes, size: int) -> int:
     return int.from_bytes(data, "little")
 
 
-_IDENTITY = [b"\4", *map(_u32, (od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, _SERIAL))]
-
 _OBJECTS: dict[int, Callable[[NodeObjects], list[bytes]]] = {
     od.OD_DEVICE_TYPE: lambda _: [_u32(od.DEVICE_TYPE)],
     od.OD_ERROR_REGISTER: lambda node: [node.error_register_now()],
@@ -173,6 +174,6 @@ _OBJECTS: dict[int, Callable[[NodeObjects], list[bytes]]] = {
     od.OD_EMERGENCY_COB_ID: lambda node: [_u32(node.emergency_cob_id)],
     od.OD_HEARTBEAT_CONSUMER: lambda node: [b"\1", _u32(node.communication.bench)],
     od.OD_HEARTBEAT: lambda node: [struct.pack("<H", node.communication.heartbeat_ms)],
-    od.OD_IDENTITY: lambda _: _IDENTITY,
+    od.OD_IDENTITY: lambda node: node.identity(),
 }
 """Objects that are no signals and no TPDOs: their sub-indices."""

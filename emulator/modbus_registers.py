@@ -14,7 +14,6 @@ from drivers.wire.dictionary import CAPTURE_CHANNELS, Signal, layout_id, signal_
 from emulator.row_ring import RowRing
 from emulator.virtual_drive import StreamRows, VirtualDrive
 
-SERIAL: Final = 1
 _CHANNELS: Final = tuple(f"capture_channel_{k}" for k in range(1, CAPTURE_CHANNELS + 1))
 
 
@@ -34,7 +33,7 @@ class Registers:
         self._drive = drive
         self._refuses = refuses
         self._full: FullScales = {name: drive.read(name) for name in ("i_full", "u_full", "omega_full")}
-        self._head = registers.our_head(layout_id(), SERIAL).words()
+        self._head = registers.our_head(layout_id(), drive.serial).words()
         self._lock = threading.Lock()  # guards what follows
         self._ring = RowRing(self._full)
         self._tick = 0

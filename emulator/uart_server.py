@@ -34,7 +34,6 @@ from emulator.socketcand import BusError
 from emulator.terminal import Terminal
 from emulator.virtual_drive import StreamRows, VirtualDrive
 
-_SERIAL: Final = 1
 _BITS_A_BYTE: Final = 10  # start, 8 data, stop
 _CHUNK: Final = 4096  # bytes that are put together for one write
 _BACKLOG: Final = (8192, 65536)  # bytes of rows that a line may be behind: 0.2 s, within these
@@ -227,7 +226,7 @@ class UartServer:
             line.reply(answer)
 
     def _identify(self, _line: "_Line", _frame: Frame) -> bytes:
-        numbers = uf.IDENTITY.pack(od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, _SERIAL, layout_id())
+        numbers = uf.IDENTITY.pack(od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, self._drive.serial, layout_id())
         return numbers + od.DEVICE_NAME.encode("ascii")
 
     def _read(self, _line: "_Line", frame: Frame) -> bytes:

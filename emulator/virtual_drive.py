@@ -76,8 +76,9 @@ _TRUTH: Final = tuple(field.name for field in fields(Truth))
 class VirtualDrive:
     """A drive with a motor, as the scenario says. Raises ScenarioError when that cannot be."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, serial: int = 1) -> None:
         check(scenario)
+        self.serial: Final = serial
         self.scenario: Final = scenario
         motor, drive, run = scenario.motor, scenario.drive, scenario.run
         self._shaft = Shaft(run.shaft == "dynamometer", scenario.profile, motor.J, motor.B, run.tau_L)

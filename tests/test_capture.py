@@ -9,7 +9,7 @@ from drivers import capture
 from drivers.capture import Setup
 from drivers.connect import connect
 from drivers.drive import Drive
-from drivers.errors import DriveError, NoReplyError, RefusedError
+from drivers.errors import DriveError, GoneError, NoReplyError, RefusedError
 from drivers.wire.codec import count_size
 from drivers.wire.dictionary import signal_named
 from emulator.scenarios import PAPER
@@ -19,6 +19,7 @@ from tests.relay import Relay, relayed
 from tests.served_drive import Served, served, until
 
 FULL = {"i_full": PAPER.drive.i_full, "u_full": PAPER.drive.u_full, "omega_full": PAPER.drive.omega_full}
+LEVEL = 2730.5 * FULL["i_full"] / 32768.0  # A, between two counts: crossed by the drive, and in the recording
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +61,10 @@ def test_a_recording_is_what_the_drive_did_within_half_a_count(drive: Drive) -> 
 
 
 def test_a_trigger_is_awaited_with_what_was_before_it(drive: Drive) -> None:
-    setup = Setup(("i_q",), length=300, pre=100, trigger="i_q", level=2.0, edge=-1)
+    setup = Setup(("i_q",), length=300, pre=100, trigger="i_q", level=LEVEL, edge=-1)
     got = capture.upload(drive, recorded(drive, setup))
     i_q = got.columns["i_q"]
-    assert i_q[100] <= 2.0 < i_q[99]
+    assert i_q[100] <= LEVEL < i_q[99]
     check_by_twin(got)
 
 
@@ -117,6 +118,31 @@ def test_a_recording_that_another_has_replaced_is_not_mixed_with_it(drive: Drive
     recorded(drive, setup)
     with pytest.raises(RefusedError, match=rf"the drive no longer has recording {under_way.number} of tick"):
         capture.upload(drive, under_way)
+
+
+def test_a_recording_of_another_is_not_taken_for_ours(bench: Served, drive: Drive) -> None:
+    setup = Setup(("i_q",), length=50)
+    since = int(drive.read("tick"))
+    number = capture.arm(drive, setup)
+    ours = capture.awaited(drive, setup, 10.0)
+    capture.check_ours(drive, ours, number, since)
+    for name in ("capture_length", "capture_channel_1"):  # the same number, but of another set-up
+        drive.write(name, 7.0)
+        with pytest.raises(GoneError, match=rf"no longer has recording {number}, armed at tick {since}"):
+            capture.check_ours(drive, ours, number, since)
+        drive.write("capture_length", 50.0)
+    recorded(drive, setup)
+    with pytest.raises(GoneError, match=rf"it has {number + 1} of tick"):
+        capture.check_ours(drive, capture.found(drive, setup), number, since)
+    resets = bench.drive.resets
+    bench.drive.reset()
+    until(lambda: bench.drive.resets > resets, "it does not reset")
+    for _ in range(number):  # the numbers begin anew, and so does the tick
+        recorded(drive, setup)
+    theirs = capture.found(drive, setup)
+    assert theirs.number == number
+    with pytest.raises(GoneError, match=rf"it has {number} of tick {theirs.tick}"):
+        capture.check_ours(drive, theirs, number, since + 1_000_000)
 
 
 def test_a_recording_does_not_outlive_a_reset_of_the_drive(bench: Served, drive: Drive) -> None:

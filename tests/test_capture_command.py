@@ -26,6 +26,7 @@ from tests.test_end_to_end import TRUTH, within
 from tests.transports import modbus_tcp_url, pty_url, serving
 
 BUSES: Mapping[str, Callable[[], str]] = {"canopen": tcp_url, "modbus": modbus_tcp_url, "uart": pty_url}
+LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: crossed by the drive, and in the recording
 NEVER = ("--trigger", "i_q<-1000", "--timeout", "0.1")
 
 
@@ -81,7 +82,7 @@ def test_a_capture_needs_no_service(drives: dict[str, str], name: str, tmp_path:
     done = run("capture", "--drive", drives[name], "--length", "3000", "--signals", "i_a, u_dc", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     (path,) = tmp_path.iterdir()
-    assert done.stdout == f"{path.name}: 3000 samples; estimates: pmsm-bench replay {path.name}\n"
+    assert done.stdout == f"{path.name}: 3000 samples\n"  # of which `replay` could make nothing
     assert column_names(path) == ("t", "i_a", "u_dc")
 
 
@@ -103,6 +104,42 @@ def test_what_was_interrupted_is_not_written_over(
     assert said == "got.part is of a capture that was interrupted; remove it, or choose another --out"
 
 
+def test_two_captures_to_one_file_are_both_kept(drives: dict[str, str], tmp_path: Path) -> None:
+    arguments = ("--length", "10000", "--out", str(tmp_path / "got.parquet"))
+    with (
+        command("capture", "--drive", drives["canopen"], *arguments) as first,
+        command("capture", "--drive", drives["modbus"], *arguments) as second,
+    ):
+        said = [process.communicate(timeout=60.0)[1] for process in (first, second)]
+    one, other = (tmp_path / name for name in ("got.parquet", "got-1.parquet"))
+    assert sorted((first.returncode, second.returncode)) == [0, 2]
+    if other.exists():  # else the second has seen the first before it recorded anything
+        assert sorted(said)[1] == (
+            f"pmsm-bench: --out: {one} has been made by another meanwhile; the recording is whole, in {other}\n"
+        )
+    for path in tmp_path.iterdir():
+        assert path in (one, other)
+        assert len(read_recording(path).runs[0]) == 10_000
+
+
+def limited(*arguments: str, folder: Path, most: int = 30_000) -> str:
+    """What a capture says that can make no file larger than so many bytes."""
+    done = subprocess.run(
+        ["prlimit", f"--fsize={most}", *COMMAND, "capture", *arguments, "--out", "got.parquet"], capture_output=True,
+        text=True, timeout=120, check=False, cwd=folder,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    return done.stderr
+
+
+def test_a_full_disk_is_said_and_leaves_no_file_that_looks_whole(drives: dict[str, str], tmp_path: Path) -> None:
+    said = limited("--drive", drives["canopen"], "--length", "20000", folder=tmp_path)
+    assert "the recording cannot be written: File too large; the first " in said
+    (path,) = tmp_path.iterdir()
+    assert path.name in ("got.part", "got.partial.parquet")
+    assert path.name in said
+
+
 def test_ctrl_c_cancels_on_the_drive_without_a_service(drives: dict[str, str], tmp_path: Path) -> None:
     interrupted("--drive", drives["canopen"], folder=tmp_path)
     with connect(drives["canopen"]) as drive:
@@ -111,19 +148,30 @@ def test_ctrl_c_cancels_on_the_drive_without_a_service(drives: dict[str, str], t
 
 @pytest.mark.parametrize("name", BUSES)
 def test_a_capture_replayed_tells_the_motor_within_one_per_cent(bench: Bench, name: str, tmp_path: Path) -> None:
-    wanted = ["--length", "20000", "--pre-trigger", "0.1", "--trigger", "i_q>2.0", "--out", "got.parquet"]
+    wanted = ["--length", "20000", "--pre-trigger", "0.1", "--trigger", f"i_q>{LEVEL}", "--out", "got.parquet"]
     done = run("capture", name, "--service", bench.url, *wanted, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == "got.parquet: 20000 samples; estimates: pmsm-bench replay got.parquet\n"
     assert [path.name for path in tmp_path.iterdir()] == ["got.parquet"]
     i_q = read_recording(tmp_path / "got.parquet").runs[0].i_q
-    assert i_q[1999] <= 2.0 < i_q[2000]
+    assert i_q[1999] <= LEVEL < i_q[2000]
     done = run("replay", "got.parquet", "--periods", "10", "--json", "told.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     told = json.loads((tmp_path / "told.json").read_text())
     assert within(told["estimates"], 0.01), told["estimates"]
     assert set(told["estimates"]) == set(TRUTH)
     assert (told["gaps"], told["remarks"]) == (0, [])
+
+
+def test_a_download_that_cannot_be_written_leaves_the_recording_in_the_service(bench: Bench, tmp_path: Path) -> None:
+    said = limited("canopen", "--service", bench.url, "--length", "20000", folder=tmp_path)
+    latest = bench.said("canopen")
+    assert said == (
+        "pmsm-bench: got.parquet: cannot be written: File too large; the service still has the recording, "
+        f"as capture {latest['id']} of drive canopen\n"
+    )
+    assert list(tmp_path.iterdir()) == []
+    assert len(read_recording(Path(latest["file"])).runs[0]) == 20_000
 
 
 def test_ctrl_c_cancels_in_the_service(bench: Bench, tmp_path: Path) -> None:

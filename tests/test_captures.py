@@ -1,10 +1,11 @@
 """Captures as a service keeps them: every state, every refusal, links and services that end in between."""
 
 import json
+import os
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pyarrow.parquet
 import pytest
 
 from bench.capture import State, Status
-from bench.capture_file import Heading, PartFile, read_part
+from bench.capture_file import Heading, PartFile
 from bench.capture_request import Request
 from bench.captures import UnknownCaptureError
 from bench.config import Config, DriveConfig
@@ -22,6 +23,8 @@ from bench.recording import read_recording
 from bench.service import Service
 from bench.table import notes
 from bench.window import Window
+from drivers import capture
+from drivers.connect import connect
 from drivers.errors import LostError, RefusedError
 from emulator.faults import Faults, parse_fault
 from emulator.scenarios import PAPER
@@ -33,6 +36,7 @@ from tests.served_drive import PATIENCE, Served, served, tcp_url, until
 from tests.served_uart import served_uart
 
 NEVER = {"trigger": "i_q > 1000"}
+LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: what has crossed it has done so in the recording too
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +104,7 @@ def check_by_twin(path: Path, length: int) -> None:
 def test_a_capture_goes_through_its_states_to_a_recording_that_tells_units_and_steps(
     service: Service, tmp_path: Path
 ) -> None:
-    begun = ask(service, length=3000, pre_trigger=0.25, trigger="i_q<2")
+    begun = ask(service, length=3000, pre_trigger=0.25, trigger=f"i_q<{LEVEL}")
     assert (begun.state, begun.progress) == (State.ARMED, 0.0)
     done = reached(service, State.DONE)
     assert (done.samples, done.progress, done.reason) == (3000, 1.0, "")
@@ -110,11 +114,11 @@ def test_a_capture_goes_through_its_states_to_a_recording_that_tells_units_and_s
     check_by_twin(path, 3000)
     recording = read_recording(path)
     i_q = recording.runs[0].i_q
-    assert i_q[750] <= 2.0 < i_q[749]
+    assert i_q[750] <= LEVEL < i_q[749]
     assert recording.summary.remarks() == ()
     told = notes(path)
     assert (told["drive"], told["complete"], told["samples"], told["decimation"]) == ("spindle", True, 3000, 1)
-    assert told["request"]["trigger"] == {"signal": "i_q", "level": 2.0, "edge": "falling"}
+    assert told["request"]["trigger"] == {"signal": "i_q", "level": LEVEL, "edge": "falling"}
     assert told["steps"]["i_q"] == pytest.approx(24.0 / 32768)
     assert told["T_s"] == pytest.approx(1e-4)
 
@@ -254,6 +258,17 @@ def test_what_no_drive_could_do_is_refused(given: dict[str, Any], said: str) -> 
         Request.of(given)
 
 
+def test_a_drive_of_two_names_takes_one_writer(drive: Served, tmp_path: Path) -> None:
+    names = ("spindle", "alias")
+    drives = tuple(DriveConfig(name, drive.url, Window()) for name in names)
+    with Service(Config(drives, captures=tmp_path)) as service:
+        until(lambda: all(service.link(name).identity is not None for name in names), "both links")
+        until(lambda: service.link("spindle").rows > 0, "the stream")
+        first = ask(service, **NEVER)
+        with pytest.raises(ConflictError, match=f"drive alias takes one writer .* capture {first.id} holds"):
+            service.captures.ask("alias", {})
+
+
 def test_a_refusal_comes_before_the_wire(service: Service, drive: Served) -> None:
     number = drive.drive.read("capture_number")
     with pytest.raises(LimitError, match="length: "):
@@ -352,7 +367,27 @@ def test_a_drive_that_resets_in_between_has_lost_its_capture_and_what_was_upload
         ask(service, **NEVER)
         until(lambda: drive.drive.read("capture_state") == 1.0, "it to be armed")
         drive.drive.reset()
-        assert reached(service, State.FAILED).reason == "the drive no longer has recording 1, it has none"
+        assert reached(service, State.FAILED).reason.startswith("the drive no longer has recording 1, it has ")
+
+
+def test_a_recording_that_another_client_begins_after_a_reset_is_not_taken_for_ours(tmp_path: Path) -> None:
+    with (
+        served(tcp_url()) as drive, relayed(int(drive.url.split(":")[2].split("/")[0])) as line,
+        running(bus_url(line.port), tmp_path) as service,
+    ):
+        until(lambda: drive.drive.tick > 20_000, "time to pass")
+        ask(service, length=100, trigger="command")
+        line.cut()
+        drive.drive.reset()
+        until(lambda: drive.drive.resets == 1, "the reset")
+        with connect(drive.url) as other:
+            setup = replace(Request.of({}).setup, length=100)
+            assert capture.arm(other, setup) == 1  # the numbers begin anew
+            capture.awaited(other, setup, PATIENCE)
+        line.mend()
+        status = reached(service, State.FAILED)
+        assert status.reason.startswith("the drive no longer has recording 1, ")
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_another_client_that_stops_the_recorder_is_said(service: Service, drive: Served) -> None:
@@ -361,6 +396,18 @@ def test_another_client_that_stops_the_recorder_is_said(service: Service, drive:
     assert reached(service, State.FAILED).reason == (
         "another client has stopped the recorder before the recording was complete"
     )
+
+
+def test_a_second_service_on_the_same_folder_leaves_an_upload_under_way_alone(drive: Served, tmp_path: Path) -> None:
+    with running(drive.url, tmp_path) as service:
+        id_ = ask(service, length=60_000).id
+        uploading(service)
+        with Service(Config((DriveConfig("spindle", drive.url, Window()),), captures=tmp_path)) as second:
+            assert second.captures.all("spindle") == []
+        done = reached(service, State.DONE, id_)
+        path = tmp_path / f"{id_}.parquet"
+        assert done.file == path
+        check_by_twin(path, 60_000)
 
 
 def test_a_service_that_ends_leaves_no_recorder_armed(drive: Served, tmp_path: Path) -> None:
@@ -408,15 +455,21 @@ def test_part_files_that_are_none_or_of_other_drives_are_left_alone(drive: Serve
     heading = Heading("a-1", "a", drive.url, "x", "2026-01-31T12:00:00+00:00", {"signals": ["i_d"]}, 1, 2, 3, 1e-4, {})
     elsewhere = replace(heading, id="spindle-1", drive="spindle", url="canopen://socketcan/can0/5")
     for one in (heading, elsewhere):
-        with PartFile(tmp_path / f"{one.id}.part", one) as part:
-            part.keep(bytearray(b"1234567"), 7)
-    for name, content in (("b.part", b"{}\n"), ("c.part", b""), ("d.part", b"\xff[\n"), ("e.part", b"[1]\n12")):
+        part = PartFile.begun(tmp_path / f"{one.id}.part", one)
+        part.keep(bytearray(b"123456"), 6)
+        part.close()
+    odd = json.dumps(asdict(heading) | {"drive": ["spindle"]}).encode() + b"\n123456"
+    for name, content in (
+        ("b.part", b"{}\n"), ("c.part", b""), ("d.part", b"\xff[\n"), ("e.part", b"[1]\n12"), ("f.part", odd),
+        ("g.part", b"[" * 100_000),
+    ):
         (tmp_path / name).write_bytes(content)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    (tmp_path / "h.part").mkdir()
+    os.mkfifo(tmp_path / "i.part")
     with running(drive.url, tmp_path) as service:
         assert service.captures.all("spindle") == []
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-    assert read_part(tmp_path / "a-1.part") == (heading, bytearray(b"123456"))
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
 
 
 def test_only_so_many_captures_are_remembered(service: Service, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -441,17 +494,54 @@ def test_a_lost_link_is_waited_for_no_longer_than_it_is_worth(
         assert f"the first {status.samples} of 60000 samples are kept" in status.reason
 
 
-def test_a_recording_that_cannot_be_written_leaves_what_was_uploaded(
-    service: Service, tmp_path: Path
-) -> None:
+def test_a_recording_is_kept_under_another_name_where_its_own_is_taken(service: Service, tmp_path: Path) -> None:
     id_ = ask(service, length=500, trigger="command").id
-    for name in (f"{id_}.parquet", f"{id_}.partial.parquet"):
-        (tmp_path / name).mkdir()
+    names = [f"{id_}.part", f"{id_}.parquet", f"{id_}-1.parquet"]
+    for name in names:
+        (tmp_path / name).write_text(f"another's {name}")
     service.captures.trigger("spindle", id_)
+    status = reached(service, State.DONE)
+    kept = tmp_path / f"{id_}-2.parquet"
+    assert status.file == kept
+    check_by_twin(kept, 500)
+    assert [(tmp_path / name).read_text() for name in names] == [f"another's {name}" for name in names]
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+def test_an_earlier_partial_recording_is_not_written_over(tmp_path: Path) -> None:
+    with served(tcp_url()) as drive, running(drive.url, tmp_path) as service:
+        id_ = ask(service, length=60_000).id
+        (tmp_path / f"{id_}.partial.parquet").write_text("precious")
+        uploading(service)
+        drive.drive.reset()
+        assert reached(service, State.FAILED).file == tmp_path / f"{id_}-1.partial.parquet"
+        assert (tmp_path / f"{id_}.partial.parquet").read_text() == "precious"
+
+
+def test_a_failure_before_anything_is_uploaded_removes_no_other_part_file(
+    service: Service, drive: Served, tmp_path: Path
+) -> None:
+    id_ = ask(service, **NEVER).id
+    (tmp_path / f"{id_}.part").write_text("another's")
+    drive.drive.write("capture_command", 0.0)
+    reached(service, State.FAILED)
+    assert (tmp_path / f"{id_}.part").read_text() == "another's"
+
+
+def test_a_recording_that_another_client_stops_half_way_is_partial(
+    service: Service, drive: Served, tmp_path: Path
+) -> None:
+    id_ = ask(service, length=50_000, decimation=10).id
+    reached(service, State.TRIGGERED)
+    drive.drive.write("capture_command", 0.0)
     status = reached(service, State.FAILED)
-    assert status.reason == f"the recording cannot be written: Is a directory; what was uploaded is in {id_}.part"
-    assert status.file is None
-    found = read_part(tmp_path / f"{id_}.part")
-    assert found is not None
-    assert len(found[1]) == 500 * 12
-    assert json.loads((tmp_path / f"{id_}.part").read_bytes().partition(b"\n")[0])["count"] == 500
+    assert 0 < status.samples < 50_000
+    assert status.reason == (
+        "another client has stopped the recorder before the recording was complete; "
+        f"the first {status.samples} of 50000 samples are kept"
+    )
+    partial = tmp_path / f"{id_}.partial.parquet"
+    assert status.file == partial
+    assert list(tmp_path.iterdir()) == [partial]
+    told = notes(partial)
+    assert (told["samples"], told["expected"], told["complete"]) == (status.samples, 50_000, False)

@@ -5,35 +5,48 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from bench.errors import ConflictError
-from bench.lease import Lease
+from bench.lease import Leases
 from tests.served_drive import until
 
 
 def test_one_writes_and_the_other_is_told_who_and_until_when() -> None:
-    lease = Lease("spindle")
-    assert lease.writer is None
-    lease.take("capture a", 30.0)
-    writer = lease.writer
+    leases = Leases()
+    assert leases.writer("spindle") is None
+    leases.take("spindle", "capture a", 30.0)
+    writer = leases.writer("spindle")
     assert writer is not None
     assert writer.holder == "capture a"
     assert timedelta(seconds=29) < writer.until - datetime.now(UTC) <= timedelta(seconds=30)
     with pytest.raises(ConflictError) as refused:
-        lease.take("capture b", 1.0)
+        leases.take("spindle", "capture b", 1.0)
     assert str(refused.value) == (
         f"drive spindle takes one writer at a time, and capture a holds it until {writer.until:%H:%M:%S} UTC "
         "at the latest"
     )
-    lease.release("capture b")  # it is not its own
-    assert lease.writer == writer
-    lease.release("capture a")
-    lease.take("capture b", 1.0)
+    leases.release("spindle", "capture b")  # it is not its own
+    assert leases.writer("spindle") == writer
+    leases.release("spindle", "capture a")
+    leases.take("spindle", "capture b", 1.0)
 
 
 def test_who_writes_may_do_so_for_longer_and_a_lease_that_is_not_renewed_ends_by_itself() -> None:
-    lease = Lease("spindle")
-    lease.take("a", 60.0)
-    lease.take("a", 0.05)
-    until(lambda: lease.writer is None, "the lease to end")
-    lease.take("b", 60.0)
+    leases = Leases()
+    leases.take("spindle", "a", 60.0)
+    leases.take("spindle", "a", 0.05)
+    until(lambda: leases.writer("spindle") is None, "the lease to end")
+    leases.take("spindle", "b", 60.0)
     with pytest.raises(ConflictError, match="and b holds it"):
-        lease.take("a", 60.0)
+        leases.take("spindle", "a", 60.0)
+
+
+def test_two_names_of_one_device_share_its_lease_and_those_of_which_nothing_is_known_do_not() -> None:
+    device = {"a": 7, "b": 7, "c": 8, "d": None, "e": None}
+    leases = Leases(device.get)
+    leases.take("a", "capture a", 60.0)
+    with pytest.raises(ConflictError, match="drive b takes one writer at a time, and capture a holds it"):
+        leases.take("b", "capture b", 60.0)
+    assert leases.writer("b") == leases.writer("a")
+    for name in "cde":
+        leases.take(name, f"capture {name}", 60.0)
+    leases.release("a", "capture a")
+    leases.take("b", "capture b", 60.0)

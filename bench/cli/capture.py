@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bench.capture import Run, State, Status, new_status
+from bench.capture_file import check_place, write_new
 from bench.capture_request import Request
 from bench.cli.rest import Rest
 from bench.errors import BenchError, ConfigError, UnavailableError
@@ -29,14 +30,14 @@ _console: Final = Console(highlight=False, soft_wrap=True)
 def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | None) -> None:
     """Have the service capture, and download the recording. Raises BenchError."""
     _check_out(out)
-    length = Request.of(given).length
+    request = Request.of(given)
     with httpx.Client(timeout=_TIMEOUT) as client:
         rest = Rest(client, service)
         said = rest.call("POST", name, "captures", body=dict(given), key="state")
         id_ = str(said["id"])
-        path = Path(f"{id_}.parquet") if out is None else out
+        path = _named(out, id_)
         try:
-            with _bar(length) as show:
+            with _bar(request.length) as show:
                 while not State(said["state"]).ended:
                     show(said["state"], said["samples"], said["reason"])
                     time.sleep(_PERIOD)
@@ -46,16 +47,20 @@ def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | No
                 rest.call("DELETE", name, "captures", id_)
             raise
         _check_end(said["state"], said["reason"], said["file"])
-        with _written(path):
-            path.write_bytes(rest.download(name, "captures", id_, "file"))
-    _tell(path, length)
+        try:
+            recording = rest.download(name, "captures", id_, "file")
+            written = write_new(path, lambda file: file.write(recording))
+        except (OSError, UnavailableError) as error:
+            why = f"{path}: cannot be written: {error.strerror or error}" if isinstance(error, OSError) else str(error)
+            raise BenchError(f"{why}; the service still has the recording, as capture {id_} of drive {name}") from None
+    _tell(path, written, request)
 
 
 def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
     """Capture over a drive's bus. Raises BenchError, DriveError."""
     _check_out(out)
     status = new_status("drive", Request.of(given))
-    path = Path(f"{status.id}.parquet") if out is None else out
+    path = _named(out, status.id)
     with _Link(url) as link, _bar(status.request.length) as show:
 
         def changed(status: Status) -> None:
@@ -76,7 +81,7 @@ def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
             ended.wait()
             raise
     _check_end(run.status.state, run.status.reason, run.status.file)
-    _tell(path, status.request.length)
+    _tell(path, run.status.file or path, status.request)
 
 
 class _Link:
@@ -143,14 +148,21 @@ def _patiently(ask: Callable[[], dict[str, Any]], show: Show) -> dict[str, Any]:
 
 def _check_out(out: Path | None) -> None:
     """Before anything is recorded: there is a place for it, and nothing there is lost."""
-    if out is None:
-        return
-    if out.suffix != ".parquet":
+    path = _named(out, "capture")
+    if path.suffix != ".parquet":
         raise ConfigError(f"--out: expected a file name that ends in .parquet, got {str(out)!r}")
-    if out.exists():
+    if out is not None and path.exists():
         raise ConfigError(f"--out: {out} exists already, expected a new file")
-    if not out.parent.is_dir():
-        raise ConfigError(f"--out: there is no folder {out.parent}")
+    if not path.parent.is_dir():
+        raise ConfigError(f"--out: there is no folder {path.parent}")
+    try:
+        check_place(path)
+    except OSError as error:
+        raise ConfigError(f"no recording can be written in {path.parent}: {error.strerror or error}") from None
+
+
+def _named(out: Path | None, id_: str) -> Path:
+    return Path(f"{id_}.parquet") if out is None else out
 
 
 def _check_end(state: str, reason: str, file: object) -> None:
@@ -160,13 +172,11 @@ def _check_end(state: str, reason: str, file: object) -> None:
     raise BenchError(f"the capture {said}" + (f": {reason}" if reason else "") + (f" in {file}" if file else ""))
 
 
-@contextmanager
-def _written(path: Path) -> Generator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
-def _tell(path: Path, length: int) -> None:
-    _console.print(f"{path}: {length} samples; estimates: pmsm-bench replay {path}", markup=False)
+def _tell(path: Path, written: Path, request: Request) -> None:
+    """Where the recording is. Raises ConfigError where that is not where it was to be."""
+    if written != path:
+        raise ConfigError(f"--out: {path} has been made by another meanwhile; the recording is whole, in {written}")
+    said = f"{written}: {request.length} samples"
+    if request.replayable:
+        said += f"; estimates: pmsm-bench replay {written}"
+    _console.print(said, markup=False)
