@@ -117,8 +117,9 @@ class Run:
         return waiting + left * request.decimation * self._T_s + _STANDSTILL + LINK_PATIENCE
 
     def arm(self) -> None:
-        """Arm the drive's recorder. Raises DriveError; RefusedError where it has none."""
+        """Arm the drive's recorder. Raises LimitError, DriveError; RefusedError where it has none."""
         request, drive = self.status.request, self._link.drive()
+        request.check_level(drive.identity.full)
         try:
             drive.read("capture_number")
         except RefusedError as error:

@@ -45,10 +45,10 @@ class Heading:
     def of(
         cls, id_: str, drive: str, url: str, asked: str, request: dict[str, Any], identity: Identity, upload: Upload
     ) -> Self:
-        full = {"i_full": identity.i_full, "u_full": identity.u_full, "omega_full": identity.omega_full}
         device = f"{identity.device_name}, serial {identity.serial}"
         return cls(
-            id_, drive, url, device, asked, request, upload.number, upload.tick, upload.count, identity.T_s, full
+            id_, drive, url, device, asked, request, upload.number, upload.tick, upload.count, identity.T_s,
+            dict(identity.full),
         )
 
 

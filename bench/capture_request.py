@@ -1,5 +1,6 @@
 """What a capture is asked to be: signals, length, trigger. From a mapping, as REST and the command line give it."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -8,6 +9,7 @@ from typing import Any, Final, cast
 from bench.errors import LimitError, shown
 from bench.tuning import number, one_of
 from drivers.capture import Setup
+from drivers.wire.codec import FullScales, channel_signal
 from drivers.wire.dictionary import CAPTURE_SAMPLES, CHANNELS
 
 NEEDED: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")  # by the estimator
@@ -70,6 +72,19 @@ class Request:
         pre = min(round(self.pre_trigger * self.length), self.length - 1)
         level = self.trigger if isinstance(self.trigger, Level) else Level("", 0.0)
         return Setup(self.signals, self.length, self.decimation, pre, level.signal, level.level, EDGES[level.edge])
+
+    def check_level(self, full: FullScales) -> None:
+        """Raise LimitError where a drive of these full scales cannot come to the trigger's level."""
+        if not isinstance(self.trigger, Level):
+            return
+        signal = channel_signal(self.trigger.signal)
+        most = full[signal.full_scale] if signal.full_scale else math.tau
+        if not (-most if signal.full_scale else 0.0) < self.trigger.level < most:
+            least = f"{-most:g}" if signal.full_scale else "0"
+            raise LimitError(
+                f"trigger level: {self.trigger.signal} of this drive is {least} to {most:g} {signal.unit}, "
+                f"its full scale, got {self.trigger.level:g}"
+            )
 
     @property
     def replayable(self) -> bool:

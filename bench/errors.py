@@ -9,6 +9,8 @@
       UnavailableError a part of the service that does not answer now
 """
 
+import json
+
 
 class BenchError(Exception):
     """Any refusal of the bench; its text is a sentence for the user."""
@@ -41,7 +43,7 @@ class UnavailableError(BenchError):
 def shown(value: object) -> str:
     """A foreign value as a sentence shows it: on one line, and short whatever came."""
     try:
-        text = repr(value)
+        text = json.dumps(value) if value is None or isinstance(value, bool) else repr(value)  # as who asks writes it
     except (ValueError, RecursionError):  # a number of thousands of digits; nesting without end
         return f"something too long to show ({type(value).__name__})"
     return text if len(text) <= 80 else f"{text[:77]}..."

@@ -196,9 +196,7 @@ def upload(drive: Drive, under_way: Upload, on_samples: Callable[[int], None] | 
         _check_same(drive, under_way)
     if len(under_way.data) != under_way.count * size:
         raise FrameError(f"expected a recording of {under_way.count * size} bytes, got {len(under_way.data)}")
-    identity = drive.identity
-    full = {"i_full": identity.i_full, "u_full": identity.u_full, "omega_full": identity.omega_full}
-    return decoded(under_way, identity.T_s, full)
+    return decoded(under_way, drive.identity.T_s, drive.identity.full)
 
 
 def decoded(under_way: Upload, T_s: float, full: FullScales) -> Capture:

@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from drivers.block import Block
+from drivers.wire.codec import FullScales
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +23,11 @@ class Identity:
     i_full: float  # A
     u_full: float  # V
     omega_full: float  # rad/s
+
+    @property
+    def full(self) -> FullScales:
+        """Its full scales by name, SI."""
+        return {"i_full": self.i_full, "u_full": self.u_full, "omega_full": self.omega_full}
 
 
 class Drive(Protocol):

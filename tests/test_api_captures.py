@@ -58,7 +58,7 @@ def test_a_capture_is_followed_from_its_location_to_its_file(client: httpx.Clien
 
 
 def test_a_second_writer_is_409_and_a_cancelled_capture_makes_room(client: httpx.Client) -> None:
-    first = client.post(CAPTURES, json={"trigger": "i_q > 1000"}).json()
+    first = client.post(CAPTURES, json={"trigger": "i_q > 23"}).json()
     said = problem(client.post(CAPTURES, json={}), 409)
     holder = f"capture {first['id']} (asked for from 127.0.0.1)"
     assert said.startswith(f"drive emulated takes one writer at a time, and {holder} holds it until ")
@@ -76,11 +76,18 @@ def test_a_capture_is_triggered_by_command_once(client: httpx.Client) -> None:
     assert " is done, there is nothing to trigger" in problem(client.post(f"{LATEST}/trigger"), 409)
 
 
+def test_without_a_body_a_capture_is_as_usual(client: httpx.Client) -> None:
+    answer = client.post(CAPTURES)
+    assert answer.status_code == 202
+    assert answer.json()["request"]["length"] == 10_000
+    assert ended(client, LATEST)["state"] == "done"
+
+
 def test_a_trigger_that_never_comes_fails_with_a_sentence(client: httpx.Client) -> None:
-    client.post(CAPTURES, json={"trigger": {"signal": "i_q", "level": -1000.0, "edge": "falling"}, "timeout_s": 0.1})
+    client.post(CAPTURES, json={"trigger": {"signal": "i_q", "level": -23.0, "edge": "falling"}, "timeout_s": 0.1})
     failed = ended(client, LATEST)
     assert (failed["state"], failed["progress"]) == ("failed", 0.0)
-    assert failed["reason"] == "the trigger, i_q falling through -1000, has not come within 0.1 s"
+    assert failed["reason"] == "the trigger, i_q falling through -23, has not come within 0.1 s"
 
 
 @pytest.mark.parametrize(

@@ -100,10 +100,10 @@ def test_a_capture_is_triggered_by_the_operator(page: Chrome) -> None:
 
 def test_why_a_capture_failed_stands_in_the_panel(page: Chrome) -> None:
     choose(page, "capture-trigger", "when a signal crosses a level")
-    fill(page, "capture-level", "1000")
+    fill(page, "capture-level", "23")
     fill(page, "capture-timeout", "0,2")
     click(page, "capture-start")
-    said = "the trigger, i_q rising through 1000, has not come within 0.2 s"
+    said = "the trigger, i_q rising through 23, has not come within 0.2 s"
     until(page, lambda: text(page, "capture-message") == said, "the reason")
     assert words(page).startswith("Failed")
 

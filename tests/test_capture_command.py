@@ -27,7 +27,7 @@ from tests.transports import modbus_tcp_url, pty_url, serving
 
 BUSES: Mapping[str, Callable[[], str]] = {"canopen": tcp_url, "modbus": modbus_tcp_url, "uart": pty_url}
 LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: crossed by the drive, and in the recording
-NEVER = ("--trigger", "i_q<-1000", "--timeout", "0.1")
+NEVER = ("--trigger", "i_q<-23", "--timeout", "0.1")
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def test_a_trigger_that_never_comes_is_told_without_a_service(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     said = refused(["capture", "--drive", drives["uart"], *NEVER], monkeypatch, capsys)
-    assert said == "the capture failed: the trigger, i_q falling through -1000, has not come within 0.1 s"
+    assert said == "the capture failed: the trigger, i_q falling through -23, has not come within 0.1 s"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -184,7 +184,7 @@ def interrupted(*arguments: str, folder: Path) -> None:
     terminal, end = pty.openpty()
     with os.fdopen(terminal, "rb", buffering=0) as screen, os.fdopen(end, "wb") as stderr:
         process = subprocess.Popen(
-            [*COMMAND, "capture", *arguments, "--trigger", "i_q > 1000"], stdout=subprocess.PIPE, stderr=stderr,
+            [*COMMAND, "capture", *arguments, "--trigger", "i_q > 23"], stdout=subprocess.PIPE, stderr=stderr,
             cwd=folder,
         )
         shown = b""
@@ -232,6 +232,8 @@ def test_a_service_that_is_killed_in_mid_upload_goes_on_when_it_is_back(
     [
         ([], "expected a drive's name, or its URL by --drive, got none"),
         (["x", "--drive", "uart:///dev/null"], "expected a drive's name, or its URL by --drive, got both"),
+        (["--drive", "uart:///dev/null", "--service", "x"], "expected --drive, which needs no service, or --service, "),
+        (["--drive", "uart:///dev/null", "--trigger", "command"], "--trigger command: without a service nobody can "),
         (["x", "--length", "70000"], "length: expected a whole number of 1 to 65536, got 70000"),
         (["x", "--signals", "i_d,torque"], "signals: the recorder has theta_e, "),
         (["x", "--trigger", "i_q=2"], 'trigger: expected "now", "command", "i_q > 2.0" or '),
@@ -261,5 +263,5 @@ def test_a_capture_that_fails_says_why(
         "no drive 'spindle'; the drives are canopen, modbus, uart"
     )
     said = refused(["capture", "uart", "--service", bench.url, *NEVER], monkeypatch, capsys)
-    assert said == "the capture failed: the trigger, i_q falling through -1000, has not come within 0.1 s"
+    assert said == "the capture failed: the trigger, i_q falling through -23, has not come within 0.1 s"
     assert list(tmp_path.iterdir()) == []

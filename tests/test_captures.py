@@ -35,7 +35,7 @@ from tests.relay import relayed
 from tests.served_drive import PATIENCE, Served, served, tcp_url, until
 from tests.served_uart import served_uart
 
-NEVER = {"trigger": "i_q > 1000"}
+NEVER = {"trigger": "i_q > 23"}
 LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: what has crossed it has done so in the recording too
 
 
@@ -185,7 +185,7 @@ def test_a_trigger_that_never_comes_ends_in_a_sentence_and_a_drive_that_waits_no
 ) -> None:
     ask(service, **NEVER, timeout_s=0.2)
     status = reached(service, State.FAILED)
-    assert status.reason == "the trigger, i_q rising through 1000, has not come within 0.2 s"
+    assert status.reason == "the trigger, i_q rising through 23, has not come within 0.2 s"
     assert status.file is None
     assert list(tmp_path.iterdir()) == []
     until(lambda: drive.drive.read("capture_state") == 0.0, "the recorder to stop")
@@ -237,18 +237,18 @@ def test_a_second_writer_is_told_who_writes_and_until_when(service: Service, dri
         ({"length": 65_537}, "length: expected a whole number of 1 to 65536, got 65537"),
         ({"length": 0}, "length: .*, got 0"),
         ({"length": 1.5}, "length: .*, got 1.5"),
-        ({"length": True}, "length: .*, got True"),
+        ({"length": True}, "length: .*, got true"),
         ({"decimation": 1001}, "decimation: expected a whole number of 1 to 1000, got 1001"),
         ({"pre_trigger": 1.5}, "pre_trigger: expected a number of 0 to 1, got 1.5"),
         ({"timeout_s": 0}, "timeout_s: expected a number of 0.1 to 86400, got 0"),
         ({"trigger": "sometimes"}, 'trigger: expected "now", "command", "i_q > 2.0" or .*, got \'sometimes\''),
         ({"trigger": "i_q > soon"}, "trigger: .*, got 'i_q > soon'"),
         ({"trigger": "torque > 2"}, "trigger signal: the recorder has .*, got 'torque'"),
-        ({"trigger": {"signal": "i_q"}}, "trigger level: expected a number of .*, got None"),
+        ({"trigger": {"signal": "i_q"}}, "trigger level: expected a number of .*, got null"),
         ({"trigger": {"signal": "i_q", "level": float("nan")}}, "trigger level: .*, got nan"),
         ({"trigger": {"signal": "i_q", "level": 1, "edge": "up"}}, "trigger edge: expected rising, falling or either"),
         ({"trigger": {"signal": "i_q", "slope": 1}}, "trigger: expected signal, level or edge, got 'slope'"),
-        ({"trigger": None}, "trigger: .*, got None"),
+        ({"trigger": None}, "trigger: .*, got null"),
         ({"samples": 5}, "expected signals, length, .* or timeout_s, got 'samples'"),
     ],
     ids=str,
@@ -256,6 +256,22 @@ def test_a_second_writer_is_told_who_writes_and_until_when(service: Service, dri
 def test_what_no_drive_could_do_is_refused(given: dict[str, Any], said: str) -> None:
     with pytest.raises(LimitError, match=said):
         Request.of(given)
+
+
+@pytest.mark.parametrize(
+    ("trigger", "said"),
+    [
+        ("i_q > 24", "trigger level: i_q of this drive is -24 to 24 A, its full scale, got 24"),
+        ("i_a < -100", "trigger level: i_a of this drive is -24 to 24 A, its full scale, got -100"),
+        ("theta_e > 7", "trigger level: theta_e of this drive is 0 to 6.28319 rad, its full scale, got 7"),
+        ("theta_e < -1", "trigger level: theta_e of this drive is 0 to 6.28319 rad, its full scale, got -1"),
+    ],
+)
+def test_a_level_that_a_signal_cannot_come_to_is_refused(service: Service, trigger: str, said: str) -> None:
+    with pytest.raises(LimitError) as refused:
+        ask(service, trigger=trigger)
+    assert str(refused.value) == said
+    assert service.writer("spindle") is None
 
 
 def test_a_drive_of_two_names_takes_one_writer(drive: Served, tmp_path: Path) -> None:

@@ -133,7 +133,7 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
         ('[service]\nhost = ""\n' + DRIVE, "[service] host: expected an address, got ''"),
         ("[service]\ncaptures = 5\n" + DRIVE, "[service] captures: expected a folder, got 5"),
         ("[service]\nport = 65536\n" + DRIVE, "[service] port: expected a port of 0 to 65535, got 65536"),
-        ("[service]\nport = true\n" + DRIVE, "[service] port: expected a port of 0 to 65535, got True"),
+        ("[service]\nport = true\n" + DRIVE, "[service] port: expected a port of 0 to 65535, got true"),
         ('[service]\nport = "80"\n' + DRIVE, "[service] port: expected a port of 0 to 65535, got '80'"),
         ("[service]\nport = 0x" + "f" * 5000 + "\n" + DRIVE,
          "[service] port: expected a port of 0 to 65535, got something too long to show (int)"),
@@ -142,7 +142,7 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
          "[drives]: expected names of letters, digits, '_', '.' and '-' that start with a letter or digit, got 'a/b'"),
         ('[drives.""]\n',
          "[drives]: expected names of letters, digits, '_', '.' and '-' that start with a letter or digit, got ''"),
-        ("[drives.a]\n", '[drives.a]: expected url = "canopen://...", got None'),
+        ("[drives.a]\n", '[drives.a]: expected url = "canopen://...", got null'),
         ("[drives.a]\nurl = 5\n", '[drives.a]: expected url = "canopen://...", got 5'),
         ('[drives.a]\nurl = "http://x"\n',
          "[drives.a] url: expected a drive URL that starts with canopen:// or modbus+tcp:// or modbus+rtu:// "

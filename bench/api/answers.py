@@ -18,19 +18,32 @@ DRIVE: Answers = {404: {"description": "No drive of that name"} | PROBLEM} | ANY
 DriveName = Annotated[str, Path(description="name of a drive")]
 
 
-def body_of(model: str) -> dict[str, Any]:
+def body_of(model: str, *, required: bool = True) -> dict[str, Any]:
     """The description of a route's JSON body."""
     schema = {"schema": {"$ref": f"{SHAPES}{model}"}}
-    return {"requestBody": {"required": True, "content": {"application/json": schema}}}
+    return {"requestBody": {"required": required, "content": {"application/json": schema}}}
 
 
 async def json_object(request: Request) -> dict[str, Any]:
     """The request's body. Raises LimitError when it is no JSON object."""
+    return _object(await _body(request))
+
+
+async def json_object_if_any(request: Request) -> dict[str, Any]:
+    """The request's body, an empty object where there is none. Raises LimitError when it is no JSON object."""
+    return _object(await _body(request) or b"{}")
+
+
+async def _body(request: Request) -> bytes:
     text = b""
     async for part in request.stream():
         text += part
         if len(text) > _MAX_BODY:
             raise LimitError(f"expected a body of at most {_MAX_BODY} bytes, got more")
+    return text
+
+
+def _object(text: bytes) -> dict[str, Any]:
     try:
         body = json.loads(text)
     except (ValueError, RecursionError):

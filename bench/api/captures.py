@@ -6,7 +6,7 @@ from urllib.parse import quote
 from fastapi import Depends, FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object
+from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object_if_any
 from bench.api.capture_models import CaptureModel, CapturesModel, capture_model
 from bench.service import Service
 
@@ -37,9 +37,11 @@ def install(app: FastAPI, service: Service) -> None:
         return CapturesModel(captures=[capture_model(status) for status in captures.all(name)])
 
     @app.post("/api/drives/{name}/captures", summary="Record with the drive's recorder", status_code=202,
-              responses=_ASKED | DRIVE, openapi_extra=body_of("CaptureRequestModel"), dependencies=of_known)
+              responses=_ASKED | DRIVE, openapi_extra=body_of("CaptureRequestModel", required=False),
+              dependencies=of_known)
     def ask(
-        name: DriveName, request: Request, response: Response, given: Annotated[dict[str, Any], Depends(json_object)]
+        name: DriveName, request: Request, response: Response,
+        given: Annotated[dict[str, Any], Depends(json_object_if_any)],
     ) -> CaptureModel:
         """Arms the recorder; the rest happens by itself: waiting for the trigger, upload, recording on disk.
 

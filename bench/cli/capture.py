@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from bench.capture import Run, State, Status, new_status
 from bench.capture_file import check_place, write_new
-from bench.capture_request import Request
+from bench.capture_request import COMMAND, Request
 from bench.cli.rest import Rest
 from bench.errors import BenchError, ConfigError, UnavailableError
 from drivers.connect import connect
@@ -60,6 +60,8 @@ def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
     """Capture over a drive's bus. Raises BenchError, DriveError."""
     _check_out(out)
     status = new_status("drive", Request.of(given))
+    if status.request.trigger == COMMAND:
+        raise ConfigError("--trigger command: without a service nobody can give it, expected now or a level as i_q>2.0")
     path = _named(out, status.id)
     with _Link(url) as link, _bar(status.request.length) as show:
 

@@ -117,6 +117,8 @@ def capture(
     given = {key: value for key, value in given.items() if value is not None}
     if (name is None) == (drive is None):
         raise ConfigError("expected a drive's name, or its URL by --drive, got " + ("none" if name is None else "both"))
+    if drive is not None and service is not None:
+        raise ConfigError("expected --drive, which needs no service, or --service, got both")
     if name is not None:
         by_service(name, service or _usual_service(), given, out)
     elif drive is not None:
