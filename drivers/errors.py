@@ -11,6 +11,8 @@
       FaultError     the drive is in fault (carries the error code)
 """
 
+import errno
+
 
 class DriveError(Exception):
     """Any failure between bench and drive; its text is a sentence for the user."""
@@ -57,3 +59,9 @@ class FaultError(DriveError):
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
         self.code = code
+
+
+def held(error: BaseException) -> str | None:
+    """The sentence for a serial line that was not to be opened since another program has it; None for other reasons."""
+    busy = getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY)  # locked; had for one program alone
+    return "another program holds it" if busy else None

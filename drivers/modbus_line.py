@@ -23,7 +23,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
+from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, held
 from drivers.turns import Turns
 from drivers.wire.modbus_map import (
     EXCEPTIONS,
@@ -201,7 +201,7 @@ class ModbusLine:
                 return _TcpClient(place, timeout, self._trace)
             return _SerialClient(place, timeout, self._trace)
         except (OSError, ValueError) as error:  # ValueError: pyserial, of a URL that it does not know
-            raise _NoLineError(_first_line(error)) from None
+            raise _NoLineError(held(error) or _first_line(error)) from None
 
     def _trace(self, sending: bool, data: bytes) -> bytes:
         """Told by the library of all that it sends and receives."""

@@ -25,7 +25,7 @@ import serial
 
 from drivers.block import Block
 from drivers.drive import Identity
-from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
+from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError, held
 from drivers.rows import TELLABLE, Counts, RowBlocks
 from drivers.wire import uart_frame as uf
 from drivers.wire.codec import FullScales, count_size, decode, encode
@@ -429,7 +429,7 @@ def _open(url: UartUrl) -> Any:
             write_timeout=None if url.protocol == "rfc2217" else WRITE_TIMEOUT, exclusive=True,  # it knows none
         )
     except (OSError, ValueError) as error:
-        raise ConnectError(f"cannot open {url}: {_reason(error)}") from None
+        raise ConnectError(f"cannot open {url}: {held(error) or _reason(error)}") from None
     if url.protocol == "socket":
         with socket.socket(fileno=os.dup(port.fileno())) as same:
             same.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

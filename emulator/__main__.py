@@ -1,6 +1,8 @@
 """`python -m emulator`: the virtual drive in real time, at the URLs that a bench connects to."""
 
 import argparse
+import errno
+import os
 import signal
 import sys
 import threading
@@ -23,7 +25,7 @@ _CATCH_UP = 0.05  # s, most that it runs at once
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run until SIGINT or SIGTERM. 0 at the end, 2 when it cannot start."""
+    """Run until SIGINT or SIGTERM. 0 at the end, 2 when it cannot start, 1 when it cannot say that it has."""
     parser = argparse.ArgumentParser("pmsm-bench emulate", description=__doc__)
     parser.add_argument(
         "--at", action="append", metavar="URL", help=f"where to be; may be repeated (default {DEFAULT_URL})"
@@ -43,10 +45,17 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         told = [parse_fault(text) for text in options.fault]
         faults = Faults(told + (script(Path(options.fault_script)) if options.fault_script else []))
-        run(scenario_named(options.scenario), options.at or [DEFAULT_URL], stop, faults)
+        urls = options.at or [DEFAULT_URL]
+        faults.check_links(can=any(url.startswith("canopen://") for url in urls))
+        run(scenario_named(options.scenario), urls, stop, faults)
     except (ScenarioError, BusError, ValueError) as error:
         print(f"pmsm-bench emulate: {error}", file=sys.stderr)
         return 2
+    except OSError as error:  # of standard output: links have sentences of their own
+        if error.errno != errno.EPIPE:
+            print(f"pmsm-bench emulate: cannot write: {error.strerror}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still to be written at the end
+        return 1
     return 0
 
 

@@ -27,11 +27,12 @@ from typing import Final, NamedTuple
 
 RATES: Final = ("lose", "delay", "late", "double", "corrupt", "noise")
 SPANS: Final = ("closed", "unplugged", "busoff", "reset")
+INDICES: Final = range(0x1000, 0xA000)  # of objects that a drive can have (CiA 301, table 40)
 DELAY: Final = 0.02  # s, of a frame that is delayed
 LATE: Final = 0.5  # s, of one that is late: clients wait 0.3 s
 FORMS: Final = (
     f"{', '.join(f'{kind}=RATE' for kind in RATES)}, {', '.join(SPANS)} or refuse=INDEX, "
-    "each with @BEGIN or @BEGIN+LENGTH"
+    "each with @BEGIN or @BEGIN+LENGTH, reset with @BEGIN alone"
 )
 _SPEC: Final = re.compile(r"(\w+)(?:=([^@]+))?(?:@([^+]+)(?:\+(.+))?)?")
 
@@ -72,6 +73,10 @@ def parse_fault(text: str) -> Fault:
         raise ValueError(f"expected a fault as {FORMS}, got {text!r}") from None
     if kind in RATES and not 0.0 <= number <= 1.0:
         raise ValueError(f"expected a rate of 0 to 1 in {text!r}, got {number:g}")
+    if kind == "refuse" and number not in INDICES:
+        raise ValueError(f"expected an index of 0x{INDICES[0]:X} to 0x{INDICES[-1]:X} in {text!r}, got {value}")
+    if kind == "reset" and length:
+        raise ValueError(f"a reset takes no time: expected reset@BEGIN, got {text!r}")
     if not (0.0 <= start < math.inf and lasts > 0.0):
         raise ValueError(f"expected times of 0 s or more in {text!r}")
     return Fault(kind, number, start, start + lasts)
@@ -101,6 +106,11 @@ class Faults:
         self._random = random.Random(seed)
         self._lock = threading.Lock()
         self._resets = sorted(fault.begin for fault in self._faults if fault.kind == "reset")
+
+    def check_links(self, can: bool) -> None:
+        """Raise ValueError, in a sentence, where a fault is of CAN alone and there is no CAN link."""
+        if not can and any(fault.kind == "busoff" for fault in self._faults):
+            raise ValueError("expected a CAN link (--at canopen://...) for busoff, there is none")
 
     @property
     def none(self) -> bool:

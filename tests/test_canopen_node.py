@@ -182,6 +182,10 @@ def test_an_sdo_request_gets_the_answer_made_by_hand(wire: Wire, request_: str, 
     ("request_", "code"),
     [
         ("4000400000000000", 0x06020000),  # no such object
+        ("400c100000000000", 0x06020000),  # no node guarding: neither guard time
+        ("2b0c1000e8030000", 0x06020000),
+        ("400d100000000000", 0x06020000),  # nor life time factor
+        ("2f0d100003000000", 0x06020000),
         ("400020ff00000000", 0x06090011),  # no such sub-index
         ("4018100500000000", 0x06090011),
         ("2300200100000000", 0x06010002),  # read only

@@ -73,6 +73,21 @@ def test_every_command_explains_itself(
     assert f"pmsm-bench {name}" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("what", ["eds", "registers", "--help", "emulate"])
+def test_output_that_cannot_be_written_is_one_sentence_and_to_a_closed_pipe_silence(what: str) -> None:
+    words = [*COMMAND, what] + (["--at", bus_url(free_port())] if what == "emulate" else [])
+    with Path("/dev/full").open("w") as full:
+        told = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60.0, check=False)
+    assert told.returncode == 1
+    name = "pmsm-bench emulate" if what == "emulate" else "pmsm-bench"
+    assert told.stderr == f"{name}: cannot write: No space left on device\n"
+    reader, writer = os.pipe()
+    os.close(reader)
+    silent = subprocess.run(words, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60.0, check=False)
+    os.close(writer)
+    assert (silent.returncode, silent.stderr) == (1, "")
+
+
 def test_the_data_sheet_is_printed_or_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

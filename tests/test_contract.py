@@ -1,19 +1,22 @@
 """What every drive keeps to, whatever the transport: one in a process of its own, in real time, known by its URL."""
 
+import contextlib
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 
 import numpy as np
 import pytest
 
-from drivers import canopen_drive, modbus_drive, operation, uart_drive
+from drivers import canopen_drive, capture, modbus_drive, operation, uart_drive
 from drivers.connect import connect
 from drivers.drive import Drive
-from drivers.errors import ConnectError, LostError, RefusedError
-from drivers.wire.cia402 import COMMUNICATION, State
+from drivers.errors import ConnectError, FaultError, LostError, RefusedError
+from drivers.wire.canopen_od import Abort
+from drivers.wire.cia402 import COMMUNICATION, OVERCURRENT, State, error_text
 from drivers.wire.dictionary import SIGNALS, layout_id
+from drivers.wire.uart_frame import WRONG_VALUE
 from emulator.scenarios import PAPER
 from tests.served_drive import Listening, first_blocks, in_threads, joined, listening, until
 from tests.transports import TRANSPORTS, ServedProcess, Transport
@@ -21,6 +24,7 @@ from tests.transports import TRANSPORTS, ServedProcess, Transport
 STREAMED = 1.0  # s
 LOST_WITHIN = 3.0  # s
 WATCHDOG = 0.3  # s
+ILLEGAL_DATA_VALUE = 3  # exception of Modbus
 
 
 @pytest.fixture(scope="module", params=TRANSPORTS)
@@ -102,8 +106,10 @@ def test_a_value_that_cannot_be_is_refused_before_the_wire(
 
 def test_a_value_that_this_drive_refuses_is_told_by_name(drive: Drive) -> None:
     before = drive.read("i_q_ref")
-    with pytest.raises(RefusedError, match=r"\(i_q_ref\)"):
+    with pytest.raises(RefusedError, match=r"(0x2300:2|register \S+) \(i_q_ref\)") as caught:
         drive.write("i_q_ref", 12.5)  # its current limit is 12 A
+    assert caught.value.code in (Abort.VALUE_RANGE, ILLEGAL_DATA_VALUE, WRONG_VALUE)
+    assert str(caught.value).count("\n") == 0
     assert drive.read("i_q_ref") == before
 
 
@@ -251,6 +257,75 @@ def test_a_drive_that_dies_is_lost_in_a_sentence_and_had_again_when_it_is_back(
     with transport.serve(url), connect(url) as again:
         assert len(first_blocks(again, 20)) > 0
     assert capfd.readouterr().err == ""
+
+
+def test_a_recording_waits_for_its_level_and_is_what_the_stream_tells_of_the_same_ticks(drive: Drive) -> None:
+    operation.enable(drive)
+    setup = capture.Setup(("theta_e", "i_d", "i_q"), length=2000, pre=500, trigger="i_q", level=2.0, edge=1)
+    with listening(drive) as listener, parameters(drive, i_q_ref=0.0, i_q_step=0.0):
+        until(lambda: abs(listener.blocks[-1].i_q_mean[-1]) < 0.2, "its current does not go")
+        number = capture.arm(drive, setup)
+        pass_time(1.5 * setup.pre * drive.identity.T_s)
+        assert capture.seen(drive, number).state == capture.ARMED
+        drive.write("i_q_ref", 4.0)
+        got = capture.upload(drive, capture.awaited(drive, setup, 5.0))
+        until(lambda: listener.blocks[-1].tick[-1] >= got.tick + setup.length, "no rows")
+    assert [len(column) for column in got.columns.values()] == [2000] * 3
+    assert got.columns["i_q"][499] <= 2.0 < got.columns["i_q"][500]
+    places = joined(listener.blocks, "tick") - got.tick
+    inside = (places >= 0) & (places < setup.length)
+    assert inside.sum() >= setup.length / listener.blocks[-1].periods - 1
+    for name, column in got.columns.items():
+        off = joined(listener.blocks, name)[inside] - column[places[inside]]
+        off = (off + np.pi) % (2.0 * np.pi) - np.pi if name == "theta_e" else off
+        assert np.abs(off).max() < 1e-6, name
+
+
+def test_a_drive_is_led_through_its_states(drive: Drive) -> None:
+    operation.disable(drive)
+    for word, state in (
+        (0x06, State.READY_TO_SWITCH_ON), (0x07, State.SWITCHED_ON), (0x0F, State.OPERATION_ENABLED),
+        (0x02, State.QUICK_STOP_ACTIVE), (0x00, State.SWITCH_ON_DISABLED),
+    ):
+        drive.write("control_word", float(word))
+        until(lambda state=state: operation.state(drive) is state, f"it is not in state {state}")
+    operation.enable(drive)
+    operation.quick_stop(drive)
+    assert operation.state(drive) is State.QUICK_STOP_ACTIVE
+    operation.enable(drive)
+    assert operation.state(drive) is State.OPERATION_ENABLED
+    assert operation.fault(drive) is None
+
+
+def test_a_fault_of_the_drive_is_told_and_left_by_a_reset_alone(drive: Drive) -> None:
+    operation.enable(drive)
+    with parameters(drive, control_psi_f=10.0):  # Vs, for which its control applies far too high a voltage
+        until(lambda: operation.state(drive) is State.FAULT, "it never trips")
+        assert operation.fault(drive) == operation.Fault(OVERCURRENT, error_text(OVERCURRENT))
+        with pytest.raises(FaultError) as caught:
+            operation.enable(drive)
+        assert caught.value.code == OVERCURRENT
+        operation.quick_stop(drive)
+        operation.disable(drive)
+        assert operation.state(drive) is State.FAULT
+    operation.reset_fault(drive)
+    assert operation.state(drive) is State.SWITCH_ON_DISABLED
+    assert operation.fault(drive) is None
+    operation.enable(drive)
+    assert operation.state(drive) is State.OPERATION_ENABLED
+
+
+@contextlib.contextmanager
+def parameters(drive: Drive, **values: float) -> Generator[None]:
+    """Other values for a while."""
+    before = {name: drive.read(name) for name in values}
+    for name, value in values.items():
+        drive.write(name, value)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            drive.write(name, value)
 
 
 def pass_time(duration: float) -> None:

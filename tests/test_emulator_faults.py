@@ -42,6 +42,9 @@ def test_what_is_no_fault_is_told_with_those_there_are(text: str) -> None:
         ("closed@-1", "expected times of 0 s or more in 'closed@-1'"),
         ("closed@1+0", "expected times of 0 s or more in"),
         ("reset@inf", "expected times of 0 s or more in"),
+        ("reset@5+2", r"a reset takes no time: expected reset@BEGIN, got 'reset@5\+2'"),
+        ("refuse=0x22", "expected an index of 0x1000 to 0x9FFF in 'refuse=0x22', got 0x22"),
+        ("refuse=0xA000@1", "expected an index of 0x1000 to 0x9FFF in 'refuse=0xA000@1', got 0xA000"),
     ],
 )
 def test_numbers_that_cannot_be_are_told(text: str, sentence: str) -> None:

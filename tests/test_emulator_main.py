@@ -12,6 +12,7 @@ import pytest
 from drivers.connect import connect
 from drivers.drive import Drive
 from tests.served_drive import READY, emulator, ready, tcp_url
+from tests.transports import modbus_tcp_url, serial_socket_url
 
 SMALL = """
 [motor]
@@ -93,6 +94,11 @@ def test_a_fault_script_that_cannot_be_is_one_sentence_and_exit_2(
     said = refused("--at", tcp_url(), "--fault-script", str(file))
     assert said.startswith("pmsm-bench emulate: " + sentence.format(file=file))
     assert said.count("\n") == 1
+
+
+def test_bus_off_without_a_can_link_is_one_sentence_and_exit_2() -> None:
+    said = refused("--at", modbus_tcp_url(), "--at", serial_socket_url(), "--fault", "busoff@5+2")
+    assert said == "pmsm-bench emulate: expected a CAN link (--at canopen://...) for busoff, there is none\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

@@ -266,7 +266,8 @@ def test_a_line_without_a_drive_is_told(tmp_path: Path) -> None:
 
 def test_a_line_that_another_client_holds_is_told() -> None:
     url = pty_url()
-    with served_uart(url), connect(url), pytest.raises(ConnectError, match=r"cannot open .*: Resource temporarily"):
+    told = pytest.raises(ConnectError, match=r"cannot open .* at 3000000 baud: another program holds it$")
+    with served_uart(url), connect(url), told:
         connect(url)
 
 

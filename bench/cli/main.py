@@ -1,9 +1,11 @@
-"""`pmsm-bench`: one console script. Every refusal is one sentence on standard error and exit code 2."""
+"""`pmsm-bench`: one console script. Every refusal is one sentence on standard error and exit code 2; output that
+cannot be written, 1."""
 
+import errno
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -18,6 +20,7 @@ app = typer.Typer(
 DEFAULT_BUS = "canopen://socketcand/127.0.0.1:29536/can0/5"
 At = Annotated[str, typer.Option(metavar="URL", help="where the emulated drive is")]
 Port = Annotated[int | None, typer.Option(help="port of the service (default 8080, or PMSM_BENCH_PORT)")]
+_NO_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 Service = Annotated[
     str | None, typer.Option(metavar="URL", help="the service (default http://127.0.0.1:8080, or PMSM_BENCH_PORT)")
 ]
@@ -194,14 +197,25 @@ def main() -> None:
     status: object = 0
     try:
         status = app(standalone_mode=False)
+        print(end="", flush=True)  # what cannot be written is told here, and not by the interpreter at its end
     except (BenchError, DriveError) as error:
         print(f"pmsm-bench: {error}", file=sys.stderr)
         sys.exit(2)
     except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     except Exception as error:  # noqa: BLE001
+        if isinstance(error, OSError) and error.errno in _NO_OUTPUT:
+            _no_output(error)
         _unexpected(error)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _no_output(error: OSError) -> NoReturn:
+    """Nobody reads what we write, which is said nowhere; or there is no room for it."""
+    if error.errno != errno.EPIPE:
+        print(f"pmsm-bench: cannot write: {error.strerror}", file=sys.stderr)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still to be written at the end
+    sys.exit(1)
 
 
 def _unexpected(error: Exception) -> None:

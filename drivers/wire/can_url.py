@@ -12,6 +12,8 @@ FORMS = (
     "or canopen://INTERFACE/CHANNEL/NODE[?option=value]"
 )
 
+_SETS_UP = {"socketcan": "the system sets the bus up (ip link)", "socketcand": "its server sets the bus up"}
+
 
 @dataclass(frozen=True, slots=True)
 class CanUrl:
@@ -41,13 +43,15 @@ def parse_can_url(url: str) -> CanUrl:
     if parts.scheme != "canopen":
         raise ValueError(f"expected a URL that starts with canopen://, got {url!r}")
     interface, *middle, node = fields
+    if options and interface in _SETS_UP:
+        raise ValueError(f"{interface} takes no options, {_SETS_UP[interface]}; got {', '.join(options)} in {url!r}")
     if interface == "socketcand":
         if len(middle) != 2 or not middle[1]:
             raise ValueError(f"expected canopen://socketcand/HOST:PORT/CHANNEL/NODE, got {url!r}")
         host, _, port = middle[0].rpartition(":")
         if not host or not _counts_to(65535, port):
             raise ValueError(f"expected HOST:PORT with a port of 1 to 65535 in {url!r}, got {middle[0]!r}")
-        return CanUrl(interface, middle[1], _node_id(node, url), host, int(port), options)
+        return CanUrl(interface, middle[1], _node_id(node, url), host, int(port))
     if not interface or len(middle) != 1 or not middle[0]:
         raise ValueError(f"expected {FORMS}, got {url!r}")
     return CanUrl(interface, middle[0], _node_id(node, url), options=options)
