@@ -15,6 +15,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from hypothesis import HealthCheck, settings
 
 # A shell starts what it runs in the background with Ctrl-C ignored, nohup with a closed terminal; children inherit that
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -22,6 +23,9 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 os.environ.pop("PMSM_BENCH_PORT", None)  # it would beat the ports that tests choose
 _DATA = tempfile.TemporaryDirectory(prefix="pmsm-bench-")  # captures of tests are none of the user's
 os.environ["XDG_DATA_HOME"] = _DATA.name
+# How fast examples come is the machine's matter
+settings.register_profile("bench", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("bench")
 
 READY = 120.0  # s, the first start compiles
 COMMAND = [sys.executable, "-m", "bench.cli.main"]

@@ -283,7 +283,8 @@ def test_two_clients_get_ten_snapshots_a_second_each(client: httpx.Client, runni
         rows = [snapshot["drive"]["stream"]["rows"] for snapshot in snapshots]
         assert rows == sorted(set(rows))
         times = [snapshot["estimates"]["t_drive_s"] for snapshot in snapshots]
-        assert times == sorted(set(times))
+        assert times == sorted(times)  # estimates wait where rows come faster than they are taken
+        assert times[-1] - times[0] > 0.8
         assert set(snapshots[0]["drive"]) == set(client.get(DRIVE).json())
         assert set(snapshots[0]["estimates"]) == set(client.get(f"{DRIVE}/estimates").json())
 
