@@ -31,6 +31,7 @@ from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
 from tests import served_modbus
 from tests.conftest import bus_url, free_port
+from tests.driving import driving
 from tests.relay import relayed
 from tests.served_drive import PATIENCE, Served, served, tcp_url, until
 from tests.served_uart import served_uart
@@ -274,11 +275,11 @@ def test_a_level_that_a_signal_cannot_come_to_is_refused(service: Service, trigg
     assert service.writer("spindle") is None
 
 
-def test_a_drive_of_two_names_takes_one_writer(drive: Served, tmp_path: Path) -> None:
-    names = ("spindle", "alias")
-    drives = tuple(DriveConfig(name, drive.url, Window()) for name in names)
-    with Service(Config(drives, captures=tmp_path)) as service:
-        until(lambda: all(service.link(name).identity is not None for name in names), "both links")
+def test_a_drive_of_two_names_takes_one_writer(tmp_path: Path) -> None:
+    urls = {"spindle": tcp_url(), "alias": served_modbus.tcp_url()}
+    drives = tuple(DriveConfig(name, url, Window()) for name, url in urls.items())
+    with driving(*urls.values()), Service(Config(drives, captures=tmp_path)) as service:
+        until(lambda: all(service.link(name).identity is not None for name in urls), "both links")
         until(lambda: service.link("spindle").rows > 0, "the stream")
         first = ask(service, **NEVER)
         with pytest.raises(ConflictError, match=f"drive alias takes one writer .* capture {first.id} holds"):
