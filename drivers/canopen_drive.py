@@ -23,7 +23,7 @@ from drivers.rows import TELLABLE, Counts
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import CanUrl
 from drivers.wire.cia402 import error_text
-from drivers.wire.codec import FullScales, decode, encode
+from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode
 from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_DATA, SIGNALS, layout_id, signal_named
 
 SILENCE = 1.0  # s without a row after which a drive counts as lost, where the row's tick can tell so much
@@ -170,7 +170,7 @@ class CanopenDrive:
                 f"{bus.node} ({name!r}) has another signal layout: expected 0x{layout_id():08X}, got "
                 + ("none" if layout < 0 else f"0x{layout:08X}")
             )
-        full = self._full = {key: self.read(key) for key in ("i_full", "u_full", "omega_full")}
+        full = self._full = {key: self.read(key) for key in FULL_SCALES}
         return Identity(name, vendor, product, revision, serial, layout, self.read("T_s"), **full)
 
     def _asked(self, index: int, subindex: int, what: str) -> bytes:

@@ -18,7 +18,7 @@ from drivers.modbus_line import ModbusLine
 from drivers.rows import TELLABLE, TICKS, Counts, RowBlocks
 from drivers.turns import Turns
 from drivers.wire import modbus_map as registers
-from drivers.wire.codec import FullScales, decode, encode
+from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode
 from drivers.wire.dictionary import SIGNALS, Signal, layout_id, signal_named
 from drivers.wire.modbus_url import ModbusUrl
 
@@ -31,7 +31,6 @@ _NUMBERS: Final = 1 << 32  # of rows, and of ticks
 _ROW_LENGTH: Final = signal_named("stream_periods")
 T = TypeVar("T")
 
-_FULL_SCALES: Final = ("i_full", "u_full", "omega_full")
 
 
 class ModbusDrive:
@@ -155,7 +154,7 @@ class ModbusDrive:
             raise ConnectError(
                 f"{unit}{name} has another signal layout: expected 0x{layout_id():08X}, got 0x{head.layout_id:08X}"
             )
-        self._full = {key: self.read(key) for key in _FULL_SCALES}
+        self._full = {key: self.read(key) for key in FULL_SCALES}
         return Identity(
             head.device_name, head.vendor_id, head.product_code, head.revision, head.serial, head.layout_id,
             self.read("T_s"), **self._full,

@@ -28,7 +28,7 @@ from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError, held
 from drivers.rows import TELLABLE, Counts, RowBlocks
 from drivers.wire import uart_frame as uf
-from drivers.wire.codec import FullScales, count_size, decode, encode
+from drivers.wire.codec import FULL_SCALES, FullScales, count_size, decode, encode
 from drivers.wire.dictionary import SIGNALS, layout_id, signal_named
 from drivers.wire.uart_frame import Frame, Kind
 from drivers.wire.uart_url import UartUrl
@@ -197,7 +197,7 @@ class UartDrive:
                 f"the drive at {self._url} ({name!r}) has another signal layout: "
                 f"expected 0x{layout_id():08X}, got 0x{layout:08X}"
             )
-        full = self._full = {key: self.read(key) for key in ("i_full", "u_full", "omega_full")}
+        full = self._full = {key: self.read(key) for key in FULL_SCALES}
         return Identity(name, vendor, product, revision, serial_number, layout, self.read("T_s"), **full)
 
     def _nobody(self) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from drivers.wire import canopen_od as od
 from drivers.wire.canopen_od import Abort
 from drivers.wire.cia402 import error_register
-from drivers.wire.codec import FullScales, decode, encode_held
+from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode_held
 from drivers.wire.dictionary import CAPTURE_DATA, Signal, signal_at
 from emulator.sdo_server import SdoAbortError
 from emulator.tpdo import Tpdo
@@ -39,7 +39,7 @@ class NodeObjects:
     """All objects of one node over a virtual drive."""
 
     def __init__(self, drive: VirtualDrive, node_id: int) -> None:
-        self.full: FullScales = {name: drive.read(name) for name in ("i_full", "u_full", "omega_full")}
+        self.full: FullScales = {name: drive.read(name) for name in FULL_SCALES}
         self.errors: list[int] = []  # error codes, the latest first
         self._drive = drive
         self._id = node_id

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from drivers.wire import modbus_map as registers
-from drivers.wire.codec import FullScales, decode, encode_held
+from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode_held
 from drivers.wire.dictionary import CAPTURE_CHANNELS, Signal, layout_id, signal_named
 from emulator.row_ring import RowRing
 from emulator.virtual_drive import StreamRows, VirtualDrive
@@ -32,7 +32,7 @@ class Registers:
         """`refuses` says whether signals of an index are refused just now, as by a drive that is busy."""
         self._drive = drive
         self._refuses = refuses
-        self._full: FullScales = {name: drive.read(name) for name in ("i_full", "u_full", "omega_full")}
+        self._full: FullScales = {name: drive.read(name) for name in FULL_SCALES}
         self._head = registers.our_head(layout_id(), drive.serial).words()
         self._lock = threading.Lock()  # guards what follows
         self._ring = RowRing(self._full)

@@ -25,7 +25,7 @@ import numpy as np
 
 from drivers.wire import canopen_od as od
 from drivers.wire import uart_frame as uf
-from drivers.wire.codec import FullScales, decode, encode_held, si_to_counts
+from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode_held, si_to_counts
 from drivers.wire.dictionary import STREAM_ROW, Signal, layout_id, signal_named
 from drivers.wire.uart_frame import Frame, Kind
 from drivers.wire.uart_url import UartUrl
@@ -66,7 +66,7 @@ class UartServer:
         self._drive = drive
         self._place = place
         self._paced = paced
-        self._full: FullScales = {name: drive.read(name) for name in ("i_full", "u_full", "omega_full")}
+        self._full: FullScales = {name: drive.read(name) for name in FULL_SCALES}
         self._tick = drive.tick  # at the end of the latest run
         self._error_code = 0
         self._lengths = [(0, drive.row_periods)]  # rows that begin from a tick on cover so many periods

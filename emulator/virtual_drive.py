@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.wire.cia402 import OVERCURRENT, OVERTEMPERATURE_MOTOR, State
-from drivers.wire.codec import check_range
+from drivers.wire.codec import FULL_SCALES, check_range
 from drivers.wire.dictionary import SIGNALS, Signal, WireType, layout_id, signal_named
 from emulator import stream
 from emulator.bridge import Bridge
@@ -95,7 +95,7 @@ class VirtualDrive:
         self._reset_at = 0  # tick since power-on of the latest reset
         self.resets = 0  # so many there have been
         self._lock = threading.Lock()  # guards what follows
-        self._recorder = Recorder({name: self._constants()[name] for name in ("i_full", "u_full", "omega_full")})
+        self._recorder = Recorder({name: self._constants()[name] for name in FULL_SCALES})
         self._written: list[tuple[str, float]] = []
         self._heard = False
         self._next_temperature: float | None = None

@@ -3,15 +3,18 @@
 import math
 import struct
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.wire.dictionary import CHANNELS, NOT_KNOWN, Signal, WireType, signal_named
 
+FULL_SCALES: Final = ("i_full", "u_full", "omega_full")
+"""What the drive tells of the size of its counts."""
+
 FullScales = Mapping[str, float]
-"""Values of `i_full`, `u_full`, `omega_full` as read from the drive."""
+"""Values of `FULL_SCALES` as read from the drive."""
 
 _INTEGER_RANGE: dict[WireType, tuple[int, int]] = {
     WireType.U8: (0, 0xFF),
