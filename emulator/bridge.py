@@ -1,25 +1,31 @@
-"""The switched bridge: one control period of machine and shaft under the edges of three legs.
+"""The switched bridge: one control period of the plant under the edges of three legs.
 
-A triangular carrier starts each period at its peak, where all legs are low, and has its trough in the middle; a
-leg is high while its duty is above the carrier. That makes six edges, symmetric about the middle, and seven
-stretches of constant voltage: 000, two active vectors, 111, the same two backwards, 000. Periods begin in the
-middle of the zero vector 000, where the current is sampled: the ripple passes through its mean there.
+A triangular carrier starts each period at its peak, where all legs are low, and has its trough in the middle; a leg is
+high while its duty is above the carrier. That makes six edges, symmetric about the middle. Periods begin in the middle
+of the zero vector 000, where the current is sampled: the ripple passes through its mean there.
 
-The legs are ideal. What an edge really does is told by two functions, which is where less ideal legs come in:
-`moments`, where in a period a voltage may change, and `legs`, what the three legs hold in between.
+After every edge both switches of a leg are off for the dead time. What a leg holds then is told in `physics.legs`; here
+is when, and what a leg floats on whose current has stopped: the voltage that keeps it at zero, found by trial steps, as
+current follows voltage in an all but straight line over a step. A bridge that is off is one long dead time.
 """
 
 import math
 from typing import NamedTuple
 
-from emulator.frames import clarke
-from emulator.kernel import kernel
-from emulator.machine import Machine
-from emulator.mechanics import Shaft
-from emulator.modulation import Duties
-from emulator.plant import PlantState, advanced
+import numpy as np
+from numpy.typing import NDArray
 
-Moments = tuple[float, float, float, float, float, float, float, float]
+from emulator.frames import phases
+from emulator.kernel import kernel
+from emulator.modulation import Duties
+from emulator.physics import legs
+from emulator.physics.dc_link import DcLink, charged
+from emulator.physics.legs import Inverter, Leg, Supply
+from emulator.plant import Plant, PlantState, bridge_current, stepped
+
+_LOW, _HIGH, _DIODE_LOW, _DIODE_HIGH, _FLOATS = 0, 1, 2, 3, 4
+_RISE, _FALL, _FREE, _MODE, _LEVEL = 0, 1, 2, 3, 4  # rows of the scratch
+_NO_TIME = 1e-13  # s
 
 
 class Bridge(NamedTuple):
@@ -27,44 +33,267 @@ class Bridge(NamedTuple):
 
     switched: bool  # edges; else the mean voltage over the whole period
     timer_counts: int  # of the modulator's timer, per control period; 0: ideal
+    inverter: Inverter
+    link: DcLink
+    E: float  # V, of the source behind the dc link
+    knee: float  # A, below which a drop softens
+    no_current: float  # A, taken as none
+
+
+class BridgeState(NamedTuple):
+    """What a period leaves to the next."""
+
+    u_dc: float  # V
+    a_high: bool  # as commanded
+    b_high: bool
+    c_high: bool
+    a_dead: float  # s, for so long both switches stay off
+    b_dead: float
+    c_dead: float
+
+
+class Scratch(NamedTuple):
+    """Room to work in, for one simulation."""
+
+    legs: NDArray[np.float64]  # 5 x 3
+    moments: NDArray[np.float64]  # 17, s since the period's start
 
 
 @kernel
-def moments(duties: Duties) -> Moments:
-    """Start, three rising edges, three falling edges and end of a period, in their order, as fractions of it."""
-    a, b, c = duties
-    high, low = max(a, b, c), min(a, b, c)
-    middle = max(min(a, b), min(max(a, b), c))
-    return (
-        0.0,
-        0.5 - 0.5 * high, 0.5 - 0.5 * middle, 0.5 - 0.5 * low,
-        0.5 + 0.5 * low, 0.5 + 0.5 * middle, 0.5 + 0.5 * high,
-        1.0,
-    )  # fmt: skip
+def scratch() -> Scratch:
+    """Room to work in."""
+    return Scratch(np.zeros((5, 3)), np.zeros(17))
 
 
 @kernel
-def legs(duties: Duties, moment: float) -> tuple[float, float, float]:
-    """Voltages of the three legs against the negative rail, as fractions of u_dc, at a moment between edges."""
-    carrier = abs(1.0 - 2.0 * moment)
-    return (
-        1.0 if duties.a > carrier else 0.0,
-        1.0 if duties.b > carrier else 0.0,
-        1.0 if duties.c > carrier else 0.0,
-    )
+def moments(duties: Duties, dead_time: float, T: float, before: BridgeState, room: Scratch) -> int:
+    """How many moments (s) of a period may change a voltage; written to `room.moments` in order, with start and end."""
+    at, leg = room.moments, room.legs
+    at[0] = 0.0
+    count = 1
+    for k in range(3):
+        duty = duties.a if k == 0 else duties.b if k == 1 else duties.c
+        was_high = before.a_high if k == 0 else before.b_high if k == 1 else before.c_high
+        dead = before.a_dead if k == 0 else before.b_dead if k == 1 else before.c_dead
+        rise, fall = (0.5 - 0.5 * duty) * T, (0.5 + 0.5 * duty) * T
+        if (rise <= 0.0) != was_high:
+            dead = dead_time
+        leg[_RISE, k], leg[_FALL, k], leg[_FREE, k], leg[_MODE, k] = rise, fall, dead, _LOW
+        for n in range(5):
+            moment = dead if n == 0 else rise if n == 1 else fall if n == 2 else rise if n == 3 else fall
+            if n >= 3:
+                moment += dead_time
+            if (n > 0 and duty <= 0.0) or (n >= 3 and (dead_time == 0.0 or duty >= 1.0)) or not 0.0 < moment < T:
+                continue
+            place = count
+            while at[place - 1] > moment:
+                at[place] = at[place - 1]
+                place -= 1
+            at[place] = moment
+            count += 1
+    at[count] = T
+    return count + 1
+
+
+@kernel
+def switches(k: int, moment: float, dead_time: float, T: float, room: Scratch) -> int:
+    """0 where leg k has its lower switch on, 1 the upper, 2 none, at a moment (s) between edges."""
+    rise, fall, free = room.legs[_RISE, k], room.legs[_FALL, k], room.legs[_FREE, k]
+    if rise < fall and moment >= fall:
+        return 2 if moment < fall + dead_time else 0
+    if rise < fall and moment >= rise:
+        edge = free if rise <= 0.0 else rise + dead_time
+        return 2 if moment < edge else 1
+    return 2 if moment < free else 0
+
+
+@kernel
+def _left(k: int, dead_time: float, T: float, room: Scratch) -> float:
+    """Dead time (s) of leg k that the next period inherits."""
+    rise, fall, free = room.legs[_RISE, k], room.legs[_FALL, k], room.legs[_FREE, k]
+    last = fall + dead_time if rise < fall < T else free
+    return max(last - T, 0.0)
+
+
+@kernel
+def _leg(k: int, inverter: Inverter, u_dc: float, room: Scratch) -> Leg:
+    mode = room.legs[_MODE, k]
+    if mode == _LOW:
+        return legs.low(inverter)
+    if mode == _HIGH:
+        return legs.high(inverter)
+    if mode == _FLOATS:
+        return legs.floating(room.legs[_LEVEL, k], u_dc)
+    return legs.freewheeling(inverter, mode == _DIODE_LOW)
+
+
+@kernel
+def _supply(bridge: Bridge, u_dc: float, room: Scratch) -> Supply:
+    inverter = bridge.inverter
+    a, b, c = _leg(0, inverter, u_dc, room), _leg(1, inverter, u_dc, room), _leg(2, inverter, u_dc, room)
+    return Supply(False, 0j, u_dc, bridge.knee, a, b, c)
+
+
+@kernel
+def _of_phase(x: complex, k: int) -> float:
+    a, b, c = phases(x)
+    return a if k == 0 else b if k == 1 else c
+
+
+@kernel
+def _decide(bridge: Bridge, i: complex, moment: float, T: float, powered: bool, room: Scratch) -> bool:
+    """Set every leg's mode at a moment; whether one of them is dead."""
+    dead = False
+    for k in range(3):
+        on = switches(k, moment, bridge.inverter.dead_time, T, room) if powered else 2
+        if on < 2:
+            room.legs[_MODE, k] = on
+            continue
+        dead = True
+        if room.legs[_MODE, k] <= _HIGH:  # it has just been switched off
+            i_k = _of_phase(i, k)
+            flows = abs(i_k) > bridge.no_current
+            room.legs[_MODE, k] = (_DIODE_LOW if i_k > 0.0 else _DIODE_HIGH) if flows else _FLOATS
+    return dead
+
+
+@kernel
+def _float(bridge: Bridge, plant: Plant, u_dc: float, t: float, h: float, state: PlantState, room: Scratch) -> None:
+    """Set the levels of legs that float, so that their currents are zero a time h (s) on; or let a diode conduct."""
+    leg = room.legs
+    lowest, highest = -bridge.inverter.u_diode, u_dc + bridge.inverter.u_diode
+    floats = 0
+    for k in range(3):
+        if leg[_MODE, k] == _FLOATS:
+            floats += 1
+    if floats == 1:
+        k = 0 if leg[_MODE, 0] == _FLOATS else 1 if leg[_MODE, 1] == _FLOATS else 2
+        leg[_LEVEL, k] = lowest
+        i_low = _of_phase(bridge_current(plant, stepped(plant, _supply(bridge, u_dc, room), t, h, state)), k)
+        leg[_LEVEL, k] = highest
+        i_high = _of_phase(bridge_current(plant, stepped(plant, _supply(bridge, u_dc, room), t, h, state)), k)
+        if i_low > 0.0:
+            leg[_MODE, k] = _DIODE_LOW
+        elif i_high < 0.0:
+            leg[_MODE, k] = _DIODE_HIGH
+        else:
+            leg[_LEVEL, k] = lowest + (highest - lowest) * i_low / (i_low - i_high)
+        return
+    # No current anywhere: the vector that keeps it so
+    none = bridge_current(plant, stepped(plant, legs.vector(0j), t, h, state))
+    by_re = bridge_current(plant, stepped(plant, legs.vector(complex(u_dc, 0.0)), t, h, state)) - none
+    by_im = bridge_current(plant, stepped(plant, legs.vector(complex(0.0, u_dc)), t, h, state)) - none
+    det = by_re.real * by_im.imag - by_im.real * by_re.imag
+    u_re = (by_im.real * none.imag - none.real * by_im.imag) / det
+    u_im = (by_re.imag * none.real - by_re.real * none.imag) / det
+    v_a, v_b, v_c = phases(complex(u_dc * u_re, u_dc * u_im))
+    shift = 0.5 * u_dc - 0.5 * (max(v_a, v_b, v_c) + min(v_a, v_b, v_c))
+    if floats == 2:
+        k = 0 if leg[_MODE, 0] != _FLOATS else 1 if leg[_MODE, 1] != _FLOATS else 2
+        at_rail = leg[_MODE, k] == _HIGH or leg[_MODE, k] == _DIODE_HIGH
+        shift = (u_dc if at_rail else 0.0) - (v_a if k == 0 else v_b if k == 1 else v_c)
+    for k in range(3):
+        if leg[_MODE, k] == _FLOATS:
+            v = (v_a if k == 0 else v_b if k == 1 else v_c) + shift
+            leg[_LEVEL, k] = v
+            if v < lowest:
+                leg[_MODE, k] = _DIODE_LOW
+            elif v > highest:
+                leg[_MODE, k] = _DIODE_HIGH
+
+
+@kernel
+def _some_float(room: Scratch) -> bool:
+    mode = room.legs[_MODE]
+    return mode[0] == _FLOATS or mode[1] == _FLOATS or mode[2] == _FLOATS
+
+
+@kernel
+def _stopping(bridge: Bridge, before: complex, after: complex, room: Scratch) -> float:
+    """The part of a step after which the first diode's current has stopped; 1 where none has."""
+    part = 1.0
+    for k in range(3):
+        mode = room.legs[_MODE, k]
+        sign = 1.0 if mode == _DIODE_LOW else -1.0 if mode == _DIODE_HIGH else 0.0
+        i_0, i_1 = sign * _of_phase(before, k), sign * _of_phase(after, k)
+        if i_1 < -bridge.no_current:
+            part = min(part, max(i_0, 0.0) / (max(i_0, 0.0) - i_1))
+    return part
+
+
+@kernel
+def _stop(bridge: Bridge, i: complex, room: Scratch) -> None:
+    """Let those diodes block whose current (A) has stopped; the one nearest to zero in any case."""
+    nearest, least = -1, math.inf
+    for k in range(3):
+        if room.legs[_MODE, k] == _DIODE_LOW or room.legs[_MODE, k] == _DIODE_HIGH:
+            i_k = abs(_of_phase(i, k))
+            if i_k < least:
+                nearest, least = k, i_k
+            if i_k <= bridge.no_current:
+                room.legs[_MODE, k] = _FLOATS
+    if nearest >= 0:
+        room.legs[_MODE, nearest] = _FLOATS
+
+
+@kernel
+def _through_dead_time(
+    bridge: Bridge, plant: Plant, u_dc: float, t: float, h: float, state: PlantState, room: Scratch
+) -> PlantState:
+    """The state a time h (s) after t with legs that are off, one of them at least."""
+    done, tries = 0.0, 0
+    while h - done > _NO_TIME and tries < 12:
+        tries += 1
+        if _some_float(room):
+            _float(bridge, plant, u_dc, t + done, h - done, state, room)
+        supply = _supply(bridge, u_dc, room)
+        after = stepped(plant, supply, t + done, h - done, state)
+        part = _stopping(bridge, bridge_current(plant, state), bridge_current(plant, after), room)
+        if part >= 1.0 or tries == 12:
+            return after
+        if part * (h - done) > _NO_TIME:
+            state = stepped(plant, supply, t + done, part * (h - done), state)
+        done += part * (h - done)
+        _stop(bridge, bridge_current(plant, state), room)
+    return state
 
 
 @kernel
 def switched(
-    machine: Machine, shaft: Shaft, duties: Duties, u_dc: float, t: float, T: float, sub_steps: int, state: PlantState
-) -> PlantState:
-    """The state one control period T (s) after t. No integration step is longer than T / sub_steps."""
-    edge = moments(duties)
-    for n in range(len(edge) - 1):
-        begin, end = edge[n], edge[n + 1]
-        if end > begin:
-            s_a, s_b, s_c = legs(duties, 0.5 * (begin + end))
-            u = u_dc * clarke(s_a, s_b, s_c)
-            steps = math.ceil((end - begin) * sub_steps - 1e-9)  # a whole number of them, but for rounding
-            state = advanced(machine, shaft, u, t + begin * T, (end - begin) * T, max(steps, 1), state)
-    return state
+    bridge: Bridge,
+    plant: Plant,
+    duties: Duties,
+    powered: bool,
+    t: float,
+    T: float,
+    sub_steps: int,
+    before: BridgeState,
+    state: PlantState,
+    room: Scratch,
+) -> tuple[BridgeState, PlantState]:
+    """Bridge and plant one control period T (s) after t. No integration step is longer than T / sub_steps."""
+    inverter, link = bridge.inverter, bridge.link
+    dead_time, u_dc = inverter.dead_time, before.u_dc
+    edges = moments(duties, dead_time, T, before, room)
+    for n in range(edges - 1):
+        begin, end = room.moments[n], room.moments[n + 1]
+        if end - begin <= _NO_TIME:
+            continue
+        i = bridge_current(plant, state) if dead_time > 0.0 or not powered else 0j
+        dead = _decide(bridge, i, 0.5 * (begin + end), T, powered, room)
+        steps = max(math.ceil((end - begin) / T * sub_steps - 1e-9), 1)  # a whole number of them, but for rounding
+        h, drawn = (end - begin) / steps, state.q_dc
+        supply = _supply(bridge, u_dc, room)
+        for m in range(steps):
+            t_m = t + begin + m * h
+            if dead:
+                state = _through_dead_time(bridge, plant, u_dc, t_m, h, state, room)
+            else:
+                state = stepped(plant, supply, t_m, h, state)
+        if link.C > 0.0:
+            u_dc = charged(link, bridge.E, u_dc, state.q_dc - drawn, t + begin, end - begin)
+    return BridgeState(
+        u_dc,
+        duties.a >= 1.0, duties.b >= 1.0, duties.c >= 1.0,
+        _left(0, dead_time, T, room), _left(1, dead_time, T, room), _left(2, dead_time, T, room),
+    ), state  # fmt: skip

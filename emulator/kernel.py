@@ -43,10 +43,10 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def source_hash(room: Path) -> str:
-    """Name and content of every Python file of the folder, as 16 hex digits."""
+    """Path and content of every Python file below the folder, as 16 hex digits."""
     digest = hashlib.sha256()
-    for file in sorted(room.glob("*.py")):
-        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    for file in sorted(room.rglob("*.py")):
+        digest.update(file.relative_to(room).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
 

@@ -4,8 +4,7 @@ Equations in the rotor frame, d axis on the magnet flux, motor sign convention, 
 
     psi_d = L_d i_d + psi_f        psi_q = L_q i_q        tau_e = 3/2 n_p (psi_d i_q - psi_q i_d)
 
-The flux follows from the voltage whatever the relation of current and flux is; what changes that relation
-(saturation, harmonics) changes `current` and `flux` and nothing else.
+The relation of flux linkage and current, with what may bend it, is told in `magnetics`.
 """
 
 from typing import Annotated, NamedTuple
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulator.bounds import Bound
-from emulator.kernel import kernel
 
 COLDEST, HOTTEST = 23.4, 80.0  # degC, ends of the temperature table
 
@@ -59,31 +57,3 @@ def at_temperature(machine: Machine, temperature: float) -> Machine:
     degC = _TABLE[:, 0]
     R_s, L_d, L_q = (float(np.interp(temperature, degC, _TABLE[:, n]) / _TABLE[0, n]) for n in (1, 2, 3))
     return machine._replace(R_s=machine.R_s * R_s, L_d=machine.L_d * L_d, L_q=machine.L_q * L_q)
-
-
-@kernel
-def flux(machine: Machine, i_dq: complex) -> complex:
-    """Flux linkage psi_dq (Vs) of a current (A)."""
-    L_d, L_q, psi_f = machine.L_d, machine.L_q, machine.psi_f
-    return complex(L_d * i_dq.real + psi_f, L_q * i_dq.imag)
-
-
-@kernel
-def current(machine: Machine, psi_dq: complex) -> complex:
-    """Current i_dq (A) of a flux linkage (Vs)."""
-    L_d, L_q, psi_f = machine.L_d, machine.L_q, machine.psi_f
-    return complex((psi_dq.real - psi_f) / L_d, psi_dq.imag / L_q)
-
-
-@kernel
-def torque(machine: Machine, psi_dq: complex, i_dq: complex) -> float:
-    """Electromagnetic torque tau_e (Nm); the cross product of flux and current, the same in any frame."""
-    psi_d, psi_q = psi_dq.real, psi_dq.imag
-    i_d, i_q = i_dq.real, i_dq.imag
-    return 1.5 * machine.n_p * (psi_d * i_q - psi_q * i_d)
-
-
-@kernel
-def stored_energy(machine: Machine, i_dq: complex) -> float:
-    """Magnetic energy (J) that the current adds to the magnets' own: 3/2 (L_d i_d^2 + L_q i_q^2) / 2."""
-    return 0.75 * (machine.L_d * i_dq.real**2 + machine.L_q * i_dq.imag**2)

@@ -1,6 +1,6 @@
 """The shaft: held at a speed by an ideal dynamometer, or free. Knows nothing of what drives it.
 
-    J d(omega_m)/dt = tau_e - tau_L - B omega_m
+    J d(omega_m)/dt = tau_e - tau_L - B omega_m - friction
 
 tau_L acts on a free shaft only: a dynamometer holds its speed whatever the torque.
 """
@@ -9,6 +9,9 @@ import math
 from typing import NamedTuple
 
 from emulator.kernel import kernel
+from emulator.physics import compliance, friction
+from emulator.physics.compliance import Compliance
+from emulator.physics.friction import Friction, torque
 
 
 class Profile(NamedTuple):
@@ -29,6 +32,8 @@ class Shaft(NamedTuple):
     J: float  # kg m2, motor and load
     B: float  # Nm s/rad
     tau_L: float  # Nm
+    friction: Friction = friction.OFF
+    compliance: Compliance = compliance.OFF
 
 
 @kernel
@@ -43,7 +48,6 @@ def profile_speed(profile: Profile, t: float) -> float:
 
 
 @kernel
-def acceleration(shaft: Shaft, tau_e: float, omega_m: float) -> float:
-    """d(omega_m)/dt (rad/s2) of a free shaft."""
-    J, B, tau_L = shaft.J, shaft.B, shaft.tau_L
-    return (tau_e - tau_L - B * omega_m) / J
+def drag(shaft: Shaft, omega_m: float) -> float:
+    """Torque (Nm) of all friction at a speed (rad/s)."""
+    return shaft.B * omega_m + torque(shaft.friction, omega_m)

@@ -24,21 +24,29 @@ class Duties(NamedTuple):
 
 
 @kernel
-def modulated(u: complex, u_dc: float, timer_counts: int) -> Duties:
-    """Duties for a stationary voltage vector (V) within the linear range, as the timer can set them."""
+def modulated(u: complex, u_dc: float, timer_counts: int, shortest: float = 0.0) -> Duties:
+    """Duties for a stationary voltage vector (V), as the timer can set them.
+
+    Beyond the linear range they are cut off at the rails. Pulses that would be shorter than `shortest`, as a share of
+    the period, are left out, high ones and low ones.
+    """
     u_a, u_b, u_c = phases(u)
     u_0 = -0.5 * (max(u_a, u_b, u_c) + min(u_a, u_b, u_c))
     return Duties(
-        _set(0.5 + (u_a + u_0) / u_dc, timer_counts),
-        _set(0.5 + (u_b + u_0) / u_dc, timer_counts),
-        _set(0.5 + (u_c + u_0) / u_dc, timer_counts),
+        _set(0.5 + (u_a + u_0) / u_dc, timer_counts, shortest),
+        _set(0.5 + (u_b + u_0) / u_dc, timer_counts, shortest),
+        _set(0.5 + (u_c + u_0) / u_dc, timer_counts, shortest),
     )
 
 
 @kernel
-def _set(duty: float, timer_counts: int) -> float:
+def _set(duty: float, timer_counts: int, shortest: float) -> float:
     """The nearest duty of a timer with so many counts a period; of any fineness where that is 0."""
     duty = min(max(duty, 0.0), 1.0)
+    if duty < shortest:
+        return 0.0
+    if duty > 1.0 - shortest:
+        return 1.0
     return math.floor(duty * timer_counts + 0.5) / timer_counts if timer_counts > 0 else duty
 
 

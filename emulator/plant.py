@@ -1,81 +1,276 @@
-"""The plant: machine and shaft under a constant voltage, integrated over one control period.
+"""The plant: machine, shaft and what hangs on them, integrated under a supply.
 
-State is the flux linkage in the stationary frame, where the voltage of a period is constant:
+The state is the flux linkage in the stationary frame, and with it whatever effects remember:
 
-    d(psi)/dt = u - R_s i        d(theta_m)/dt = omega_m        d(omega_m)/dt: see `mechanics`
+    d(psi)/dt = u - R i                 i_s = i(psi, theta_e) + i_i + 2/3 mu i_t e_k
+    d(theta_m)/dt = omega_m             d(omega_m)/dt: see `mechanics`
 
-by the classic Runge-Kutta method of fourth order in equal sub-steps. Three energies are integrated beside
-it, so that the power balance can be drawn.
+by the classic Runge-Kutta method of fourth order in equal sub-steps. The energies that come in, turn to heat and leave
+by the shaft are integrated beside it, so that the power balance can be drawn. Parameters stand still within a control
+period; what magnets and inductances give to the field's energy when they move is told by `given_by`.
 """
 
+import math
 from typing import NamedTuple
 
-from emulator.frames import turned, wrapped
+from emulator.frames import phases, turned, wrapped
 from emulator.kernel import kernel
-from emulator.machine import Machine, current, torque
-from emulator.mechanics import Shaft, acceleration, profile_speed
+from emulator.machine import Machine
+from emulator.magnetics import Magnetics, current_and_pull, field_energy, flux_of
+from emulator.mechanics import Shaft, drag, profile_speed
+from emulator.physics import imbalance as imbalances
+from emulator.physics import iron_loss, skin
+from emulator.physics.compliance import stored_energy as energy_of_the_spring
+from emulator.physics.flux_map import FluxMap
+from emulator.physics.imbalance import Imbalance, axis_of
+from emulator.physics.iron_loss import IronLoss
+from emulator.physics.iron_loss import stored_energy as energy_of_the_iron
+from emulator.physics.legs import Supply, lost
+from emulator.physics.skin import Skin
+from emulator.physics.skin import stored_energy as energy_of_the_rung
+from emulator.physics.strangers import Resonance, Stray, stray_voltage
+from emulator.physics.strangers import stored_energy as energy_of_the_branch
+from emulator.physics.turn_short import TurnShort, loop_inductance
+from emulator.physics.turn_short import stored_energy as energy_of_the_loop
+
+
+class Plant(NamedTuple):
+    """What the plant is during one control period."""
+
+    machine: Machine
+    R_cold: float  # ohm, R_s at 23.4 degC, by which inductances beside the main ones are told
+    magnetics: Magnetics
+    flux_map: FluxMap
+    shaft: Shaft
+    iron: IronLoss
+    imbalance: Imbalance
+    skin: Skin
+    short: TurnShort
+    stray: Stray
+    telegraph: complex  # V, stationary, that a telegraph offset adds now
+    resonance: Resonance
 
 
 class PlantState(NamedTuple):
     """State of the plant, and by the same fields its rate of change per second."""
 
     psi: complex  # Vs, stationary frame
+    i_i: complex  # A, of the iron
+    i_x: complex  # A, past the rung of the skin effect
+    i_t: float  # A, in shorted turns
+    i_r: complex  # A, of the branch at the terminals
+    v_r: complex  # V, on its capacitor
     omega_m: float  # rad/s
     theta_m: float  # rad
-    W_in: float  # J, electrical energy taken in since the start
-    W_copper: float  # J, turned to heat in R_s
-    W_shaft: float  # J, given to the shaft
+    omega_L: float  # rad/s, of the load behind a compliant shaft
+    twist: float  # rad, of that shaft
+    W_dc: float  # J, taken from the dc link since the start
+    W_stray: float  # J, given by stray voltages
+    W_inverter: float  # J, turned to heat in the legs
+    W_copper: float  # J, in the windings, shorted turns and the branch at the terminals
+    W_iron: float  # J
+    W_friction: float  # J, in all that drags, the shaft's damper too
+    W_shaft: float  # J, electromagnetic and cogging torque have given to the rotor
+    W_load: float  # J, given to load torque or dynamometer
+    q_dc: float  # C, drawn from the dc link
+
+
+AT_REST = PlantState(0j, 0j, 0j, 0.0, 0j, 0j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def started(plant: Plant, theta_m: float, omega_m: float, i_dq: complex = 0j) -> PlantState:
+    """The state at an angle (rad) and a speed (rad/s) with a stator current (A, rotor frame) that stands."""
+    rotor = turned(plant.machine.n_p * theta_m)
+    psi = flux_of(plant.magnetics, plant.flux_map, i_dq, rotor) * rotor
+    return AT_REST._replace(psi=psi, i_x=i_dq * rotor, omega_m=omega_m, omega_L=omega_m, theta_m=theta_m)
 
 
 @kernel
-def stator_current(machine: Machine, state: PlantState) -> complex:
-    """Stationary current vector (A)."""
-    rotor = turned(machine.n_p * state.theta_m)
-    return rotor * current(machine, state.psi * rotor.conjugate())
+def motor_current(plant: Plant, state: PlantState) -> complex:
+    """Stationary current vector (A) of the motor."""
+    rotor = turned(plant.machine.n_p * state.theta_m)
+    i = rotor * current_and_pull(plant.magnetics, plant.flux_map, state.psi * rotor.conjugate(), rotor)[0] + state.i_i
+    if plant.short.share > 0.0:
+        i += 2.0 / 3.0 * plant.short.share * state.i_t * axis_of(plant.short.phase)
+    return i
 
 
 @kernel
-def rate(machine: Machine, shaft: Shaft, u: complex, t: float, state: PlantState) -> PlantState:
-    """Rate of change of the state at a time t (s) under the stationary voltage u (V)."""
-    psi, R_s = state.psi, machine.R_s
-    i = stator_current(machine, state)
-    tau_e = torque(machine, psi, i)
-    omega_m = profile_speed(shaft.profile, t) if shaft.held else state.omega_m
+def bridge_current(plant: Plant, state: PlantState) -> complex:
+    """Stationary current vector (A) of the bridge: the motor's and that of a branch at its terminals."""
+    return motor_current(plant, state) + state.i_r
+
+
+@kernel
+def _scalar(x: complex, y: complex) -> float:
+    return x.real * y.real + x.imag * y.imag
+
+
+@kernel
+def rate(plant: Plant, supply: Supply, t: float, state: PlantState) -> PlantState:
+    """Rate of change of the state at a time t (s)."""
+    machine, shaft, R_s, n_p = plant.machine, plant.shaft, plant.machine.R_s, plant.machine.n_p
+    psi, i_i, i_t, i_r = state.psi, state.i_i, state.i_t, state.i_r
+
+    # Shaft, speeds
+    compliant = shaft.compliance.stiffness > 0.0
+    omega_m, omega_L = state.omega_m, state.omega_L
+    if shaft.held:
+        omega_L = profile_speed(shaft.profile, t)
+    if not compliant:
+        if shaft.held:
+            omega_m = omega_L
+        omega_L = omega_m
+
+    # Currents
+    rotor = turned(n_p * state.theta_m)
+    i_dq, pull = current_and_pull(plant.magnetics, plant.flux_map, psi * rotor.conjugate(), rotor)
+    i_s = rotor * i_dq + i_i
+    share = plant.short.share
+    along = axis_of(plant.short.phase) if share > 0.0 else 0j
+    if share > 0.0:
+        i_s += 2.0 / 3.0 * share * i_t * along
+    i_bridge = i_s + i_r
+
+    # Supply: what the legs hold at these currents
+    if supply.vector:
+        u = supply.u
+        P_dc, P_inverter, i_dc = 1.5 * _scalar(u, i_bridge), 0.0, 0.0
+    else:
+        i_a, i_b, i_c = phases(i_bridge)
+        a, b, c, u_dc, knee = supply.a, supply.b, supply.c, supply.u_dc, supply.knee
+        lost_a, lost_b, lost_c = lost(a, knee, i_a), lost(b, knee, i_b), lost(c, knee, i_c)
+        v_a, v_b, v_c = a.s * u_dc - lost_a, b.s * u_dc - lost_b, c.s * u_dc - lost_c
+        u = complex((2.0 * v_a - v_b - v_c) / 3.0, (v_b - v_c) * 0.5773502691896258)
+        i_dc = a.s * i_a + b.s * i_b + c.s * i_c
+        P_dc = u_dc * i_dc
+        P_inverter = lost_a * i_a + lost_b * i_b + lost_c * i_c
+    stray = plant.telegraph
+    if plant.stray.amplitude > 0.0:
+        stray += stray_voltage(plant.stray, t)
+    u += stray
+
+    # Windings
+    u_R = imbalances.drop(plant.imbalance, R_s, i_s)
+    R_x, di_x = 0.0, 0j
+    if plant.skin.rise > 0.0:
+        R_x = skin.resistance(plant.skin, plant.R_cold)
+        u_x = R_x * (i_s - state.i_x)
+        di_x = u_x / skin.inductance(plant.skin, plant.R_cold)
+        u_R += u_x
+    P_copper, di_t = 0.0, 0.0
+    if share > 0.0:
+        R_k = R_s * (1.0 + imbalances.share_of(plant.imbalance, plant.short.phase))
+        u_R -= 2.0 / 3.0 * share * R_k * i_t * along
+        i_k = _scalar(i_s, along)
+        around = share * (R_k * i_k + _scalar(u - u_R, along)) - (plant.short.R_t + share * R_k) * i_t
+        di_t = around / loop_inductance(plant.short, plant.R_cold)
+        P_copper = (plant.short.R_t + share * R_k) * i_t * i_t - share * R_k * i_k * i_t  # beside u_R i_s below
+    e = u - u_R
+    P_copper += 1.5 * _scalar(u_R, i_s)
+    if R_x > 0.0:
+        P_copper -= 1.5 * _scalar(R_x * (i_s - state.i_x), state.i_x)  # goes to the rung's field
+
+    # Iron
+    di_i, P_iron = 0j, 0.0
+    if plant.iron.R_c > 0.0:
+        di_i = iron_loss.rate_of(plant.iron, e, n_p * omega_m, i_i)
+        P_iron = 1.5 * iron_loss.resistance(plant.iron, n_p * omega_m) * _scalar(i_i, i_i)
+
+    # Branch at the terminals
+    di_r, dv_r = 0j, 0j
+    if plant.resonance.C > 0.0:
+        di_r = (u - plant.resonance.R * i_r - state.v_r) / plant.resonance.L
+        dv_r = i_r / plant.resonance.C
+        P_copper += 1.5 * plant.resonance.R * _scalar(i_r, i_r)
+
+    # Shaft, torques
+    tau = 1.5 * n_p * pull
+    if plant.magnetics.harmonics.cogging > 0.0:
+        tau -= plant.magnetics.harmonics.cogging * math.sin(6.0 * n_p * state.theta_m)
+    tau_drag = drag(shaft, omega_m)
+    domega_m, domega_L, P_friction = 0.0, 0.0, tau_drag * omega_m
+    if compliant:
+        stiffness, damping, J_L = shaft.compliance
+        slip = omega_m - omega_L
+        tau_s = stiffness * state.twist + damping * slip
+        domega_m = (tau - tau_drag - tau_s) / shaft.J
+        if not shaft.held:
+            domega_L = (tau_s - shaft.tau_L) / J_L
+        P_friction += damping * slip * slip
+        P_load = (tau_s if shaft.held else shaft.tau_L) * omega_L
+    elif shaft.held:
+        P_friction = 0.0  # the dynamometer's own matter
+        P_load = tau * omega_m
+    else:
+        domega_m = (tau - shaft.tau_L - tau_drag) / shaft.J
+        P_load = shaft.tau_L * omega_m
     return PlantState(
-        u - R_s * i,
-        0.0 if shaft.held else acceleration(shaft, tau_e, omega_m),
-        omega_m,
-        1.5 * (u.real * i.real + u.imag * i.imag),
-        1.5 * R_s * (i.real * i.real + i.imag * i.imag),
-        tau_e * omega_m,
-    )
+        e, di_i, di_x, di_t, di_r, dv_r,
+        domega_m, omega_m, domega_L, omega_m - omega_L,
+        P_dc, 1.5 * _scalar(stray, i_bridge), P_inverter, P_copper, P_iron, P_friction, tau * omega_m, P_load, i_dc,
+    )  # fmt: skip
 
 
 @kernel
 def moved(state: PlantState, along: PlantState, h: float) -> PlantState:
     """state + h along."""
+    s, d = state, along
     return PlantState(
-        state.psi + h * along.psi,
-        state.omega_m + h * along.omega_m,
-        state.theta_m + h * along.theta_m,
-        state.W_in + h * along.W_in,
-        state.W_copper + h * along.W_copper,
-        state.W_shaft + h * along.W_shaft,
-    )
+        s.psi + h * d.psi, s.i_i + h * d.i_i, s.i_x + h * d.i_x, s.i_t + h * d.i_t, s.i_r + h * d.i_r,
+        s.v_r + h * d.v_r, s.omega_m + h * d.omega_m, s.theta_m + h * d.theta_m, s.omega_L + h * d.omega_L,
+        s.twist + h * d.twist, s.W_dc + h * d.W_dc, s.W_stray + h * d.W_stray, s.W_inverter + h * d.W_inverter,
+        s.W_copper + h * d.W_copper, s.W_iron + h * d.W_iron, s.W_friction + h * d.W_friction,
+        s.W_shaft + h * d.W_shaft, s.W_load + h * d.W_load, s.q_dc + h * d.q_dc,
+    )  # fmt: skip
 
 
 @kernel
-def advanced(
-    machine: Machine, shaft: Shaft, u: complex, t: float, T: float, sub_steps: int, state: PlantState
-) -> PlantState:
-    """The state a time T (s) after t under the constant stationary voltage u (V). theta_m within one turn."""
+def stepped(plant: Plant, supply: Supply, t: float, h: float, state: PlantState) -> PlantState:
+    """The state a time h (s) after t, by one step of the Runge-Kutta method."""
+    k_1 = rate(plant, supply, t, state)
+    k_2 = rate(plant, supply, t + 0.5 * h, moved(state, k_1, 0.5 * h))
+    k_3 = rate(plant, supply, t + 0.5 * h, moved(state, k_2, 0.5 * h))
+    k_4 = rate(plant, supply, t + h, moved(state, k_3, h))
+    return moved(moved(moved(moved(state, k_1, h / 6.0), k_2, h / 3.0), k_3, h / 3.0), k_4, h / 6.0)
+
+
+@kernel
+def advanced(plant: Plant, supply: Supply, t: float, T: float, sub_steps: int, state: PlantState) -> PlantState:
+    """The state a time T (s) after t under one supply, in equal sub-steps."""
     h = T / sub_steps
     for n in range(sub_steps):
-        t_n = t + n * h
-        k_1 = rate(machine, shaft, u, t_n, state)
-        k_2 = rate(machine, shaft, u, t_n + h / 2.0, moved(state, k_1, h / 2.0))
-        k_3 = rate(machine, shaft, u, t_n + h / 2.0, moved(state, k_2, h / 2.0))
-        k_4 = rate(machine, shaft, u, t_n + h, moved(state, k_3, h))
-        state = moved(moved(moved(moved(state, k_1, h / 6.0), k_2, h / 3.0), k_3, h / 3.0), k_4, h / 6.0)
-    omega_m = profile_speed(shaft.profile, t + T) if shaft.held else state.omega_m
-    return PlantState(state.psi, omega_m, wrapped(state.theta_m), state.W_in, state.W_copper, state.W_shaft)
+        state = stepped(plant, supply, t + n * h, h, state)
+    return state
+
+
+@kernel
+def settled(plant: Plant, t: float, state: PlantState) -> PlantState:
+    """The state at the end t (s) of a control period: angle within a turn, a held speed as held."""
+    s, shaft = state, plant.shaft
+    omega_m, omega_L = s.omega_m, s.omega_L
+    if shaft.held:
+        omega_L = profile_speed(shaft.profile, t)
+        if shaft.compliance.stiffness == 0.0:
+            omega_m = omega_L
+    return PlantState(
+        s.psi, s.i_i, s.i_x, s.i_t, s.i_r, s.v_r, omega_m, wrapped(s.theta_m), omega_L, s.twist,
+        s.W_dc, s.W_stray, s.W_inverter, s.W_copper, s.W_iron, s.W_friction, s.W_shaft, s.W_load, s.q_dc,
+    )  # fmt: skip
+
+
+@kernel
+def field(plant: Plant, state: PlantState) -> float:
+    """Energy (J) of the machine's field, but for a constant."""
+    rotor = turned(plant.machine.n_p * state.theta_m)
+    return field_energy(plant.magnetics, plant.flux_map, state.psi * rotor.conjugate(), rotor)
+
+
+def stored_energy(plant: Plant, state: PlantState) -> float:
+    """Energy (J) in all fields, capacitors and springs, but for a constant. Kinetic energy is not in it."""
+    R_s, cogging, n_p = plant.R_cold, plant.magnetics.harmonics.cogging, plant.machine.n_p
+    total = field(plant, state) - cogging * math.cos(6.0 * n_p * state.theta_m) / (6.0 * n_p)
+    total += energy_of_the_iron(plant.iron, state.i_i) + energy_of_the_rung(plant.skin, R_s, state.i_x)
+    total += energy_of_the_loop(plant.short, R_s, state.i_t)
+    total += energy_of_the_branch(plant.resonance, state.i_r, state.v_r)
+    return total + energy_of_the_spring(plant.shaft.compliance, state.twist)

@@ -4,6 +4,7 @@
     [drive]       see `Drive`
     [run]         see `Run`
     [excitation]  see `Excitation`
+    [effects.*]   physics beyond the textbook, see `effects`
 
 Keys are the fields below; what has a default may be left out. A scenario that cannot be is refused with one
 sentence that names file, key, bound and what came. A winding that warms up within a run, and a bridge with edges:
@@ -23,6 +24,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from emulator.bounds import Bound, Points, PointsBound, ScenarioError, check_bounds, from_table
+from emulator.effects import NONE, Effects, check_effects, effects_from_table
 from emulator.inverter import longest
 from emulator.machine import COLDEST, HOTTEST, TABLE_TEMPERATURES, Machine, at_temperature
 from emulator.mechanics import Profile
@@ -54,6 +56,8 @@ class Drive:
     sub_steps: Annotated[int, Bound(low=1, high=1000)] = 10  # integration steps per control period, at least
     bridge: str = "averaged"  # the mean voltage over a control period; or "switched": edges
     timer_counts: Annotated[int, Bound(low=0, high=2**24)] = 5000  # per control period, when switched; 0: ideal
+    overmodulation: bool = False  # voltages beyond the circle u_dc / sqrt(3) are tried, the legs cut them off
+    speed_filter: Annotated[float, Bound("s", low=0.0, high=1.0)] = 1e-3  # time constant of the speed it controls by
     temperature_trip: Annotated[float, Bound("degC")] = 155.0  # of the winding, switches the bridge off
     enabled: bool = True  # in operation from the start; otherwise it waits for commands
 
@@ -104,6 +108,7 @@ class Scenario:
     drive: Drive
     run: Run = Run()
     excitation: Excitation = Excitation()
+    effects: Effects = NONE
 
     @property
     def profile(self) -> Profile:
@@ -126,16 +131,16 @@ def load(path: Path) -> Scenario:
         raise ScenarioError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read as text ({error})") from None
-    return parse(text, path.name)
+    return parse(text, path.name, path.parent)
 
 
-def parse(text: str, name: str) -> Scenario:
-    """The scenario in a TOML text that is called `name` in sentences. Raises ScenarioError."""
+def parse(text: str, name: str, folder: Path = Path()) -> Scenario:
+    """The scenario in a TOML text that is called `name` in sentences; its files are in `folder`. Raises ScenarioError."""
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{name}: is not TOML: {error}") from None
-    sections = ("motor", "drive", "run", "excitation")
+    sections = ("motor", "drive", "run", "excitation", "effects")
     for key, value in document.items():
         if key not in sections:
             raise ScenarioError(f"{name}: {key} is no section; the sections are {', '.join(sections)}")
@@ -147,7 +152,8 @@ def parse(text: str, name: str) -> Scenario:
     drive = from_table(Drive, _suited(motor, document.get("drive", {})), f"{name}: drive.")
     run = from_table(Run, document.get("run", {}), f"{name}: run.")
     excitation = from_table(Excitation, document.get("excitation", {}), f"{name}: excitation.")
-    scenario = Scenario(name, motor, drive, run, excitation)
+    effects = effects_from_table(document.get("effects", {}), f"{name}: effects.", folder)
+    scenario = Scenario(name, motor, drive, run, excitation, effects)
     check(scenario)
     return scenario
 
@@ -187,6 +193,11 @@ def check(scenario: Scenario) -> None:
             f"{name}: drive.sub_steps takes steps of at most half the motor's time constant of "
             f"{shortest:g} s, got {h:g} s"
         )
+    check_effects(scenario.effects, motor, T_s, h, drive.bridge == "switched", f"{name}: effects.")
+    if scenario.effects.thermal.C_w > 0.0 and run.temperature_profile:
+        raise ScenarioError(f"{name}: run.temperature_profile takes no points beside effects.thermal, which has its own")
+    if drive.overmodulation and drive.bridge != "switched":
+        raise ScenarioError(f"{name}: drive.overmodulation takes drive.bridge = 'switched', got {drive.bridge!r}")
     if drive.bandwidth * T_s > 0.5:
         raise ScenarioError(
             f"{name}: drive.bandwidth takes at most {0.5 / T_s:g} rad/s at T_s = {T_s:g} s, got {drive.bandwidth:g}"

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from emulator.frames import TURN, clarke, phases
 from emulator.kernel import kernel
 from emulator.noise import gauss
+from emulator.physics.sensing import TRUE_ANGLE, TRUE_CURRENT, AngleSensing, CurrentSensing, read_angle
 
 _PHASE_A, _PHASE_B, _PHASE_C = 1, 2, 3  # sources of noise
 
@@ -18,6 +19,8 @@ class Sensors(NamedTuple):
     adc_full: float  # A, the converter spans -adc_full to +adc_full
     encoder_counts: int  # counts per mechanical turn; 0 for an ideal one
     seed: int
+    current: CurrentSensing = TRUE_CURRENT
+    angle: AngleSensing = TRUE_ANGLE
 
 
 class Sample(NamedTuple):
@@ -40,14 +43,21 @@ def converted(i: float, bits: int, full: float) -> float:
 
 
 @kernel
-def sampled(sensors: Sensors, i_ab: complex, theta_m: float, tick: int) -> Sample:
-    """The sample of a stationary current vector (A) and a mechanical angle (rad) at a tick."""
-    sigma, bits, full = sensors.noise_i, sensors.adc_bits, sensors.adc_full
+def sampled(sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: complex = 0j) -> Sample:
+    """The sample of a stationary current vector (A), which changes by `slope` (A/s), and an angle (rad) at a tick."""
+    sigma, bits, full, channels = sensors.noise_i, sensors.adc_bits, sensors.adc_full, sensors.current
     i_a, i_b, i_c = phases(i_ab)
+    if slope != 0j:
+        by_a, by_b, by_c = phases(slope)
+        i_a, i_b, i_c = i_a + channels.skew_a * by_a, i_b + channels.skew_b * by_b, i_c + channels.skew_c * by_c
+    i_a = channels.gain_a * i_a + channels.offset_a
+    i_b = channels.gain_b * i_b + channels.offset_b
+    i_c = channels.gain_c * i_c + channels.offset_c
     if sigma > 0.0:
         i_a += sigma * gauss(sensors.seed, _PHASE_A, tick)
         i_b += sigma * gauss(sensors.seed, _PHASE_B, tick)
         i_c += sigma * gauss(sensors.seed, _PHASE_C, tick)
+    theta_m = read_angle(sensors.angle, theta_m)
     if sensors.encoder_counts > 0:
         count = TURN / sensors.encoder_counts
         theta_m = math.floor(theta_m / count) * count

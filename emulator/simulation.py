@@ -15,16 +15,26 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emulator.bridge import Bridge, switched
+from emulator.bridge import Bridge, BridgeState, scratch, switched
 from emulator.course import Course, machine_at
 from emulator.firmware import Commissioning, FirmwareState, Settings, computed, switched_on
 from emulator.frames import nearest, turned, wrapped
 from emulator.inverter import limited
 from emulator.kernel import kernel
-from emulator.machine import Machine, flux
-from emulator.mechanics import Shaft, profile_speed
-from emulator.modulation import modulated, voltage_of
-from emulator.plant import PlantState, advanced, stator_current
+from emulator.machine import Machine
+from emulator.magnetics import magnetics_of
+from emulator.mechanics import profile_speed
+from emulator.modulation import Duties, modulated, voltage_of
+from emulator.physics import demagnetisation as demagnetisations
+from emulator.physics import thermal as thermals
+from emulator.physics.demagnetisation import Demagnetisation
+from emulator.physics.legs import vector
+from emulator.physics.sensing import VoltageSensing, longest_skew, read_voltage
+from emulator.physics.strangers import Telegraph, keyed, telegraph_voltage
+from emulator.physics.thermal import Temperatures, Thermal, warmed
+from emulator.physics.timing import Timing
+from emulator.plant import Plant, PlantState, advanced, bridge_current, field, settled, stepped
+from emulator.plant import started as plant_started
 from emulator.sensors import Sample, Sensors, measured_current, sampled
 from emulator.stream import NO_ROW, Period, Row, extended, write_row
 
@@ -34,13 +44,19 @@ RECORDED: Final = ("t", "u_d", "u_q", "i_d", "i_q", "omega_e", "theta_e", "u_dc"
 class Bench(NamedTuple):
     """What stays while a call of `simulated` runs."""
 
-    machine: Machine  # at 23.4 degC
-    course: Course  # what its temperature makes of it over time
-    shaft: Shaft
+    plant: Plant  # at 23.4 degC, its magnets whole
+    course: Course  # what temperature makes of the machine over time, where it is prescribed
+    thermal: Thermal
+    demagnetisation: Demagnetisation
+    telegraph: Telegraph
     sensors: Sensors
+    voltage: VoltageSensing
+    timing: Timing
     fixed: Commissioning
     bridge: Bridge
     sub_steps: int  # integration steps per control period
+    moves: bool  # magnets or inductances move, which takes energy
+    overmodulates: bool  # voltages beyond the linear range are tried
 
 
 class State(NamedTuple):
@@ -48,22 +64,69 @@ class State(NamedTuple):
 
     tick: int
     plant: PlantState
+    machine: Machine  # of the period before
+    heat: Temperatures
+    telegraph: bool  # its offset is there
+    bridge: BridgeState
+    W_given: float  # J, that moving magnets and inductances gave to the field
+    u_waiting: complex  # V, stationary, computed and held back by a delay
+    u_before: complex  # V, rotor frame, of the period before
     sample: Sample
     firmware: FirmwareState
     row: Row
 
 
-def started(bench: Bench, n_p: int, psi_f: float, powered: bool) -> State:
-    """The state at tick 0: no current, angle zero, speed as the profile says, the bridge on or off.
+@kernel
+def machine_now(bench: Bench, t: float, heat: Temperatures) -> Machine:
+    """The machine as it is at a time (s) and so warm."""
+    m = machine_at(bench.plant.machine, bench.course, t)
+    R_s, psi_f = m.R_s, m.psi_f
+    if bench.thermal.C_w > 0.0:
+        R_s *= thermals.resistance_factor(bench.thermal, heat)
+        psi_f *= thermals.flux_factor(bench.thermal, heat)
+    if bench.demagnetisation.share > 0.0:
+        psi_f *= demagnetisations.flux_factor(bench.demagnetisation, t)
+    return Machine(R_s, m.L_d, m.L_q, psi_f, m.n_p, m.i_rated, m.J, m.B)
+
+
+@kernel
+def plant_of(bench: Bench, machine: Machine, telegraph: bool) -> Plant:
+    """The plant with the machine as it is now."""
+    p = bench.plant
+    m = p.magnetics
+    magnetics = magnetics_of(machine, m.psi_0, m.curve, m.harmonics, m.ripples, p.flux_map)
+    offset = telegraph_voltage(bench.telegraph, telegraph)
+    return Plant(
+        machine, p.R_cold, magnetics, p.flux_map, p.shaft, p.iron, p.imbalance, p.skin, p.short, p.stray, offset,
+        p.resonance,
+    )  # fmt: skip
+
+
+@kernel
+def _sampled(bench: Bench, plant: Plant, state: PlantState, u: complex, tick: int) -> Sample:
+    """The sample at a tick; u (V) is what a bridge without edges applies."""
+    i, slope, skew = bridge_current(plant, state), 0j, longest_skew(bench.sensors.current)
+    if skew > 0.0:
+        # A switched bridge then holds its zero vector
+        later = stepped(plant, vector(0j if bench.bridge.switched else u), tick * bench.fixed.T_s, skew, state)
+        slope = (bridge_current(plant, later) - i) / skew
+    return sampled(bench.sensors, i, state.theta_m, tick, slope)
+
+
+def started(bench: Bench, n_p: int, psi_f: float, powered: bool, temperature: float) -> State:
+    """The state at tick 0: no current, angle zero, speed as the profile says, all at a temperature (degC).
 
     `n_p` and `psi_f` (Vs) are what the drive takes the machine for.
     """
-    omega_m = profile_speed(bench.shaft.profile, 0.0)
-    machine = machine_at(bench.machine, bench.course, 0.0)
-    plant = PlantState(flux(machine, 0j), omega_m, 0.0, 0.0, 0.0, 0.0)
-    sample = sampled(bench.sensors, stator_current(machine, plant), 0.0, 0)
+    omega_m = profile_speed(bench.plant.shaft.profile, 0.0)
+    heat = Temperatures(temperature, temperature, temperature)
+    machine = machine_now(bench, 0.0, heat)
+    plant = plant_of(bench, machine, False)
+    state = plant_started(plant, 0.0, omega_m)
+    sample = _sampled(bench, plant, state, 0j, 0)
     firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s, powered)
-    return State(0, plant, sample, firmware, NO_ROW)
+    bridge = BridgeState(bench.bridge.E, False, False, False, 0.0, 0.0, 0.0)
+    return State(0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, firmware, NO_ROW)
 
 
 @kernel
@@ -81,33 +144,61 @@ def simulated(
     Those are written to `ticks` (m) and `rows` (m x stream.COLUMNS); every period to a line of `recording`
     (periods x RECORDED) unless that is empty.
     """
-    T_s, u_dc, n_p = bench.fixed.T_s, bench.fixed.u_dc, settings.n_p
-    tick, plant, sample, firmware, row = state
+    T_s, n_p, edges, counts = bench.fixed.T_s, settings.n_p, bench.bridge.switched, bench.bridge.timer_counts
+    tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, firmware, row = state
+    shortest = bench.bridge.inverter.min_pulse / T_s
+    room = scratch()
     complete = 0
     for n in range(periods):
         t = tick * T_s
+        u_dc = read_voltage(bench.voltage, bridge.u_dc)
         # The period: the voltage computed one period ago is applied while the next is computed
-        u, known = limited(firmware.u_next, u_dc), firmware.powered
+        u, known = firmware.u_next, firmware.powered
+        if bench.timing.delay > 0:
+            u, u_waiting = u_waiting, u
+        if not bench.overmodulates:
+            u = limited(u, u_dc)
         firmware = computed(bench.fixed, settings, firmware, sample, t)
-        machine = machine_at(bench.machine, bench.course, t + 0.5 * T_s)
-        if bench.bridge.switched:
-            duties = modulated(u, u_dc, bench.bridge.timer_counts)
-            plant = switched(machine, bench.shaft, duties, u_dc, t, T_s, bench.sub_steps, plant)
+        if bench.telegraph.amplitude > 0.0:
+            telegraph = keyed(bench.telegraph, telegraph, T_s, bench.fixed.seed, tick)
+        was, machine = machine, machine_now(bench, t + 0.5 * T_s, heat)
+        now = plant_of(bench, machine, telegraph)
+        if bench.moves:
+            W_given += field(now, plant) - field(plant_of(bench, was, telegraph), plant)
+        W_copper, W_iron = plant.W_copper, plant.W_iron
+        if edges:
+            duties = modulated(u, u_dc, counts, shortest) if known else Duties(0.0, 0.0, 0.0)
+            bridge, plant = switched(bench.bridge, now, duties, known, t, T_s, bench.sub_steps, bridge, plant, room)
             u = voltage_of(duties, u_dc)
         else:
-            plant = advanced(machine, bench.shaft, u, t, T_s, bench.sub_steps, plant)
-        machine = machine_at(bench.machine, bench.course, (tick + 1) * T_s)
-        before, sample = sample, sampled(bench.sensors, stator_current(machine, plant), plant.theta_m, tick + 1)
+            plant = advanced(now, vector(u * (bridge.u_dc / u_dc)), t, T_s, bench.sub_steps, plant)
+        plant = settled(now, t + T_s, plant)
+        if bench.thermal.C_w > 0.0:
+            heat = warmed(bench.thermal, heat, plant.W_copper - W_copper, plant.W_iron - W_iron, T_s)
+        then = plant_of(bench, machine_now(bench, (tick + 1) * T_s, heat), telegraph)
+        before, sample = sample, _sampled(bench, then, plant, u, tick + 1)
 
         # What the drive knows of it
         theta_e = wrapped(n_p * before.theta_m)
         turn = n_p * nearest(sample.theta_m - before.theta_m)
+        u_told = u * turned(-(theta_e + turn / 2.0)) if known else complex(math.nan, math.nan)
+        u_dq = u_told
+        if bench.timing.shift < 0:
+            u_dq = u_before
+        elif bench.timing.shift > 0 and known:
+            u_after = u_waiting if bench.timing.delay > 0 else firmware.u_next
+            if not bench.overmodulates:
+                u_after = limited(u_after, u_dc)
+            if edges:
+                u_after = voltage_of(modulated(u_after, u_dc, counts, shortest), u_dc)
+            u_dq = u_after * turned(-(theta_e + 1.5 * turn))
+        u_before = u_told
         period = Period(
             theta_e,
             turn,
             measured_current(before) * turned(-theta_e),
             measured_current(sample) * turned(-(theta_e + turn)),
-            u * turned(-(theta_e + turn / 2.0)) if known else complex(math.nan, math.nan),
+            u_dq,
             u_dc,
         )
         row = extended(row, tick, period, settings.stream_periods)
@@ -122,4 +213,7 @@ def simulated(
             line[5], line[6], line[7] = turn / T_s, theta_e, u_dc
             line[8], line[9], line[10] = before.i_a, before.i_b, before.i_c
         tick += 1
-    return State(tick, plant, sample, firmware, row), complete
+    after = State(
+        tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, firmware, row
+    )
+    return after, complete

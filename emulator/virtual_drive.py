@@ -17,17 +17,16 @@ from drivers.wire.cia402 import OVERCURRENT, OVERTEMPERATURE_MOTOR, State
 from drivers.wire.codec import FULL_SCALES, check_range
 from drivers.wire.dictionary import SIGNALS, Signal, WireType, layout_id, signal_named
 from emulator import stream
-from emulator.bridge import Bridge
-from emulator.course import continued, course_of, row_at, rows_at
-from emulator.firmware import Commissioning, Settings
+from emulator.assembly import bench_of
+from emulator.course import continued, row_at, rows_at
+from emulator.firmware import Settings
 from emulator.machine import at_temperature
-from emulator.mechanics import Shaft
 from emulator.operation import Operation
-from emulator.plant import PlantState
+from emulator.physics.timing import kept
+from emulator.plant import Plant, PlantState
 from emulator.recorder import ARMED, TRIGGERED, Recorder, Setup
 from emulator.scenarios import Scenario, check
-from emulator.sensors import Sensors
-from emulator.simulation import RECORDED, Bench, simulated, started
+from emulator.simulation import RECORDED, machine_now, plant_of, simulated, started
 
 Column = NDArray[np.float64]
 
@@ -35,7 +34,6 @@ _WHOLE: Final = frozenset(s.name for s in SIGNALS if s.access == "rw" and s.type
 _PARAMETERS: Final = tuple(s.name for s in SIGNALS if s.is_parameter)
 _RESET: Final = "reset"  # stands among what is written
 _CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step"})
-_SPEED_FILTER: Final = 1e-3  # s
 _NO_RECORDING: Final = np.empty((0, len(RECORDED)))
 
 
@@ -80,16 +78,12 @@ class VirtualDrive:
         check(scenario)
         self.serial: Final = serial
         self.scenario: Final = scenario
-        motor, drive, run = scenario.motor, scenario.drive, scenario.run
-        self._shaft = Shaft(run.shaft == "dynamometer", scenario.profile, motor.J, motor.B, run.tau_L)
-        self._sensors = Sensors(drive.noise_i, drive.adc_bits, drive.adc_full, drive.encoder_counts, run.seed)
-        self._fixed = _commissioned(scenario)
+        drive, run = scenario.drive, scenario.run
+        self._bench = bench_of(scenario)
+        self._fixed = self._bench.fixed
         self._settings = _first_settings(scenario)
-        course = course_of(motor, run.temperature_profile or ((0.0, run.temperature),))
-        bridge = Bridge(drive.bridge == "switched", drive.timer_counts)
-        self._bench = Bench(motor, course, self._shaft, self._sensors, self._fixed, bridge, drive.sub_steps)
         self._state = started(
-            self._bench, self._settings.n_p, self._settings.control_psi_f, powered=drive.enabled
+            self._bench, self._settings.n_p, self._settings.control_psi_f, drive.enabled, run.temperature
         )
         self._operation = Operation(State.OPERATION_ENABLED if drive.enabled else State.SWITCH_ON_DISABLED)
         self._reset_at = 0  # tick since power-on of the latest reset
@@ -137,18 +131,34 @@ class VirtualDrive:
         return self._state.plant
 
     @property
+    def energy_given(self) -> float:
+        """Energy (J) that moving magnets and inductances have given to the field."""
+        return self._state.W_given
+
+    def plant_now(self) -> Plant:
+        """What the plant is in the present control period."""
+        return plant_of(self._bench, self._state.machine, self._state.telegraph)
+
+    @property
     def truth(self) -> Truth:
         """True parameters now; a temperature that was set counts from the next `run` on."""
-        temperature, R_s, L_d, L_q = row_at(self._bench.course, self._state.tick * self.T_s)
-        return Truth(R_s, L_d, L_q, self._bench.machine.psi_f, temperature, temperature)
+        t, heat = self._state.tick * self.T_s, self._state.heat
+        m = machine_now(self._bench, t, heat)
+        if self._bench.thermal.C_w > 0.0:
+            return Truth(m.R_s, m.L_d, m.L_q, m.psi_f, heat.winding, heat.magnet)
+        temperature = row_at(self._bench.course, t)[0]
+        return Truth(m.R_s, m.L_d, m.L_q, m.psi_f, temperature, temperature)
 
     def truth_at(self, t: NDArray[np.floating[Any]]) -> dict[str, Column]:
         """True parameters at times (s since reset), by the names of `Truth`; `truth_at(recording["t"])` fits its rows.
 
         For times to come: what the scenario's profile, or the temperature last set, will make of them.
         """
+        if self._bench.thermal.C_w > 0.0:
+            raise ValueError("parameters that follow from losses are known for the present only")
         temperature, R_s, L_d, L_q = np.ascontiguousarray(rows_at(self._bench.course, np.array(t, np.float64)).T)
-        psi_f = np.full(len(R_s), self._bench.machine.psi_f)
+        heat = self._state.heat
+        psi_f = np.array([machine_now(self._bench, float(at), heat).psi_f for at in np.atleast_1d(t)])
         return dict(zip(_TRUTH, (R_s, L_d, L_q, psi_f, temperature, temperature.copy()), strict=True))
 
     def warm_up(self) -> None:
@@ -165,8 +175,9 @@ class VirtualDrive:
         Row k: time, angle and currents at the start of period k, the voltage applied over it in the rotor
         frame at its middle. Stream rows that become complete meanwhile are lost to the stream.
         """
-        recording = np.empty((max(periods, 0), len(RECORDED)))
+        recording, tick = np.empty((max(periods, 0), len(RECORDED))), self._state.tick
         self._advance(periods, recording)
+        recording = recording[kept(self._bench.timing, self._fixed.seed, tick, len(recording))]
         return dict(zip(RECORDED, np.ascontiguousarray(recording.T), strict=True))
 
     def read(self, name: str) -> float:
@@ -276,7 +287,7 @@ class VirtualDrive:
                 self._take(name, value)
         if temperature is not None:
             now, bench = self._state.tick * self.T_s, self._bench
-            self._bench = bench._replace(course=continued(bench.course, now, bench.machine, temperature))
+            self._bench = bench._replace(course=continued(bench.course, now, bench.plant.machine, temperature))
         values: dict[str, Any] = {name: self._readable[name] for name in Settings._fields}
         values |= {name: int(values[name]) for name in _WHOLE if name in values}
         self._settings = Settings(**values)
@@ -328,7 +339,8 @@ class VirtualDrive:
         latest["capture_count"] = float(self._recorder.count)
         latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
         latest["capture_number"] = float(self._recorder.number)
-        latest["temp_winding"] = latest["temp_magnet"] = self.truth.temp_winding
+        truth = self.truth
+        latest["temp_winding"], latest["temp_magnet"] = truth.temp_winding, truth.temp_magnet
         if rows:
             latest |= {name: float(getattr(rows, name)[-1]) for name in stream.COLUMNS}
             latest["row_tick"] = float(rows.row_tick[-1] & 0xFFFF)
@@ -358,23 +370,4 @@ def _first_settings(scenario: Scenario) -> Settings:
         motor.psi_f,
         drive.bandwidth,
         *map(float, astuple(excitation)),  # a whole number would be compiled as another type
-    )
-
-
-def _commissioned(scenario: Scenario) -> Commissioning:
-    """The speed loop is set for a shaft of inertia J: bandwidth alpha_s, integral time 4 / alpha_s."""
-    motor, drive, run = scenario.motor, scenario.drive, scenario.run
-    alpha_s = run.speed_bandwidth
-    k_p = alpha_s * motor.J / (1.5 * motor.n_p**2 * motor.psi_f)
-    return Commissioning(
-        drive.T_s,
-        drive.u_dc,
-        drive.i_max,
-        0.5 * (drive.i_max + drive.adc_full),
-        run.speed_control,
-        scenario.profile,
-        k_p,
-        k_p * alpha_s / 4.0,
-        _SPEED_FILTER,
-        run.seed,
     )

@@ -1,0 +1,171 @@
+"""The effects of a scenario: a section `[effects.<name>]` for each, with its sizes; what is left out has none.
+
+Here too is what sizes cannot be together, or with a motor and a drive: one sentence each.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple, get_type_hints
+
+from emulator.bounds import ScenarioError, check_bounds, from_table
+from emulator.machine import Machine
+from emulator.physics import flux_map as flux_maps
+from emulator.physics.sensing import (
+    TRUE_ANGLE,
+    TRUE_CURRENT,
+    TRUE_VOLTAGE,
+    AngleSensing,
+    CurrentSensing,
+    VoltageSensing,
+)
+from emulator.physics.skin import OFF as NO_SKIN
+from emulator.physics.skin import Skin
+from emulator.physics.skin import resistance as skin_resistance
+from emulator.physics.strangers import NO_RESONANCE, NO_STRAY, NO_TELEGRAPH, Resonance, Stray, Telegraph
+from emulator.physics.thermal import OFF as STEADY
+from emulator.physics.thermal import Thermal
+from emulator.physics.timing import OFF as IN_TIME
+from emulator.physics.timing import Timing
+from emulator.physics.turn_short import OFF as SOUND
+from emulator.physics.turn_short import TurnShort
+
+
+class MapFile(NamedTuple):
+    """A measured flux map instead of the motor's L_d, L_q and psi_f: see `physics.flux_map`."""
+
+    file: str = ""  # beside the scenario's file, or an absolute path
+
+
+NO_MAP = MapFile()
+
+
+@dataclass(frozen=True, slots=True)
+class Effects:
+    """All of them."""
+
+    inverter: Inverter = IDEAL
+    dc_link: DcLink = STIFF
+    saturation: Saturation = LINEAR
+    flux_map: MapFile = NO_MAP
+    harmonics: Harmonics = SMOOTH
+    iron_loss: IronLoss = LOSSLESS
+    thermal: Thermal = STEADY
+    demagnetisation: Demagnetisation = WHOLE
+    imbalance: Imbalance = BALANCED
+    turn_short: TurnShort = SOUND
+    skin: Skin = NO_SKIN
+    friction: Friction = SLIPPERY
+    compliance: Compliance = RIGID
+    current_sensing: CurrentSensing = TRUE_CURRENT
+    angle_sensing: AngleSensing = TRUE_ANGLE
+    voltage_sensing: VoltageSensing = TRUE_VOLTAGE
+    timing: Timing = IN_TIME
+    stray: Stray = NO_STRAY
+    telegraph: Telegraph = NO_TELEGRAPH
+    resonance: Resonance = NO_RESONANCE
+
+
+NONE = Effects()
+
+
+def effects_from_table(table: Mapping[str, object], where: str, folder: Path) -> Effects:
+    """Effects from the TOML table `effects`; files are looked for in `folder`. Raises ScenarioError."""
+    kinds: dict[str, Any] = get_type_hints(Effects)
+    values: dict[str, Any] = {}
+    for name, section in table.items():
+        if name not in kinds:
+            raise ScenarioError(f"{where}{name} is no effect; the effects are {', '.join(kinds)}")
+        if not isinstance(section, dict):
+            raise ScenarioError(f"{where}{name} takes a section, got {section!r}")
+        values[name] = from_table(kinds[name], section, f"{where}{name}.")
+    if "flux_map" in values:
+        values["flux_map"] = MapFile(str(folder / values["flux_map"].file))
+    return Effects(**values)
+
+
+def curve_of(effects: Effects, motor: Machine) -> Curve:
+    """The saturation curve of a motor. Raises ValueError."""
+    return saturation_curve(effects.saturation, motor.L_d, motor.L_q, motor.psi_f, motor.i_rated)
+
+
+def flux_map_of(effects: Effects) -> flux_maps.FluxMap:
+    """The measured map, or none. Raises ValueError."""
+    return flux_maps.loaded(Path(effects.flux_map.file)) if effects.flux_map.file else flux_maps.NONE
+
+
+def knee_of(effects: Effects, motor: Machine) -> float:
+    """Current (A) below which a switch's drop softens."""
+    return effects.inverter.knee or 0.01 * motor.i_rated
+
+
+def check_effects(effects: Effects, motor: Machine, T_s: float, h: float, switched: bool, where: str) -> None:
+    """Raise ScenarioError where sizes are out of their bounds or cannot be together; h (s) is the integration step."""
+    for field in fields(Effects):
+        check_bounds(getattr(effects, field.name), f"{where}{field.name}.")
+    if not switched:
+        for name in ("inverter", "dc_link"):
+            if getattr(effects, name) != getattr(NONE, name):
+                raise ScenarioError(f"{where}{name} takes drive.bridge = 'switched', got 'averaged'")
+    inverter, link = effects.inverter, effects.dc_link
+    for key, value in (("dead_time", inverter.dead_time), ("min_pulse", inverter.min_pulse)):
+        if value > 0.2 * T_s:
+            raise ScenarioError(
+                f"{where}inverter.{key} takes at most a fifth of the control period, {0.2 * T_s:g} s, got {value:g} s"
+            )
+    shortest_L = min(motor.L_d, motor.L_q)
+    softest = 0.5 * h * max(inverter.u_transistor, inverter.u_diode) / shortest_L
+    if knee_of(effects, motor) < softest:
+        raise ScenarioError(
+            f"{where}inverter.knee takes at least {softest:.3g} A with these drops, got {knee_of(effects, motor):.3g} A"
+        )
+    if link.C > 0.0 and T_s > link.R * link.C:
+        raise ScenarioError(
+            f"{where}dc_link.C takes at least {T_s / link.R:g} F behind {link.R:g} ohm, got {link.C:g} F"
+        )
+    if effects.saturation != LINEAR and effects.flux_map.file:
+        raise ScenarioError(f"{where}saturation takes no size beside effects.flux_map, which has its own")
+    try:
+        curve_of(effects, motor)
+    except ValueError as error:
+        raise ScenarioError(f"{where}saturation.{error}") from None
+    try:
+        flux_map_of(effects)
+    except ValueError as error:
+        raise ScenarioError(f"{where}flux_map.file: {error}") from None
+    fast = (motor.R_s + skin_resistance(effects.skin, motor.R_s) + 2.0 * inverter.r_on) * h / shortest_L
+    if fast > 0.5:
+        raise ScenarioError(
+            f"{where}skin and inverter.r_on take a step of at most half the shortest time constant, got {fast:.3g} of it"
+        )
+    if effects.iron_loss.R_c > 0.0 and effects.iron_loss.lag < h:
+        raise ScenarioError(
+            f"{where}iron_loss.lag takes at least an integration step, {h:g} s, got {effects.iron_loss.lag:g} s"
+        )
+    for name, omega in (("compliance.stiffness", _shaft_resonance(effects, motor)), ("resonance.L", _lc(effects))):
+        if omega * h > 0.5:
+            raise ScenarioError(
+                f"{where}{name} takes a resonance of at most {0.5 / h:.4g} rad/s at steps of {h:g} s, got {omega:.4g}"
+            )
+    if effects.resonance.C > 0.0 and effects.resonance.R * h > effects.resonance.L:
+        raise ScenarioError(
+            f"{where}resonance.R takes at most {effects.resonance.L / h:g} ohm at steps of {h:g} s, "
+            f"got {effects.resonance.R:g}"
+        )
+    if 0.0 < effects.thermal.C_w < 1000.0 * T_s / effects.thermal.R_wh:
+        raise ScenarioError(
+            f"{where}thermal.C_w takes at least {1000.0 * T_s / effects.thermal.R_wh:g} J/K, got {effects.thermal.C_w:g}"
+        )
+
+
+def _shaft_resonance(effects: Effects, motor: Machine) -> float:
+    """Of the compliant shaft, rad/s."""
+    shaft = effects.compliance
+    return math.sqrt(shaft.stiffness * (1.0 / motor.J + 1.0 / shaft.J_L))
+
+
+def _lc(effects: Effects) -> float:
+    """Of the branch at the terminals, rad/s."""
+    branch = effects.resonance
+    return 1.0 / math.sqrt(branch.L * branch.C) if branch.C > 0.0 else 0.0
