@@ -7,9 +7,9 @@ from emulator.firmware import Commissioning
 from emulator.machine import Machine
 from emulator.magnetics import magnetics_of
 from emulator.mechanics import Shaft
-from emulator.physics.demagnetisation import OFF as WHOLE
+from emulator.physics.demagnetisation import Demagnetisation
 from emulator.physics.flux_map import FluxMap, hessian
-from emulator.physics.harmonics import OFF as SMOOTH
+from emulator.physics.harmonics import Harmonics
 from emulator.plant import Plant
 from emulator.scenarios import Scenario
 from emulator.sensors import Sensors
@@ -21,7 +21,7 @@ def bench_of(scenario: Scenario) -> Bench:
     drive, run, effects = scenario.drive, scenario.run, scenario.effects
     motor, plant = plant_of_scenario(scenario)
     course = course_of(motor, run.temperature_profile or ((0.0, run.temperature),))
-    moves = bool(run.temperature_profile) or effects.thermal.C_w > 0.0 or effects.demagnetisation != WHOLE
+    moves = bool(run.temperature_profile) or effects.thermal.C_w > 0.0 or effects.demagnetisation != Demagnetisation()
     return Bench(
         plant=plant,
         course=course,
@@ -70,7 +70,7 @@ def plant_of_scenario(scenario: Scenario) -> tuple[Machine, Plant]:
         effects.compliance,
     )
     magnetics = magnetics_of(
-        motor, motor.psi_f, curve_of(effects, motor), effects.harmonics, effects.harmonics != SMOOTH, flux_map
+        motor, motor.psi_f, curve_of(effects, motor), effects.harmonics, effects.harmonics != Harmonics(), flux_map
     )
     return motor, Plant(
         motor,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emulator.frames import phases
+from emulator.frames import clarke, phases
 from emulator.kernel import kernel
 from emulator.modulation import Duties
 from emulator.physics import legs
@@ -158,6 +158,12 @@ def _decide(bridge: Bridge, i: complex, moment: float, T: float, powered: bool, 
 
 
 @kernel
+def _tried(plant: Plant, supply: Supply, t: float, h: float, state: PlantState) -> PlantState:
+    """`stepped`, for where it is seldom done."""
+    return stepped(plant, supply, t, h, state)
+
+
+@kernel
 def _float(bridge: Bridge, plant: Plant, u_dc: float, t: float, h: float, state: PlantState, room: Scratch) -> None:
     """Set the levels of legs that float, so that their currents are zero a time h (s) on; or let a diode conduct."""
     leg = room.legs
@@ -169,9 +175,9 @@ def _float(bridge: Bridge, plant: Plant, u_dc: float, t: float, h: float, state:
     if floats == 1:
         k = 0 if leg[_MODE, 0] == _FLOATS else 1 if leg[_MODE, 1] == _FLOATS else 2
         leg[_LEVEL, k] = lowest
-        i_low = _of_phase(bridge_current(plant, stepped(plant, _supply(bridge, u_dc, room), t, h, state)), k)
+        i_low = _of_phase(bridge_current(plant, _tried(plant, _supply(bridge, u_dc, room), t, h, state)), k)
         leg[_LEVEL, k] = highest
-        i_high = _of_phase(bridge_current(plant, stepped(plant, _supply(bridge, u_dc, room), t, h, state)), k)
+        i_high = _of_phase(bridge_current(plant, _tried(plant, _supply(bridge, u_dc, room), t, h, state)), k)
         if i_low > 0.0:
             leg[_MODE, k] = _DIODE_LOW
         elif i_high < 0.0:
@@ -180,9 +186,9 @@ def _float(bridge: Bridge, plant: Plant, u_dc: float, t: float, h: float, state:
             leg[_LEVEL, k] = lowest + (highest - lowest) * i_low / (i_low - i_high)
         return
     # No current anywhere: the vector that keeps it so
-    none = bridge_current(plant, stepped(plant, legs.vector(0j), t, h, state))
-    by_re = bridge_current(plant, stepped(plant, legs.vector(complex(u_dc, 0.0)), t, h, state)) - none
-    by_im = bridge_current(plant, stepped(plant, legs.vector(complex(0.0, u_dc)), t, h, state)) - none
+    none = bridge_current(plant, _tried(plant, legs.vector(0j, u_dc), t, h, state))
+    by_re = bridge_current(plant, _tried(plant, legs.vector(complex(u_dc, 0.0), u_dc), t, h, state)) - none
+    by_im = bridge_current(plant, _tried(plant, legs.vector(complex(0.0, u_dc), u_dc), t, h, state)) - none
     det = by_re.real * by_im.imag - by_im.real * by_re.imag
     u_re = (by_im.real * none.imag - none.real * by_im.imag) / det
     u_im = (by_re.imag * none.real - by_re.real * none.imag) / det
@@ -252,7 +258,7 @@ def _through_dead_time(
         if part >= 1.0 or tries == 12:
             return after
         if part * (h - done) > _NO_TIME:
-            state = stepped(plant, supply, t + done, part * (h - done), state)
+            state = _tried(plant, supply, t + done, part * (h - done), state)
         done += part * (h - done)
         _stop(bridge, bridge_current(plant, state), room)
     return state
@@ -273,7 +279,7 @@ def switched(
 ) -> tuple[BridgeState, PlantState]:
     """Bridge and plant one control period T (s) after t. No integration step is longer than T / sub_steps."""
     inverter, link = bridge.inverter, bridge.link
-    dead_time, u_dc = inverter.dead_time, before.u_dc
+    dead_time, u_dc, ideal = inverter.dead_time, before.u_dc, legs.is_ideal(inverter)
     edges = moments(duties, dead_time, T, before, room)
     for n in range(edges - 1):
         begin, end = room.moments[n], room.moments[n + 1]
@@ -283,7 +289,11 @@ def switched(
         dead = _decide(bridge, i, 0.5 * (begin + end), T, powered, room)
         steps = max(math.ceil((end - begin) / T * sub_steps - 1e-9), 1)  # a whole number of them, but for rounding
         h, drawn = (end - begin) / steps, state.q_dc
-        supply = _supply(bridge, u_dc, room)
+        if ideal and not dead:
+            s = room.legs[_MODE]
+            supply = legs.vector(u_dc * clarke(s[0], s[1], s[2]), u_dc)
+        else:
+            supply = _supply(bridge, u_dc, room)
         for m in range(steps):
             t_m = t + begin + m * h
             if dead:

@@ -5,30 +5,26 @@ Here too is what sizes cannot be together, or with a motor and a drive: one sent
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
 from emulator.bounds import ScenarioError, check_bounds, from_table
 from emulator.machine import Machine
-from emulator.physics import flux_map as flux_maps
-from emulator.physics.sensing import (
-    TRUE_ANGLE,
-    TRUE_CURRENT,
-    TRUE_VOLTAGE,
-    AngleSensing,
-    CurrentSensing,
-    VoltageSensing,
-)
-from emulator.physics.skin import OFF as NO_SKIN
-from emulator.physics.skin import Skin
-from emulator.physics.skin import resistance as skin_resistance
-from emulator.physics.strangers import NO_RESONANCE, NO_STRAY, NO_TELEGRAPH, Resonance, Stray, Telegraph
-from emulator.physics.thermal import OFF as STEADY
+from emulator.physics.compliance import Compliance
+from emulator.physics.dc_link import DcLink
+from emulator.physics.demagnetisation import Demagnetisation
+from emulator.physics.flux_map import NO_MAP, FluxMap, loaded
+from emulator.physics.friction import Friction
+from emulator.physics.harmonics import Harmonics
+from emulator.physics.imbalance import Imbalance
+from emulator.physics.iron_loss import IronLoss
+from emulator.physics.legs import Inverter
+from emulator.physics.saturation import Curve, Saturation, saturation_curve
+from emulator.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
+from emulator.physics.skin import Skin, rung_resistance
+from emulator.physics.strangers import Resonance, Stray, Telegraph
 from emulator.physics.thermal import Thermal
-from emulator.physics.timing import OFF as IN_TIME
 from emulator.physics.timing import Timing
-from emulator.physics.turn_short import OFF as SOUND
 from emulator.physics.turn_short import TurnShort
 
 
@@ -38,33 +34,29 @@ class MapFile(NamedTuple):
     file: str = ""  # beside the scenario's file, or an absolute path
 
 
-NO_MAP = MapFile()
-
-
-@dataclass(frozen=True, slots=True)
-class Effects:
+class Effects(NamedTuple):
     """All of them."""
 
-    inverter: Inverter = IDEAL
-    dc_link: DcLink = STIFF
-    saturation: Saturation = LINEAR
-    flux_map: MapFile = NO_MAP
-    harmonics: Harmonics = SMOOTH
-    iron_loss: IronLoss = LOSSLESS
-    thermal: Thermal = STEADY
-    demagnetisation: Demagnetisation = WHOLE
-    imbalance: Imbalance = BALANCED
-    turn_short: TurnShort = SOUND
-    skin: Skin = NO_SKIN
-    friction: Friction = SLIPPERY
-    compliance: Compliance = RIGID
-    current_sensing: CurrentSensing = TRUE_CURRENT
-    angle_sensing: AngleSensing = TRUE_ANGLE
-    voltage_sensing: VoltageSensing = TRUE_VOLTAGE
-    timing: Timing = IN_TIME
-    stray: Stray = NO_STRAY
-    telegraph: Telegraph = NO_TELEGRAPH
-    resonance: Resonance = NO_RESONANCE
+    inverter: Inverter = Inverter()
+    dc_link: DcLink = DcLink()
+    saturation: Saturation = Saturation()
+    flux_map: MapFile = MapFile()
+    harmonics: Harmonics = Harmonics()
+    iron_loss: IronLoss = IronLoss()
+    thermal: Thermal = Thermal()
+    demagnetisation: Demagnetisation = Demagnetisation()
+    imbalance: Imbalance = Imbalance()
+    turn_short: TurnShort = TurnShort()
+    skin: Skin = Skin()
+    friction: Friction = Friction()
+    compliance: Compliance = Compliance()
+    current_sensing: CurrentSensing = CurrentSensing()
+    angle_sensing: AngleSensing = AngleSensing()
+    voltage_sensing: VoltageSensing = VoltageSensing()
+    timing: Timing = Timing()
+    stray: Stray = Stray()
+    telegraph: Telegraph = Telegraph()
+    resonance: Resonance = Resonance()
 
 
 NONE = Effects()
@@ -90,9 +82,9 @@ def curve_of(effects: Effects, motor: Machine) -> Curve:
     return saturation_curve(effects.saturation, motor.L_d, motor.L_q, motor.psi_f, motor.i_rated)
 
 
-def flux_map_of(effects: Effects) -> flux_maps.FluxMap:
+def flux_map_of(effects: Effects) -> FluxMap:
     """The measured map, or none. Raises ValueError."""
-    return flux_maps.loaded(Path(effects.flux_map.file)) if effects.flux_map.file else flux_maps.NONE
+    return loaded(Path(effects.flux_map.file)) if effects.flux_map.file else NO_MAP
 
 
 def knee_of(effects: Effects, motor: Machine) -> float:
@@ -102,8 +94,8 @@ def knee_of(effects: Effects, motor: Machine) -> float:
 
 def check_effects(effects: Effects, motor: Machine, T_s: float, h: float, switched: bool, where: str) -> None:
     """Raise ScenarioError where sizes are out of their bounds or cannot be together; h (s) is the integration step."""
-    for field in fields(Effects):
-        check_bounds(getattr(effects, field.name), f"{where}{field.name}.")
+    for name, sizes in effects._asdict().items():
+        check_bounds(sizes, f"{where}{name}.")
     if not switched:
         for name in ("inverter", "dc_link"):
             if getattr(effects, name) != getattr(NONE, name):
@@ -124,7 +116,7 @@ def check_effects(effects: Effects, motor: Machine, T_s: float, h: float, switch
         raise ScenarioError(
             f"{where}dc_link.C takes at least {T_s / link.R:g} F behind {link.R:g} ohm, got {link.C:g} F"
         )
-    if effects.saturation != LINEAR and effects.flux_map.file:
+    if effects.saturation != Saturation() and effects.flux_map.file:
         raise ScenarioError(f"{where}saturation takes no size beside effects.flux_map, which has its own")
     try:
         curve_of(effects, motor)
@@ -134,7 +126,7 @@ def check_effects(effects: Effects, motor: Machine, T_s: float, h: float, switch
         flux_map_of(effects)
     except ValueError as error:
         raise ScenarioError(f"{where}flux_map.file: {error}") from None
-    fast = (motor.R_s + skin_resistance(effects.skin, motor.R_s) + 2.0 * inverter.r_on) * h / shortest_L
+    fast = (motor.R_s + rung_resistance(effects.skin, motor.R_s) + 2.0 * inverter.r_on) * h / shortest_L
     if fast > 0.5:
         raise ScenarioError(
             f"{where}skin and inverter.r_on take a step of at most half the shortest time constant, got {fast:.3g} of it"

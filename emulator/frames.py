@@ -20,6 +20,18 @@ def turned(angle: float) -> complex:
 
 
 @kernel
+def turned_slightly(angle: float) -> complex:
+    """`turned` for a small angle (rad): to 1e-16 up to 0.05, and `turned` itself beyond."""
+    if abs(angle) > 0.05:
+        return turned(angle)
+    x = angle * angle
+    return complex(
+        1.0 - x * (0.5 - x * (1.0 / 24.0 - x * (1.0 / 720.0 - x / 40320.0))),
+        angle * (1.0 - x * (1.0 / 6.0 - x * (1.0 / 120.0 - x / 5040.0))),
+    )
+
+
+@kernel
 def wrapped(angle: float) -> float:
     """The same angle within 0 to 2 pi (rad)."""
     return angle % TURN

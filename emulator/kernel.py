@@ -32,11 +32,22 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     Other threads go on while it runs: the drive's links are served meanwhile.
     """
+    return _compiled(function, forceinline=False)
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """`kernel`, made a part of every kernel that calls it: for one called often, with much to hand over."""
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: Callable[P, R], forceinline: bool) -> Callable[P, R]:
     with _decorating:
         before = _config.CACHE_DIR
         _config.CACHE_DIR = "" if _CACHE is None else str(_CACHE)  # numba reads it while it decorates only
         try:
-            compiled = numba.njit(cache=_CACHE is not None, error_model="numpy", nogil=True)(function)
+            compiled = numba.njit(
+                cache=_CACHE is not None, error_model="numpy", nogil=True, forceinline=forceinline
+            )(function)
         finally:
             _config.CACHE_DIR = before
     return cast(Callable[P, R], compiled)

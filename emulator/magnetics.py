@@ -72,23 +72,23 @@ def _smooth_energy(m: Magnetics, flux_map: FluxMap, psi: complex) -> float:
 
 
 @kernel
-def _sixth(rotor: complex) -> complex:
+def sixth(rotor: complex) -> complex:
     """exp(j 6 theta_e) of exp(j theta_e)."""
     third = rotor * rotor * rotor
     return third * third
 
 
 @kernel
-def _rippling_flux(m: Magnetics, sixth: complex) -> tuple[complex, complex]:
+def _rippling_flux(m: Magnetics, six: complex) -> tuple[complex, complex]:
     """What the harmonics add to the magnets' flux (Vs), and its derivative by theta_e."""
-    twelfth = sixth * sixth
+    twelfth = six * six
     h = m.harmonics
     return (
-        m.psi_f * complex(h.d_6 * sixth.real + h.d_12 * twelfth.real, h.q_6 * sixth.imag + h.q_12 * twelfth.imag),
+        m.psi_f * complex(h.d_6 * six.real + h.d_12 * twelfth.real, h.q_6 * six.imag + h.q_12 * twelfth.imag),
         m.psi_f
         * complex(
-            -6.0 * h.d_6 * sixth.imag - 12.0 * h.d_12 * twelfth.imag,
-            6.0 * h.q_6 * sixth.real + 12.0 * h.q_12 * twelfth.real,
+            -6.0 * h.d_6 * six.imag - 12.0 * h.d_12 * twelfth.imag,
+            6.0 * h.q_6 * six.real + 12.0 * h.q_12 * twelfth.real,
         ),
     )
 
@@ -99,13 +99,13 @@ def current_and_pull(m: Magnetics, flux_map: FluxMap, psi: complex, rotor: compl
     if not m.ripples:
         i = _smooth_current(m, flux_map, psi)
         return i, psi.real * i.imag - psi.imag * i.real
-    sixth = _sixth(rotor)
-    h, dh = _rippling_flux(m, sixth)
+    six = sixth(rotor)
+    h, dh = _rippling_flux(m, six)
     x = psi - h
     y = x - m.psi_f
     kappa = m.harmonics.inductance * m.g_q
-    i = _smooth_current(m, flux_map, x) + kappa * sixth.real * y
-    along = i.real * dh.real + i.imag * dh.imag + 3.0 * kappa * sixth.imag * (y.real**2 + y.imag**2)
+    i = _smooth_current(m, flux_map, x) + kappa * six.real * y
+    along = i.real * dh.real + i.imag * dh.imag + 3.0 * kappa * six.imag * (y.real**2 + y.imag**2)
     return i, psi.real * i.imag - psi.imag * i.real + along
 
 
@@ -114,11 +114,11 @@ def field_energy(m: Magnetics, flux_map: FluxMap, psi: complex, rotor: complex) 
     """Energy (J) of the field, but for a constant."""
     if not m.ripples:
         return 1.5 * _smooth_energy(m, flux_map, psi)
-    sixth = _sixth(rotor)
-    x = psi - _rippling_flux(m, sixth)[0]
+    six = sixth(rotor)
+    x = psi - _rippling_flux(m, six)[0]
     y = x - m.psi_f
     kappa = m.harmonics.inductance * m.g_q
-    return 1.5 * (_smooth_energy(m, flux_map, x) + 0.5 * kappa * sixth.real * (y.real**2 + y.imag**2))
+    return 1.5 * (_smooth_energy(m, flux_map, x) + 0.5 * kappa * six.real * (y.real**2 + y.imag**2))
 
 
 @kernel

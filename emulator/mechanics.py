@@ -9,7 +9,6 @@ import math
 from typing import NamedTuple
 
 from emulator.kernel import kernel
-from emulator.physics import compliance, friction
 from emulator.physics.compliance import Compliance
 from emulator.physics.friction import Friction, torque
 
@@ -32,8 +31,8 @@ class Shaft(NamedTuple):
     J: float  # kg m2, motor and load
     B: float  # Nm s/rad
     tau_L: float  # Nm
-    friction: Friction = friction.OFF
-    compliance: Compliance = compliance.OFF
+    friction: Friction = Friction()
+    compliance: Compliance = Compliance()
 
 
 @kernel

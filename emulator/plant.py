@@ -13,20 +13,20 @@ period; what magnets and inductances give to the field's energy when they move i
 import math
 from typing import NamedTuple
 
-from emulator.frames import phases, turned, wrapped
-from emulator.kernel import kernel
+from emulator.frames import phases, turned, turned_slightly, wrapped
+from emulator.kernel import inlined, kernel
 from emulator.machine import Machine
-from emulator.magnetics import Magnetics, current_and_pull, field_energy, flux_of
+from emulator.magnetics import Magnetics, current_and_pull, field_energy, flux_of, sixth
 from emulator.mechanics import Shaft, drag, profile_speed
 from emulator.physics import imbalance as imbalances
-from emulator.physics import iron_loss, skin
+from emulator.physics import iron_loss
 from emulator.physics.compliance import stored_energy as energy_of_the_spring
 from emulator.physics.flux_map import FluxMap
 from emulator.physics.imbalance import Imbalance, axis_of
 from emulator.physics.iron_loss import IronLoss
 from emulator.physics.iron_loss import stored_energy as energy_of_the_iron
 from emulator.physics.legs import Supply, lost
-from emulator.physics.skin import Skin
+from emulator.physics.skin import Skin, rung_inductance, rung_resistance
 from emulator.physics.skin import stored_energy as energy_of_the_rung
 from emulator.physics.strangers import Resonance, Stray, stray_voltage
 from emulator.physics.strangers import stored_energy as energy_of_the_branch
@@ -106,10 +106,10 @@ def _scalar(x: complex, y: complex) -> float:
     return x.real * y.real + x.imag * y.imag
 
 
-@kernel
-def rate(plant: Plant, supply: Supply, t: float, state: PlantState) -> PlantState:
-    """Rate of change of the state at a time t (s)."""
-    machine, shaft, R_s, n_p = plant.machine, plant.shaft, plant.machine.R_s, plant.machine.n_p
+@inlined
+def rate(plant: Plant, supply: Supply, t: float, rotor: complex, state: PlantState) -> PlantState:
+    """Rate of change of the state at a time t (s); rotor = exp(j n_p theta_m)."""
+    shaft, R_s, n_p = plant.shaft, plant.machine.R_s, plant.machine.n_p
     psi, i_i, i_t, i_r = state.psi, state.i_i, state.i_t, state.i_r
 
     # Shaft, speeds
@@ -123,7 +123,6 @@ def rate(plant: Plant, supply: Supply, t: float, state: PlantState) -> PlantStat
         omega_L = omega_m
 
     # Currents
-    rotor = turned(n_p * state.theta_m)
     i_dq, pull = current_and_pull(plant.magnetics, plant.flux_map, psi * rotor.conjugate(), rotor)
     i_s = rotor * i_dq + i_i
     share = plant.short.share
@@ -135,7 +134,8 @@ def rate(plant: Plant, supply: Supply, t: float, state: PlantState) -> PlantStat
     # Supply: what the legs hold at these currents
     if supply.vector:
         u = supply.u
-        P_dc, P_inverter, i_dc = 1.5 * _scalar(u, i_bridge), 0.0, 0.0
+        P_dc, P_inverter = 1.5 * _scalar(u, i_bridge), 0.0
+        i_dc = P_dc / supply.u_dc
     else:
         i_a, i_b, i_c = phases(i_bridge)
         a, b, c, u_dc, knee = supply.a, supply.b, supply.c, supply.u_dc, supply.knee
@@ -154,9 +154,9 @@ def rate(plant: Plant, supply: Supply, t: float, state: PlantState) -> PlantStat
     u_R = imbalances.drop(plant.imbalance, R_s, i_s)
     R_x, di_x = 0.0, 0j
     if plant.skin.rise > 0.0:
-        R_x = skin.resistance(plant.skin, plant.R_cold)
+        R_x = rung_resistance(plant.skin, plant.R_cold)
         u_x = R_x * (i_s - state.i_x)
-        di_x = u_x / skin.inductance(plant.skin, plant.R_cold)
+        di_x = u_x / rung_inductance(plant.skin, plant.R_cold)
         u_R += u_x
     P_copper, di_t = 0.0, 0.0
     if share > 0.0:
@@ -187,7 +187,7 @@ def rate(plant: Plant, supply: Supply, t: float, state: PlantState) -> PlantStat
     # Shaft, torques
     tau = 1.5 * n_p * pull
     if plant.magnetics.harmonics.cogging > 0.0:
-        tau -= plant.magnetics.harmonics.cogging * math.sin(6.0 * n_p * state.theta_m)
+        tau -= plant.magnetics.harmonics.cogging * sixth(rotor).imag
     tau_drag = drag(shaft, omega_m)
     domega_m, domega_L, P_friction = 0.0, 0.0, tau_drag * omega_m
     if compliant:
@@ -212,7 +212,7 @@ def rate(plant: Plant, supply: Supply, t: float, state: PlantState) -> PlantStat
     )  # fmt: skip
 
 
-@kernel
+@inlined
 def moved(state: PlantState, along: PlantState, h: float) -> PlantState:
     """state + h along."""
     s, d = state, along
@@ -225,13 +225,19 @@ def moved(state: PlantState, along: PlantState, h: float) -> PlantState:
     )  # fmt: skip
 
 
-@kernel
+@inlined
 def stepped(plant: Plant, supply: Supply, t: float, h: float, state: PlantState) -> PlantState:
     """The state a time h (s) after t, by one step of the Runge-Kutta method."""
-    k_1 = rate(plant, supply, t, state)
-    k_2 = rate(plant, supply, t + 0.5 * h, moved(state, k_1, 0.5 * h))
-    k_3 = rate(plant, supply, t + 0.5 * h, moved(state, k_2, 0.5 * h))
-    k_4 = rate(plant, supply, t + h, moved(state, k_3, h))
+    n_p = plant.machine.n_p
+    start = turned(n_p * state.theta_m)
+    theta, half = state.theta_m, 0.5 * h
+    k_1 = rate(plant, supply, t, start, state)
+    at = moved(state, k_1, half)
+    k_2 = rate(plant, supply, t + half, start * turned_slightly(n_p * (at.theta_m - theta)), at)
+    at = moved(state, k_2, half)
+    k_3 = rate(plant, supply, t + half, start * turned_slightly(n_p * (at.theta_m - theta)), at)
+    at = moved(state, k_3, h)
+    k_4 = rate(plant, supply, t + h, start * turned_slightly(n_p * (at.theta_m - theta)), at)
     return moved(moved(moved(moved(state, k_1, h / 6.0), k_2, h / 3.0), k_3, h / 3.0), k_4, h / 6.0)
 
 

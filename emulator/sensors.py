@@ -6,7 +6,7 @@ from typing import NamedTuple
 from emulator.frames import TURN, clarke, phases
 from emulator.kernel import kernel
 from emulator.noise import gauss
-from emulator.physics.sensing import TRUE_ANGLE, TRUE_CURRENT, AngleSensing, CurrentSensing, read_angle
+from emulator.physics.sensing import AngleSensing, CurrentSensing, read_angle
 
 _PHASE_A, _PHASE_B, _PHASE_C = 1, 2, 3  # sources of noise
 
@@ -19,8 +19,8 @@ class Sensors(NamedTuple):
     adc_full: float  # A, the converter spans -adc_full to +adc_full
     encoder_counts: int  # counts per mechanical turn; 0 for an ideal one
     seed: int
-    current: CurrentSensing = TRUE_CURRENT
-    angle: AngleSensing = TRUE_ANGLE
+    current: CurrentSensing = CurrentSensing()
+    angle: AngleSensing = AngleSensing()
 
 
 class Sample(NamedTuple):

@@ -108,7 +108,7 @@ def _sampled(bench: Bench, plant: Plant, state: PlantState, u: complex, tick: in
     i, slope, skew = bridge_current(plant, state), 0j, longest_skew(bench.sensors.current)
     if skew > 0.0:
         # A switched bridge then holds its zero vector
-        later = stepped(plant, vector(0j if bench.bridge.switched else u), tick * bench.fixed.T_s, skew, state)
+        later = stepped(plant, vector(0j if bench.bridge.switched else u, bench.bridge.E), tick * bench.fixed.T_s, skew, state)
         slope = (bridge_current(plant, later) - i) / skew
     return sampled(bench.sensors, i, state.theta_m, tick, slope)
 
@@ -171,7 +171,7 @@ def simulated(
             bridge, plant = switched(bench.bridge, now, duties, known, t, T_s, bench.sub_steps, bridge, plant, room)
             u = voltage_of(duties, u_dc)
         else:
-            plant = advanced(now, vector(u * (bridge.u_dc / u_dc)), t, T_s, bench.sub_steps, plant)
+            plant = advanced(now, vector(u * (bridge.u_dc / u_dc), bridge.u_dc), t, T_s, bench.sub_steps, plant)
         plant = settled(now, t + T_s, plant)
         if bench.thermal.C_w > 0.0:
             heat = warmed(bench.thermal, heat, plant.W_copper - W_copper, plant.W_iron - W_iron, T_s)

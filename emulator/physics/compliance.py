@@ -21,9 +21,6 @@ class Compliance(NamedTuple):
     J_L: Annotated[float, Bound("kg m2", above=0.0)] = 8e-4  # of the load, beside the motor's J
 
 
-OFF = Compliance()
-
-
 def stored_energy(compliance: Compliance, twist: float) -> float:
     """Energy (J) of the spring."""
     return 0.5 * compliance.stiffness * twist**2

@@ -25,9 +25,6 @@ class DcLink(NamedTuple):
     frequency: Annotated[float, Bound("Hz", low=0.0, high=2000.0)] = 300.0
 
 
-OFF = DcLink()
-
-
 @kernel
 def charged(link: DcLink, E: float, u_dc: float, drawn: float, t: float, h: float) -> float:
     """u_dc (V) a time h (s) after t, in which the bridge drew so much charge (C). Exact for a steady source."""

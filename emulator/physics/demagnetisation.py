@@ -23,9 +23,6 @@ class Demagnetisation(NamedTuple):
     duration: Annotated[float, Bound("s", above=0.0)] = 2e-3
 
 
-OFF = Demagnetisation()
-
-
 @kernel
 def flux_factor(demagnetisation: Demagnetisation, t: float) -> float:
     """psi_f over that before, at a time (s)."""

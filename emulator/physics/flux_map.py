@@ -37,7 +37,7 @@ class FluxMap(NamedTuple):
     psi_f: float  # Vs, flux linkage without current
 
 
-NONE = FluxMap(0.0, 0.0, 1.0, 1.0, np.empty((0, 0)), 0.0)
+NO_MAP = FluxMap(0.0, 0.0, 1.0, 1.0, np.empty((0, 0)), 0.0)
 
 
 @kernel

@@ -25,14 +25,12 @@ class Friction(NamedTuple):
     omega_0: Annotated[float, Bound("rad/s", above=0.0)] = 0.5  # mechanical, width of the sign
 
 
-OFF = Friction()
-
-
 @kernel
 def torque(friction: Friction, omega_m: float) -> float:
     """Friction torque (Nm), against the speed (rad/s)."""
     coulomb, static, omega_s, omega_0 = friction
     if coulomb == 0.0 and static == 0.0:
         return 0.0
-    more = max(static - coulomb, 0.0) * math.exp(-((omega_m / omega_s) ** 2))
-    return (coulomb + more) * math.tanh(omega_m / omega_0)
+    if static > coulomb:
+        coulomb += (static - coulomb) * math.exp(-((omega_m / omega_s) ** 2))
+    return coulomb * math.tanh(omega_m / omega_0)

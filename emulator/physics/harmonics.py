@@ -28,6 +28,3 @@ class Harmonics(NamedTuple):
     q_12: Annotated[float, _SHARE] = 0.0
     inductance: Annotated[float, _SHARE] = 0.0  # of 1/L_q
     cogging: Annotated[float, Bound("Nm", low=0.0)] = 0.0  # amplitude
-
-
-OFF = Harmonics()

@@ -11,7 +11,6 @@ P. C. Krause et al., "Analysis of Electric Machinery and Drive Systems", 3rd ed.
 from typing import Annotated, NamedTuple
 
 from emulator.bounds import Bound
-from emulator.frames import turned
 from emulator.kernel import kernel
 
 _SHARE = Bound(low=-0.5, high=2.0)
@@ -24,9 +23,6 @@ class Imbalance(NamedTuple):
     a: Annotated[float, _SHARE] = 0.0
     b: Annotated[float, _SHARE] = 0.0
     c: Annotated[float, _SHARE] = 0.0
-
-
-OFF = Imbalance()
 
 
 @kernel
@@ -46,4 +42,4 @@ def share_of(imbalance: Imbalance, phase: int) -> float:
 @kernel
 def axis_of(phase: int) -> complex:
     """Direction of a phase's winding, 0, 1, 2 for a, b, c, in the stationary frame."""
-    return turned(2.0943951023931953 * phase)
+    return 1.0 + 0j if phase == 0 else _A4 if phase == 1 else _A2

@@ -29,9 +29,6 @@ class IronLoss(NamedTuple):
     lag: Annotated[float, Bound("s", low=2e-5, high=1e-2)] = 1e-4
 
 
-OFF = IronLoss()
-
-
 @kernel
 def resistance(iron: IronLoss, omega_e: float) -> float:
     """R_i (ohm) at an electrical speed (rad/s)."""

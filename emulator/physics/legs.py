@@ -36,9 +36,6 @@ class Inverter(NamedTuple):
     knee: Annotated[float, Bound("A", low=0.0)] = 0.0  # zero: a hundredth of the rated current
 
 
-OFF = Inverter()
-
-
 class Leg(NamedTuple):
     """What one leg holds: v = s u_dc - fixed - soft drop - r i, against the lower rail."""
 
@@ -54,7 +51,7 @@ class Supply(NamedTuple):
 
     vector: bool
     u: complex  # V, stationary, where it is a vector
-    u_dc: float  # V
+    u_dc: float  # V, of the dc link
     knee: float  # A
     a: Leg
     b: Leg
@@ -65,9 +62,15 @@ _NO_LEG = Leg(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @kernel
-def vector(u: complex) -> Supply:
-    """A supply that holds a stationary vector (V) whatever the current."""
-    return Supply(True, u, 0.0, 1.0, _NO_LEG, _NO_LEG, _NO_LEG)
+def vector(u: complex, u_dc: float) -> Supply:
+    """A supply without loss that holds a stationary vector (V) whatever the current, from a dc link of u_dc (V)."""
+    return Supply(True, u, u_dc, 1.0, _NO_LEG, _NO_LEG, _NO_LEG)
+
+
+@kernel
+def is_ideal(inverter: Inverter) -> bool:
+    """Legs hold what they are told, but for dead time."""
+    return inverter.u_transistor == 0.0 and inverter.u_diode == 0.0 and inverter.r_on == 0.0
 
 
 @kernel

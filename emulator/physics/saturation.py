@@ -30,9 +30,6 @@ class Saturation(NamedTuple):
     cross_drop: Annotated[float, _SHARE] = 0.0  # L_q at i_d = i_rated, no i_q
 
 
-OFF = Saturation()
-
-
 class Curve(NamedTuple):
     """What bends the lines from flux linkage to current."""
 
@@ -41,7 +38,7 @@ class Curve(NamedTuple):
     c: float  # A/Vs3
 
 
-def curve_of(sizes: Saturation, L_d: float, L_q: float, psi_f: float, i_rated: float) -> Curve:
+def saturation_curve(sizes: Saturation, L_d: float, L_q: float, psi_f: float, i_rated: float) -> Curve:
     """The curve whose inductances at no current are L_d and L_q (H), at a magnet flux psi_f (Vs).
 
     Raises ValueError naming the size that the machine cannot have: the energy would have no minimum.
@@ -85,7 +82,7 @@ def largest_drop(L_d: float, psi_f: float, i_rated: float) -> float:
     for _ in range(40):
         middle = 0.5 * (low + high)
         try:
-            curve_of(Saturation(L_d_drop=middle), L_d, L_d, psi_f, i_rated)
+            saturation_curve(Saturation(L_d_drop=middle), L_d, L_d, psi_f, i_rated)
             low = middle
         except ValueError:
             high = middle

@@ -54,9 +54,6 @@ class VoltageSensing(NamedTuple):
     offset: Annotated[float, Bound("V", low=-100.0, high=100.0)] = 0.0
 
 
-TRUE_CURRENT, TRUE_ANGLE, TRUE_VOLTAGE = CurrentSensing(), AngleSensing(), VoltageSensing()
-
-
 @kernel
 def longest_skew(sensing: CurrentSensing) -> float:
     """Of the three channels (s)."""

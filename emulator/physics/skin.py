@@ -23,21 +23,18 @@ class Skin(NamedTuple):
     frequency: Annotated[float, Bound("Hz", low=20.0, high=5000.0)] = 500.0
 
 
-OFF = Skin()
-
-
 @kernel
-def resistance(skin: Skin, R_s: float) -> float:
+def rung_resistance(skin: Skin, R_s: float) -> float:
     """R_x (ohm)."""
     return 2.0 * skin.rise * R_s
 
 
 @kernel
-def inductance(skin: Skin, R_s: float) -> float:
+def rung_inductance(skin: Skin, R_s: float) -> float:
     """L_x (H): with it the rung is halfway up at `frequency`."""
-    return resistance(skin, R_s) / (2.0 * math.pi * skin.frequency)
+    return rung_resistance(skin, R_s) / (2.0 * math.pi * skin.frequency)
 
 
 def stored_energy(skin: Skin, R_s: float, i_x: complex) -> float:
     """Magnetic energy (J) of the rung."""
-    return 0.75 * inductance(skin, R_s) * abs(i_x) ** 2
+    return 0.75 * rung_inductance(skin, R_s) * abs(i_x) ** 2

@@ -2,7 +2,7 @@
 
 *Stray voltage*, coupled in between bridge and motor, along one direction of the stationary frame:
 
-    u_s = amplitude cos(2 pi frequency t) exp(j direction)
+    u_s = amplitude cos(2 pi frequency t) (along_alpha + j along_beta)
 
 *Telegraph*: a voltage offset in the stationary frame that is there or not, by chance, for times of mean `dwell`:
 
@@ -31,7 +31,8 @@ class Stray(NamedTuple):
 
     amplitude: Annotated[float, Bound("V", low=0.0)] = 0.0
     frequency: Annotated[float, Bound("Hz", low=0.0, high=5000.0)] = 90.0
-    direction: Annotated[float, Bound("rad", low=-7.0, high=7.0)] = 0.0
+    along_alpha: Annotated[float, Bound(low=-1.0, high=1.0)] = 1.0  # direction in the stationary frame
+    along_beta: Annotated[float, Bound(low=-1.0, high=1.0)] = 0.0
 
 
 class Telegraph(NamedTuple):
@@ -50,13 +51,11 @@ class Resonance(NamedTuple):
     R: Annotated[float, Bound("ohm", low=0.0)] = 0.5
 
 
-NO_STRAY, NO_TELEGRAPH, NO_RESONANCE = Stray(), Telegraph(), Resonance()
-
-
 @kernel
 def stray_voltage(stray: Stray, t: float) -> complex:
     """u_s (V, stationary) at a time (s)."""
-    return stray.amplitude * math.cos(2.0 * math.pi * stray.frequency * t) * turned(stray.direction)
+    u = stray.amplitude * math.cos(2.0 * math.pi * stray.frequency * t)
+    return complex(u * stray.along_alpha, u * stray.along_beta)
 
 
 @kernel

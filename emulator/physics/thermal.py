@@ -35,9 +35,6 @@ class Thermal(NamedTuple):
     beta: Annotated[float, Bound("1/K", low=-0.01, high=0.0)] = -0.0011  # NdFeB
 
 
-OFF = Thermal()
-
-
 class Temperatures(NamedTuple):
     """Of the nodes, in degC."""
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulator.bounds import Bound
+from emulator.kernel import kernel
 from emulator.noise import uniform
 
 _LOST = 41  # source of noise
@@ -27,11 +28,11 @@ class Timing(NamedTuple):
     lost: Annotated[float, Bound(low=0.0, high=0.5)] = 0.0
 
 
-OFF = Timing()
-
-
+@kernel
 def kept(timing: Timing, seed: int, tick: int, periods: int) -> NDArray[np.bool_]:
     """Which of so many rows from a tick on a recording has."""
-    if timing.lost == 0.0:
-        return np.ones(periods, bool)
-    return np.array([uniform(seed, _LOST, n) >= timing.lost for n in range(tick, tick + periods)], bool)
+    has = np.ones(periods, np.bool_)
+    if timing.lost > 0.0:
+        for n in range(periods):
+            has[n] = uniform(seed, _LOST, tick + n) >= timing.lost
+    return has

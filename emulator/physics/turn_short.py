@@ -15,6 +15,7 @@ Shows as a current of twice the electrical frequency in the rotor frame that gro
 from typing import Annotated, NamedTuple
 
 from emulator.bounds import Bound
+from emulator.kernel import kernel
 
 _LAG = 1e-4  # s, time constant of the loop
 
@@ -27,9 +28,7 @@ class TurnShort(NamedTuple):
     phase: Annotated[int, Bound(low=0, high=2)] = 0  # 0, 1, 2: a, b, c
 
 
-OFF = TurnShort()
-
-
+@kernel
 def loop_inductance(short: TurnShort, R_s: float) -> float:
     """L_t (H)."""
     return _LAG * (short.R_t + short.share * R_s)
