@@ -60,9 +60,9 @@ def motor_from_table(table: Mapping[str, object], where: str) -> Machine:
     return from_table(Machine, (motor.machine._asdict() if motor else {}) | given, where)
 
 
-def drive_table(motor: Mapping[str, object], drive: Mapping[str, object], where: str) -> dict[str, object]:
+def drive_table(motor: Mapping[str, object], drive: Mapping[str, object]) -> dict[str, object]:
     """The section [drive], with the dc link and the control period that suit the motor named in the section [motor]."""
-    named = _named(motor, where)
+    named = MOTORS.get(str(motor.get("name")))
     return ({"u_dc": named.u_dc, "T_s": named.T_s} if named else {}) | dict(drive)
 
 

@@ -85,9 +85,9 @@ def test_a_name_gives_the_catalogues_numbers_and_what_else_is_given_counts() -> 
 
 def test_a_named_motor_brings_its_dc_link_and_control_period() -> None:
     named = {"name": "mini_cheetah"}
-    assert drive_table(named, {}, "x.toml: motor.") == {"u_dc": 24.0, "T_s": 5e-5}
-    assert drive_table(named, {"u_dc": 30, "adc_bits": 14}, "") == {"u_dc": 30, "T_s": 5e-5, "adc_bits": 14}
-    assert drive_table({"R_s": 1.0}, {"adc_bits": 14}, "") == {"adc_bits": 14}
+    assert drive_table(named, {}) == {"u_dc": 24.0, "T_s": 5e-5}
+    assert drive_table(named, {"u_dc": 30, "adc_bits": 14}) == {"u_dc": 30, "T_s": 5e-5, "adc_bits": 14}
+    assert drive_table({"R_s": 1.0}, {"adc_bits": 14}) == {"adc_bits": 14}
 
 
 @pytest.mark.parametrize(

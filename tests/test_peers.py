@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.peers.cases import AVERAGED, BAR, REFERENCES, SWITCHED, Case, errors, recorded
@@ -25,6 +26,18 @@ def test_under_the_same_references_both_drives_do_the_same() -> None:
     ours, _ = recorded(REFERENCES)
     found = errors(ours, under_references(REFERENCES, len(ours.t)))
     assert max(found.values()) < BAR, found
+
+
+def test_a_machine_told_to_the_peer_by_its_map_is_the_same_machine() -> None:
+    """With constant inductances; the way for one that saturates."""
+    motor = AVERAGED.scenario.motor
+
+    def current(psi: complex) -> complex:
+        return complex((psi.real - motor.psi_f) / motor.L_d, psi.imag / motor.L_q)
+
+    ours, voltages = recorded(AVERAGED, SOME)
+    told = replace(AVERAGED, current=np.vectorize(current), psi_0=complex(motor.psi_f))
+    assert max(errors(ours, under_voltages(told, voltages)).values()) < 1e-4 * BAR
 
 
 @pytest.mark.parametrize("other", [{"L_q": 0.98}, {"R_s": 1.2}, {"psi_f": 0.99}, {"J": 1.05}])
