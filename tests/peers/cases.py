@@ -55,7 +55,7 @@ class Case:
 
 
 def recorded(case: Case, periods: int = PERIODS) -> tuple[Course, Voltages]:
-    """What our drive does, and the voltages it says it set."""
+    """What our drive does, and the voltages it says it set. No drive records its torque: it is that of the currents."""
     scenario = case.scenario
     drive = VirtualDrive(scenario)
     recording = drive.record(periods)

@@ -12,7 +12,7 @@ from emulator.virtual_drive import VirtualDrive
 from tests.peers.cases import AVERAGED, PERIODS, REFERENCES, SWITCHED, Case, recorded
 from tests.peers.with_motulator import under_references, under_voltages
 
-_REPEATS = 5  # of ours, the best counts: one second takes it milliseconds
+_REPEATS = 5  # of ours, the best counts: a second takes it milliseconds, the others seconds
 
 
 def real_time_factors(periods: int = PERIODS) -> dict[str, float]:
