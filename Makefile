@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser test-vcan paper bench-estimator bench-links auto-window clean
+.PHONY: run test lint types arrows fast slow browser test-vcan paper peers bench-estimator bench-links auto-window clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -36,6 +36,9 @@ test-vcan: $(VENV)/.dev ## CANopen over SocketCAN, in an emulated machine (Debia
 paper: $(VENV)/.dev ## the published experiment, reproduced: table and figures in build/paper
 	$(BIN)/python -m tests.paper
 
+peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-motor: tables and figure in build/peers
+	$(BIN)/python -m tests.peers
+
 $(VENV)/.run: pyproject.toml .ci/constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pmsm-bench needs Python 3.11 or later, got " + sys.version.split()[0])'
 	@echo "installing into $(VENV): about half a minute"
@@ -45,7 +48,7 @@ $(VENV)/.run: pyproject.toml .ci/constraints.txt
 
 $(VENV)/.dev: $(VENV)/.run
 	@echo "installing the tools of the checks"
-	@$(PIP) --editable ".[dev]"
+	@$(PIP) --editable ".[dev,peers]"
 	@touch $@
 
 bench-estimator: $(VENV)/.dev ## the estimator's speed beside its peers and a C loop (needs gcc)

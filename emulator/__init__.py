@@ -10,6 +10,7 @@
   a TCP port; `clock` - real time; `link` - a server at a URL, opened again where it goes; `faults` - what befalls it
 * `modbus_server` - a Modbus unit over it, with `modbus_frames`, `modbus_registers`; `row_ring` - the latest rows
 * `scenarios`, `bounds` - what is emulated, from TOML or built in, and what it may be
+* `motors` - twelve motors as published
 * `frames`, `noise`, `kernel` - space vectors, random numbers, compilation
 
 Shares no line with `estimator`: an estimator proven on its own equations proves nothing.
