@@ -1,6 +1,6 @@
 """Scenarios: what is emulated - motor, drive, run, excitation - built in or from a TOML file.
 
-    [motor]       R_s, L_d, L_q, psi_f, n_p, i_rated, J, B      all at 23.4 degC
+    [motor]       R_s, L_d, L_q, psi_f, n_p, i_rated, J, B      all at 23.4 degC; or name, see `motors`
     [drive]       see `Drive`
     [run]         see `Run`
     [excitation]  see `Excitation`
@@ -28,6 +28,7 @@ from emulator.effects import NONE, Effects, check_effects, effects_from_table
 from emulator.inverter import longest
 from emulator.machine import COLDEST, HOTTEST, TABLE_TEMPERATURES, Machine, at_temperature
 from emulator.mechanics import Profile
+from emulator.motors import drive_table, motor_from_table
 
 SHAFTS = ("dynamometer", "free")
 BRIDGES = ("averaged", "switched")
@@ -148,8 +149,9 @@ def parse(text: str, name: str, folder: Path = Path()) -> Scenario:
             raise ScenarioError(f"{name}: {key} takes a section, got {value!r}")
     if "motor" not in document:
         raise ScenarioError(f"{name}: the section motor is missing; it has no default")
-    motor = from_table(Machine, document["motor"], f"{name}: motor.")
-    drive = from_table(Drive, _suited(motor, document.get("drive", {})), f"{name}: drive.")
+    motor = motor_from_table(document["motor"], f"{name}: motor.")
+    given = drive_table(document["motor"], document.get("drive", {}))
+    drive = from_table(Drive, _suited(motor, given), f"{name}: drive.")
     run = from_table(Run, document.get("run", {}), f"{name}: run.")
     excitation = from_table(Excitation, document.get("excitation", {}), f"{name}: excitation.")
     effects = effects_from_table(document.get("effects", {}), f"{name}: effects.", folder)

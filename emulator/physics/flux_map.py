@@ -154,7 +154,7 @@ def without_current(flux_map: FluxMap, near: float) -> float:
         psi -= step
         if abs(step) < 1e-14:
             break
-    return psi
+    return float(psi)
 
 
 def hessian(flux_map: FluxMap, psi: complex) -> tuple[float, float, float]:
