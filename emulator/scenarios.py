@@ -136,7 +136,7 @@ def load(path: Path) -> Scenario:
 
 
 def parse(text: str, name: str, folder: Path = Path()) -> Scenario:
-    """The scenario in a TOML text that is called `name` in sentences; its files are in `folder`. Raises ScenarioError."""
+    """The scenario in a TOML text, called `name` in sentences, whose files are in `folder`. Raises ScenarioError."""
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -172,6 +172,38 @@ def check(scenario: Scenario) -> None:
     for section, record in (("motor", motor), ("drive", drive), ("run", run), ("excitation", excitation)):
         check_bounds(record, f"{name}: {section}.")
 
+    _check_choices(scenario)
+    _check_steps(scenario)
+
+    i_d = abs(excitation.i_d_ref) + excitation.i_d_step
+    i_q = abs(excitation.i_q_ref) + excitation.i_q_step
+    if math.hypot(i_d, i_q) > drive.i_max:
+        raise ScenarioError(
+            f"{name}: excitation takes references up to drive.i_max = {drive.i_max:g} A, "
+            f"got up to {math.hypot(i_d, i_q):.4g} A with the steps"
+        )
+
+    rpm = max(abs(run.speed_rpm), abs(run.speed_rpm + run.rise_rpm)) + run.swing_rpm
+    omega_e = motor.n_p * rpm * _RPM
+    T_s = drive.T_s
+    if omega_e * T_s > 1.0:
+        fastest = 1.0 / (T_s * motor.n_p * _RPM)
+        raise ScenarioError(
+            f"{name}: run.speed_rpm takes at most {fastest:.5g} rpm at T_s = {T_s:g} s, got up to {rpm:g} rpm"
+        )
+    hot = at_temperature(motor, max((T for _, T in run.temperature_profile), default=run.temperature))
+    u_d = hot.R_s * i_d + omega_e * hot.L_q * i_q
+    u_q = hot.R_s * i_q + omega_e * (hot.L_d * i_d + hot.psi_f)
+    if math.hypot(u_d, u_q) > longest(drive.u_dc):
+        lowest = drive.u_dc * math.hypot(u_d, u_q) / longest(drive.u_dc)
+        raise ScenarioError(
+            f"{name}: drive.u_dc takes at least {lowest:.4g} V for {rpm:g} rpm and these currents, got {drive.u_dc:g} V"
+        )
+
+
+def _check_choices(scenario: Scenario) -> None:
+    """What cannot be chosen, or not together."""
+    name, drive, run = scenario.name, scenario.drive, scenario.run
     if run.shaft not in SHAFTS:
         raise ScenarioError(f"{name}: run.shaft takes {' or '.join(SHAFTS)}, got {run.shaft!r}")
     if drive.bridge not in BRIDGES:
@@ -187,7 +219,15 @@ def check(scenario: Scenario) -> None:
         raise ScenarioError(
             f"{name}: run.temperature takes no value beside run.temperature_profile, got {run.temperature:g}"
         )
+    if run.temperature_profile and scenario.effects.thermal.C_w > 0.0:
+        raise ScenarioError(f"{name}: run.temperature_profile takes no points beside effects.thermal")
+    if drive.overmodulation and drive.bridge != "switched":
+        raise ScenarioError(f"{name}: drive.overmodulation takes drive.bridge = 'switched', got {drive.bridge!r}")
 
+
+def _check_steps(scenario: Scenario) -> None:
+    """What is too fast for the control period or the integration's step."""
+    name, motor, drive = scenario.name, scenario.motor, scenario.drive
     T_s = drive.T_s
     h, shortest = T_s / drive.sub_steps, min(motor.L_d, motor.L_q) / motor.R_s
     if h > shortest / 2.0:
@@ -196,37 +236,9 @@ def check(scenario: Scenario) -> None:
             f"{shortest:g} s, got {h:g} s"
         )
     check_effects(scenario.effects, motor, T_s, h, drive.bridge == "switched", f"{name}: effects.")
-    if scenario.effects.thermal.C_w > 0.0 and run.temperature_profile:
-        raise ScenarioError(f"{name}: run.temperature_profile takes no points beside effects.thermal, which has its own")
-    if drive.overmodulation and drive.bridge != "switched":
-        raise ScenarioError(f"{name}: drive.overmodulation takes drive.bridge = 'switched', got {drive.bridge!r}")
     if drive.bandwidth * T_s > 0.5:
         raise ScenarioError(
             f"{name}: drive.bandwidth takes at most {0.5 / T_s:g} rad/s at T_s = {T_s:g} s, got {drive.bandwidth:g}"
-        )
-
-    i_d = abs(excitation.i_d_ref) + excitation.i_d_step
-    i_q = abs(excitation.i_q_ref) + excitation.i_q_step
-    if math.hypot(i_d, i_q) > drive.i_max:
-        raise ScenarioError(
-            f"{name}: excitation takes references up to drive.i_max = {drive.i_max:g} A, "
-            f"got up to {math.hypot(i_d, i_q):.4g} A with the steps"
-        )
-
-    rpm = max(abs(run.speed_rpm), abs(run.speed_rpm + run.rise_rpm)) + run.swing_rpm
-    omega_e = motor.n_p * rpm * _RPM
-    if omega_e * T_s > 1.0:
-        fastest = 1.0 / (T_s * motor.n_p * _RPM)
-        raise ScenarioError(
-            f"{name}: run.speed_rpm takes at most {fastest:.5g} rpm at T_s = {T_s:g} s, got up to {rpm:g} rpm"
-        )
-    hot = at_temperature(motor, max((T for _, T in run.temperature_profile), default=run.temperature))
-    u_d = hot.R_s * i_d + omega_e * hot.L_q * i_q
-    u_q = hot.R_s * i_q + omega_e * (hot.L_d * i_d + hot.psi_f)
-    if math.hypot(u_d, u_q) > longest(drive.u_dc):
-        lowest = drive.u_dc * math.hypot(u_d, u_q) / longest(drive.u_dc)
-        raise ScenarioError(
-            f"{name}: drive.u_dc takes at least {lowest:.4g} V for {rpm:g} rpm and these currents, got {drive.u_dc:g} V"
         )
 
 

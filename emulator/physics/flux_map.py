@@ -62,7 +62,7 @@ def _slopes(x: float) -> tuple[float, float, float, float]:
 @kernel
 def _cell(psi: float, start: float, step: float, cells: int) -> tuple[int, float]:
     x = (psi - start) / step
-    n = min(max(int(math.floor(x)), 0), cells - 1)
+    n = min(max(math.floor(x), 0), cells - 1)
     return n, x - n
 
 
