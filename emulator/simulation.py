@@ -88,7 +88,7 @@ def simulated(
         t = tick * T_s
         # The period: the voltage computed one period ago is applied while the next is computed
         u, known = limited(firmware.u_next, u_dc), firmware.powered
-        firmware = computed(bench.fixed, settings, firmware, sample, t)
+        firmware = computed(bench.fixed, settings, firmware, sample, u_dc, t)
         machine = machine_at(bench.machine, bench.course, t + 0.5 * T_s)
         if bench.bridge.switched:
             duties = modulated(u, u_dc, bench.bridge.timer_counts)

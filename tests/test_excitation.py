@@ -21,7 +21,7 @@ HELD = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
 
 def with_excitation(scenario: Scenario, **given: float) -> Scenario:
     """The scenario under other currents."""
-    return replace(scenario, excitation=Excitation(**given))
+    return replace(scenario, excitation=replace(Excitation(), **given))
 
 
 def at_speed(scenario: Scenario, rpm: float) -> Scenario:
