@@ -102,8 +102,8 @@ def _peaks() -> NDArray[np.float64]:
     peaks = np.empty((2, MOST_SINES))
     for first in (1, 2):
         for count in range(1, MOST_SINES + 1):
-            n = np.arange(count)[:, None]
-            sines = np.cos((first + 2 * n) * angle - np.pi * n * (n + 1) / count)
+            n = np.arange(1, count + 1)[:, None]
+            sines = np.cos((first + 2 * (n - 1)) * angle - np.pi * n**2 / count)
             peaks[first - 1, count - 1] = np.abs(sines.sum(axis=0)).max()
     return peaks
 
@@ -118,8 +118,8 @@ def multisine(first: int, count: int, frequency: float, t: float) -> float:
     `first`: 1 or 2. Its peaks are 1.
     """
     angle, total = 2.0 * math.pi * frequency * t, 0.0
-    for n in range(count):
-        total += math.cos((first + 2 * n) * angle - math.pi * n * (n + 1) / count)
+    for n in range(1, count + 1):
+        total += math.cos((first + 2 * (n - 1)) * angle - math.pi * n**2 / count)
     return total / _PEAKS[first - 1, count - 1]
 
 

@@ -254,7 +254,7 @@ class VirtualDrive:
         if signal.name in ("speed_ref", "speed_step"):
             fastest, most = abs(present["speed_ref"]) + present["speed_step"], 1.0 / self.T_s
             if fastest > most:
-                raise ValueError(f"{signal} takes speeds up to {most:g} rad/s, 1 rad a period, got up to {fastest:g}")
+                raise ValueError(f"{signal} takes speeds up to {most:g} rad/s, 1 rad a period, got up to {fastest:.5g}")
         if signal.name in ("sine_frequency", "sine_count"):
             highest, most = highest_sine(present["sine_frequency"], present["sine_count"]), FASTEST_SINE / self.T_s
             if highest > most:
