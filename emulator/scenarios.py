@@ -13,6 +13,18 @@ sentence that names file, key, bound and what came. A winding that warms up with
     [drive]
     bridge = "switched"                                  # or "averaged", which is faster
     timer_counts = 5000
+
+A speed above the base speed that a bench commands, and another excitation; both may be changed by signals:
+
+    [run]
+    shaft = "free"
+    speed_control = true
+    speed_reference = "ramp"                             # or "profile": speed_rpm and what follows it
+    [drive]
+    field_weakening = true
+    [excitation]
+    speed_ref = 1600.0                                   # rad/s, electrical
+    kind = "multisine"                                   # or "none", "levels", "prbs", "staircase"
 """
 
 import math
@@ -289,15 +301,16 @@ def _suited(motor: Machine, table: Mapping[str, Any]) -> dict[str, Any]:
     u_dc = table.get("u_dc", 310.0)
     if not isinstance(u_dc, int | float) or not u_dc > 0.0:
         return dict(table)  # its own error comes first
+    i_max = table.get("i_max", 2.0 * motor.i_rated)
     return {
-        "i_max": 2.0 * motor.i_rated,
+        "i_max": i_max,
         "adc_full": 3.0 * motor.i_rated,
         "i_full": 4.0 * motor.i_rated,
         "u_full": 1.25 * u_dc,
         "omega_full": 2.0 * longest(u_dc) / motor.psi_f,  # twice the no-load speed
         "overvoltage_trip": 1.2 * u_dc,
         "undervoltage_trip": 0.6 * u_dc,
-        "i_d_weakening": motor.i_rated,
+        "i_d_weakening": min(motor.i_rated, i_max) if isinstance(i_max, int | float) else motor.i_rated,
         **table,
     }
 

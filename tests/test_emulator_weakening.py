@@ -8,7 +8,7 @@ import pytest
 
 from emulator.bounds import ScenarioError
 from emulator.inverter import longest
-from emulator.scenarios import PAPER, Excitation, Run, Scenario, check
+from emulator.scenarios import PAPER, Excitation, Run, Scenario, check, drive_for
 from emulator.virtual_drive import VirtualDrive
 
 MOTOR = PAPER.motor
@@ -127,5 +127,6 @@ def test_a_scenario_is_refused_where_the_voltage_suffices_with_it_alone() -> Non
     faster = replace(run, speed_rpm=1.3 * run.speed_rpm)
     with pytest.raises(ScenarioError, match=r"x: drive\.u_dc takes at least 349"):
         check(replace(scenario, drive=replace(PAPER.drive, field_weakening=True), run=faster))
+    assert drive_for(MOTOR, i_max=3.0).i_d_weakening == 3.0
     with pytest.raises(ScenarioError, match=r"x: drive\.i_d_weakening takes at most drive\.i_max = 12 A, got 13 A"):
         check(replace(scenario, drive=replace(PAPER.drive, i_d_weakening=13.0)))

@@ -57,6 +57,15 @@ def test_without_current_nothing_but_psi_f_is_told(noise: bool) -> None:
     assert all(result.estimates[name].value is None for name in ("R_s", "L_d", "L_q"))
 
 
+@pytest.mark.parametrize("kind", ["levels", "prbs", "multisine", "staircase"])
+def test_every_sequence_of_the_drive_lets_all_four_be_told(kind: str) -> None:
+    excitation = replace(PAPER.excitation, kind=kind, level_time=0.02)
+    result = window(replace(PAPER, excitation=excitation))
+    for name, estimate in result.estimates.items():
+        assert estimate.status is Status.OK
+        assert estimate.value == pytest.approx(HELD[name], rel=3e-3)
+
+
 def test_with_i_d_controlled_to_zero_the_little_that_is_known_of_L_d_comes_with_a_wide_interval() -> None:
     estimate = window(with_excitation(PAPER, i_q_ref=2.0, i_q_step=3.0)).estimates["L_d"]
     assert estimate.value is not None and estimate.std is not None
