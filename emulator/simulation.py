@@ -178,7 +178,7 @@ def simulated(
         u, known = firmware.u_next, firmware.powered
         if bench.timing.delay > 0:
             u, u_waiting = u_waiting, u
-        firmware = computed(bench.fixed, settings, firmware, sample, t)
+        firmware = computed(bench.fixed, settings, firmware, sample, u_dc, t)
         if bench.telegraph.amplitude > 0.0:
             telegraph = keyed(bench.telegraph, telegraph, T_s, bench.fixed.seed, tick)
         was, machine = machine, machine_now(bench, t + 0.5 * T_s, heat)

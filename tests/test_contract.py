@@ -14,7 +14,7 @@ from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import ConnectError, FaultError, LostError, RefusedError
 from drivers.wire.canopen_od import Abort
-from drivers.wire.cia402 import COMMUNICATION, OVERCURRENT, State, error_text
+from drivers.wire.cia402 import COMMUNICATION, OVERCURRENT, SPEED_ERROR, State, error_text
 from drivers.wire.dictionary import SIGNALS, layout_id
 from drivers.wire.uart_frame import WRONG_VALUE
 from emulator.scenarios import PAPER
@@ -63,7 +63,8 @@ def test_every_signal_can_be_read(drive: Drive) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("i_q_ref", 1.25), ("bandwidth", 1000.0), ("control_L_q", 0.0061), ("stream_periods", 200.0)]
+    ("name", "value"), [("i_q_ref", 1.25), ("bandwidth", 1000.0), ("control_L_q", 0.0061), ("stream_periods", 200.0),
+     ("field_weakening", 1.0), ("speed_ref", -250.0), ("sine_count", 16.0), ("i_d_levels", 7.0), ("level_time", 0.25)]
 )
 def test_a_written_value_is_read_back_the_same(drive: Drive, name: str, value: float) -> None:
     before = drive.read(name)
@@ -311,6 +312,30 @@ def test_a_fault_of_the_drive_is_told_and_left_by_a_reset_alone(drive: Drive) ->
     operation.reset_fault(drive)
     assert operation.state(drive) is State.SWITCH_ON_DISABLED
     assert operation.fault(drive) is None
+    operation.enable(drive)
+    assert operation.state(drive) is State.OPERATION_ENABLED
+
+
+def test_a_sequence_of_excitation_that_is_commanded_is_what_the_stream_shows(drive: Drive) -> None:
+    operation.enable(drive)
+    drive.write("stream_periods", 20.0)
+    settings = {"i_d_step": 2.0, "i_q_step": 2.0, "step_time": 0.02, "i_d_levels": 2.0, "level_time": 0.02}
+    with listening(drive) as listener, parameters(drive, **settings):
+        for kind, fewest, most in ((0.0, 0.0, 0.1), (2.0, 3.8, 4.6), (3.0, 3.0, 4.2), (4.0, 3.8, 4.6)):
+            with parameters(drive, excitation_kind=kind):
+                pass_time(0.05)  # the step to the sequence is over
+                begin = listener.rows
+                until(lambda begin=begin: listener.rows > begin + 200, "no rows")
+                assert fewest <= np.ptp(joined(listener.blocks, "i_d")[begin:]) <= most, kind
+    assert listener.error is None
+
+
+def test_a_speed_that_does_not_follow_is_a_fault_of_its_own(drive: Drive) -> None:
+    operation.enable(drive)
+    with parameters(drive, speed_error_time=0.02, speed_error_trip=50.0, speed_ref=0.0, speed_control=1.0):
+        until(lambda: operation.state(drive) is State.FAULT, "it never trips")  # a dynamometer turns its shaft
+        assert operation.fault(drive) == operation.Fault(SPEED_ERROR, "the speed does not follow its reference")
+    operation.reset_fault(drive)
     operation.enable(drive)
     assert operation.state(drive) is State.OPERATION_ENABLED
 
