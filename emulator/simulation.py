@@ -56,7 +56,6 @@ class Bench(NamedTuple):
     bridge: Bridge
     sub_steps: int  # integration steps per control period
     moves: bool  # magnets or inductances move, which takes energy
-    overmodulates: bool  # voltages beyond the linear range are tried
 
 
 class State(NamedTuple):
@@ -133,7 +132,7 @@ def started(bench: Bench, n_p: int, psi_f: float, powered: bool, temperature: fl
 def _duties(bench: Bench, u: complex, u_dc: float) -> Duties:
     """What the modulator makes of a stationary voltage (V)."""
     shortest = bench.bridge.inverter.min_pulse / bench.fixed.T_s
-    return modulated(u if bench.overmodulates else limited(u, u_dc), u_dc, bench.bridge.timer_counts, shortest)
+    return modulated(u if bench.fixed.overmodulates else limited(u, u_dc), u_dc, bench.bridge.timer_counts, shortest)
 
 
 @kernel
