@@ -54,7 +54,7 @@ def test_dead_time_takes_its_share_of_the_dc_link_against_every_phases_current(d
 
 
 def test_dead_time_draws_the_harmonics_of_a_square_wave() -> None:
-    """sign(cos x) = 4/pi (cos x - 1/3 cos 3x + 1/5 cos 5x - 1/7 cos 7x ...): 5 and 11 turn backwards, 7 and 13 forwards."""
+    """sign(cos x) = 4/pi (cos x - 1/3 cos 3x + 1/5 cos 5x - 1/7 cos 7x ...): 5 and 11 turn back, 7 and 13 on."""
     dead_time, i = 2e-6, 10j
     inverter = Inverter(dead_time)
     scenario = switched(with_effects(motor=ROUND, i_dq=i, run=at(20.0), drive={"bandwidth": 4e3}, inverter=inverter))
