@@ -34,6 +34,7 @@ _BUS_ERRORS = (can.CanError, OSError, RuntimeError, AttributeError)  # the last 
 
 # What an SDO answer is (CiA 301, 7.2.4.3): the upper three bits of its first byte
 _SEGMENT, _UPLOADED, _DOWNLOADED, _ABORTED, _BLOCK_DOWNLOAD, _BLOCK_UPLOAD = 0, 2, 3, 4, 5, 6
+_SPOILT = (od.Abort.TOGGLE, od.Abort.SEQUENCE, od.Abort.CRC)  # said of frames lost, late or twice: nothing is refused
 
 # python-can's socketcand client logs a line per partial frame; canopen logs what arrives here as exceptions.
 logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)
@@ -183,6 +184,8 @@ class CanopenBus:
                 code = error.code
                 if code == od.Abort.TIME_OUT:
                     raise NoReplyError(f"{self.node} waited too long for the rest of {where}") from None
+                if code in _SPOILT:
+                    raise FrameError(f"{self.node} gave up {where} with SDO abort 0x{code:08X}: {error}") from None
                 raise RefusedError(f"{self.node} answered SDO abort 0x{code:08X} to {where}: {error}", code) from None
             except canopen.SdoCommunicationError as error:
                 self._abort(kind, index, subindex)
