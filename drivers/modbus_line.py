@@ -3,14 +3,15 @@
 Requests are one at a time, in the order in which threads come. The library times out by itself and is never
 interrupted. After a time-out a late answer may still be under way: a TCP connection is made anew, a serial line is read
 until it is silent, and whatever comes later is told by its function, by its size, and, in the window, by the request's
-number: every value is read through the window. What is only read is asked again when no answer comes; what is written,
-never.
+number and by where it begins: every value is read through the window. What is only read is asked again when no answer
+comes; what is written, never.
 
 Knows nothing of signals.
 """
 
 import contextlib
 import logging
+import random
 import socket
 import struct
 import threading
@@ -32,6 +33,7 @@ from drivers.wire.modbus_map import (
     REGISTERS,
     REQUEST,
     REQUEST_FORMAT,
+    ROWS,
     WINDOW,
     WINDOW_LENGTH,
     WRITE,
@@ -62,7 +64,7 @@ class ModbusLine:
         self.closed = threading.Event()  # set from the first `close` on
         self._url = url
         self._turns = Turns()
-        self._number = 0  # of the latest request in the window
+        self._number = random.getrandbits(16)  # of the latest request in the window; those of clients before are others
         self._received = b""  # since the latest request
         self._gone = False  # there is no line any more
         try:
@@ -119,9 +121,13 @@ class ModbusLine:
             read_address=WINDOW, read_count=count, write_address=REQUEST, values=request, device_id=self._url.unit,
         ))
         words = self._registers(READ_WRITE, count, answer)
+        window = Window.of(words)
         if words[:2] != request[:2]:
             raise FrameError(f"{self.unit} answered request {words[0]}, expected {request[0]}, for {what}")
-        return Window.of(words)
+        if words[2:4] != request[2:4] and window.kind != ROWS:  # rows that are gone are followed by those there are
+            expected = request[2] << 16 | request[3]
+            raise FrameError(f"{self.unit} answered from {window.first} on, expected {expected}, for {what}")
+        return window
 
     def _written(self, address: int, words: Sequence[int], what: str) -> None:
         answer = self._execute(

@@ -28,6 +28,7 @@ from drivers.wire import modbus_map as registers
 from drivers.wire.cia402 import State
 from drivers.wire.codec import count_size
 from drivers.wire.dictionary import SIGNALS, layout_id, signal_named
+from drivers.wire.modbus_url import parse_modbus_url
 from emulator.faults import Faults, parse_fault
 from emulator.row_ring import CAPACITY
 from tests.conftest import free_port
@@ -356,6 +357,32 @@ def soon(drive: Drive) -> bool:
         return drive.read("u_full") == 387.5
     except (NoReplyError, FrameError):
         return False
+
+
+def test_an_answer_of_the_same_number_that_is_of_another_register_is_no_value() -> None:
+    """As it was asked for by a client before this one, which counts its requests, too."""
+    i_full, u_full = (registers.address_of(signal_named(name)) for name in ("i_full", "u_full"))
+
+    def of_the_other(answer: bytes) -> bytes:
+        return answer.replace(struct.pack(">I", u_full), struct.pack(">I", i_full)).replace(
+            struct.pack(">f", 387.5), struct.pack(">f", 24.0)
+        )
+
+    with served(tcp_url()) as bench, connect(bench.url) as drive:
+        bench.server.faults = Disturbed(1000, change=of_the_other)
+        with pytest.raises(FrameError, match=rf"answered from {i_full} on, expected {u_full}, for .*\(u_full\)"):
+            drive.read("u_full")
+        bench.server.faults = Faults()
+        assert drive.read("u_full") == 387.5
+
+
+def test_no_two_clients_number_their_requests_alike(bench: Served) -> None:
+    def number() -> list[int]:
+        with contextlib.closing(modbus_line.ModbusLine(parse_modbus_url(bench.url))) as line:
+            line.window(registers.REGISTERS, registers.address_of(signal_named("T_s")), 2, "T_s")
+            return line.read(registers.REQUEST, 1)
+
+    assert len({number()[0] for _ in range(4)}) > 1
 
 
 @pytest.mark.usefixtures("impatient")
