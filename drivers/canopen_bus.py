@@ -15,6 +15,7 @@ from typing import Any, cast
 
 import can
 import canopen
+from can.util import cast_from_string
 from canopen.network import MessageListener
 from canopen.sdo.client import SdoClient
 
@@ -224,7 +225,7 @@ class _Listener(MessageListener):
 
 
 def _open(url: CanUrl, closed: threading.Event) -> canopen.Network:
-    options: dict[str, Any] = dict(url.options)
+    options: dict[str, Any] = {key: cast_from_string(text) for key, text in url.options.items()}
     if url.host is not None:
         check_served(url.host, url.port or 0, url.channel)
         options |= {"host": url.host, "port": url.port, "tcp_tune": True}
