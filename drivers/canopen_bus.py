@@ -31,6 +31,7 @@ EXPEDITED = 4  # bytes; longer downloads go by blocks
 _BACKLOG = 4 << 20  # bytes of frames that may wait in the kernel for a reader that is held up; it may grant less
 _NO_FRAME = 0.1  # s, after which a reader that was woken for a frame that is not there goes on
 _GONE = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO)  # what an interface that is down, or no more, answers
+_SHOWN = 200  # characters of the library's words in a message
 _BUS_ERRORS = (can.CanError, OSError, RuntimeError, AttributeError)  # the last two: closed meanwhile
 
 # What an SDO answer is (CiA 301, 7.2.4.3): the upper three bits of its first byte
@@ -185,7 +186,7 @@ class CanopenBus:
                 code = error.code
                 if code == od.Abort.TIME_OUT:
                     raise NoReplyError(f"{self.node} waited too long for the rest of {where}") from None
-                if code in _SPOILT:
+                if code in _SPOILT or (code == od.Abort.COMMAND and kind == _BLOCK_UPLOAD):
                     raise FrameError(f"{self.node} gave up {where} with SDO abort 0x{code:08X}: {error}") from None
                 raise RefusedError(f"{self.node} answered SDO abort 0x{code:08X} to {where}: {error}", code) from None
             except canopen.SdoCommunicationError as error:
@@ -253,4 +254,5 @@ def _prepare(bus: can.BusABC | None) -> None:
 
 def _first_line(error: BaseException) -> str:
     text = (str(error) or type(error).__name__).splitlines()[0]
-    return text.partition(" Traceback")[0].rstrip()  # python-can appends one to its own sentence
+    text = text.partition(" Traceback")[0].rstrip()  # python-can appends one to its own sentence
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."  # and quotes all that has come

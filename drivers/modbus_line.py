@@ -50,6 +50,7 @@ _QUIET: Final = 0.05  # s without a byte: nothing more is under way
 _DRAIN: Final = 1.0  # s, at most, until a line is silent
 _LONGEST: Final = 280  # bytes of a request and its answer
 _BITS: Final = 11  # of a character on the line
+_SHOWN: Final = 24  # bytes of an answer in a message
 
 T = TypeVar("T")
 
@@ -134,12 +135,12 @@ class ModbusLine:
             WRITE, what, lambda: self._client.write_registers(address, list(words), device_id=self._url.unit)
         )
         if (answer.function_code, answer.address, answer.count) != (WRITE, address, len(words)):
-            raise FrameError(f"{self.unit} answered a write to {what} with {self._received.hex(' ')}")
+            raise FrameError(f"{self.unit} answered a write to {what} with {_bytes(self._received)}")
 
     def _registers(self, function: int, count: int, answer: ModbusPDU) -> list[int]:
         if answer.function_code != function or len(answer.registers) != count:
             raise FrameError(
-                f"{self.unit} answered with {self._received.hex(' ')}, "
+                f"{self.unit} answered with {_bytes(self._received)}, "
                 f"expected {count} registers by function {function}"
             )
         return list(answer.registers)
@@ -168,7 +169,8 @@ class ModbusLine:
             raise LostError(f"{self.unit} is gone: the line has ended") from None
         except (ModbusException, ValueError, LookupError, struct.error):  # the last three: answers that cannot be
             if self._received:
-                raise FrameError(f"{self.unit} answered for {what} with {self._received.hex(' ')}") from None
+                came = _bytes(self._received)
+                raise FrameError(f"{self.unit} answered for {what} with what is no Modbus: {came}") from None
             raise NoReplyError(f"{self.unit} did not answer for {what} within {_timeout(self._url):g} s") from None
         if answer.isError():
             code = cast(Any, answer).exception_code
@@ -283,6 +285,12 @@ def _timeout(url: ModbusUrl) -> float:
 
 def _at(url: ModbusUrl) -> str:
     return f"{'at' if isinstance(url.place, TcpPlace) else 'on'} {url.place}"
+
+
+def _bytes(data: bytes) -> str:
+    """As a sentence has them: not by the thousand."""
+    more = f" ... ({len(data)} bytes)" if len(data) > _SHOWN else ""
+    return data[:_SHOWN].hex(" ") + more
 
 
 def _first_line(error: BaseException) -> str:

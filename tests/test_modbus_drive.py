@@ -615,6 +615,15 @@ def test_no_answer_breaks_a_client_or_becomes_a_drive(data: st.DataObject) -> No
 
 
 @pytest.mark.usefixtures("impatient")
+def test_an_answer_without_an_end_is_told_by_how_it_begins() -> None:
+    with contextlib.closing(Liar(lambda request: request[:4] + b"\0\5\1" + bytes(50_000))) as liar:
+        told = pytest.raises(ConnectError, match=r"with what is no Modbus: \w\w( \w\w){23} \.\.\. \(\d+ bytes\)$")
+        with told as caught:
+            connect(f"modbus+tcp://127.0.0.1:{liar.port}/1")
+    assert len(str(caught.value)) < 250
+
+
+@pytest.mark.usefixtures("impatient")
 @given(noise=st.binary(min_size=1, max_size=80))
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_bytes_on_a_serial_line_break_a_client(noise: bytes) -> None:
