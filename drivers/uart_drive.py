@@ -55,6 +55,7 @@ class UartDrive:
         self._url = url
         self._full: FullScales = {}
         self._decoder = uf.Decoder()
+        self._bytes = 0  # that have come
         self._sequence = random.getrandbits(16)  # replies to a client before this one are none of its own
         self._send_lock = threading.Lock()
         self._sent = time.monotonic()
@@ -204,9 +205,9 @@ class UartDrive:
         seen, waited = self.seen, ATTEMPTS * REPLY_TIMEOUT
         if seen.frames:
             return f"{seen.frames} frames came from {self._url} within {waited:g} s, but none is a drive's identity"
-        if seen.bytes_dropped:
+        if self._bytes:
             return (
-                f"no drive answered at {self._url}: {seen.bytes_dropped} bytes came within {waited:g} s, "
+                f"no drive answered at {self._url}: {self._bytes} bytes came within {waited:g} s, "
                 "but no frame; it is another device, or its baud rate is another"
             )
         return f"no drive answered at {self._url} within {waited:g} s: nothing came"
@@ -353,7 +354,9 @@ class UartDrive:
     def _listen(self) -> None:
         try:
             while not self._deaf.is_set():
-                for frame in self._decoder.feed(self._received()):
+                data = self._received()
+                self._bytes += len(data)
+                for frame in self._decoder.feed(data):
                     self._hand_out(frame)
         except Exception as error:  # noqa: BLE001 - whatever ended the library's port
             self._fail(f"{self._url} is gone: {_reason(error)}")

@@ -1,5 +1,6 @@
 """What buses do to a CANopen client: loss, delay, repetition, silence, resets, nonsense. Gaps are told, values true."""
 
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -92,17 +93,47 @@ def test_values_are_right_or_told_to_be_missing_while_frames_are_lost(bench: Ser
     assert answered >= 20
 
 
-def test_a_recording_is_whole_although_segments_are_lost_and_repeated(bench: Served, drive: CanopenDrive) -> None:
+@pytest.mark.parametrize("texts", [("lose=0.001", "double=0.001"), ("late=0.002",)], ids=" ".join)
+def test_a_recording_is_whole_although_segments_are_lost_repeated_or_late(
+    bench: Served, drive: CanopenDrive, texts: tuple[str, ...]
+) -> None:
     setup = capture.Setup(("i_d", "i_q", "theta_e"), length=5000)
     capture.arm(drive, setup)
     under_way = capture.awaited(drive, setup, 10.0)
-    spoil(bench, "lose=0.001", "double=0.001")
+    spoil(bench, *texts)
     for _ in range(20):
         try:
             capture.upload(drive, under_way)
             break
-        except (NoReplyError, FrameError):  # an order that was lost, or a wrong checksum time and again
+        except (NoReplyError, FrameError):  # an order that was lost, or spoilt time and again: never a refusal
             continue
+    assert bytes(under_way.data) == bench.drive.captured(0, 5000)
+
+
+def test_samples_from_where_somebody_else_has_set_the_offset_are_not_taken(bench: Served, drive: CanopenDrive) -> None:
+    setup = capture.Setup(("i_d", "i_q", "theta_e"), length=5000)
+    capture.arm(drive, setup)
+    under_way = capture.awaited(drive, setup, 10.0)
+    ended, told = threading.Event(), 0
+
+    def meddle() -> None:
+        while not ended.wait(0.0005):
+            bench.drive.write("capture_offset", 1000.0)
+
+    meddler = threading.Thread(target=meddle)
+    meddler.start()
+    try:
+        for _ in range(5):
+            try:
+                capture.upload(drive, under_way)
+            except FrameError as error:
+                assert "somebody else has set capture_offset of node 5" in str(error)
+                told += 1
+    finally:
+        ended.set()
+        meddler.join()
+    assert told
+    capture.upload(drive, under_way)
     assert bytes(under_way.data) == bench.drive.captured(0, 5000)
 
 

@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import os
 import random
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -30,7 +31,7 @@ from emulator.scenarios import PAPER
 from emulator.socketcand import BusError
 from emulator.uart_server import UartServer
 from emulator.virtual_drive import VirtualDrive
-from tests.served_drive import Listening, emulator, first_blocks, in_threads, joined, listening, ready, until
+from tests.served_drive import PATIENCE, Listening, emulator, first_blocks, in_threads, joined, listening, ready, until
 from tests.served_uart import ServedUart, served_uart
 from tests.transports import pty_url, serial_socket_url
 
@@ -284,6 +285,24 @@ def test_another_baud_rate_is_told_before_anything_is_written(capfd: pytest.Capt
         with connect(url) as drive:
             assert len(first_blocks(drive, 20)) > 0
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("came", [bytes(200), b"\x80" * 200], ids=["a break", "no end of a frame"])
+def test_bytes_without_a_frame_are_not_told_as_silence(came: bytes) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+
+        def send() -> None:
+            with server.accept()[0] as line:
+                line.sendall(came)
+                while line.recv(4096):
+                    pass
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        with pytest.raises(ConnectError, match=r"200 bytes came within 0.9 s, but no frame; it is another device, or"):
+            connect(f"uart://socket://127.0.0.1:{port}")
+        thread.join(PATIENCE)
 
 
 def test_leaving_removes_the_path_and_a_killed_drives_path_is_taken_over(tmp_path: Path) -> None:
