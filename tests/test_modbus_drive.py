@@ -626,6 +626,17 @@ def corrupted(disturbed: Served) -> Iterator[Drive]:
             yield drive
 
 
+def test_another_baud_rate_is_told_before_anything_is_written(capfd: pytest.CaptureFixture[str]) -> None:
+    url = pty_url()
+    with served(url) as bench:
+        with pytest.raises(ConnectError) as told:
+            connect(url.replace("baudrate=1000000", "baudrate=115200"))
+        assert "\n" not in str(told.value)
+        with connect(url) as drive:
+            assert drive.read("u_full") == bench.drive.read("u_full")
+    assert capfd.readouterr().err == ""
+
+
 def test_turns_are_taken_in_the_order_in_which_threads_come() -> None:
     turns, order = Turns(), list[int]()
 
