@@ -38,7 +38,6 @@ _BACKLOG: Final = (8192, 65536)  # bytes of rows that a line may be behind: 0.2 
 _ROWS: Final = uf.ROWS_PER_FRAME
 _REPLIES: Final = 256  # that a line may be behind
 
-
 _TEMPERATURES: Final = (signal_named("temp_winding"), signal_named("temp_magnet"))
 
 

@@ -5,6 +5,7 @@ import os
 import select
 import socket
 import tempfile
+import termios
 import threading
 import time
 import tty
@@ -31,9 +32,9 @@ def tcp_url(unit: int = 1) -> str:
     return f"modbus+tcp://127.0.0.1:{free_port()}/{unit}"
 
 
-def pty_url(unit: int = 1) -> str:
+def pty_url(unit: int = 1, baudrate: int = 1_000_000) -> str:
     """A unit on a serial line at a path of its own."""
-    return f"modbus+rtu://{tempfile.gettempdir()}/pmsm-bench-{uuid.uuid4().hex}?baudrate=1000000/{unit}"
+    return f"modbus+rtu://{tempfile.gettempdir()}/pmsm-bench-{uuid.uuid4().hex}?baudrate={baudrate}/{unit}"
 
 
 def socket_url(unit: int = 1) -> str:
@@ -133,6 +134,7 @@ class Line:
             assert isinstance(place, SerialPlace)
             self._file = os.open(place.device, os.O_RDWR | os.O_NOCTTY)
             tty.setraw(self._file)
+            _set_speed(self._file, place.baudrate)
 
     def send(self, data: bytes) -> None:
         os.write(self._file, data)
@@ -169,6 +171,12 @@ def line_to(url: str) -> Generator[Line]:
     """The far end of a line."""
     with contextlib.closing(Line(url)) as line:
         yield line
+
+
+def _set_speed(line: int, baudrate: int) -> None:
+    settings = termios.tcgetattr(line)
+    settings[4:6] = [getattr(termios, f"B{baudrate}")] * 2
+    termios.tcsetattr(line, termios.TCSANOW, settings)
 
 
 def path_of(url: str) -> Path:
