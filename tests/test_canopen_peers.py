@@ -1,6 +1,5 @@
 """Peers not written here: the canopen library's client at our node by our data sheet, and our client at its node."""
 
-import io
 import struct
 import threading
 from collections.abc import Iterator
@@ -21,13 +20,8 @@ from emulator.canopen_server import CanopenNode
 from emulator.scenarios import PAPER
 from emulator.sdo_server import SdoAbortError
 from emulator.virtual_drive import VirtualDrive
+from tests.library_client import data_sheet, library_client
 from tests.served_drive import PATIENCE, Served, first_blocks, served, until, virtual_url
-
-
-def data_sheet(text: str | None = None) -> Any:
-    source: Any = io.StringIO(od.eds() if text is None else text)
-    source.name = "pmsm-bench.eds"
-    return source
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +33,8 @@ def bench() -> Iterator[Served]:
 @pytest.fixture
 def remote(bench: Served) -> Iterator[Any]:
     """The library's own client at our node, which knows it by our data sheet alone."""
-    network = canopen.Network()
-    network.NOTIFIER_CYCLE = 0.02
-    network.connect(interface="virtual", channel=parse_can_url(bench.url).channel)
-    try:
-        yield network.add_node(5, data_sheet())
-    finally:
-        network.disconnect()
+    with library_client(bench.url) as node:
+        yield node
 
 
 def test_it_reads_and_writes_by_the_names_of_our_data_sheet(remote: Any, bench: Served) -> None:
