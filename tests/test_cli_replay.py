@@ -277,6 +277,8 @@ SHORT = "t,u_d,u_q,i_d,i_q,omega_e\n" + "".join(f"{k * 1e-4:.4f},1,2,0.1,0.2,100
         ([RUN, "--json", RUN], "run.csv: expected a file of its own, this is the recording or the other output"),
         ([RUN, "--csv", "{folder}/../{name}/run.csv"], "expected a file of its own"),
         ([RUN, "--csv", "{folder}/out", "--json", "{folder}/out"], "expected a file of its own"),
+        ([RUN, "--json", "{folder}/machine.toml"], "machine.toml exists already, expected a new file"),
+        ([RUN, "--csv", "{folder}/machine.toml"], "machine.toml exists already, expected a new file"),
         ([RUN, "--json", "{folder}/absent/out.json"], "cannot be written: No such file or directory"),
         ([RUN, "--csv", "{folder}"], "cannot be written: Is a directory"),
         (["{folder}/missing.csv"], "missing columns: i_q, omega_e; present: t, u_d, u_q, i_d;"),

@@ -1,0 +1,11 @@
+"""Files that a command writes because an option says so."""
+
+from pathlib import Path
+
+from bench.errors import ConfigError
+
+
+def check_new(option: str, path: Path) -> None:
+    """Raise ConfigError where a file with something in it would be lost. Pipes and devices take what they are given."""
+    if path.is_file() and path.stat().st_size:
+        raise ConfigError(f"{option}: {path} exists already, expected a new file")
