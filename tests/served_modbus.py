@@ -1,4 +1,4 @@
-"""A virtual drive on a Modbus line, for tests, in this process; and the line's far end as bare bytes."""
+"""Modbus lines for tests: where they can be, what befalls them, and their far end as bare bytes."""
 
 import contextlib
 import os
@@ -6,24 +6,17 @@ import select
 import socket
 import tempfile
 import termios
-import threading
 import time
 import tty
 import uuid
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from drivers.wire.modbus_url import SerialPlace, TcpPlace, parse_modbus_url
 from emulator.faults import Passed
-from emulator.modbus_server import ModbusServer
-from emulator.scenarios import PAPER, Scenario
-from emulator.virtual_drive import StreamRows, VirtualDrive
 from tests.conftest import free_port
 
-_BURST = 97  # control periods; a row is under way at the end of nearly every burst
 _ANSWER = 1.0  # s within which a server has answered
 
 
@@ -44,57 +37,6 @@ def socket_url(unit: int = 1) -> str:
 
 URLS: dict[str, Callable[[], str]] = {"tcp": tcp_url, "pty": pty_url}
 ALL_URLS = URLS | {"socket": socket_url}
-
-
-@dataclass
-class Served:
-    """A drive at a URL. Its time passes in bursts while `running`, or by `step`."""
-
-    url: str
-    drive: VirtualDrive
-    server: ModbusServer
-    rows: list[StreamRows] = field(default_factory=list[StreamRows])
-    running: threading.Event = field(default_factory=threading.Event)
-    _end: threading.Event = field(default_factory=threading.Event)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def run(self) -> None:
-        while not self._end.wait(0.004):
-            if self.running.is_set():
-                self.step(_BURST)
-
-    def step(self, periods: int) -> None:
-        with self._lock:
-            rows = self.drive.run(periods)
-            self.rows.append(rows)
-            self.server.publish(rows)
-
-    def end(self) -> None:
-        self._end.set()
-
-    def produced(self) -> dict[str, np.ndarray]:
-        """Every row of the drive by column name."""
-        rows = list(self.rows)
-        return {f.name: np.concatenate([getattr(part, f.name) for part in rows]) for f in fields(StreamRows)}
-
-
-@contextlib.contextmanager
-def served(url: str, scenario: Scenario = PAPER, *, running: bool = True) -> Generator[Served]:
-    """A virtual drive at a URL."""
-    drive = VirtualDrive(scenario)
-    drive.warm_up()
-    with ModbusServer(drive, parse_modbus_url(url)) as server:
-        bench = Served(url, drive, server)
-        bench.step(_BURST)
-        if running:
-            bench.running.set()
-        thread = threading.Thread(target=bench.run, name="drive's time")
-        thread.start()
-        try:
-            yield bench
-        finally:
-            bench.end()
-            thread.join()
 
 
 @dataclass

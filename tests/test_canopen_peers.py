@@ -132,7 +132,7 @@ def test_it_maps_our_pdo_anew_and_has_it_with_every_second_sync(remote: Any, ben
 
     pdo.add_callback(keep)
     remote.nmt.state = "OPERATIONAL"
-    until(lambda: bench.node._state == od.STATE_OPERATIONAL, "it is not operational")
+    until(lambda: bench.server._state == od.STATE_OPERATIONAL, "it is not operational")
     try:
         for number in range(1, 7):
             remote.network.sync.transmit()
@@ -260,7 +260,7 @@ def test_our_client_says_what_cannot_be_set_up() -> None:
 
 
 def test_our_client_streams_from_a_node_that_was_mapped_otherwise(bench: Served) -> None:
-    tpdo = bench.node._objects.communication.tpdos[0]
+    tpdo = bench.server._objects.communication.tpdos[0]
     tpdo.entries[2], tpdo.transmission = tpdo.entries[3], 7
     with connect(bench.url) as drive:
         assert len(first_blocks(drive, 20)) > 0

@@ -29,12 +29,11 @@ from drivers.errors import LostError, RefusedError
 from emulator.faults import Faults, parse_fault
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
-from tests import served_modbus
 from tests.conftest import bus_url, free_port
 from tests.driving import driving
 from tests.relay import relayed
 from tests.served_drive import PATIENCE, Served, served, tcp_url, until
-from tests.served_uart import served_uart
+from tests.transports import modbus_tcp_url
 
 NEVER = {"trigger": "i_q > 23"}
 LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: what has crossed it has done so in the recording too
@@ -134,9 +133,9 @@ class Way:
 
 WAYS = {
     "canopen": Way(bus_url, served),
-    "modbus": Way(lambda port: f"modbus+tcp://127.0.0.1:{port}/1", served_modbus.served),
+    "modbus": Way(lambda port: f"modbus+tcp://127.0.0.1:{port}/1", served),
     "uart": Way(lambda port: f"uart://socket://127.0.0.1:{port}?baudrate=3000000",
-                lambda url: served_uart(url, paced=True)),
+                lambda url: served(url, paced=True)),
 }
 
 
@@ -276,7 +275,7 @@ def test_a_level_that_a_signal_cannot_come_to_is_refused(service: Service, trigg
 
 
 def test_a_drive_of_two_names_takes_one_writer(tmp_path: Path) -> None:
-    urls = {"spindle": tcp_url(), "alias": served_modbus.tcp_url()}
+    urls = {"spindle": tcp_url(), "alias": modbus_tcp_url()}
     drives = tuple(DriveConfig(name, url, Window()) for name, url in urls.items())
     with driving(*urls.values()), Service(Config(drives, captures=tmp_path)) as service:
         until(lambda: all(service.link(name).identity is not None for name in urls), "both links")

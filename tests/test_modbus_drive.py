@@ -31,8 +31,8 @@ from drivers.wire.dictionary import SIGNALS, layout_id, signal_named
 from emulator.faults import Faults, parse_fault
 from emulator.row_ring import CAPACITY
 from tests.conftest import free_port
-from tests.served_drive import PATIENCE, Listening, first_blocks, in_threads, joined, listening, until
-from tests.served_modbus import ALL_URLS, URLS, Disturbed, Served, path_of, pty_url, served, tcp_url
+from tests.served_drive import PATIENCE, Listening, Served, first_blocks, in_threads, joined, listening, served, until
+from tests.served_modbus import ALL_URLS, URLS, Disturbed, path_of, pty_url, tcp_url
 
 COLUMNS = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean", "u_dc")
 

@@ -19,8 +19,8 @@ from emulator.row_ring import CAPACITY, RowRing
 from emulator.scenarios import PAPER
 from emulator.socketcand import BusError
 from emulator.virtual_drive import VirtualDrive
-from tests.served_drive import until
-from tests.served_modbus import ALL_URLS, Disturbed, Served, line_to, path_of, pty_url, served, tcp_url
+from tests.served_drive import Served, served, until
+from tests.served_modbus import ALL_URLS, Disturbed, line_to, path_of, pty_url, tcp_url
 
 LAYOUT = layout_id().to_bytes(4, "big").hex(" ")
 
