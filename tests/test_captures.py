@@ -39,9 +39,17 @@ NEVER = {"trigger": "i_q > 23"}
 LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: what has crossed it has done so in the recording too
 
 
-@pytest.fixture(scope="module")
+@contextmanager
+def brisk(url: str, *, paced: bool = False) -> Generator[Served]:
+    """A drive whose time passes quickly, so that long recordings are soon made, with few rows in it."""
+    with served(url, burst=500, paced=paced) as one:
+        one.drive.write("stream_periods", 50.0)
+        yield one
+
+
+@pytest.fixture
 def drive() -> Iterator[Served]:
-    with served(tcp_url()) as one:
+    with brisk(tcp_url()) as one:
         yield one
 
 
@@ -132,10 +140,9 @@ class Way:
 
 
 WAYS = {
-    "canopen": Way(bus_url, served),
-    "modbus": Way(lambda port: f"modbus+tcp://127.0.0.1:{port}/1", served),
-    "uart": Way(lambda port: f"uart://socket://127.0.0.1:{port}?baudrate=3000000",
-                lambda url: served(url, paced=True)),
+    "canopen": Way(bus_url, brisk),
+    "modbus": Way(lambda port: f"modbus+tcp://127.0.0.1:{port}/1", brisk),
+    "uart": Way(lambda port: f"uart://socket://127.0.0.1:{port}?baudrate=3000000", lambda url: brisk(url, paced=True)),
 }
 
 
@@ -366,7 +373,7 @@ def test_an_armed_capture_outlives_its_link(drive: Served, tmp_path: Path) -> No
 def test_a_drive_that_resets_in_between_has_lost_its_capture_and_what_was_uploaded_is_kept_as_partial(
     tmp_path: Path
 ) -> None:
-    with served(tcp_url()) as drive, running(drive.url, tmp_path) as service:
+    with brisk(tcp_url()) as drive, running(drive.url, tmp_path) as service:
         ask(service, length=60_000)
         uploading(service, 8192)
         drive.drive.reset()
@@ -388,7 +395,7 @@ def test_a_drive_that_resets_in_between_has_lost_its_capture_and_what_was_upload
 
 def test_a_recording_that_another_client_begins_after_a_reset_is_not_taken_for_ours(tmp_path: Path) -> None:
     with (
-        served(tcp_url()) as drive, relayed(int(drive.url.split(":")[2].split("/")[0])) as line,
+        brisk(tcp_url()) as drive, relayed(int(drive.url.split(":")[2].split("/")[0])) as line,
         running(bus_url(line.port), tmp_path) as service,
     ):
         until(lambda: drive.drive.tick > 20_000, "time to pass")
@@ -455,7 +462,7 @@ def test_an_upload_that_a_service_left_goes_on_in_the_next(drive: Served, tmp_pa
 
 
 def test_what_a_service_left_and_the_drive_no_longer_has_is_kept_as_partial(tmp_path: Path) -> None:
-    with served(tcp_url()) as drive:
+    with brisk(tcp_url()) as drive:
         with running(drive.url, tmp_path) as service:
             id_ = ask(service, length=60_000).id
             uploading(service, 4096)
@@ -525,7 +532,7 @@ def test_a_recording_is_kept_under_another_name_where_its_own_is_taken(service: 
 
 
 def test_an_earlier_partial_recording_is_not_written_over(tmp_path: Path) -> None:
-    with served(tcp_url()) as drive, running(drive.url, tmp_path) as service:
+    with brisk(tcp_url()) as drive, running(drive.url, tmp_path) as service:
         id_ = ask(service, length=60_000).id
         (tmp_path / f"{id_}.partial.parquet").write_text("precious")
         uploading(service)
