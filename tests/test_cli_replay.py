@@ -280,6 +280,7 @@ SHORT = "t,u_d,u_q,i_d,i_q,omega_e\n" + "".join(f"{k * 1e-4:.4f},1,2,0.1,0.2,100
         ([RUN, "--json", "{folder}/machine.toml"], "machine.toml exists already, expected a new file"),
         ([RUN, "--csv", "{folder}/machine.toml"], "machine.toml exists already, expected a new file"),
         ([RUN, "--json", "{folder}/absent/out.json"], "cannot be written: No such file or directory"),
+        ([RUN, "--json", "{folder}/" + 300 * "x"], "cannot be written: File name too long"),
         ([RUN, "--csv", "{folder}"], "cannot be written: Is a directory"),
         (["{folder}/missing.csv"], "missing columns: i_q, omega_e; present: t, u_d, u_q, i_d;"),
         (["{folder}/backwards.csv"], "time runs backwards: expected more than 0.003 s (row 31), came 0.0011 s"),
