@@ -91,6 +91,7 @@ def at_once(folder: Path, asked: Mapping[str, list[str]]) -> dict[str, Ended]:
                 [*COMMAND, "capture", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                 cwd=folder / name,
             ))
+            stack.callback(processes[name].kill)
         said = {name: process.communicate(timeout=120.0) for name, process in processes.items()}
         return {name: Ended(folder / name, process.returncode, *said[name]) for name, process in processes.items()}
 
