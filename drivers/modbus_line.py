@@ -9,7 +9,6 @@ comes; what is written, never.
 Knows nothing of signals.
 """
 
-import contextlib
 import logging
 import random
 import socket
@@ -24,6 +23,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from drivers import serial_port
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, held
 from drivers.turns import Turns
 from drivers.wire.modbus_map import (
@@ -269,12 +269,9 @@ class _SerialClient(ModbusSerialClient):
         self.socket.timeout = timeout
 
     def close(self) -> None:
-        connection = getattr(self.socket, "_socket", None)  # pyserial leaves it open where its far end has gone
-        with contextlib.suppress(OSError):  # of a port that has gone
-            super().close()
-        if connection is not None:
-            connection.close()
-        self.socket = None
+        port, self.socket = self.socket, None
+        if port is not None:
+            serial_port.close(port)
 
 
 def _timeout(url: ModbusUrl) -> float:

@@ -23,6 +23,7 @@ from typing import Any, Final, Self, cast
 
 import serial
 
+from drivers import serial_port
 from drivers.block import Block
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError, held
@@ -172,7 +173,7 @@ class UartDrive:
         with self._close_lock:
             self._reader.join()
             self._fail(f"{self._url} is closed")
-            _close(self._port)
+            serial_port.close(self._port)
 
     def __enter__(self) -> Self:
         return self
@@ -442,15 +443,6 @@ def _open(url: UartUrl) -> Any:
 def _selectable(url: UartUrl) -> bool:
     """Whether the port can be waited for by `select`, and then be read without waiting."""
     return url.protocol == "socket" or (bool(url.device) and os.name == "posix")
-
-
-def _close(port: Any) -> None:
-    """Close the port; pyserial forgets to where the other end of a socket has gone first."""
-    open_socket = getattr(port, "_socket", None)
-    with contextlib.suppress(OSError):
-        port.close()
-    if open_socket is not None:
-        open_socket.close()
 
 
 def _reason(error: BaseException) -> str:

@@ -51,7 +51,7 @@ def drive(bench: Served) -> Iterator[CanopenDrive]:
 
 def spoil(bench: Served, *texts: str) -> None:
     """What befalls the drive's line from now on."""
-    bench.node.faults = Faults(map(parse_fault, texts))
+    bench.server.faults = Faults(map(parse_fault, texts))
 
 
 @pytest.mark.parametrize("texts", [("lose=0.05",), ("corrupt=0.02", "delay=0.03", "double=0.05")], ids=" ".join)
@@ -183,7 +183,7 @@ def test_a_node_that_was_off_the_bus_says_so_and_is_no_drive_in_fault(bench: Ser
         until(lambda: len(told) == 2, "it does not say that it is back")
         assert [frame.hex() for frame in told] == ["4081110000000000", "0000000000000000"]
         assert other.fault is None
-        assert bench.node._state == od.STATE_PRE_OPERATIONAL
+        assert bench.server._state == od.STATE_PRE_OPERATIONAL
     with connect(bench.url) as again:
         assert len(first_blocks(again, 20)) > 0
 
@@ -241,7 +241,7 @@ def test_answers_that_are_nonsense_are_told_and_become_no_value(bench: Served, d
     url = parse_can_url(bench.url)
     drive._bus._sdo.RESPONSE_TIMEOUT = 0.004
     bench.running.clear()
-    bench.node._network.unsubscribe(od.sdo_request_cob_id(5))
+    bench.server._network.unsubscribe(od.sdo_request_cob_id(5))
     network = canopen.Network()
     network.NOTIFIER_CYCLE = 0.02
     network.connect(interface="virtual", channel=url.channel)

@@ -32,8 +32,8 @@ from drivers.wire.modbus_url import parse_modbus_url
 from emulator.faults import Faults, parse_fault
 from emulator.row_ring import CAPACITY
 from tests.conftest import free_port
-from tests.served_drive import PATIENCE, Listening, first_blocks, in_threads, joined, listening, until
-from tests.served_modbus import ALL_URLS, URLS, Disturbed, Served, path_of, pty_url, served, tcp_url
+from tests.served_drive import PATIENCE, Listening, Served, first_blocks, in_threads, joined, listening, served, until
+from tests.served_modbus import ALL_URLS, URLS, Disturbed, path_of, pty_url, tcp_url
 
 COLUMNS = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean", "u_dc")
 
@@ -660,6 +660,17 @@ def corrupted(disturbed: Served) -> Iterator[Drive]:
         patch.setattr(modbus_line, "REPLY_TIMEOUT", 0.1)
         with connect(disturbed.url) as drive:
             yield drive
+
+
+def test_another_baud_rate_is_told_before_anything_is_written(capfd: pytest.CaptureFixture[str]) -> None:
+    url = pty_url()
+    with served(url) as bench:
+        with pytest.raises(ConnectError) as told:
+            connect(url.replace("baudrate=1000000", "baudrate=115200"))
+        assert "\n" not in str(told.value)
+        with connect(url) as drive:
+            assert drive.read("u_full") == bench.drive.read("u_full")
+    assert capfd.readouterr().err == ""
 
 
 def test_turns_are_taken_in_the_order_in_which_threads_come() -> None:
