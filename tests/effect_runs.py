@@ -13,55 +13,17 @@ from numpy.typing import NDArray
 from emulator.effects import Effects
 from emulator.machine import Machine
 from emulator.motors import MOTORS
-from emulator.physics.compliance import Compliance
-from emulator.physics.dc_link import DcLink
-from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.friction import Friction
-from emulator.physics.harmonics import Harmonics
-from emulator.physics.imbalance import Imbalance
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import Inverter
-from emulator.physics.saturation import Saturation
-from emulator.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
-from emulator.physics.skin import Skin
-from emulator.physics.strangers import Resonance, Stray, Telegraph
-from emulator.physics.thermal import Thermal
-from emulator.physics.timing import Timing
-from emulator.physics.turn_short import TurnShort
 from emulator.plant import PlantState
 from emulator.scenarios import PAPER, Excitation, Run, Scenario, drive_for
 from emulator.virtual_drive import VirtualDrive
 
-Column = NDArray[np.float64]
-Vectors = NDArray[np.complex128]
+Column = NDArray[Any]  # of real numbers
+Vectors = NDArray[Any]  # of complex ones
 Recording = dict[str, Column]
 
 SALIENT = PAPER.motor
 ROUND = MOTORS["servo_4nm"].machine  # L_d = L_q
 T_S = 1e-4  # s
-
-ALL = Effects(
-    inverter=Inverter(dead_time=1.5e-6, min_pulse=1e-6, u_transistor=0.9, u_diode=0.7, r_on=0.02),
-    dc_link=DcLink(C=1e-3, R=0.5, ripple=3.0),
-    saturation=Saturation(L_d_drop=0.05, L_q_drop=0.15, cross_drop=0.05),
-    harmonics=Harmonics(d_6=0.01, q_6=0.008, d_12=0.004, q_12=0.003, inductance=0.02, cogging=0.05),
-    iron_loss=IronLoss(R_c=300.0, omega_h=200.0),
-    thermal=Thermal(C_w=2.0, C_m=1.0, C_h=4.0),
-    demagnetisation=Demagnetisation(share=0.05, time=0.02),
-    imbalance=Imbalance(a=0.05, b=-0.02, c=0.01),
-    turn_short=TurnShort(share=0.03, R_t=0.2, phase=1),
-    skin=Skin(rise=0.2),
-    friction=Friction(coulomb=0.05, static=0.08),
-    compliance=Compliance(stiffness=500.0, damping=0.02),
-    current_sensing=CurrentSensing(1.01, 0.99, 1.0, 0.03, -0.02, 0.01, 0.0, 1e-6, 2e-6),
-    angle_sensing=AngleSensing(offset=0.01, once=0.005, twice=0.002),
-    voltage_sensing=VoltageSensing(gain=1.01, offset=0.5),
-    timing=Timing(delay=1, shift=-1, lost=0.02),
-    stray=Stray(amplitude=2.0, frequency=130.0, along_beta=0.5),
-    telegraph=Telegraph(amplitude=1.5, dwell=0.01, direction=0.7),
-    resonance=Resonance(C=5e-6, L=1e-3, R=2.0),
-)
-"""All of them at once, but for a flux map, which has its own saturation."""
 
 
 def with_effects(

@@ -64,7 +64,8 @@ def impedance(motor: Machine, skin: Skin, frequency: float) -> complex:
     """Of a locked rotor along the d axis, ohm, by a sine of voltage, once it has settled."""
     T = 1.0 / (frequency * 400.0)
     drive = VirtualDrive(with_effects(motor=motor, skin=skin))
-    plant, state, i = drive.plant_now(), drive.plant, []
+    plant, state = drive.plant_now(), drive.plant
+    i: list[float] = []
     for n in range(400 * 25):
         u = complex(math.cos(TURN * (n + 0.5) / 400.0))
         state = advanced(plant, held(u, 310.0), n * T, T, 2, state)

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from emulator.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
 from emulator.physics.timing import Timing
@@ -13,6 +12,7 @@ from emulator.virtual_drive import VirtualDrive
 from tests.effect_runs import (
     ROUND,
     T_S,
+    Column,
     Recording,
     at,
     currents,
@@ -28,11 +28,12 @@ from tests.effect_runs import (
 CHANNELS = CurrentSensing(1.05, 0.98, 1.01, 0.2, -0.1, 0.05)
 
 
-def phases_and_truth(sensing: CurrentSensing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def phases_and_truth(sensing: CurrentSensing) -> tuple[Column, Column]:
     """Measured and true phase currents (A) of 200 samples; the true ones from the flux linkage of the round rotor."""
     drive = VirtualDrive(with_effects(motor=ROUND, i_dq=2.0 + 5j, run=at(100.0), current_sensing=sensing))
     drive.run(500)
-    measured, true = [], []
+    measured: list[tuple[float, ...]] = []
+    true: list[tuple[float, ...]] = []
     for _ in range(200):
         state = drive.plant
         rotor = complex(math.cos(ROUND.n_p * state.theta_m), math.sin(ROUND.n_p * state.theta_m))

@@ -1,6 +1,7 @@
 """Disturbances of nobody's library against what they were told to be: stray voltage, telegraph offset, resonance."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,14 +10,14 @@ from emulator.physics.legs import vector as held
 from emulator.physics.strangers import Resonance, Stray, Telegraph
 from emulator.plant import advanced
 from emulator.virtual_drive import VirtualDrive
-from tests.effect_runs import ROUND, T_S, Vectors, at, line, middle, steady, voltage_error, with_effects
+from tests.effect_runs import ROUND, T_S, Column, Vectors, at, line, middle, steady, voltage_error, with_effects
 
 TURN = 2.0 * math.pi
 
 
-def stationary_error(duration: float, settle: float = 0.1, **effects: Stray | Telegraph) -> tuple[np.ndarray, Vectors]:
+def stationary_error(duration: float, **effects: Any) -> tuple[Column, Vectors]:
     """Time of the middle of each period (s) and the voltage (V) that no drive gave, in the stationary frame."""
-    r = steady(with_effects(motor=ROUND, i_dq=2j, run=at(30.0), **effects), settle, duration)
+    r = steady(with_effects(motor=ROUND, i_dq=2j, run=at(30.0), **effects), 0.1, duration)
     return r["t"][:-1] + 0.5 * T_S, -voltage_error(r, ROUND) * np.exp(1j * middle(r))
 
 
