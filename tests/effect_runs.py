@@ -4,6 +4,7 @@ What is worked out here is worked out anew, from textbooks: nothing of the emula
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -17,9 +18,9 @@ from emulator.plant import PlantState
 from emulator.scenarios import PAPER, Excitation, Run, Scenario, drive_for
 from emulator.virtual_drive import VirtualDrive
 
-Column = NDArray[Any]  # of real numbers
-Vectors = NDArray[Any]  # of complex ones
-Recording = dict[str, Column]
+Column = NDArray[np.floating[Any]]
+Vectors = NDArray[np.complexfloating[Any, Any]]
+Recording = Mapping[str, Column]
 
 SALIENT = PAPER.motor
 ROUND = MOTORS["servo_4nm"].machine  # L_d = L_q
