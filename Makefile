@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser test-vcan paper peers bench-estimator bench-links auto-window clean
+.PHONY: run test lint types arrows fast slow browser test-vcan paper peers bench-estimator bench-links auto-window gallery clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -38,6 +38,9 @@ paper: $(VENV)/.dev ## the published experiment, reproduced: table and figures i
 
 peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-motor: tables and figure in build/peers
 	$(BIN)/python -m tests.peers
+
+gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictures and a page in build/gallery
+	$(BIN)/python -m tests.gallery
 
 $(VENV)/.run: pyproject.toml .ci/constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pmsm-bench needs Python 3.11 or later, got " + sys.version.split()[0])'
