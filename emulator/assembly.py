@@ -52,7 +52,6 @@ def bench_of(scenario: Scenario) -> Bench:
         ),
         sub_steps=drive.sub_steps,
         moves=moves,
-        overmodulates=drive.overmodulation,
     )
 
 
@@ -121,5 +120,6 @@ def _commissioned(scenario: Scenario) -> Commissioning:
         k_p,
         k_p * alpha_s / 4.0,
         drive.speed_filter,
+        drive.overmodulation,
         run.seed,
     )
