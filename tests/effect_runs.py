@@ -132,7 +132,7 @@ def flux_linkage(r: Recording, R_s: float) -> Vectors:
     i = currents(r) * np.exp(1j * r["theta_e"])
     steps = T_s * (voltages(r)[:-1] * turn[:-1] - 0.5 * R_s * (i[1:] + i[:-1]))
     psi = np.concatenate([[0j], np.cumsum(steps)])
-    return psi - np.mean(psi[:-1])  # the last row is the first of the next turn
+    return np.asarray(psi - np.mean(psi[:-1]), np.complex128)  # the last row is the first of the next turn
 
 
 def phases_of(x: complex) -> tuple[float, float, float]:
