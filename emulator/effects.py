@@ -6,7 +6,7 @@ Here too is what sizes cannot be together, or with a motor and a drive: one sent
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, cast, get_type_hints
 
 from emulator.bounds import ScenarioError, check_bounds, from_table
 from emulator.machine import Machine
@@ -71,7 +71,7 @@ def effects_from_table(table: Mapping[str, object], where: str, folder: Path) ->
             raise ScenarioError(f"{where}{name} is no effect; the effects are {', '.join(kinds)}")
         if not isinstance(section, dict):
             raise ScenarioError(f"{where}{name} takes a section, got {section!r}")
-        values[name] = from_table(kinds[name], section, f"{where}{name}.")
+        values[name] = from_table(kinds[name], cast(dict[str, object], section), f"{where}{name}.")
     if "flux_map" in values:
         values["flux_map"] = MapFile(str(folder / values["flux_map"].file))
     return Effects(**values)

@@ -180,7 +180,7 @@ class VirtualDrive:
         temperature, R_s, L_d, L_q = np.ascontiguousarray(rows_at(self._bench.course, np.array(t, np.float64)).T)
         step = self._bench.demagnetisation
         left = 1.0 - step.share * np.clip((np.asarray(t) - step.time) / step.duration, 0.0, 1.0)
-        psi_f = self._bench.plant.machine.psi_f * np.broadcast_to(left, R_s.shape).copy()
+        psi_f: Column = np.array(self._bench.plant.machine.psi_f * np.broadcast_to(left, R_s.shape), np.float64)
         return dict(zip(_TRUTH, (R_s, L_d, L_q, psi_f, temperature, temperature.copy()), strict=True))
 
     def warm_up(self) -> None:
