@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from emulator.bounds import ScenarioError
 from emulator.physics.flux_map import energy, fitted, gradient, hessian, loaded, misfit
+from emulator.scenarios import parse
 from tests.peers.saturated import baldor_current, tabled
 
 L_d, L_q, psi_f = 18e-3, 110e-3, 0.47
@@ -80,3 +82,14 @@ def test_a_map_whose_current_does_not_follow_from_flux_is_refused(tmp_path: Path
         loaded(saved(tmp_path, i_s_dq=i, psi_s_dq=psi))
     with pytest.raises(ValueError, match="points that differ on both axes"):
         loaded(saved(tmp_path, i_s_dq=i, psi_s_dq=np.real(psi) + 0j))
+
+
+def test_a_scenario_whose_map_cannot_be_is_refused_naming_file_and_key(tmp_path: Path) -> None:
+    saved(tmp_path, **dict(zip(("i_s_dq", "psi_s_dq"), linear_points(L_q=-L_q), strict=True)))
+    motor = '[motor]\nname = "baldor_ecs101m"\n[effects.flux_map]\nfile = "{}"\n'
+    with pytest.raises(ScenarioError, match=r"here\.toml: effects\.flux_map\.file: no such file: .*absent\.npz"):
+        parse(motor.format("absent.npz"), "here.toml", tmp_path)
+    with pytest.raises(ScenarioError, match=r"here\.toml: effects\.flux_map\.file: a flux map takes inductances above"):
+        parse(motor.format("map.npz"), "here.toml", tmp_path)
+    with pytest.raises(ScenarioError, match=r"here\.toml: effects\.saturation takes no size beside effects\.flux_map"):
+        parse(motor.format("map.npz") + "[effects.saturation]\nL_q_drop = 0.1\n", "here.toml", tmp_path)

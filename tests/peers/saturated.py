@@ -11,7 +11,7 @@ The voltages are replayed at low speed, where the winding's resistance damps the
 a machine on voltages that are given hunts by itself, and any difference, however small, grows some hundredfold within
 a second. The run at higher speed is under control on either side.
 
-*Curve.* The other way round: our own saturation curve, written once more from its equations, is told to motulator.
+*Curve.* The other way round: our own saturation curve, its equations written once more, is told to motulator.
 """
 
 from dataclasses import replace
