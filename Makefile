@@ -36,7 +36,7 @@ test-vcan: $(VENV)/.dev ## CANopen over SocketCAN, in an emulated machine (Debia
 paper: $(VENV)/.dev ## the published experiment, reproduced: table and figures in build/paper
 	$(BIN)/python -m tests.paper
 
-peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-motor: tables and figure in build/peers
+peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-motor: tables and figures in build/peers
 	$(BIN)/python -m tests.peers
 
 gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictures and a page in build/gallery
