@@ -8,7 +8,7 @@ from emulator.machine import Machine
 from emulator.magnetics import flux_of, magnetics_of
 from emulator.mechanics import Shaft
 from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.flux_map import FluxMap, hessian
+from emulator.physics.flux_map import FluxMap, hessian, stiffest
 from emulator.physics.harmonics import Harmonics
 from emulator.physics.turn_short import loop_inductance
 from emulator.plant import Plant
@@ -112,13 +112,13 @@ def _steepest(scenario: Scenario, plant: Plant) -> float:
 
 def _stiffest(plant: Plant, i_most: float) -> float:
     """The largest reciprocal inductance (1/H) up to a current (A)."""
-    machine, m = plant.machine, plant.magnetics
+    machine, m, flux_map = plant.machine, plant.magnetics, plant.flux_map
     gamma = 1.0 / min(machine.L_d, machine.L_q)
     if m.mapped:
-        gamma *= 10.0  # what maps are known to fall to
+        gamma = 1.5 * stiffest(flux_map)
     elif m.curve != (0.0, 0.0, 0.0):
         for i in (complex(i_most), complex(-i_most), 1j * i_most):
-            psi = flux_of(m, plant.flux_map, i, 1.0 + 0j)
+            psi = flux_of(m, flux_map, i, 1.0 + 0j)
             a_d, a_q, c = m.curve
             dd = m.g_d + 3.0 * a_d * psi.real**2 + c * psi.imag**2
             qq = m.g_q + 3.0 * a_q * psi.imag**2 + c * psi.real**2
