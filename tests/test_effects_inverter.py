@@ -36,6 +36,7 @@ from tests.effect_runs import (
     voltages,
     with_effects,
 )
+from tests.gallery.within import coming_period
 
 U_DC = 310.0
 
@@ -84,6 +85,18 @@ def test_clamping_holds_a_phases_current_at_zero_for_a_while() -> None:
         near.append(float(np.mean(np.abs(i_a) < 0.02)))
     assert near[0] == pytest.approx(2.0 * math.asin(0.01) / math.pi, abs=0.003)
     assert near[1] > 5.0 * near[0]
+
+
+def test_between_edges_a_clamped_current_is_zero_for_most_of_a_dead_time() -> None:
+    """Near its zero crossing, in steps of a quarter of a microsecond; without dead time it only passes."""
+    still: list[float] = []
+    for dead_time in (0.0, 3e-6):
+        drive = VirtualDrive(switched(with_effects(motor=ROUND, i_dq=2j, run=at(20.0), inverter=Inverter(dead_time))))
+        drive.run(2243)
+        t, i_a = coming_period(drive)
+        still.append(float(np.diff(t)[np.abs(i_a[1:]) < 1e-5].sum()))
+    assert still[0] < 1e-6
+    assert still[1] > 2e-6
 
 
 @pytest.mark.parametrize(
