@@ -2,12 +2,20 @@
 
 import cmath
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from emulator.physics.dc_link import DcLink
+from emulator.physics.harmonics import Harmonics
+from emulator.physics.iron_loss import IronLoss
 from emulator.physics.legs import Inverter
+from emulator.physics.legs import vector as held
+from emulator.physics.saturation import Saturation
+from emulator.physics.strangers import Resonance
+from emulator.physics.turn_short import TurnShort
+from emulator.plant import advanced, bridge_current, started
 from emulator.virtual_drive import VirtualDrive
 from tests.effect_runs import (
     ROUND,
@@ -28,6 +36,7 @@ from tests.effect_runs import (
     voltages,
     with_effects,
 )
+from tests.gallery.within import coming_period
 
 U_DC = 310.0
 
@@ -76,6 +85,47 @@ def test_clamping_holds_a_phases_current_at_zero_for_a_while() -> None:
         near.append(float(np.mean(np.abs(i_a) < 0.02)))
     assert near[0] == pytest.approx(2.0 * math.asin(0.01) / math.pi, abs=0.003)
     assert near[1] > 5.0 * near[0]
+
+
+def test_between_edges_a_clamped_current_is_zero_for_most_of_a_dead_time() -> None:
+    """Near its zero crossing, in steps of a quarter of a microsecond; without dead time it only passes."""
+    still: list[float] = []
+    for dead_time in (0.0, 3e-6):
+        drive = VirtualDrive(switched(with_effects(motor=ROUND, i_dq=2j, run=at(20.0), inverter=Inverter(dead_time))))
+        drive.run(2243)
+        t, i_a = coming_period(drive)
+        still.append(float(np.diff(t)[np.abs(i_a[1:]) < 1e-5].sum()))
+    assert still[0] < 1e-6
+    assert still[1] > 2e-6
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {},
+        {"saturation": Saturation(L_q_drop=0.3)},
+        {"harmonics": Harmonics(inductance=0.2)},
+        {"iron_loss": IronLoss(R_c=5.0, lag=2e-5)},
+        {"turn_short": TurnShort(share=0.5, R_t=0.01)},
+        {"resonance": Resonance(C=1e-5, L=5e-5)},
+    ],
+    ids=lambda effects: ", ".join(effects) or "none",
+)
+def test_no_current_changes_faster_than_the_bridge_reckons_with(effects: dict[str, Any]) -> None:
+    """Or one that passes zero in a dead time would be missed: from the trip's current, under the longest voltage."""
+    motor = SALIENT._replace(L_d=3e-4, L_q=2e-4)
+    drive = VirtualDrive(switched(with_effects(motor=motor, run=at(100.0), drive={"sub_steps": 20}, **effects)))
+    plant, h, steepest = drive.plant_now(), 1e-9, drive._bench.bridge.steepest
+    worst = 0.0
+    for degrees in range(0, 360, 30):
+        for start in (0j, 15.0 + 0j, -15.0 + 0j, 15j):
+            state = started(plant, 0.0, drive.plant.omega_m, start)
+            u = cmath.rect(2.0 / 3.0 * U_DC, math.radians(degrees))
+            later = advanced(plant, held(u, U_DC), 0.0, h, 1, state)
+            change = bridge_current(plant, later) - bridge_current(plant, state)
+            worst = max(worst, *(abs(x) / h for x in phases_of(change)))
+    assert worst < steepest
+    assert steepest < 8.0 * worst  # or legs would be looked after for nothing
 
 
 def test_a_bridge_that_is_off_lets_currents_end_and_keeps_them_at_none() -> None:

@@ -111,7 +111,7 @@ def _flux_map(panels: Sequence[Axes]) -> None:
     rms = 1e3 * np.sqrt(np.mean(miss**2))
     panels[2].hist(1e3 * miss, bins=30, color=A, label=f"{len(miss)} points, rms {rms:.0f} mA")
     label(panels[0], "psi_q: points of the file, and of the drive", "i_q in A", "psi_q in Vs")
-    label(panels[1], "psi_d falls as i_q grows: cross-saturation", "i_q in A", "psi_d in Vs")
+    label(panels[1], "psi_d: the same", "i_q in A", "psi_d in Vs")
     label(panels[2], "What one energy function misses of them", "distance of the current in mA", "points")
 
 
@@ -307,8 +307,8 @@ PICTURES: Final = {
     "flux_map": Picture(
         "A measured flux map",
         "Points of a file (measured on a 5.6 kW machine where that recording is at hand), turned into one energy "
-        "function; the drive's own voltages give the points back. What is missed is the measurement's: its points are "
-        "not reciprocal by themselves.",
+        "function; the drive's own voltages give the points back. psi_d that falls as i_q grows is cross-saturation. "
+        "What is missed is the measurement's: its points are not reciprocal by themselves.",
         "It is saturation, of a shape that no short formula has.",
         _flux_map,
     ),

@@ -42,10 +42,14 @@ def _inverter(panels: Sequence[Axes]) -> None:
     bars(panels[1], voltage_error(ideal, ROUND), voltage_error(real, ROUND), middle(ideal), 19, "V")
     panels[1].set_xticks(range(-18, 19, 6))
     panels[1].legend(loc="upper left")
+    panels[2].set_ylim(-0.95, 0.7)
+    near = panels[2].inset_axes((0.56, 0.09, 0.42, 0.27), xlim=(0.77, 0.785), ylim=(-0.03, 0.03))
+    near.set(xticks=(0.77, 0.775, 0.78), title="one of its edges")
     for dead_time, colour, name in ((0.0, IDEAL, "ideal"), (3e-6, A, "dead time 3 us")):
         t, i_a = _around_zero(dead_time)
-        panels[2].plot(1e3 * t, i_a, color=colour, label=name)
-    panels[2].axhline(0.0, color="black", lw=0.6)
+        for axes in (panels[2], near):
+            axes.plot(1e3 * t, i_a, color=colour, label=name)
+            axes.axhline(0.0, color="black", lw=0.6)
     label(panels[2], "Zero crossing of phase a, between edges too", "time in ms", "i_a in A")
 
 
