@@ -48,7 +48,6 @@ def bench_of(scenario: Scenario) -> Bench:
             drive.u_dc,
             knee_of(effects, motor),
             1e-6 * motor.i_rated,
-            _steepest(scenario, motor),
         ),
         sub_steps=drive.sub_steps,
         moves=moves,
@@ -94,14 +93,6 @@ def _mapped(motor: Machine, flux_map: FluxMap) -> Machine:
         return motor
     g_d, g_q, _ = hessian(flux_map, complex(flux_map.psi_f, 0.0))
     return motor._replace(L_d=1.0 / g_d, L_q=1.0 / g_q, psi_f=flux_map.psi_f)
-
-
-def _steepest(scenario: Scenario, motor: Machine) -> float:
-    """A bound (A/s) for the change of any phase current: rails and back-EMF over the least inductance."""
-    effects = scenario.effects
-    share = 1.0 - max(effects.saturation) if not effects.flux_map.file else 0.3
-    least = min(share**2 * motor.L_d, share**2 * motor.L_q, effects.resonance.L)
-    return 1.5 * scenario.drive.u_dc / least
 
 
 def _commissioned(scenario: Scenario) -> Commissioning:
