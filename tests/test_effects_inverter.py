@@ -6,8 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from emulator.physics.dc_link import DcLink
+from drivers.wire.cia402 import OVERVOLTAGE
+from emulator.physics.dc_link import DcLink, charged
 from emulator.physics.legs import Inverter
+from emulator.physics.sensing import CurrentSensing, VoltageSensing
+from emulator.scenarios import Run
 from emulator.virtual_drive import VirtualDrive
 from tests.effect_runs import (
     ROUND,
@@ -148,3 +151,36 @@ def test_overmodulation_tries_more_and_the_legs_cut_it_off_at_the_hexagon() -> N
     assert U_DC / math.sqrt(3.0) * 1.02 < np.abs(voltages(r)).max() <= 2.0 / 3.0 * U_DC * (1.0 + 1e-9)
 
 
+
+
+def test_a_steady_draw_takes_the_dc_link_down_as_a_capacitor_behind_a_resistance_goes() -> None:
+    link, E, i, h = DcLink(C=1e-4, R=2.0), 300.0, 10.0, 1.5e-4
+    expected = E - link.R * i * (1.0 - math.exp(-h / (link.R * link.C)))
+    assert charged(link, E, E, i * h, 0.0, h) == pytest.approx(expected, rel=1e-12)
+    assert charged(link, E, E, 1e3 * i * h, 0.0, h) > 0.0  # diodes hold an empty one
+
+
+def test_braking_into_a_dc_link_that_takes_little_trips_for_overvoltage() -> None:
+    run = Run(speed_rpm=1500.0)
+    drive = VirtualDrive(switched(with_effects(i_dq=-8j, run=run, dc_link=DcLink(C=2e-4, R=50.0))))
+    r = drive.record(1000)
+    assert np.nanmax(r["u_dc"]) > 1.2 * U_DC
+    assert drive.read("error_code") == OVERVOLTAGE
+    assert np.abs(currents(r)[-100:]).max() < 0.1
+
+
+def test_a_drive_that_reads_its_dc_link_as_none_goes_on_with_numbers() -> None:
+    """The reading sinks below zero before the link does."""
+    link, low = DcLink(C=2e-4, R=500.0), VoltageSensing(offset=-100.0)
+    never = {"undervoltage_trip": 0.0}
+    r = steady(
+        switched(with_effects(i_dq=6j, run=at(50.0), drive=never, dc_link=link, voltage_sensing=low)), 0.0, 0.05
+    )
+    assert all(np.isfinite(column).all() for column in r.values())
+
+
+def test_a_bridge_that_is_off_shows_no_current_to_a_channel_that_samples_late() -> None:
+    skewed = CurrentSensing(skew_a=1e-5, skew_b=5e-6)
+    drive = VirtualDrive(switched(with_effects(run=at(100.0), drive={"enabled": False}, current_sensing=skewed)))
+    r = drive.record(50)
+    assert max(float(np.abs(r[name]).max()) for name in ("i_a", "i_b", "i_c")) < 1e-3
