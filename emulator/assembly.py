@@ -5,12 +5,11 @@ from emulator.course import course_of
 from emulator.effects import curve_of, flux_map_of, knee_of
 from emulator.firmware import Commissioning
 from emulator.machine import Machine
-from emulator.magnetics import flux_of, magnetics_of
+from emulator.magnetics import magnetics_of
 from emulator.mechanics import Shaft
 from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.flux_map import FluxMap, hessian, stiffest
+from emulator.physics.flux_map import FluxMap, hessian
 from emulator.physics.harmonics import Harmonics
-from emulator.physics.turn_short import loop_inductance
 from emulator.plant import Plant
 from emulator.scenarios import Scenario
 from emulator.sensors import Sensors
@@ -49,7 +48,6 @@ def bench_of(scenario: Scenario) -> Bench:
             drive.u_dc,
             knee_of(effects, motor),
             1e-6 * motor.i_rated,
-            _steepest(scenario, plant),
         ),
         sub_steps=drive.sub_steps,
         moves=moves,
@@ -95,35 +93,6 @@ def _mapped(motor: Machine, flux_map: FluxMap) -> Machine:
         return motor
     g_d, g_q, _ = hessian(flux_map, complex(flux_map.psi_f, 0.0))
     return motor._replace(L_d=1.0 / g_d, L_q=1.0 / g_q, psi_f=flux_map.psi_f)
-
-
-def _steepest(scenario: Scenario, plant: Plant) -> float:
-    """A bound (A/s) for the change of any phase current: rails and back-EMF over the inductances side by side."""
-    iron, short, branch = plant.iron, plant.short, plant.resonance
-    gamma = _stiffest(plant, scenario.drive.adc_full)  # 1/H
-    if iron.R_c > 0.0:
-        gamma += 1.0 / (iron.lag * iron.R_c)
-    if short.share > 0.0:
-        gamma += 2.0 / 3.0 * short.share**2 / loop_inductance(short, plant.R_cold)
-    if branch.C > 0.0:
-        gamma += 2.0 / branch.L  # its capacitor rings up to twice the voltage
-    return 1.5 * scenario.drive.u_dc * gamma
-
-
-def _stiffest(plant: Plant, i_most: float) -> float:
-    """The largest reciprocal inductance (1/H) up to a current (A)."""
-    machine, m, flux_map = plant.machine, plant.magnetics, plant.flux_map
-    gamma = 1.0 / min(machine.L_d, machine.L_q)
-    if m.mapped:
-        gamma = 1.5 * stiffest(flux_map)
-    elif m.curve != (0.0, 0.0, 0.0):
-        for i in (complex(i_most), complex(-i_most), 1j * i_most):
-            psi = flux_of(m, flux_map, i, 1.0 + 0j)
-            a_d, a_q, c = m.curve
-            dd = m.g_d + 3.0 * a_d * psi.real**2 + c * psi.imag**2
-            qq = m.g_q + 3.0 * a_q * psi.imag**2 + c * psi.real**2
-            gamma = max(gamma, dd, qq)
-    return gamma + abs(m.harmonics.inductance) * m.g_q
 
 
 def _commissioned(scenario: Scenario) -> Commissioning:

@@ -38,7 +38,6 @@ class Bridge(NamedTuple):
     E: float  # V, of the source behind the dc link
     knee: float  # A, below which a drop softens
     no_current: float  # A, taken as none
-    steepest: float  # A/s, no current changes faster
 
 
 class BridgeState(NamedTuple):
@@ -144,9 +143,9 @@ def _of_phase(x: complex, k: int) -> float:
 @kernel
 def _decide(
     bridge: Bridge, plant: Plant, state: PlantState, begin: float, end: float, T: float, powered: bool, room: Scratch
-) -> tuple[bool, bool]:
-    """Set every leg's mode between two edges; whether one is dead, and whether a dead one's current may stop."""
-    dead, may_stop = False, False
+) -> bool:
+    """Set every leg's mode between two edges; whether one is dead."""
+    dead = False
     i = 0j
     for k in range(3):
         on = switches(k, 0.5 * (begin + end), bridge.inverter.dead_time, T, room) if powered else 2
@@ -157,12 +156,10 @@ def _decide(
             i = bridge_current(plant, state)
         dead = True
         i_k = _of_phase(i, k)
-        if abs(i_k) < bridge.steepest * (end - begin):
-            may_stop = True
         if room.legs[_MODE, k] <= _HIGH:  # it has just been switched off
             flows = abs(i_k) > bridge.no_current
             room.legs[_MODE, k] = (_DIODE_LOW if i_k > 0.0 else _DIODE_HIGH) if flows else _FLOATS
-    return dead, may_stop
+    return dead
 
 
 @kernel
@@ -220,6 +217,16 @@ def _float(bridge: Bridge, plant: Plant, u_dc: float, t: float, h: float, state:
 def _some_float(room: Scratch) -> bool:
     mode = room.legs[_MODE]
     return mode[0] == _FLOATS or mode[1] == _FLOATS or mode[2] == _FLOATS
+
+
+@kernel
+def _stops(bridge: Bridge, i: complex, room: Scratch) -> bool:
+    """Whether a current (A) flows against its diode: it has stopped before."""
+    for k in range(3):
+        mode, i_k = room.legs[_MODE, k], _of_phase(i, k)
+        if (mode == _DIODE_LOW and i_k < -bridge.no_current) or (mode == _DIODE_HIGH and i_k > bridge.no_current):
+            return True
+    return False
 
 
 @kernel
@@ -293,7 +300,7 @@ def switched(
         begin, end = room.moments[n], room.moments[n + 1]
         if end - begin <= _NO_TIME:
             continue
-        dead, may_stop = _decide(bridge, plant, state, begin, end, T, powered, room)
+        dead = _decide(bridge, plant, state, begin, end, T, powered, room)
         steps = max(math.ceil((end - begin) / T * sub_steps - 1e-9), 1)  # a whole number of them, but for rounding
         h, drawn = (end - begin) / steps, state.q_dc
         if ideal and not dead:
@@ -303,10 +310,12 @@ def switched(
             supply = _supply(bridge, u_dc, room)
         for m in range(steps):
             t_m = t + begin + m * h
-            if may_stop:
-                state = _through_dead_time(bridge, plant, u_dc, t_m, h, state, room)
-            else:
-                state = stepped(plant, supply, t_m, h, state)
+            floats = dead and _some_float(room)
+            after = state if floats else stepped(plant, supply, t_m, h, state)
+            if floats or (dead and _stops(bridge, bridge_current(plant, after), room)):
+                after = _through_dead_time(bridge, plant, u_dc, t_m, h, state, room)
+                supply = _supply(bridge, u_dc, room)
+            state = after
         if link.C > 0.0:
             u_dc = charged(link, bridge.E, u_dc, state.q_dc - drawn, t + begin, end - begin)
     return BridgeState(

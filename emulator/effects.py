@@ -16,16 +16,16 @@ from emulator.physics.demagnetisation import Demagnetisation
 from emulator.physics.flux_map import NO_MAP, FluxMap, loaded
 from emulator.physics.friction import Friction
 from emulator.physics.harmonics import Harmonics
-from emulator.physics.imbalance import Imbalance
+from emulator.physics.imbalance import Imbalance, share_of
 from emulator.physics.iron_loss import IronLoss
 from emulator.physics.legs import Inverter
 from emulator.physics.saturation import Curve, Saturation, saturation_curve
-from emulator.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
+from emulator.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing, read_voltage
 from emulator.physics.skin import Skin, rung_resistance
 from emulator.physics.strangers import Resonance, Stray, Telegraph
 from emulator.physics.thermal import Thermal
 from emulator.physics.timing import Timing
-from emulator.physics.turn_short import TurnShort
+from emulator.physics.turn_short import TurnShort, loop_inductance
 
 
 class MapFile(NamedTuple):
@@ -92,21 +92,23 @@ def knee_of(effects: Effects, motor: Machine) -> float:
     return effects.inverter.knee or 0.01 * motor.i_rated
 
 
-def check_effects(effects: Effects, motor: Machine, T_s: float, h: float, switched: bool, where: str) -> None:
+def check_effects(
+    effects: Effects, motor: Machine, u_dc: float, T_s: float, h: float, switched: bool, where: str
+) -> None:
     """Raise ScenarioError where sizes are out of their bounds or cannot be together; h (s) is the integration step."""
     for name, sizes in effects._asdict().items():
         check_bounds(sizes, f"{where}{name}.")
-    _check_inverter(effects, motor, T_s, h, switched, where)
     _check_magnetics(effects, motor, where)
+    _check_inverter(effects, motor, u_dc, T_s, h, switched, where)
     _check_steps(effects, motor, h, where)
-    thermal = effects.thermal
-    if 0.0 < thermal.C_w < 1000.0 * T_s / thermal.R_wh:
-        raise ScenarioError(
-            f"{where}thermal.C_w takes at least {1000.0 * T_s / thermal.R_wh:g} J/K, got {thermal.C_w:g}"
-        )
+    _check_most(effects, motor, u_dc, where)
+    if effects.thermal.C_w > 0.0:
+        _check_thermal(effects.thermal, motor, T_s, where)
 
 
-def _check_inverter(effects: Effects, motor: Machine, T_s: float, h: float, switched: bool, where: str) -> None:
+def _check_inverter(
+    effects: Effects, motor: Machine, u_dc: float, T_s: float, h: float, switched: bool, where: str
+) -> None:
     inverter, link = effects.inverter, effects.dc_link
     for name in ("inverter", "dc_link"):
         if not switched and getattr(effects, name) != getattr(NONE, name):
@@ -116,7 +118,7 @@ def _check_inverter(effects: Effects, motor: Machine, T_s: float, h: float, swit
             raise ScenarioError(
                 f"{where}inverter.{key} takes at most a fifth of the control period, {0.2 * T_s:g} s, got {value:g} s"
             )
-    softest = 0.5 * h * max(inverter.u_transistor, inverter.u_diode) / min(motor.L_d, motor.L_q)
+    softest = 0.5 * h * max(inverter.u_transistor, inverter.u_diode) * _stiffness(effects, motor)
     if knee_of(effects, motor) < softest:
         raise ScenarioError(
             f"{where}inverter.knee takes at least {softest:.3g} A with these drops, got {knee_of(effects, motor):.3g} A"
@@ -124,6 +126,12 @@ def _check_inverter(effects: Effects, motor: Machine, T_s: float, h: float, swit
     if link.C > 0.0 and T_s > link.R * link.C:
         raise ScenarioError(
             f"{where}dc_link.C takes at least {T_s / link.R:g} F behind {link.R:g} ohm, got {link.C:g} F"
+        )
+    least = 1.5 * motor.i_rated * T_s / (0.25 * u_dc)
+    if 0.0 < link.C < least:
+        raise ScenarioError(
+            f"{where}dc_link.C takes at least {least:.3g} F, of which the rated current empties a quarter in a control "
+            f"period, got {link.C:g} F"
         )
     if link.C == 0.0 and link.ripple > 0.0:
         raise ScenarioError(f"{where}dc_link.ripple takes a capacitor, dc_link.C, got {link.ripple:g} V without one")
@@ -144,24 +152,102 @@ def _check_magnetics(effects: Effects, motor: Machine, where: str) -> None:
 
 def _check_steps(effects: Effects, motor: Machine, h: float, where: str) -> None:
     """What moves too fast for an integration step h (s)."""
-    iron, branch = effects.iron_loss, effects.resonance
-    R = motor.R_s + rung_resistance(effects.skin, motor.R_s) + 2.0 * effects.inverter.r_on
+    iron, branch, short, skin = effects.iron_loss, effects.resonance, effects.turn_short, effects.skin
+    R = motor.R_s + rung_resistance(skin, motor.R_s) + 2.0 * effects.inverter.r_on
     if R * h > 0.5 * min(motor.L_d, motor.L_q):
         raise ScenarioError(
             f"{where}skin and inverter.r_on take resistances of at most {0.5 * min(motor.L_d, motor.L_q) / h:.4g} ohm "
             f"in all at steps of {h:g} s, got {R:.4g}"
         )
-    if iron.R_c > 0.0 and iron.lag < h:
-        raise ScenarioError(f"{where}iron_loss.lag takes at least an integration step, {h:g} s, got {iron.lag:g} s")
-    for name, omega in (("compliance.stiffness", _shaft_resonance(effects, motor)), ("resonance.L", _lc(effects))):
-        if omega * h > 0.5:
-            raise ScenarioError(
-                f"{where}{name} takes a resonance of at most {0.5 / h:.4g} rad/s at steps of {h:g} s, got {omega:.4g}"
-            )
-    if branch.C > 0.0 and branch.R * h > branch.L:
+    r_on, most = effects.inverter.r_on, 0.5 / (h * _stiffness(effects, motor))
+    if r_on > most:
+        raise ScenarioError(_too_fast(f"{where}inverter.r_on", "ohm", most, r_on, h))
+    if iron.R_c > 0.0 and iron.lag < 2.0 * h * (1.0 + R / iron.R_c):
         raise ScenarioError(
-            f"{where}resonance.R takes at most {branch.L / h:g} ohm at steps of {h:g} s, got {branch.R:g}"
+            f"{where}iron_loss.lag takes at least {2.0 * h * (1.0 + R / iron.R_c):.3g} s at steps of {h:g} s "
+            f"and this R_c, got {iron.lag:g} s"
         )
+    if skin.rise > 0.0 and 2.0 * math.pi * skin.frequency * h > 0.5:
+        raise ScenarioError(_too_fast(f"{where}skin.frequency", "Hz", 0.5 / (2.0 * math.pi * h), skin.frequency, h))
+    if effects.stray.amplitude > 0.0 and 2.0 * math.pi * effects.stray.frequency * h > 0.5:
+        most = 0.5 / (2.0 * math.pi * h)
+        raise ScenarioError(_too_fast(f"{where}stray.frequency", "Hz", most, effects.stray.frequency, h))
+    if short.share > 0.0:
+        R_k = motor.R_s * (1.0 + share_of(effects.imbalance, short.phase))
+        longest = 0.5 * loop_inductance(short, motor.R_s) / (short.R_t + short.share * R_k)
+        if h > longest:
+            raise ScenarioError(
+                f"{where}turn_short takes integration steps of at most {longest:.3g} s, by drive.sub_steps, got {h:g} s"
+            )
+    for name, omega in (("compliance.stiffness", _shaft_resonance(effects, motor)), ("resonance.L", _lc(effects))):
+        if omega * h > 0.25:
+            raise ScenarioError(
+                f"{where}{name} takes a resonance of at most {0.25 / h:.4g} rad/s at steps of {h:g} s, got {omega:.4g}"
+            )
+    if branch.C > 0.0 and branch.R * h > 0.5 * branch.L:
+        raise ScenarioError(
+            f"{where}resonance.R takes at most {0.5 * branch.L / h:g} ohm at steps of {h:g} s, got {branch.R:g}"
+        )
+    shaft, friction = effects.compliance, effects.friction
+    lighter = min(motor.J, shaft.J_L)
+    if shaft.stiffness > 0.0 and shaft.damping * h > 0.25 * lighter:
+        most = 0.25 * lighter / h
+        raise ScenarioError(_too_fast(f"{where}compliance.damping", "Nm s/rad", most, shaft.damping, h))
+    steepest = max(friction.coulomb, friction.static) / motor.J
+    if steepest * h > 0.5 * friction.omega_0:
+        raise ScenarioError(
+            f"{where}friction.omega_0 takes at least {2.0 * steepest * h:.3g} rad/s with this friction at steps of "
+            f"{h:g} s, got {friction.omega_0:g}"
+        )
+
+
+def _too_fast(key: str, unit: str, most: float, got: float, h: float) -> str:
+    return f"{key} takes at most {most:.4g} {unit} at steps of {h:g} s, got {got:g}"
+
+
+def _check_most(effects: Effects, motor: Machine, u_dc: float, where: str) -> None:
+    """What would be more than all the rest."""
+    tau = 1.5 * motor.n_p * motor.psi_f * motor.i_rated
+    for key, unit, value, most in (
+        ("stray.amplitude", "V", effects.stray.amplitude, u_dc),
+        ("telegraph.amplitude", "V", effects.telegraph.amplitude, u_dc),
+        ("dc_link.ripple", "V", effects.dc_link.ripple, 0.5 * u_dc),
+        ("harmonics.cogging", "Nm", effects.harmonics.cogging, tau),
+    ):
+        if value > most:
+            raise ScenarioError(f"{where}{key} takes at most {most:.4g} {unit} here, got {value:g}")
+    read, least = read_voltage(effects.voltage_sensing, u_dc), 0.25 * u_dc
+    if read < least:
+        raise ScenarioError(
+            f"{where}voltage_sensing takes gain and offset by which {u_dc:g} V read as {least:g} V at least, "
+            f"got {read:g} V"
+        )
+
+
+def _check_thermal(thermal: Thermal, motor: Machine, T_s: float, where: str) -> None:
+    """Each node's time constants are long against the control period, and no current warms it at once."""
+    most = 1.5 * motor.R_s * (3.0 * motor.i_rated) ** 2  # W
+    by_h = 1.0 / thermal.R_wh + 1.0 / thermal.R_mh + 1.0 / thermal.R_ha
+    for key, value, least in (
+        ("C_w", thermal.C_w, T_s * max(1000.0 / thermal.R_wh, most)),
+        ("C_m", thermal.C_m, T_s * 100.0 / thermal.R_mh),
+        ("C_h", thermal.C_h, T_s * max(100.0 * by_h, most)),
+    ):
+        if value < least:
+            raise ScenarioError(f"{where}thermal.{key} takes at least {least:.4g} J/K, got {value:g}")
+
+
+def _stiffness(effects: Effects, motor: Machine) -> float:
+    """How fast the bridge's current follows a voltage, 1/H: the motor's, and of what carries current beside it."""
+    branch, iron, short = effects.resonance, effects.iron_loss, effects.turn_short
+    total = 1.0 / (min(motor.L_d, motor.L_q) * (1.0 - max(effects.saturation)) ** 2)
+    if branch.C > 0.0:
+        total += 1.0 / branch.L
+    if iron.R_c > 0.0:
+        total += 1.0 / (iron.lag * iron.R_c)
+    if short.share > 0.0:
+        total += 2.0 / 3.0 * short.share**2 / loop_inductance(short, motor.R_s)
+    return total
 
 
 def _shaft_resonance(effects: Effects, motor: Machine) -> float:

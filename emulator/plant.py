@@ -65,8 +65,8 @@ class PlantState(NamedTuple):
     twist: float  # rad, of that shaft
     W_dc: float  # J, taken from the dc link since the start
     W_stray: float  # J, given by stray voltages
-    W_inverter: float  # J, turned to heat in the legs
-    W_copper: float  # J, in the windings, shorted turns and the branch at the terminals
+    W_inverter: float  # J, turned to heat in the legs and a branch at the terminals
+    W_copper: float  # J, in the windings and shorted turns
     W_iron: float  # J
     W_friction: float  # J, in all that drags, the shaft's damper too
     W_shaft: float  # J, electromagnetic and cogging torque have given to the rotor
@@ -203,7 +203,7 @@ def rate(plant: Plant, supply: Supply, t: float, rotor: complex, state: PlantSta
     if plant.resonance.C > 0.0:
         di_r = (u - plant.resonance.R * i_r - state.v_r) / plant.resonance.L
         dv_r = i_r / plant.resonance.C
-        P_copper += 1.5 * plant.resonance.R * _scalar(i_r, i_r)
+        P_inverter += 1.5 * plant.resonance.R * _scalar(i_r, i_r)  # it does not warm the winding
 
     tau = 1.5 * n_p * pull
     if plant.magnetics.harmonics.cogging > 0.0:

@@ -268,7 +268,7 @@ def _check_steps(scenario: Scenario) -> None:
             f"{name}: drive.sub_steps takes steps of at most half the motor's time constant of "
             f"{shortest:g} s, got {h:g} s"
         )
-    check_effects(scenario.effects, motor, T_s, h, drive.bridge == "switched", f"{name}: effects.")
+    check_effects(scenario.effects, motor, drive.u_dc, T_s, h, drive.bridge == "switched", f"{name}: effects.")
     if drive.bandwidth * T_s > 0.5:
         raise ScenarioError(
             f"{name}: drive.bandwidth takes at most {0.5 / T_s:g} rad/s at T_s = {T_s:g} s, got {drive.bandwidth:g}"

@@ -38,6 +38,7 @@ from emulator.plant import started as plant_started
 from emulator.sensors import Sample, Sensors, measured_current, sampled
 from emulator.stream import NO_ROW, Period, Row, extended, write_row
 
+_LEAST_READ: Final = 0.01  # of the dc link: no converter tells a voltage below zero
 RECORDED: Final = ("t", "u_d", "u_q", "i_d", "i_q", "omega_e", "theta_e", "u_dc", "i_a", "i_b", "i_c")
 
 
@@ -102,10 +103,10 @@ def plant_of(bench: Bench, machine: Machine, telegraph: bool) -> Plant:
 
 
 @kernel
-def _sampled(bench: Bench, plant: Plant, state: PlantState, u: complex, tick: int) -> Sample:
-    """The sample at a tick; u (V) is what a bridge without edges applies from then on."""
+def _sampled(bench: Bench, plant: Plant, state: PlantState, u: complex, powered: bool, tick: int) -> Sample:
+    """The sample at a tick; u (V) is what a bridge without edges applies from then on; off, one with edges none."""
     i, slope, skew = bridge_current(plant, state), 0j, longest_skew(bench.sensors.current)
-    if skew > 0.0:
+    if skew > 0.0 and (powered or not bench.bridge.switched):
         supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
         later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
         slope = (bridge_current(plant, later) - i) / skew
@@ -123,7 +124,7 @@ def started(bench: Bench, n_p: int, psi_f: float, powered: bool, temperature: fl
     plant = plant_of(bench, machine, False)
     state = plant_started(plant, 0.0, omega_m)
     back_emf = 1j * machine.n_p * omega_m * machine.psi_f  # at angle zero
-    sample = _sampled(bench, plant, state, back_emf, 0)
+    sample = _sampled(bench, plant, state, back_emf, powered, 0)
     firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s, powered)
     bridge = BridgeState(bench.bridge.E, False, False, False, 0.0, 0.0, 0.0)
     return State(0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, firmware, NO_ROW)
@@ -173,7 +174,7 @@ def simulated(
     complete = 0
     for n in range(periods):
         t = tick * T_s
-        u_dc = read_voltage(bench.voltage, bridge.u_dc)
+        u_dc = max(read_voltage(bench.voltage, bridge.u_dc), _LEAST_READ * bench.fixed.u_dc)
         # The period: the voltage computed one period ago is applied while the next is computed
         u, known = firmware.u_next, firmware.powered
         if bench.timing.delay > 0:
@@ -199,7 +200,7 @@ def simulated(
         then = plant_of(bench, machine_now(bench, (tick + 1) * T_s, heat), telegraph)
         u_next = u_waiting if bench.timing.delay > 0 else firmware.u_next
         u_held = limited(u_next, u_dc) * (bridge.u_dc / u_dc)
-        before, sample = sample, _sampled(bench, then, plant, u_held, tick + 1)
+        before, sample = sample, _sampled(bench, then, plant, u_held, firmware.powered, tick + 1)
 
         # What the drive knows of it
         theta_e = wrapped(n_p * before.theta_m)

@@ -2,20 +2,15 @@
 
 import cmath
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
-from emulator.physics.dc_link import DcLink
-from emulator.physics.harmonics import Harmonics
-from emulator.physics.iron_loss import IronLoss
+from drivers.wire.cia402 import OVERVOLTAGE
+from emulator.physics.dc_link import DcLink, charged
 from emulator.physics.legs import Inverter
-from emulator.physics.legs import vector as held
-from emulator.physics.saturation import Saturation
-from emulator.physics.strangers import Resonance
-from emulator.physics.turn_short import TurnShort
-from emulator.plant import advanced, bridge_current, started
+from emulator.physics.sensing import CurrentSensing, VoltageSensing
+from emulator.scenarios import Run
 from emulator.virtual_drive import VirtualDrive
 from tests.effect_runs import (
     ROUND,
@@ -99,35 +94,6 @@ def test_between_edges_a_clamped_current_is_zero_for_most_of_a_dead_time() -> No
     assert still[1] > 2e-6
 
 
-@pytest.mark.parametrize(
-    "effects",
-    [
-        {},
-        {"saturation": Saturation(L_q_drop=0.3)},
-        {"harmonics": Harmonics(inductance=0.2)},
-        {"iron_loss": IronLoss(R_c=5.0, lag=2e-5)},
-        {"turn_short": TurnShort(share=0.5, R_t=0.01)},
-        {"resonance": Resonance(C=1e-5, L=5e-5)},
-    ],
-    ids=lambda effects: ", ".join(effects) or "none",
-)
-def test_no_current_changes_faster_than_the_bridge_reckons_with(effects: dict[str, Any]) -> None:
-    """Or one that passes zero in a dead time would be missed: from the trip's current, under the longest voltage."""
-    motor = SALIENT._replace(L_d=3e-4, L_q=2e-4)
-    drive = VirtualDrive(switched(with_effects(motor=motor, run=at(100.0), drive={"sub_steps": 20}, **effects)))
-    plant, h, steepest = drive.plant_now(), 1e-9, drive._bench.bridge.steepest
-    worst = 0.0
-    for degrees in range(0, 360, 30):
-        for start in (0j, 15.0 + 0j, -15.0 + 0j, 15j):
-            state = started(plant, 0.0, drive.plant.omega_m, start)
-            u = cmath.rect(2.0 / 3.0 * U_DC, math.radians(degrees))
-            later = advanced(plant, held(u, U_DC), 0.0, h, 1, state)
-            change = bridge_current(plant, later) - bridge_current(plant, state)
-            worst = max(worst, *(abs(x) / h for x in phases_of(change)))
-    assert worst < steepest
-    assert steepest < 8.0 * worst  # or legs would be looked after for nothing
-
-
 def test_a_bridge_that_is_off_lets_currents_end_and_keeps_them_at_none() -> None:
     scenario = switched(with_effects(i_dq=3.0 + 2j, run=at(20.0), inverter=Inverter(2e-6, u_diode=0.7)))
     drive = VirtualDrive(scenario)
@@ -198,3 +164,36 @@ def test_overmodulation_tries_more_and_the_legs_cut_it_off_at_the_hexagon() -> N
     assert U_DC / math.sqrt(3.0) * 1.02 < np.abs(voltages(r)).max() <= 2.0 / 3.0 * U_DC * (1.0 + 1e-9)
 
 
+
+
+def test_a_steady_draw_takes_the_dc_link_down_as_a_capacitor_behind_a_resistance_goes() -> None:
+    link, E, i, h = DcLink(C=1e-4, R=2.0), 300.0, 10.0, 1.5e-4
+    expected = E - link.R * i * (1.0 - math.exp(-h / (link.R * link.C)))
+    assert charged(link, E, E, i * h, 0.0, h) == pytest.approx(expected, rel=1e-12)
+    assert charged(link, E, E, 1e3 * i * h, 0.0, h) > 0.0  # diodes hold an empty one
+
+
+def test_braking_into_a_dc_link_that_takes_little_trips_for_overvoltage() -> None:
+    run = Run(speed_rpm=1500.0)
+    drive = VirtualDrive(switched(with_effects(i_dq=-8j, run=run, dc_link=DcLink(C=2e-4, R=50.0))))
+    r = drive.record(1000)
+    assert np.nanmax(r["u_dc"]) > 1.2 * U_DC
+    assert drive.read("error_code") == OVERVOLTAGE
+    assert np.abs(currents(r)[-100:]).max() < 0.1
+
+
+def test_a_drive_that_reads_its_dc_link_as_none_goes_on_with_numbers() -> None:
+    """The reading sinks below zero before the link does."""
+    link, low = DcLink(C=2e-4, R=500.0), VoltageSensing(offset=-100.0)
+    never = {"undervoltage_trip": 0.0}
+    r = steady(
+        switched(with_effects(i_dq=6j, run=at(50.0), drive=never, dc_link=link, voltage_sensing=low)), 0.0, 0.05
+    )
+    assert all(np.isfinite(column).all() for column in r.values())
+
+
+def test_a_bridge_that_is_off_shows_no_current_to_a_channel_that_samples_late() -> None:
+    skewed = CurrentSensing(skew_a=1e-5, skew_b=5e-6)
+    drive = VirtualDrive(switched(with_effects(run=at(100.0), drive={"enabled": False}, current_sensing=skewed)))
+    r = drive.record(50)
+    assert max(float(np.abs(r[name]).max()) for name in ("i_a", "i_b", "i_c")) < 1e-3

@@ -15,6 +15,8 @@ from typing import Annotated, NamedTuple
 from emulator.bounds import Bound
 from emulator.kernel import kernel
 
+_EMPTY = 0.01  # of E: no less, the bridge's diodes hold it there
+
 
 class DcLink(NamedTuple):
     """Sizes; a stiff link where the capacitor is zero."""
@@ -27,7 +29,7 @@ class DcLink(NamedTuple):
 
 @kernel
 def charged(link: DcLink, E: float, u_dc: float, drawn: float, t: float, h: float) -> float:
-    """u_dc (V) a time h (s) after t, in which the bridge drew so much charge (C). Exact for a steady source."""
+    """u_dc (V) a time h (s) after t, in which the bridge drew so much charge (C). Exact for steady source and draw."""
     source = E + link.ripple * math.sin(2.0 * math.pi * link.frequency * (t + 0.5 * h))
-    keep = math.exp(-h / (link.R * link.C))
-    return source + (u_dc - source) * keep - drawn / link.C
+    towards = source - link.R * drawn / h
+    return max(towards + (u_dc - towards) * math.exp(-h / (link.R * link.C)), _EMPTY * E)

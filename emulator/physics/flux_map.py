@@ -170,16 +170,6 @@ def hessian(flux_map: FluxMap, psi: complex) -> tuple[float, float, float]:
     return by_d.real, by_q.imag, by_q.real
 
 
-def stiffest(flux_map: FluxMap) -> float:
-    """The largest reciprocal inductance (1/H) in the middle of any cell, on either axis."""
-    d, q, h, k, w, _ = flux_map
-    return max(
-        max(hessian(flux_map, complex(d + (n + 0.5) * h, q + (m + 0.5) * k))[:2])
-        for n in range(w.shape[0] - 3)
-        for m in range(w.shape[1] - 3)
-    )
-
-
 def misfit(flux_map: FluxMap, i: NDArray[np.complex128], psi: NDArray[np.complex128]) -> float:
     """Root-mean-square distance (A) of the map's currents from the points'."""
     told = np.array([gradient(flux_map, complex(point)) for point in psi.ravel()])

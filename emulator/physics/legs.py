@@ -10,7 +10,7 @@ on what the motor puts on it. On average, away from zero crossings,
 A switch or diode that conducts drops `u_transistor` or `u_diode`, which soften below `knee`, and r_on i. Pulses shorter
 than `min_pulse` are left out. R. B. Sepe, J. H. Lang, "Inverter nonlinearities and discrete-time vector current
 control", IEEE Trans. Industry Applications, 1994; S.-G. Jeong, M.-H. Park, "The analysis and compensation of dead-time
-effects in PWM inverters", IEEE Trans. Industrial Electronics, 1991, doi 10.1109/41.68326.
+effects in PWM inverters", IEEE Trans. Industrial Electronics 38(2), 1991.
 
 Shows as voltage lost in steps at every phase current's zero crossing - 6 k +- 1 per turn, six per turn in the rotor
 frame - and looks like R_s at one level of current.

@@ -5,7 +5,7 @@
     u_dc,measured = gain u_dc + offset
 
 D.-W. Chung, S.-K. Sul, "Analysis and compensation of current measurement error in vector-controlled AC motor drives",
-IEEE Trans. Industry Applications, 1998, doi 10.1109/28.663474. An offset shows at the electrical frequency in the
+IEEE Trans. Industry Applications, 1998. An offset shows at the electrical frequency in the
 rotor frame, unequal gains at twice it; a common gain scales every impedance. An encoder off its centre shows once a
 mechanical turn, a bent ring twice; an angle offset turns d into q. A drive that reads its dc link high gives less
 voltage than it records.

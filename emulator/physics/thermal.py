@@ -5,8 +5,8 @@
     C_h dT_h/dt = P_iron + (T_w - T_h) / R_wh + (T_m - T_h) / R_mh - (T_h - T_ambient) / R_ha
     R_s = R_s0 (1 + alpha (T_w - 23.4 degC))        psi_f = psi_f0 (1 + beta (T_m - 23.4 degC))
 
-A lumped network as in J. R. Hendershot, T. J. E. Miller, "Design of Brushless Permanent-Magnet Machines", 2010,
-chapter 14. The temperatures move by explicit steps of one control period, which is short against every time constant.
+A lumped network as in J. R. Hendershot, T. J. E. Miller, "Design of Brushless Permanent-Magnet Machines",
+2010. The temperatures move by explicit steps of one control period, which is short against every time constant.
 
 Shows as R_s that drifts up and psi_f that drifts down, each with its own time constant.
 """
@@ -64,5 +64,5 @@ def resistance_factor(thermal: Thermal, T: Temperatures) -> float:
 
 @kernel
 def flux_factor(thermal: Thermal, T: Temperatures) -> float:
-    """psi_f over that at 23.4 degC."""
-    return 1.0 + thermal.beta * (T.magnet - REFERENCE)
+    """psi_f over that at 23.4 degC; magnets that are too hot have none."""
+    return max(1.0 + thermal.beta * (T.magnet - REFERENCE), 0.0)

@@ -27,7 +27,7 @@ def coming_period(drive: VirtualDrive) -> tuple[Column, Column]:
     for begin, end in pairwise(moments):
         steps = max(int(np.ceil((end - begin) / _STEP - 1e-6)), 0)
         h = (end - begin) / max(steps, 1)
-        dead, _ = bridges._decide(bridge, plant, state, begin, end, T, True, room)
+        dead = bridges._decide(bridge, plant, state, begin, end, T, True, room)
         for n in range(steps):
             at = now.tick * T + begin + n * h
             if dead:
