@@ -361,16 +361,20 @@ def _contradict(name: str, other: str) -> bool:
 
 
 def _most(machine: Machine, key: str) -> float:
-    """The largest drop of one kind that a machine can have alone, by bisection."""
+    """The largest drop of one kind that a machine can have alone, by bisection; at most `_LARGEST_DROP`."""
+    if _can_have(machine, key, _LARGEST_DROP):
+        return _LARGEST_DROP
     low, high = 0.0, _LARGEST_DROP
-    for middle_of in range(30):
-        middle = high if middle_of == 0 else 0.5 * (low + high)
-        try:
-            saturation_curve(
-                Saturation(**{key: middle}), machine.L_d, machine.L_q, machine.psi_f, machine.i_rated
-            )
-        except ValueError:
-            high = middle
-        else:
-            low = middle
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _can_have(machine, key, middle) else (low, middle)
     return low
+
+
+def _can_have(machine: Machine, key: str, drop: float) -> bool:
+    sizes = Saturation(**{key: drop})
+    try:
+        saturation_curve(sizes, machine.L_d, machine.L_q, machine.psi_f, machine.i_rated)
+    except ValueError:
+        return False
+    return True

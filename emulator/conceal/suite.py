@@ -22,7 +22,7 @@ from emulator.motors import MOTORS
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
 
-SHORTEST, LONGEST = 0.1, 60.0  # s
+SHORTEST, LONGEST = 0.2, 60.0  # s, so that a winding can warm up within and files can be handled
 
 
 @dataclass(frozen=True, slots=True)
