@@ -117,8 +117,7 @@ class Captures:
         """The recording of a capture. Raises UnknownCaptureError; ConflictError where there is none."""
         status = self.one(drive, id_)
         if status.file is None or not status.file.is_file():
-            gone = status.file is not None
-            why = f": {status.file} is no longer there" if gone else f", it is {status.state}"
+            why = f": {status.file.name} is no longer there" if status.file is not None else f", it is {status.state}"
             raise ConflictError(f"capture {status.id} has no recording{why}")
         return status.file
 
@@ -188,4 +187,4 @@ class Captures:
             self._folder.mkdir(parents=True, exist_ok=True)
             check_place(self._folder / "capture")
         except OSError as error:
-            raise UnavailableError(f"captures cannot be kept in {self._folder}: {error.strerror or error}") from None
+            raise UnavailableError(f"the folder of captures cannot be written: {error.strerror or error}") from None

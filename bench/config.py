@@ -96,10 +96,7 @@ def load_config(path: Path) -> Config:
     for drive in drives:  # two clients of one node would end each other's stream
         if (other := named.setdefault(drive.url, drive.name)) != drive.name:
             raise ConfigError(f"{path}: [drives.{drive.name}] url: expected one of its own, got that of {other}")
-    captures = service.get("captures", str(captures_folder()))
-    if not isinstance(captures, str) or not captures:
-        raise ConfigError(f"{path}: [service] captures: expected a folder, got {shown(captures)}")
-    return Config(drives, host, _port(service, str(path)), path.parent / captures)
+    return Config(drives, host, _port(service, str(path)), _captures(service, path))
 
 
 def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
@@ -128,6 +125,17 @@ def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
     except LimitError as error:
         raise ConfigError(f"{where} window: {error}") from None
     return DriveConfig(name, url, window, nominal.theta_step)
+
+
+def _captures(service: Mapping[str, Any], path: Path) -> Path:
+    given = service.get("captures", str(captures_folder()))
+    if not isinstance(given, str) or not given:
+        raise ConfigError(f"{path}: [service] captures: expected a folder, got {shown(given)}")
+    folder = path.parent / given
+    there = next(place for place in (folder, *folder.parents) if os.path.lexists(place))  # the rest can be made
+    if not there.is_dir():
+        raise ConfigError(f"{path}: [service] captures: expected a folder, got {shown(given)}; {there} is none")
+    return folder
 
 
 def _port(service: Mapping[str, Any], where: str) -> int:

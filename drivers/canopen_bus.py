@@ -15,6 +15,7 @@ from typing import Any, cast
 
 import can
 import canopen
+from can.util import cast_from_string
 from canopen.network import MessageListener
 from canopen.sdo.client import SdoClient
 
@@ -30,10 +31,12 @@ EXPEDITED = 4  # bytes; longer downloads go by blocks
 _BACKLOG = 4 << 20  # bytes of frames that may wait in the kernel for a reader that is held up; it may grant less
 _NO_FRAME = 0.1  # s, after which a reader that was woken for a frame that is not there goes on
 _GONE = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO)  # what an interface that is down, or no more, answers
+_SHOWN = 200  # characters of the library's words in a message
 _BUS_ERRORS = (can.CanError, OSError, RuntimeError, AttributeError)  # the last two: closed meanwhile
 
 # What an SDO answer is (CiA 301, 7.2.4.3): the upper three bits of its first byte
 _SEGMENT, _UPLOADED, _DOWNLOADED, _ABORTED, _BLOCK_DOWNLOAD, _BLOCK_UPLOAD = 0, 2, 3, 4, 5, 6
+_SPOILT = (od.Abort.TOGGLE, od.Abort.SEQUENCE, od.Abort.CRC)  # said of frames lost, late or twice: nothing is refused
 
 # python-can's socketcand client logs a line per partial frame; canopen logs what arrives here as exceptions.
 logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)
@@ -183,6 +186,8 @@ class CanopenBus:
                 code = error.code
                 if code == od.Abort.TIME_OUT:
                     raise NoReplyError(f"{self.node} waited too long for the rest of {where}") from None
+                if code in _SPOILT or (code == od.Abort.COMMAND and kind == _BLOCK_UPLOAD):
+                    raise FrameError(f"{self.node} gave up {where} with SDO abort 0x{code:08X}: {error}") from None
                 raise RefusedError(f"{self.node} answered SDO abort 0x{code:08X} to {where}: {error}", code) from None
             except canopen.SdoCommunicationError as error:
                 self._abort(kind, index, subindex)
@@ -221,7 +226,7 @@ class _Listener(MessageListener):
 
 
 def _open(url: CanUrl, closed: threading.Event) -> canopen.Network:
-    options: dict[str, Any] = dict(url.options)
+    options: dict[str, Any] = {key: cast_from_string(text) for key, text in url.options.items()}
     if url.host is not None:
         check_served(url.host, url.port or 0, url.channel)
         options |= {"host": url.host, "port": url.port, "tcp_tune": True}
@@ -249,4 +254,5 @@ def _prepare(bus: can.BusABC | None) -> None:
 
 def _first_line(error: BaseException) -> str:
     text = (str(error) or type(error).__name__).splitlines()[0]
-    return text.partition(" Traceback")[0].rstrip()  # python-can appends one to its own sentence
+    text = text.partition(" Traceback")[0].rstrip()  # python-can appends one to its own sentence
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."  # and quotes all that has come

@@ -132,6 +132,8 @@ class CanopenDrive:
         while count > 0:
             self.write("capture_offset", float(offset))
             piece = self._bus.read_block(*CAPTURE_DATA, "recording")[: count * width]
+            if (begun := int(self.read("capture_offset"))) != offset:
+                raise FrameError(f"somebody else has set capture_offset of {self._bus.node} to {begun}, not {offset}")
             if not width or len(piece) < width:
                 raise FrameError(f"{self._bus.node} sent {len(piece)} bytes of a recording, expected {count * width}")
             yield piece

@@ -3,14 +3,14 @@
 Requests are one at a time, in the order in which threads come. The library times out by itself and is never
 interrupted. After a time-out a late answer may still be under way: a TCP connection is made anew, a serial line is read
 until it is silent, and whatever comes later is told by its function, by its size, and, in the window, by the request's
-number: every value is read through the window. What is only read is asked again when no answer comes; what is written,
-never.
+number and by where it begins: every value is read through the window. What is only read is asked again when no answer
+comes; what is written, never.
 
 Knows nothing of signals.
 """
 
-import contextlib
 import logging
+import random
 import socket
 import struct
 import threading
@@ -23,6 +23,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from drivers import serial_port
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, held
 from drivers.turns import Turns
 from drivers.wire.modbus_map import (
@@ -32,6 +33,7 @@ from drivers.wire.modbus_map import (
     REGISTERS,
     REQUEST,
     REQUEST_FORMAT,
+    ROWS,
     WINDOW,
     WINDOW_LENGTH,
     WRITE,
@@ -48,6 +50,7 @@ _QUIET: Final = 0.05  # s without a byte: nothing more is under way
 _DRAIN: Final = 1.0  # s, at most, until a line is silent
 _LONGEST: Final = 280  # bytes of a request and its answer
 _BITS: Final = 11  # of a character on the line
+_SHOWN: Final = 24  # bytes of an answer in a message
 
 T = TypeVar("T")
 
@@ -62,7 +65,7 @@ class ModbusLine:
         self.closed = threading.Event()  # set from the first `close` on
         self._url = url
         self._turns = Turns()
-        self._number = 0  # of the latest request in the window
+        self._number = random.getrandbits(16)  # of the latest request in the window; those of clients before are others
         self._received = b""  # since the latest request
         self._gone = False  # there is no line any more
         try:
@@ -119,21 +122,25 @@ class ModbusLine:
             read_address=WINDOW, read_count=count, write_address=REQUEST, values=request, device_id=self._url.unit,
         ))
         words = self._registers(READ_WRITE, count, answer)
+        window = Window.of(words)
         if words[:2] != request[:2]:
             raise FrameError(f"{self.unit} answered request {words[0]}, expected {request[0]}, for {what}")
-        return Window.of(words)
+        if words[2:4] != request[2:4] and window.kind != ROWS:  # rows that are gone are followed by those there are
+            expected = request[2] << 16 | request[3]
+            raise FrameError(f"{self.unit} answered from {window.first} on, expected {expected}, for {what}")
+        return window
 
     def _written(self, address: int, words: Sequence[int], what: str) -> None:
         answer = self._execute(
             WRITE, what, lambda: self._client.write_registers(address, list(words), device_id=self._url.unit)
         )
         if (answer.function_code, answer.address, answer.count) != (WRITE, address, len(words)):
-            raise FrameError(f"{self.unit} answered a write to {what} with {self._received.hex(' ')}")
+            raise FrameError(f"{self.unit} answered a write to {what} with {_bytes(self._received)}")
 
     def _registers(self, function: int, count: int, answer: ModbusPDU) -> list[int]:
         if answer.function_code != function or len(answer.registers) != count:
             raise FrameError(
-                f"{self.unit} answered with {self._received.hex(' ')}, "
+                f"{self.unit} answered with {_bytes(self._received)}, "
                 f"expected {count} registers by function {function}"
             )
         return list(answer.registers)
@@ -162,7 +169,8 @@ class ModbusLine:
             raise LostError(f"{self.unit} is gone: the line has ended") from None
         except (ModbusException, ValueError, LookupError, struct.error):  # the last three: answers that cannot be
             if self._received:
-                raise FrameError(f"{self.unit} answered for {what} with {self._received.hex(' ')}") from None
+                came = _bytes(self._received)
+                raise FrameError(f"{self.unit} answered for {what} with what is no Modbus: {came}") from None
             raise NoReplyError(f"{self.unit} did not answer for {what} within {_timeout(self._url):g} s") from None
         if answer.isError():
             code = cast(Any, answer).exception_code
@@ -261,12 +269,9 @@ class _SerialClient(ModbusSerialClient):
         self.socket.timeout = timeout
 
     def close(self) -> None:
-        connection = getattr(self.socket, "_socket", None)  # pyserial leaves it open where its far end has gone
-        with contextlib.suppress(OSError):  # of a port that has gone
-            super().close()
-        if connection is not None:
-            connection.close()
-        self.socket = None
+        port, self.socket = self.socket, None
+        if port is not None:
+            serial_port.close(port)
 
 
 def _timeout(url: ModbusUrl) -> float:
@@ -277,6 +282,12 @@ def _timeout(url: ModbusUrl) -> float:
 
 def _at(url: ModbusUrl) -> str:
     return f"{'at' if isinstance(url.place, TcpPlace) else 'on'} {url.place}"
+
+
+def _bytes(data: bytes) -> str:
+    """As a sentence has them: not by the thousand."""
+    more = f" ... ({len(data)} bytes)" if len(data) > _SHOWN else ""
+    return data[:_SHOWN].hex(" ") + more
 
 
 def _first_line(error: BaseException) -> str:

@@ -23,6 +23,7 @@ from typing import Any, Final, Self, cast
 
 import serial
 
+from drivers import serial_port
 from drivers.block import Block
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError, held
@@ -55,6 +56,7 @@ class UartDrive:
         self._url = url
         self._full: FullScales = {}
         self._decoder = uf.Decoder()
+        self._bytes = 0  # that have come
         self._sequence = random.getrandbits(16)  # replies to a client before this one are none of its own
         self._send_lock = threading.Lock()
         self._sent = time.monotonic()
@@ -171,7 +173,7 @@ class UartDrive:
         with self._close_lock:
             self._reader.join()
             self._fail(f"{self._url} is closed")
-            _close(self._port)
+            serial_port.close(self._port)
 
     def __enter__(self) -> Self:
         return self
@@ -204,9 +206,9 @@ class UartDrive:
         seen, waited = self.seen, ATTEMPTS * REPLY_TIMEOUT
         if seen.frames:
             return f"{seen.frames} frames came from {self._url} within {waited:g} s, but none is a drive's identity"
-        if seen.bytes_dropped:
+        if self._bytes:
             return (
-                f"no drive answered at {self._url}: {seen.bytes_dropped} bytes came within {waited:g} s, "
+                f"no drive answered at {self._url}: {self._bytes} bytes came within {waited:g} s, "
                 "but no frame; it is another device, or its baud rate is another"
             )
         return f"no drive answered at {self._url} within {waited:g} s: nothing came"
@@ -353,7 +355,9 @@ class UartDrive:
     def _listen(self) -> None:
         try:
             while not self._deaf.is_set():
-                for frame in self._decoder.feed(self._received()):
+                data = self._received()
+                self._bytes += len(data)
+                for frame in self._decoder.feed(data):
                     self._hand_out(frame)
         except Exception as error:  # noqa: BLE001 - whatever ended the library's port
             self._fail(f"{self._url} is gone: {_reason(error)}")
@@ -439,15 +443,6 @@ def _open(url: UartUrl) -> Any:
 def _selectable(url: UartUrl) -> bool:
     """Whether the port can be waited for by `select`, and then be read without waiting."""
     return url.protocol == "socket" or (bool(url.device) and os.name == "posix")
-
-
-def _close(port: Any) -> None:
-    """Close the port; pyserial forgets to where the other end of a socket has gone first."""
-    open_socket = getattr(port, "_socket", None)
-    with contextlib.suppress(OSError):
-        port.close()
-    if open_socket is not None:
-        open_socket.close()
 
 
 def _reason(error: BaseException) -> str:

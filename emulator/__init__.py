@@ -3,7 +3,8 @@
 * `machine`, `inverter`, `sensors`, `mechanics` - the physics; `plant` - its integration
 * `modulation`, `bridge` - the inverter with its edges, where a mean voltage per period is not enough
 * `course` - the winding's temperature over time and the parameters that follow it
-* `firmware`, `excitation` - field-oriented control and its references; `stream` - the rows it sends
+* `firmware` - field-oriented control and its protections, with `weakening` of the field, `reference` of the speed and
+  `excitation`; `stream` - the rows it sends
 * `simulation` - all of these in one compiled loop; `virtual_drive` - that loop behind the drive's dictionary
 * `operation` - its state machine, faults and watchdog; `recorder` - its recorder
 * `canopen_server` - a CANopen node over it, with `canopen_objects`, `sdo_server`, `tpdo`; `socketcand` - a CAN bus on

@@ -19,6 +19,7 @@ from typing import Any, Self
 import can
 import canopen
 import numpy as np
+from can.util import cast_from_string
 from canopen.network import MessageListener
 
 from drivers.wire import canopen_od as od
@@ -314,7 +315,7 @@ class _SocketcandBus(can.BusABC):
 def _open(url: CanUrl) -> can.BusABC:
     if url.host is not None:
         return _SocketcandBus(SocketcandServer(url.host, url.port or 0, url.channel))
-    options: dict[str, Any] = dict(url.options)
+    options: dict[str, Any] = {key: cast_from_string(text) for key, text in url.options.items()}
     try:
         bus = can.Bus(interface=url.interface, channel=url.channel, **options)
     except Exception as error:  # noqa: BLE001 - each CAN interface has its own errors for a bus that is not there

@@ -6,7 +6,7 @@ Here too is what sizes cannot be together, or with a motor and a drive: one sent
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, cast, get_type_hints
 
 from emulator.bounds import ScenarioError, check_bounds, from_table
 from emulator.machine import Machine
@@ -71,7 +71,7 @@ def effects_from_table(table: Mapping[str, object], where: str, folder: Path) ->
             raise ScenarioError(f"{where}{name} is no effect; the effects are {', '.join(kinds)}")
         if not isinstance(section, dict):
             raise ScenarioError(f"{where}{name} takes a section, got {section!r}")
-        values[name] = from_table(kinds[name], section, f"{where}{name}.")
+        values[name] = from_table(kinds[name], cast(dict[str, object], section), f"{where}{name}.")
     if "flux_map" in values:
         values["flux_map"] = MapFile(str(folder / values["flux_map"].file))
     return Effects(**values)
@@ -96,18 +96,27 @@ def check_effects(effects: Effects, motor: Machine, T_s: float, h: float, switch
     """Raise ScenarioError where sizes are out of their bounds or cannot be together; h (s) is the integration step."""
     for name, sizes in effects._asdict().items():
         check_bounds(sizes, f"{where}{name}.")
-    if not switched:
-        for name in ("inverter", "dc_link"):
-            if getattr(effects, name) != getattr(NONE, name):
-                raise ScenarioError(f"{where}{name} takes drive.bridge = 'switched', got 'averaged'")
+    _check_inverter(effects, motor, T_s, h, switched, where)
+    _check_magnetics(effects, motor, where)
+    _check_steps(effects, motor, h, where)
+    thermal = effects.thermal
+    if 0.0 < thermal.C_w < 1000.0 * T_s / thermal.R_wh:
+        raise ScenarioError(
+            f"{where}thermal.C_w takes at least {1000.0 * T_s / thermal.R_wh:g} J/K, got {thermal.C_w:g}"
+        )
+
+
+def _check_inverter(effects: Effects, motor: Machine, T_s: float, h: float, switched: bool, where: str) -> None:
     inverter, link = effects.inverter, effects.dc_link
+    for name in ("inverter", "dc_link"):
+        if not switched and getattr(effects, name) != getattr(NONE, name):
+            raise ScenarioError(f"{where}{name} takes drive.bridge = 'switched', got 'averaged'")
     for key, value in (("dead_time", inverter.dead_time), ("min_pulse", inverter.min_pulse)):
         if value > 0.2 * T_s:
             raise ScenarioError(
                 f"{where}inverter.{key} takes at most a fifth of the control period, {0.2 * T_s:g} s, got {value:g} s"
             )
-    shortest_L = min(motor.L_d, motor.L_q)
-    softest = 0.5 * h * max(inverter.u_transistor, inverter.u_diode) / shortest_L
+    softest = 0.5 * h * max(inverter.u_transistor, inverter.u_diode) / min(motor.L_d, motor.L_q)
     if knee_of(effects, motor) < softest:
         raise ScenarioError(
             f"{where}inverter.knee takes at least {softest:.3g} A with these drops, got {knee_of(effects, motor):.3g} A"
@@ -116,6 +125,11 @@ def check_effects(effects: Effects, motor: Machine, T_s: float, h: float, switch
         raise ScenarioError(
             f"{where}dc_link.C takes at least {T_s / link.R:g} F behind {link.R:g} ohm, got {link.C:g} F"
         )
+    if link.C == 0.0 and link.ripple > 0.0:
+        raise ScenarioError(f"{where}dc_link.ripple takes a capacitor, dc_link.C, got {link.ripple:g} V without one")
+
+
+def _check_magnetics(effects: Effects, motor: Machine, where: str) -> None:
     if effects.saturation != Saturation() and effects.flux_map.file:
         raise ScenarioError(f"{where}saturation takes no size beside effects.flux_map, which has its own")
     try:
@@ -126,28 +140,27 @@ def check_effects(effects: Effects, motor: Machine, T_s: float, h: float, switch
         flux_map_of(effects)
     except ValueError as error:
         raise ScenarioError(f"{where}flux_map.file: {error}") from None
-    fast = (motor.R_s + rung_resistance(effects.skin, motor.R_s) + 2.0 * inverter.r_on) * h / shortest_L
-    if fast > 0.5:
+
+
+def _check_steps(effects: Effects, motor: Machine, h: float, where: str) -> None:
+    """What moves too fast for an integration step h (s)."""
+    iron, branch = effects.iron_loss, effects.resonance
+    R = motor.R_s + rung_resistance(effects.skin, motor.R_s) + 2.0 * effects.inverter.r_on
+    if R * h > 0.5 * min(motor.L_d, motor.L_q):
         raise ScenarioError(
-            f"{where}skin and inverter.r_on take a step of at most half the shortest time constant, got {fast:.3g} of it"
+            f"{where}skin and inverter.r_on take resistances of at most {0.5 * min(motor.L_d, motor.L_q) / h:.4g} ohm "
+            f"in all at steps of {h:g} s, got {R:.4g}"
         )
-    if effects.iron_loss.R_c > 0.0 and effects.iron_loss.lag < h:
-        raise ScenarioError(
-            f"{where}iron_loss.lag takes at least an integration step, {h:g} s, got {effects.iron_loss.lag:g} s"
-        )
+    if iron.R_c > 0.0 and iron.lag < h:
+        raise ScenarioError(f"{where}iron_loss.lag takes at least an integration step, {h:g} s, got {iron.lag:g} s")
     for name, omega in (("compliance.stiffness", _shaft_resonance(effects, motor)), ("resonance.L", _lc(effects))):
         if omega * h > 0.5:
             raise ScenarioError(
                 f"{where}{name} takes a resonance of at most {0.5 / h:.4g} rad/s at steps of {h:g} s, got {omega:.4g}"
             )
-    if effects.resonance.C > 0.0 and effects.resonance.R * h > effects.resonance.L:
+    if branch.C > 0.0 and branch.R * h > branch.L:
         raise ScenarioError(
-            f"{where}resonance.R takes at most {effects.resonance.L / h:g} ohm at steps of {h:g} s, "
-            f"got {effects.resonance.R:g}"
-        )
-    if 0.0 < effects.thermal.C_w < 1000.0 * T_s / effects.thermal.R_wh:
-        raise ScenarioError(
-            f"{where}thermal.C_w takes at least {1000.0 * T_s / effects.thermal.R_wh:g} J/K, got {effects.thermal.C_w:g}"
+            f"{where}resonance.R takes at most {branch.L / h:g} ohm at steps of {h:g} s, got {branch.R:g}"
         )
 
 

@@ -1,4 +1,4 @@
-"""The drive's firmware: field-oriented current control, speed control and excitation, once a control period.
+"""The drive's firmware: current and speed control, field weakening, excitation, protections, once a control period.
 
 The voltage computed from the samples of period k is applied over period k + 1. Knows of the machine only what
 its settings say, and of the world only its samples.
@@ -7,14 +7,17 @@ its settings say, and of the world only its samples.
 import math
 from typing import NamedTuple
 
-from emulator.excitation import AXIS_AT_REST, Axis, fraction, stepped
+from emulator.excitation import AT_REST, Excited, excited
 from emulator.frames import nearest, turned
 from emulator.inverter import limited, longest
 from emulator.kernel import kernel
 from emulator.mechanics import Profile, profile_speed
+from emulator.reference import Ramp, ramped
 from emulator.sensors import Sample, measured_current
+from emulator.weakening import NOT_WEAKENED, Weakening, d_first, room, weakened
 
-_AXIS_D, _AXIS_Q = 11, 12  # sources of random numbers
+OFF, REFERENCE, PROFILE = 0, 1, 2  # speed control: none, after the reference, after the drive's profile
+NO_TRIP, TRIP_CURRENT, TRIP_HIGH_VOLTAGE, TRIP_LOW_VOLTAGE, TRIP_SPEED = 0, 1, 2, 3, 4
 _DELAY = 1.5  # periods from the sample to the middle of the period its voltage is applied over
 
 
@@ -28,11 +31,26 @@ class Settings(NamedTuple):
     control_L_q: float  # H
     control_psi_f: float  # Vs
     bandwidth: float  # rad/s, of the current control
+    field_weakening: int  # 0 or 1
+    i_d_weakening: float  # A, most that it takes
+    weakening_voltage: float  # share of the inverter's reach that it holds the voltage below
     i_d_ref: float  # A
     i_q_ref: float  # A; without effect under speed control
     i_d_step: float  # A
     i_q_step: float  # A
     step_time: float  # s
+    speed_control: int  # OFF, REFERENCE or PROFILE: where i_q comes from
+    speed_ref: float  # rad/s, electrical, as what follows
+    speed_ramp: float  # rad/s2; 0: at once
+    speed_step: float  # rad/s
+    speed_hold: float  # s
+    excitation_kind: int  # number in `excitation.KINDS`
+    sine_frequency: float  # Hz
+    sine_count: int
+    i_d_levels: int
+    level_time: float  # s
+    speed_error_trip: float  # rad/s; 0: never
+    speed_error_time: float  # s
 
 
 class Commissioning(NamedTuple):
@@ -42,7 +60,8 @@ class Commissioning(NamedTuple):
     u_dc: float  # V
     i_max: float  # A, longest current reference
     i_trip: float  # A, a sampled current beyond it switches the bridge off
-    speed_control: bool  # i_q from a speed loop that follows the profile
+    overvoltage_trip: float  # V, and so does a dc link above this; 0: never
+    undervoltage_trip: float  # V, or below this
     profile: Profile
     k_p_speed: float  # A s/rad, proportional gain of the speed loop, electrical speed
     k_i_speed: float  # A/rad, integral gain
@@ -54,14 +73,16 @@ class FirmwareState(NamedTuple):
     """What the firmware remembers from period to period."""
 
     powered: bool  # the bridge is on
-    tripped: bool  # and was switched off by an overcurrent
+    trip: int  # and was switched off by this
     u_next: complex  # V, stationary frame: to be applied over the next period
     integral: complex  # V, rotor frame: of the current control
     theta_m: float  # rad, of the sample before
     omega_e: float  # rad/s, filtered
     i_q_integral: float  # A, of the speed control
-    axis_d: Axis
-    axis_q: Axis
+    ramp: Ramp  # its reference
+    late: int  # periods that the speed has been too far from it
+    weakening: Weakening
+    excited: Excited
 
 
 def switched_on(
@@ -70,17 +91,68 @@ def switched_on(
     """State at the first sample; the first voltage is the back-EMF, so that no current rushes in."""
     omega_e = n_p * omega_m
     u = turned(n_p * theta_m + 0.5 * omega_e * T_s) * (1j * omega_e * psi_f)
-    return FirmwareState(powered, False, u, 0j, theta_m - omega_m * T_s, omega_e, 0.0, AXIS_AT_REST, AXIS_AT_REST)
+    return FirmwareState(
+        powered, NO_TRIP, u, 0j, theta_m - omega_m * T_s, omega_e, 0.0, Ramp(omega_e, 1, 0), 0, NOT_WEAKENED, AT_REST
+    )
 
 
 @kernel
-def computed(fixed: Commissioning, settings: Settings, state: FirmwareState, sample: Sample, t: float) -> FirmwareState:
-    """One control period: the sample at time t (s) taken in, the voltage of the next period in `u_next`.
+def tripped(fixed: Commissioning, settings: Settings, state: FirmwareState, i: float, u_dc: float) -> int:
+    """What switches the bridge off at this current (A) and dc-link voltage (V), the first cause first."""
+    if state.trip != NO_TRIP or not state.powered:
+        return state.trip
+    if i > fixed.i_trip:
+        return TRIP_CURRENT
+    if fixed.overvoltage_trip > 0.0 and u_dc > fixed.overvoltage_trip:
+        return TRIP_HIGH_VOLTAGE
+    if u_dc < fixed.undervoltage_trip:
+        return TRIP_LOW_VOLTAGE
+    if state.late * fixed.T_s > settings.speed_error_time:
+        return TRIP_SPEED
+    return NO_TRIP
+
+
+@kernel
+def periods(time: float, T_s: float) -> int:
+    """A time (s) in control periods, 1 at least."""
+    return max(1, math.ceil(time / T_s - 1e-6))
+
+
+@kernel
+def speed_reference(
+    fixed: Commissioning, settings: Settings, state: FirmwareState, omega_e: float, powered: bool, t: float
+) -> Ramp:
+    """The reference of this period, at time t (s); without speed control the speed there is (rad/s)."""
+    if settings.speed_control == PROFILE:
+        return Ramp(settings.n_p * profile_speed(fixed.profile, t), 1, 0)
+    if settings.speed_control == OFF or not powered:
+        return Ramp(omega_e, 1, 0)
+    hold = periods(settings.speed_hold, fixed.T_s)
+    return ramped(state.ramp, settings.speed_ref, settings.speed_step, settings.speed_ramp, hold, fixed.T_s)
+
+
+@kernel
+def weaker(
+    settings: Settings, before: Weakening, u: complex, omega_e: float, most: float, i_max: float, T_s: float
+) -> Weakening:
+    """Field weakening after a period that needed the voltage u (V) where there is `most` (V)."""
+    L_d, psi_f = settings.control_L_d, settings.control_psi_f
+    lowest = -min(settings.i_d_weakening, psi_f / L_d)  # further on, the flux would grow again
+    slowest = most / (psi_f + L_d * i_max)  # below, no current needs more
+    spare = settings.weakening_voltage * most - abs(u)
+    return weakened(before, spare, omega_e, slowest, L_d, settings.bandwidth, lowest, T_s)
+
+
+@kernel
+def computed(
+    fixed: Commissioning, settings: Settings, state: FirmwareState, sample: Sample, u_dc: float, t: float
+) -> FirmwareState:
+    """One control period: sample and dc-link voltage (V) at time t (s) taken in, the voltage of the next in `u_next`.
 
     With the bridge off, `u_next` is what the machine's terminals then have, near enough: the current decays, and with
     no current the back-EMF is left. The drive does not know that voltage.
     """
-    T_s, u_dc = fixed.T_s, fixed.u_dc
+    T_s, i_max = fixed.T_s, fixed.i_max
     R_s, L_d, L_q, psi_f = (settings.control_R_s, settings.control_L_d, settings.control_L_q, settings.control_psi_f)
     alpha = settings.bandwidth
 
@@ -89,33 +161,45 @@ def computed(fixed: Commissioning, settings: Settings, state: FirmwareState, sam
     omega_e = state.omega_e + (raw_speed - state.omega_e) * T_s / (fixed.T_speed + T_s)
     i = measured_current(sample) * turned(-theta_e)
 
-    tripped = state.tripped or (state.powered and abs(i) > fixed.i_trip)
-    powered = state.powered and not tripped
+    trip = tripped(fixed, settings, state, abs(i), u_dc)
+    powered = state.powered and trip == NO_TRIP
 
-    # References
-    hold = max(1, math.ceil(settings.step_time / T_s - 1e-6))
-    axis_d = stepped(state.axis_d, hold, fixed.seed, _AXIS_D)
-    axis_q = stepped(state.axis_q, hold, fixed.seed, _AXIS_Q)
-    i_q_wanted, i_q_integral = settings.i_q_ref, 0.0
-    if fixed.speed_control:
-        error = settings.n_p * profile_speed(fixed.profile, t) - omega_e
+    # Excitation
+    excitation, x_d, x_q = excited(
+        state.excited, settings.excitation_kind, periods(settings.step_time, T_s), periods(settings.level_time, T_s),
+        settings.i_d_levels, settings.sine_count, settings.sine_frequency, fixed.seed, t,
+    )
+
+    # The current that is left for i_q
+    i_d_ref, i_q_most = settings.i_d_ref + settings.i_d_step * x_d, i_max
+    weakening = settings.field_weakening != 0 and powered
+    if weakening:
+        i_d_ref += state.weakening.i_d
+        i_q_most = room(i_d_ref, i_max)
+
+    # Speed control: PI; switched on, it goes on from the current there is
+    i_q_wanted, i_q_integral, late = settings.i_q_ref, settings.i_q_ref, 0
+    ramp = speed_reference(fixed, settings, state, omega_e, powered, t)
+    if settings.speed_control != OFF:
+        error = ramp.omega_e - omega_e
+        late = state.late + 1 if 0.0 < settings.speed_error_trip < abs(error) else 0
         i_q_wanted = fixed.k_p_speed * error + state.i_q_integral
         i_q_integral = state.i_q_integral + fixed.k_i_speed * T_s * error
-        i_q_integral = min(max(i_q_integral, -fixed.i_max), fixed.i_max)
-    i_ref = complex(
-        settings.i_d_ref + settings.i_d_step * fraction(axis_d),
-        i_q_wanted + settings.i_q_step * fraction(axis_q),
-    )
+        i_q_integral = min(max(i_q_integral, -i_q_most), i_q_most)
+    i_ref = complex(i_d_ref, i_q_wanted + settings.i_q_step * x_q)
+    if weakening:
+        i_ref = d_first(i_ref, i_max)
     if not powered:
-        i_ref, i_q_integral = 0j, 0.0
-    if abs(i_ref) > fixed.i_max:
-        i_ref *= fixed.i_max / abs(i_ref)
+        i_ref, i_q_integral, late = 0j, 0.0, 0
+    if abs(i_ref) > i_max:
+        i_ref *= i_max / abs(i_ref)
 
     # Current control: PI, cross-coupling and back-EMF fed forward
     e = i_ref - i
     back_emf = omega_e * complex(-L_q * i.imag, L_d * i.real + psi_f)
     u = complex(alpha * L_d * e.real, alpha * L_q * e.imag) + state.integral + back_emf
-    u_limited = limited(u, u_dc)
+    most = longest(u_dc)
+    u_limited = d_first(u, most) if weakening else limited(u, u_dc)
     # Anti-windup: the integral takes in the error that the limited voltage answers to
     short = u_limited - u
     integral = state.integral + alpha * R_s * T_s * (
@@ -123,9 +207,12 @@ def computed(fixed: Commissioning, settings: Settings, state: FirmwareState, sam
     )
     if not powered:
         integral = 0j
-    most = longest(u_dc)
     if abs(integral) > most:
         integral *= most / abs(integral)
 
+    weakened_next = weaker(settings, state.weakening, u, omega_e, most, i_max, T_s) if weakening else NOT_WEAKENED
+
     u_next = u_limited * turned(theta_e + _DELAY * omega_e * T_s)
-    return FirmwareState(powered, tripped, u_next, integral, sample.theta_m, omega_e, i_q_integral, axis_d, axis_q)
+    return FirmwareState(
+        powered, trip, u_next, integral, sample.theta_m, omega_e, i_q_integral, ramp, late, weakened_next, excitation
+    )

@@ -20,7 +20,7 @@ from emulator.faults import Faults, Passed
 from emulator.modbus_frames import Framing, Request, RtuFraming, TcpFraming
 from emulator.modbus_registers import Registers
 from emulator.socketcand import BusError
-from emulator.terminal import Terminal
+from emulator.terminal import Terminal, at_another_speed
 from emulator.virtual_drive import StreamRows, VirtualDrive
 
 _SILENCE: Final = 0.01  # s without a byte that ends a frame; 3.5 characters are 0.3 ms at 115200 bit/s
@@ -55,7 +55,7 @@ class ModbusServer:
         self._listener: _Listener | None = None
         place = url.place
         if isinstance(place, SerialPlace) and "://" not in place.device:
-            self._begin(_Pty(Path(place.device)), RtuFraming())
+            self._begin(_Pty(place), RtuFraming())
         else:
             framing = TcpFraming if isinstance(place, TcpPlace) else RtuFraming
             self._listener = _Listener(
@@ -179,8 +179,9 @@ class _Pty:
 
     checked = False
 
-    def __init__(self, link: Path) -> None:
-        self._terminal = Terminal(link)
+    def __init__(self, place: SerialPlace) -> None:
+        self._terminal = Terminal(Path(place.device))
+        self._baudrate = place.baudrate
         self._near = self._terminal.near
         self._wake = os.eventfd(0)
 
@@ -188,11 +189,14 @@ class _Pty:
         ready, _, _ = select.select([self._near, self._wake], [], [], patience)
         if self._wake in ready:
             return None
-        return os.read(self._near, 1 << 16) if ready else b""
+        return self._at_their_speed(os.read(self._near, 1 << 16)) if ready else b""
 
     def send(self, data: bytes) -> None:
         with contextlib.suppress(BlockingIOError):  # a line waits for nobody
-            os.write(self._near, data)
+            os.write(self._near, self._at_their_speed(data))
+
+    def _at_their_speed(self, data: bytes) -> bytes:
+        return data if self._terminal.at(self._baudrate) else at_another_speed(data)
 
     def leave(self) -> None:
         os.eventfd_write(self._wake, 1)

@@ -13,16 +13,15 @@ period; what magnets and inductances give to the field's energy when they move i
 import math
 from typing import NamedTuple
 
-from emulator.frames import phases, turned, turned_slightly, wrapped
+from emulator.frames import clarke, phases, turned, turned_slightly, wrapped
 from emulator.kernel import inlined, kernel
 from emulator.machine import Machine
 from emulator.magnetics import Magnetics, current_and_pull, field_energy, flux_of, sixth
 from emulator.mechanics import Shaft, drag, profile_speed
-from emulator.physics import imbalance as imbalances
 from emulator.physics import iron_loss
 from emulator.physics.compliance import stored_energy as energy_of_the_spring
 from emulator.physics.flux_map import FluxMap
-from emulator.physics.imbalance import Imbalance, axis_of
+from emulator.physics.imbalance import Imbalance, axis_of, drop, share_of
 from emulator.physics.iron_loss import IronLoss
 from emulator.physics.iron_loss import stored_energy as energy_of_the_iron
 from emulator.physics.legs import Supply, lost
@@ -107,104 +106,109 @@ def _scalar(x: complex, y: complex) -> float:
 
 
 @inlined
+def _fed(supply: Supply, i: complex) -> tuple[complex, float, float, float]:
+    """What a supply does at a bridge's current (A): its vector (V), power taken and lost (W), dc-link current (A)."""
+    if supply.vector:
+        P_dc = 1.5 * _scalar(supply.u, i)
+        return supply.u, P_dc, 0.0, P_dc / supply.u_dc
+    i_a, i_b, i_c = phases(i)
+    a, b, c, u_dc, knee = supply.a, supply.b, supply.c, supply.u_dc, supply.knee
+    lost_a, lost_b, lost_c = lost(a, knee, i_a), lost(b, knee, i_b), lost(c, knee, i_c)
+    u = clarke(a.s * u_dc - lost_a, b.s * u_dc - lost_b, c.s * u_dc - lost_c)
+    i_dc = a.s * i_a + b.s * i_b + c.s * i_c
+    return u, u_dc * i_dc, lost_a * i_a + lost_b * i_b + lost_c * i_c, i_dc
+
+
+@inlined
+def _shorted(plant: Plant, u: complex, u_R: complex, i_s: complex, i_t: float) -> tuple[complex, float, float]:
+    """Shorted turns: the windings' drop (V) with them, d(i_t)/dt (A/s), and power lost beside u_R i_s (W)."""
+    share, R_t, phase = plant.short
+    along = axis_of(phase)
+    R_k = plant.machine.R_s * (1.0 + share_of(plant.imbalance, phase))
+    i_k = _scalar(i_s, along)
+    u_R -= 2.0 / 3.0 * share * R_k * i_t * along
+    around = share * (R_k * i_k + _scalar(u - u_R, along)) - (R_t + share * R_k) * i_t
+    lost_power = (R_t + share * R_k) * i_t * i_t - share * R_k * i_k * i_t
+    return u_R, around / loop_inductance(plant.short, plant.R_cold), lost_power
+
+
+@inlined
+def _turning(shaft: Shaft, state: PlantState, tau: float, omega_m: float, omega_L: float) -> tuple[
+    float, float, float, float
+]:
+    """d(omega_m)/dt, d(omega_L)/dt (rad/s2), power of friction and of the load (W) under a rotor's torque (Nm)."""
+    tau_drag = drag(shaft, omega_m)
+    stiffness, damping, J_L = shaft.compliance
+    if stiffness > 0.0:
+        slip = omega_m - omega_L
+        tau_s = stiffness * state.twist + damping * slip
+        load = tau_s if shaft.held else shaft.tau_L
+        return (
+            (tau - tau_drag - tau_s) / shaft.J,
+            0.0 if shaft.held else (tau_s - shaft.tau_L) / J_L,
+            tau_drag * omega_m + damping * slip * slip,
+            load * omega_L,
+        )
+    if shaft.held:  # friction is the dynamometer's own matter
+        return 0.0, 0.0, 0.0, tau * omega_m
+    return (tau - shaft.tau_L - tau_drag) / shaft.J, 0.0, tau_drag * omega_m, shaft.tau_L * omega_m
+
+
+@inlined
 def rate(plant: Plant, supply: Supply, t: float, rotor: complex, state: PlantState) -> PlantState:
     """Rate of change of the state at a time t (s); rotor = exp(j n_p theta_m)."""
     shaft, R_s, n_p = plant.shaft, plant.machine.R_s, plant.machine.n_p
     psi, i_i, i_t, i_r = state.psi, state.i_i, state.i_t, state.i_r
 
-    # Shaft, speeds
-    compliant = shaft.compliance.stiffness > 0.0
     omega_m, omega_L = state.omega_m, state.omega_L
     if shaft.held:
         omega_L = profile_speed(shaft.profile, t)
-    if not compliant:
+    if shaft.compliance.stiffness == 0.0:
         if shaft.held:
             omega_m = omega_L
         omega_L = omega_m
 
-    # Currents
     i_dq, pull = current_and_pull(plant.magnetics, plant.flux_map, psi * rotor.conjugate(), rotor)
     i_s = rotor * i_dq + i_i
-    share = plant.short.share
-    along = axis_of(plant.short.phase) if share > 0.0 else 0j
-    if share > 0.0:
-        i_s += 2.0 / 3.0 * share * i_t * along
+    if plant.short.share > 0.0:
+        i_s += 2.0 / 3.0 * plant.short.share * i_t * axis_of(plant.short.phase)
     i_bridge = i_s + i_r
 
-    # Supply: what the legs hold at these currents
-    if supply.vector:
-        u = supply.u
-        P_dc, P_inverter = 1.5 * _scalar(u, i_bridge), 0.0
-        i_dc = P_dc / supply.u_dc
-    else:
-        i_a, i_b, i_c = phases(i_bridge)
-        a, b, c, u_dc, knee = supply.a, supply.b, supply.c, supply.u_dc, supply.knee
-        lost_a, lost_b, lost_c = lost(a, knee, i_a), lost(b, knee, i_b), lost(c, knee, i_c)
-        v_a, v_b, v_c = a.s * u_dc - lost_a, b.s * u_dc - lost_b, c.s * u_dc - lost_c
-        u = complex((2.0 * v_a - v_b - v_c) / 3.0, (v_b - v_c) * 0.5773502691896258)
-        i_dc = a.s * i_a + b.s * i_b + c.s * i_c
-        P_dc = u_dc * i_dc
-        P_inverter = lost_a * i_a + lost_b * i_b + lost_c * i_c
+    u, P_dc, P_inverter, i_dc = _fed(supply, i_bridge)
     stray = plant.telegraph
     if plant.stray.amplitude > 0.0:
         stray += stray_voltage(plant.stray, t)
     u += stray
 
-    # Windings
-    u_R = imbalances.drop(plant.imbalance, R_s, i_s)
-    R_x, di_x = 0.0, 0j
+    # Windings; what is no heat goes to the rung's field
+    u_R = drop(plant.imbalance, R_s, i_s)
+    di_x, to_rung = 0j, 0.0
     if plant.skin.rise > 0.0:
-        R_x = rung_resistance(plant.skin, plant.R_cold)
-        u_x = R_x * (i_s - state.i_x)
+        u_x = rung_resistance(plant.skin, plant.R_cold) * (i_s - state.i_x)
         di_x = u_x / rung_inductance(plant.skin, plant.R_cold)
         u_R += u_x
-    P_copper, di_t = 0.0, 0.0
-    if share > 0.0:
-        R_k = R_s * (1.0 + imbalances.share_of(plant.imbalance, plant.short.phase))
-        u_R -= 2.0 / 3.0 * share * R_k * i_t * along
-        i_k = _scalar(i_s, along)
-        around = share * (R_k * i_k + _scalar(u - u_R, along)) - (plant.short.R_t + share * R_k) * i_t
-        di_t = around / loop_inductance(plant.short, plant.R_cold)
-        P_copper = (plant.short.R_t + share * R_k) * i_t * i_t - share * R_k * i_k * i_t  # beside u_R i_s below
+        to_rung = 1.5 * _scalar(u_x, state.i_x)
+    di_t, P_short = 0.0, 0.0
+    if plant.short.share > 0.0:
+        u_R, di_t, P_short = _shorted(plant, u, u_R, i_s, i_t)
+    P_copper = 1.5 * _scalar(u_R, i_s) + P_short - to_rung
     e = u - u_R
-    P_copper += 1.5 * _scalar(u_R, i_s)
-    if R_x > 0.0:
-        P_copper -= 1.5 * _scalar(R_x * (i_s - state.i_x), state.i_x)  # goes to the rung's field
 
-    # Iron
     di_i, P_iron = 0j, 0.0
     if plant.iron.R_c > 0.0:
         di_i = iron_loss.rate_of(plant.iron, e, n_p * omega_m, i_i)
         P_iron = 1.5 * iron_loss.resistance(plant.iron, n_p * omega_m) * _scalar(i_i, i_i)
 
-    # Branch at the terminals
     di_r, dv_r = 0j, 0j
     if plant.resonance.C > 0.0:
         di_r = (u - plant.resonance.R * i_r - state.v_r) / plant.resonance.L
         dv_r = i_r / plant.resonance.C
         P_copper += 1.5 * plant.resonance.R * _scalar(i_r, i_r)
 
-    # Shaft, torques
     tau = 1.5 * n_p * pull
     if plant.magnetics.harmonics.cogging > 0.0:
         tau -= plant.magnetics.harmonics.cogging * sixth(rotor).imag
-    tau_drag = drag(shaft, omega_m)
-    domega_m, domega_L, P_friction = 0.0, 0.0, tau_drag * omega_m
-    if compliant:
-        stiffness, damping, J_L = shaft.compliance
-        slip = omega_m - omega_L
-        tau_s = stiffness * state.twist + damping * slip
-        domega_m = (tau - tau_drag - tau_s) / shaft.J
-        if not shaft.held:
-            domega_L = (tau_s - shaft.tau_L) / J_L
-        P_friction += damping * slip * slip
-        P_load = (tau_s if shaft.held else shaft.tau_L) * omega_L
-    elif shaft.held:
-        P_friction = 0.0  # the dynamometer's own matter
-        P_load = tau * omega_m
-    else:
-        domega_m = (tau - shaft.tau_L - tau_drag) / shaft.J
-        P_load = shaft.tau_L * omega_m
+    domega_m, domega_L, P_friction, P_load = _turning(shaft, state, tau, omega_m, omega_L)
     return PlantState(
         e, di_i, di_x, di_t, di_r, dv_r,
         domega_m, omega_m, domega_L, omega_m - omega_L,
@@ -273,10 +277,19 @@ def field(plant: Plant, state: PlantState) -> float:
 
 
 def stored_energy(plant: Plant, state: PlantState) -> float:
-    """Energy (J) in all fields, capacitors and springs, but for a constant. Kinetic energy is not in it."""
-    R_s, cogging, n_p = plant.R_cold, plant.magnetics.harmonics.cogging, plant.machine.n_p
+    """Energy (J) in the fields of machine, iron, windings and a branch at the terminals, but for a constant."""
+    cogging, n_p = plant.magnetics.harmonics.cogging, plant.machine.n_p
     total = field(plant, state) - cogging * math.cos(6.0 * n_p * state.theta_m) / (6.0 * n_p)
-    total += energy_of_the_iron(plant.iron, state.i_i) + energy_of_the_rung(plant.skin, R_s, state.i_x)
-    total += energy_of_the_loop(plant.short, R_s, state.i_t)
-    total += energy_of_the_branch(plant.resonance, state.i_r, state.v_r)
-    return total + energy_of_the_spring(plant.shaft.compliance, state.twist)
+    total += energy_of_the_iron(plant.iron, state.i_i)
+    total += energy_of_the_rung(plant.skin, plant.R_cold, state.i_x)
+    total += energy_of_the_loop(plant.short, plant.R_cold, state.i_t)
+    return total + energy_of_the_branch(plant.resonance, state.i_r, state.v_r)
+
+
+def mechanical_energy(plant: Plant, state: PlantState) -> float:
+    """Energy (J) that torque on the rotor has left: of motion, and in a compliant shaft."""
+    shaft = plant.shaft
+    if shaft.compliance.stiffness == 0.0:
+        return 0.0 if shaft.held else 0.5 * shaft.J * state.omega_m**2
+    loaded = 0.0 if shaft.held else 0.5 * shaft.compliance.J_L * state.omega_L**2
+    return 0.5 * shaft.J * state.omega_m**2 + loaded + energy_of_the_spring(shaft.compliance, state.twist)

@@ -14,6 +14,18 @@ sentence that names file, key, bound and what came. A winding that warms up with
     [drive]
     bridge = "switched"                                  # or "averaged", which is faster
     timer_counts = 5000
+
+A speed above the base speed that a bench commands, and another excitation; both may be changed by signals:
+
+    [run]
+    shaft = "free"
+    speed_control = true
+    speed_reference = "ramp"                             # or "profile": speed_rpm and what follows it
+    [drive]
+    field_weakening = true
+    [excitation]
+    speed_ref = 1600.0                                   # rad/s, electrical
+    kind = "multisine"                                   # or "none", "levels", "prbs", "staircase"
 """
 
 import math
@@ -25,6 +37,7 @@ from typing import Annotated, Any
 
 from emulator.bounds import Bound, Points, PointsBound, ScenarioError, check_bounds, from_table
 from emulator.effects import NONE, Effects, check_effects, effects_from_table
+from emulator.excitation import FASTEST_SINE, KINDS, MOST_SINES, highest_sine
 from emulator.inverter import longest
 from emulator.machine import COLDEST, HOTTEST, TABLE_TEMPERATURES, Machine, at_temperature
 from emulator.mechanics import Profile
@@ -32,6 +45,7 @@ from emulator.motors import drive_table, motor_from_table
 
 SHAFTS = ("dynamometer", "free")
 BRIDGES = ("averaged", "switched")
+SPEED_REFERENCES = ("profile", "ramp")
 _RPM = 2.0 * math.pi / 60.0  # rad/s
 _TEMPERATURE = Bound("degC", low=COLDEST, high=HOTTEST)
 _FEWEST_COUNTS = 50
@@ -40,13 +54,16 @@ _SEED = Bound(low=0, high=2**63 - 1)
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """The drive. `drive_for` fills in the full scales that suit a motor."""
+    """The drive. `drive_for` fills in the limits and full scales that suit a motor."""
 
     i_max: Annotated[float, Bound("A", above=0.0)]  # longest current reference
     adc_full: Annotated[float, Bound("A", above=0.0)]  # the current converter spans -adc_full to +adc_full
     i_full: Annotated[float, Bound("A", above=0.0)]  # full scales of the wire
     u_full: Annotated[float, Bound("V", above=0.0)]
     omega_full: Annotated[float, Bound("rad/s", above=0.0)]
+    overvoltage_trip: Annotated[float, Bound("V", low=0.0)]  # of the dc link, switches the bridge off; 0: never
+    undervoltage_trip: Annotated[float, Bound("V", low=0.0)]
+    i_d_weakening: Annotated[float, Bound("A", low=0.0)]  # most current that field weakening takes
     u_dc: Annotated[float, Bound("V", above=0.0)] = 310.0
     T_s: Annotated[float, Bound("s", low=1e-6, high=1e-2)] = 1e-4  # control period
     bandwidth: Annotated[float, Bound("rad/s", low=10.0, high=1e4)] = 1250.0  # of the current control
@@ -60,6 +77,10 @@ class Drive:
     overmodulation: bool = False  # voltages beyond the circle u_dc / sqrt(3) are tried, the legs cut them off
     speed_filter: Annotated[float, Bound("s", low=0.0, high=1.0)] = 1e-3  # time constant of the speed it controls by
     temperature_trip: Annotated[float, Bound("degC")] = 155.0  # of the winding, switches the bridge off
+    speed_error_trip: Annotated[float, Bound("rad/s", low=0.0)] = 0.0  # electrical, and so does this; 0: never
+    speed_error_time: Annotated[float, Bound("s", low=0.0, high=10.0)] = 0.1  # when it lasts for longer
+    field_weakening: bool = False
+    weakening_voltage: Annotated[float, Bound(low=0.5, high=1.0)] = 0.95  # share of the reach that it stays below
     enabled: bool = True  # in operation from the start; otherwise it waits for commands
 
 
@@ -68,8 +89,8 @@ class Run:
     """What the shaft does, and the temperature.
 
     The speed rises from `speed_rpm` by `rise_rpm` within `ramp_time` and stays, with a swing on top. A
-    dynamometer holds it there; on a free shaft it is where the speed starts and, under speed control, the
-    reference.
+    dynamometer holds it there; on a free shaft it is where the speed starts and, under speed control after the
+    "profile", the reference. After the "ramp" it is `speed_ref` of the excitation that the speed then goes to.
 
     The winding has `temperature` throughout, or else goes through the points (time in s, degC) of
     `temperature_profile`, linear in between, and stays at the last. R_s, L_d and L_q go with it, period by period.
@@ -82,6 +103,7 @@ class Run:
     swing_rpm: Annotated[float, Bound("rpm", low=0.0)] = 0.0  # amplitude
     swing_frequency: Annotated[float, Bound("Hz", low=0.0)] = 1.0
     speed_control: bool = False  # free shaft only: i_q follows from a speed loop
+    speed_reference: str = "profile"  # or "ramp"
     speed_bandwidth: Annotated[float, Bound("rad/s", above=0.0, high=1000.0)] = 60.0
     tau_L: Annotated[float, Bound("Nm")] = 0.0  # load torque on a free shaft
     temperature: Annotated[float, _TEMPERATURE] = COLDEST
@@ -91,13 +113,22 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """Current references and the pseudo-random steps around them."""
+    """Current and speed references, and the sequences around them: see `emulator.excitation`."""
 
     i_d_ref: Annotated[float, Bound("A")] = 0.0
     i_q_ref: Annotated[float, Bound("A")] = 0.0
     i_d_step: Annotated[float, Bound("A", low=0.0)] = 0.0
     i_q_step: Annotated[float, Bound("A", low=0.0)] = 0.0
     step_time: Annotated[float, Bound("s", low=1e-3, high=10.0)] = 5e-3
+    kind: str = "levels"
+    sine_frequency: Annotated[float, Bound("Hz", low=0.1, high=1e3)] = 10.0  # base of the multisine
+    sine_count: Annotated[int, Bound(low=1, high=MOST_SINES)] = 8  # sines an axis
+    i_d_levels: Annotated[int, Bound(low=2, high=101)] = 11  # of the staircase
+    level_time: Annotated[float, Bound("s", low=1e-3, high=100.0)] = 0.1  # on each of them
+    speed_ref: Annotated[float, Bound("rad/s")] = 0.0  # electrical, as what follows
+    speed_ramp: Annotated[float, Bound("rad/s2", low=0.0)] = 500.0  # 0: at once
+    speed_step: Annotated[float, Bound("rad/s", low=0.0)] = 0.0  # ramps between +- this around the reference
+    speed_hold: Annotated[float, Bound("s", low=0.0, high=100.0)] = 0.1  # at either end of these
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,14 +160,14 @@ def load(path: Path) -> Scenario:
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ScenarioError(f"{path}: no such file") from None
+        raise ScenarioError(f"{path}: no such file; the built-in scenarios are {', '.join(BUILT_IN)}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read as text ({error})") from None
     return parse(text, path.name, path.parent)
 
 
 def parse(text: str, name: str, folder: Path = Path()) -> Scenario:
-    """The scenario in a TOML text that is called `name` in sentences; its files are in `folder`. Raises ScenarioError."""
+    """The scenario in a TOML text, called `name` in sentences, whose files are in `folder`. Raises ScenarioError."""
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -172,6 +203,40 @@ def check(scenario: Scenario) -> None:
     for section, record in (("motor", motor), ("drive", drive), ("run", run), ("excitation", excitation)):
         check_bounds(record, f"{name}: {section}.")
 
+    _check_choices(scenario)
+    _check_steps(scenario)
+    _check_firmware(name, drive, run, excitation)
+
+    i_d = abs(excitation.i_d_ref) + excitation.i_d_step
+    i_q = abs(excitation.i_q_ref) + excitation.i_q_step
+    if math.hypot(i_d, i_q) > drive.i_max:
+        raise ScenarioError(
+            f"{name}: excitation takes references up to drive.i_max = {drive.i_max:g} A, "
+            f"got up to {math.hypot(i_d, i_q):.4g} A with the steps"
+        )
+
+    rpm = _fastest_rpm(run, excitation, motor.n_p)
+    omega_e = motor.n_p * rpm * _RPM
+    T_s = drive.T_s
+    if omega_e * T_s > 1.0:
+        fastest = 1.0 / (T_s * motor.n_p * _RPM)
+        raise ScenarioError(
+            f"{name}: run.speed_rpm takes at most {fastest:.5g} rpm at T_s = {T_s:g} s, got up to {rpm:g} rpm"
+        )
+    hot = at_temperature(motor, max((T for _, T in run.temperature_profile), default=run.temperature))
+    u = _voltage(hot, omega_e, i_d, i_q)
+    if drive.field_weakening:
+        u = min(u, _weakened_voltage(hot, drive, omega_e, i_q))
+    if u > longest(drive.u_dc):
+        lowest = drive.u_dc * u / longest(drive.u_dc)
+        raise ScenarioError(
+            f"{name}: drive.u_dc takes at least {lowest:.4g} V for {rpm:g} rpm and these currents, got {drive.u_dc:g} V"
+        )
+
+
+def _check_choices(scenario: Scenario) -> None:
+    """What cannot be chosen, or not together."""
+    name, drive, run = scenario.name, scenario.drive, scenario.run
     if run.shaft not in SHAFTS:
         raise ScenarioError(f"{name}: run.shaft takes {' or '.join(SHAFTS)}, got {run.shaft!r}")
     if drive.bridge not in BRIDGES:
@@ -187,7 +252,15 @@ def check(scenario: Scenario) -> None:
         raise ScenarioError(
             f"{name}: run.temperature takes no value beside run.temperature_profile, got {run.temperature:g}"
         )
+    if run.temperature_profile and scenario.effects.thermal.C_w > 0.0:
+        raise ScenarioError(f"{name}: run.temperature_profile takes no points beside effects.thermal")
+    if drive.overmodulation and drive.bridge != "switched":
+        raise ScenarioError(f"{name}: drive.overmodulation takes drive.bridge = 'switched', got {drive.bridge!r}")
 
+
+def _check_steps(scenario: Scenario) -> None:
+    """What is too fast for the control period or the integration's step."""
+    name, motor, drive = scenario.name, scenario.motor, scenario.drive
     T_s = drive.T_s
     h, shortest = T_s / drive.sub_steps, min(motor.L_d, motor.L_q) / motor.R_s
     if h > shortest / 2.0:
@@ -196,38 +269,55 @@ def check(scenario: Scenario) -> None:
             f"{shortest:g} s, got {h:g} s"
         )
     check_effects(scenario.effects, motor, T_s, h, drive.bridge == "switched", f"{name}: effects.")
-    if scenario.effects.thermal.C_w > 0.0 and run.temperature_profile:
-        raise ScenarioError(f"{name}: run.temperature_profile takes no points beside effects.thermal, which has its own")
-    if drive.overmodulation and drive.bridge != "switched":
-        raise ScenarioError(f"{name}: drive.overmodulation takes drive.bridge = 'switched', got {drive.bridge!r}")
     if drive.bandwidth * T_s > 0.5:
         raise ScenarioError(
             f"{name}: drive.bandwidth takes at most {0.5 / T_s:g} rad/s at T_s = {T_s:g} s, got {drive.bandwidth:g}"
         )
 
-    i_d = abs(excitation.i_d_ref) + excitation.i_d_step
-    i_q = abs(excitation.i_q_ref) + excitation.i_q_step
-    if math.hypot(i_d, i_q) > drive.i_max:
+
+def _check_firmware(name: str, drive: Drive, run: Run, excitation: Excitation) -> None:
+    """Raise ScenarioError when the drive's settings cannot be together."""
+    if run.speed_reference not in SPEED_REFERENCES:
         raise ScenarioError(
-            f"{name}: excitation takes references up to drive.i_max = {drive.i_max:g} A, "
-            f"got up to {math.hypot(i_d, i_q):.4g} A with the steps"
+            f"{name}: run.speed_reference takes {' or '.join(SPEED_REFERENCES)}, got {run.speed_reference!r}"
+        )
+    if excitation.kind not in KINDS:
+        raise ScenarioError(f"{name}: excitation.kind takes {' or '.join(KINDS)}, got {excitation.kind!r}")
+    if 0.0 < drive.overvoltage_trip <= drive.undervoltage_trip:
+        raise ScenarioError(
+            f"{name}: drive.overvoltage_trip takes above drive.undervoltage_trip = {drive.undervoltage_trip:g} V, "
+            f"got {drive.overvoltage_trip:g} V"
+        )
+    if drive.i_d_weakening > drive.i_max:
+        raise ScenarioError(
+            f"{name}: drive.i_d_weakening takes at most drive.i_max = {drive.i_max:g} A, got {drive.i_d_weakening:g} A"
+        )
+    highest, most = highest_sine(excitation.sine_frequency, excitation.sine_count), FASTEST_SINE / drive.T_s
+    if highest > most:
+        raise ScenarioError(
+            f"{name}: excitation.sine_frequency takes harmonics up to {most:g} Hz at T_s = {drive.T_s:g} s, "
+            f"got up to {highest:g} Hz"
         )
 
-    rpm = max(abs(run.speed_rpm), abs(run.speed_rpm + run.rise_rpm)) + run.swing_rpm
-    omega_e = motor.n_p * rpm * _RPM
-    if omega_e * T_s > 1.0:
-        fastest = 1.0 / (T_s * motor.n_p * _RPM)
-        raise ScenarioError(
-            f"{name}: run.speed_rpm takes at most {fastest:.5g} rpm at T_s = {T_s:g} s, got up to {rpm:g} rpm"
-        )
-    hot = at_temperature(motor, max((T for _, T in run.temperature_profile), default=run.temperature))
-    u_d = hot.R_s * i_d + omega_e * hot.L_q * i_q
-    u_q = hot.R_s * i_q + omega_e * (hot.L_d * i_d + hot.psi_f)
-    if math.hypot(u_d, u_q) > longest(drive.u_dc):
-        lowest = drive.u_dc * math.hypot(u_d, u_q) / longest(drive.u_dc)
-        raise ScenarioError(
-            f"{name}: drive.u_dc takes at least {lowest:.4g} V for {rpm:g} rpm and these currents, got {drive.u_dc:g} V"
-        )
+
+def _fastest_rpm(run: Run, excitation: Excitation, n_p: int) -> float:
+    """Highest speed (rpm) of a run."""
+    if run.speed_control and run.speed_reference == "ramp":
+        return max(abs(run.speed_rpm), (abs(excitation.speed_ref) + excitation.speed_step) / (n_p * _RPM))
+    return max(abs(run.speed_rpm), abs(run.speed_rpm + run.rise_rpm)) + run.swing_rpm
+
+
+def _weakened_voltage(machine: Machine, drive: Drive, omega_e: float, i_q: float) -> float:
+    """The voltage (V) with as much field weakening as the drive has, and the i_q (A) that this leaves."""
+    i_d = -min(drive.i_d_weakening, machine.psi_f / machine.L_d)
+    return _voltage(machine, omega_e, i_d, min(i_q, math.sqrt(drive.i_max**2 - i_d**2)))
+
+
+def _voltage(machine: Machine, omega_e: float, i_d: float, i_q: float) -> float:
+    """The voltage's length (V) at a speed (rad/s) and currents (A), i_q of the sign that needs more."""
+    u_d = machine.R_s * abs(i_d) + omega_e * machine.L_q * i_q
+    u_q = machine.R_s * i_q + omega_e * (machine.L_d * i_d + machine.psi_f)
+    return math.hypot(u_d, u_q)
 
 
 def _suited(motor: Machine, table: Mapping[str, Any]) -> dict[str, Any]:
@@ -235,12 +325,16 @@ def _suited(motor: Machine, table: Mapping[str, Any]) -> dict[str, Any]:
     u_dc = table.get("u_dc", 310.0)
     if not isinstance(u_dc, int | float) or not u_dc > 0.0:
         return dict(table)  # its own error comes first
+    i_max = table.get("i_max", 2.0 * motor.i_rated)
     return {
-        "i_max": 2.0 * motor.i_rated,
+        "i_max": i_max,
         "adc_full": 3.0 * motor.i_rated,
         "i_full": 4.0 * motor.i_rated,
         "u_full": 1.25 * u_dc,
         "omega_full": 2.0 * longest(u_dc) / motor.psi_f,  # twice the no-load speed
+        "overvoltage_trip": 1.2 * u_dc,
+        "undervoltage_trip": 0.6 * u_dc,
+        "i_d_weakening": min(motor.i_rated, i_max) if isinstance(i_max, int | float) else motor.i_rated,
         **table,
     }
 

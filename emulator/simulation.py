@@ -107,8 +107,8 @@ def _sampled(bench: Bench, plant: Plant, state: PlantState, u: complex, tick: in
     """The sample at a tick; u (V) is what a bridge without edges applies."""
     i, slope, skew = bridge_current(plant, state), 0j, longest_skew(bench.sensors.current)
     if skew > 0.0:
-        # A switched bridge then holds its zero vector
-        later = stepped(plant, vector(0j if bench.bridge.switched else u, bench.bridge.E), tick * bench.fixed.T_s, skew, state)
+        supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
+        later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
         slope = (bridge_current(plant, later) - i) / skew
     return sampled(bench.sensors, i, state.theta_m, tick, slope)
 
@@ -130,6 +130,29 @@ def started(bench: Bench, n_p: int, psi_f: float, powered: bool, temperature: fl
 
 
 @kernel
+def _duties(bench: Bench, u: complex, u_dc: float) -> Duties:
+    """What the modulator makes of a stationary voltage (V)."""
+    shortest = bench.bridge.inverter.min_pulse / bench.fixed.T_s
+    return modulated(u if bench.overmodulates else limited(u, u_dc), u_dc, bench.bridge.timer_counts, shortest)
+
+
+@kernel
+def _within_reach(bench: Bench, u: complex, u_dc: float) -> complex:
+    """The voltage (V, stationary) that a drive takes for applied."""
+    return voltage_of(_duties(bench, u, u_dc), u_dc) if bench.bridge.switched else limited(u, u_dc)
+
+
+@kernel
+def _write_line(line: NDArray[np.float64], t: float, T_s: float, period: Period, sample: Sample) -> None:
+    """One line of a recording: `RECORDED`."""
+    line[0] = t
+    line[1], line[2] = period.u.real, period.u.imag
+    line[3], line[4] = period.i.real, period.i.imag
+    line[5], line[6], line[7] = period.turn / T_s, period.theta_e, period.u_dc
+    line[8], line[9], line[10] = sample.i_a, sample.i_b, sample.i_c
+
+
+@kernel
 def simulated(
     bench: Bench,
     settings: Settings,
@@ -144,9 +167,8 @@ def simulated(
     Those are written to `ticks` (m) and `rows` (m x stream.COLUMNS); every period to a line of `recording`
     (periods x RECORDED) unless that is empty.
     """
-    T_s, n_p, edges, counts = bench.fixed.T_s, settings.n_p, bench.bridge.switched, bench.bridge.timer_counts
+    T_s, n_p, edges = bench.fixed.T_s, settings.n_p, bench.bridge.switched
     tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, firmware, row = state
-    shortest = bench.bridge.inverter.min_pulse / T_s
     room = scratch()
     complete = 0
     for n in range(periods):
@@ -156,9 +178,7 @@ def simulated(
         u, known = firmware.u_next, firmware.powered
         if bench.timing.delay > 0:
             u, u_waiting = u_waiting, u
-        if not bench.overmodulates:
-            u = limited(u, u_dc)
-        firmware = computed(bench.fixed, settings, firmware, sample, t)
+        firmware = computed(bench.fixed, settings, firmware, sample, u_dc, t)
         if bench.telegraph.amplitude > 0.0:
             telegraph = keyed(bench.telegraph, telegraph, T_s, bench.fixed.seed, tick)
         was, machine = machine, machine_now(bench, t + 0.5 * T_s, heat)
@@ -167,10 +187,11 @@ def simulated(
             W_given += field(now, plant) - field(plant_of(bench, was, telegraph), plant)
         W_copper, W_iron = plant.W_copper, plant.W_iron
         if edges:
-            duties = modulated(u, u_dc, counts, shortest) if known else Duties(0.0, 0.0, 0.0)
+            duties = _duties(bench, u, u_dc) if known else Duties(0.0, 0.0, 0.0)
             bridge, plant = switched(bench.bridge, now, duties, known, t, T_s, bench.sub_steps, bridge, plant, room)
             u = voltage_of(duties, u_dc)
         else:
+            u = limited(u, u_dc)
             plant = advanced(now, vector(u * (bridge.u_dc / u_dc), bridge.u_dc), t, T_s, bench.sub_steps, plant)
         plant = settled(now, t + T_s, plant)
         if bench.thermal.C_w > 0.0:
@@ -186,11 +207,7 @@ def simulated(
         if bench.timing.shift < 0:
             u_dq = u_before
         elif bench.timing.shift > 0 and known:
-            u_after = u_waiting if bench.timing.delay > 0 else firmware.u_next
-            if not bench.overmodulates:
-                u_after = limited(u_after, u_dc)
-            if edges:
-                u_after = voltage_of(modulated(u_after, u_dc, counts, shortest), u_dc)
+            u_after = _within_reach(bench, u_waiting if bench.timing.delay > 0 else firmware.u_next, u_dc)
             u_dq = u_after * turned(-(theta_e + 1.5 * turn))
         u_before = u_told
         period = Period(
@@ -206,12 +223,7 @@ def simulated(
             write_row(row, T_s, ticks, rows, complete)
             complete += 1
         if len(recording) > 0:
-            line = recording[n]
-            line[0] = t
-            line[1], line[2] = period.u.real, period.u.imag
-            line[3], line[4] = period.i.real, period.i.imag
-            line[5], line[6], line[7] = turn / T_s, theta_e, u_dc
-            line[8], line[9], line[10] = before.i_a, before.i_b, before.i_c
+            _write_line(recording[n], t, T_s, period, before)
         tick += 1
     after = State(
         tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, firmware, row

@@ -2,6 +2,8 @@
 
 import contextlib
 import os
+import re
+import termios
 import tty
 from pathlib import Path
 from typing import Final
@@ -9,6 +11,7 @@ from typing import Final
 from emulator.socketcand import BusError
 
 _TERMINALS: Final = "/dev/pts/"
+_SPEEDS: Final = {getattr(termios, name): int(name[1:]) for name in dir(termios) if re.fullmatch("B[0-9]+", name)}
 
 
 class Terminal:
@@ -35,12 +38,21 @@ class Terminal:
             os.close(self.far)
             raise _refusal(link, error) from None
 
+    def at(self, baudrate: int) -> bool:
+        """Whether the client has set this baud rate, or one that the system has no number for."""
+        return _SPEEDS.get(termios.tcgetattr(self.far)[5]) in (baudrate, None)
+
     def close(self) -> None:
         """Remove the link, if it is still ours, and close the far end."""
         with contextlib.suppress(OSError):
             if str(self._link.readlink()) == self._target:
                 self._link.unlink()
         os.close(self.far)
+
+
+def at_another_speed(data: bytes) -> bytes:
+    """What arrives at an end that is set to another baud rate: other bytes, and another number of them."""
+    return bytes(byte ^ 0x5A for byte in data[::2])
 
 
 def _in_use(link: Path) -> bool:

@@ -8,11 +8,9 @@ import contextlib
 import heapq
 import math
 import os
-import re
 import selectors
 import socket
 import struct
-import termios
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -31,7 +29,7 @@ from drivers.wire.uart_frame import Frame, Kind
 from drivers.wire.uart_url import UartUrl
 from emulator.faults import Faults
 from emulator.socketcand import BusError
-from emulator.terminal import Terminal
+from emulator.terminal import Terminal, at_another_speed
 from emulator.virtual_drive import StreamRows, VirtualDrive
 
 _BITS_A_BYTE: Final = 10  # start, 8 data, stop
@@ -39,8 +37,6 @@ _CHUNK: Final = 4096  # bytes that are put together for one write
 _BACKLOG: Final = (8192, 65536)  # bytes of rows that a line may be behind: 0.2 s, within these
 _ROWS: Final = uf.ROWS_PER_FRAME
 _REPLIES: Final = 256  # that a line may be behind
-
-_SPEEDS: Final = {getattr(termios, name): int(name[1:]) for name in dir(termios) if re.fullmatch("B[0-9]+", name)}
 
 _TEMPERATURES: Final = (signal_named("temp_winding"), signal_named("temp_magnet"))
 
@@ -144,7 +140,7 @@ class UartServer:
     def _open_terminal(self, resources: contextlib.ExitStack) -> None:
         terminal = Terminal(Path(self._place.device))
         resources.callback(terminal.close)
-        self._add(terminal.near, lambda: _speed_of(terminal.far) in (self._place.baudrate, None))
+        self._add(terminal.near, lambda: terminal.at(self._place.baudrate))
 
     def _open_port(self, resources: contextlib.ExitStack) -> None:
         place = self._place
@@ -415,8 +411,7 @@ class _Line:
         return next(self._pieces, b"")
 
     def _at_their_speed(self, data: bytes) -> bytes:
-        """What arrives at an end that may be set to another baud rate: other bytes, and another number of them."""
-        return data if not data or self._same_speed() else bytes(byte ^ 0x5A for byte in data[::2])
+        return data if not data or self._same_speed() else at_another_speed(data)
 
 
 def _pieces(sequence: int, number: int, offset: int, data: bytes, channels: int) -> Iterator[bytes]:
@@ -442,8 +437,3 @@ def _fields(layout: struct.Struct, payload: bytes) -> tuple[Any, ...]:
 def _counts(values: Iterable[float]) -> tuple[int, int]:
     first, second = (round(min(max(value, -0x8000), 0x7FFF)) for value in values)
     return first, second
-
-
-def _speed_of(terminal: int) -> int | None:
-    """Baud rate that the client has set; None where the system has no number for it."""
-    return _SPEEDS.get(termios.tcgetattr(terminal)[5])

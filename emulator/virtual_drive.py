@@ -7,19 +7,37 @@ threads; what is written waits and takes effect, in its order, at the start of t
 import math
 import threading
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.wire.cia402 import OVERCURRENT, OVERTEMPERATURE_MOTOR, State
+from drivers.wire.cia402 import (
+    OVERCURRENT,
+    OVERTEMPERATURE_MOTOR,
+    OVERVOLTAGE,
+    SPEED_ERROR,
+    UNDERVOLTAGE,
+    State,
+)
 from drivers.wire.codec import FULL_SCALES, check_range
 from drivers.wire.dictionary import SIGNALS, Signal, WireType, layout_id, signal_named
 from emulator import stream
 from emulator.assembly import bench_of
 from emulator.course import continued, row_at, rows_at
-from emulator.firmware import Settings
+from emulator.excitation import FASTEST_SINE, KINDS, highest_sine
+from emulator.firmware import (
+    NO_TRIP,
+    OFF,
+    PROFILE,
+    REFERENCE,
+    TRIP_CURRENT,
+    TRIP_HIGH_VOLTAGE,
+    TRIP_LOW_VOLTAGE,
+    TRIP_SPEED,
+    Settings,
+)
 from emulator.machine import at_temperature
 from emulator.operation import Operation
 from emulator.physics.timing import kept
@@ -33,7 +51,10 @@ Column = NDArray[np.float64]
 _WHOLE: Final = frozenset(s.name for s in SIGNALS if s.access == "rw" and s.type is not WireType.F32)
 _PARAMETERS: Final = tuple(s.name for s in SIGNALS if s.is_parameter)
 _RESET: Final = "reset"  # stands among what is written
-_CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step"})
+_CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "i_d_weakening"})
+_TRIPS: Final = {
+    TRIP_CURRENT: OVERCURRENT, TRIP_HIGH_VOLTAGE: OVERVOLTAGE, TRIP_LOW_VOLTAGE: UNDERVOLTAGE, TRIP_SPEED: SPEED_ERROR,
+}
 _NO_RECORDING: Final = np.empty((0, len(RECORDED)))
 
 
@@ -157,8 +178,9 @@ class VirtualDrive:
         if self._bench.thermal.C_w > 0.0:
             raise ValueError("parameters that follow from losses are known for the present only")
         temperature, R_s, L_d, L_q = np.ascontiguousarray(rows_at(self._bench.course, np.array(t, np.float64)).T)
-        heat = self._state.heat
-        psi_f = np.array([machine_now(self._bench, float(at), heat).psi_f for at in np.atleast_1d(t)])
+        step = self._bench.demagnetisation
+        left = 1.0 - step.share * np.clip((np.asarray(t) - step.time) / step.duration, 0.0, 1.0)
+        psi_f: Column = np.array(self._bench.plant.machine.psi_f * np.broadcast_to(left, R_s.shape), np.float64)
         return dict(zip(_TRUTH, (R_s, L_d, L_q, psi_f, temperature, temperature.copy()), strict=True))
 
     def warm_up(self) -> None:
@@ -236,6 +258,18 @@ class VirtualDrive:
             raise ValueError(
                 f"{signal} takes at most {self._fixed.i_max:g} A, the drive's current limit, got {value:g}"
             )
+        self._check_excitation(signal, self._present() | {signal.name: value})
+
+    def _check_excitation(self, signal: Signal, present: dict[str, float]) -> None:
+        """Raise ValueError where the control is too slow for what the signals would then be."""
+        if signal.name in ("speed_ref", "speed_step"):
+            fastest, most = abs(present["speed_ref"]) + present["speed_step"], 1.0 / self.T_s
+            if fastest > most:
+                raise ValueError(f"{signal} takes speeds up to {most:g} rad/s, 1 rad a period, got up to {fastest:.5g}")
+        if signal.name in ("sine_frequency", "sine_count"):
+            highest, most = highest_sine(present["sine_frequency"], present["sine_count"]), FASTEST_SINE / self.T_s
+            if highest > most:
+                raise ValueError(f"{signal} takes harmonics up to {most:g} Hz, got up to {highest:g} Hz")
 
     def _advance(self, periods: int, recording: NDArray[np.float64]) -> StreamRows:
         if periods < 0:
@@ -243,7 +277,7 @@ class VirtualDrive:
         self._take_written()
         firmware = self._state.firmware
         self._state = self._state._replace(
-            firmware=firmware._replace(powered=self._operation.powered, tripped=False)
+            firmware=firmware._replace(powered=self._operation.powered, trip=NO_TRIP)
         )
         recording = self._record_for_capture(periods, recording)
         tick = self.tick
@@ -265,8 +299,8 @@ class VirtualDrive:
         self._heard = False
         if heard or not operation.powered:
             operation.heard = self.tick
-        if self._state.firmware.tripped:
-            operation.fault(OVERCURRENT)
+        if self._state.firmware.trip != NO_TRIP:
+            operation.fault(_TRIPS[self._state.firmware.trip])
         if operation.powered and self.truth.temp_winding > self.scenario.drive.temperature_trip:
             operation.fault(OVERTEMPERATURE_MOTOR)
         operation.watch(self.tick, round(self._readable["watchdog_time"] / self.T_s))
@@ -335,6 +369,7 @@ class VirtualDrive:
         latest["tick"] = float(self.tick & 0xFFFF_FFFF)
         latest["status_word"] = float(self._operation.state.bits)
         latest["error_code"] = float(self._operation.error_code)
+        latest["speed_demand"] = self._state.firmware.ramp.omega_e
         latest["capture_state"] = float(self._recorder.state)
         latest["capture_count"] = float(self._recorder.count)
         latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
@@ -355,19 +390,43 @@ class VirtualDrive:
             "i_full": drive.i_full,
             "u_full": drive.u_full,
             "omega_full": drive.omega_full,
+            "overcurrent_trip": self._fixed.i_trip,
+            "overvoltage_trip": drive.overvoltage_trip,
+            "undervoltage_trip": drive.undervoltage_trip,
+            "temperature_trip": drive.temperature_trip,
         }
 
 
 def _first_settings(scenario: Scenario) -> Settings:
     """The drive as commissioned: it takes the motor for what it is at 23.4 degC."""
-    motor, drive, excitation = scenario.motor, scenario.drive, scenario.excitation
+    motor, drive, run, excitation = scenario.motor, scenario.drive, scenario.run, scenario.excitation
+    follows = PROFILE if run.speed_reference == "profile" else REFERENCE
     return Settings(
-        drive.stream_periods,
-        motor.n_p,
-        motor.R_s,
-        motor.L_d,
-        motor.L_q,
-        motor.psi_f,
-        drive.bandwidth,
-        *map(float, astuple(excitation)),  # a whole number would be compiled as another type
+        stream_periods=drive.stream_periods,
+        n_p=motor.n_p,
+        control_R_s=motor.R_s,
+        control_L_d=motor.L_d,
+        control_L_q=motor.L_q,
+        control_psi_f=motor.psi_f,
+        bandwidth=drive.bandwidth,
+        field_weakening=int(drive.field_weakening),
+        i_d_weakening=float(drive.i_d_weakening),  # a whole number would be compiled as another type
+        weakening_voltage=float(drive.weakening_voltage),
+        i_d_ref=float(excitation.i_d_ref),
+        i_q_ref=float(excitation.i_q_ref),
+        i_d_step=float(excitation.i_d_step),
+        i_q_step=float(excitation.i_q_step),
+        step_time=float(excitation.step_time),
+        speed_control=follows if run.speed_control else OFF,
+        speed_ref=float(excitation.speed_ref),
+        speed_ramp=float(excitation.speed_ramp),
+        speed_step=float(excitation.speed_step),
+        speed_hold=float(excitation.speed_hold),
+        excitation_kind=KINDS.index(excitation.kind),
+        sine_frequency=float(excitation.sine_frequency),
+        sine_count=excitation.sine_count,
+        i_d_levels=excitation.i_d_levels,
+        level_time=float(excitation.level_time),
+        speed_error_trip=float(drive.speed_error_trip),
+        speed_error_time=float(drive.speed_error_time),
     )

@@ -51,8 +51,8 @@ class _Pty(serial.Serial):
 
 
 @contextlib.contextmanager
-def device_server(device: str, rfc2217: bool) -> Generator[int]:
-    """Serve a device to one client after the other; the TCP port."""
+def device_server(device: str, baudrate: int, rfc2217: bool) -> Generator[int]:
+    """Serve a device, at this baud rate until an RFC 2217 client sets another, to one client after the other."""
     port, end = free_port(), threading.Event()
     with socket.create_server(("127.0.0.1", port)) as listener:
         listener.settimeout(0.05)
@@ -62,7 +62,7 @@ def device_server(device: str, rfc2217: bool) -> Generator[int]:
                 with contextlib.suppress(OSError):
                     connection, _ = listener.accept()
                     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                    with connection, _Pty(device, 3_000_000, timeout=0) as line:
+                    with connection, _Pty(device, baudrate, timeout=0) as line:
                         _pass(connection, line, rfc2217, end)
 
         thread = threading.Thread(target=serve, name="device server")

@@ -1,4 +1,4 @@
-"""A virtual drive on a CAN bus, for tests: in this process or in one of its own."""
+"""A virtual drive at a URL, for tests: in this process or in one of its own."""
 
 import contextlib
 import queue
@@ -10,47 +10,59 @@ import time
 import uuid
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
 from drivers.block import Block
 from drivers.drive import Drive
 from drivers.errors import DriveError
-from drivers.wire.can_url import parse_can_url
-from emulator.canopen_server import CanopenNode
+from drivers.wire.uart_url import parse_uart_url
 from emulator.faults import Faults
+from emulator.link import server_at
 from emulator.scenarios import PAPER, Scenario
+from emulator.uart_server import UartServer
 from emulator.virtual_drive import StreamRows, VirtualDrive
 from tests.conftest import bus_url, free_port
 
 PATIENCE = 15.0  # s
 READY = 120.0  # s, the first start compiles
 _BURST = 97  # control periods; a row is under way at the end of nearly every burst
+_BEHIND = 16384  # bytes of rows that a client may be behind
 
 
 @dataclass
 class Served:
-    """A drive at a URL. Its time passes in bursts, as fast as its bus is served, whatever the wall clock says."""
+    """A drive at a URL. Its time passes in bursts while `running`, by no clock, or by `step`.
+
+    On a UART line it passes no quicker than clients take rows, while `patient`.
+    """
 
     url: str
     drive: VirtualDrive
-    node: CanopenNode
-    rows: list[StreamRows] = field(default_factory=list[StreamRows])  # all that it has sent or could have
+    server: Any  # the drive's end, whose inside tests may look at
+    burst: int  # control periods
+    patient: bool
+    rows: list[StreamRows] = field(default_factory=list[StreamRows], repr=False)  # all that it has sent or could have
     running: threading.Event = field(default_factory=threading.Event)
     _end: threading.Event = field(default_factory=threading.Event)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def run(self) -> None:
         """Let time pass until `end`; it stands still while `running` is clear."""
         while not self._end.wait(0.004):
-            if self.running.is_set():
-                self.step(_BURST)
+            if self.running.is_set() and not (self.patient and self._behind() > _BEHIND):
+                self.step(self.burst)
 
     def step(self, periods: int) -> None:
-        rows = self.drive.run(periods)
-        self.rows.append(rows)
-        self.node.publish(rows)
+        """Let so many control periods pass."""
+        with self._lock:
+            rows = self.drive.run(periods)
+            self.rows.append(rows)
+            self.server.publish(rows)
 
     def end(self) -> None:
+        """Let no more time pass."""
         self._end.set()
 
     def produced(self) -> dict[str, np.ndarray]:
@@ -58,16 +70,27 @@ class Served:
         rows = list(self.rows)
         return {f.name: np.concatenate([getattr(part, f.name) for part in rows]) for f in fields(StreamRows)}
 
+    def _behind(self) -> int:
+        if not isinstance(self.server, UartServer):
+            return 0
+        return max((line._behind for line in list(self.server._lines.values())), default=0)
+
 
 @contextlib.contextmanager
-def served(url: str, scenario: Scenario = PAPER, faults: Faults | None = None) -> Generator[Served]:
-    """A virtual drive at a URL, in this process."""
+def served(
+    url: str, scenario: Scenario = PAPER, faults: Faults | None = None, *, running: bool = True, burst: int = _BURST,
+    paced: bool = False,
+) -> Generator[Served]:
+    """A virtual drive at a URL, in this process; `paced`: its UART line is no quicker than its baud rate."""
     drive = VirtualDrive(scenario)
     drive.warm_up()
-    with CanopenNode(drive, parse_can_url(url), faults) as node:
-        bench = Served(url, drive, node)
+    faults = faults or Faults()
+    server = UartServer(drive, parse_uart_url(url), faults, paced) if paced else server_at(url, drive, faults)
+    with contextlib.closing(server):
+        bench = Served(url, drive, server, burst, patient=not paced)
         bench.step(_BURST)
-        bench.running.set()
+        if running:
+            bench.running.set()
         thread = threading.Thread(target=bench.run, name="drive's time")
         thread.start()
         try:

@@ -1,28 +1,22 @@
-"""A virtual drive on a Modbus line, for tests, in this process; and the line's far end as bare bytes."""
+"""Modbus lines for tests: where they can be, what befalls them, and their far end as bare bytes."""
 
 import contextlib
 import os
 import select
 import socket
 import tempfile
-import threading
+import termios
 import time
 import tty
 import uuid
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from drivers.wire.modbus_url import SerialPlace, TcpPlace, parse_modbus_url
 from emulator.faults import Passed
-from emulator.modbus_server import ModbusServer
-from emulator.scenarios import PAPER, Scenario
-from emulator.virtual_drive import StreamRows, VirtualDrive
 from tests.conftest import free_port
 
-_BURST = 97  # control periods; a row is under way at the end of nearly every burst
 _ANSWER = 1.0  # s within which a server has answered
 
 
@@ -31,9 +25,9 @@ def tcp_url(unit: int = 1) -> str:
     return f"modbus+tcp://127.0.0.1:{free_port()}/{unit}"
 
 
-def pty_url(unit: int = 1) -> str:
+def pty_url(unit: int = 1, baudrate: int = 1_000_000) -> str:
     """A unit on a serial line at a path of its own."""
-    return f"modbus+rtu://{tempfile.gettempdir()}/pmsm-bench-{uuid.uuid4().hex}?baudrate=1000000/{unit}"
+    return f"modbus+rtu://{tempfile.gettempdir()}/pmsm-bench-{uuid.uuid4().hex}?baudrate={baudrate}/{unit}"
 
 
 def socket_url(unit: int = 1) -> str:
@@ -43,57 +37,6 @@ def socket_url(unit: int = 1) -> str:
 
 URLS: dict[str, Callable[[], str]] = {"tcp": tcp_url, "pty": pty_url}
 ALL_URLS = URLS | {"socket": socket_url}
-
-
-@dataclass
-class Served:
-    """A drive at a URL. Its time passes in bursts while `running`, or by `step`."""
-
-    url: str
-    drive: VirtualDrive
-    server: ModbusServer
-    rows: list[StreamRows] = field(default_factory=list[StreamRows])
-    running: threading.Event = field(default_factory=threading.Event)
-    _end: threading.Event = field(default_factory=threading.Event)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def run(self) -> None:
-        while not self._end.wait(0.004):
-            if self.running.is_set():
-                self.step(_BURST)
-
-    def step(self, periods: int) -> None:
-        with self._lock:
-            rows = self.drive.run(periods)
-            self.rows.append(rows)
-            self.server.publish(rows)
-
-    def end(self) -> None:
-        self._end.set()
-
-    def produced(self) -> dict[str, np.ndarray]:
-        """Every row of the drive by column name."""
-        rows = list(self.rows)
-        return {f.name: np.concatenate([getattr(part, f.name) for part in rows]) for f in fields(StreamRows)}
-
-
-@contextlib.contextmanager
-def served(url: str, scenario: Scenario = PAPER, *, running: bool = True) -> Generator[Served]:
-    """A virtual drive at a URL."""
-    drive = VirtualDrive(scenario)
-    drive.warm_up()
-    with ModbusServer(drive, parse_modbus_url(url)) as server:
-        bench = Served(url, drive, server)
-        bench.step(_BURST)
-        if running:
-            bench.running.set()
-        thread = threading.Thread(target=bench.run, name="drive's time")
-        thread.start()
-        try:
-            yield bench
-        finally:
-            bench.end()
-            thread.join()
 
 
 @dataclass
@@ -133,6 +76,7 @@ class Line:
             assert isinstance(place, SerialPlace)
             self._file = os.open(place.device, os.O_RDWR | os.O_NOCTTY)
             tty.setraw(self._file)
+            _set_speed(self._file, place.baudrate)
 
     def send(self, data: bytes) -> None:
         os.write(self._file, data)
@@ -169,6 +113,12 @@ def line_to(url: str) -> Generator[Line]:
     """The far end of a line."""
     with contextlib.closing(Line(url)) as line:
         yield line
+
+
+def _set_speed(line: int, baudrate: int) -> None:
+    settings = termios.tcgetattr(line)
+    settings[4:6] = [getattr(termios, f"B{baudrate}")] * 2
+    termios.tcsetattr(line, termios.TCSANOW, settings)
 
 
 def path_of(url: str) -> Path:

@@ -53,8 +53,13 @@ def test_a_capture_is_followed_from_its_location_to_its_file(client: httpx.Clien
     got = client.get(f"{location}/file")
     assert got.headers["content-type"] == "application/vnd.apache.parquet"
     assert f'filename="{done["id"]}.parquet"' in got.headers["content-disposition"]
+    head = client.head(f"{location}/file")
+    assert (head.status_code, head.headers["content-length"]) == (200, str(len(got.content)))
     (tmp_path / "got.parquet").write_bytes(got.content)
     assert len(read_recording(tmp_path / "got.parquet").runs[0]) == 4000
+    Path(done["file"]).unlink()
+    said = problem(client.get(f"{location}/file"), 409)
+    assert said == f"capture {done['id']} has no recording: {done['id']}.parquet is no longer there"
 
 
 def test_a_second_writer_is_409_and_a_cancelled_capture_makes_room(client: httpx.Client) -> None:

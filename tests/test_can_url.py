@@ -22,6 +22,8 @@ from drivers.wire.can_url import CanUrl, parse_can_url
          CanUrl("pcan", "PCAN_USBBUS1", 3, options={"bitrate": "500000"})),
         ("canopen://slcan/ttyACM0/3?bitrate=1000000&rtscts=1",
          CanUrl("slcan", "ttyACM0", 3, options={"bitrate": "1000000", "rtscts": "1"})),
+        ("canopen://slcan//dev/ttyACM0@115200/3?bitrate=1000000",
+         CanUrl("slcan", "/dev/ttyACM0@115200", 3, options={"bitrate": "1000000"})),
     ],
 )
 def test_a_good_url_names_interface_channel_and_node(url: str, meant: CanUrl) -> None:
@@ -40,6 +42,9 @@ BAD = [
     ("canopen://socketcan//5", r"expected canopen://socketcan/CHANNEL/NODE"),
     ("canopen:///can0/5", r"expected canopen://socketcan/CHANNEL/NODE"),
     ("canopen://socketcan/can0/can1/5", r"expected canopen://socketcan/CHANNEL/NODE"),
+    ("canopen://socketcan//dev/can0/5", r"expected canopen://socketcan/CHANNEL/NODE"),
+    ("canopen://slcan/dev/ttyACM0/5", r"expected canopen://socketcan/CHANNEL/NODE"),
+    ("canopen://slcan///5", r"expected canopen://socketcan/CHANNEL/NODE"),
     ("canopen://socketcan/can0/0", r"expected a node of 1 to 127 at the end of '.*', got '0'"),
     ("canopen://socketcan/can0/128", r"expected a node of 1 to 127 at the end of '.*', got '128'"),
     ("canopen://socketcan/can0/-5", r"expected a node of 1 to 127 at the end of '.*', got '-5'"),

@@ -1,10 +1,13 @@
 """The CANopen client against the virtual drive, where CANopen shows; the rest is in test_contract."""
 
 import contextlib
+import os
+import select
 import socket
 import threading
 import time
-from collections.abc import Iterator
+import tty
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import pytest
@@ -163,3 +166,38 @@ def test_a_write_without_an_answer_goes_out_once() -> None:
         with pytest.raises(DriveError):
             drive.read("i_d_ref")
         assert len([data for data in seen if data[0] != 0x80]) == 3
+
+
+@contextlib.contextmanager
+def crossed_lines() -> Generator[list[str]]:
+    """Two pseudo-terminals; what is written to one is read from the other."""
+    opened = [os.openpty() for _ in range(2)]
+    (one, _), (other, _) = opened
+    end, sign = os.pipe()
+    for _, terminal in opened:
+        tty.setraw(terminal)
+
+    def carry() -> None:
+        while end not in (ready := select.select([one, other, end], [], [])[0]):
+            for line in ready:
+                os.write(other if line == one else one, os.read(line, 4096))
+
+    thread = threading.Thread(target=carry)
+    thread.start()
+    try:
+        yield [os.ttyname(terminal) for _, terminal in opened]
+    finally:
+        os.write(sign, b"!")
+        thread.join()
+        for file in (end, sign, *(file for pair in opened for file in pair)):
+            os.close(file)
+
+
+def test_an_adapter_on_a_serial_device_is_an_interface_like_others_and_takes_its_options() -> None:
+    options = "bitrate=1000000&sleep_after_open=0.01&rtscts=False"
+    with crossed_lines() as devices:
+        drives, benches = (f"canopen://slcan/{device}/5?{options}" for device in devices)
+        with served(drives), connect(benches) as drive:
+            assert drive.read("u_full") == 387.5
+            drive.write("bandwidth", 1250.0)
+            assert drive.read("bandwidth") == 1250.0

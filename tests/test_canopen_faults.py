@@ -1,5 +1,6 @@
 """What buses do to a CANopen client: loss, delay, repetition, silence, resets, nonsense. Gaps are told, values true."""
 
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -50,7 +51,7 @@ def drive(bench: Served) -> Iterator[CanopenDrive]:
 
 def spoil(bench: Served, *texts: str) -> None:
     """What befalls the drive's line from now on."""
-    bench.node.faults = Faults(map(parse_fault, texts))
+    bench.server.faults = Faults(map(parse_fault, texts))
 
 
 @pytest.mark.parametrize("texts", [("lose=0.05",), ("corrupt=0.02", "delay=0.03", "double=0.05")], ids=" ".join)
@@ -92,17 +93,47 @@ def test_values_are_right_or_told_to_be_missing_while_frames_are_lost(bench: Ser
     assert answered >= 20
 
 
-def test_a_recording_is_whole_although_segments_are_lost_and_repeated(bench: Served, drive: CanopenDrive) -> None:
+@pytest.mark.parametrize("texts", [("lose=0.001", "double=0.001"), ("late=0.002",)], ids=" ".join)
+def test_a_recording_is_whole_although_segments_are_lost_repeated_or_late(
+    bench: Served, drive: CanopenDrive, texts: tuple[str, ...]
+) -> None:
     setup = capture.Setup(("i_d", "i_q", "theta_e"), length=5000)
     capture.arm(drive, setup)
     under_way = capture.awaited(drive, setup, 10.0)
-    spoil(bench, "lose=0.001", "double=0.001")
+    spoil(bench, *texts)
     for _ in range(20):
         try:
             capture.upload(drive, under_way)
             break
-        except (NoReplyError, FrameError):  # an order that was lost, or a wrong checksum time and again
+        except (NoReplyError, FrameError):  # an order that was lost, or spoilt time and again: never a refusal
             continue
+    assert bytes(under_way.data) == bench.drive.captured(0, 5000)
+
+
+def test_samples_from_where_somebody_else_has_set_the_offset_are_not_taken(bench: Served, drive: CanopenDrive) -> None:
+    setup = capture.Setup(("i_d", "i_q", "theta_e"), length=5000)
+    capture.arm(drive, setup)
+    under_way = capture.awaited(drive, setup, 10.0)
+    ended, told = threading.Event(), 0
+
+    def meddle() -> None:
+        while not ended.wait(0.0005):
+            bench.drive.write("capture_offset", 1000.0)
+
+    meddler = threading.Thread(target=meddle)
+    meddler.start()
+    try:
+        for _ in range(5):
+            try:
+                capture.upload(drive, under_way)
+            except FrameError as error:
+                assert "somebody else has set capture_offset of node 5" in str(error)
+                told += 1
+    finally:
+        ended.set()
+        meddler.join()
+    assert told
+    capture.upload(drive, under_way)
     assert bytes(under_way.data) == bench.drive.captured(0, 5000)
 
 
@@ -152,7 +183,7 @@ def test_a_node_that_was_off_the_bus_says_so_and_is_no_drive_in_fault(bench: Ser
         until(lambda: len(told) == 2, "it does not say that it is back")
         assert [frame.hex() for frame in told] == ["4081110000000000", "0000000000000000"]
         assert other.fault is None
-        assert bench.node._state == od.STATE_PRE_OPERATIONAL
+        assert bench.server._state == od.STATE_PRE_OPERATIONAL
     with connect(bench.url) as again:
         assert len(first_blocks(again, 20)) > 0
 
@@ -210,7 +241,7 @@ def test_answers_that_are_nonsense_are_told_and_become_no_value(bench: Served, d
     url = parse_can_url(bench.url)
     drive._bus._sdo.RESPONSE_TIMEOUT = 0.004
     bench.running.clear()
-    bench.node._network.unsubscribe(od.sdo_request_cob_id(5))
+    bench.server._network.unsubscribe(od.sdo_request_cob_id(5))
     network = canopen.Network()
     network.NOTIFIER_CYCLE = 0.02
     network.connect(interface="virtual", channel=url.channel)

@@ -3,6 +3,7 @@
 import io
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import can
@@ -15,7 +16,7 @@ from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
 from drivers.wire.dictionary import CAPTURE_DATA, SIGNALS
 from emulator.canopen_server import CanopenNode
-from emulator.scenarios import PAPER
+from emulator.scenarios import PAPER, Scenario
 from emulator.socketcand import BusError
 from emulator.virtual_drive import VirtualDrive
 from tests.served_drive import PATIENCE, until, virtual_url
@@ -24,10 +25,10 @@ from tests.served_drive import PATIENCE, until, virtual_url
 class Wire:
     """A node and the bare frames between it and a tester."""
 
-    def __init__(self) -> None:
+    def __init__(self, scenario: Scenario = PAPER) -> None:
         url = parse_can_url(virtual_url())
         self.bus = can.Bus(interface="virtual", channel=url.channel)
-        self.drive = VirtualDrive(PAPER)
+        self.drive = VirtualDrive(scenario)
         self.node = CanopenNode(self.drive, url)
 
     def close(self) -> None:
@@ -81,6 +82,30 @@ def test_a_node_boots_into_pre_operational_and_beats_ten_times_a_second(wire: Wi
     assert wire.next() == (0x705, b"\x00")
     beats = [frame for _ in range(10) for frame in wire.run(1000)]
     assert beats == [(0x705, b"\x7f")] * 10
+
+
+@pytest.mark.parametrize(
+    ("limits", "emergency", "register"),
+    [
+        ({"overvoltage_trip": 300.0}, "1032050000000000", "4f01100005000000"),
+        ({"undervoltage_trip": 320.0}, "2032050000000000", "4f01100005000000"),
+        ({"speed_error_trip": 10.0, "speed_error_time": 1e-3}, "0084210000000000", "4f01100021000000"),
+    ],
+    ids=["overvoltage", "undervoltage", "following error"],
+)
+def test_a_protection_is_told_by_an_emergency_an_error_register_and_an_error_code(
+    limits: dict[str, float], emergency: str, register: str
+) -> None:
+    wire = Wire(replace(PAPER, drive=replace(PAPER.drive, **limits)))
+    try:
+        assert wire.next() == (0x705, b"\x00")
+        wire.drive.write("speed_control", 1.0)  # at 0 rad/s, on a dynamometer that turns
+        assert wire.run(300) == [(0x085, bytes.fromhex(emergency))]
+        assert wire.sdo("4001100000000000") == register
+        assert wire.sdo("403f600000000000") == "4b3f6000" + emergency[:4] + "0000"
+        assert wire.run(50) == []  # told once
+    finally:
+        wire.close()
 
 
 def test_heartbeats_keep_their_pace_in_whatever_steps_time_passes(wire: Wire) -> None:

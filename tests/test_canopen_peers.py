@@ -1,6 +1,5 @@
 """Peers not written here: the canopen library's client at our node by our data sheet, and our client at its node."""
 
-import io
 import struct
 import threading
 from collections.abc import Iterator
@@ -21,13 +20,8 @@ from emulator.canopen_server import CanopenNode
 from emulator.scenarios import PAPER
 from emulator.sdo_server import SdoAbortError
 from emulator.virtual_drive import VirtualDrive
+from tests.library_client import data_sheet, library_client
 from tests.served_drive import PATIENCE, Served, first_blocks, served, until, virtual_url
-
-
-def data_sheet(text: str | None = None) -> Any:
-    source: Any = io.StringIO(od.eds() if text is None else text)
-    source.name = "pmsm-bench.eds"
-    return source
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +33,8 @@ def bench() -> Iterator[Served]:
 @pytest.fixture
 def remote(bench: Served) -> Iterator[Any]:
     """The library's own client at our node, which knows it by our data sheet alone."""
-    network = canopen.Network()
-    network.NOTIFIER_CYCLE = 0.02
-    network.connect(interface="virtual", channel=parse_can_url(bench.url).channel)
-    try:
-        yield network.add_node(5, data_sheet())
-    finally:
-        network.disconnect()
+    with library_client(bench.url) as node:
+        yield node
 
 
 def test_it_reads_and_writes_by_the_names_of_our_data_sheet(remote: Any, bench: Served) -> None:
@@ -143,7 +132,7 @@ def test_it_maps_our_pdo_anew_and_has_it_with_every_second_sync(remote: Any, ben
 
     pdo.add_callback(keep)
     remote.nmt.state = "OPERATIONAL"
-    until(lambda: bench.node._state == od.STATE_OPERATIONAL, "it is not operational")
+    until(lambda: bench.server._state == od.STATE_OPERATIONAL, "it is not operational")
     try:
         for number in range(1, 7):
             remote.network.sync.transmit()
@@ -271,7 +260,7 @@ def test_our_client_says_what_cannot_be_set_up() -> None:
 
 
 def test_our_client_streams_from_a_node_that_was_mapped_otherwise(bench: Served) -> None:
-    tpdo = bench.node._objects.communication.tpdos[0]
+    tpdo = bench.server._objects.communication.tpdos[0]
     tpdo.entries[2], tpdo.transmission = tpdo.entries[3], 7
     with connect(bench.url) as drive:
         assert len(first_blocks(drive, 20)) > 0

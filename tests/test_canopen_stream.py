@@ -150,7 +150,7 @@ def test_closing_from_another_thread_ends_the_stream_without_an_error(drive: Dri
 
 def test_a_stream_that_is_left_stops_on_the_bus_and_can_be_begun_again(bench: Served, drive: Drive) -> None:
     first = first_blocks(drive, 50)
-    until(lambda: bench.node._state == od.STATE_PRE_OPERATIONAL, "it streams on")
+    until(lambda: bench.server._state == od.STATE_PRE_OPERATIONAL, "it streams on")
     left = bench.drive.tick
     until(lambda: bench.drive.tick > left + 200, "its time stands still")
     second = first_blocks(drive, 50)
@@ -161,7 +161,7 @@ def test_a_stream_that_is_left_stops_on_the_bus_and_can_be_begun_again(bench: Se
 
 def test_a_reset_node_is_lost_and_can_be_had_again(bench: Served, drive: Drive) -> None:
     with listening(drive) as listener:
-        bench.node._on_nmt(0, bytearray([od.NMT_RESET_NODE, 5]), 0.0)
+        bench.server._on_nmt(0, bytearray([od.NMT_RESET_NODE, 5]), 0.0)
         error = listener.ended()
     assert isinstance(error, LostError)
     assert "node 5 on" in str(error)
@@ -187,7 +187,7 @@ def test_a_bus_that_vanishes_is_lost_and_had_again_when_it_is_back() -> None:
         listener = Listening(drive)
         until(lambda: listener.rows > 20, "no rows")
         bench.end()
-        bench.node.close()
+        bench.server.close()
         begun = time.monotonic()
         assert isinstance(listener.ended(), LostError)
         assert time.monotonic() - begun < 1.6

@@ -20,10 +20,10 @@ from bench.recording import read_recording
 from bench.table import column_names
 from drivers.connect import connect
 from tests.conftest import COMMAND, command, free_port, wait_for_answer
-from tests.served_drive import tcp_url, until
-from tests.test_cli import refused
+from tests.served_drive import emulator, ready, tcp_url, until
+from tests.test_cli import pmsm_bench, refused
 from tests.test_end_to_end import TRUTH, within
-from tests.transports import modbus_tcp_url, pty_url, serving
+from tests.transports import modbus_tcp_url, pty_url
 
 BUSES: Mapping[str, Callable[[], str]] = {"canopen": tcp_url, "modbus": modbus_tcp_url, "uart": pty_url}
 LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: crossed by the drive, and in the recording
@@ -44,8 +44,11 @@ class Bench:
 
 @pytest.fixture(scope="module")
 def drives() -> Iterator[dict[str, str]]:
+    urls = {name: new_url() for name, new_url in BUSES.items()}
     with ExitStack() as stack:
-        yield {name: stack.enter_context(serving(new_url())).url for name, new_url in BUSES.items()}
+        for process in [stack.enter_context(emulator("--at", url)) for url in urls.values()]:
+            ready(process)
+        yield urls
 
 
 @contextmanager
@@ -68,21 +71,52 @@ def bench(drives: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> I
         yield Bench(f"http://127.0.0.1:{port}", drives)
 
 
-def run(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [*COMMAND, *arguments], capture_output=True, text=True, timeout=120, check=False, cwd=cwd, env=os.environ
-    )
+@dataclass(frozen=True)
+class Ended:
+    """A capture's process that has ended."""
+
+    folder: Path  # that it ran in
+    status: int
+    out: str
+    errors: str
+
+
+def at_once(folder: Path, asked: Mapping[str, list[str]]) -> dict[str, Ended]:
+    """Captures with these arguments, each in a folder of its own."""
+    with ExitStack() as stack:
+        processes = dict[str, subprocess.Popen[str]]()
+        for name, arguments in asked.items():
+            (folder / name).mkdir()
+            processes[name] = stack.enter_context(subprocess.Popen(
+                [*COMMAND, "capture", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                cwd=folder / name,
+            ))
+            stack.callback(processes[name].kill)
+        said = {name: process.communicate(timeout=120.0) for name, process in processes.items()}
+        return {name: Ended(folder / name, process.returncode, *said[name]) for name, process in processes.items()}
+
+
+@pytest.fixture(scope="module")
+def without_service(drives: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
+    wanted = ["--length", "3000", "--signals", "i_a, u_dc"]
+    return at_once(tmp_path_factory.mktemp("alone"), {name: ["--drive", drives[name], *wanted] for name in BUSES})
+
+
+@pytest.fixture(scope="module")
+def by_service(bench: Bench, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
+    wanted = ["--length", "20000", "--pre-trigger", "0.1", "--trigger", f"i_q>{LEVEL}", "--out", "got.parquet"]
+    return at_once(tmp_path_factory.mktemp("served"), {name: [name, "--service", bench.url, *wanted] for name in BUSES})
 
 
 # Without the service first: a serial line has one client at a time
 
 
 @pytest.mark.parametrize("name", BUSES)
-def test_a_capture_needs_no_service(drives: dict[str, str], name: str, tmp_path: Path) -> None:
-    done = run("capture", "--drive", drives[name], "--length", "3000", "--signals", "i_a, u_dc", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    (path,) = tmp_path.iterdir()
-    assert done.stdout == f"{path.name}: 3000 samples\n"  # of which `replay` could make nothing
+def test_a_capture_needs_no_service(without_service: dict[str, Ended], name: str) -> None:
+    done = without_service[name]
+    assert (done.status, done.errors) == (0, "")
+    (path,) = done.folder.iterdir()
+    assert done.out == f"{path.name}: 3000 samples\n"  # of which `replay` could make nothing
     assert column_names(path) == ("t", "i_a", "u_dc")
 
 
@@ -133,7 +167,7 @@ def limited(*arguments: str, folder: Path, most: int = 30_000) -> str:
 
 
 def test_a_full_disk_is_said_and_leaves_no_file_that_looks_whole(drives: dict[str, str], tmp_path: Path) -> None:
-    said = limited("--drive", drives["canopen"], "--length", "20000", folder=tmp_path)
+    said = limited("--drive", drives["canopen"], "--length", "8000", folder=tmp_path)
     assert "the recording cannot be written: File too large; the first " in said
     (path,) = tmp_path.iterdir()
     assert path.name in ("got.part", "got.partial.parquet")
@@ -146,32 +180,58 @@ def test_ctrl_c_cancels_on_the_drive_without_a_service(drives: dict[str, str], t
         assert drive.read("capture_state") == 0.0
 
 
+def test_a_service_that_is_killed_in_mid_upload_goes_on_when_it_is_back(
+    drives: dict[str, str], tmp_path: Path
+) -> None:
+    port, one = free_port(), {"canopen": drives["canopen"]}
+    bench = Bench(f"http://127.0.0.1:{port}", one)
+    with ExitStack() as stack:
+        with serve(one, tmp_path, port) as service:
+            asking = stack.enter_context(command(
+                "capture", "canopen", "--service", bench.url, "--length", "30000", "--out", f"{tmp_path}/got.parquet",
+            ))
+            until(lambda: bench.said("canopen").get("state") == "uploading", "the upload")
+            until(lambda: bench.said("canopen")["samples"] > 1000, "some of it")
+            service.kill()
+            service.communicate()
+        (part,) = (tmp_path / "captures").iterdir()
+        assert part.suffix == ".part"
+        with serve(one, tmp_path, port):
+            out, error = asking.communicate(timeout=60.0)
+            assert (asking.returncode, error) == (0, "")
+            assert out.startswith(f"{tmp_path}/got.parquet: 30000 samples")
+            assert bench.said("canopen")["state"] == "done"
+    assert len(read_recording(tmp_path / "got.parquet").runs[0]) == 30_000
+    assert [path.name for path in (tmp_path / "captures").iterdir()] == [f"{part.stem}.parquet"]
+
+
 @pytest.mark.parametrize("name", BUSES)
-def test_a_capture_replayed_tells_the_motor_within_one_per_cent(bench: Bench, name: str, tmp_path: Path) -> None:
-    wanted = ["--length", "20000", "--pre-trigger", "0.1", "--trigger", f"i_q>{LEVEL}", "--out", "got.parquet"]
-    done = run("capture", name, "--service", bench.url, *wanted, cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "got.parquet: 20000 samples; estimates: pmsm-bench replay got.parquet\n"
-    assert [path.name for path in tmp_path.iterdir()] == ["got.parquet"]
-    i_q = read_recording(tmp_path / "got.parquet").runs[0].i_q
+def test_a_capture_replayed_tells_the_motor_within_one_per_cent(
+    by_service: dict[str, Ended], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = by_service[name]
+    assert (done.status, done.errors) == (0, "")
+    assert done.out == "got.parquet: 20000 samples; estimates: pmsm-bench replay got.parquet\n"
+    monkeypatch.chdir(done.folder)
+    assert [path.name for path in Path().iterdir()] == ["got.parquet"]
+    i_q = read_recording(Path("got.parquet")).runs[0].i_q
     assert i_q[1999] <= LEVEL < i_q[2000]
-    done = run("replay", "got.parquet", "--periods", "10", "--json", "told.json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    told = json.loads((tmp_path / "told.json").read_text())
+    assert pmsm_bench(monkeypatch, "replay", "got.parquet", "--periods", "10", "--json", "told.json") == 0
+    told = json.loads(Path("told.json").read_text())
     assert within(told["estimates"], 0.01), told["estimates"]
     assert set(told["estimates"]) == set(TRUTH)
     assert (told["gaps"], told["remarks"]) == (0, [])
 
 
 def test_a_download_that_cannot_be_written_leaves_the_recording_in_the_service(bench: Bench, tmp_path: Path) -> None:
-    said = limited("canopen", "--service", bench.url, "--length", "20000", folder=tmp_path)
+    said = limited("canopen", "--service", bench.url, "--length", "8000", folder=tmp_path)
     latest = bench.said("canopen")
     assert said == (
         "pmsm-bench: got.parquet: cannot be written: File too large; the service still has the recording, "
         f"as capture {latest['id']} of drive canopen\n"
     )
     assert list(tmp_path.iterdir()) == []
-    assert len(read_recording(Path(latest["file"])).runs[0]) == 20_000
+    assert len(read_recording(Path(latest["file"])).runs[0]) == 8_000
 
 
 def test_ctrl_c_cancels_in_the_service(bench: Bench, tmp_path: Path) -> None:
@@ -200,31 +260,6 @@ def interrupted(*arguments: str, folder: Path) -> None:
         assert process.communicate(timeout=10.0)[0] == b""
     assert process.returncode == 130
     assert list(folder.iterdir()) == []
-
-
-def test_a_service_that_is_killed_in_mid_upload_goes_on_when_it_is_back(
-    drives: dict[str, str], tmp_path: Path
-) -> None:
-    port, one = free_port(), {"modbus": drives["modbus"]}
-    bench = Bench(f"http://127.0.0.1:{port}", one)
-    with ExitStack() as stack:
-        with serve(one, tmp_path, port) as service:
-            asking = stack.enter_context(command(
-                "capture", "modbus", "--service", bench.url, "--length", "60000", "--out", str(tmp_path / "got.parquet")
-            ))
-            until(lambda: bench.said("modbus").get("state") == "uploading", "the upload")
-            until(lambda: bench.said("modbus")["samples"] > 1000, "some of it")
-            service.kill()
-            service.communicate()
-        (part,) = (tmp_path / "captures").iterdir()
-        assert part.suffix == ".part"
-        with serve(one, tmp_path, port):
-            out, error = asking.communicate(timeout=60.0)
-            assert (asking.returncode, error) == (0, "")
-            assert out.startswith(f"{tmp_path}/got.parquet: 60000 samples")
-            assert bench.said("modbus")["state"] == "done"
-    assert len(read_recording(tmp_path / "got.parquet").runs[0]) == 60_000
-    assert [path.name for path in (tmp_path / "captures").iterdir()] == [f"{part.stem}.parquet"]
 
 
 @pytest.mark.parametrize(

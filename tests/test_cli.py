@@ -97,6 +97,10 @@ def test_the_data_sheet_is_printed_or_written(
     assert pmsm_bench(monkeypatch, "eds", "--out", str(tmp_path / "drive.eds")) == 0
     assert (tmp_path / "drive.eds").read_text() == printed
     assert capsys.readouterr().out == ""
+    (tmp_path / "drive.eds").write_text("mine")
+    said = refused(["eds", "--out", str(tmp_path / "drive.eds")], monkeypatch, capsys)
+    assert said == f"--out: {tmp_path}/drive.eds exists already, expected a new file"
+    assert (tmp_path / "drive.eds").read_text() == "mine"
     said = refused(["eds", "--out", str(tmp_path)], monkeypatch, capsys)
     assert said == f"cannot write {tmp_path}: Is a directory"
 
@@ -168,7 +172,7 @@ def test_an_emulated_drive_that_cannot_be_keeps_both_from_starting() -> None:
         cases = [
             (["--at", "http://x"], "expected a URL that starts with canopen:// or modbus+tcp:// or"),
             (["--at", "canopen://socketcand/x/5"], "expected canopen://socketcand/HOST:PORT/CHANNEL/NODE, got"),
-            (["--scenario", "absent.toml"], "absent.toml: no such file"),
+            (["--scenario", "nope"], "nope: no such file; the built-in scenarios are paper, paper_run, "),
             (["--at", bus_url(port)], f"cannot serve a CAN bus at 127.0.0.1:{port}: Address already in use"),
         ]
         at_once = [

@@ -132,6 +132,10 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
         ("[service]\nhost = 5\n" + DRIVE, "[service] host: expected an address, got 5"),
         ('[service]\nhost = ""\n' + DRIVE, "[service] host: expected an address, got ''"),
         ("[service]\ncaptures = 5\n" + DRIVE, "[service] captures: expected a folder, got 5"),
+        ('[service]\ncaptures = "bench.toml"\n' + DRIVE,
+         "[service] captures: expected a folder, got 'bench.toml'; {folder}/bench.toml is none"),
+        ('[service]\ncaptures = "bench.toml/a/b"\n' + DRIVE,
+         "[service] captures: expected a folder, got 'bench.toml/a/b'; {folder}/bench.toml is none"),
         ("[service]\nport = 65536\n" + DRIVE, "[service] port: expected a port of 0 to 65535, got 65536"),
         ("[service]\nport = true\n" + DRIVE, "[service] port: expected a port of 0 to 65535, got true"),
         ('[service]\nport = "80"\n' + DRIVE, "[service] port: expected a port of 0 to 65535, got '80'"),
@@ -173,7 +177,7 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
     ],
 )
 def test_what_is_wrong_in_a_file_is_named_with_its_key(tmp_path: Path, text: str, said: str) -> None:
-    assert sentence(tmp_path, text) == said
+    assert sentence(tmp_path, text) == said.replace("{folder}", str(tmp_path))
 
 
 @pytest.mark.parametrize("text", ["port = ", "[a\n", "x = 1\nx = 2\n", "x = " + "[" * 5000, "x = " + "9" * 5000])

@@ -14,7 +14,7 @@ from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import ConnectError, FaultError, LostError, RefusedError
 from drivers.wire.canopen_od import Abort
-from drivers.wire.cia402 import COMMUNICATION, OVERCURRENT, State, error_text
+from drivers.wire.cia402 import COMMUNICATION, OVERCURRENT, SPEED_ERROR, State, error_text
 from drivers.wire.dictionary import SIGNALS, layout_id
 from drivers.wire.uart_frame import WRONG_VALUE
 from emulator.scenarios import PAPER
@@ -62,15 +62,17 @@ def test_every_signal_can_be_read(drive: Drive) -> None:
     assert 0.0 <= values["theta_e"] < 6.2832
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("i_q_ref", 1.25), ("bandwidth", 1000.0), ("control_L_q", 0.0061), ("stream_periods", 200.0)]
-)
-def test_a_written_value_is_read_back_the_same(drive: Drive, name: str, value: float) -> None:
-    before = drive.read(name)
-    drive.write(name, value)
-    assert drive.read(name) == value
-    drive.write(name, before)
-    assert drive.read(name) == before
+def test_a_written_value_is_read_back_the_same(drive: Drive) -> None:
+    values = {
+        "i_q_ref": 1.25, "bandwidth": 1000.0, "control_L_q": 0.0061, "stream_periods": 200.0, "field_weakening": 1.0,
+        "speed_ref": -250.0, "sine_count": 16.0, "i_d_levels": 7.0, "level_time": 0.25,
+    }
+    for name, value in values.items():
+        before = drive.read(name)
+        drive.write(name, value)
+        assert drive.read(name) == value, name
+        drive.write(name, before)
+        assert drive.read(name) == before, name
 
 
 def test_the_parameters_are_all_that_can_be_written_but_for_commands(drive: Drive) -> None:
@@ -79,29 +81,24 @@ def test_the_parameters_are_all_that_can_be_written_but_for_commands(drive: Driv
     assert all(drive.read(name) == value for name, value in parameters.items())
 
 
-@pytest.mark.parametrize("name", ["i_d", "T_s", "tick", "layout_id", "temp_magnet"])
-def test_what_is_only_measured_cannot_be_written(drive: Drive, name: str) -> None:
-    with pytest.raises(RefusedError, match=rf"\({name}\) is (ro|const), it cannot be written"):
-        drive.write(name, 1.0)
+def test_what_is_only_measured_cannot_be_written(drive: Drive) -> None:
+    for name in ("i_d", "T_s", "tick", "layout_id", "temp_magnet"):
+        with pytest.raises(RefusedError, match=rf"\({name}\) is (ro|const), it cannot be written"):
+            drive.write(name, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "sentence"),
-    [
+def test_a_value_that_cannot_be_is_refused_before_the_wire(drive: Drive) -> None:
+    for name, value, sentence in (
         ("stream_periods", 0.0, r"\(stream_periods\) takes at least 1 1, got 0"),
         ("bandwidth", 1e9, r"\(bandwidth\) takes at most 10000.0 rad/s, got 1"),
         ("control_R_s", 0.0, r"\(control_R_s\) takes at least 0.0001 ohm, got 0.0"),
         ("i_q_ref", float("nan"), r"\(i_q_ref\) takes a finite number, got nan"),
         ("i_q_ref", 1e40, r"\(i_q_ref\) takes a 32-bit float, got 1e\+40"),
-    ],
-)
-def test_a_value_that_cannot_be_is_refused_before_the_wire(
-    drive: Drive, name: str, value: float, sentence: str
-) -> None:
-    before = drive.read(name)
-    with pytest.raises(RefusedError, match=sentence):
-        drive.write(name, value)
-    assert drive.read(name) == before
+    ):
+        before = drive.read(name)
+        with pytest.raises(RefusedError, match=sentence):
+            drive.write(name, value)
+        assert drive.read(name) == before
 
 
 def test_a_value_that_this_drive_refuses_is_told_by_name(drive: Drive) -> None:
@@ -157,7 +154,9 @@ def test_another_row_length_counts_while_streaming(drive: Drive, transport: Tran
     longer = 2 * transport.stream_periods
     with listening(drive) as listener:
         drive.write("stream_periods", longer)
-        until(lambda: listener.blocks[-1].periods == longer, "no rows of the new length")
+        until(
+            lambda: listener.blocks[-1].periods == longer or not listener.thread.is_alive(), "no rows of the new length"
+        )
     assert listener.error is None
     assert {block.periods for block in listener.blocks} == {transport.stream_periods, longer}
     assert all(np.all(np.diff(block.tick) == block.periods) for block in listener.blocks)
@@ -311,6 +310,30 @@ def test_a_fault_of_the_drive_is_told_and_left_by_a_reset_alone(drive: Drive) ->
     operation.reset_fault(drive)
     assert operation.state(drive) is State.SWITCH_ON_DISABLED
     assert operation.fault(drive) is None
+    operation.enable(drive)
+    assert operation.state(drive) is State.OPERATION_ENABLED
+
+
+def test_a_sequence_of_excitation_that_is_commanded_is_what_the_stream_shows(drive: Drive) -> None:
+    operation.enable(drive)
+    drive.write("stream_periods", 20.0)
+    settings = {"i_d_step": 2.0, "i_q_step": 2.0, "step_time": 0.02, "i_d_levels": 2.0, "level_time": 0.02}
+    with listening(drive) as listener, parameters(drive, **settings):
+        for kind, fewest, most in ((0.0, 0.0, 0.1), (2.0, 3.8, 4.6), (3.0, 3.0, 4.2), (4.0, 3.8, 4.6)):
+            with parameters(drive, excitation_kind=kind):
+                pass_time(0.05)  # the step to the sequence is over
+                begin = listener.rows
+                until(lambda begin=begin: listener.rows > begin + 200, "no rows")
+                assert fewest <= np.ptp(joined(listener.blocks, "i_d")[begin:]) <= most, kind
+    assert listener.error is None
+
+
+def test_a_speed_that_does_not_follow_is_a_fault_of_its_own(drive: Drive) -> None:
+    operation.enable(drive)
+    with parameters(drive, speed_error_time=0.02, speed_error_trip=50.0, speed_ref=0.0, speed_control=1.0):
+        until(lambda: operation.state(drive) is State.FAULT, "it never trips")  # a dynamometer turns its shaft
+        assert operation.fault(drive) == operation.Fault(SPEED_ERROR, "the speed does not follow its reference")
+    operation.reset_fault(drive)
     operation.enable(drive)
     assert operation.state(drive) is State.OPERATION_ENABLED
 

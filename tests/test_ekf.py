@@ -29,7 +29,7 @@ def started(tuning: EkfTuning = ekf.TUNED, start: Mapping[str, float] = START) -
 
 def with_excitation(**given: float) -> Scenario:
     """The paper's drive under other currents."""
-    return replace(PAPER, excitation=Excitation(**given))
+    return replace(PAPER, excitation=replace(Excitation(), **given))
 
 
 def errors(state: EkfState, drive: VirtualDrive) -> dict[str, float]:

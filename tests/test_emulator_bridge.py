@@ -10,18 +10,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.bridge import legs, moments, switched
+from emulator.bridge import moments, scratch, switched, switches
 from emulator.frames import clarke, turned
 from emulator.inverter import longest
-from emulator.machine import TABLE_TEMPERATURES, flux, stored_energy
+from emulator.machine import TABLE_TEMPERATURES
 from emulator.mechanics import Profile, Shaft
 from emulator.modulation import Duties, modulated, voltage_of
-from emulator.plant import PlantState, advanced, stator_current
+from emulator.physics.legs import vector
+from emulator.plant import Plant, PlantState, advanced, bridge_current, settled
 from emulator.scenarios import BUILT_IN, PAPER, PAPER_RUN, PAPER_RUN_WARMING, Scenario, ScenarioError, check, drive_for
 from emulator.virtual_drive import StreamRows, VirtualDrive
+from tests.plants import BEFORE, IDEAL, LOCKED, at_rest, plant_with, rotor_current, textbook_energy, textbook_flux
 
 MOTOR, U_DC, T = PAPER.motor, 310.0, 1e-4
-LOCKED = Shaft(True, Profile(0.0, 0.0, 0.0, 0.0, 0.0), MOTOR.J, MOTOR.B, 0.0)
 
 
 def in_reach(share: float, angle: float) -> complex:
@@ -32,8 +33,30 @@ LINEAR = st.builds(in_reach, st.floats(0.0, 1.0), st.floats(-4.0, 4.0))
 compiling = settings(deadline=None)  # the first example waits for the compiler
 
 
-def at_rest(theta_m: float = 0.0, omega_m: float = 0.0) -> PlantState:
-    return PlantState(flux(MOTOR, 0j) * turned(MOTOR.n_p * theta_m), omega_m, theta_m, 0.0, 0.0, 0.0)
+def edges_of(duties: Duties) -> list[float]:
+    """Moments of a period that may change a voltage, as fractions of it."""
+    room = scratch()
+    count = moments(duties, 0.0, 1.0, BEFORE, room)
+    return [float(x) for x in room.moments[:count]]
+
+
+def stretches_of(duties: Duties) -> list[tuple[float, float, tuple[int, ...]]]:
+    """Beginning and end of every stretch of constant voltage, as fractions of a period, and which legs are high."""
+    room = scratch()
+    moments(duties, 0.0, 1.0, BEFORE, room)
+    return [
+        (begin, end, tuple(switches(k, 0.5 * (begin + end), 0.0, 1.0, room) for k in range(3)))
+        for begin, end in pairwise(edges_of(duties))
+        if end > begin
+    ]
+
+
+def over_a_period(
+    plant: Plant, duties: Duties, k: int, sub_steps: int, state: PlantState, T_period: float = T
+) -> PlantState:
+    """The state after period k of the bridge."""
+    after = switched(IDEAL, plant, duties, True, k * T, T_period, sub_steps, BEFORE, state, scratch())[1]
+    return settled(plant, k * T + T_period, after)
 
 
 def with_bridge(bridge: str, scenario: Scenario = PAPER, *, noise: bool = False, **drive: int) -> Scenario:
@@ -73,47 +96,49 @@ def test_the_longest_vector_of_linear_modulation_is_reached_at_every_angle_and_f
 @given(LINEAR, st.sampled_from([0, 5000]))
 def test_the_edges_are_in_order_symmetric_and_hold_the_duties_volt_seconds(u: complex, counts: int) -> None:
     duties = modulated(u, U_DC, counts)
-    edge = moments(duties)
+    edge = edges_of(duties)
     assert all(end >= begin for begin, end in pairwise(edge))
     assert [1.0 - x for x in reversed(edge)] == pytest.approx(list(edge), abs=1e-15)
-    stretches = [(end - begin, legs(duties, (begin + end) / 2.0)) for begin, end in pairwise(edge)]
-    held = sum((share * U_DC * clarke(*high) for share, high in stretches if share > 0.0), 0j)
+    held = sum(((end - begin) * U_DC * clarke(*high) for begin, end, high in stretches_of(duties)), 0j)
     assert held == pytest.approx(voltage_of(duties, U_DC), abs=1e-10)
 
 
 def test_a_period_has_seven_stretches_and_each_edge_moves_one_leg() -> None:
     duties = Duties(0.7, 0.5, 0.2)
-    high = [legs(duties, (begin + end) / 2.0) for begin, end in pairwise(moments(duties))]
+    high = [high for _, _, high in stretches_of(duties)]
     assert high == [(0, 0, 0), (1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 1, 0), (1, 0, 0), (0, 0, 0)]
 
 
 @pytest.mark.parametrize("counts", [0, 5000])
 def test_the_flux_of_a_winding_without_resistance_moves_by_exactly_the_recorded_volt_seconds(counts: int) -> None:
-    free_of_loss, state, volt_seconds = MOTOR._replace(R_s=1e-15), at_rest(), 0j
+    plant, volt_seconds = plant_with(MOTOR._replace(R_s=1e-15), LOCKED), 0j
+    state = at_rest(plant)
     for k in range(50):
         duties = modulated(150.0 * turned(0.3 * k), U_DC, counts)
-        state = switched(free_of_loss, LOCKED, duties, U_DC, k * T, T, 3, state)
+        state = over_a_period(plant, duties, k, 3, state)
         volt_seconds += voltage_of(duties, U_DC) * T
-    assert state.psi - flux(MOTOR, 0j) == pytest.approx(volt_seconds, abs=1e-15)
+    assert state.psi - MOTOR.psi_f == pytest.approx(volt_seconds, abs=1e-15)
 
 
 def test_a_locked_rotor_follows_the_exponentials_of_every_stretch() -> None:
     duties = modulated(80.0 + 60.0j, U_DC, 5000)
     i_d = i_q = 0.0
-    for begin, end in pairwise(moments(duties)):
-        u = U_DC * clarke(*legs(duties, (begin + end) / 2.0))
+    for begin, end, high in stretches_of(duties):
+        u = U_DC * clarke(*high)
         a, b = (math.exp(-(end - begin) * T * MOTOR.R_s / L) for L in (MOTOR.L_d, MOTOR.L_q))
         i_d, i_q = a * i_d + (1.0 - a) * u.real / MOTOR.R_s, b * i_q + (1.0 - b) * u.imag / MOTOR.R_s
-    state = switched(MOTOR, LOCKED, duties, U_DC, 0.0, T, 10, at_rest())
-    assert stator_current(MOTOR, state) == pytest.approx(complex(i_d, i_q), abs=1e-9)
+    plant = plant_with(MOTOR, LOCKED)
+    state = over_a_period(plant, duties, 0, 10, at_rest(plant))
+    assert bridge_current(plant, state) == pytest.approx(complex(i_d, i_q), abs=1e-9)
 
 
 def test_halving_the_sub_step_divides_the_error_by_sixteen() -> None:
-    shaft, start = LOCKED._replace(held=False, J=1e-4, B=1e-3, tau_L=0.1), at_rest(0.2, 300.0)
+    plant = plant_with(MOTOR, LOCKED._replace(held=False, J=1e-4, B=1e-3, tau_L=0.1))
+    start = at_rest(plant, 0.2, 300.0)
     duties = Duties(0.75, 0.5, 0.25)  # every edge on a whole eighth, so that the steps really halve
 
     def end(sub_steps: int) -> complex:
-        return switched(MOTOR, shaft, duties, U_DC, 0.0, 2e-3, sub_steps, start).psi
+        return over_a_period(plant, duties, 0, sub_steps, start, 2e-3).psi
 
     exact = end(4096)
     errors = [abs(end(n) - exact) for n in (16, 32, 64)]
@@ -122,40 +147,39 @@ def test_halving_the_sub_step_divides_the_error_by_sixteen() -> None:
 
 
 def test_ten_sub_steps_a_period_leave_an_error_far_below_any_noise() -> None:
-    shaft, start = LOCKED._replace(profile=Profile(125.0, 125.0, 0.0, 0.0, 0.0)), at_rest(0.0, 125.0)
-    coarse, fine = (
-        switched(MOTOR, shaft, modulated(20.0 + 60.0j, U_DC, 0), U_DC, 0.0, T, n, start) for n in (10, 1000)
-    )
-    assert abs(stator_current(MOTOR, coarse) - stator_current(MOTOR, fine)) < 1e-9  # A
+    plant = plant_with(MOTOR, LOCKED._replace(profile=Profile(125.0, 125.0, 0.0, 0.0, 0.0)))
+    start, duties = at_rest(plant, 0.0, 125.0), modulated(20.0 + 60.0j, U_DC, 0)
+    coarse, fine = (over_a_period(plant, duties, 0, n, start) for n in (10, 1000))
+    assert abs(bridge_current(plant, coarse) - bridge_current(plant, fine)) < 1e-9  # A
 
 
 @pytest.mark.parametrize("held", [True, False])
 def test_power_in_is_copper_loss_plus_stored_plus_mechanical(held: bool) -> None:
     shaft = Shaft(held, Profile(80.0, 200.0, 0.05, 20.0, 9.0), 2e-4, 1e-3, 0.3)
-    state = at_rest(0.0, 80.0)
+    plant = plant_with(MOTOR, shaft)
+    state = at_rest(plant, 0.0, 80.0)
     for k in range(400):
         duties = modulated(45.0 * turned(4 * 100.0 * (k + 1) * T + 1.5), U_DC, 5000)
-        state = switched(MOTOR, shaft, duties, U_DC, k * T, T, 10, state)
-    i = stator_current(MOTOR, state) * turned(-MOTOR.n_p * state.theta_m)
+        state = over_a_period(plant, duties, k, 10, state)
+    i = rotor_current(plant, state)
     assert abs(i) > 0.5
-    assert state.W_in == pytest.approx(
-        state.W_copper + stored_energy(MOTOR, i) + state.W_shaft, abs=1e-6 * (abs(state.W_in) + state.W_copper)
+    assert state.W_dc == pytest.approx(
+        state.W_copper + textbook_energy(MOTOR, i) + state.W_shaft, abs=1e-6 * (abs(state.W_dc) + state.W_copper)
     )
 
 
 def test_the_current_ripples_within_a_period_and_is_sampled_where_the_ripple_is_zero() -> None:
     # A voltage across the inductances only: the rotor stands, and the mean current rises in a straight line
-    free_of_loss = MOTOR._replace(R_s=1e-15)
+    plant = plant_with(MOTOR._replace(R_s=1e-15), LOCKED)
     duties = modulated(90.0 + 40.0j, U_DC, 0)
     u, ripple = voltage_of(duties, U_DC), list[float]()
     for part in np.linspace(0.0, 1.0, 41):
-        state = at_rest()
-        for begin, end in pairwise(moments(duties)):
+        state = at_rest(plant)
+        for begin, end, high in stretches_of(duties):
             h = (min(end, part) - begin) * T
             if h > 0.0:
-                stretch = U_DC * clarke(*legs(duties, (begin + end) / 2.0))
-                state = advanced(free_of_loss, LOCKED, stretch, 0.0, h, 1, state)
-        ripple.append(stator_current(free_of_loss, state).real - u.real * part * T / MOTOR.L_d)
+                state = advanced(plant, vector(U_DC * clarke(*high), U_DC), 0.0, h, 1, state)
+        ripple.append(bridge_current(plant, state).real - u.real * part * T / MOTOR.L_d)
     assert max(ripple) > 0.1  # A
     assert ripple[0] == pytest.approx(0.0, abs=1e-12)
     assert ripple[-1] == pytest.approx(0.0, abs=1e-12)
@@ -181,7 +205,7 @@ def test_the_recorded_voltage_is_what_the_timer_holds_and_the_flux_balance_is_it
     u_ab = u[:-1] * np.exp(1j * (theta + D / 2.0))
     counts = u_ab.imag * math.sqrt(3.0) / U_DC * 200  # d_b - d_c
     assert counts == pytest.approx(np.round(counts), abs=1e-6)
-    psi = np.array([flux(MOTOR, complex(x)) for x in i])
+    psi = np.array([textbook_flux(MOTOR, complex(x)) for x in i])
     moved = (np.exp(0.5j * D) * psi[1:] - np.exp(-0.5j * D) * psi[:-1]) / T
     rest = u[:-1] - MOTOR.R_s * (i[1:] + i[:-1]) / 2.0 - moved
     assert np.abs(rest).max() < 0.05  # V; one count of this timer is 1 V
@@ -201,11 +225,11 @@ def test_a_switched_run_gives_the_same_bits_however_it_is_cut() -> None:
 def test_energy_is_balanced_for_a_whole_switched_drive() -> None:
     drive = VirtualDrive(with_bridge("switched", noise=True))
     drive.run(20000)
-    plant = drive.plant
-    i = stator_current(MOTOR, plant) * turned(-MOTOR.n_p * plant.theta_m)
-    stored = plant.W_in - plant.W_copper - plant.W_shaft
-    assert plant.W_in > 100.0  # J
-    assert stored == pytest.approx(stored_energy(MOTOR, i), abs=1e-6 * plant.W_in)
+    state = drive.plant
+    i = rotor_current(drive.plant_now(), state)
+    stored = state.W_dc - state.W_copper - state.W_shaft
+    assert state.W_dc > 100.0  # J
+    assert stored == pytest.approx(textbook_energy(MOTOR, i), abs=1e-6 * state.W_dc)
 
 
 def test_the_averaged_bridge_is_the_default_and_any_other_word_is_refused() -> None:

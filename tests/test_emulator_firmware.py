@@ -8,9 +8,9 @@ import pytest
 
 from emulator.excitation import AXIS_AT_REST, LEVELS, LONGEST_HOLD, fraction, stepped
 from emulator.inverter import longest
-from emulator.machine import flux
 from emulator.scenarios import PAPER, Excitation, Run, Scenario
 from emulator.virtual_drive import VirtualDrive
+from tests.plants import textbook_flux
 
 MOTOR = PAPER.motor
 IDEAL = replace(PAPER.drive, noise_i=0.0, adc_bits=0)
@@ -47,7 +47,7 @@ def test_the_flux_balance_holds_over_every_period() -> None:
     drive.run(500)
     r = drive.record(2000)
     i, u = r["i_d"] + 1j * r["i_q"], r["u_d"] + 1j * r["u_q"]
-    psi = np.array([flux(MOTOR, complex(x)) for x in i])
+    psi = np.array([textbook_flux(MOTOR, complex(x)) for x in i])
     D = np.diff(np.unwrap(r["theta_e"]))
     i_mean = (i[1:] + i[:-1]) / 2.0
     balance = MOTOR.R_s * i_mean + (np.exp(0.5j * D) * psi[1:] - np.exp(-0.5j * D) * psi[:-1]) / 1e-4
@@ -156,8 +156,8 @@ def test_energy_is_balanced_for_a_whole_drive_with_noise_and_excitation() -> Non
     drive = VirtualDrive(PAPER)
     drive.run(20000)
     plant = drive.plant
-    stored = plant.W_in - plant.W_copper - plant.W_shaft
-    assert plant.W_in > 100.0  # J
+    stored = plant.W_dc - plant.W_copper - plant.W_shaft
+    assert plant.W_dc > 100.0  # J
     assert 0.0 <= stored < 1.0  # what is stored in a few millihenry at a few ampere
 
 

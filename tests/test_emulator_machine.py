@@ -6,8 +6,10 @@ import pytest
 
 from emulator.bounds import ScenarioError
 from emulator.frames import clarke, nearest, phases, turned, wrapped
-from emulator.machine import Machine, at_temperature, current, flux, stored_energy, torque
+from emulator.machine import Machine, at_temperature
+from emulator.magnetics import current_and_pull, field_energy, flux_of
 from emulator.scenarios import PAPER
+from tests.plants import LOCKED, plant_with, textbook_energy, textbook_flux, textbook_torque
 
 MOTOR = PAPER.motor
 
@@ -42,33 +44,16 @@ def test_a_temperature_outside_the_table_is_refused(temperature: float) -> None:
         at_temperature(MOTOR, temperature)
 
 
-def test_current_is_the_inverse_of_flux() -> None:
-    i = 3.0 - 4.5j
-    assert current(MOTOR, flux(MOTOR, i)) == pytest.approx(i, rel=1e-12)
-    assert flux(MOTOR, 0j) == MOTOR.psi_f
-
-
-def test_torque_is_magnet_torque_plus_reluctance_torque() -> None:
-    i_d, i_q = -2.0, 5.0
-    expected = 1.5 * MOTOR.n_p * (MOTOR.psi_f * i_q + (MOTOR.L_d - MOTOR.L_q) * i_d * i_q)
-    i = complex(i_d, i_q)
-    assert torque(MOTOR, flux(MOTOR, i), i) == pytest.approx(expected, rel=1e-12)
-
-
-def test_torque_is_the_same_in_any_frame() -> None:
-    i = 1.0 + 2.0j
-    psi = flux(MOTOR, i)
-    assert torque(MOTOR, psi * turned(1.1), i * turned(1.1)) == pytest.approx(torque(MOTOR, psi, i), rel=1e-12)
-
-
-def test_stored_energy_is_the_integral_of_current_over_flux() -> None:
-    # From zero to i in a straight line: W = 3/2 Re(conj(i) dpsi) summed, exact by the midpoint rule
-    i, steps = 3.0 - 2.0j, 10
-    W = sum(
-        1.5 * (((k + 0.5) / steps * i).conjugate() * (flux(MOTOR, i) - flux(MOTOR, 0j)) / steps).real
-        for k in range(steps)
-    )
-    assert stored_energy(MOTOR, i) == pytest.approx(W, rel=1e-12)
+def test_flux_linkage_current_torque_and_energy_are_the_textbooks() -> None:
+    plant, i, rotor = plant_with(MOTOR, LOCKED), 3.0 - 4.5j, turned(0.4)
+    psi = flux_of(plant.magnetics, plant.flux_map, i, rotor)
+    assert psi == pytest.approx(textbook_flux(MOTOR, i), rel=1e-12)
+    again, pull = current_and_pull(plant.magnetics, plant.flux_map, psi, rotor)
+    assert again == pytest.approx(i, rel=1e-12)
+    assert 1.5 * MOTOR.n_p * pull == pytest.approx(textbook_torque(MOTOR, i), rel=1e-12)
+    none = field_energy(plant.magnetics, plant.flux_map, complex(MOTOR.psi_f), rotor)
+    some = field_energy(plant.magnetics, plant.flux_map, psi, rotor)
+    assert some - none == pytest.approx(textbook_energy(MOTOR, i), rel=1e-12)
 
 
 def test_phase_values_and_space_vector_are_one() -> None:

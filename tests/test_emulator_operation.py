@@ -10,6 +10,9 @@ from drivers.wire.cia402 import (
     COMMUNICATION,
     OVERCURRENT,
     OVERTEMPERATURE_MOTOR,
+    OVERVOLTAGE,
+    SPEED_ERROR,
+    UNDERVOLTAGE,
     Command,
     State,
     command_of,
@@ -17,8 +20,10 @@ from drivers.wire.cia402 import (
     error_text,
     state_of,
 )
+from emulator.bounds import ScenarioError
+from emulator.firmware import computed
 from emulator.operation import Operation
-from emulator.scenarios import PAPER, Scenario
+from emulator.scenarios import PAPER, Excitation, Run, Scenario, check
 from emulator.virtual_drive import VirtualDrive
 
 OFF, READY, ON, ENABLED = (
@@ -110,9 +115,12 @@ def test_the_first_cause_of_a_fault_stands() -> None:
 
 
 def test_an_error_code_has_a_text_and_a_register_by_its_kind() -> None:
-    codes = (0, OVERCURRENT, OVERTEMPERATURE_MOTOR, COMMUNICATION, 0x3210, 0x6100)
-    assert [error_register(code) for code in codes] == [0x00, 0x03, 0x09, 0x11, 0x05, 0x81]
+    codes = (0, OVERCURRENT, OVERTEMPERATURE_MOTOR, COMMUNICATION, OVERVOLTAGE, UNDERVOLTAGE, SPEED_ERROR, 0x6100)
+    assert codes == (0, 0x2310, 0x4210, 0x8130, 0x3210, 0x3220, 0x8400, 0x6100)
+    assert [error_register(code) for code in codes] == [0x00, 0x03, 0x09, 0x11, 0x05, 0x05, 0x21, 0x81]
+    assert [error_register(code) for code in (0x8210, 0x82FF, 0x8300, 0x8611, 0x8700)] == [0x11, 0x11, 0x21, 0x21, 0x11]
     assert error_text(OVERCURRENT) == "overcurrent"
+    assert len({error_text(code) for code in codes[1:-1]}) == 6
     assert error_text(0x9999) == "unknown error"
 
 
@@ -169,6 +177,85 @@ def test_a_winding_that_is_too_hot_trips_the_drive_until_it_has_cooled_down() ->
     drive.set_temperature(50.0)
     commanded(drive, 0x00, 0x80, 0x06, 0x0F)
     assert (told(drive), drive.read("error_code")) == (ENABLED, 0)
+
+
+@pytest.mark.parametrize(
+    ("u_dc", "code"), [(372.1, OVERVOLTAGE), (371.9, 0), (186.1, 0), (185.9, UNDERVOLTAGE)]
+)
+def test_a_dc_link_beyond_its_limits_trips_the_drive_whenever_its_bridge_is_on(u_dc: float, code: int) -> None:
+    drive = VirtualDrive(scenario(u_dc=u_dc))
+    assert (drive.read("overvoltage_trip"), drive.read("undervoltage_trip")) == pytest.approx((372.0, 186.0))
+    drive.run(1)
+    assert (told(drive), drive.read("error_code")) == (FAULT if code else ENABLED, code)
+    assert np.isnan(drive.record(3)["u_q"]).all() == bool(code)
+    commanded(drive, 0x00, 0x80)
+    drive.run(10)
+    assert (told(drive), drive.read("error_code")) == (OFF, 0)  # the bridge is off: nothing to protect
+    commanded(drive, 0x06, 0x0F)
+    assert (told(drive), drive.read("error_code")) == (FAULT if code else ENABLED, code)
+
+
+def test_the_dc_link_is_watched_by_what_is_measured_of_it() -> None:
+    drive = VirtualDrive(PAPER)
+    drive.run(10)
+    firmware, trips = drive._state.firmware, list[tuple[bool, int]]()
+    for u_dc in (310.0, 373.0, 310.0):
+        firmware = computed(drive._fixed, drive._settings, firmware, drive._state.sample, u_dc, 0.0)
+        trips.append((firmware.powered, firmware.trip))
+    assert trips == [(True, 0), (False, 2), (False, 2)]  # it stays off when the voltage is back
+
+
+def test_limits_of_the_dc_link_that_leave_no_room_are_refused_and_none_is_a_choice() -> None:
+    with pytest.raises(ScenarioError, match=r"overvoltage_trip takes above drive\.undervoltage_trip = 186 V, got 100"):
+        check(scenario(overvoltage_trip=100.0))
+    drive = VirtualDrive(scenario(u_dc=900.0, overvoltage_trip=0.0))
+    drive.run(100)
+    assert told(drive) is ENABLED
+
+
+def following(load: float, **drive: object) -> VirtualDrive:
+    """A free shaft under speed control, with a load (Nm) that the drive can hold up to 8.6 Nm."""
+    run = Run(shaft="free", speed_rpm=600.0, speed_control=True, tau_L=load)
+    return VirtualDrive(replace(scenario(**drive), run=run, excitation=Excitation()))
+
+
+def test_a_speed_that_does_not_follow_trips_the_drive_after_its_time_and_not_before() -> None:
+    drive = following(12.0, speed_error_trip=50.0, speed_error_time=0.02)
+    r = drive.record(2000)
+    lost = int(np.argmax(np.abs(r["omega_e"] - r["omega_e"][0]) > 50.0))
+    off = int(np.argmax(np.isnan(r["u_q"])))
+    assert off - lost == pytest.approx(200, abs=25)  # periods; the filter of the speed is some late
+    assert (told(drive), drive.read("error_code")) == (FAULT, SPEED_ERROR)
+
+
+def test_a_load_that_the_drive_can_hold_is_none_of_its_following_error() -> None:
+    drive = following(2.0, speed_error_trip=50.0, speed_error_time=0.15)
+    r = drive.record(5000)
+    assert np.abs(r["omega_e"] - r["omega_e"][-1]).max() > 50.0  # for a while
+    assert told(drive) is ENABLED
+    drive.write("speed_error_time", 0.01)
+    drive.write("speed_error_trip", 0.0)
+    drive.write("speed_control", 1.0)
+    drive.write("speed_ramp", 0.0)
+    drive.write("speed_ref", -200.0)
+    drive.run(5000)
+    assert told(drive) is ENABLED  # 0: never
+    drive.write("speed_error_trip", 50.0)
+    drive.write("speed_ref", 200.0)
+    drive.run(5000)
+    assert (told(drive), drive.read("error_code")) == (FAULT, SPEED_ERROR)
+    commanded(drive, 0x80, 0x06, 0x0F)
+    assert told(drive) is ENABLED
+
+
+def test_a_following_error_counts_under_speed_control_alone() -> None:
+    drive = VirtualDrive(scenario(speed_error_trip=1.0, speed_error_time=0.0))
+    drive.run(2000)
+    assert told(drive) is ENABLED
+    drive.write("speed_control", 1.0)  # its shaft is held by a dynamometer
+    drive.write("speed_ref", 0.0)
+    drive.run(200)
+    assert (told(drive), drive.read("error_code")) == (FAULT, SPEED_ERROR)
 
 
 def test_a_bench_that_falls_silent_for_the_watchdogs_time_leaves_the_bridge_off() -> None:

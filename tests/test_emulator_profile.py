@@ -141,7 +141,7 @@ def test_what_a_moving_inductance_takes_is_missing_from_the_energy() -> None:
     # At constant flux the energy of a coil goes as 1/L: dW = -i^2/2 dL, and three half of it in peak values
     i_d, i_q = (r["i_d"][1:] + r["i_d"][:-1]) / 2.0, (r["i_q"][1:] + r["i_q"][:-1]) / 2.0
     gained = -0.75 * float(np.sum(i_d**2 * np.diff(truth["L_d"]) + i_q**2 * np.diff(truth["L_q"])))
-    given = (after.W_in - before.W_in) - (after.W_copper - before.W_copper) - (after.W_shaft - before.W_shaft)
+    given = (after.W_dc - before.W_dc) - (after.W_copper - before.W_copper) - (after.W_shaft - before.W_shaft)
     assert gained > 0.01  # J
     assert stored(-1) - stored(0) - given == pytest.approx(gained, rel=0.01)
 

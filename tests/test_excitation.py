@@ -21,7 +21,7 @@ HELD = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
 
 def with_excitation(scenario: Scenario, **given: float) -> Scenario:
     """The scenario under other currents."""
-    return replace(scenario, excitation=Excitation(**given))
+    return replace(scenario, excitation=replace(Excitation(), **given))
 
 
 def at_speed(scenario: Scenario, rpm: float) -> Scenario:
@@ -55,6 +55,15 @@ def test_without_current_nothing_but_psi_f_is_told(noise: bool) -> None:
     assert told["psi_f"] == "ok"
     assert told["R_s"] == told["L_d"] == told["L_q"] == "not_told"
     assert all(result.estimates[name].value is None for name in ("R_s", "L_d", "L_q"))
+
+
+@pytest.mark.parametrize("kind", ["levels", "prbs", "multisine", "staircase"])
+def test_every_sequence_of_the_drive_lets_all_four_be_told(kind: str) -> None:
+    excitation = replace(PAPER.excitation, kind=kind, level_time=0.02)
+    result = window(replace(PAPER, excitation=excitation))
+    for name, estimate in result.estimates.items():
+        assert estimate.status is Status.OK
+        assert estimate.value == pytest.approx(HELD[name], rel=3e-3)
 
 
 def test_with_i_d_controlled_to_zero_the_little_that_is_known_of_L_d_comes_with_a_wide_interval() -> None:

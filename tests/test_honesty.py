@@ -98,8 +98,9 @@ def answers(case: Case, off: float) -> Iterator[tuple[str, str, float, float, fl
         step = case.rows // 10
         for k in range(10):
             method.take(running, samples[k * step : (k + 1) * step], joined=True)
+            told = method.estimate(running).estimates
             for parameter in PARAMETERS:
-                e = method.estimate(running).estimates[parameter]
+                e = told[parameter]
                 if e.status is Status.OK:
                     assert e.value is not None and e.std is not None
                     yield name, parameter, e.value, e.std, truth[parameter]

@@ -28,11 +28,12 @@ from drivers.wire import modbus_map as registers
 from drivers.wire.cia402 import State
 from drivers.wire.codec import count_size
 from drivers.wire.dictionary import SIGNALS, layout_id, signal_named
+from drivers.wire.modbus_url import parse_modbus_url
 from emulator.faults import Faults, parse_fault
 from emulator.row_ring import CAPACITY
 from tests.conftest import free_port
-from tests.served_drive import PATIENCE, Listening, first_blocks, in_threads, joined, listening, until
-from tests.served_modbus import ALL_URLS, URLS, Disturbed, Served, path_of, pty_url, served, tcp_url
+from tests.served_drive import PATIENCE, Listening, Served, first_blocks, in_threads, joined, listening, served, until
+from tests.served_modbus import ALL_URLS, URLS, Disturbed, path_of, pty_url, tcp_url
 
 COLUMNS = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean", "u_dc")
 
@@ -358,6 +359,32 @@ def soon(drive: Drive) -> bool:
         return False
 
 
+def test_an_answer_of_the_same_number_that_is_of_another_register_is_no_value() -> None:
+    """As it was asked for by a client before this one, which counts its requests, too."""
+    i_full, u_full = (registers.address_of(signal_named(name)) for name in ("i_full", "u_full"))
+
+    def of_the_other(answer: bytes) -> bytes:
+        return answer.replace(struct.pack(">I", u_full), struct.pack(">I", i_full)).replace(
+            struct.pack(">f", 387.5), struct.pack(">f", 24.0)
+        )
+
+    with served(tcp_url()) as bench, connect(bench.url) as drive:
+        bench.server.faults = Disturbed(1000, change=of_the_other)
+        with pytest.raises(FrameError, match=rf"answered from {i_full} on, expected {u_full}, for .*\(u_full\)"):
+            drive.read("u_full")
+        bench.server.faults = Faults()
+        assert drive.read("u_full") == 387.5
+
+
+def test_no_two_clients_number_their_requests_alike(bench: Served) -> None:
+    def number() -> list[int]:
+        with contextlib.closing(modbus_line.ModbusLine(parse_modbus_url(bench.url))) as line:
+            line.window(registers.REGISTERS, registers.address_of(signal_named("T_s")), 2, "T_s")
+            return line.read(registers.REQUEST, 1)
+
+    assert len({number()[0] for _ in range(4)}) > 1
+
+
 @pytest.mark.usefixtures("impatient")
 def test_a_write_whose_answer_is_late_is_not_taken_for_another(bench: Served, drive: Drive) -> None:
     bench.server.faults = Disturbed(1, delay=0.7, skip=1)  # of the drive's time, which is faster
@@ -588,6 +615,15 @@ def test_no_answer_breaks_a_client_or_becomes_a_drive(data: st.DataObject) -> No
 
 
 @pytest.mark.usefixtures("impatient")
+def test_an_answer_without_an_end_is_told_by_how_it_begins() -> None:
+    with contextlib.closing(Liar(lambda request: request[:4] + b"\0\5\1" + bytes(50_000))) as liar:
+        told = pytest.raises(ConnectError, match=r"with what is no Modbus: \w\w( \w\w){23} \.\.\. \(\d+ bytes\)$")
+        with told as caught:
+            connect(f"modbus+tcp://127.0.0.1:{liar.port}/1")
+    assert len(str(caught.value)) < 250
+
+
+@pytest.mark.usefixtures("impatient")
 @given(noise=st.binary(min_size=1, max_size=80))
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_bytes_on_a_serial_line_break_a_client(noise: bytes) -> None:
@@ -624,6 +660,17 @@ def corrupted(disturbed: Served) -> Iterator[Drive]:
         patch.setattr(modbus_line, "REPLY_TIMEOUT", 0.1)
         with connect(disturbed.url) as drive:
             yield drive
+
+
+def test_another_baud_rate_is_told_before_anything_is_written(capfd: pytest.CaptureFixture[str]) -> None:
+    url = pty_url()
+    with served(url) as bench:
+        with pytest.raises(ConnectError) as told:
+            connect(url.replace("baudrate=1000000", "baudrate=115200"))
+        assert "\n" not in str(told.value)
+        with connect(url) as drive:
+            assert drive.read("u_full") == bench.drive.read("u_full")
+    assert capfd.readouterr().err == ""
 
 
 def test_turns_are_taken_in_the_order_in_which_threads_come() -> None:

@@ -3,7 +3,7 @@
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -19,8 +19,8 @@ from emulator.row_ring import CAPACITY, RowRing
 from emulator.scenarios import PAPER
 from emulator.socketcand import BusError
 from emulator.virtual_drive import VirtualDrive
-from tests.served_drive import until
-from tests.served_modbus import ALL_URLS, Disturbed, Served, line_to, path_of, pty_url, served, tcp_url
+from tests.served_drive import Served, served, until
+from tests.served_modbus import ALL_URLS, Disturbed, line_to, path_of, pty_url, tcp_url
 
 LAYOUT = layout_id().to_bytes(4, "big").hex(" ")
 
@@ -311,6 +311,7 @@ def test_a_ring_gives_the_latest_rows_by_number_as_far_as_they_join() -> None:
 
 
 MBPOLL = shutil.which("mbpoll")
+MBPOLL_BAUDRATE = 115200  # bit/s
 
 
 def mbpoll(url: str, *arguments: str, values: tuple[str, ...] = ()) -> dict[int, str]:
@@ -319,8 +320,9 @@ def mbpoll(url: str, *arguments: str, values: tuple[str, ...] = ()) -> dict[int,
         pytest.skip("mbpoll is not installed (Debian: mbpoll)")
     place = url.removeprefix("modbus+tcp://").removesuffix("/1")
     host, _, port = place.partition(":")
-    where = ["-m", "tcp", "-p", port, host] if port.isdigit() else ["-m", "rtu", "-b", "115200", "-P", "none",
-                                                                 str(path_of(url))]
+    where = ["-m", "tcp", "-p", port, host]
+    if not port.isdigit():
+        where = ["-m", "rtu", "-b", str(MBPOLL_BAUDRATE), "-P", "none", str(path_of(url))]
     done = subprocess.run(
         [MBPOLL, "-0", "-1", "-q", "-a", "1", *arguments, *where, *values],
         capture_output=True, text=True, timeout=10.0, check=False,
@@ -329,10 +331,9 @@ def mbpoll(url: str, *arguments: str, values: tuple[str, ...] = ()) -> dict[int,
     return {int(at): value for at, value in re.findall(r"^\[(\d+)\]:\s+(\S+)", done.stdout, re.MULTILINE)}
 
 
-@pytest.mark.parametrize("make_url", [tcp_url, pty_url])
-def test_mbpoll_reads_and_writes_the_drive(make_url: object) -> None:
-    assert callable(make_url)
-    with served(str(make_url()), running=False) as bench:
+@pytest.mark.parametrize("make_url", [tcp_url, lambda: pty_url(baudrate=MBPOLL_BAUDRATE)], ids=["tcp", "pty"])
+def test_mbpoll_reads_and_writes_the_drive(make_url: Callable[[], str]) -> None:
+    with served(make_url(), running=False) as bench:
         assert mbpoll(bench.url, "-r", "4", "-c", "2", "-t", "4:hex") == {4: "0x504D", 5: "0x534D"}
         assert mbpoll(bench.url, "-r", "0", "-c", "1", "-t", "4:int", "-B") == {0: str(_signed(layout_id()))}
         assert mbpoll(bench.url, "-r", str(0x1102), "-c", "2", "-t", "4:float", "-B") == {0x1102: "24", 0x1104: "387.5"}

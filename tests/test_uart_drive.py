@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import os
 import random
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,21 +18,33 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers import capture, operation, uart_drive
+from drivers.block import Block
 from drivers.connect import connect
 from drivers.errors import ConnectError, DriveError, FaultError, FrameError, LostError, NoReplyError, RefusedError
 from drivers.uart_drive import UartDrive, _Upload
 from drivers.wire import uart_frame as uf
 from drivers.wire.cia402 import State
 from drivers.wire.codec import count_size, counts_to_si
-from drivers.wire.dictionary import CAPTURE_SAMPLES, layout_id, signal_named
+from drivers.wire.dictionary import CAPTURE_SAMPLES, STREAM_ROW, layout_id, signal_named
 from drivers.wire.uart_url import parse_uart_url
 from emulator.faults import Faults, parse_fault
 from emulator.scenarios import PAPER
 from emulator.socketcand import BusError
 from emulator.uart_server import UartServer
 from emulator.virtual_drive import VirtualDrive
-from tests.served_drive import Listening, emulator, first_blocks, in_threads, joined, listening, ready, until
-from tests.served_uart import ServedUart, served_uart
+from tests.served_drive import (
+    PATIENCE,
+    Listening,
+    Served,
+    emulator,
+    first_blocks,
+    in_threads,
+    joined,
+    listening,
+    ready,
+    served,
+    until,
+)
 from tests.transports import pty_url, serial_socket_url
 
 URLS = {"pty": pty_url, "socket": serial_socket_url}
@@ -43,15 +56,29 @@ def url(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def bench(url: str) -> Iterator[ServedUart]:
-    with served_uart(url) as served:
-        yield served
+def bench(url: str) -> Iterator[Served]:
+    with served(url) as drive:
+        yield drive
 
 
 @pytest.fixture
-def drive(bench: ServedUart) -> Iterator[UartDrive]:
+def drive(bench: Served) -> Iterator[UartDrive]:
     with UartDrive(parse_uart_url(bench.url)) as connected:
         yield connected
+
+
+def check(bench: Served, blocks: list[Block]) -> None:
+    """Fail where a value of a block is not what the drive produced at that tick, to half a count."""
+    produced = bench.produced()
+    full = {name: bench.drive.read(name) for name in ("i_full", "u_full", "omega_full")}
+    ticks = joined(blocks, "tick")
+    place = np.searchsorted(produced["row_tick"], ticks)
+    assert np.array_equal(produced["row_tick"][place], ticks)
+    for name in STREAM_ROW:
+        off = joined(blocks, name) - produced[name][place]
+        if name == "theta_e":
+            off = (off + np.pi) % (2.0 * np.pi) - np.pi
+        assert np.abs(off).max() <= 0.5 * count_size(signal_named(name), full) * 1.001, name
 
 
 # Values
@@ -80,7 +107,7 @@ def test_many_threads_ask_at_once_while_rows_come(drive: UartDrive) -> None:
 # The stream
 
 
-def test_what_the_drive_produced_arrives_within_half_a_count(bench: ServedUart, drive: UartDrive) -> None:
+def test_what_the_drive_produced_arrives_within_half_a_count(bench: Served, drive: UartDrive) -> None:
     drive.write("stream_periods", 1.0)
     blocks = first_blocks(drive, 20_000)
     bench.end()
@@ -89,10 +116,10 @@ def test_what_the_drive_produced_arrives_within_half_a_count(bench: ServedUart, 
     assert all(block.lost_before == 0 and block.periods == 1 for block in blocks)
     assert blocks[-1].temp_winding == pytest.approx(23.4)
     assert blocks[-1].temp_magnet == pytest.approx(23.4)
-    bench.check(blocks)
+    check(bench, blocks)
 
 
-def test_rows_of_any_length_follow_each_other_without_a_gap(bench: ServedUart, drive: UartDrive) -> None:
+def test_rows_of_any_length_follow_each_other_without_a_gap(bench: Served, drive: UartDrive) -> None:
     wanted = (20.0, 5.0, 1.0, 50.0, 7.0, 1000.0, 8.0)
     with listening(drive) as listener:
         for periods in wanted:
@@ -103,10 +130,10 @@ def test_rows_of_any_length_follow_each_other_without_a_gap(bench: ServedUart, d
     for one, other in itertools.pairwise(listener.blocks):
         assert other.tick[0] == one.tick[-1] + one.periods
         assert other.lost_before == 0
-    bench.check(listener.blocks)
+    check(bench, listener.blocks)
 
 
-def test_a_stream_that_is_left_stops_and_can_be_begun_again(bench: ServedUart, drive: UartDrive) -> None:
+def test_a_stream_that_is_left_stops_and_can_be_begun_again(bench: Served, drive: UartDrive) -> None:
     first = first_blocks(drive, 50)
     assert all(line.stream is None for line in bench.server._lines.values())
     left = bench.drive.tick
@@ -117,7 +144,7 @@ def test_a_stream_that_is_left_stops_and_can_be_begun_again(bench: ServedUart, d
 
 
 @pytest.mark.parametrize("url", [pty_url()])  # TCP keeps megabytes on the way
-def test_a_client_that_does_not_read_does_not_hold_the_drive_up(bench: ServedUart, drive: UartDrive) -> None:
+def test_a_client_that_does_not_read_does_not_hold_the_drive_up(bench: Served, drive: UartDrive) -> None:
     drive.write("stream_periods", 1.0)
     stream = drive.stream()
     before = [next(stream)]
@@ -133,18 +160,18 @@ def test_a_client_that_does_not_read_does_not_hold_the_drive_up(bench: ServedUar
     until(lambda: before.append(next(stream)) or before[-1].lost_before > 0, "the gap is not told")
     stream.close()  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType]
     bench.end()
-    bench.check(before)
+    check(bench, before)
     assert before[-1].lost_before == before[-1].tick[0] - before[-2].tick[-1] - 1
 
 
 def test_pacing_by_the_baud_rate_lets_through_what_the_line_carries() -> None:
     """At 115200 baud 11520 bytes a second: of rows of one period, about 590 a second of the drive's time."""
     url = pty_url().replace("3000000", "115200")
-    with served_uart(url, paced=True) as bench, UartDrive(parse_uart_url(url)) as drive:
+    with served(url, paced=True) as bench, UartDrive(parse_uart_url(url)) as drive:
         drive.write("stream_periods", 1.0)
         blocks = first_blocks(drive, 2400)
         bench.end()
-        bench.check(blocks)
+        check(bench, blocks)
         blocks = blocks[len(blocks) // 3 :]  # by then the line is as far behind as it will be
         time_passed = (blocks[-1].tick[-1] - blocks[0].tick[0]) * 1e-4  # s
         assert 18 * sum(map(len, blocks)) / time_passed == pytest.approx(11520 * 0.9, rel=0.15)
@@ -153,7 +180,7 @@ def test_pacing_by_the_baud_rate_lets_through_what_the_line_carries() -> None:
 # The state machine, the memory, the watchdog
 
 
-def test_the_state_machine_goes_its_ways(bench: ServedUart, drive: UartDrive) -> None:
+def test_the_state_machine_goes_its_ways(bench: Served, drive: UartDrive) -> None:
     operation.disable(drive)
     assert operation.state(drive) is State.SWITCH_ON_DISABLED
     operation.enable(drive)
@@ -167,7 +194,7 @@ def test_the_state_machine_goes_its_ways(bench: ServedUart, drive: UartDrive) ->
 
 def test_a_fault_is_told_by_itself_and_left_by_a_reset(url: str) -> None:
     scenario = replace(PAPER, drive=replace(PAPER.drive, temperature_trip=60.0))
-    with served_uart(url, scenario) as bench, UartDrive(parse_uart_url(url)) as drive:
+    with served(url, scenario) as bench, UartDrive(parse_uart_url(url)) as drive:
         operation.enable(drive)
         bench.drive.set_temperature(80.0)
         until(lambda: drive.fault_code == 0x4210, "no fault was told")
@@ -178,7 +205,7 @@ def test_a_fault_is_told_by_itself_and_left_by_a_reset(url: str) -> None:
         operation.enable(drive)
 
 
-def test_what_is_stored_is_there_after_a_reset_and_what_is_not_is_not(bench: ServedUart, drive: UartDrive) -> None:
+def test_what_is_stored_is_there_after_a_reset_and_what_is_not_is_not(bench: Served, drive: UartDrive) -> None:
     drive.write("control_R_s", 1.5)
     operation.store(drive)
     drive.write("control_R_s", 2.5)
@@ -192,14 +219,14 @@ def test_what_is_stored_is_there_after_a_reset_and_what_is_not_is_not(bench: Ser
 # The recorder
 
 
-def recorded(bench: ServedUart, drive: UartDrive, length: int, burst: int = 500) -> capture.Upload:
+def recorded(bench: Served, drive: UartDrive, length: int, burst: int = 500) -> capture.Upload:
     setup = capture.Setup(("theta_e", "i_d", "i_q", "u_d", "u_q", "i_a"), length)
     bench.burst = burst
     capture.arm(drive, setup)
     return capture.awaited(drive, setup, 15.0)
 
 
-def test_a_recording_arrives_as_the_drive_has_it(bench: ServedUart, drive: UartDrive) -> None:
+def test_a_recording_arrives_as_the_drive_has_it(bench: Served, drive: UartDrive) -> None:
     under_way = recorded(bench, drive, 5000)
     told = list[int]()
     got = capture.upload(drive, under_way, told.append)
@@ -213,7 +240,7 @@ def test_a_recording_arrives_as_the_drive_has_it(bench: ServedUart, drive: UartD
     assert len(told) > 10
 
 
-def test_an_upload_goes_on_where_it_stood_after_the_link_is_lost(bench: ServedUart) -> None:
+def test_an_upload_goes_on_where_it_stood_after_the_link_is_lost(bench: Served) -> None:
     with UartDrive(parse_uart_url(bench.url)) as drive:
         under_way = recorded(bench, drive, 20_000)
         whole = bench.drive.captured(0, CAPTURE_SAMPLES)
@@ -233,7 +260,7 @@ def test_an_upload_goes_on_where_it_stood_after_the_link_is_lost(bench: ServedUa
     assert bytes(under_way.data) == whole
 
 
-def test_a_recording_is_uploaded_while_rows_come_without_loss(bench: ServedUart, drive: UartDrive) -> None:
+def test_a_recording_is_uploaded_while_rows_come_without_loss(bench: Served, drive: UartDrive) -> None:
     drive.write("stream_periods", 1.0)
     under_way = recorded(bench, drive, CAPTURE_SAMPLES)
     bench.burst = 40
@@ -267,13 +294,13 @@ def test_a_line_without_a_drive_is_told(tmp_path: Path) -> None:
 def test_a_line_that_another_client_holds_is_told() -> None:
     url = pty_url()
     told = pytest.raises(ConnectError, match=r"cannot open .* at 3000000 baud: another program holds it$")
-    with served_uart(url), connect(url), told:
+    with served(url), connect(url), told:
         connect(url)
 
 
 def test_another_baud_rate_is_told_before_anything_is_written(capfd: pytest.CaptureFixture[str]) -> None:
     url = pty_url()
-    with served_uart(url) as bench:
+    with served(url) as bench:
         begun = time.monotonic()
         with pytest.raises(ConnectError, match=r"no drive answered at .* at 115200 baud within 0.9 s: nothing came"):
             connect(url.replace("3000000", "115200"))
@@ -286,10 +313,29 @@ def test_another_baud_rate_is_told_before_anything_is_written(capfd: pytest.Capt
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.parametrize("came", [bytes(200), b"\x80" * 200], ids=["a break", "no end of a frame"])
+def test_bytes_without_a_frame_are_not_told_as_silence(came: bytes) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+
+        def send() -> None:
+            with server.accept()[0] as line:
+                line.recv(4096)  # what comes before the client's first request is not for it
+                line.sendall(came)
+                while line.recv(4096):
+                    pass
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        with pytest.raises(ConnectError, match=r"200 bytes came within 0.9 s, but no frame; it is another device, or"):
+            connect(f"uart://socket://127.0.0.1:{port}")
+        thread.join(PATIENCE)
+
+
 def test_leaving_removes_the_path_and_a_killed_drives_path_is_taken_over(tmp_path: Path) -> None:
     path = tmp_path / "tty"
     path.symlink_to("/dev/pts/99999")
-    with served_uart(f"uart://{path}"), connect(f"uart://{path}"):
+    with served(f"uart://{path}"), connect(f"uart://{path}"):
         assert path.is_symlink()
     assert not path.is_symlink()
     path.write_text("mine")
@@ -301,13 +347,13 @@ def test_leaving_removes_the_path_and_a_killed_drives_path_is_taken_over(tmp_pat
 def test_a_port_that_is_taken_is_told() -> None:
     url = serial_socket_url()
     with (
-        served_uart(url),
+        served(url),
         pytest.raises(BusError, match=r"cannot serve a serial line at 127.0.0.1:\d+: Address already in use"),
     ):
         UartServer(VirtualDrive(PAPER), parse_uart_url(url))
 
 
-def test_a_drive_that_resets_is_lost_and_can_be_had_again(bench: ServedUart, drive: UartDrive) -> None:
+def test_a_drive_that_resets_is_lost_and_can_be_had_again(bench: Served, drive: UartDrive) -> None:
     with listening(drive) as listener:
         bench.drive.reset()
         error = listener.ended()
@@ -317,7 +363,7 @@ def test_a_drive_that_resets_is_lost_and_can_be_had_again(bench: ServedUart, dri
         assert len(first_blocks(again, 20)) > 0
 
 
-def test_a_tick_that_jumps_back_is_a_reset_where_its_event_was_lost(bench: ServedUart, drive: UartDrive) -> None:
+def test_a_tick_that_jumps_back_is_a_reset_where_its_event_was_lost(bench: Served, drive: UartDrive) -> None:
     drive._note = lambda event: None
     with listening(drive) as listener:
         bench.drive.reset()
@@ -326,7 +372,7 @@ def test_a_tick_that_jumps_back_is_a_reset_where_its_event_was_lost(bench: Serve
         assert str(error).endswith("has reset")
 
 
-def test_a_drive_that_falls_silent_is_lost_within_about_a_second(bench: ServedUart, drive: UartDrive) -> None:
+def test_a_drive_that_falls_silent_is_lost_within_about_a_second(bench: Served, drive: UartDrive) -> None:
     with listening(drive) as listener:
         bench.running.clear()
         begun = time.monotonic()
@@ -337,7 +383,7 @@ def test_a_drive_that_falls_silent_is_lost_within_about_a_second(bench: ServedUa
 
 
 def test_a_line_that_is_unplugged_is_lost_at_once_and_had_again_when_it_is_back(url: str) -> None:
-    with served_uart(url) as bench:
+    with served(url) as bench:
         drive = UartDrive(parse_uart_url(url))
         listener = Listening(drive)
         until(lambda: listener.rows > 20, "no rows")
@@ -351,7 +397,7 @@ def test_a_line_that_is_unplugged_is_lost_at_once_and_had_again_when_it_is_back(
         with pytest.raises(ConnectError, match="cannot open"):
             connect(url)
         drive.close()
-    with served_uart(url), connect(url) as again:
+    with served(url), connect(url) as again:
         assert len(first_blocks(again, 20)) > 0
 
 
@@ -360,7 +406,7 @@ def test_coming_and_going_leaves_no_file_open(url: str) -> None:
         return len(os.listdir("/proc/self/fd"))  # noqa: PTH208
 
     before = open_files()
-    with served_uart(url):
+    with served(url):
         for _ in range(3):
             with connect(url) as drive:
                 first_blocks(drive, 5)
@@ -386,7 +432,7 @@ def test_a_drive_with_another_layout_is_told_before_anything_else_is_asked(url: 
 
 
 def test_noise_makes_gaps_that_are_told_and_never_a_wrong_value(url: str) -> None:
-    with served_uart(url) as bench, UartDrive(parse_uart_url(url)) as drive:
+    with served(url) as bench, UartDrive(parse_uart_url(url)) as drive:
         drive.write("stream_periods", 1.0)
         with listening(drive) as listener:
             bench.server.faults = Faults([parse_fault("noise=0.0001")], seed=3)
@@ -400,7 +446,7 @@ def test_noise_makes_gaps_that_are_told_and_never_a_wrong_value(url: str) -> Non
         bench.end()
         assert values == {0.9664}
         blocks = listener.blocks
-        bench.check(blocks)
+        check(bench, blocks)
         for one, other in itertools.pairwise(blocks):
             assert other.tick[0] == one.tick[-1] + 1 + other.lost_before
         assert drive.counts.rows_lost == sum(block.lost_before for block in blocks)
@@ -418,7 +464,7 @@ def test_any_bytes_and_any_frame_leave_the_drive_serving(drive: UartDrive) -> No
 
 
 def test_frames_whatever_end_nothing_and_become_no_value() -> None:
-    with served_uart(pty_url()) as bench, UartDrive(parse_uart_url(bench.url)) as drive:
+    with served(pty_url()) as bench, UartDrive(parse_uart_url(bench.url)) as drive:
         bench.running.clear()
         bench.step(10)
         rows = uf.ROWS.size + uf.ROW_BYTES

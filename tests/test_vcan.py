@@ -1,8 +1,10 @@
 """CANopen over SocketCAN as an independent witness sees it, and a bus that goes down. Bytes by hand from CiA 301.
 
-What is the same over every transport is in test_contract. `make test-vcan` runs both where there is a vcan0.
+At our node are our client, frames sent by hand, and the canopen library's client. What is the same over every transport
+is in test_contract. `make test-vcan` runs both where there is a vcan0.
 """
 
+import binascii
 import itertools
 import re
 import struct
@@ -11,14 +13,18 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from math import pi
+from typing import Any
 
+import canopen
 import pytest
 
 from drivers.block import Block
 from drivers.canopen_drive import HEARTBEAT_MISSED_MS
 from drivers.connect import connect
 from drivers.errors import ConnectError, LostError, RefusedError
-from tests.served_drive import PATIENCE, first_blocks, joined, listening
+from drivers.wire.dictionary import CHANNELS
+from tests.library_client import library_client
+from tests.served_drive import PATIENCE, first_blocks, joined, listening, until
 from tests.transports import ServedProcess, serving, vcan_url
 from tests.witness import BUS, Seen, Witness, send, witness
 
@@ -267,6 +273,116 @@ def test_an_emergency_tells_a_fault_once_and_then_its_end(by_hand: Witness) -> N
     told = [seen.frame for seen in by_hand.frames(begin)]
     assert [frame for frame in told if frame.startswith("085#")] == ["085#3081110000000000", "085#0000000000000000"]
     assert 1 <= told[: told.index("085#3081110000000000")].count(BEAT_PRE_OPERATIONAL) <= 3  # 0.2 s by its clock
+
+
+@pytest.fixture
+def remote(by_hand: Witness) -> Iterator[Any]:
+    """The canopen library's client, which knows the node by our data sheet alone."""
+    del by_hand
+    with library_client(URL) as node:
+        yield node
+
+
+def transfers(log: Witness, since: int) -> list[str]:
+    """What client and node have said to each other by SDO."""
+    return [seen.frame for seen in log.frames(since) if seen.frame.startswith(("605#", "585#"))]
+
+
+def test_the_librarys_client_has_values_as_they_passed(log: Witness, remote: Any) -> None:
+    begin = log.heard()
+    assert remote.sdo["Identity"]["Product code"].raw == 0x504D534D
+    remote.sdo["References"]["i_q_ref"].raw = 1.25
+    with pytest.raises(canopen.SdoAbortedError, match="0x06020000"):
+        remote.sdo.upload(0x7000, 0)
+    assert transfers(log, begin) == [
+        "605#4018100200000000", "585#431810024D534D50",
+        "605#230023020000A03F", "585#6000230200000000",
+        "605#4000700000000000", "585#8000700000000206",
+    ]
+
+
+def test_the_librarys_client_uploads_a_block_as_it_passed(log: Witness, remote: Any) -> None:
+    begin = log.heard()
+    with remote.sdo.open(0x1008, 0, "rb", buffering=0, block_transfer=True) as stream:
+        assert stream.readall() == b"pmsm-bench virtual drive"
+    assert transfers(log, begin) == [
+        "605#A40810007F000000", "585#C608100018000000", "605#A300000000000000",
+        "585#01" + b"pmsm-be".hex().upper(), "585#02" + b"nch vir".hex().upper(), "585#03" + b"tual dr".hex().upper(),
+        "585#84" + b"ive".hex().upper() + "00000000",
+        "605#A2047F0000000000", "585#D16E190000000000", "605#A100000000000000",
+    ]
+
+
+def test_the_librarys_client_uploads_a_recording_of_many_blocks_as_it_passed(log: Witness, remote: Any) -> None:
+    recorder = remote.sdo["Recorder"]
+    recorder["capture_channel_1"].raw = CHANNELS.index("theta_e")
+    recorder["capture_channel_2"].raw = CHANNELS.index("i_q")
+    recorder["capture_length"].raw = 1500
+    recorder["capture_command"].raw = 1
+    until(lambda: recorder["capture_state"].raw == 1, "it is not armed")
+    recorder["capture_command"].raw = 2
+    until(lambda: recorder["capture_state"].raw == 3, "it is not done")
+    begin = log.heard()
+    with remote.sdo.open(0x2410, 1, "rb", buffering=0, block_transfer=True) as stream:
+        recording = stream.readall()
+    passed = transfers(log, begin)
+    said = [frame for frame in passed if frame.startswith("605#")]
+    first, *segments, last = (bytes.fromhex(frame[4:]) for frame in passed if frame.startswith("585#"))
+    assert first.hex() == "c610240170170000"  # 6000 bytes
+    assert [segment[0] for segment in segments] == [*(k % 127 + 1 for k in range(857)), 0x80 | 96]
+    assert b"".join(segment[1:] for segment in segments)[:6000] == recording
+    assert last == struct.pack("<BH5x", 0xC1 | 6 << 2, binascii.crc_hqx(recording, 0))  # six bytes unused
+    acknowledged = [*["605#A27F7F0000000000"] * 6, "605#A2607F0000000000"]
+    assert said == ["605#A41024017F000000", "605#A300000000000000", *acknowledged, "605#A100000000000000"]
+
+
+def test_the_librarys_client_downloads_a_block_as_it_passed(log: Witness, remote: Any) -> None:
+    begin = log.heard()
+    with remote.sdo.open(0x2300, 2, "wb", buffering=7, size=4, block_transfer=True) as stream:
+        stream.write(bytes.fromhex("0000A03F"))  # 1.25 A
+    assert transfers(log, begin) == [
+        "605#C600230204000000", "585#A40023027F000000",
+        "605#810000A03F000000", "585#A2017F0000000000",
+        "605#CDC2DA0000000000", "585#A100000000000000",
+    ]
+    assert remote.sdo["References"]["i_q_ref"].raw == 1.25
+
+
+def test_the_librarys_client_reads_pdos_as_they_passed(log: Witness, remote: Any) -> None:
+    layouts = {0x185: "<HHhh", 0x285: "<Hhhh", 0x385: "<Hhhh", 0x485: "<Hhh"}
+    heard = list[tuple[int, tuple[int, ...]]]()
+
+    def keep(pdo: Any) -> None:
+        heard.append((pdo.cob_id, tuple(variable.raw for variable in pdo)))
+
+    remote.tpdo.read()
+    for number in (1, 2, 3, 4):
+        remote.tpdo[number].add_callback(keep)
+    remote.sdo[0x2000][4].raw = ROW_TICKS
+    begin = log.heard()
+    remote.nmt.state = "OPERATIONAL"
+    until(lambda: len({identifier for identifier, _ in heard}) == 4 and len(heard) > 100, "no PDOs")
+    remote.nmt.state = "PRE-OPERATIONAL"
+    log.wait_for(BEAT_PRE_OPERATIONAL, since=begin)
+    pdos = [seen for seen in log.frames(begin) if int(seen.frame[:3], 16) in layouts]
+    until(lambda: len(heard) >= len(pdos), "it has not heard all")
+    passed = [(identifier := int(seen.frame[:3], 16), struct.unpack(layouts[identifier], seen.data)) for seen in pdos]
+    assert heard == passed
+    assert {seen.frame[8:12] for seen in pdos if seen.frame.startswith("385#")} == {"6666"}  # 310 V of 387.5 V
+    assert {seen.frame[8:] for seen in pdos if seen.frame.startswith("485#")} == {"24092409"}  # 23.40 degC, twice
+
+
+def test_the_librarys_client_leads_the_node_by_nmt_and_hears_its_state(log: Witness, remote: Any) -> None:
+    begin = log.heard()
+    for state in ("OPERATIONAL", "STOPPED", "PRE-OPERATIONAL"):
+        remote.nmt.state = state
+        until(lambda state=state: remote.nmt.wait_for_heartbeat(PATIENCE) == state, f"never {state}")
+    remote.nmt.state = "RESET COMMUNICATION"
+    log.wait_for(BOOTED, since=begin)
+    told = [seen.frame for seen in log.frames(begin)]
+    assert [frame for frame in told if frame.startswith("000#")] == [START, STOP, PRE_OPERATIONAL, RESET_COMMUNICATION]
+    beats = [frame for frame in told[: told.index(BOOTED)] if frame.startswith("705#")]
+    assert [beat for beat, _ in itertools.groupby(beats)][-3:] == [BEAT_OPERATIONAL, BEAT_STOPPED, BEAT_PRE_OPERATIONAL]
 
 
 def test_a_bus_that_goes_down_is_told_at_once_and_the_drive_is_had_again_when_it_is_up(

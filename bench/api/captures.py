@@ -57,6 +57,7 @@ def install(app: FastAPI, service: Service) -> None:
         """How far it is, and why it failed where it did."""
         return capture_model(captures.one(name, id_))
 
+    @app.head("/api/drives/{name}/captures/{id}/file", include_in_schema=False, dependencies=of_known)
     @app.get("/api/drives/{name}/captures/{id}/file", summary="Download a recording", response_class=FileResponse,
              responses=_FILE | _NOT_NOW | _ONE, dependencies=of_known)
     def file(name: DriveName, id_: CaptureId) -> FileResponse:

@@ -183,9 +183,12 @@ def _usual_service() -> str:
 
 def _written(text: str, out: Path | None) -> None:
     """A text on standard output, or in a file."""
+    from bench.cli.output import check_new
+
     if out is None:
         print(text)
         return
+    check_new("--out", out)
     try:
         out.write_text(text + "\n", encoding="ascii")
     except OSError as error:

@@ -11,6 +11,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from bench.cli.output import check_new
 from bench.cli.table import basis_of, estimates_table
 from bench.errors import ConfigError
 from bench.machine_file import Nominal, load_machine, load_toml
@@ -74,7 +75,7 @@ def run(
     hop = every if every is not None else max(1, (1000 if options.window is None else settings.samples) // 10)
     if hop < 1:
         raise ConfigError(f"--every: expected at least 1 row, got {hop}")
-    _check_outputs(file, json_out, csv_out)
+    _check_outputs(file, {"--json": json_out, "--csv": csv_out})
     with (
         open_recording(
             file, mapping=_pairs("--map", mapping, str), constants=_pairs("--set", constants, float), T_s=machine.T_s,
@@ -126,15 +127,16 @@ def _progress(rows: int | None) -> Generator[Callable[[int], None]]:
         yield lambda done: bar.update(task, completed=done)
 
 
-def _check_outputs(file: Path, *outputs: Path | None) -> None:
-    """Refuse, before anything is opened, an output that would overwrite the recording or the other output."""
+def _check_outputs(file: Path, outputs: Mapping[str, Path | None]) -> None:
+    """Refuse, before anything is opened, an output that would overwrite the recording, the other output or a file."""
     taken = [file.resolve()]
-    for path in outputs:
+    for option, path in outputs.items():
         if path is None:
             continue
         if path.resolve() in taken:
             raise ConfigError(f"{path}: expected a file of its own, this is the recording or the other output")
         taken.append(path.resolve())
+        check_new(option, path)
 
 
 def _pairs(option: str, items: Sequence[str], convert: Callable[[str], T]) -> dict[str, T]:

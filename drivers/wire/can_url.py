@@ -1,5 +1,6 @@
 """The address of a CANopen drive: `canopen://INTERFACE/[HOST:PORT/]CHANNEL/NODE[?option=value&...]`.
 
+A channel that is a serial adapter's device keeps its slash: `canopen://slcan//dev/ttyACM0/5?bitrate=1000000`.
 Bench and virtual drive stand at two ends of the same URL. Pure; opens nothing.
 """
 
@@ -36,7 +37,7 @@ def parse_can_url(url: str) -> CanUrl:
     """Take a CANopen URL apart. Raises ValueError, in a sentence, when it is none."""
     try:
         parts = urlsplit(url)
-        fields = [parts.netloc, *parts.path.strip("/").split("/")]
+        fields = [parts.netloc, *parts.path.removeprefix("/").rstrip("/").split("/")]
         options = dict(parse_qsl(parts.query, strict_parsing=True)) if parts.query else {}
     except ValueError as error:
         raise ValueError(f"expected {FORMS}, got {url!r} ({error})") from None
@@ -52,9 +53,11 @@ def parse_can_url(url: str) -> CanUrl:
         if not host or not _counts_to(65535, port):
             raise ValueError(f"expected HOST:PORT with a port of 1 to 65535 in {url!r}, got {middle[0]!r}")
         return CanUrl(interface, middle[1], _node_id(node, url), host, int(port))
-    if not interface or len(middle) != 1 or not middle[0]:
+    channel = "/".join(middle)
+    device = interface not in _SETS_UP and re.fullmatch(r"/[^\0]*[^/\0]", channel)
+    if not interface or not channel or ("/" in channel and not device):
         raise ValueError(f"expected {FORMS}, got {url!r}")
-    return CanUrl(interface, middle[0], _node_id(node, url), options=options)
+    return CanUrl(interface, channel, _node_id(node, url), options=options)
 
 
 def _node_id(text: str, url: str) -> int:

@@ -250,7 +250,8 @@ def _array(
 
 _NAMES: Final = {
     0x1010: "Store parameters", 0x1011: "Restore default parameters", 0x2000: "Drive", 0x2010: "Full scales",
-    0x2100: "Stream", 0x2200: "Control", 0x2300: "References", 0x2400: "Recorder",
+    0x2100: "Stream", 0x2200: "Control", 0x2300: "References", 0x2310: "Protections",
+    0x2400: "Recorder",
 }
 
 

@@ -55,11 +55,16 @@ def command_of(control_word: int) -> Command | None:
 
 
 OVERCURRENT: Final = 0x2310
+OVERVOLTAGE: Final = 0x3210
+UNDERVOLTAGE: Final = 0x3220
 OVERTEMPERATURE_MOTOR: Final = 0x4210
+SPEED_ERROR: Final = 0x8400  # of the speed control; 0x8611 is that of a position control
 COMMUNICATION: Final = 0x8130  # nothing was heard of the bench for the watchdog's time
 
 ERROR_TEXTS: Final = {
-    OVERCURRENT: "overcurrent", OVERTEMPERATURE_MOTOR: "motor too hot", COMMUNICATION: "the bench fell silent",
+    OVERCURRENT: "overcurrent", OVERVOLTAGE: "dc-link overvoltage", UNDERVOLTAGE: "dc-link undervoltage",
+    OVERTEMPERATURE_MOTOR: "motor too hot", SPEED_ERROR: "the speed does not follow its reference",
+    COMMUNICATION: "the bench fell silent",
 }
 
 
@@ -72,5 +77,7 @@ def error_register(code: int) -> int:
     """Object 0x1001 (CiA 301, 7.5.2.2) for an error code: generic, and its kind."""
     if code == 0:
         return 0
+    if 0x8300 <= code <= 0x86FF:  # control of torque, speed, position: of the device profile
+        return 0x01 | 0x20
     kind = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x8: 0x10}.get(code >> 12, 0x80)
     return 0x01 | kind

@@ -99,10 +99,19 @@ def _command(
     return Signal(name, index, subindex, type_, "1", "rw", summary, minimum=minimum, maximum=maximum, command=True)
 
 
-def _whole(subindex: int, name: str, minimum: int, maximum: int, summary: str) -> Signal:
-    """A setting of the recorder that is a whole number."""
+def _whole(index: int, subindex: int, name: str, minimum: int, maximum: int, summary: str) -> Signal:
+    """A setting that is a whole number."""
     type_ = WireType.I16 if minimum < 0 else WireType.U16 if maximum <= 0xFFFF else WireType.U32
-    return Signal(name, 0x2400, subindex, type_, "1", "rw", summary, minimum=minimum, maximum=maximum)
+    return Signal(name, index, subindex, type_, "1", "rw", summary, minimum=minimum, maximum=maximum)
+
+
+def _recorder(subindex: int, name: str, minimum: int, maximum: int, summary: str) -> Signal:
+    return _whole(0x2400, subindex, name, minimum, maximum, summary)
+
+
+def _limit(subindex: int, name: str, unit: str, summary: str) -> Signal:
+    """What is fixed in the drive and switches its bridge off."""
+    return Signal(name, 0x2310, subindex, _F, unit, "const", summary)
 
 
 CHANNELS = ("none", "theta_e", "i_d", "i_q", "omega_e", "u_d", "u_q", "u_dc", "i_a", "i_b", "i_c")
@@ -145,6 +154,9 @@ SIGNALS: tuple[Signal, ...] = (
     _setting(0x2200, 4, "control_L_q", "H", 1e-6, 1.0, "q-axis inductance"),
     _setting(0x2200, 5, "control_psi_f", "Vs", 0.0, 100.0, "magnet flux linkage, peak"),
     _setting(0x2200, 6, "bandwidth", "rad/s", 10.0, 1e4, "current-control bandwidth"),
+    _whole(0x2200, 7, "field_weakening", 0, 1, "1: i_d goes negative where the voltage is short"),
+    _setting(0x2200, 8, "i_d_weakening", "A", 0.0, None, "most current that field weakening takes"),
+    _setting(0x2200, 9, "weakening_voltage", "1", 0.5, 1.0, "share of the inverter's voltage that it stays below"),
     # What it is asked to do
     _setting(0x2300, 1, "i_d_ref", "A", None, None, "d-axis current reference"),
     _setting(0x2300, 2, "i_q_ref", "A", None, None, "q-axis current reference"),
@@ -152,6 +164,24 @@ SIGNALS: tuple[Signal, ...] = (
     _setting(0x2300, 4, "i_q_step", "A", 0.0, None, "q-axis excitation: steps within +- this"),
     _setting(0x2300, 5, "step_time", "s", 1e-3, 10.0, "shortest time between excitation steps"),
     _setting(0x2300, 6, "watchdog_time", "s", 0.0, 10.0, "silence of the bench after which it goes off; 0: never"),
+    _whole(0x2300, 7, "speed_control", 0, 2, "0: i_q as commanded, 1: by speed_ref, 2: by the drive's own profile"),
+    _setting(0x2300, 8, "speed_ref", "rad/s", None, None, "speed reference, electrical"),
+    _setting(0x2300, 9, "speed_ramp", "rad/s2", 0.0, None, "rate at which it is approached; 0: at once"),
+    _setting(0x2300, 10, "speed_step", "rad/s", 0.0, None, "excitation by speed ramps: between +- this around it"),
+    _setting(0x2300, 11, "speed_hold", "s", 0.0, 100.0, "time at either end of these ramps"),
+    _whole(0x2300, 12, "excitation_kind", 0, 4, "0: none, 1: random levels, 2: PRBS, 3: multisine, 4: i_d staircase"),
+    _setting(0x2300, 13, "sine_frequency", "Hz", 0.1, 1e3, "base of the multisine: d odd, q even harmonics"),
+    _whole(0x2300, 14, "sine_count", 1, 16, "sines an axis of the multisine"),
+    _whole(0x2300, 15, "i_d_levels", 2, 101, "levels of the staircase, from -i_d_step to i_d_step"),
+    _setting(0x2300, 16, "level_time", "s", 1e-3, 100.0, "time on each of these levels"),
+    Signal("speed_demand", 0x2300, 17, _F, "rad/s", "ro", "where the speed reference is, electrical"),
+    # What switches its bridge off
+    _setting(0x2310, 1, "speed_error_trip", "rad/s", 0.0, None, "electrical speed off its reference; 0: never"),
+    _setting(0x2310, 2, "speed_error_time", "s", 0.0, 10.0, "when it lasts for longer than this"),
+    _limit(3, "overcurrent_trip", "A", "current vector beyond this"),
+    _limit(4, "overvoltage_trip", "V", "dc link above this; 0: never"),
+    _limit(5, "undervoltage_trip", "V", "dc link below this"),
+    _limit(6, "temperature_trip", "degC", "winding above this"),
     # Its state (CiA 402), and its memory (CiA 301)
     _command(0x6040, 0, "control_word", WireType.U16, 0, 0xFFFF, "commands to the state machine"),
     Signal("status_word", 0x6041, 0, WireType.U16, "1", "ro", "state of its state machine"),
@@ -159,14 +189,14 @@ SIGNALS: tuple[Signal, ...] = (
     _command(0x1010, 1, "store", WireType.U32, STORE_WORD, STORE_WORD, "keep all parameters over a power cycle"),
     _command(0x1011, 1, "restore", WireType.U32, RESTORE_WORD, RESTORE_WORD, "parameters as delivered, after a reset"),
     # Its recorder
-    *(_whole(k, f"capture_channel_{k}", 0, len(CHANNELS) - 1, f"channel {k}: what it records; 0: nothing")
+    *(_recorder(k, f"capture_channel_{k}", 0, len(CHANNELS) - 1, f"channel {k}: what it records; 0: nothing")
       for k in range(1, CAPTURE_CHANNELS + 1)),
-    _whole(9, "capture_decimation", 1, 1000, "control periods per sample"),
-    _whole(10, "capture_length", 1, CAPTURE_SAMPLES, "samples to record"),
-    _whole(11, "capture_pre", 0, CAPTURE_SAMPLES - 1, "of these, samples before the trigger"),
-    _whole(12, "trigger_channel", 0, len(CHANNELS) - 1, "what triggers; 0: a command"),
+    _recorder(9, "capture_decimation", 1, 1000, "control periods per sample"),
+    _recorder(10, "capture_length", 1, CAPTURE_SAMPLES, "samples to record"),
+    _recorder(11, "capture_pre", 0, CAPTURE_SAMPLES - 1, "of these, samples before the trigger"),
+    _recorder(12, "trigger_channel", 0, len(CHANNELS) - 1, "what triggers; 0: a command"),
     _setting(0x2400, 13, "trigger_level", "1", None, None, "SI value that it must cross"),
-    _whole(14, "trigger_edge", -1, 1, "1: upwards, -1: downwards, 0: either way"),
+    _recorder(14, "trigger_edge", -1, 1, "1: upwards, -1: downwards, 0: either way"),
     _command(0x2400, 15, "capture_command", WireType.U16, 0, 2, "0: stop, 1: arm, 2: trigger now"),
     Signal("capture_state", 0x2400, 16, WireType.U16, "1", "ro", "0: idle, 1: armed, 2: triggered, 3: done"),
     Signal("capture_count", 0x2400, 17, WireType.U32, "1", "ro", "samples recorded"),

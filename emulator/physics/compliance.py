@@ -1,7 +1,8 @@
 """A compliant shaft: between the motor and its load is a spring with a damper.
 
-    J   d(omega_m)/dt = tau_e - B omega_m - friction - tau_s        tau_s = stiffness twist + damping (omega_m - omega_L)
-    J_L d(omega_L)/dt = tau_s - tau_L                               d(twist)/dt = omega_m - omega_L
+    J   d(omega_m)/dt = tau_e - B omega_m - friction - tau_s
+    J_L d(omega_L)/dt = tau_s - tau_L
+    tau_s = stiffness twist + damping (omega_m - omega_L)        d(twist)/dt = omega_m - omega_L
 
 A dynamometer holds the load's end. R. Isermann, "Mechatronic Systems", 2005, chapter 4.
 

@@ -62,7 +62,7 @@ def _slopes(x: float) -> tuple[float, float, float, float]:
 @kernel
 def _cell(psi: float, start: float, step: float, cells: int) -> tuple[int, float]:
     x = (psi - start) / step
-    n = min(max(int(math.floor(x)), 0), cells - 1)
+    n = min(max(math.floor(x), 0), cells - 1)
     return n, x - n
 
 
@@ -139,7 +139,7 @@ def fitted(i: NDArray[np.complex128], psi: NDArray[np.complex128]) -> FluxMap:
     system = np.concatenate([points, smooth])
     w, *_ = np.linalg.lstsq(system, np.concatenate([i.real, i.imag, np.zeros(len(smooth))]), rcond=None)
     flux_map = FluxMap(
-        float(low[0]), float(low[1]), float(step[0]), float(step[1]), np.ascontiguousarray(w.reshape(side, side)), 0.0
+        float(low[0]), float(low[1]), float(step[0]), float(step[1]), np.array(w.reshape(side, side), np.float64), 0.0
     )
     _check_invertible(flux_map, psi)
     return flux_map._replace(psi_f=without_current(flux_map, psi[np.argmin(np.abs(i))].real))

@@ -7,10 +7,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from emulator.machine import flux, torque
 from emulator.motors import MOTORS
 from emulator.scenarios import Excitation, Run, Scenario, drive_for
 from emulator.virtual_drive import VirtualDrive
+from tests.plants import textbook_torque
 from tests.samples import noiseless
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ def recorded(case: Case, periods: int = PERIODS) -> tuple[Course, Voltages]:
     turn = recording["omega_e"] * drive.T_s
     u = (recording["u_d"] + 1j * recording["u_q"]) * np.exp(1j * (recording["theta_e"] + 0.5 * turn))
     motor = scenario.motor
-    tau_e = np.array([torque(motor, flux(motor, complex(sample)), complex(sample)) for sample in i])
+    tau_e = np.array([textbook_torque(motor, complex(sample)) for sample in i])
     course = Course(recording["t"], i, tau_e, recording["omega_e"] / motor.n_p)
     return course, Voltages(u, scenario.drive.u_dc, drive.T_s)
 
