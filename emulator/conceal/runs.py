@@ -45,7 +45,7 @@ def drawn_run(chance: Chance, motors: Sequence[str], length: float) -> Drawn:
     machine = _machine(chance, MOTORS[name].machine)
     drive = _drive(chance, name)
     free = chance.happens(0.35)
-    excitation = _excitation(chance, machine.i_rated)
+    excitation = _excitation(chance, machine.i_rated, length)
     surroundings = _surroundings(chance, name, drive.u_dc)
     if not free:
         run = _speeds(chance, _fastest(machine, excitation, drive, name), length)
@@ -84,12 +84,14 @@ def _drive(chance: Chance, name: str) -> Drive:
         encoder_counts=chance.one_of((10_000, 16_384, 131_072, 1_048_576)),
         timer_counts=chance.one_of((2_500, 5_000, 10_000)),
         temperature_trip=_TRIP,
+        overvoltage_trip=1.25 * motor.u_dc,
     )
 
 
-def _excitation(chance: Chance, i_rated: float) -> Excitation:
-    """Steps on both axes in most runs; in the others small ones, or on one axis alone."""
+def _excitation(chance: Chance, i_rated: float, length: float) -> Excitation:
+    """Both axes are excited in most runs; in the others a little, or one alone."""
     kind = chance.one_of(("rich",) * 7 + ("small", "d alone", "q alone"))
+    sequence = chance.one_of(("levels",) * 5 + ("prbs", "multisine", "multisine", "staircase", "staircase"))
     i_d_ref, i_d_step = chance.uniform(-0.35, 0.1), chance.uniform(0.2, 0.5)
     i_q_ref, i_q_step = chance.uniform(-0.3, 0.3), chance.uniform(0.3, 0.75)
     small = chance.uniform(0.05, 0.2)
@@ -101,8 +103,9 @@ def _excitation(chance: Chance, i_rated: float) -> Excitation:
     elif kind == "q alone":
         i_d_step = 0.0
     return Excitation(
-        i_rated * i_d_ref, i_rated * i_q_ref, i_rated * i_d_step, i_rated * i_q_step, chance.log_uniform(2e-3, 0.03)
-    )
+        i_rated * i_d_ref, i_rated * i_q_ref, i_rated * i_d_step, i_rated * i_q_step, chance.log_uniform(2e-3, 0.03),
+        kind=sequence, sine_frequency=chance.log_uniform(2.0, 15.0), level_time=chance.uniform(0.02, 0.06) * length,
+    )  # fmt: skip
 
 
 def _fastest(machine: Machine, excitation: Excitation, drive: Drive, name: str) -> float:
