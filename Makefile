@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser test-vcan paper peers bench-estimator bench-links auto-window clean
+.PHONY: run test lint types arrows fast slow browser test-vcan paper peers bench-estimator bench-links bench-plant auto-window clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -56,6 +56,9 @@ bench-estimator: $(VENV)/.dev ## the estimator's speed beside its peers and a C 
 
 bench-links: $(VENV)/.dev ## the links over loopback beside what their buses would allow: about nine minutes
 	$(BIN)/python -m tests.bench_links
+
+bench-plant: $(VENV)/.dev ## the emulated plant's speed, effect by effect and beside its peers
+	$(BIN)/python -m tests.bench_plant
 
 auto-window: $(VENV)/.dev ## windows chosen by the data beside fixed ones, 40 seeds: about ten minutes
 	$(BIN)/python -m tests.auto_window

@@ -48,10 +48,10 @@ def bench_of(scenario: Scenario) -> Bench:
             drive.u_dc,
             knee_of(effects, motor),
             1e-6 * motor.i_rated,
+            _steepest(scenario, motor),
         ),
         sub_steps=drive.sub_steps,
         moves=moves,
-        overmodulates=drive.overmodulation,
     )
 
 
@@ -96,6 +96,14 @@ def _mapped(motor: Machine, flux_map: FluxMap) -> Machine:
     return motor._replace(L_d=1.0 / g_d, L_q=1.0 / g_q, psi_f=flux_map.psi_f)
 
 
+def _steepest(scenario: Scenario, motor: Machine) -> float:
+    """A bound (A/s) for the change of any phase current: rails and back-EMF over the least inductance."""
+    effects = scenario.effects
+    share = 1.0 - max(effects.saturation) if not effects.flux_map.file else 0.3
+    least = min(share**2 * motor.L_d, share**2 * motor.L_q, effects.resonance.L)
+    return 1.5 * scenario.drive.u_dc / least
+
+
 def _commissioned(scenario: Scenario) -> Commissioning:
     """The speed loop is set for a shaft of inertia J: bandwidth alpha_s, integral time 4 / alpha_s."""
     motor, drive, run = scenario.motor, scenario.drive, scenario.run
@@ -112,5 +120,6 @@ def _commissioned(scenario: Scenario) -> Commissioning:
         k_p,
         k_p * alpha_s / 4.0,
         drive.speed_filter,
+        drive.overmodulation,
         run.seed,
     )

@@ -38,6 +38,7 @@ class Bridge(NamedTuple):
     E: float  # V, of the source behind the dc link
     knee: float  # A, below which a drop softens
     no_current: float  # A, taken as none
+    steepest: float  # A/s, no current changes faster
 
 
 class BridgeState(NamedTuple):
@@ -141,20 +142,27 @@ def _of_phase(x: complex, k: int) -> float:
 
 
 @kernel
-def _decide(bridge: Bridge, i: complex, moment: float, T: float, powered: bool, room: Scratch) -> bool:
-    """Set every leg's mode at a moment; whether one of them is dead."""
-    dead = False
+def _decide(
+    bridge: Bridge, plant: Plant, state: PlantState, begin: float, end: float, T: float, powered: bool, room: Scratch
+) -> tuple[bool, bool]:
+    """Set every leg's mode between two edges; whether one is dead, and whether a dead one's current may stop."""
+    dead, may_stop = False, False
+    i = 0j
     for k in range(3):
-        on = switches(k, moment, bridge.inverter.dead_time, T, room) if powered else 2
+        on = switches(k, 0.5 * (begin + end), bridge.inverter.dead_time, T, room) if powered else 2
         if on < 2:
             room.legs[_MODE, k] = on
             continue
+        if not dead:
+            i = bridge_current(plant, state)
         dead = True
+        i_k = _of_phase(i, k)
+        if abs(i_k) < bridge.steepest * (end - begin):
+            may_stop = True
         if room.legs[_MODE, k] <= _HIGH:  # it has just been switched off
-            i_k = _of_phase(i, k)
             flows = abs(i_k) > bridge.no_current
             room.legs[_MODE, k] = (_DIODE_LOW if i_k > 0.0 else _DIODE_HIGH) if flows else _FLOATS
-    return dead
+    return dead, may_stop
 
 
 @kernel
@@ -285,8 +293,7 @@ def switched(
         begin, end = room.moments[n], room.moments[n + 1]
         if end - begin <= _NO_TIME:
             continue
-        i = bridge_current(plant, state) if dead_time > 0.0 or not powered else 0j
-        dead = _decide(bridge, i, 0.5 * (begin + end), T, powered, room)
+        dead, may_stop = _decide(bridge, plant, state, begin, end, T, powered, room)
         steps = max(math.ceil((end - begin) / T * sub_steps - 1e-9), 1)  # a whole number of them, but for rounding
         h, drawn = (end - begin) / steps, state.q_dc
         if ideal and not dead:
@@ -296,7 +303,7 @@ def switched(
             supply = _supply(bridge, u_dc, room)
         for m in range(steps):
             t_m = t + begin + m * h
-            if dead:
+            if may_stop:
                 state = _through_dead_time(bridge, plant, u_dc, t_m, h, state, room)
             else:
                 state = stepped(plant, supply, t_m, h, state)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from emulator.excitation import AT_REST, Excited, excited
 from emulator.frames import nearest, turned
-from emulator.inverter import limited, longest
+from emulator.inverter import corner, longest, shortened
 from emulator.kernel import kernel
 from emulator.mechanics import Profile, profile_speed
 from emulator.reference import Ramp, ramped
@@ -66,6 +66,7 @@ class Commissioning(NamedTuple):
     k_p_speed: float  # A s/rad, proportional gain of the speed loop, electrical speed
     k_i_speed: float  # A/rad, integral gain
     T_speed: float  # s, time constant of the speed filter
+    overmodulates: bool  # voltages beyond the linear range are tried
     seed: int
 
 
@@ -198,8 +199,9 @@ def computed(
     e = i_ref - i
     back_emf = omega_e * complex(-L_q * i.imag, L_d * i.real + psi_f)
     u = complex(alpha * L_d * e.real, alpha * L_q * e.imag) + state.integral + back_emf
-    most = longest(u_dc)
-    u_limited = d_first(u, most) if weakening else limited(u, u_dc)
+    linear = longest(u_dc)
+    most = corner(u_dc) if fixed.overmodulates else linear
+    u_limited = d_first(u, most) if weakening else shortened(u, most)
     # Anti-windup: the integral takes in the error that the limited voltage answers to
     short = u_limited - u
     integral = state.integral + alpha * R_s * T_s * (
@@ -210,7 +212,7 @@ def computed(
     if abs(integral) > most:
         integral *= most / abs(integral)
 
-    weakened_next = weaker(settings, state.weakening, u, omega_e, most, i_max, T_s) if weakening else NOT_WEAKENED
+    weakened_next = weaker(settings, state.weakening, u, omega_e, linear, i_max, T_s) if weakening else NOT_WEAKENED
 
     u_next = u_limited * turned(theta_e + _DELAY * omega_e * T_s)
     return FirmwareState(

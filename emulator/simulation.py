@@ -56,7 +56,6 @@ class Bench(NamedTuple):
     bridge: Bridge
     sub_steps: int  # integration steps per control period
     moves: bool  # magnets or inductances move, which takes energy
-    overmodulates: bool  # voltages beyond the linear range are tried
 
 
 class State(NamedTuple):
@@ -104,7 +103,7 @@ def plant_of(bench: Bench, machine: Machine, telegraph: bool) -> Plant:
 
 @kernel
 def _sampled(bench: Bench, plant: Plant, state: PlantState, u: complex, tick: int) -> Sample:
-    """The sample at a tick; u (V) is what a bridge without edges applies."""
+    """The sample at a tick; u (V) is what a bridge without edges applies from then on."""
     i, slope, skew = bridge_current(plant, state), 0j, longest_skew(bench.sensors.current)
     if skew > 0.0:
         supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
@@ -123,7 +122,8 @@ def started(bench: Bench, n_p: int, psi_f: float, powered: bool, temperature: fl
     machine = machine_now(bench, 0.0, heat)
     plant = plant_of(bench, machine, False)
     state = plant_started(plant, 0.0, omega_m)
-    sample = _sampled(bench, plant, state, 0j, 0)
+    back_emf = 1j * machine.n_p * omega_m * machine.psi_f  # at angle zero
+    sample = _sampled(bench, plant, state, back_emf, 0)
     firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s, powered)
     bridge = BridgeState(bench.bridge.E, False, False, False, 0.0, 0.0, 0.0)
     return State(0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, firmware, NO_ROW)
@@ -133,7 +133,7 @@ def started(bench: Bench, n_p: int, psi_f: float, powered: bool, temperature: fl
 def _duties(bench: Bench, u: complex, u_dc: float) -> Duties:
     """What the modulator makes of a stationary voltage (V)."""
     shortest = bench.bridge.inverter.min_pulse / bench.fixed.T_s
-    return modulated(u if bench.overmodulates else limited(u, u_dc), u_dc, bench.bridge.timer_counts, shortest)
+    return modulated(u if bench.fixed.overmodulates else limited(u, u_dc), u_dc, bench.bridge.timer_counts, shortest)
 
 
 @kernel
@@ -197,7 +197,9 @@ def simulated(
         if bench.thermal.C_w > 0.0:
             heat = warmed(bench.thermal, heat, plant.W_copper - W_copper, plant.W_iron - W_iron, T_s)
         then = plant_of(bench, machine_now(bench, (tick + 1) * T_s, heat), telegraph)
-        before, sample = sample, _sampled(bench, then, plant, u, tick + 1)
+        u_next = u_waiting if bench.timing.delay > 0 else firmware.u_next
+        u_held = limited(u_next, u_dc) * (bridge.u_dc / u_dc)
+        before, sample = sample, _sampled(bench, then, plant, u_held, tick + 1)
 
         # What the drive knows of it
         theta_e = wrapped(n_p * before.theta_m)
@@ -207,8 +209,7 @@ def simulated(
         if bench.timing.shift < 0:
             u_dq = u_before
         elif bench.timing.shift > 0 and known:
-            u_after = _within_reach(bench, u_waiting if bench.timing.delay > 0 else firmware.u_next, u_dc)
-            u_dq = u_after * turned(-(theta_e + 1.5 * turn))
+            u_dq = _within_reach(bench, u_next, u_dc) * turned(-(theta_e + 1.5 * turn))
         u_before = u_told
         period = Period(
             theta_e,

@@ -14,7 +14,7 @@ from emulator.plant import Plant, PlantState, bridge_current, started
 from emulator.scenarios import PAPER
 
 U_DC = PAPER.drive.u_dc
-IDEAL = Bridge(True, 5000, Inverter(), DcLink(), U_DC, 1.0, 1e-9)
+IDEAL = Bridge(True, 5000, Inverter(), DcLink(), U_DC, 1.0, 1e-9, 1e6)
 STILL = Profile(0.0, 0.0, 0.0, 0.0, 0.0)
 LOCKED = Shaft(True, STILL, PAPER.motor.J, PAPER.motor.B, 0.0)
 BEFORE = BridgeState(U_DC, False, False, False, 0.0, 0.0, 0.0)

@@ -14,12 +14,14 @@ Outside the points the outermost cells go on as they are.
 import math
 from pathlib import Path
 from typing import NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emulator.kernel import kernel
 
+_ARRAYS = ("i_s_dq", "psi_s_dq")  # of a file
 _CELLS = 10  # per axis
 _SMOOTH = 1e-3  # weight of the spline's third differences against the points
 
@@ -102,15 +104,16 @@ def loaded(path: Path) -> FluxMap:
     Raises ValueError in a sentence where the file is none, or where current does not follow from flux.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            missing = [name for name in ("i_s_dq", "psi_s_dq") if name not in file]
-            if missing:
-                raise ValueError(f"{path.name} takes the arrays i_s_dq and psi_s_dq, {missing[0]} is missing")
-            i, psi = np.asarray(file["i_s_dq"], complex).ravel(), np.asarray(file["psi_s_dq"], complex).ravel()
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            columns = {name: np.asarray(file[name], complex).ravel() for name in _ARRAYS if name in file}
     except FileNotFoundError:
         raise ValueError(f"no such file: {path}") from None
-    except (OSError, EOFError) as error:
-        raise ValueError(f"{path.name} is no .npz file ({error})") from None
+    except (OSError, EOFError, ValueError, TypeError, BadZipFile) as error:
+        raise ValueError(f"{path.name} is no .npz file of numbers ({error})") from None
+    missing = [name for name in _ARRAYS if name not in columns]
+    if missing:
+        raise ValueError(f"{path.name} takes the arrays {' and '.join(_ARRAYS)}, {missing[0]} is missing")
+    i, psi = (columns[name] for name in _ARRAYS)
     if i.shape != psi.shape or len(i) < 16 or not bool(np.all(np.isfinite(i) & np.isfinite(psi))):
         raise ValueError(
             f"{path.name} takes at least 16 finite points, as many of current as of flux, got {len(i)} and {len(psi)}"
@@ -138,9 +141,8 @@ def fitted(i: NDArray[np.complex128], psi: NDArray[np.complex128]) -> FluxMap:
     smooth *= _SMOOTH * float(np.abs(points).max())
     system = np.concatenate([points, smooth])
     w, *_ = np.linalg.lstsq(system, np.concatenate([i.real, i.imag, np.zeros(len(smooth))]), rcond=None)
-    flux_map = FluxMap(
-        float(low[0]), float(low[1]), float(step[0]), float(step[1]), np.array(w.reshape(side, side), np.float64), 0.0
-    )
+    w = np.ascontiguousarray(w.reshape(side, side), np.float64)
+    flux_map = FluxMap(float(low[0]), float(low[1]), float(step[0]), float(step[1]), w, 0.0)
     _check_invertible(flux_map, psi)
     return flux_map._replace(psi_f=without_current(flux_map, psi[np.argmin(np.abs(i))].real))
 

@@ -9,8 +9,8 @@ the field takes to enter a lamination; without it every switching edge would dri
 resistance: S. Morimoto, Y. Tong, Y. Takeda, T. Hirasa, "Loss minimization control of permanent magnet synchronous
 motor drives", IEEE Trans. Industrial Electronics, 1994.
 
-Shows as current that makes no torque, u_q too low by R_s omega_e psi / R_c, and drag; looks like R_s and psi_f at one
-speed.
+Shows as current that makes neither torque nor flux - without load u_d is too high by omega_e^2 L_q psi_f / R_c - and as
+drag; looks like cross-coupling at one speed, and like torque lost.
 """
 
 from typing import Annotated, NamedTuple
