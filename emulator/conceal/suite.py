@@ -14,10 +14,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import emulator
 from emulator.bounds import ScenarioError
 from emulator.conceal.files import MANIFEST, date_alike, write
 from emulator.conceal.populations import KINDS, POPULATIONS
 from emulator.conceal.recording import Choice, drawn
+from emulator.kernel import source_hash
 from emulator.motors import MOTORS
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
@@ -122,7 +124,11 @@ def _finish(suite: Suite, entries: list[dict[str, Any]]) -> None:
     """Dates in the order of names, so that they tell nothing of how long each took; the manifest."""
     for entry in entries:
         date_alike(suite.out, entry["recording"])
-    manifest = {**asdict(suite.choice), "count": suite.count, "made": len(entries), "recordings": entries}
+    manifest = {
+        **asdict(suite.choice), "count": suite.count, "made": len(entries),
+        "sources": source_hash(Path(emulator.__file__).parent),  # other ones may make other numbers of an answer
+        "recordings": entries,
+    }  # fmt: skip
     text = json.dumps(manifest, indent=2) + "\n"
     (suite.answers / MANIFEST).write_text(text, encoding="utf-8")
 
