@@ -316,7 +316,7 @@ def test_every_class_runs_on_every_motor_at_its_largest_without_a_redraw() -> No
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--count", "0"], "--count takes at least 1, got 0"),
+        (["--count", "0"], "--count takes 1 to 100000, got 0"),
         (["--class", "one", "rust"], "got 'rust'"),
         (["--motor", "perpetuum"], "--motor takes motors of the catalogue, anaheim_bly172s"),
         (["--size", "0.5", "0.2"], "--size takes two numbers from 0 to 1, the lower one first, got 0.5 0.2"),
@@ -369,17 +369,21 @@ def many(folder: Path) -> Generator["subprocess.Popen[str]"]:
             process.communicate()
 
 
-@pytest.mark.parametrize("to", ["process", "group"])
-def test_an_interrupt_leaves_whole_recordings_with_their_answers(tmp_path: Path, to: str) -> None:
+@pytest.mark.parametrize("how", ["Ctrl-C", "SIGTERM", "a process killed"])
+def test_an_end_before_the_end_leaves_whole_recordings_with_their_answers(tmp_path: Path, how: str) -> None:
     with many(tmp_path) as process:
-        if to == "group":  # as a terminal does
+        if how == "Ctrl-C":  # which a terminal sends to all
             os.killpg(process.pid, signal.SIGINT)
-        else:
+        elif how == "SIGTERM":
             process.send_signal(signal.SIGTERM)
+        else:
+            os.kill(next(iter(_worker_times(process.pid))), signal.SIGKILL)
         _, said = process.communicate(timeout=60.0)
-    assert process.returncode == 130
+    killed = how == "a process killed"
+    assert process.returncode == (1 if killed else 130)
     assert "Traceback" not in said
-    assert said.splitlines()[-1] == f"emulator conceal: interrupted; what is in {tmp_path / 'out'} is whole"
+    why = "one of its processes was ended from outside" if killed else "interrupted"
+    assert said.splitlines()[-1] == f"emulator conceal: {why}; what is in {tmp_path / 'out'} is whole"
     names = sorted(path.stem for path in (tmp_path / "out").glob("*.parquet"))
     assert len(names) >= 4
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(
@@ -390,6 +394,19 @@ def test_an_interrupt_leaves_whole_recordings_with_their_answers(tmp_path: Path,
     for name in names:
         assert len(columns_of(tmp_path / "out" / f"{name}.parquet")["t"]) > 1000
         assert json.loads((tmp_path / "answers" / f"{name}.json").read_text())["recording"] == name
+
+
+def test_the_processes_of_a_suite_end_with_the_one_that_started_them(tmp_path: Path) -> None:
+    with many(tmp_path) as process:
+        workers = _worker_times(process.pid)
+        assert len(workers) == 2
+        process.kill()
+        process.wait()
+        deadline = time.monotonic() + 60.0
+        while any(Path(f"/proc/{pid}").exists() for pid in workers):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        process.communicate()
 
 
 def test_a_suite_is_made_by_both_cores_at_once(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def main(arguments: list[str]) -> int:
     except OSError as error:
         return progress.end(f"cannot write {error.filename or 'a file'}: {error.strerror or error}", 1)
     except BrokenExecutor:
-        return progress.end(f"one of its processes was ended from outside after {progress.done} recordings", 1)
+        return progress.end(f"one of its processes was ended from outside; what is in {suite.out} is whole", 1)
     except KeyboardInterrupt:
         return progress.end(f"interrupted; what is in {suite.out} is whole", 130)
     return progress.end(f"{made} recordings in {suite.out}, their answers in {suite.answers}", 0)
@@ -80,11 +80,10 @@ class _Progress:
     def __init__(self, count: int) -> None:
         self._count, self._started, self._told = count, 0.0, 0.0
         self._live = sys.stderr.isatty()
-        self.done = 0
         self._say("getting ready, which takes half a minute the first time")
 
     def __call__(self, done: int) -> None:
-        self.done, now = done, time.monotonic()
+        now = time.monotonic()
         if done == 0:
             self._started = self._told = now
             return

@@ -7,6 +7,7 @@ import json
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ from emulator.motors import MOTORS
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
 
+MOST = 100_000  # recordings
 SHORTEST, LONGEST = 0.2, 60.0  # s, so that a winding can warm up within and files can be handled
 
 
@@ -41,8 +43,8 @@ class Suite:
 def check_suite(suite: Suite) -> None:
     """Raise ScenarioError, in a sentence, where a suite cannot be; nothing is written."""
     choice = suite.choice
-    if suite.count < 1:
-        raise ScenarioError(f"--count takes at least 1, got {suite.count}")
+    if not 1 <= suite.count <= MOST:
+        raise ScenarioError(f"--count takes 1 to {MOST}, got {suite.count}")
     if suite.workers < 0:
         raise ScenarioError(f"--workers takes at least 1, or 0 for one per core, got {suite.workers}")
     for kind in choice.kinds:
@@ -94,7 +96,7 @@ def _made(suite: Suite, entries: list[dict[str, Any]]) -> Iterator[dict[str, Any
     if workers == 1:
         yield from (_one(suite, number) for number in numbers)
         return
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _end_with_parent) as pool:
         with _undisturbed():
             futures = [pool.submit(_one, suite, number) for number in numbers]
         heard = set[Future[dict[str, Any]]]()
@@ -120,10 +122,23 @@ def _one(suite: Suite, number: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _end_with_parent() -> None:
+    """Have this process end when the one that started it is gone, however it went."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+
+
 def _finish(suite: Suite, entries: list[dict[str, Any]]) -> None:
-    """Dates in the order of names, so that they tell nothing of how long each took; the manifest."""
-    for entry in entries:
-        date_alike(suite.out, entry["recording"])
+    """Nothing is left that is not whole; dates in the order of names, which tell nothing of how long each took."""
+    names = {entry["recording"] for entry in entries}
+    for folder in (suite.out, suite.answers):
+        for path in list(folder.iterdir()):
+            name = path.name.lstrip(".").partition(".")[0]
+            if name.isdigit() and name not in names:
+                path.unlink()
+    for name in sorted(names):
+        date_alike(suite.out, name)
     manifest = {
         **asdict(suite.choice), "count": suite.count, "made": len(entries),
         "sources": source_hash(Path(emulator.__file__).parent),  # other ones may make other numbers of an answer
