@@ -349,6 +349,20 @@ def test_what_cannot_be_is_refused_in_one_sentence(
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["file"]
 
 
+def test_classes_and_ranges_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    from emulator.conceal.command import main
+
+    with pytest.raises(SystemExit) as ended:
+        main(["--list"])
+    assert not ended.value.code
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(POPULATIONS)
+    assert lines[0] == (
+        "dead_time            dead_time over T_s: 0.004 to 0.03 (0.2 us of small MOSFETs at 20 kHz to 3 us of IGBTs "
+        "at 10 kHz)"
+    )
+
+
 @contextmanager
 def many(folder: Path) -> Generator["subprocess.Popen[str]"]:
     """A suite under way that would take long, with a few recordings done."""

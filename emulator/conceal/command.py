@@ -7,10 +7,11 @@ import time
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from types import FrameType
+from typing import Any, NoReturn
 
 from emulator.bounds import ScenarioError
 from emulator.conceal import __doc__ as about
-from emulator.conceal.populations import EFFECTS, KINDS, STRANGERS
+from emulator.conceal.populations import EFFECTS, KINDS, POPULATIONS, STRANGERS
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
 from emulator.motors import MOTORS
@@ -52,16 +53,30 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--size", nargs=2, type=float, default=(0.0, 1.0), metavar=("LOW", "HIGH"),
-        help="part of each class's range, 0 to 1 of its logarithm (default 0 1); emulator/conceal/populations.py "
-        "states the ranges",
+        help="part of each class's range, 0 to 1 of its logarithm (default 0 1)",
     )  # fmt: skip
     parser.add_argument(
         "--motor", dest="motors", nargs="+", default=tuple(MOTORS), metavar="NAME",
         help=f"drawn from: {', '.join(MOTORS)} (default all)",
     )  # fmt: skip
+    parser.add_argument("--list", action=_List, help="print the classes, their ranges and why these, and end")
     parser.add_argument("--length", type=float, default=3.0, metavar="S", help="of each recording, s (default 3)")
     parser.add_argument("--workers", type=int, default=0, metavar="N", help="processes (default: one per core)")
     return parser
+
+
+class _List(argparse.Action):
+    """Print the populations and end, as --help does."""
+
+    def __init__(self, option_strings: list[str], dest: str, **given: Any) -> None:
+        super().__init__(option_strings, dest, nargs=0, **given)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        for name, each in POPULATIONS.items():
+            unit = "" if each.unit == "1" else f" {each.unit}"
+            span = f"{each.low:g}" if each.low == each.high else f"{each.low:.3g} to {each.high:.3g}"
+            print(f"{name:20} {each.size}: {span}{unit} ({each.why})")
+        parser.exit()
 
 
 def _suite(options: argparse.Namespace) -> Suite:

@@ -250,11 +250,11 @@ EFFECTS: Final[Mapping[str, Population]] = {
     ),
     "winding_heat": Population(
         "rise of the winding over the recording at rated current, nothing leaving it", "K", 40.0, 200.0,
-        "R_s drifts by 5 to 40 % within the recording", _winding_heat,
+        "R_s drifts by 1 to 45 % within the recording, by how much current there is", _winding_heat,
     ),
     "magnet_heat": Population(
         "surroundings above the magnets at the start", "K", 8.0, 56.0,
-        "psi_f drifts down by 0.5 to 6 % within the recording; 80 degC is the warmest ambient", _magnet_heat,
+        "psi_f drifts down by 0.6 to 6 % within the recording; 80 degC is the warmest ambient", _magnet_heat,
     ),
     "demagnetisation": Population(
         "share of psi_f lost", "1", 0.01, 0.15, "a hot overload, to a machine that still runs", _demagnetisation,

@@ -55,6 +55,7 @@ def drawn_run(chance: Chance, motors: Sequence[str], length: float) -> Drawn:
     machine = machine._replace(J=machine.J * chance.uniform(1.0, 4.0))
     tau_rated = 1.5 * machine.n_p * machine.psi_f * machine.i_rated
     load = chance.uniform(-0.4, 0.4)
+    excitation = _turning_right(machine, excitation)
     fastest = _fastest(machine, replace(excitation, i_q_ref=load * machine.i_rated), drive, name)
     jerk = 0.1 * fastest * machine.J / (1.5 * machine.n_p * machine.psi_f * excitation.step_time)
     excitation = replace(excitation, i_q_ref=0.0, i_q_step=min(excitation.i_q_step, jerk))
@@ -106,6 +107,14 @@ def _excitation(chance: Chance, i_rated: float, length: float) -> Excitation:
         i_rated * i_d_ref, i_rated * i_q_ref, i_rated * i_d_step, i_rated * i_q_step, chance.log_uniform(2e-3, 0.03),
         kind=sequence, sine_frequency=chance.log_uniform(2.0, 15.0), level_time=chance.uniform(0.02, 0.06) * length,
     )  # fmt: skip
+
+
+def _turning_right(machine: Machine, excitation: Excitation) -> Excitation:
+    """The excitation with i_d so low that reluctance leaves enough of the magnets' torque for a speed loop."""
+    if machine.L_q <= machine.L_d:
+        return excitation
+    highest = 0.5 * machine.psi_f / (machine.L_q - machine.L_d)
+    return replace(excitation, i_d_ref=min(excitation.i_d_ref, highest - excitation.i_d_step))
 
 
 def _fastest(machine: Machine, excitation: Excitation, drive: Drive, name: str) -> float:
