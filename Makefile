@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser test-vcan paper peers bench-estimator bench-links bench-plant auto-window clean
+.PHONY: run test lint types arrows fast slow browser test-vcan paper peers bench-estimator bench-links bench-plant auto-window gallery clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -36,8 +36,11 @@ test-vcan: $(VENV)/.dev ## CANopen over SocketCAN, in an emulated machine (Debia
 paper: $(VENV)/.dev ## the published experiment, reproduced: table and figures in build/paper
 	$(BIN)/python -m tests.paper
 
-peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-motor: tables and figure in build/peers
+peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-motor: tables and figures in build/peers
 	$(BIN)/python -m tests.peers
+
+gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictures and a page in build/gallery
+	$(BIN)/python -m tests.gallery
 
 $(VENV)/.run: pyproject.toml .ci/constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pmsm-bench needs Python 3.11 or later, got " + sys.version.split()[0])'

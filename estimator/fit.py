@@ -47,6 +47,7 @@ MODEL_MOVING: Final = 3e-5  # times the relative spread of speed^2, more where i
 MODEL_TURN: Final = 8e-4  # and, times D^3, more where the rotor turns far within a control period
 SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
 Z_95: Final = 1.96
+_LEAST: Final = 1e-5  # of the voltage, that a prior leaves open: with less, arithmetic loses what is wide beside it
 _ROUNDS: Final = 4  # of the iteration of the small terms; each gains three digits
 _FEWEST: Final = 4.0  # degrees of freedom of a variance at least: below, the correction knows no more than the error
 _BATCHES: Final = 8.0  # that a reference takes at least
@@ -214,7 +215,7 @@ def _with_prior(
     norm = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     b, prior = strong * norm, value * norm
     deviation = np.where(value > 0.0, np.minimum(prior, u), u)
-    precision = share / np.maximum(deviation, np.maximum(1e-9 * u, 1e-100)) ** 2
+    precision = share / np.maximum(deviation, np.maximum(_LEAST * u, 1e-100)) ** 2
     used = np.any(B != 0.0, axis=1).astype(np.float64)  # columns that are directions
     A = B.transpose(0, 2, 1) @ (precision[:, :, None] * B)
     size = np.sqrt(np.maximum(np.diagonal(A, axis1=1, axis2=2), 1e-300))

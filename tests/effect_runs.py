@@ -131,8 +131,8 @@ def flux_linkage(r: Recording, R_s: float) -> Vectors:
     turn = np.exp(1j * (r["theta_e"] + 0.5 * r["omega_e"] * T_s))
     i = currents(r) * np.exp(1j * r["theta_e"])
     steps = T_s * (voltages(r)[:-1] * turn[:-1] - 0.5 * R_s * (i[1:] + i[:-1]))
-    psi = np.concatenate([[0j], np.cumsum(steps)])
-    return np.asarray(psi - np.mean(psi[:-1]), np.complex128)  # the last row is the first of the next turn
+    psi: Vectors = np.concatenate([np.zeros(1, complex), np.cumsum(steps)])
+    return psi - np.mean(psi[:-1])  # the last row is the first of the next turn
 
 
 def phases_of(x: complex) -> tuple[float, float, float]:

@@ -1,11 +1,14 @@
 """Our emulated drive beside motulator's simulation of the same machine; `make peers` shows all the numbers."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.peers.cases import AVERAGED, BAR, REFERENCES, SWITCHED, Case, errors, recorded
+from emulator.virtual_drive import VirtualDrive
+from tests.peers.cases import AVERAGED, BAR, REFERENCES, SWITCHED, Case, errors, recorded, switched
+from tests.peers.saturated import by_curve, by_map, under_control
 from tests.peers.speed import real_time_factors
 from tests.peers.with_motulator import under_references, under_voltages
 
@@ -26,6 +29,41 @@ def test_under_the_same_references_both_drives_do_the_same() -> None:
     ours, _ = recorded(REFERENCES)
     found = errors(ours, under_references(REFERENCES, len(ours.t)))
     assert max(found.values()) < BAR, found
+
+
+@pytest.mark.parametrize("edges", [False, True], ids=["averaged", "edges"])
+def test_our_saturated_machine_does_the_same_when_it_is_told_to_the_peer(edges: bool) -> None:
+    case = switched(by_curve()) if edges else by_curve()
+    ours, voltages = recorded(case)
+    found = errors(ours, under_voltages(case, voltages))
+    assert max(found.values()) < 1e-4 * BAR, found
+
+
+@pytest.mark.parametrize("edges", [False, True], ids=["averaged", "edges"])
+def test_the_peers_saturated_machine_does_the_same_here_by_a_table_of_it(edges: bool, tmp_path: Path) -> None:
+    """What remains is the map's misfit."""
+    case = switched(by_map(tmp_path)) if edges else by_map(tmp_path)
+    ours, voltages = recorded(case)
+    found = errors(ours, under_voltages(case, voltages))
+    assert max(found.values()) < 0.1 * BAR, found
+
+
+def test_under_the_same_references_both_drives_do_the_same_with_the_peers_saturated_machine(tmp_path: Path) -> None:
+    case = under_control(tmp_path)
+    ours, _ = recorded(case)
+    found = errors(ours, under_references(case, len(ours.t)))
+    assert max(found.values()) < BAR, found
+
+
+@pytest.mark.parametrize("by", ["curve", "map"])
+def test_a_peer_without_the_saturation_misses_the_bar(by: str, tmp_path: Path) -> None:
+    """With the inductances that the machine has without current."""
+    case = by_curve() if by == "curve" else by_map(tmp_path)
+    ours, voltages = recorded(case, SOME)
+    unsaturated = VirtualDrive(case.scenario).plant_now().machine
+    linear = replace(case, scenario=replace(case.scenario, motor=unsaturated), current=None, psi_0=None)
+    found = errors(ours, under_voltages(linear, voltages))
+    assert min(found.values()) > BAR, found
 
 
 def test_a_machine_told_to_the_peer_by_its_map_is_the_same_machine() -> None:

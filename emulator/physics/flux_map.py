@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from emulator.kernel import kernel
 
 _ARRAYS = ("i_s_dq", "psi_s_dq")  # of a file
-_CELLS = 10  # per axis
+_FEWEST_CELLS, _MOST_CELLS = 10, 20  # per axis, in between half as many as a square of the points has on a side
 _SMOOTH = 1e-3  # weight of the spline's third differences against the points
 
 Matrix = NDArray[np.float64]
@@ -35,7 +35,7 @@ class FluxMap(NamedTuple):
     q_0: float
     d_step: float  # Vs, size of a cell
     q_step: float
-    w: Matrix  # (cells + 3) x (cells + 3), Vs A
+    w: Matrix  # (cells + 3) x (cells + 3), Vs A, the same for either sign of psi_q
     psi_f: float  # Vs, flux linkage without current
 
 
@@ -123,25 +123,28 @@ def loaded(path: Path) -> FluxMap:
 
 def fitted(i: NDArray[np.complex128], psi: NDArray[np.complex128]) -> FluxMap:
     """The map through points of current (A) and flux linkage (Vs). Raises ValueError where it cannot be inverted."""
-    i, psi = np.concatenate([i, i.conj()]), np.concatenate([psi, psi.conj()])  # symmetric in i_q
-    low, high = np.array([psi.real.min(), psi.imag.min()]), np.array([psi.real.max(), psi.imag.max()])
+    reach = float(np.abs(psi.imag).max())
+    low, high = np.array([psi.real.min(), -reach]), np.array([psi.real.max(), reach])
     if not bool(np.all(high > low)):
         raise ValueError("a flux map takes points that differ on both axes")
-    step = (high - low) / _CELLS
-    side = _CELLS + 3
+    cells = min(max(math.isqrt(len(psi)) // 2, _FEWEST_CELLS), _MOST_CELLS)
+    step = (high - low) / cells
+    side = cells + 3
     rows_d, rows_q = np.zeros((len(psi), side, side)), np.zeros((len(psi), side, side))
     for n, point in enumerate(psi):
-        c, x = _cell(point.real, low[0], step[0], _CELLS)
-        m, y = _cell(point.imag, low[1], step[1], _CELLS)
+        c, x = _cell(point.real, low[0], step[0], cells)
+        m, y = _cell(point.imag, low[1], step[1], cells)
         rows_d[n, c : c + 4, m : m + 4] = np.outer(_slopes(x), _weights(y)) / step[0]
         rows_q[n, c : c + 4, m : m + 4] = np.outer(_weights(x), _slopes(y)) / step[1]
     third = np.diff(np.eye(side), 3, axis=0)
     smooth = np.concatenate([np.kron(third, np.eye(side)), np.kron(np.eye(side), third)])
     points = np.concatenate([rows_d.reshape(len(psi), -1), rows_q.reshape(len(psi), -1)])
     smooth *= _SMOOTH * float(np.abs(points).max())
-    system = np.concatenate([points, smooth])
-    w, *_ = np.linalg.lstsq(system, np.concatenate([i.real, i.imag, np.zeros(len(smooth))]), rcond=None)
-    w = np.ascontiguousarray(w.reshape(side, side), np.float64)
+    half = (side + 1) // 2
+    mirrored = np.kron(np.eye(side), np.eye(half)[[min(m, side - 1 - m) for m in range(side)]])
+    system = np.concatenate([points, smooth]) @ mirrored
+    v, *_ = np.linalg.lstsq(system, np.concatenate([i.real, i.imag, np.zeros(len(smooth))]), rcond=None)
+    w = np.array((mirrored @ v).reshape(side, side), np.float64)
     flux_map = FluxMap(float(low[0]), float(low[1]), float(step[0]), float(step[1]), w, 0.0)
     _check_invertible(flux_map, psi)
     return flux_map._replace(psi_f=without_current(flux_map, psi[np.argmin(np.abs(i))].real))

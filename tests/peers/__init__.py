@@ -10,6 +10,8 @@ or the recording's own convention of angles and periods moves its currents, its 
 Once with averaged bridges, once with edges: space-vector modulation here against carrier comparison there, at the
 timer's resolution.
 
+Machines that saturate are told to motulator by their current as a function of flux linkage: see `saturated`.
+
 *Same references.* motulator's own drive, its vector control included, gets the same speed reference, load, direct
 current and bandwidths as ours. Its current loop is another than ours, so the current references do not step here.
 

@@ -7,10 +7,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from emulator.magnetics import current_and_pull, flux_of
 from emulator.motors import MOTORS
 from emulator.scenarios import Excitation, Run, Scenario, drive_for
 from emulator.virtual_drive import VirtualDrive
-from tests.plants import textbook_torque
 from tests.samples import noiseless
 
 Array = NDArray[np.float64]
@@ -62,10 +62,28 @@ def recorded(case: Case, periods: int = PERIODS) -> tuple[Course, Voltages]:
     i = recording["i_d"] + 1j * recording["i_q"]
     turn = recording["omega_e"] * drive.T_s
     u = (recording["u_d"] + 1j * recording["u_q"]) * np.exp(1j * (recording["theta_e"] + 0.5 * turn))
-    motor = scenario.motor
-    tau_e = np.array([textbook_torque(motor, complex(sample)) for sample in i])
-    course = Course(recording["t"], i, tau_e, recording["omega_e"] / motor.n_p)
+    n_p = scenario.motor.n_p
+    course = Course(recording["t"], i, _torque(drive, i), recording["omega_e"] / n_p)
     return course, Voltages(u, scenario.drive.u_dc, drive.T_s)
+
+
+def _torque(drive: VirtualDrive, i: Vectors) -> Array:
+    """tau_e (Nm) of currents (A, rotor frame)."""
+    plant = drive.plant_now()
+    magnetics, flux_map = plant.magnetics, plant.flux_map
+
+    def pull(sample: complex) -> float:
+        psi = flux_of(magnetics, flux_map, sample, 1.0 + 0.0j)
+        return current_and_pull(magnetics, flux_map, psi, 1.0 + 0.0j)[1]
+
+    return 1.5 * plant.machine.n_p * np.array([pull(complex(sample)) for sample in i])
+
+
+def switched(case: Case) -> Case:
+    """The case with edges instead of averaged bridges."""
+    drive = replace(case.scenario.drive, bridge="switched")
+    title = case.title.replace("averaged", "edges")
+    return replace(case, title=title, scenario=replace(case.scenario, drive=drive))
 
 
 def speed_reference(run: Run) -> Callable[[float], float]:
@@ -98,11 +116,7 @@ _DRIVE: Final = drive_for(_AALTO.machine, _AALTO.u_dc, T_s=1e-4)
 AVERAGED: Final = Case(
     "2.2 kW, same voltages, averaged", noiseless(Scenario("peers", _AALTO.machine, _DRIVE, _RUN, _STEPPING))
 )
-SWITCHED: Final = replace(
-    AVERAGED,
-    title="2.2 kW, same voltages, edges",
-    scenario=replace(AVERAGED.scenario, drive=replace(AVERAGED.scenario.drive, bridge="switched")),
-)
+SWITCHED: Final = switched(AVERAGED)
 REFERENCES: Final = replace(
     AVERAGED,
     title="2.2 kW, same references, each its own control",

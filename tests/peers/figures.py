@@ -23,12 +23,12 @@ def compared(path: Path, courses: Sequence[tuple[str, Course, Course, Mapping[st
         ratios = [3.0, 1.0] * len(_UNITS)
         panes = figure.subplots(2 * len(_UNITS), len(courses), sharex=True, squeeze=False, height_ratios=ratios)
         for column, (title, ours, theirs, errors) in enumerate(courses):
-            panes[0, column].set_title(title)
+            panes[0, column].set_title(title.replace(", ", ",\n", 1))
             pairs = zip(ours.signals().items(), theirs.signals().values(), strict=True)
             for row, ((name, a), b) in enumerate(pairs):
                 above, below = panes[2 * row, column], panes[2 * row + 1, column]
-                above.plot(theirs.t, b, color="C1", lw=2.2, label="motulator")
-                above.plot(ours.t, a, color="C0", lw=0.8, label="ours")
+                above.plot(theirs.t, b, color="tab:orange", lw=2.2, label="motulator")
+                above.plot(ours.t, a, color="tab:blue", lw=0.8, label="ours")
                 above.set_ylabel(f"{name} in {_UNITS[name]}")
                 below.plot(ours.t, a - b, color="black", lw=0.6)
                 below.set_ylabel("difference")
