@@ -1,4 +1,7 @@
-"""`python -m emulator`: the virtual drive in real time, at the URLs that a bench connects to."""
+"""`python -m emulator`: the virtual drive in real time, at the URLs that a bench connects to.
+
+`python -m emulator conceal`: recordings in which an effect is concealed, see `emulator.conceal`.
+"""
 
 import argparse
 import errno
@@ -81,5 +84,11 @@ def run(scenario: Scenario, urls: Sequence[str], stop: threading.Event, faults: 
             stop.wait(pacer.wait_time(round(_STEP / drive.T_s)))
 
 
+def _conceal(arguments: list[str]) -> int:
+    from emulator.conceal.command import main as conceal
+
+    return conceal(arguments)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(_conceal(sys.argv[2:]) if sys.argv[1:2] == ["conceal"] else main())
