@@ -40,6 +40,7 @@ from emulator.firmware import (
 )
 from emulator.machine import at_temperature
 from emulator.operation import Operation
+from emulator.physics.thermal import Temperatures
 from emulator.physics.timing import kept
 from emulator.plant import Plant, PlantState
 from emulator.recorder import ARMED, TRIGGERED, Recorder, Setup
@@ -55,6 +56,7 @@ _CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "i_d
 _TRIPS: Final = {
     TRIP_CURRENT: OVERCURRENT, TRIP_HIGH_VOLTAGE: OVERVOLTAGE, TRIP_LOW_VOLTAGE: UNDERVOLTAGE, TRIP_SPEED: SPEED_ERROR,
 }
+_GUARDED: Final = 1000  # control periods after which a recording's drive looks at its temperature again
 _NO_RECORDING: Final = np.empty((0, len(RECORDED)))
 
 
@@ -198,7 +200,9 @@ class VirtualDrive:
         frame at its middle. Stream rows that become complete meanwhile are lost to the stream.
         """
         recording, tick = np.empty((max(periods, 0), len(RECORDED))), self._state.tick
-        self._advance(periods, recording)
+        for begin in range(0, max(periods, 1), _GUARDED):
+            count = min(_GUARDED, periods - begin)
+            self._advance(count, recording[begin : begin + count])
         recording = recording[kept(self._bench.timing, self._fixed.seed, tick, len(recording))]
         return dict(zip(RECORDED, np.ascontiguousarray(recording.T), strict=True))
 
@@ -319,7 +323,9 @@ class VirtualDrive:
             temperature, self._next_temperature = self._next_temperature, None
             for name, value in written:
                 self._take(name, value)
-        if temperature is not None:
+        if temperature is not None and self._bench.thermal.C_w > 0.0:
+            self._state = self._state._replace(heat=Temperatures(temperature, temperature, temperature))
+        elif temperature is not None:
             now, bench = self._state.tick * self.T_s, self._bench
             self._bench = bench._replace(course=continued(bench.course, now, bench.plant.machine, temperature))
         values: dict[str, Any] = {name: self._readable[name] for name in Settings._fields}

@@ -21,8 +21,10 @@ from drivers.wire.cia402 import (
     state_of,
 )
 from emulator.bounds import ScenarioError
+from emulator.effects import NONE
 from emulator.firmware import computed
 from emulator.operation import Operation
+from emulator.physics.thermal import Thermal
 from emulator.scenarios import PAPER, Excitation, Run, Scenario, check
 from emulator.virtual_drive import VirtualDrive
 
@@ -308,3 +310,26 @@ def test_restored_parameters_come_with_the_next_reset() -> None:
     drive.reset()
     drive.run(1)
     assert drive.read("bandwidth") == PAPER.drive.bandwidth
+
+
+def test_a_winding_that_heats_up_within_one_recording_ends_operation_near_the_limit() -> None:
+    effects = NONE._replace(thermal=Thermal(C_w=2.0, C_m=20.0, C_h=50.0))
+    drive = VirtualDrive(replace(PAPER, effects=effects, excitation=Excitation(i_q_ref=12.0)))
+    recording = drive.record(60_000)
+    assert drive.read("error_code") == OVERTEMPERATURE_MOTOR
+    off = int(np.argmax(np.isnan(recording["u_q"])))
+    assert 0 < off < 60_000
+    # The limit is 155 degC, and within a tenth of a second the losses add no more than this
+    hottest = 155.0 + 0.1 * 1.5 * 0.9664 * (1.0 + 0.00393 * (155.0 - 23.4)) * 12.0**2 / 2.0
+    until = VirtualDrive(replace(PAPER, effects=effects, excitation=Excitation(i_q_ref=12.0)))
+    until.record(off)
+    assert 155.0 < until.truth.temp_winding < hottest
+
+
+def test_a_temperature_that_is_set_is_that_of_all_nodes_where_losses_heat_them() -> None:
+    drive = VirtualDrive(replace(PAPER, effects=NONE._replace(thermal=Thermal(C_w=2.0))))
+    drive.set_temperature(60.0)
+    drive.run(1)
+    assert drive.truth.temp_winding == pytest.approx(60.0, abs=0.01)
+    assert drive.truth.temp_magnet == pytest.approx(60.0, abs=0.01)
+    assert drive.truth.R_s == pytest.approx(PAPER.motor.R_s * (1.0 + 0.00393 * (60.0 - 23.4)), rel=1e-4)
