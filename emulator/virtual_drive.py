@@ -46,6 +46,7 @@ from emulator.plant import Plant, PlantState
 from emulator.recorder import ARMED, TRIGGERED, Recorder, Setup
 from emulator.scenarios import Scenario, check
 from emulator.simulation import RECORDED, machine_now, plant_of, simulated, started
+from emulator.simulation import State as SimulationState
 
 Column = NDArray[np.float64]
 
@@ -105,7 +106,7 @@ class VirtualDrive:
         self._bench = bench_of(scenario)
         self._fixed = self._bench.fixed
         self._settings = _first_settings(scenario)
-        self._state = started(
+        self._state: SimulationState = started(
             self._bench, self._settings.n_p, self._settings.control_psi_f, drive.enabled, run.temperature
         )
         self._operation = Operation(State.OPERATION_ENABLED if drive.enabled else State.SWITCH_ON_DISABLED)

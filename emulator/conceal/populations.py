@@ -114,7 +114,7 @@ def _magnet_heat(x: float, on: Setting, chance: Chance) -> Sections:
     return {
         "thermal": {
             "C_w": C_w, "C_h": C_h, "C_m": C_m, "R_wh": R_wh, "alpha": 0.0, "ambient": REFERENCE + x,
-            "R_ha": 0.02 * on.length / C_h, "R_mh": on.length * chance.uniform(0.2, 1.0) / C_m,
+            "R_ha": max(0.02 * on.length, 200.0 * on.T_s) / C_h, "R_mh": on.length * chance.uniform(0.2, 1.0) / C_m,
         }
     }  # fmt: skip
 
