@@ -241,7 +241,7 @@ def test_sizes_that_trip_the_drive_are_drawn_anew_and_given_up_in_the_end(monkey
         assert drawn(choice, concealed.number)[0] == concealed
     monkeypatch.setitem(POPULATIONS, "stray_voltage", stray(5.0, 5.0))  # type: ignore[arg-type]
     with pytest.raises(TripError):
-        recorded(replace(PAPER, effects=NONE._replace(stray=Stray(amplitude=2000.0))), 2000)
+        recorded(replace(PAPER, effects=NONE._replace(stray=Stray(amplitude=300.0))), 300)
     with pytest.raises(ScenarioError, match="recording 1: none of 24 draws of stray_voltage is one that the drive"):
         drawn(choice, 1)
 
