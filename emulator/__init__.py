@@ -1,7 +1,7 @@
 """The virtual drive: motor, inverter, sensors and firmware behind a real bus protocol.
 
-* `machine`, `inverter`, `sensors`, `mechanics` - the textbook's physics; `physics` - what goes beyond it, an effect a file;
-  `magnetics` - current and torque from the field's energy; `plant` - all of it, integrated
+* `machine`, `inverter`, `sensors`, `mechanics` - the textbook's physics; `physics` - what goes beyond it, an effect a
+  file; `magnetics` - current and torque from the field's energy; `plant` - all of it, integrated
 * `modulation`, `bridge` - the inverter with its edges, where a mean voltage per period is not enough
 * `course` - the winding's temperature over time and the parameters that follow it
 * `firmware` - field-oriented control and its protections, with `weakening` of the field, `reference` of the speed and
