@@ -8,6 +8,6 @@
 * `recording` - files to samples, on `table` (formats), `sources` (columns, constants), `runs` (time base, gaps)
 * `replay` - the streaming core over a recording
 * `captures` - those of a service, on `capture` (one of them), `capture_request`, `capture_file` (on disk)
-* `lease` - who writes to a drive
+* `lease` - who writes to a drive; `signals` - what is read and written by name
 * `errors` - what the bench itself can refuse
 """

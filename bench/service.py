@@ -1,8 +1,9 @@
 """The service: pumps, worker and their state, as one context manager. Knows nothing of HTTP."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from types import TracebackType
 from typing import Any, Self
 
@@ -12,9 +13,11 @@ from bench.config import Config
 from bench.errors import shown
 from bench.estimation import Estimation, Snapshot
 from bench.lease import Leases, Writer
+from bench.signals import Reading, checked, read, write
 from bench.window import Window
 
 STALE = 1.0  # s without a sample after which estimates are called stale
+_WRITE = 30.0  # s that a write of signals may take, on the slowest line
 _CANCEL = 0.5  # s in which captures end, while there are still links
 _LEAVE = 1.5  # s in which all pumps must end; one that is held up in connecting is left behind
 
@@ -48,6 +51,7 @@ class Service:
         self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
         self._leases = Leases(self._device)
         self.captures = Captures(config.captures, self._urls, self._pumps, self._leases)
+        self._writes = count(1)
         self._started = time.monotonic()
 
     def __enter__(self) -> Self:
@@ -99,6 +103,20 @@ class Service:
     def change_window(self, name: str, change: Mapping[str, Any]) -> Window:
         """Change a drive's window while it runs. Raises UnknownDriveError, LimitError."""
         return self._estimation.change_window(self._known(name), change)
+
+    def read_signals(self, name: str, signals: Sequence[str]) -> list[Reading]:
+        """A drive's signals, all where none is named. Raises UnknownDriveError, LimitError, DriveError."""
+        return read(self._pumps[self._known(name)].drive(), signals)
+
+    def write_signals(self, name: str, values: Mapping[str, Any], whom: str = "") -> list[Reading]:
+        """Write signals for `whom`, and read them back. Raises as `read_signals`, and ConflictError."""
+        wanted, drive = checked(values), self._pumps[self._known(name)].drive()
+        holder = f"a write {next(self._writes)}" + (f" (asked for from {whom})" if whom else "")
+        self._leases.take(name, holder, _WRITE)
+        try:
+            return write(drive, wanted)
+        finally:
+            self._leases.release(name, holder)
 
     def threads(self) -> list[ThreadHealth]:
         """Every thread, alive or not."""

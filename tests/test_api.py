@@ -15,7 +15,7 @@ from tests.served_drive import until
 KEYS = "length, periods_per_row, estimated, held, method, longest, forgetting_factor or ekf"
 DRIVE = "/api/drives/emulated"
 WINDOW = f"{DRIVE}/window"
-ROUTES = ("", "/estimates", "/window", "/stream", "/captures", "/captures/latest", "/captures/latest/file")
+ROUTES = ("", "/estimates", "/window", "/stream", "/signals", "/captures", "/captures/latest", "/captures/latest/file")
 PROBLEM = "application/problem+json"
 
 

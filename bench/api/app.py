@@ -11,7 +11,7 @@ from fastapi.responses import FileResponse, HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 
-from bench.api import captures, docs, problems
+from bench.api import captures, docs, problems, signals
 from bench.api.answers import ANY, DRIVE, PROBLEM, SHAPES, Answers, DriveName, body_of, json_object
 from bench.api.capture_models import CaptureRequestModel, LevelModel, capture_model
 from bench.api.models import (
@@ -29,6 +29,7 @@ from bench.api.models import (
     link_model,
     window_model,
 )
+from bench.api.signals import SignalValuesModel
 from bench.service import Service
 
 DISPLAY_PERIOD = 0.1  # s between two events of the live stream
@@ -106,6 +107,7 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
             await asyncio.sleep(DISPLAY_PERIOD)
 
     captures.install(app, service)
+    signals.install(app, service)
 
     @app.get("/api/health", summary="State of every thread and link", responses=ANY)
     def health() -> HealthModel:
@@ -129,7 +131,7 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
 
 def _complete(document: dict[str, Any]) -> None:
     """Add to the OpenAPI document the shapes that no route's signature tells."""
-    for model in (ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, LevelModel):
+    for model in (ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, LevelModel, SignalValuesModel):
         shape = model.model_json_schema(ref_template=f"{SHAPES}{{model}}")
         shape.pop("$defs", None)  # they are there already
         document["components"]["schemas"][model.__name__] = shape

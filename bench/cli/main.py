@@ -90,6 +90,20 @@ def estimates(
 
 
 @app.command()
+def signals(
+    name: Annotated[str, typer.Argument(help="the drive, as the service calls it")],
+    given: Annotated[
+        list[str] | None, typer.Argument(metavar="SIGNAL[=VALUE]...", help="to read, to write (SI); none: all are read")
+    ] = None,
+    service: Service = None,
+) -> None:
+    """Read or write a drive's signals: references, excitation, limits, commands."""
+    from bench.cli.signals import show
+
+    show(name, given or [], service or _usual_service())
+
+
+@app.command()
 def capture(
     name: Annotated[str | None, typer.Argument(help="the drive, as the service calls it")] = None,
     signals: Annotated[

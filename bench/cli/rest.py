@@ -14,10 +14,12 @@ class Rest:
     def __init__(self, client: httpx.Client, service: str) -> None:
         self._client, self._service = client, service
 
-    def call(self, method: str, *path: str, body: object = None, key: str = "") -> dict[str, Any]:
+    def call(
+        self, method: str, *path: str, body: object = None, key: str = "", query: dict[str, str] | None = None
+    ) -> dict[str, Any]:
         """The JSON object at /api/drives/PATH, which has `key`. Raises UnavailableError where nobody answers."""
         try:
-            response = self._client.request(method, self._address(path), json=body)
+            response = self._client.request(method, self._address(path), json=body, params=query)
             content = response.json()
         except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
             raise UnavailableError(f"no bench service answers at {self._service}: {error}") from None

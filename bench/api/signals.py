@@ -1,0 +1,80 @@
+"""The routes of a drive's signals, over a running service."""
+
+from typing import Annotated, Any
+
+from fastapi import Depends, FastAPI, Query, Request
+from pydantic import BaseModel, Field
+
+from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object
+from bench.service import Service
+from bench.signals import Reading
+
+_READ: Answers = {
+    422: {"description": "No signal of that name"} | PROBLEM,
+    503: {"description": "There is no link to the drive"} | PROBLEM,
+}
+_WRITE: Answers = _READ | {
+    409: {"description": "Another writer has the drive, or the drive refused"} | PROBLEM,
+    422: {"description": "Not a value that the signal takes; nothing was written"} | PROBLEM,
+}
+
+
+class SignalModel(BaseModel):
+    """A signal of the drive's dictionary."""
+
+    name: str = Field(examples=["i_q_ref"])
+    value: float | None = Field(description="SI; null where the drive does not know it")
+    unit: str = Field(examples=["A"])
+    access: str = Field(description="const, ro or rw")
+    minimum: float | None = Field(description="of what may be written; null: as the type")
+    maximum: float | None
+    summary: str
+
+
+class SignalsModel(BaseModel):
+    """Signals, in the dictionary's order or as asked for."""
+
+    signals: list[SignalModel]
+
+
+class SignalValuesModel(BaseModel):
+    """Values by the names of signals, SI, written in this order."""
+
+    model_config = {"extra": "allow", "json_schema_extra": {"examples": [{"i_q_ref": 2.0, "bandwidth": 1250.0}]}}
+
+
+def install(app: FastAPI, service: Service) -> None:
+    """Add the routes to an application."""
+
+    def known(name: DriveName) -> None:
+        service.url(name)
+
+    @app.get("/api/drives/{name}/signals", summary="Read signals", responses=_READ | DRIVE,
+             dependencies=[Depends(known)])
+    def signals(
+        name: DriveName,
+        names: Annotated[str, Query(description="names with commas in between; left out: all")] = "",
+    ) -> SignalsModel:
+        """What the drive says now, over its link: settings, limits, states."""
+        return _model(service.read_signals(name, [part.strip() for part in names.split(",") if part.strip()]))
+
+    @app.put("/api/drives/{name}/signals", summary="Write signals", responses=_WRITE | DRIVE,
+             openapi_extra=body_of("SignalValuesModel"), dependencies=[Depends(known)])
+    def put_signals(
+        name: DriveName, request: Request, values: Annotated[dict[str, Any], Depends(json_object)]
+    ) -> SignalsModel:
+        """Currents, excitation sequences, speed, limits, commands: in the order given, and read back.
+
+        All values are judged before the first is written. Who writes holds the drive's lease meanwhile.
+        """
+        return _model(service.write_signals(name, values, "" if request.client is None else request.client.host))
+
+
+def _model(readings: list[Reading]) -> SignalsModel:
+    return SignalsModel(signals=[
+        SignalModel(
+            name=r.signal.name, value=r.value if r.value == r.value else None, unit=r.signal.unit,
+            access=r.signal.access, minimum=r.signal.minimum, maximum=r.signal.maximum, summary=r.signal.summary,
+        )
+        for r in readings
+    ])  # fmt: skip

@@ -1,0 +1,47 @@
+"""A drive's signals in the terminal, over the service's REST interface."""
+
+from typing import Any, cast
+
+import httpx
+from rich.console import Console
+from rich.table import Table
+
+from bench.cli.rest import Rest
+from bench.errors import ConfigError, shown
+
+_TIMEOUT = 30.0  # s; a slow line takes long for all of them
+
+
+def show(name: str, given: list[str], service: str) -> None:
+    """Write what is given as SIGNAL=VALUE, read what is given as SIGNAL, and print. Raises BenchError."""
+    values = dict(_pair(text) for text in given if "=" in text)
+    asked = [text for text in given if "=" not in text]
+    with httpx.Client(timeout=_TIMEOUT) as client:
+        rest = Rest(client, service)
+        told: list[dict[str, Any]] = []
+        if values:
+            told += rest.call("PUT", name, "signals", body=values, key="signals")["signals"]
+        if asked or not values:
+            told += _read(rest, name, asked)
+    Console().print(_table(name, told))
+
+
+def _read(rest: Rest, name: str, asked: list[str]) -> list[dict[str, Any]]:
+    content = rest.call("GET", name, "signals", key="signals", query={"names": ",".join(asked)})
+    return cast(list[dict[str, Any]], content["signals"])
+
+
+def _pair(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise ConfigError(f"expected SIGNAL=NUMBER, got {shown(text)}") from None
+
+
+def _table(name: str, signals: list[dict[str, Any]]) -> Table:
+    table = Table("signal", "value", "unit", "", "what", title=name)
+    for signal in signals:
+        value = "not known" if signal["value"] is None else f"{signal['value']:.6g}"
+        table.add_row(signal["name"], value, signal["unit"], signal["access"], signal["summary"])
+    return table

@@ -1,0 +1,85 @@
+"""A drive's signals, read and written by name while it streams. Knows nothing of HTTP and leases.
+
+All values of a write are judged before the first goes over the wire. Where the drive then refuses one, the sentence
+says which were written before it.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, Final
+
+from bench.errors import LimitError, shown
+from drivers.drive import Drive
+from drivers.errors import DriveError
+from drivers.wire.codec import check_range
+from drivers.wire.dictionary import SIGNALS, Signal, WireType
+
+_BY_NAME: Final = {signal.name: signal for signal in SIGNALS}
+_RECORDER: Final = 0x2400  # index of the recorder's signals, which captures write
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A signal and what the drive said of it."""
+
+    signal: Signal
+    value: float  # SI
+
+
+def read(drive: Drive, names: Iterable[str] = ()) -> list[Reading]:
+    """Signals by name, all of them where none is named. Raises LimitError, DriveError."""
+    wanted = [_known(name) for name in names] or list(SIGNALS)
+    return [Reading(signal, drive.read(signal.name)) for signal in wanted]
+
+
+def checked(values: Mapping[str, Any]) -> dict[str, float]:
+    """Values (SI) that may be written, by name. Raises LimitError for the first that may not."""
+    if not values:
+        raise LimitError('expected values by the names of signals, such as {"i_q_ref": 2.0}, got none')
+    return {name: _checked(_known(name), value) for name, value in values.items()}
+
+
+def write(drive: Drive, values: Mapping[str, float]) -> list[Reading]:
+    """Write `checked` values in their order, then read them back. Raises DriveError."""
+    written = list[str]()
+    for name, value in values.items():
+        try:
+            drive.write(name, value)
+        except DriveError as error:
+            before = f"written before: {', '.join(written)}" if written else "nothing was written"
+            error.args = (f"{error}; {before}", *error.args[1:])
+            raise
+        written.append(name)
+    return read(drive, [name for name in written if _BY_NAME[name].is_parameter])
+
+
+def _known(name: str) -> Signal:
+    signal = _BY_NAME.get(name)
+    if signal is None:
+        near = get_close_matches(name[:64], _BY_NAME, 3)
+        raise LimitError(f"no signal {shown(name)}" + (f"; there is {', '.join(near)}" if near else ""))
+    return signal
+
+
+def _checked(signal: Signal, value: object) -> float:
+    if signal.access != "rw":
+        raise LimitError(f"{signal} cannot be written")
+    if signal.index == _RECORDER:
+        raise LimitError(f"{signal} is the recorder's, which captures write")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise LimitError(f"{signal} takes a number, got {shown(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise LimitError(f"{signal} takes a finite number, got {shown(value)}")
+    if signal.type is not WireType.F32 and number != int(number):
+        raise LimitError(f"{signal} takes a whole number, got {shown(value)}")
+    try:
+        check_range(signal, number)
+    except ValueError as error:
+        raise LimitError(str(error)) from None
+    return number

@@ -1,0 +1,123 @@
+"""A drive's signals over REST and the command line: read, written, judged before anything is written, refused."""
+
+import subprocess
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from tests.conftest import COMMAND, RunningBench
+from tests.served_drive import until
+from tests.test_api import problem
+
+DRIVE = "/api/drives/emulated"
+SIGNALS = f"{DRIVE}/signals"
+
+
+@pytest.fixture
+def client(running_bench: RunningBench) -> Iterator[httpx.Client]:
+    """A client of a bench whose drive streams; what the tests write is put back."""
+    with httpx.Client(base_url=running_bench.url, timeout=30.0) as one:
+        until(lambda: one.get(DRIVE).json()["link"]["state"] == "streaming", "the stream")
+        before = values(one, "i_q_ref", "i_d_step", "excitation_kind", "sine_count")
+        yield one
+        one.put(SIGNALS, json=before).raise_for_status()
+
+
+def values(client: httpx.Client, *names: str) -> dict[str, float]:
+    """Signals by name, SI."""
+    told = client.get(SIGNALS, params={"names": ",".join(names)})
+    return {signal["name"]: signal["value"] for signal in told.raise_for_status().json()["signals"]}
+
+
+def test_all_signals_are_told_with_unit_access_and_range(client: httpx.Client) -> None:
+    told = {signal["name"]: signal for signal in client.get(SIGNALS).json()["signals"]}
+    assert told["T_s"]["value"] == pytest.approx(1e-4)
+    assert (told["i_full"]["access"], told["i_full"]["unit"]) == ("const", "A")
+    assert told["excitation_kind"]["minimum"] == 0.0
+    assert told["bandwidth"]["maximum"] == 1e4
+    assert len(told) > 60
+
+
+def test_a_sequence_is_commanded_while_the_drive_streams_and_its_currents_follow(client: httpx.Client) -> None:
+    asked = {"excitation_kind": 0, "i_d_step": 0.0, "i_q_ref": 1.5}
+    answer = client.put(SIGNALS, json=asked).raise_for_status().json()["signals"]
+    assert {signal["name"]: signal["value"] for signal in answer} == asked
+    until(lambda: abs(values(client, "i_q_mean")["i_q_mean"] - 1.5) < 0.05, "the current")
+    client.put(SIGNALS, json={"excitation_kind": 3, "i_d_step": 2.0, "sine_count": 4}).raise_for_status()
+    until(lambda: abs(values(client, "i_d")["i_d"]) > 0.3, "the multisine")
+    assert client.get(DRIVE).json()["writer"] is None
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({}, 'expected values by the names of signals, such as {"i_q_ref": 2.0}, got none'),
+        ({"i_q_ref": 2.0, "i_q_reff": 1.0}, "no signal 'i_q_reff'; there is i_q_ref"),
+        ({"i_q_ref": 2.0, "i_full": 1.0}, "0x2010:1 (i_full) cannot be written"),
+        ({"i_q_ref": 2.0, "bandwidth": 1e6}, "0x2200:6 (bandwidth) takes at most 10000.0 rad/s, got 1000000.0"),
+        ({"i_q_ref": 2.0, "n_p": 2.5}, "0x2200:1 (n_p) takes a whole number, got 2.5"),
+        ({"i_q_ref": "2"}, "0x2300:2 (i_q_ref) takes a number, got '2'"),
+        ({"i_q_ref": True}, "0x2300:2 (i_q_ref) takes a number, got true"),
+        ({"i_q_ref": None}, "0x2300:2 (i_q_ref) takes a number, got null"),
+        ({"capture_length": 10}, "0x2400:"),
+        ({"": 1.0}, "no signal ''"),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_before_anything_is_written(
+    client: httpx.Client, given: dict[str, object], sentence: str
+) -> None:
+    before = values(client, "i_q_ref")
+    assert problem(client.put(SIGNALS, json=given), 422).startswith(sentence)
+    assert values(client, "i_q_ref") == before
+
+
+@pytest.mark.parametrize("number", ["NaN", "1e999", "1" + 400 * "0"], ids=["NaN", "infinite", "endless"])
+def test_a_number_that_is_none_is_refused(client: httpx.Client, number: str) -> None:
+    body = f'{{"i_q_ref": {number}}}'.encode()
+    assert problem(client.put(SIGNALS, content=body), 422).startswith("0x2300:2 (i_q_ref) takes a finite number, got ")
+
+
+def test_what_the_drive_refuses_is_told_with_what_was_written_before(client: httpx.Client) -> None:
+    told = problem(client.put(SIGNALS, json={"sine_count": 5, "i_q_ref": 1.5, "i_d_ref": 12.5}), 409)
+    assert "0x2300:1 (i_d_ref)" in told
+    assert told.endswith("; written before: sine_count, i_q_ref")
+    assert values(client, "sine_count", "i_d_ref") == {"sine_count": 5.0, "i_d_ref": 0.0}
+
+
+def test_unknown_drives_and_signals_are_told(client: httpx.Client) -> None:
+    assert problem(client.get("/api/drives/nobody/signals"), 404).startswith("no drive 'nobody'")
+    assert problem(client.put("/api/drives/nobody/signals", json={"i_q_ref": 1.0}), 404).startswith("no drive")
+    assert problem(client.get(SIGNALS, params={"names": "i_q_ref,nothing"}), 422) == "no signal 'nothing'"
+
+
+def test_nobody_writes_while_a_capture_has_the_drive(client: httpx.Client) -> None:
+    capture = client.post(f"{DRIVE}/captures", json={"length": 1000, "trigger": "command"}).raise_for_status().json()
+    told = problem(client.put(SIGNALS, json={"i_q_ref": 1.0}), 409)
+    assert told.startswith(f"drive emulated takes one writer at a time, and capture {capture['id']}")
+    client.delete(f"{DRIVE}/captures/latest").raise_for_status()
+    client.put(SIGNALS, json={"i_q_ref": 1.0}).raise_for_status()
+
+
+def command(running_bench: RunningBench, *given: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, "signals", "emulated", *given, "--service", running_bench.url],
+        capture_output=True, text=True, timeout=60.0, check=False,
+    )
+
+
+def test_the_command_line_writes_and_reads_and_says_what_it_expected(
+    client: httpx.Client, running_bench: RunningBench
+) -> None:
+    done = command(running_bench, "i_q_ref=1.25", "T_s")
+    assert done.returncode == 0, done.stderr
+    assert values(client, "i_q_ref") == {"i_q_ref": 1.25}
+    assert [line for line in done.stdout.splitlines() if "i_q_ref" in line and "1.25" in line]
+    assert [line for line in done.stdout.splitlines() if "T_s" in line and "0.0001" in line]
+    for given, sentence in (
+        ("i_q_ref=fast", "expected SIGNAL=NUMBER, got 'i_q_ref=fast'"),
+        ("i_q_reff", "no signal 'i_q_reff'; there is i_q_ref"),
+    ):
+        refused = command(running_bench, given)
+        assert (refused.returncode, refused.stdout) == (2, "")
+        assert refused.stderr.startswith(f"pmsm-bench: {sentence}"), refused.stderr
