@@ -22,7 +22,7 @@ arrows: $(VENV)/.dev
 	$(BIN)/lint-imports --no-logo
 
 fast: $(VENV)/.dev
-	$(BIN)/pytest -m "not slow and not browser and not vcan"
+	$(BIN)/pytest -m "not slow and not browser and not vcan and not peers"
 
 slow: $(VENV)/.dev ## tests that take long
 	$(BIN)/pytest -m slow
@@ -38,6 +38,7 @@ paper: $(VENV)/.dev ## the published experiment, reproduced: table and figures i
 
 peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-motor: tables and figures in build/peers
 	$(BIN)/python -m tests.peers
+	$(BIN)/pytest -m peers
 
 gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictures and a page in build/gallery
 	$(BIN)/python -m tests.gallery

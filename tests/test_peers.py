@@ -12,7 +12,7 @@ from tests.peers.saturated import by_curve, by_map, under_control
 from tests.peers.speed import real_time_factors
 from tests.peers.with_motulator import under_references, under_voltages
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.peers
 
 SOME = 2000  # control periods
 
