@@ -3,9 +3,10 @@
 import json
 from typing import Annotated, Any, Final, cast
 
-from fastapi import Path, Request
+from fastapi import Depends, Path, Request
 
 from bench.errors import LimitError, shown
+from bench.service import Service
 
 _MAX_BODY: Final = 1 << 16  # bytes
 
@@ -16,6 +17,15 @@ ANY: Answers = {"default": {"description": "Any other refusal or failure"} | PRO
 DRIVE: Answers = {404: {"description": "No drive of that name"} | PROBLEM} | ANY
 
 DriveName = Annotated[str, Path(description="name of a drive")]
+
+
+def of_known(service: Service) -> list[Any]:
+    """The dependency of a route that refuses a drive it does not know before it looks at anything else."""
+
+    def known(name: DriveName) -> None:
+        service.url(name)
+
+    return [Depends(known)]
 
 
 def body_of(model: str, *, required: bool = True) -> dict[str, Any]:

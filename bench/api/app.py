@@ -12,7 +12,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 
 from bench.api import captures, docs, problems, signals
-from bench.api.answers import ANY, DRIVE, PROBLEM, SHAPES, Answers, DriveName, body_of, json_object
+from bench.api.answers import ANY, DRIVE, PROBLEM, SHAPES, Answers, DriveName, body_of, json_object, of_known
 from bench.api.capture_models import CaptureRequestModel, LevelModel, capture_model
 from bench.api.models import (
     DriveModel,
@@ -57,8 +57,7 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
     )
     problems.install(app)
 
-    def known(name: DriveName) -> None:
-        service.url(name)
+    known = of_known(service)
 
     @app.get("/api/drives", summary="All drives", responses=ANY)
     def drives() -> DrivesModel:
@@ -84,7 +83,7 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
         return window_model(service.estimates(name).window)
 
     @app.put("/api/drives/{name}/window", summary="Change settings; the samples held stay",
-             responses=_CHANGE | DRIVE, openapi_extra=body_of("WindowChangeModel"), dependencies=[Depends(known)])
+             responses=_CHANGE | DRIVE, openapi_extra=body_of("WindowChangeModel"), dependencies=known)
     def put_window(name: DriveName, change: Annotated[dict[str, Any], Depends(json_object)]) -> WindowModel:
         """Takes effect at once, on the samples held and those to come. What the body leaves out stays as it is.
 
@@ -94,7 +93,7 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
         return window_model(service.change_window(name, change))
 
     @app.get("/api/drives/{name}/stream", summary="Snapshots as server-sent events", responses=_EVENTS | DRIVE,
-             response_class=EventSourceResponse, dependencies=[Depends(known)])
+             response_class=EventSourceResponse, dependencies=known)
     async def stream(name: DriveName) -> AsyncIterator[ServerSentEvent]:
         """The drive, its estimates and its latest capture at display rate, until the client leaves."""
         while not ending():

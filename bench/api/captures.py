@@ -6,7 +6,7 @@ from urllib.parse import quote
 from fastapi import Depends, FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object_if_any
+from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object_if_any, of_known
 from bench.api.capture_models import CaptureModel, CapturesModel, capture_model
 from bench.service import Service
 
@@ -26,19 +26,16 @@ CaptureId = Annotated[str, Path(alias="id", description="id of a capture, or lat
 def install(app: FastAPI, service: Service) -> None:
     """Add the routes to an application."""
 
-    def known(name: DriveName) -> None:
-        service.url(name)
+    captures, known = service.captures, of_known(service)
 
-    captures, of_known = service.captures, [Depends(known)]
-
-    @app.get("/api/drives/{name}/captures", summary="Captures of a drive", responses=DRIVE, dependencies=of_known)
+    @app.get("/api/drives/{name}/captures", summary="Captures of a drive", responses=DRIVE, dependencies=known)
     def all_captures(name: DriveName) -> CapturesModel:
         """Those since the service started, the newest first; their recordings stay on disk longer."""
         return CapturesModel(captures=[capture_model(status) for status in captures.all(name)])
 
     @app.post("/api/drives/{name}/captures", summary="Record with the drive's recorder", status_code=202,
               responses=_ASKED | DRIVE, openapi_extra=body_of("CaptureRequestModel", required=False),
-              dependencies=of_known)
+              dependencies=known)
     def ask(
         name: DriveName, request: Request, response: Response,
         given: Annotated[dict[str, Any], Depends(json_object_if_any)],
@@ -52,27 +49,27 @@ def install(app: FastAPI, service: Service) -> None:
         response.headers["Location"] = f"/api/drives/{quote(name)}/captures/{quote(status.id)}"
         return capture_model(status)
 
-    @app.get("/api/drives/{name}/captures/{id}", summary="State of a capture", responses=_ONE, dependencies=of_known)
+    @app.get("/api/drives/{name}/captures/{id}", summary="State of a capture", responses=_ONE, dependencies=known)
     def one(name: DriveName, id_: CaptureId) -> CaptureModel:
         """How far it is, and why it failed where it did."""
         return capture_model(captures.one(name, id_))
 
-    @app.head("/api/drives/{name}/captures/{id}/file", include_in_schema=False, dependencies=of_known)
+    @app.head("/api/drives/{name}/captures/{id}/file", include_in_schema=False, dependencies=known)
     @app.get("/api/drives/{name}/captures/{id}/file", summary="Download a recording", response_class=FileResponse,
-             responses=_FILE | _NOT_NOW | _ONE, dependencies=of_known)
+             responses=_FILE | _NOT_NOW | _ONE, dependencies=known)
     def file(name: DriveName, id_: CaptureId) -> FileResponse:
         """The recording as Parquet, as `pmsm-bench replay` takes it: t and the signals, with unit and notes."""
         path = captures.file(name, id_)
         return FileResponse(path, media_type=MEDIA, filename=path.name)
 
     @app.post("/api/drives/{name}/captures/{id}/trigger", summary="Trigger by command", responses=_NOT_NOW | _ONE,
-              dependencies=of_known)
+              dependencies=known)
     def trigger(name: DriveName, id_: CaptureId) -> CaptureModel:
         """Triggers now, whatever the capture waits for."""
         return capture_model(captures.trigger(name, id_))
 
     @app.delete("/api/drives/{name}/captures/{id}", summary="Cancel a capture", responses=_NOT_NOW | _ONE,
-                dependencies=of_known)
+                dependencies=known)
     def cancel(name: DriveName, id_: CaptureId) -> CaptureModel:
         """Stops the drive's recorder and discards what has been uploaded; a capture that has ended stays as it is."""
         return capture_model(captures.cancel(name, id_))

@@ -1,11 +1,12 @@
 """The routes of a drive's signals, over a running service."""
 
+import math
 from typing import Annotated, Any
 
 from fastapi import Depends, FastAPI, Query, Request
 from pydantic import BaseModel, Field
 
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object
+from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.service import Service
 from bench.signals import Reading
 
@@ -46,11 +47,10 @@ class SignalValuesModel(BaseModel):
 def install(app: FastAPI, service: Service) -> None:
     """Add the routes to an application."""
 
-    def known(name: DriveName) -> None:
-        service.url(name)
+    known = of_known(service)
 
     @app.get("/api/drives/{name}/signals", summary="Read signals", responses=_READ | DRIVE,
-             dependencies=[Depends(known)])
+             dependencies=known)
     def signals(
         name: DriveName,
         names: Annotated[str, Query(description="names with commas in between; left out: all")] = "",
@@ -59,7 +59,7 @@ def install(app: FastAPI, service: Service) -> None:
         return _model(service.read_signals(name, [part.strip() for part in names.split(",") if part.strip()]))
 
     @app.put("/api/drives/{name}/signals", summary="Write signals", responses=_WRITE | DRIVE,
-             openapi_extra=body_of("SignalValuesModel"), dependencies=[Depends(known)])
+             openapi_extra=body_of("SignalValuesModel"), dependencies=known)
     def put_signals(
         name: DriveName, request: Request, values: Annotated[dict[str, Any], Depends(json_object)]
     ) -> SignalsModel:
@@ -73,7 +73,7 @@ def install(app: FastAPI, service: Service) -> None:
 def _model(readings: list[Reading]) -> SignalsModel:
     return SignalsModel(signals=[
         SignalModel(
-            name=r.signal.name, value=r.value if r.value == r.value else None, unit=r.signal.unit,
+            name=r.signal.name, value=None if math.isnan(r.value) else r.value, unit=r.signal.unit,
             access=r.signal.access, minimum=r.signal.minimum, maximum=r.signal.maximum, summary=r.signal.summary,
         )
         for r in readings
