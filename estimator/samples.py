@@ -41,6 +41,10 @@ class Samples:
     i_q_mean: Column | None = None  # A
     t0: float = 0.0  # s, time of the first row
     resolution: Resolution = NOT_KNOWN
+    u_dc: Column | None = None  # V, dc link
+    i_a: Column | None = None  # A, phase currents as measured, where all three are
+    i_b: Column | None = None
+    i_c: Column | None = None
 
     def __len__(self) -> int:
         return len(self.theta_e)
@@ -56,10 +60,12 @@ class Samples:
         if step != 1:
             raise ValueError(f"samples are consecutive: expected a slice of step 1, got {step}")
         rows = slice(start, stop)
+
+        def cut(column: Column | None) -> Column | None:
+            return None if column is None else column[rows]
+
         return Samples(
             self.theta_e[rows], self.omega_e[rows], self.i_d[rows], self.i_q[rows], self.u_d[rows], self.u_q[rows],
-            self.T_s, self.periods,
-            None if self.i_d_mean is None else self.i_d_mean[rows],
-            None if self.i_q_mean is None else self.i_q_mean[rows],
-            self.t0 + start * self.T, self.resolution,
+            self.T_s, self.periods, cut(self.i_d_mean), cut(self.i_q_mean), self.t0 + start * self.T, self.resolution,
+            cut(self.u_dc), cut(self.i_a), cut(self.i_b), cut(self.i_c),
         )

@@ -1,0 +1,167 @@
+"""What a diagnosis says. Values travel with unit and standard error; arrays for pictures travel beside them.
+
+Knows nothing of how it was found.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Verdict(StrEnum):
+    """The answer in a word."""
+
+    NO_MISMATCH = "no_mismatch"
+    EXPLAINED = "explained"
+    PARTLY_EXPLAINED = "partly_explained"
+    UNEXPLAINED = "unexplained"
+    AMBIGUOUS = "ambiguous"
+    NOT_ENOUGH_EXCITATION = "not_enough_excitation"
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A value with its standard error, both in `unit`; None where nothing honest can be said."""
+
+    value: float | None
+    std: float | None
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a mismatch acts: the smallest region that holds most of its energy."""
+
+    sentence: str
+    region: Mapping[str, float | str | tuple[float, float]]  # e.g. {"i_q": (2.0, 5.1), "axis": "q"}; SI
+    energy_share: float  # of the mismatch's energy, 0 to 1
+    samples_share: float  # of the recording's rows, 0 to 1
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """Another effect in the place of the one found."""
+
+    effect: str
+    odds: float  # how many times likelier the finding is
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """An effect that was left out."""
+
+    effect: str
+    parameters: Mapping[str, Quantity]
+    where: Place
+    odds_against_next: float  # against the likeliest explanation without it
+    rivals: tuple[Rival, ...]  # likeliest first
+    absorbed_as: Mapping[str, float]  # what it did to R_s, L_d, L_q, psi_f of a fit without it; SI
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """What would tell: a commanded sequence of the drive, held at one or several speeds."""
+
+    sentence: str
+    speeds_rpm: tuple[float, ...]
+    i_d: tuple[float, ...]  # A, levels
+    i_q: tuple[float, ...]  # A, levels
+    duration: float  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Ambiguity:
+    """Effects that this recording cannot tell apart."""
+
+    effects: tuple[str, ...]
+    reason: str
+    experiment: Experiment
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """What is left and has no name in the library."""
+
+    rms_V: float
+    where: Place
+    description: str
+
+
+@dataclass(frozen=True, slots=True)
+class Before:
+    """A number without the effects and with them."""
+
+    before: float
+    after: float
+    noise_floor: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How well the model follows stretches that took no part in its fit."""
+
+    held_out: bool
+    one_step_rms_V: Before
+    free_run_rms_A: Before
+    explained: float  # share of the mismatch's variance, 0 to 1
+    whiteness: Before  # ratio of the residual's power below a tenth of the sampling rate to that of white noise
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An effect by how much it would help, alone and on top of what was found."""
+
+    effect: str
+    log10_odds_alone: float  # against no effect at all
+    log10_odds_after: float  # in favour of having it in the final set
+    chosen: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Map:
+    """Rms of the mismatch over two quantities; NaN where there are no rows."""
+
+    x: str  # quantity and unit, for an axis
+    y: str
+    x_edges: Array  # (nx + 1,)
+    y_edges: Array  # (ny + 1,)
+    before_V: Array  # (ny, nx)
+    after_V: Array  # (ny, nx)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Traces:
+    """Series for pictures: a one-step residual before and after, in V."""
+
+    t: Array  # s, bins over the recording
+    before_V: Array  # rms in each bin
+    after_V: Array
+    window_t: Array  # s, a short stretch where the mismatch is largest
+    window: Mapping[str, tuple[Array, Array]]  # "u_d", "u_q": residual before, after, V
+    window_i: Mapping[str, tuple[Array, Array, Array]]  # "i_d", "i_q": measured, free run before, after, A
+    frequency: Array  # Hz
+    spectrum: tuple[Array, Array]  # amplitude density before, after, V/sqrt(Hz)
+    maps: tuple[Map, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The whole answer."""
+
+    verdict: Verdict
+    sentence: str
+    findings: tuple[Finding, ...]
+    ambiguous: tuple[Ambiguity, ...]
+    unexplained: Unexplained | None
+    detectable: Mapping[str, Quantity]  # by effect: the smallest size seen at 99 % power in this recording
+    machine_before: Mapping[str, Quantity]
+    machine_after: Mapping[str, Quantity]
+    fit: Fit | None  # None where nothing could be fitted
+    candidates: tuple[Candidate, ...]
+    remarks: tuple[str, ...]  # what is wrong with the recording, and what to record instead
+    traces: Traces | None
