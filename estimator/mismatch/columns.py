@@ -1,0 +1,257 @@
+"""Columns: a model around its present values, and every effect that could be added to it, as one linear regression.
+
+    y = sum over columns of coefficient * column + noise
+
+y and the columns are whitened flux errors. Coefficients of sizes - R_s, L_d, L_q, psi_f, and the sizes of effects - are
+absolute; those of shapes count from the present value. Knows nothing of what is chosen.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.whitening import whiten
+from estimator.physics.angle_sensing import voltage_of_error
+from estimator.physics.effect import Effect, Parameter
+from estimator.physics.library import LIBRARY
+from estimator.physics.rows import Rows, Vector
+
+Array = NDArray[np.float64]
+
+STRETCHES: Final = 48
+_STEP: Final = 1e-3  # of a typical size, for differences
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A machine with effects."""
+
+    machine: Machine
+    effects: dict[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
+    angle: float = 0.0  # rad, within the angle's resolution
+    zero: float = 0.0  # A, mean of the three current channels' offsets
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One coefficient."""
+
+    owner: str  # an effect's name, or "machine"
+    parameter: str
+    place: int  # in the effect's parameters
+    seed: int  # of the shapes, from 0; -1 for an effect of the present model
+    prior: tuple[float, float]  # mean and standard deviation of the coefficient
+    offset: float  # present value, that the coefficient holds already
+    bounds: tuple[float, float]
+
+
+@dataclass(slots=True, eq=False)
+class Regression:
+    """The regression's sums by stretch of the recording."""
+
+    columns: tuple[Column, ...]
+    gram: Array  # (stretches, P + 1, P + 1); the last is y
+    count: int  # of whitened numbers
+    noise: tuple[float, float, float]  # Vs, Vs, A: of the d, q and zero channels
+    rows: Rows
+    smooth: Rows
+    model: Model
+
+
+def filter_pole(machine: Machine, T_s: float) -> float:
+    """rho of the whitening."""
+    return min(float(np.exp(-machine.R_s * T_s / (0.5 * (machine.L_d + machine.L_q)))), 0.99)
+
+
+def base_voltage(rows: Rows, model: Model) -> Vector:
+    """Voltage (V) of the machine without effects, and of the angle's rounding."""
+    at = with_machine(rows, model.machine)
+    v = model.machine.R_s * at.i_mean + at.balance(at.flux(at.i))
+    return v + voltage_of_error(at, model.angle) if model.angle else v
+
+
+def with_machine(rows: Rows, machine: Machine) -> Rows:
+    """The same rows, to be seen with another machine."""
+    if rows.machine == machine:
+        return rows
+    keep = {key: rows.kept[key] for key in ("D", "rotor", "i_s", "duties", "six", "once") if key in rows.kept}
+    return replace(rows, machine=machine, kept=keep)
+
+
+def effects_voltage(rows: Rows, model: Model, library: Sequence[Effect] = LIBRARY) -> Vector:
+    """Voltage (V) that the model's effects add."""
+    total = np.zeros(len(rows), np.complex128)
+    for effect in library:
+        if effect.name in model.effects:
+            total += effect.voltage(rows, model.effects[effect.name])
+    return total
+
+
+def residual(rows: Rows, smooth: Rows, model: Model) -> Vector:
+    """What is left of the recorded voltage, V of each period."""
+    return rows.u - base_voltage(rows, model) - effects_voltage(smooth, model)
+
+
+def zero_residual(rows: Rows, smooth: Rows, model: Model) -> Array | None:
+    """What is left of the mean of the measured phase currents, A."""
+    if rows.zero is None:
+        return None
+    left = rows.zero - model.zero
+    for effect in LIBRARY:
+        if effect.name in model.effects and effect.zero is not None:
+            left = left - effect.zero(smooth, model.effects[effect.name])
+    return left
+
+
+def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
+    """One column, whitened, Vs."""
+    z = v[None, :].copy()
+    whiten(z, rows.half, rows.joined, rows.T_s, rho, np.zeros(1, np.complex128))
+    return z[0]
+
+
+def regression(rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: dict[str, float],
+               angle_step: float, noise: tuple[float, float, float] | None = None,
+               library: Sequence[Effect] = LIBRARY) -> Regression:
+    """Sums of all columns. `smooth` has currents with less noise, for what must not be correlated with it."""
+    rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    columns = _columns(smooth, model, nominal, tolerance, angle_step, library)
+    rho = filter_pole(model.machine, rows.T_s)
+    r, zero = residual(rows, smooth, model), zero_residual(rows, smooth, model)
+    if noise is None:
+        noise = noise_of(whitened(r, rows, rho), zero, rows)
+    prepared(smooth)
+    P = len(columns)
+    n = len(rows)
+    gram = np.zeros((STRETCHES, P + 1, P + 1))
+    state = np.zeros(P + 1, np.complex128)
+    edges = np.linspace(0, n, STRETCHES + 1).astype(int)
+    channels = 2 if zero is None else 3
+    for s, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        part = smooth[a:b]
+        v = np.empty((P + 1, b - a), np.complex128)
+        m = np.zeros((P + 1, channels, b - a))
+        _fill(part, model, columns, library, v, m)
+        v[P] = r[a:b]
+        whiten(v, part.half, part.joined, part.T_s, rho, state)
+        m[:, 0], m[:, 1] = v.real / noise[0], v.imag / noise[1]
+        if zero is not None:
+            m[P, 2] = zero[a:b]
+            m[:, 2] /= noise[2]
+        flat = m.reshape(P + 1, -1)
+        gram[s] = flat @ flat.T
+    # Coefficients of sizes are absolute
+    offset = np.array([column.offset for column in columns])
+    change = np.eye(P + 1)
+    change[P, :P] = offset
+    gram = change @ gram @ change.T
+    return Regression(columns, gram, channels * n, noise, rows, smooth, model)
+
+
+def prepared(rows: Rows) -> None:
+    """Work out once, over the whole recording, what has a memory or is used by several effects."""
+    _ = rows.D, rows.rotor, rows.i_s, rows.i_mean
+    if rows.u_dc is not None:
+        _ = rows.duties
+    rows.once("six", lambda: np.exp(6j * rows.theta_e))
+    rows.once("once", lambda: np.exp(1j * rows.theta_m))
+    for name in ("winding_resistance_drift", "ac_resistance", "iron_loss", "inverter_voltage_error"):
+        effect = next(e for e in LIBRARY if e.name == name)
+        for shapes in effect.shapes(rows):
+            effect.voltage(rows, _at(effect, rows, shapes, {k: 1e-3 * effect.parameters[k].typical(rows) for k in effect.sizes}))
+
+
+def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
+    """White noise of the whitened residual (Vs on d, Vs on q, A), from what changes between neighbours."""
+    both = rows.joined[1:] & rows.joined[:-1]
+
+    def white(x: Array) -> float:
+        step = np.diff(x)[both[: len(x) - 1]]
+        return float(np.median(np.abs(step)) / 0.6744898 / math.sqrt(2.0))
+
+    return white(z.real), white(z.imag), 1.0 if zero is None else max(white(zero[:-1]), 1e-12)
+
+
+def _at(effect: Effect, _rows: Rows, shapes: Sequence[float], sizes: dict[int, float]) -> tuple[float, ...]:
+    left = iter(shapes)
+    return tuple(
+        next(left) if parameter.shape else sizes.get(k, 0.0) for k, parameter in enumerate(effect.parameters)
+    )
+
+
+def _columns(rows: Rows, model: Model, nominal: Machine, tolerance: dict[str, float], angle_step: float,
+             library: Sequence[Effect]) -> tuple[Column, ...]:
+    found = [
+        Column("machine", name, k, -1, (getattr(nominal, name), tolerance[name] * getattr(nominal, name)),
+               getattr(model.machine, name), (0.3 * getattr(nominal, name), 3.0 * getattr(nominal, name)))
+        for k, name in enumerate(PARAMETERS)
+    ]
+    found.append(Column("machine", "angle", 4, -1, (0.0, max(0.5 * angle_step, 1e-6)), model.angle, (-1.0, 1.0)))
+    if rows.zero is not None:
+        found.append(Column("machine", "zero", 5, -1, (0.0, rows.i_rated), model.zero, (-math.inf, math.inf)))
+    for effect in library:
+        present = model.effects.get(effect.name)
+        if present is not None:
+            for k, parameter in enumerate(effect.parameters):
+                spread = parameter.typical(rows)
+                low, high = _bounds(parameter, rows)
+                if parameter.shape:  # a step at a time
+                    low, high = max(low - present[k], -0.5 * abs(present[k])), min(high - present[k], abs(present[k]))
+                offset = 0.0 if parameter.shape else present[k]
+                found.append(Column(effect.name, parameter.name, k, -1, (0.0, spread), offset, (low, high)))
+        for seed, _ in enumerate(effect.shapes(rows)):
+            for k in effect.sizes:
+                parameter = effect.parameters[k]
+                found.append(Column(effect.name, parameter.name, k, seed, (0.0, parameter.typical(rows)), 0.0, _bounds(parameter, rows)))
+    return tuple(found)
+
+
+def _bounds(parameter: Parameter, rows: Rows) -> tuple[float, float]:
+    return (
+        -math.inf if parameter.low is None else parameter.low(rows),
+        math.inf if parameter.high is None else parameter.high(rows),
+    )
+
+
+def _fill(rows: Rows, model: Model, columns: Sequence[Column], library: Sequence[Effect], v: NDArray[np.complex128],
+          m: Array) -> None:
+    """Write the columns' voltages, and what they make of the mean of the phase currents."""
+    by_name = {effect.name: effect for effect in library}
+    one = np.ones(len(rows) + 1)
+    for j, column in enumerate(columns):
+        if column.owner == "machine":
+            if column.parameter == "R_s":
+                v[j] = rows.i_mean
+            elif column.parameter == "L_d":
+                v[j] = rows.balance(rows.i.real)
+            elif column.parameter == "L_q":
+                v[j] = rows.balance(1j * rows.i.imag)
+            elif column.parameter == "psi_f":
+                v[j] = rows.balance(one)
+            elif column.parameter == "angle":
+                v[j] = voltage_of_error(rows, 1e-4) / 1e-4
+            else:
+                v[j] = 0.0
+                m[j, 2] = 1.0
+            continue
+        effect = by_name[column.owner]
+        parameter = effect.parameters[column.place]
+        h = _STEP * parameter.typical(rows)
+        if column.seed < 0:
+            at = model.effects[effect.name]
+            h = h if not parameter.shape else 0.05 * abs(at[column.place])
+            up = tuple(value + h * (k == column.place) for k, value in enumerate(at))
+            v[j] = (effect.voltage(rows, up) - effect.voltage(rows, at)) / h
+            if effect.zero is not None and rows.zero is not None:
+                m[j, 2] = ((effect.zero(rows, up) - effect.zero(rows, at)) / h)[:-1]
+        else:
+            h = parameter.typical(rows)
+            up = _at(effect, rows, effect.shapes(rows)[column.seed], {column.place: h})
+            v[j] = effect.voltage(rows, up) / h
+            if effect.zero is not None and rows.zero is not None:
+                m[j, 2] = effect.zero(rows, up)[:-1] / h

@@ -1,0 +1,162 @@
+"""Explain: which set of effects the recording calls for, by Bayesian evidence over a regression's sums.
+
+Every set's coefficients have a normal prior, so its evidence has a closed form, and what a set gains over another is a
+log-odds. Noise is white only where nothing is left unexplained: every column's gain is divided by how much more the
+residual's projections on it scatter from stretch to stretch than white noise would let them, so that what is left
+unexplained does not lend its energy to a name.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimator.mismatch.columns import Array, Regression
+
+Choice = tuple[tuple[str, int], ...]
+"""Effects with the number of their shapes; -1 for those of the present model."""
+
+ENTRY: Final = 9.0  # log-odds that an effect must bring
+MOST: Final = 6  # effects
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A set's coefficients."""
+
+    choice: Choice
+    places: tuple[int, ...]  # columns
+    value: Array
+    covariance: Array  # with the noise as it scatters
+    log_evidence: float
+    chi2: float
+
+
+class Search:
+    """Sets of effects over one regression."""
+
+    def __init__(self, regression: Regression) -> None:
+        self.regression = regression
+        self.columns = regression.columns
+        self.gram = regression.gram.sum(axis=0)
+        self.base = [j for j, column in enumerate(self.columns) if column.owner == "machine"]
+        self.mean = np.array([column.prior[0] for column in self.columns])
+        self.weight = np.array([column.prior[1] ** -2 for column in self.columns])
+        self.spread = np.array([column.prior[1] for column in self.columns])
+        self.low = np.array([column.bounds[0] for column in self.columns])
+        self.high = np.array([column.bounds[1] for column in self.columns])
+        self.scatter = np.ones(len(self.columns))
+        self._fits: dict[Choice, Fit] = {}
+
+    def candidates(self) -> list[tuple[str, int]]:
+        """All effects with all their shapes."""
+        return list(dict.fromkeys((c.owner, c.seed) for c in self.columns if c.owner != "machine"))
+
+    def places(self, choice: Choice) -> list[int]:
+        """Columns of a set."""
+        return self.base + [j for j, c in enumerate(self.columns) if (c.owner, c.seed) in choice]
+
+    def fit(self, choice: Choice) -> Fit:
+        """Coefficients and evidence of a set."""
+        choice = tuple(sorted(choice))
+        if choice not in self._fits:
+            self._fits[choice] = self._solved(choice, self.gram)
+        return self._fits[choice]
+
+    def _solved(self, choice: Choice, gram: Array) -> Fit:
+        """The best coefficients within their bounds: those beyond are held at theirs, and all others solved anew."""
+        places = self.places(choice)
+        held = dict[int, float]()
+        while True:
+            free = [j for j in places if j not in held]
+            fit = self._unbounded(choice, free, held, gram)
+            low, high = self.low[free], self.high[free]
+            beyond = np.maximum(low - fit.value, fit.value - high) / self.spread[free]
+            worst = int(np.argmax(beyond))
+            if beyond[worst] <= 1e-9:
+                break
+            held[free[worst]] = float(np.clip(fit.value[worst], low[worst], high[worst]))
+        value = np.array([held.get(j, 0.0) for j in places])
+        covariance = np.zeros((len(places), len(places)))
+        at = [k for k, j in enumerate(places) if j not in held]
+        value[at] = fit.value
+        covariance[np.ix_(at, at)] = fit.covariance
+        return Fit(choice, tuple(places), value, covariance, fit.log_evidence, fit.chi2)
+
+    def _unbounded(self, choice: Choice, free: list[int], held: dict[int, float], gram: Array) -> Fit:
+        mean, weight = self.mean[free], self.weight[free]
+        fixed, at = list(held), np.array(list(held.values()))
+        A = gram[np.ix_(free, free)] + np.diag(weight)
+        b = gram[free, -1] + weight * mean
+        left = float(gram[-1, -1] + np.sum(weight * mean**2))
+        if fixed:
+            b = b - gram[np.ix_(free, fixed)] @ at
+            left += float(at @ gram[np.ix_(fixed, fixed)] @ at - 2.0 * at @ gram[fixed, -1])
+            left += float(np.sum(self.weight[fixed] * (at - self.mean[fixed]) ** 2))
+        scale = 1.0 / np.sqrt(np.diag(A))
+        factor = np.linalg.cholesky(A * np.outer(scale, scale))
+        inverse = np.linalg.inv(factor) * scale
+        half = inverse @ b
+        chi2 = left - float(half @ half)
+        log_det = 2.0 * float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)))
+        evidence = -0.5 * chi2 - 0.5 * log_det + 0.5 * float(np.sum(np.log(weight)))
+        return Fit(choice, tuple(free), inverse.T @ half, inverse.T @ inverse, evidence, chi2)
+
+    def gain(self, choice: Choice, more: tuple[str, int]) -> float:
+        """Log-odds that one more effect brings to a set."""
+        with_it, without = self.fit((*choice, more)), self.fit(choice)
+        places = [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == more]
+        scatter = float(np.mean(self.scatter[places]))
+        fitted = 0.5 * (without.chi2 - with_it.chi2)
+        return with_it.log_evidence - without.log_evidence - fitted * (1.0 - 1.0 / scatter)
+
+    def measure_scatter(self, choice: Choice) -> None:
+        """How the residual of a set scatters along each column, from stretch to stretch, over white noise."""
+        fit = self.fit(choice)
+        grams = self.regression.gram
+        places = list(fit.places)
+        score = grams[:, :-1, -1] - grams[:, :-1, places] @ fit.value  # (stretches, P)
+        # Of what is not along the base: the column less its fit by the base
+        A = self.gram[np.ix_(places, places)] + np.diag(self.weight[places])
+        along = np.linalg.solve(A, self.gram[places, :-1])  # (places, P)
+        left = score - score[:, places] @ along
+        size = np.einsum("sjj->sj", grams[:, :-1, :-1]) - 2.0 * np.einsum("spj,pj->sj", grams[:, places, :-1], along)
+        size += np.einsum("pj,spq,qj->sj", along, grams[:, places][:, :, places], along)
+        total = np.maximum(size.sum(axis=0), 1e-300)
+        self.scatter = np.maximum(1.0, (left**2).sum(axis=0) / total)
+
+    def best(self, start: Choice = ()) -> Choice:
+        """A set with at most one effect more, that nothing taken away or exchanged makes better."""
+        choice = self._exchanged(self._added(self._without_needless(start)))
+        return self._exchanged(self._without_needless(choice))
+
+    def _free(self, choice: Choice) -> list[tuple[str, int]]:
+        taken = {name for name, _ in choice}
+        return [c for c in self.candidates() if c[0] not in taken]
+
+    def _added(self, choice: Choice) -> Choice:
+        if len(choice) >= MOST:
+            return choice
+        gains = {more: self.gain(choice, more) for more in self._free(choice)}
+        more = max(gains, key=lambda key: gains[key])
+        return (*choice, more) if gains[more] > ENTRY else choice
+
+    def _without_needless(self, choice: Choice) -> Choice:
+        while choice:
+            gains = {one: self.gain(tuple(c for c in choice if c != one), one) for one in choice}
+            least = min(gains, key=lambda key: gains[key])
+            if gains[least] > ENTRY:
+                break
+            choice = tuple(c for c in choice if c != least)
+        return choice
+
+    def _exchanged(self, choice: Choice) -> Choice:
+        """One effect for another, or one shape for another of the same effect, where that is better."""
+        best, at = choice, self.fit(choice).log_evidence
+        for one in choice:
+            rest = tuple(c for c in choice if c != one)
+            for other in self._free(rest):
+                if other != one and (there := self.fit((*rest, other)).log_evidence) > at + 1e-6:
+                    best, at = (*rest, other), there
+        return best

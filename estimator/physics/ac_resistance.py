@@ -1,0 +1,48 @@
+"""Skin and proximity effect: a resistance that rises with frequency.
+
+    u = R_s i + R_x (i - i_x)        L_x d(i_x)/dt = R_x (i - i_x)        R_x = rise R_s,  L_x = R_x / (2 pi corner)
+
+one rung of a ladder in the stationary frame: none at dc, half of `rise` at the corner. P. L. Dowell, "Effects of eddy
+currents in transformer windings", Proc. IEE 113, 1966, doi 10.1049/piee.1966.0236.
+"""
+
+import math
+
+import numpy as np
+
+from estimator.kernel import kernel
+from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.rows import Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    rise, corner = sizes
+    passed = rows.once(f"passed {corner:.4g}", lambda: _high_passed(rows.i_mean * rows.middle, rows.T_s, corner))
+    return rise * rows.machine.R_s * rows.stationary(passed)
+
+
+@kernel
+def _high_passed(i: Vector, T_s: float, corner: float) -> Vector:
+    """What is left of periods' mean currents after a low-pass of first order, as means over the periods."""
+    share = 1.0 - math.exp(-2.0 * math.pi * corner * T_s)
+    weight = share / (2.0 * math.pi * corner * T_s)  # mean over a period of exp(-t/tau) from its start
+    left = np.empty_like(i)
+    i_x = i[0]
+    for k in range(len(i)):
+        left[k] = (i[k] - i_x) * weight
+        i_x += share * (i[k] - i_x)
+    return left
+
+
+EFFECT = Effect(
+    "ac_resistance", "a resistance that rises with frequency",
+    (
+        Parameter("rise", "1", constant(1.0), constant(0.0), constant(6.0)),
+        Parameter("corner", "Hz", constant(400.0), constant(50.0), constant(2500.0), shape=True),
+    ),
+    voltage,
+    lambda _rows: ((120.0,), (330.0,), (900.0,)),
+    "R_s that rises with speed and with how fast current is excited",
+    ("iron_loss", "winding_resistance_drift"),
+)

@@ -1,0 +1,27 @@
+"""The angle is off by a constant: an encoder that was aligned badly.
+
+    theta_measured = theta_e + offset: d and q are mixed, psi_f shows on both axes
+
+At steady speed it looks like a voltage on the d axis that grows with speed. M. P. Kazmierkowski and others treat its
+alignment; derived here.
+"""
+
+from estimator.physics.angle_sensing import voltage_of_error
+from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant
+from estimator.physics.rows import Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    (offset,) = sizes
+    return voltage_of_error(rows, offset)
+
+
+EFFECT = Effect(
+    "angle_offset", "an offset of the angle",
+    (Parameter("offset", "rad", constant(3.0 * DEGREE), constant(-0.6), constant(0.6)),),
+    voltage,
+    lambda _rows: ((),),
+    "u_d in proportion to speed, and to changes of speed",
+    ("iron_loss", "voltage_delay"),
+)

@@ -1,0 +1,25 @@
+"""Cross-saturation: each axis's flux falls with the other axis's current.
+
+The curve and its source are told in `saturation`. cross_drop is the share by which the inductance is lower at rated current
+than at no current of the other axis: L_q at i_d = i_rated. Without the magnets' flux in psi_d a drop could not be told from its mirror image.
+"""
+
+from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.rows import Rows, Vector
+from estimator.physics.saturation import added_voltage
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    (drop,) = sizes
+    return added_voltage(rows, (0.0, 0.0, drop))
+
+
+EFFECT = Effect(
+    "cross_saturation", "cross-saturation",
+    (Parameter("cross_drop", "1", constant(0.15), constant(0.0), constant(0.6)),),
+    voltage,
+    lambda _rows: ((),),
+    "psi_d that falls with i_q squared, L_q that falls with i_d",
+    ("q_axis_saturation", "d_axis_saturation"),
+)

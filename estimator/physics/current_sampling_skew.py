@@ -1,0 +1,50 @@
+"""One current channel is sampled late.
+
+    i_k,measured(t) = i_k(t + skew)        i_k(t + skew) - i_k(t) = skew (-R_s i - j omega_e psi) / L of the phase
+
+Samples are taken in the middle of the zero vector, where the winding is short and the current falls by back-EMF and
+resistance alone. S. Bolognani, M. Zigliotto and others on sampling instants; derived here.
+"""
+
+from estimator.physics.current_sensing import voltage_of_error
+from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.rows import AXES, Real, Rows, Vector
+
+import numpy as np
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    skew, phase = sizes
+    axis = AXES[round(phase) % 3]
+    return voltage_of_error(rows, skew * 2.0 / 3.0 * axis * _slope(rows, axis) * rows.rotor.conj())
+
+
+def zero(rows: Rows, sizes: Sizes) -> Real:
+    """Mean of the three channels' errors, A."""
+    skew, phase = sizes
+    return skew * _slope(rows, AXES[round(phase) % 3]) / 3.0
+
+
+def _slope(rows: Rows, axis: complex) -> Real:
+    """How fast the phase's current changes at samples, A/s."""
+    m, i = rows.machine, rows.i
+    omega = rows.omega_e
+    omega = 0.5 * (np.concatenate((omega[:1], omega)) + np.concatenate((omega, omega[-1:])))
+    v = -m.R_s * i - 1j * omega * rows.flux(i)
+    slope = v.real / m.L_d + 1j * v.imag / m.L_q + 1j * omega * i
+    return (slope * rows.rotor * axis.conjugate()).real
+
+
+EFFECT = Effect(
+    "current_sampling_skew", "a current channel that is sampled late",
+    (
+        Parameter("skew", "s", constant(3e-6), constant(0.0), constant(2e-5)),
+        Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True),
+    ),
+    voltage,
+    lambda _rows: ((0.0,), (1.0,), (2.0,)),
+    "an error of one phase's current in proportion to speed",
+    ("current_sensor_gain",),
+    zero,
+)

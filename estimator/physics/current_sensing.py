@@ -1,0 +1,15 @@
+"""What errors of measured currents do to the voltage that they imply; shared by offset, gain and skew.
+
+With the truth i = measured - error, the machine's equation in the measured current is short of
+
+    - R_s error - balance of L error
+"""
+
+from estimator.physics.rows import Rows, Vector
+
+
+def voltage_of_error(rows: Rows, error: Vector) -> Vector:
+    """What an error (A, at samples, rotor frame; measured less true) adds to the implied voltage, V."""
+    m = rows.machine
+    mean = 0.5 * (rows.half * error[1:] + rows.half.conj() * error[:-1])
+    return -m.R_s * mean - rows.balance(m.L_d * error.real + 1j * m.L_q * error.imag)

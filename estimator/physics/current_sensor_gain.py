@@ -1,0 +1,49 @@
+"""Unequal gains of the current channels.
+
+    i_k,measured = (1 + gain_k) i_k        gain_a + gain_b + gain_c = 0
+
+A common gain scales every impedance and cannot be told from another machine. Unequal gains show at twice the electrical
+frequency, and as a sum of the three currents that is not zero. D.-W. Chung, S.-K. Sul, "Analysis and compensation of
+current measurement error in vector-controlled AC motor drives", IEEE Trans. Industry Applications 34(2), 1998,
+doi 10.1109/28.663477.
+"""
+
+from estimator.physics.current_sensing import voltage_of_error
+from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.rows import AXES, Real, Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    return voltage_of_error(rows, _error(rows, sizes) * rows.rotor.conj())
+
+
+def zero(rows: Rows, sizes: Sizes) -> Real:
+    """Mean of the three channels' errors, A."""
+    alpha, beta = sizes
+    g = complex(alpha, beta)
+    i_s = rows.i_s
+    return sum(((g * axis.conjugate()).real * (i_s * axis.conjugate()).real for axis in AXES), 0.0 * i_s.real) / 3.0
+
+
+def _error(rows: Rows, sizes: Sizes) -> Vector:
+    """Vector of the channels' errors, A, for measured currents."""
+    alpha, beta = sizes
+    g = complex(alpha, beta)
+    i_s = rows.i_s
+    total = 0.0 * i_s
+    for axis in AXES:
+        gain = (g * axis.conjugate()).real
+        total += 2.0 / 3.0 * axis * (gain / (1.0 + gain) * (i_s * axis.conjugate()).real)
+    return total
+
+
+EFFECT = Effect(
+    "current_sensor_gain", "unequal gains of the current sensors",
+    tuple(Parameter(name, "1", constant(0.02), constant(-0.3), constant(0.3)) for name in ("gain_alpha", "gain_beta")),
+    voltage,
+    lambda _rows: ((),),
+    "flux of twice the electrical frequency in the rotor frame, in proportion to current",
+    ("phase_resistance_imbalance", "current_sampling_skew"),
+    zero,
+)

@@ -1,0 +1,30 @@
+"""Offsets of the current channels.
+
+    i_k,measured = i_k + offset_k        as a vector: i_measured = i + (offset_alpha + j offset_beta) exp(-j theta_e)
+
+D.-W. Chung, S.-K. Sul, "Analysis and compensation of current measurement error in vector-controlled AC motor drives",
+IEEE Trans. Industry Applications 34(2), 1998, doi 10.1109/28.663477. `common` is the mean of the three.
+"""
+
+import numpy as np
+
+from estimator.physics.current_sensing import voltage_of_error
+from estimator.physics.effect import Effect, Parameter, Sizes
+from estimator.physics.rows import Real, Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    alpha, beta = sizes
+    return voltage_of_error(rows, (alpha + 1j * beta) * rows.rotor.conj())
+
+
+EFFECT = Effect(
+    "current_sensor_offset", "offsets of the current sensors",
+    tuple(Parameter(name, "A", lambda rows: 0.01 * rows.i_rated) for name in ("offset_alpha", "offset_beta")),
+    voltage,
+    lambda _rows: ((),),
+    "voltage that stands still in the stationary frame: once per electrical turn in the rotor frame",
+    ("inverter_voltage_error",),
+)
+__all__ = ["EFFECT", "Real", "np"]

@@ -1,0 +1,60 @@
+"""The shape that every effect of the library has."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from estimator.physics.rows import Real, Rows, Vector
+
+Sizes = Sequence[float]
+"""Values of an effect's parameters, in their order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A physical number of an effect. Without the effect its sizes are zero; shapes have no such value."""
+
+    name: str
+    unit: str
+    typical: Callable[[Rows], float]  # how large it commonly is, SI: the standard deviation before data are seen
+    low: Callable[[Rows], float] | None = None  # plausible range
+    high: Callable[[Rows], float] | None = None
+    shape: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """A piece of physics that may have been left out of a machine's model.
+
+    `voltage(rows, sizes)` is what it adds, in V of each period in the rotor frame, to the voltage that the currents and
+    the rotor's turning imply; linear in its sizes, or nearly so, at given shapes. `zero(rows, sizes)` is what it makes
+    of the mean of the three measured phase currents, A at samples.
+    """
+
+    name: str
+    title: str  # in a sentence: "the inverter's voltage error"
+    parameters: tuple[Parameter, ...]
+    voltage: Callable[[Rows, Sizes], Vector]
+    shapes: Callable[[Rows], tuple[tuple[float, ...], ...]]  # values of the shapes to begin with, in their order
+    fingerprint: str
+    confused_with: tuple[str, ...]
+    zero: Callable[[Rows, Sizes], Real] | None = None
+    needs_u_dc: bool = False
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Places of the parameters that are sizes."""
+        return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.shape)
+
+
+def no_shapes(_rows: Rows) -> tuple[tuple[float, ...], ...]:
+    """Of an effect that has sizes only."""
+    return ((),)
+
+
+def constant(value: float) -> Callable[[Rows], float]:
+    """A typical value or a bound that is the same for every machine."""
+    return lambda _rows: value
+
+
+DEGREE: Final = 0.017453292519943295

@@ -1,0 +1,33 @@
+"""An encoder off its centre, or bent: an angle that is wrong once or twice a mechanical turn.
+
+    theta_measured = theta_e + once_cos cos theta_m + once_sin sin theta_m + twice_cos cos 2 theta_m + twice_sin sin 2 theta_m
+
+N. C. Cheung and others; the order tells the cause: once an offset of the centre, twice a tilted or oval disc.
+"""
+
+import numpy as np
+
+from estimator.physics.angle_sensing import voltage_of_error
+from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant
+from estimator.physics.rows import Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    once = rows.once("once", lambda: np.exp(1j * rows.theta_m))
+    once_cos, once_sin, twice_cos, twice_sin = sizes
+    twice = once * once
+    error = once_cos * once.real + once_sin * once.imag + twice_cos * twice.real + twice_sin * twice.imag
+    return voltage_of_error(rows, error)
+
+
+_ANGLE = constant(2.0 * DEGREE), constant(-0.6), constant(0.6)
+
+EFFECT = Effect(
+    "encoder_eccentricity", "an eccentric encoder",
+    tuple(Parameter(name, "rad", *_ANGLE) for name in ("once_cos", "once_sin", "twice_cos", "twice_sin")),
+    voltage,
+    lambda _rows: ((),),
+    "u_d and speed that swing once or twice a mechanical turn",
+    ("magnet_flux_drift",),
+)

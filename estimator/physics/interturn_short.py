@@ -1,0 +1,44 @@
+"""A short between turns: a loop in one phase that its back-EMF drives.
+
+    i = i_m + 2/3 g e_k a_k        e_k = voltage that changes the flux linkage of phase k, a_k its axis
+
+The loop's current adds to that of the phase and makes no useful flux; g is its conductance as seen from the phase.
+B. Vaseghi, N. Takorabet, F. Meibody-Tabar, "Fault analysis and parameter identification of permanent-magnet motors by
+the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.2009.2022156.
+"""
+
+import numpy as np
+
+from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.rows import AXES, Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    conductance, phase, lag = sizes
+    axis = AXES[round(phase) % 3]
+    e_s = rows.once("e_s", lambda: (rows.u - rows.machine.R_s * rows.i_mean) * rows.middle)
+    e_k = (e_s * axis.conjugate()).real
+    before, after = np.concatenate((e_k[:1], e_k)), np.concatenate((e_k, e_k[-1:]))
+    loop = 0.5 * (before + after) - lag * (after - before) / rows.T_s
+    i = conductance * loop * axis * rows.rotor.conj()
+    m = rows.machine
+    return -rows.balance(m.L_d * i.real + 1j * m.L_q * i.imag)
+
+
+EFFECT = Effect(
+    "interturn_short", "a short between turns",
+    (
+        Parameter("conductance", "S", lambda rows: 0.03 * rows.i_rated / _emf(rows), lambda _: 0.0),
+        Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True),
+        Parameter("lag", "s", constant(1e-4), constant(2e-5), constant(5e-4), shape=True),
+    ),
+    voltage,
+    lambda _rows: ((0.0, 1e-4), (1.0, 1e-4), (2.0, 1e-4)),
+    "current of twice the electrical frequency in the rotor frame that grows with speed, without load too",
+    ("iron_loss", "current_sensor_gain"),
+)  # fmt: skip
+
+
+def _emf(rows: Rows) -> float:
+    return max(float(np.max(np.abs(rows.omega_e), initial=1.0)) * rows.machine.psi_f, 1e-6)

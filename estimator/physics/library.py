@@ -1,0 +1,23 @@
+"""The library: every effect that a diagnosis can name, in a fixed order."""
+
+from typing import Final
+
+from estimator.physics import (
+    ac_resistance, angle_offset, cross_saturation, current_sampling_skew, current_sensor_gain, current_sensor_offset,
+    d_axis_saturation, encoder_eccentricity, flux_harmonics, inductance_harmonics, interturn_short,
+    inverter_voltage_error, iron_loss, magnet_flux_drift, magnet_flux_step, phase_resistance_imbalance,
+    q_axis_saturation, voltage_delay, winding_resistance_drift,
+)  # fmt: skip
+from estimator.physics.effect import Effect
+
+LIBRARY: Final[tuple[Effect, ...]] = tuple(
+    module.EFFECT
+    for module in (
+        inverter_voltage_error, d_axis_saturation, q_axis_saturation, cross_saturation, iron_loss,
+        winding_resistance_drift, magnet_flux_drift, magnet_flux_step, flux_harmonics, inductance_harmonics,
+        ac_resistance, phase_resistance_imbalance, current_sensor_offset, current_sensor_gain, angle_offset,
+        encoder_eccentricity, voltage_delay, interturn_short, current_sampling_skew,
+    )
+)
+
+BY_NAME: Final = {effect.name: effect for effect in LIBRARY}

@@ -1,0 +1,29 @@
+"""The magnets lose flux at once: a demagnetisation by heat and field.
+
+    psi_f(t) = psi_f (1 + change)    from `time` on
+
+psi_f is that before. S. Ruoho, E. Dlala, A. Arkkio, "Comparison of demagnetization models for finite-element analysis of
+permanent-magnet synchronous machines", IEEE Trans. Magnetics 43(11), 2007, doi 10.1109/TMAG.2007.904749.
+"""
+
+from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.rows import Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    change, time = sizes
+    return rows.balance(change * rows.machine.psi_f * (rows.t >= rows.span[0] + time * rows.span[1]).astype(float))
+
+
+EFFECT = Effect(
+    "magnet_flux_step", "a step of the magnets' flux",
+    (
+        Parameter("change", "1", constant(0.05), constant(-0.5), constant(0.0)),
+        Parameter("time", "1", constant(0.5), constant(0.01), constant(0.99), shape=True),
+    ),
+    voltage,
+    lambda _rows: tuple((k / 32.0,) for k in range(1, 32)),
+    "back-EMF that is lower from one moment on",
+    ("magnet_flux_drift",),
+)

@@ -1,0 +1,35 @@
+"""Unequal phase resistances: a bad contact, a warm joint.
+
+    u_k = ... + excess_k i_k        excess_a + excess_b + excess_c = 0
+
+R_s is the mean of the three. In the rotor frame the excess turns with twice the electrical frequency, in proportion to
+current. J. Yang, S. B. Lee and others, "On-line detection of high-resistance connections with negative-sequence regulators in
+three-phase induction motors", IEEE Trans. Industry Applications 51(2), 2015.
+"""
+
+from estimator.physics.effect import Effect, Parameter, Sizes
+from estimator.physics.rows import AXES, Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    alpha, beta = sizes
+    i_s = rows.i_mean * rows.middle
+    # Clarke of excess_k i_k with a zero sum: the excesses' vector times the conjugate current, halved
+    return rows.stationary(0.5 * (alpha + 1j * beta) * i_s.conj())
+
+
+def by_phase(alpha: float, beta: float) -> tuple[float, float, float]:
+    """What a vector is on the three phases."""
+    a, b, c = (((alpha + 1j * beta) * axis.conjugate()).real for axis in AXES)
+    return a, b, c
+
+
+EFFECT = Effect(
+    "phase_resistance_imbalance", "unequal phase resistances",
+    tuple(Parameter(name, "ohm", lambda rows: 0.1 * rows.machine.R_s) for name in ("excess_alpha", "excess_beta")),
+    voltage,
+    lambda _rows: ((),),
+    "voltage of twice the electrical frequency in the rotor frame, in proportion to current, at any speed",
+    ("current_sensor_gain", "interturn_short"),
+)

@@ -1,0 +1,25 @@
+"""Saturation along the q axis: L_q falls as abs(i_q) rises.
+
+The curve and its source are told in `saturation`. L_q_drop is the share by which the inductance is lower at rated current
+than at no current. Without the magnets' flux in psi_d a drop could not be told from its mirror image.
+"""
+
+from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.rows import Rows, Vector
+from estimator.physics.saturation import added_voltage
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    (drop,) = sizes
+    return added_voltage(rows, (0.0, drop, 0.0))
+
+
+EFFECT = Effect(
+    "q_axis_saturation", "saturation along the q axis",
+    (Parameter("L_q_drop", "1", constant(0.15), constant(0.0), constant(0.6)),),
+    voltage,
+    lambda _rows: ((),),
+    "a cubic of i_q in u_d, in proportion to speed, and an L_q that falls with abs(i_q)",
+    ("cross_saturation", "iron_loss"),
+)

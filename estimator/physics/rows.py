@@ -1,0 +1,198 @@
+"""Rows: what every effect's equation is made of - currents, angle and voltage of a run, period by period.
+
+n control periods lie between n + 1 samples. Quantities at samples have n + 1 values, those of periods n. Complex
+vectors are amplitude-invariant and in the rotor frame; those of a period in the frame of its middle.
+Knows no effect.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.flux_balance import TURN
+from estimator.machine import Machine
+from estimator.samples import Samples
+
+Real = NDArray[np.float64]
+Vector = NDArray[np.complex128]
+
+AXES: Final = tuple(complex(math.cos(k * TURN / 3.0), math.sin(k * TURN / 3.0)) for k in range(3))
+"""Directions of the phases a, b, c."""
+
+
+@dataclass(slots=True, eq=False)
+class Rows:
+    """A run without gaps, or a stretch of it."""
+
+    machine: Machine  # the best that is known now
+    T_s: float  # s
+    i_rated: float  # A, peak
+    t: Real  # s, at samples
+    i: Vector  # A, at samples
+    theta_e: Real  # rad, at samples, unwrapped
+    half: Vector  # exp(j D/2) of each period, D the angle turned in it
+    u: Vector  # V, of each period
+    joined: NDArray[np.bool_]  # of each period: its two samples are of one run
+    u_dc: Real | None  # V, of each period
+    zero: Real | None  # A, mean of the three measured phase currents at samples, where they are known
+    span: tuple[float, float]  # s, start and length of the recording
+    kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
+
+    def __len__(self) -> int:
+        """Control periods."""
+        return len(self.u)
+
+    def __getitem__(self, periods: slice) -> "Rows":
+        """A stretch of consecutive periods (views)."""
+        a, b, _ = periods.indices(len(self))
+        n = len(self)
+
+        def cut(whole: Any) -> Any:
+            return whole[a : b + (len(whole) - n)]
+
+        return replace(
+            self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u), joined=cut(self.joined),
+            u_dc=None if self.u_dc is None else cut(self.u_dc), zero=None if self.zero is None else cut(self.zero),
+            kept={key: cut(whole) for key, whole in self.kept.items()},
+        )  # fmt: skip
+
+    def once(self, key: str, make: Callable[[], Any]) -> Any:
+        """An array worked out at its first use; stretches taken later have their part of it."""
+        if key not in self.kept:
+            self.kept[key] = make()
+        return self.kept[key]
+
+    # --- angles
+
+    @property
+    def D(self) -> Real:
+        """Angle turned in each period, rad."""
+        return self.once("D", lambda: np.diff(self.theta_e))
+
+    @property
+    def omega_e(self) -> Real:
+        """Electrical speed in each period, rad/s."""
+        return self.D / self.T_s
+
+    @property
+    def rotor(self) -> Vector:
+        """exp(j theta_e) at samples."""
+        return self.once("rotor", lambda: np.exp(1j * self.theta_e))
+
+    @property
+    def middle(self) -> Vector:
+        """exp(j theta_e) in the middle of each period."""
+        return self.rotor[:-1] * self.half
+
+    @property
+    def theta_m(self) -> Real:
+        """Mechanical angle at samples, rad, but for a constant."""
+        return self.theta_e / self.machine.n_p
+
+    # --- currents
+
+    @property
+    def i_s(self) -> Vector:
+        """Current at samples in the stationary frame, A."""
+        return self.once("i_s", lambda: self.i * self.rotor)
+
+    def phase(self, k: int) -> Real:
+        """Current of phase k at samples, A."""
+        return (self.i_s * AXES[k].conjugate()).real
+
+    @property
+    def i_mean(self) -> Vector:
+        """Mean current of each period, A: the cubic through both ends and their slopes under a steady voltage."""
+        return self.once("i_mean", self._mean_current)
+
+    def _mean_current(self) -> Vector:
+        m, e, u, omega = self.machine, self.half, self.u, self.omega_e
+
+        def slope(i: Vector, u_there: Vector) -> Vector:
+            v = u_there - m.R_s * i - 1j * omega * (m.L_d * i.real + m.psi_f + 1j * m.L_q * i.imag)
+            return v.real / m.L_d + 1j * (v.imag / m.L_q) + 1j * omega * i
+
+        i_0, i_1 = self.i[:-1], self.i[1:]
+        s_0, s_1 = slope(i_0, u * e), slope(i_1, u * e.conj())
+        mean = 0.5 * (e * i_1 + e.conj() * i_0) + self.T_s / 12.0 * (e.conj() * s_0 - e * s_1)
+        return mean if self.u_dc is None else mean + self._mean_of_pulses()
+
+    def _mean_of_pulses(self) -> Vector:
+        """What pulses in the middle of the period make of the mean, where the current decays within it.
+
+        The voltage's ripple v has a double integral of mean -T^2/24 u_dc d (1 - d^2) per phase; the current that it
+        drives decays with R/L, which lets the mean rise by R/L^2 times that.
+        """
+        m, d = self.machine, self.duties
+        shape = d * (1.0 - d * d)
+        ripple = sum(2.0 / 3.0 * axis * shape[:, k] for k, axis in enumerate(AXES))
+        pulses = self.stationary(ripple * self.u_dc) * (m.R_s * self.T_s**2 / 24.0)  # pyright: ignore
+        return pulses.real / m.L_d**2 + 1j * pulses.imag / m.L_q**2
+
+    # --- model
+
+    def flux(self, i: Vector) -> Vector:
+        """Flux linkage (Vs) of the machine at a current (A)."""
+        m = self.machine
+        return m.L_d * i.real + m.psi_f + 1j * m.L_q * i.imag
+
+    # --- bridge
+
+    @property
+    def duties(self) -> Real:
+        """Share of each period that the three legs are high, (n, 3), by space-vector modulation. Needs `u_dc`."""
+        return self.once("duties", self._duties)
+
+    def _duties(self) -> Real:
+        u_s, u_dc = self.u * self.middle, self.u_dc
+        assert u_dc is not None
+        u_abc = np.stack([(u_s * axis.conjugate()).real for axis in AXES], axis=1)
+        lifted = u_abc - 0.5 * (u_abc.max(axis=1) + u_abc.min(axis=1))[:, None]
+        return np.clip(0.5 + lifted / u_dc[:, None], 0.0, 1.0)
+
+    # --- balances
+
+    def balance(self, psi: Vector | Real) -> Vector:
+        """Voltage (V) of each period that changes a flux linkage (Vs, at samples) as the rotor turns."""
+        return (self.half * psi[1:] - self.half.conj() * psi[:-1]) / self.T_s
+
+    def stationary(self, v: Vector) -> Vector:
+        """A vector of each period, given in the stationary frame, in the rotor frame."""
+        return v * self.middle.conj()
+
+
+def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
+    """The rows of a recording's runs, one after the other, one control period each. Raises ValueError.
+
+    The periods between one run's last sample and the next one's first are not `joined`.
+    """
+    if any(run.periods != 1 for run in runs):
+        raise ValueError("expected a row for every control period, came rows of several")
+    T = runs[0].T_s
+
+    def column(name: str) -> Real | None:
+        parts = [getattr(run, name) for run in runs]
+        return None if any(part is None for part in parts) else np.concatenate(parts)
+
+    theta, omega, i_d, i_q, u_d, u_q = (
+        np.concatenate([getattr(run, name) for run in runs])
+        for name in ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")
+    )
+    by_speed = T * 0.5 * (omega[:-1] + omega[1:])
+    off = np.diff(theta) - by_speed
+    D = by_speed + off - TURN * np.floor(off / TURN + 0.5)
+    n = len(D)
+    joined = np.ones(n, np.bool_)
+    joined[np.cumsum([len(run) for run in runs])[:-1] - 1] = False
+    t = np.concatenate([run.t0 + T * np.arange(len(run)) for run in runs])
+    u_dc, i_a, i_b, i_c = column("u_dc"), column("i_a"), column("i_b"), column("i_c")
+    zero = None if i_a is None or i_b is None or i_c is None else (i_a + i_b + i_c) / 3.0
+    return Rows(
+        machine, T, i_rated, t, i_d + 1j * i_q, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
+        np.exp(0.5j * D), (u_d + 1j * u_q)[:n], joined, None if u_dc is None else u_dc[:n], zero,
+        (float(t[0]), float(t[-1] - t[0])),
+    )  # fmt: skip

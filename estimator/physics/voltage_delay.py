@@ -1,0 +1,33 @@
+"""The recorded voltage acted later, or earlier, than the recording says.
+
+    u acting in period k = u recorded in row k - periods
+
+A register read one period off. P. Brueske, F. W. Fuchs; the computation's delay itself is known to every drive's maker:
+S.-H. Kim, "Electric Motor Control", 2017, chapter 7.
+"""
+
+import numpy as np
+
+from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.rows import Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    periods, direction = sizes
+    u = rows.u
+    other = np.concatenate((u[:1], u[:-1])) if direction > 0.0 else np.concatenate((u[1:], u[-1:]))
+    return -abs(periods) * (other - u) if direction * periods >= 0 else abs(periods) * (other - u)
+
+
+EFFECT = Effect(
+    "voltage_delay", "a delay of the recorded voltage",
+    (
+        Parameter("periods", "1", constant(0.7), constant(-2.0), constant(2.0)),
+        Parameter("direction", "1", constant(1.0), constant(-1.0), constant(1.0), shape=True),
+    ),
+    voltage,
+    lambda _rows: ((1.0,), (-1.0,)),
+    "an error in proportion to how fast the voltage changes",
+    ("angle_offset",),
+)

@@ -1,0 +1,53 @@
+"""The winding warms up: R_s rises within the recording.
+
+    R_s(t) = R_s (1 + rise h(t) / h(end))        dh/dt = |i|^2 - h / time_constant
+
+Copper loss heats the winding, which cools to the housing with its time constant; copper gains 0.39 % of its resistance
+per kelvin. R_s is that at the start. J. R. Hendershot, T. J. E. Miller, "Design of Brushless Permanent-Magnet
+Machines", 2010, chapter 15.
+"""
+
+import numpy as np
+
+from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.rows import Real, Rows, Vector
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    rise, time_constant = sizes
+    course = _course(rows, time_constant * rows.span[1])
+    return rise * rows.machine.R_s * course[:-1] * rows.i_mean
+
+
+def _course(rows: Rows, tau: float) -> Real:
+    """h(t)/h(end) at samples."""
+    return rows.once(f"heat {tau:.4g}", lambda: _heated(rows, tau))
+
+
+def _heated(rows: Rows, tau: float) -> Real:
+    power = np.abs(rows.i) ** 2
+    t = (rows.t - rows.span[0]) / tau
+    # h = exp(-t) int exp(t') |i|^2 dt', in pieces short enough for exp
+    h = np.empty(len(t))
+    state, a = 0.0, 0
+    whole = len(t)
+    while a < whole:
+        b = min(whole, int(np.searchsorted(t, t[a] + 50.0)) + 1)
+        grown = np.exp(t[a:b] - t[a])
+        h[a:b] = (state + np.cumsum(grown * power[a:b]) * rows.T_s) / grown
+        state, a = h[b - 1], b
+    return h / max(h[-1], 1e-300)
+
+
+EFFECT = Effect(
+    "winding_resistance_drift", "drift of the winding's resistance",
+    (
+        Parameter("rise", "1", constant(0.1), constant(0.0), constant(1.0)),
+        Parameter("time_constant", "1", constant(1.0), constant(0.1), constant(50.0), shape=True),
+    ),
+    voltage,
+    lambda _rows: ((0.5,), (5.0,)),
+    "R_s that moves with time, as the losses so far",
+    ("magnet_flux_drift", "ac_resistance"),
+)
