@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from estimator.mismatch.columns import Array, Regression
+from estimator.physics.library import BY_NAME
 
 Choice = tuple[tuple[str, int], ...]
 """Effects with the number of their shapes; -1 for those of the present model."""
@@ -73,8 +74,8 @@ class Search:
             fit = self._unbounded(choice, free, held, gram)
             low, high = self.low[free], self.high[free]
             beyond = np.maximum(low - fit.value, fit.value - high) / self.spread[free]
-            worst = int(np.argmax(beyond))
-            if beyond[worst] <= 1e-9:
+            worst = int(np.argmax(beyond)) if free else -1
+            if worst < 0 or not beyond[worst] > 1e-9:
                 break
             held[free[worst]] = float(np.clip(fit.value[worst], low[worst], high[worst]))
         value = np.array([held.get(j, 0.0) for j in places])
@@ -109,7 +110,17 @@ class Search:
         places = [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == more]
         scatter = float(np.mean(self.scatter[places]))
         fitted = 0.5 * (without.chi2 - with_it.chi2)
-        return with_it.log_evidence - without.log_evidence - fitted * (1.0 - 1.0 / scatter)
+        gain = with_it.log_evidence - without.log_evidence - fitted * (1.0 - 1.0 / scatter)
+        return gain - 0.5 * self.missed(choice)
+
+    def missed(self, choice: Choice) -> float:
+        """What the equations of a set's effects may leave of them, as a part of chi square."""
+        full = self.fit(choice).chi2
+        total = 0.0
+        for one in choice:
+            explained = self.fit(tuple(c for c in choice if c != one)).chi2 - full
+            total += BY_NAME[one[0]].missed * max(explained, 0.0)
+        return total
 
     def measure_scatter(self, choice: Choice) -> None:
         """How the residual of a set scatters along each column, from stretch to stretch, over white noise."""

@@ -45,4 +45,5 @@ EFFECT = Effect(
     lambda _rows: ((120.0,), (330.0,), (900.0,)),
     "R_s that rises with speed and with how fast current is excited",
     ("iron_loss", "winding_resistance_drift"),
+    missed=2e-3,
 )

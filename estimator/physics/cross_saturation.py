@@ -22,4 +22,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "psi_d that falls with i_q squared, L_q that falls with i_d",
     ("q_axis_saturation", "d_axis_saturation"),
+    missed=1e-3,
 )

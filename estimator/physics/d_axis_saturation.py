@@ -22,4 +22,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "L_d falls as i_d rises, in proportion to speed on the q axis and to the change of i_d on the d axis",
     ("magnet_flux_drift", "cross_saturation"),
+    missed=1e-3,
 )

@@ -39,7 +39,7 @@ class Effect:
     fingerprint: str
     confused_with: tuple[str, ...]
     zero: Callable[[Rows, Sizes], Real] | None = None
-    needs_u_dc: bool = False
+    missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
 
     @property
     def sizes(self) -> tuple[int, ...]:

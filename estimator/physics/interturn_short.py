@@ -37,6 +37,7 @@ EFFECT = Effect(
     lambda _rows: ((0.0, 1e-4), (1.0, 1e-4), (2.0, 1e-4)),
     "current of twice the electrical frequency in the rotor frame that grows with speed, without load too",
     ("iron_loss", "current_sensor_gain"),
+    missed=3e-3,
 )  # fmt: skip
 
 

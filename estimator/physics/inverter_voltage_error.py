@@ -24,22 +24,52 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     dead_time, u_drop, width = sizes
     lost = np.zeros((len(rows), 3))
     if dead_time != 0.0 and rows.u_dc is not None:
-        signs = rows.once(f"edge signs {width:.5g}", lambda: _signs_at_edges(rows, width))
-        lost += (dead_time / rows.T_s * rows.u_dc)[:, None] * signs
+        lost += (rows.u_dc / rows.T_s)[:, None] * _lost_time(rows, dead_time, width)
     if u_drop != 0.0:
         lost += u_drop * rows.once(f"mean signs {width:.5g}", lambda: _mean_signs(rows, width))
     return rows.stationary(sum((2.0 / 3.0 * axis * lost[:, k] for k, axis in enumerate(AXES)), np.zeros(1, complex)))
 
 
-def _signs_at_edges(rows: Rows, width: float) -> Real:
-    """Mean of the signs of each phase's current at its leg's two edges, (n, 3)."""
-    found = np.empty((len(rows), 3))
+def _lost_time(rows: Rows, dead_time: float, width: float) -> Real:
+    """Time that each leg is low where it should be high, less the opposite, (n, 3), s.
+
+    A pulse shorter than the dead time is lost whole; a leg that stays on a rail has no edge, and one that leaves it has
+    one at the period's start.
+    """
+    outward = rows.once(f"outward {width:.5g}", lambda: _outward(rows, width))  # 0 to 1, at the rising edge
+    inward = rows.once(f"inward {width:.5g}", lambda: _inward(rows, width))  # at the falling one
+    high, low = rows.duties * rows.T_s, (1.0 - rows.duties) * rows.T_s
+    lost = np.minimum(high, dead_time) * outward - np.minimum(low, dead_time) * inward
+    at_start = rows.once("edges at start", lambda: _edges_at_start(rows))  # 1 rises, -1 falls
+    for k in np.flatnonzero(np.any((high <= 0.0) | (low <= 0.0) | (at_start != 0.0), axis=0)):
+        lost[:, k] *= (high[:, k] > 0.0) & (low[:, k] > 0.0)
+        sign = _sign(_ends(rows, k)[0], width)
+        lost[:, k] += dead_time * 0.5 * (at_start[:, k] + np.abs(at_start[:, k]) * sign)
+    return lost
+
+
+def _outward(rows: Rows, width: float) -> Real:
     when, ripple = _ripple(rows)
+    found = np.empty((len(rows), 3))
     for k in range(3):
         start, end = _ends(rows, k)
-        bent = (end - start) * when[:, k] + ripple[:, k, k]
-        found[:, k] = 0.5 * (_sign(start + bent, width) + _sign(end - bent, width))
+        found[:, k] = 0.5 + 0.5 * _sign(start + (end - start) * when[:, k] + ripple[:, k, k], width)
     return found
+
+
+def _inward(rows: Rows, width: float) -> Real:
+    when, ripple = _ripple(rows)
+    found = np.empty((len(rows), 3))
+    for k in range(3):
+        start, end = _ends(rows, k)
+        found[:, k] = 0.5 - 0.5 * _sign(end - (end - start) * when[:, k] - ripple[:, k, k], width)
+    return found
+
+
+def _edges_at_start(rows: Rows) -> Real:
+    stays_high = rows.duties >= 1.0
+    before = np.concatenate((stays_high[:1], stays_high[:-1]))
+    return (stays_high & ~before).astype(float) - (before & ~stays_high)
 
 
 def _mean_signs(rows: Rows, width: float) -> Real:
@@ -122,6 +152,7 @@ EFFECT = Effect(
     lambda rows: ((0.004 * rows.i_rated,), (0.03 * rows.i_rated,)),
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding resistance", "flux_harmonics"),
+    missed=3e-3,
 )  # fmt: skip
 
 

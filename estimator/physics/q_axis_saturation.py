@@ -22,4 +22,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "a cubic of i_q in u_d, in proportion to speed, and an L_q that falls with abs(i_q)",
     ("cross_saturation", "iron_loss"),
+    missed=1e-3,
 )
