@@ -48,6 +48,7 @@ class Column:
     prior: tuple[float, float]  # mean and standard deviation of the coefficient
     offset: float  # present value, that the coefficient holds already
     bounds: tuple[float, float]
+    shape: bool = False
 
 
 @dataclass(slots=True, eq=False)
@@ -203,7 +204,7 @@ def _columns(rows: Rows, model: Model, nominal: Machine, tolerance: dict[str, fl
                 if parameter.shape:  # a step at a time
                     low, high = max(low - present[k], -0.5 * abs(present[k])), min(high - present[k], abs(present[k]))
                 offset = 0.0 if parameter.shape else present[k]
-                found.append(Column(effect.name, parameter.name, k, -1, (0.0, spread), offset, (low, high)))
+                found.append(Column(effect.name, parameter.name, k, -1, (0.0, spread), offset, (low, high), parameter.shape))
         for seed, _ in enumerate(effect.shapes(rows)):
             for k in effect.sizes:
                 parameter = effect.parameters[k]

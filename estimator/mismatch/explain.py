@@ -20,6 +20,7 @@ Choice = tuple[tuple[str, int], ...]
 
 ENTRY: Final = 9.0  # log-odds that an effect must bring
 MOST: Final = 6  # effects
+TRIED: Final = 6  # likeliest ones, of which one may be added
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,8 +48,8 @@ class Search:
         self.spread = np.array([column.prior[1] for column in self.columns])
         self.low = np.array([column.bounds[0] for column in self.columns])
         self.high = np.array([column.bounds[1] for column in self.columns])
-        self.scatter = np.ones(len(self.columns))
         self._fits: dict[Choice, Fit] = {}
+        self._scatters: dict[tuple[Choice, tuple[str, int]], float] = {}
 
     def candidates(self) -> list[tuple[str, int]]:
         """All effects with all their shapes."""
@@ -105,13 +106,29 @@ class Search:
         return Fit(choice, tuple(free), inverse.T @ half, inverse.T @ inverse, evidence, chi2)
 
     def gain(self, choice: Choice, more: tuple[str, int]) -> float:
-        """Log-odds that one more effect brings to a set."""
+        """Log-odds that one more effect brings to a set, for noise as it scatters and equations as good as they are."""
         with_it, without = self.fit((*choice, more)), self.fit(choice)
-        places = [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == more]
-        scatter = float(np.mean(self.scatter[places]))
         fitted = 0.5 * (without.chi2 - with_it.chi2)
-        gain = with_it.log_evidence - without.log_evidence - fitted * (1.0 - 1.0 / scatter)
-        return gain - 0.5 * self.missed(choice)
+        excess = fitted * (1.0 - 1.0 / self._scatter(with_it, more))
+        return with_it.log_evidence - without.log_evidence - excess - 0.5 * self.missed(choice)
+
+    def _scatter(self, fit: Fit, one: tuple[str, int]) -> float:
+        """How the residual's projections on an effect's columns scatter from stretch to stretch, over white noise."""
+        if (fit.choice, one) not in self._scatters:
+            grams, places = self.regression.gram, list(fit.places)
+            own = [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == one and not c.shape]
+            rest = [j for j in places if j not in own]
+            A = self.gram[np.ix_(rest, rest)] + np.diag(self.weight[rest])
+            along = np.linalg.solve(A, self.gram[np.ix_(rest, own)])  # of own columns by the rest
+            score = grams[:, :, -1] - grams[:, :, places] @ fit.value  # (stretches, P + 1)
+            left = score[:, own] - score[:, rest] @ along
+            size = np.einsum("sjj->sj", grams[:, own][:, :, own]) - 2.0 * np.einsum("spj,pj->sj", grams[:, rest][:, :, own], along)
+            size += np.einsum("pj,spq,qj->sj", along, grams[:, rest][:, :, rest], along)
+            strength = np.maximum(size.sum(axis=0), 1e-300)
+            weight = strength * fit.value[[places.index(j) for j in own]] ** 2 + 1e-300
+            each = (left**2).sum(axis=0) / strength
+            self._scatters[fit.choice, one] = max(1.0, float(each @ weight / weight.sum()))
+        return self._scatters[fit.choice, one]
 
     def missed(self, choice: Choice) -> float:
         """What the equations of a set's effects may leave of them, as a part of chi square."""
@@ -121,21 +138,6 @@ class Search:
             explained = self.fit(tuple(c for c in choice if c != one)).chi2 - full
             total += BY_NAME[one[0]].missed * max(explained, 0.0)
         return total
-
-    def measure_scatter(self, choice: Choice) -> None:
-        """How the residual of a set scatters along each column, from stretch to stretch, over white noise."""
-        fit = self.fit(choice)
-        grams = self.regression.gram
-        places = list(fit.places)
-        score = grams[:, :-1, -1] - grams[:, :-1, places] @ fit.value  # (stretches, P)
-        # Of what is not along the base: the column less its fit by the base
-        A = self.gram[np.ix_(places, places)] + np.diag(self.weight[places])
-        along = np.linalg.solve(A, self.gram[places, :-1])  # (places, P)
-        left = score - score[:, places] @ along
-        size = np.einsum("sjj->sj", grams[:, :-1, :-1]) - 2.0 * np.einsum("spj,pj->sj", grams[:, places, :-1], along)
-        size += np.einsum("pj,spq,qj->sj", along, grams[:, places][:, :, places], along)
-        total = np.maximum(size.sum(axis=0), 1e-300)
-        self.scatter = np.maximum(1.0, (left**2).sum(axis=0) / total)
 
     def best(self, start: Choice = ()) -> Choice:
         """A set with at most one effect more, that nothing taken away or exchanged makes better."""
@@ -149,9 +151,11 @@ class Search:
     def _added(self, choice: Choice) -> Choice:
         if len(choice) >= MOST:
             return choice
-        gains = {more: self.gain(choice, more) for more in self._free(choice)}
-        more = max(gains, key=lambda key: gains[key])
-        return (*choice, more) if gains[more] > ENTRY else choice
+        likely = sorted(self._free(choice), key=lambda more: -self.fit((*choice, more)).log_evidence)
+        for more in likely[:TRIED]:
+            if self.gain(choice, more) > ENTRY:
+                return (*choice, more)
+        return choice
 
     def _without_needless(self, choice: Choice) -> Choice:
         while choice:
