@@ -199,6 +199,8 @@ def _columns(rows: Rows, model: Model, nominal: Machine, tolerance: dict[str, fl
         present = model.effects.get(effect.name)
         if present is not None:
             for k, parameter in enumerate(effect.parameters):
+                if parameter.discrete:
+                    continue
                 spread = parameter.typical(rows)
                 low, high = _bounds(parameter, rows)
                 if parameter.shape:  # a step at a time

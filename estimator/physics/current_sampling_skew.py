@@ -40,11 +40,12 @@ EFFECT = Effect(
     "current_sampling_skew", "a current channel that is sampled late",
     (
         Parameter("skew", "s", constant(3e-6), constant(0.0), constant(2e-5)),
-        Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True),
+        Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True, discrete=True),
     ),
     voltage,
     lambda _rows: ((0.0,), (1.0,), (2.0,)),
     "an error of one phase's current in proportion to speed",
     ("current_sensor_gain",),
     zero,
+    told=lambda _rows, p: {f"skew_{'abc'[round(p[1])]}": (p[0], "s")},
 )

@@ -10,7 +10,7 @@ doi 10.1109/28.663477.
 
 from estimator.physics.current_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.rows import AXES, Real, Rows, Vector
+from estimator.physics.rows import AXES, Real, Rows, Vector, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -46,4 +46,5 @@ EFFECT = Effect(
     "flux of twice the electrical frequency in the rotor frame, in proportion to current",
     ("phase_resistance_imbalance", "current_sampling_skew"),
     zero,
+    told=lambda _rows, p: {f"gain_{k}": (1.0 + x, "1") for k, x in zip("abc", by_phase(*p), strict=True)},
 )

@@ -3,14 +3,12 @@
     i_k,measured = i_k + offset_k        as a vector: i_measured = i + (offset_alpha + j offset_beta) exp(-j theta_e)
 
 D.-W. Chung, S.-K. Sul, "Analysis and compensation of current measurement error in vector-controlled AC motor drives",
-IEEE Trans. Industry Applications 34(2), 1998, doi 10.1109/28.663477. `common` is the mean of the three.
+IEEE Trans. Industry Applications 34(2), 1998, doi 10.1109/28.663477.
 """
-
-import numpy as np
 
 from estimator.physics.current_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes
-from estimator.physics.rows import Real, Rows, Vector
+from estimator.physics.rows import Rows, Vector, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -26,5 +24,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "voltage that stands still in the stationary frame: once per electrical turn in the rotor frame",
     ("inverter_voltage_error",),
+    told=lambda _rows, p: {f"offset_{k}": (x, "A") for k, x in zip("abc", by_phase(*p), strict=True)},
 )
-__all__ = ["EFFECT", "Real", "np"]

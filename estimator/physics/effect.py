@@ -20,6 +20,7 @@ class Parameter:
     low: Callable[[Rows], float] | None = None  # plausible range
     high: Callable[[Rows], float] | None = None
     shape: bool = False
+    discrete: bool = False  # a shape that does not move by small steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,7 @@ class Effect:
     fingerprint: str
     confused_with: tuple[str, ...]
     zero: Callable[[Rows, Sizes], Real] | None = None
+    told: Callable[[Rows, Sizes], dict[str, tuple[float, str]]] | None = None  # value and unit of what users are told
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
 
     @property

@@ -5,6 +5,8 @@
 N. C. Cheung and others; the order tells the cause: once an offset of the centre, twice a tilted or oval disc.
 """
 
+import math
+
 import numpy as np
 
 from estimator.physics.angle_sensing import voltage_of_error
@@ -21,6 +23,14 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return voltage_of_error(rows, error)
 
 
+def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
+    once_cos, once_sin, twice_cos, twice_sin = sizes
+    return {
+        "once": (math.hypot(once_cos, once_sin), "rad"), "once_phase": (math.atan2(once_cos, once_sin), "rad"),
+        "twice": (math.hypot(twice_cos, twice_sin), "rad"), "twice_phase": (math.atan2(twice_cos, twice_sin), "rad"),
+    }  # fmt: skip
+
+
 _ANGLE = constant(2.0 * DEGREE), constant(-0.6), constant(0.6)
 
 EFFECT = Effect(
@@ -30,4 +40,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "u_d and speed that swing once or twice a mechanical turn",
     ("magnet_flux_drift",),
+    told=_told,
 )

@@ -30,13 +30,14 @@ EFFECT = Effect(
     "interturn_short", "a short between turns",
     (
         Parameter("conductance", "S", lambda rows: 0.03 * rows.i_rated / _emf(rows), lambda _: 0.0),
-        Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True),
+        Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True, discrete=True),
         Parameter("lag", "s", constant(1e-4), constant(2e-5), constant(5e-4), shape=True),
     ),
     voltage,
     lambda _rows: ((0.0, 1e-4), (1.0, 1e-4), (2.0, 1e-4)),
     "current of twice the electrical frequency in the rotor frame that grows with speed, without load too",
     ("iron_loss", "current_sensor_gain"),
+    told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
     missed=3e-3,
 )  # fmt: skip
 

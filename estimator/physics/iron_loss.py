@@ -68,6 +68,7 @@ EFFECT = Effect(
     lambda rows: tuple((part * fastest(rows), lag) for part in (0.05, 0.7) for lag in (7e-5, 1.5e-4)),
     "u_d too high by speed squared times L_q psi_f / R_c, without load",
     ("angle_offset", "q_axis_saturation"),
+    told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
     missed=3e-3,
 )  # fmt: skip
 

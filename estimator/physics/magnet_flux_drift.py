@@ -32,4 +32,5 @@ EFFECT = Effect(
     lambda _rows: ((0.25,), (0.8,)),
     "back-EMF that falls with time at the same speed",
     ("magnet_flux_step", "d_axis_saturation"),
+    told=lambda rows, p: {"change": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
 )

@@ -20,10 +20,11 @@ EFFECT = Effect(
     "magnet_flux_step", "a step of the magnets' flux",
     (
         Parameter("change", "1", constant(0.05), constant(-0.5), constant(0.0)),
-        Parameter("time", "1", constant(0.5), constant(0.01), constant(0.99), shape=True),
+        Parameter("time", "1", constant(0.5), constant(0.01), constant(0.99), shape=True, discrete=True),
     ),
     voltage,
     lambda _rows: tuple((k / 32.0,) for k in range(1, 32)),
     "back-EMF that is lower from one moment on",
     ("magnet_flux_drift",),
+    told=lambda rows, p: {"change": (p[0], "1"), "time": (rows.span[0] + p[1] * rows.span[1], "s")},
 )

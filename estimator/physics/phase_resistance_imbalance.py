@@ -8,7 +8,7 @@ three-phase induction motors", IEEE Trans. Industry Applications 51(2), 2015.
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes
-from estimator.physics.rows import AXES, Rows, Vector
+from estimator.physics.rows import Rows, Vector, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -19,12 +19,6 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return rows.stationary(0.5 * (alpha + 1j * beta) * i_s.conj())
 
 
-def by_phase(alpha: float, beta: float) -> tuple[float, float, float]:
-    """What a vector is on the three phases."""
-    a, b, c = (((alpha + 1j * beta) * axis.conjugate()).real for axis in AXES)
-    return a, b, c
-
-
 EFFECT = Effect(
     "phase_resistance_imbalance", "unequal phase resistances",
     tuple(Parameter(name, "ohm", lambda rows: 0.1 * rows.machine.R_s) for name in ("excess_alpha", "excess_beta")),
@@ -32,4 +26,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "voltage of twice the electrical frequency in the rotor frame, in proportion to current, at any speed",
     ("current_sensor_gain", "interturn_short"),
+    told=lambda _rows, p: {f"excess_{k}": (x, "ohm") for k, x in zip("abc", by_phase(*p), strict=True)},
 )

@@ -165,6 +165,12 @@ class Rows:
         return v * self.middle.conj()
 
 
+def by_phase(alpha: float, beta: float) -> tuple[float, float, float]:
+    """What a vector is on the three phases."""
+    a, b, c = ((complex(alpha, beta) * axis.conjugate()).real for axis in AXES)
+    return a, b, c
+
+
 def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     """The rows of a recording's runs, one after the other, one control period each. Raises ValueError.
 

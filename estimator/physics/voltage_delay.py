@@ -17,17 +17,18 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     periods, direction = sizes
     u = rows.u
     other = np.concatenate((u[:1], u[:-1])) if direction > 0.0 else np.concatenate((u[1:], u[-1:]))
-    return -abs(periods) * (other - u) if direction * periods >= 0 else abs(periods) * (other - u)
+    return periods * (u - other)
 
 
 EFFECT = Effect(
     "voltage_delay", "a delay of the recorded voltage",
     (
-        Parameter("periods", "1", constant(0.7), constant(-2.0), constant(2.0)),
-        Parameter("direction", "1", constant(1.0), constant(-1.0), constant(1.0), shape=True),
+        Parameter("periods", "1", constant(0.7), constant(0.25), constant(2.0)),
+        Parameter("direction", "1", constant(1.0), constant(-1.0), constant(1.0), shape=True, discrete=True),
     ),
     voltage,
     lambda _rows: ((1.0,), (-1.0,)),
     "an error in proportion to how fast the voltage changes",
     ("angle_offset",),
+    told=lambda _rows, p: {"periods": (p[0] * p[1], "1")},
 )

@@ -50,4 +50,5 @@ EFFECT = Effect(
     lambda _rows: ((0.5,), (5.0,)),
     "R_s that moves with time, as the losses so far",
     ("magnet_flux_drift", "ac_resistance"),
+    told=lambda rows, p: {"rise": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
 )

@@ -1,0 +1,145 @@
+"""Fitting: a recording, a nominal machine and the library to the model that explains it, found step by step.
+
+Each round linearises the model where it stands, lets the search add at most one effect, and moves on. What is left of
+the voltage also tells the currents' noise: less of it makes columns that are not correlated with it. Knows nothing of
+words.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from estimator.machine import Machine
+from estimator.mismatch.columns import (
+    Array, Model, Regression, filter_pole, noise_of, regression, residual, whitened, with_machine, zero_residual,
+)  # fmt: skip
+from estimator.mismatch.explain import Choice, Fit, Search
+from estimator.physics.effect import Effect
+from estimator.physics.library import BY_NAME, LIBRARY
+from estimator.physics.rows import Rows, Vector
+
+ROUNDS: Final = 9
+_AVERAGED: Final = 25  # periods to each side; slower than that is not noise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """What a recording's rows say."""
+
+    model: Model
+    search: Search  # of the last round, around this model
+    choice: Choice
+    z: Vector  # Vs, whitened residual
+    noise: tuple[float, float, float]  # Vs, Vs, A: white noise of its d, q and zero channels
+    smooth: Rows
+    settled: bool  # the last rounds changed nothing
+
+    @property
+    def fit(self) -> Fit:
+        """The last round's coefficients."""
+        return self.search.fit(self.choice)
+
+
+def fitted(rows: Rows, nominal: Machine, tolerance: dict[str, float], angle_step: float,
+           progress: Callable[[float], None] = lambda _share: None, library: Sequence[Effect] = LIBRARY) -> Fitted:
+    """The model that explains the rows. `angle_step`: the angle's resolution, rad."""
+    model, smooth, noise, choice = Model(nominal), rows, None, ()
+    seen: list[frozenset[str]] = []
+    search: Search | None = None
+    for n in range(ROUNDS):
+        search = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
+        choice = search.best(tuple((name, -1) for name in model.effects))
+        model = moved(search, choice)
+        model = with_step_in_place(rows, smooth, model)
+        smooth, z, noise = cleaned(rows, smooth, model)
+        progress((n + 1) / ROUNDS)
+        seen.append(frozenset(name for name, _ in choice))
+        if len(seen) >= 3 and seen[-1] == seen[-2] == seen[-3]:
+            break
+    assert search is not None
+    last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
+    present = tuple((name, -1) for name in model.effects)
+    return Fitted(model, last, present, z, noise, smooth, len(seen) < 2 or seen[-1] == seen[-2])
+
+
+def moved(search: Search, choice: Choice) -> Model:
+    """The model that a set's coefficients make."""
+    fit = search.fit(choice)
+    value = dict(zip(fit.places, fit.value.tolist(), strict=True))
+    now, rows = search.regression.model, search.regression.smooth
+    found = {(c.owner, c.seed, c.place): value[j] for j, c in enumerate(search.columns) if j in value}
+    effects: dict[str, tuple[float, ...]] = {}
+    for name, seed in choice:
+        effect = BY_NAME[name]
+        shapes = iter(effect.shapes(rows)[seed] if seed >= 0 else ())
+        sizes: list[float] = []
+        for k, parameter in enumerate(effect.parameters):
+            if not parameter.shape:
+                sizes.append(found[name, seed, k])
+            elif seed >= 0:
+                sizes.append(next(shapes))
+            else:
+                sizes.append(now.effects[name][k] + found.get((name, seed, k), 0.0))
+        effects[name] = tuple(sizes)
+    machine = now.machine
+    of = {parameter: found["machine", -1, k] for k, parameter in enumerate(("R_s", "L_d", "L_q", "psi_f"))}
+    return Model(
+        Machine(**of, n_p=machine.n_p, i_rated=machine.i_rated), effects,
+        found["machine", -1, 4], found.get(("machine", -1, 5), 0.0),
+    )  # fmt: skip
+
+
+def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, tuple[float, float, float]]:
+    """Rows with less noise of their currents; the whitened residual, and how much of it is white noise.
+
+    Only what changes within a few periods, and no more than white noise makes of it, counts as noise.
+    """
+    rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    z = whitened(residual(rows, smooth, model), rows, filter_pole(model.machine, rows.T_s))
+    noise = noise_of(z, zero_residual(rows, smooth, model), rows)
+    w = min(_AVERAGED, max(1, len(z) // 4))
+    sums = np.cumsum(np.concatenate((np.zeros(w + 1), z, np.zeros(w))))
+    fast = z - (sums[2 * w + 1 :] - sums[: -2 * w - 1]) / (2 * w + 1)
+    m = model.machine
+    part_d = min(1.0, noise[0] ** 2 / max(float(np.mean(fast.real**2)), 1e-300))
+    part_q = min(1.0, noise[1] ** 2 / max(float(np.mean(fast.imag**2)), 1e-300))
+    i = rows.i.copy()
+    i[1:] += part_d * fast.real / m.L_d + 1j * part_q * fast.imag / m.L_q
+    kept = {key: rows.kept[key] for key in ("D", "rotor", "duties", "six", "once") if key in rows.kept}
+    return replace(rows, i=i, kept=kept), z, noise
+
+
+def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:
+    """The model with its step of the magnets' flux at the sample where it leaves least."""
+    if "magnet_flux_step" not in model.effects:
+        return model
+    rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    change, at = model.effects["magnet_flux_step"]
+    rho = filter_pole(model.machine, rows.T_s)
+    z = whitened(residual(rows, smooth, model), rows, rho)
+    flux = whitened(smooth.balance(np.full(len(rows) + 1, change * model.machine.psi_f)), rows, rho)
+    k = int(np.searchsorted(rows.t, rows.span[0] + at * rows.span[1]))
+    later = np.cumsum(_more(z[k:], flux[k:]))
+    sooner = np.cumsum(_more(z[:k], -flux[:k])[::-1])
+    best_later, best_sooner = _least(later), _least(sooner)
+    if min(best_later[1], best_sooner[1]) >= 0.0:
+        return model
+    place = k + best_later[0] + 1 if best_later[1] < best_sooner[1] else k - best_sooner[0] - 1
+    time = float((rows.t[min(max(place, 1), len(rows))] - rows.span[0]) / rows.span[1])
+    return replace(model, effects={**model.effects, "magnet_flux_step": (change, min(max(time, 0.01), 0.99))})
+
+
+def _more(z: Vector, added: Vector) -> Array:
+    return np.abs(z + added) ** 2 - np.abs(z) ** 2
+
+
+def _least(course: Array) -> tuple[int, float]:
+    if len(course) == 0:
+        return 0, 0.0
+    place = int(np.argmin(course))
+    return place, float(course[place])
+
+
+__all__ = ["Fitted", "Regression", "cleaned", "fitted", "moved"]
