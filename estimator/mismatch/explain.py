@@ -109,10 +109,10 @@ class Search:
         """Log-odds that one more effect brings to a set, for noise as it scatters and equations as good as they are."""
         with_it, without = self.fit((*choice, more)), self.fit(choice)
         fitted = 0.5 * (without.chi2 - with_it.chi2)
-        excess = fitted * (1.0 - 1.0 / self._scatter(with_it, more))
+        excess = fitted * (1.0 - 1.0 / self.scatter(with_it, more))
         return with_it.log_evidence - without.log_evidence - excess - 0.5 * self.missed(choice)
 
-    def _scatter(self, fit: Fit, one: tuple[str, int]) -> float:
+    def scatter(self, fit: Fit, one: tuple[str, int]) -> float:
         """How the residual's projections on an effect's columns scatter from stretch to stretch, over white noise."""
         if (fit.choice, one) not in self._scatters:
             grams, places = self.regression.gram, list(fit.places)
@@ -129,6 +129,13 @@ class Search:
             each = (left**2).sum(axis=0) / strength
             self._scatters[fit.choice, one] = max(1.0, float(each @ weight / weight.sum()))
         return self._scatters[fit.choice, one]
+
+    def parameter_scatter(self, fit: Fit) -> Array:
+        """The same for every coefficient of a fit, each less what the others make of it."""
+        grams, places = self.regression.gram, list(fit.places)
+        score = grams[:, places, -1] - np.einsum("spq,q->sp", grams[:, places][:, :, places], fit.value)
+        spread = score.T @ score
+        return np.maximum(1.0, np.diag(fit.covariance @ spread @ fit.covariance) / np.maximum(np.diag(fit.covariance), 1e-300))
 
     def missed(self, choice: Choice) -> float:
         """What the equations of a set's effects may leave of them, as a part of chi square."""

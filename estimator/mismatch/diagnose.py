@@ -1,0 +1,222 @@
+"""Diagnose: a recording and a nominal machine to a verdict with findings, doubts, a model and how well it fits.
+
+A pure function: the same samples give the same answer. Knows nothing of files and reports.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.machine import PARAMETERS, UNITS, Machine
+from estimator.mismatch.columns import STRETCHES, Model, effects_voltage, filter_pole, residual, whitened, with_machine
+from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, experiment, rivals
+from estimator.mismatch.explain import Choice, Search
+from estimator.mismatch.fitting import Fitted, fitted, moved
+from estimator.mismatch.locate import describe, place_of
+from estimator.mismatch.pictures import traces
+from estimator.mismatch.quality import fit_quality
+from estimator.mismatch.sentences import sentence_of
+from estimator.mismatch.verdict import (
+    Ambiguity, Diagnosis, Finding, Quantity, Rival, Unexplained, Verdict,
+)  # fmt: skip
+from estimator.physics.effect import Effect
+from estimator.physics.library import BY_NAME
+from estimator.physics.rows import Rows, rows_of
+from estimator.samples import Samples
+from estimator.twin import free_run
+
+TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
+_OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
+_DELTA: Final = 1e-4  # of a size, for differences
+_LARGEST_SHARE: Final = 3.0  # of what effects explain, that may be left unexplained beside a name
+
+
+def _silent(_share: float, _phase: str) -> None:
+    return
+
+
+def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, float] | None = None,
+             progress: Callable[[float, str], None] = _silent) -> Diagnosis:
+    """Diagnose a recording's runs. `trust`: tolerance of R_s, L_d, L_q, psi_f as a share. `progress` may raise.
+
+    Raises ValueError, in a sentence, for samples that cannot be diagnosed.
+    """
+    tolerance = {name: (trust or {}).get(name, TOLERANCE) for name in PARAMETERS}
+    runs = [run for run in runs if len(run) >= 3]
+    if not runs or sum(map(len, runs)) < 50 * STRETCHES:
+        raise ValueError(
+            f"expected at least {50 * STRETCHES} rows to tell effects from noise, came {sum(map(len, runs))}; "
+            "record some seconds"
+        )
+    rated = nominal.i_rated or max(float(np.max(np.hypot(run.i_d, run.i_q))) for run in runs)
+    rows = rows_of(runs, nominal, rated)
+    progress(0.0, "fitting")
+    step = runs[0].resolution.theta_e
+    found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
+    progress(0.7, "judging")
+    return _judged(rows, nominal, tolerance, found, progress)
+
+
+def _judged(rows: Rows, nominal: Machine, tolerance: Mapping[str, float], found: Fitted,
+            progress: Callable[[float, str], None]) -> Diagnosis:
+    search, choice, model = found.search, found.choice, found.model
+    rows = with_machine(rows, model.machine)
+    rho = filter_pole(model.machine, rows.T_s)
+    left = describe(rows, found.z, found.noise[:2])
+    before = moved(search, ())
+    findings: list[Finding] = []
+    doubts: list[Ambiguity] = []
+    for one in choice:
+        others = rivals(search, choice, one)
+        close = [doubt for doubt in others if doubt.log_odds < SURE]
+        if close:
+            doubts.append(ambiguity(one[0], close[0], rows))
+            continue
+        findings.append(_finding(rows, found, one, others, rho))
+    doubts = _once(doubts)
+    progress(0.85, "simulating")
+    held_out = _odd_stretches(len(rows))
+    half = Search(replace(search.regression, gram=search.regression.gram[0::2]))
+    fit = fit_quality(rows, moved(half, ()), moved(half, choice), held_out, found.noise)
+    r_before, r_after = residual(rows, rows, before), residual(rows, found.smooth, model)
+    pictures = traces(rows, r_before, r_after, free_run(rows, before), free_run(rows, model))
+    machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
+    outside = _outside(machine_after, nominal, tolerance)
+    if outside and not findings and not doubts:
+        doubts.extend(_scaled(machine_after, nominal, tolerance, rows))
+    verdict = _verdict(findings, doubts, left, machine_after, outside, nominal, tolerance)
+    diagnosis = Diagnosis(
+        verdict, "", tuple(findings), tuple(doubts), left, detectable(search, choice), machine_before, machine_after,
+        fit, candidates(search, choice), tuple(outside), pictures,
+    )  # fmt: skip
+    return replace(diagnosis, sentence=sentence_of(diagnosis))
+
+
+def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], rho: float) -> Finding:
+    search, choice, model = found.search, found.choice, found.model
+    rest = tuple(c for c in choice if c != one)
+    effect = BY_NAME[one[0]]
+    alone = Model(model.machine, {one[0]: model.effects[one[0]]})
+    smooth = with_machine(found.smooth, model.machine)
+    signal = whitened(effects_voltage(smooth, alone), rows, rho)
+    full, without = search.fit(choice), search.fit(rest)
+    absorbed: dict[str, float] = {}
+    for k, name in enumerate(PARAMETERS):
+        moved_by = float(without.value[k] - full.value[k])
+        if abs(moved_by) > 2.0 * math.sqrt(max(float(full.covariance[k, k]), 0.0)):
+            absorbed[name] = moved_by
+    against_next = min([doubt.log_odds for doubt in others] + [search.gain(rest, one)])
+    return Finding(
+        effect.name, _told(effect, smooth, found, one), place_of(rows, signal, (0.0, 0.0)), _odds(against_next),
+        tuple(Rival(doubt.effect, _odds(doubt.log_odds)) for doubt in others[:5]), absorbed,
+    )  # fmt: skip
+
+
+def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> dict[str, Quantity]:
+    """An effect's sizes as users are told them, with standard errors."""
+    search, sizes = found.search, found.model.effects[effect.name]
+    fit = search.fit(found.choice)
+    at = {search.columns[j].place: n for n, j in enumerate(fit.places) if search.columns[j].owner == effect.name}
+    scatter = search.scatter(fit, one)
+
+    def values(p: Sequence[float]) -> dict[str, tuple[float, str]]:
+        if effect.told is not None:
+            return effect.told(rows, p)
+        return {parameter.name: (p[k], parameter.unit) for k, parameter in enumerate(effect.parameters)}
+
+    here = values(sizes)
+    slopes = {name: np.zeros(len(fit.places)) for name in here}
+    for k, place in at.items():
+        h = _DELTA * max(abs(sizes[k]), 1e-3 * effect.parameters[k].typical(rows))
+        there = values([size + h * (n == k) for n, size in enumerate(sizes)])
+        for name in here:
+            slopes[name][place] = (there[name][0] - here[name][0]) / h
+    told: dict[str, Quantity] = {}
+    for name, (value, unit) in here.items():
+        variance = float(slopes[name] @ fit.covariance @ slopes[name]) * scatter
+        told[name] = Quantity(float(value), math.sqrt(variance) if variance > 0.0 else None, unit)
+    return told
+
+
+def _parameters(search: Search, choice: Choice) -> dict[str, Quantity]:
+    fit = search.fit(choice)
+    scatter = search.parameter_scatter(fit)
+    return {
+        name: Quantity(
+            float(fit.value[k]), math.sqrt(max(float(fit.covariance[k, k]), 0.0) * float(scatter[k])), UNITS[name]
+        )
+        for k, name in enumerate(PARAMETERS)
+    }  # fmt: skip
+
+
+def _odds(log_odds: float) -> float:
+    return math.exp(min(max(log_odds, -50.0), 50.0))
+
+
+def _odd_stretches(n: int) -> NDArray[np.bool_]:
+    edges = np.linspace(0, n, STRETCHES + 1).astype(int)
+    held = np.zeros(n, np.bool_)
+    for a, b in zip(edges[1:-1:2], edges[2::2], strict=True):
+        held[a:b] = True
+    return held
+
+
+def _once(doubts: Sequence[Ambiguity]) -> list[Ambiguity]:
+    seen: set[frozenset[str]] = set()
+    kept: list[Ambiguity] = []
+    for doubt in doubts:
+        if frozenset(doubt.effects) not in seen:
+            seen.add(frozenset(doubt.effects))
+            kept.append(doubt)
+    return kept
+
+
+def _outside(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[str]:
+    """Sentences on parameters that lie outside their tolerance."""
+    said: list[str] = []
+    for name, quantity in after.items():
+        given, value, std = getattr(nominal, name), quantity.value, quantity.std
+        assert value is not None
+        assert std is not None
+        if abs(value - given) > tolerance[name] * given + _OUTSIDE * std:
+            said.append(
+                f"{name} = {value:.4g} {quantity.unit} lies {abs(value / given - 1.0):.0%} from its nominal "
+                f"{given:.4g} {quantity.unit}, beyond the tolerance of {tolerance[name]:.0%}"
+            )
+    return said
+
+
+def _scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float],
+            rows: Rows) -> list[Ambiguity]:
+    """All voltages scaled alike, or another machine: what parameters outside their tolerance leave open."""
+    ratios = [float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS]
+    if max(ratios) - min(ratios) > 2.0 * max(tolerance.values()):
+        return []
+    reason = (
+        f"R_s, L_d, L_q and psi_f are all {np.mean(ratios):.2f} times their nominal values: the dc link may be read "
+        "wrong, or the machine is another one; a recording of voltages and currents alone cannot tell"
+    )
+    told = replace(
+        experiment(rows), sentence="measure the dc link's voltage with a meter, or R_s at the terminals, at standstill"
+    )
+    return [Ambiguity(("dc_link_gain", "convention_error"), reason, told)]
+
+
+def _verdict(findings: Sequence[Finding], doubts: Sequence[Ambiguity], left: Unexplained | None,
+             after: Mapping[str, Quantity], outside: Sequence[str], nominal: Machine,
+             tolerance: Mapping[str, float]) -> Verdict:
+    if doubts:
+        return Verdict.AMBIGUOUS
+    if findings:
+        return Verdict.PARTLY_EXPLAINED if left is not None else Verdict.EXPLAINED
+    if left is not None or outside:
+        return Verdict.UNEXPLAINED
+    blind = [
+        name for name in PARAMETERS
+        if (after[name].std or math.inf) > 0.5 * tolerance[name] * getattr(nominal, name)
+    ]  # fmt: skip
+    return Verdict.NOT_ENOUGH_EXCITATION if blind else Verdict.NO_MISMATCH

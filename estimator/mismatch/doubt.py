@@ -1,0 +1,153 @@
+"""Doubt: how sure a set of effects is - odds against rivals, what cannot be told apart and what would tell, what could
+have been seen. Knows nothing of how the set was found.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimator.mismatch.explain import ENTRY, Choice, Search
+from estimator.mismatch.verdict import Ambiguity, Candidate, Experiment, Quantity
+from estimator.physics.library import BY_NAME
+from estimator.physics.rows import Rows
+
+SURE: Final = math.log(100.0)  # log-odds below which two effects are not told apart
+_POWER: Final = 2.326  # standard normal at 99 %
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """A rival of an effect."""
+
+    effect: str
+    log_odds: float  # in favour of the effect found
+    collinear: float  # correlation of the two effects' signals, the machine's parameters taken out
+
+
+def rivals(search: Search, choice: Choice, one: tuple[str, int]) -> list[Doubt]:
+    """Other effects in the place of one, likeliest first."""
+    rest = tuple(c for c in choice if c != one)
+    best: dict[str, tuple[str, int]] = {}
+    taken = {name for name, _ in choice}
+    for other in search.candidates():
+        if other[0] in taken:
+            continue
+        known = best.get(other[0])
+        if known is None or search.fit((*rest, other)).log_evidence > search.fit((*rest, known)).log_evidence:
+            best[other[0]] = other
+    full, without = search.fit(choice), search.fit(rest)
+    missed = BY_NAME[one[0]].missed * max(0.0, without.chi2 - full.chi2)
+    scatter = search.scatter(full, one)
+    found: list[Doubt] = []
+    for other in best.values():
+        there = search.fit((*rest, other))
+        fitted = 0.5 * (there.chi2 - full.chi2)
+        complexity = full.log_evidence - there.log_evidence - fitted
+        said = (fitted - 0.5 * missed if fitted > 0.0 else fitted) / scatter + complexity
+        found.append(Doubt(other[0], said, _collinear(search, rest, one, other)))
+    return sorted(found, key=lambda doubt: doubt.log_odds)
+
+
+def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[str, int]) -> float:
+    """Correlation of what two effects add, at their fitted sizes, less what the rest of the model makes of it."""
+    gram, places = search.gram, search.places(rest)
+    columns = search.columns
+
+    def signal(effect: tuple[str, int]) -> np.ndarray:
+        fit = search.fit((*rest, effect))
+        vector = np.zeros(len(columns))
+        for place, value in zip(fit.places, fit.value, strict=True):
+            if (columns[place].owner, columns[place].seed) == effect and not columns[place].shape:
+                vector[place] = value
+        return vector
+
+    a, b = signal(one), signal(other)
+    inner = gram[:-1, :-1]
+    A = inner[np.ix_(places, places)] + np.diag(search.weight[places])
+
+    def product(x: np.ndarray, y: np.ndarray) -> float:
+        return float(x @ inner @ y - (x @ inner[:, places]) @ np.linalg.solve(A, inner[places] @ y))
+
+    size = product(a, a) * product(b, b)
+    return product(a, b) / math.sqrt(size) if size > 0.0 else 0.0
+
+
+def ambiguity(one: str, rival: Doubt, rows: Rows) -> Ambiguity:
+    """Two effects that are not told apart, and what would tell."""
+    reason = (
+        f"{BY_NAME[one].title} and {BY_NAME[rival.effect].title} explain this recording about equally well "
+        f"(odds {math.exp(min(rival.log_odds, 20.0)):.2g} to 1; their signals are collinear to {abs(rival.collinear):.2f} here)"
+    )
+    return Ambiguity((one, rival.effect), reason, experiment(rows))
+
+
+def experiment(rows: Rows) -> Experiment:
+    """What this recording has least of: levels of current on an axis, speeds, a direction."""
+    rated, omega = rows.i_rated, rows.omega_e
+    rpm = 60.0 / (2.0 * math.pi * rows.machine.n_p)
+    low, high = (float(np.quantile(omega, q)) for q in (0.02, 0.98))
+    fast = max(abs(low), abs(high), 1.0)
+    spread_d, spread_q = (float(np.subtract(*np.quantile(x, (0.98, 0.02)))) for x in (rows.i.real, rows.i.imag))
+    lacks: list[str] = []
+    speeds: tuple[float, ...] = (0.5 * (low + high) * rpm,)
+    i_d: tuple[float, ...] = (float(np.median(rows.i.real)),)
+    i_q: tuple[float, ...] = (float(np.median(rows.i.imag)),)
+    if high - low < 0.5 * fast:
+        speeds = tuple(share * fast * rpm for share in (-0.9, -0.3, 0.3, 0.9))
+        lacks.append(f"speeds from {speeds[0]:.0f} to {speeds[-1]:.0f} rpm")
+    if spread_d < 0.3 * rated:
+        i_d = (-0.4 * rated, -0.2 * rated, 0.0, 0.2 * rated)
+        lacks.append(f"i_d levels from {i_d[0]:.2g} to {i_d[-1]:.2g} A")
+    if spread_q < 0.4 * rated:
+        i_q = (-0.6 * rated, -0.2 * rated, 0.2 * rated, 0.6 * rated)
+        lacks.append(f"i_q levels from {i_q[0]:.2g} to {i_q[-1]:.2g} A")
+    if not lacks:
+        i_d, i_q = (-0.4 * rated, 0.0, 0.2 * rated), (-0.6 * rated, -0.2 * rated, 0.2 * rated, 0.6 * rated)
+        speeds = tuple(share * fast * rpm for share in (-0.9, -0.3, 0.3, 0.9))
+        lacks.append("each of the levels for four times as long")
+    sentence = f"record {' and '.join(lacks)}, each combination held and stepped"
+    return Experiment(sentence, speeds, i_d, i_q, max(6.0, 0.2 * len(speeds) * len(i_d) * len(i_q)))
+
+
+def detectable(search: Search, choice: Choice) -> dict[str, Quantity]:
+    """The smallest size of every effect that would have been seen at 99 % power, in its first parameter."""
+    found: dict[str, Quantity] = {}
+    taken = {name for name, _ in choice}
+    for more in search.candidates():
+        if more[0] in taken:
+            continue
+        fit = search.fit((*choice, more))
+        scatter = search.scatter(fit, more)
+        for place, variance in zip(fit.places, np.diag(fit.covariance), strict=True):
+            column = search.columns[place]
+            if (column.owner, column.seed) != more or column.shape or variance <= 0.0:
+                continue
+            std = math.sqrt(float(variance) * scatter)
+            spread = max(column.prior[1] / std, 1.0)
+            size = std * (math.sqrt(2.0 * (ENTRY + math.log(spread))) + _POWER)
+            parameter = BY_NAME[more[0]].parameters[column.place]
+            known = found.get(more[0])
+            if known is None or (known.value is not None and size < known.value):
+                found[more[0]] = Quantity(size, None, parameter.unit)
+            break
+    return found
+
+
+def candidates(search: Search, choice: Choice) -> tuple[Candidate, ...]:
+    """Every effect, by how much it would help."""
+    found: list[Candidate] = []
+    chosen = dict(choice)
+    for name in dict.fromkeys(owner for owner, _ in search.candidates()):
+        shapes = [c for c in search.candidates() if c[0] == name]
+        alone = max(shapes, key=lambda c: search.fit((c,)).log_evidence)
+        if name in chosen:
+            one = (name, chosen[name])
+            after = search.gain(tuple(c for c in choice if c != one), one)
+        else:
+            more = max(shapes, key=lambda c: search.fit((*choice, c)).log_evidence)
+            after = search.gain(choice, more)
+        scale = math.log(10.0)
+        found.append(Candidate(name, search.gain((), alone) / scale, after / scale, name in chosen))
+    return tuple(sorted(found, key=lambda c: (not c.chosen, -c.log10_odds_after)))

@@ -1,0 +1,82 @@
+"""The verdict in a sentence. Knows nothing of how it was reached."""
+
+import math
+
+from estimator.mismatch.verdict import Diagnosis, Finding, Quantity, Verdict
+from estimator.physics.library import BY_NAME
+
+_PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
+
+
+def sentence_of(diagnosis: Diagnosis) -> str:
+    """The answer as a bench engineer would say it."""
+    fit, said = diagnosis.fit, list[str]()
+    if diagnosis.findings:
+        parts = [_finding(finding) for finding in diagnosis.findings]
+        said.append("; ".join(parts))
+        if fit is not None:
+            u, i = fit.one_step_rms_V, fit.free_run_rms_A
+            said.append(
+                f"on stretches that took no part in the fit the one-step error goes from {quantity(u.before, 'V')} to "
+                f"{quantity(u.after, 'V')} and the free-running one from {quantity(i.before, 'A')} to "
+                f"{quantity(i.after, 'A')}"
+            )
+    for doubt in diagnosis.ambiguous:
+        said.append(f"cannot tell {' from '.join(_title(name) for name in doubt.effects)}: {doubt.reason}; "
+                    f"{doubt.experiment.sentence}")
+    if diagnosis.unexplained is not None:
+        lead = "what is left has no name in the library" if diagnosis.findings else "none of the library's effects"
+        said.append(f"{lead}: {diagnosis.unexplained.description}")
+    elif diagnosis.verdict is Verdict.UNEXPLAINED:
+        said.append("no effect is found, but " + "; ".join(diagnosis.remarks))
+    if diagnosis.verdict is Verdict.NO_MISMATCH:
+        said.append("no mismatch: the machine's equations with fitted parameters leave nothing but noise; "
+                    + _detectable(diagnosis))
+    if diagnosis.verdict is Verdict.NOT_ENOUGH_EXCITATION:
+        said.append("not enough excitation to judge: no effect stands out, and not every parameter can be told")
+    text = ". ".join(part[0].upper() + part[1:] for part in said if part)
+    return text + "."
+
+
+def _title(name: str) -> str:
+    return BY_NAME[name].title if name in BY_NAME else name.replace("_", " ")
+
+
+def _finding(finding: Finding) -> str:
+    sizes = ", ".join(
+        f"{name.replace('_', ' ')} {quantity(q.value, q.unit)}" + (f" +- {quantity(q.std, q.unit)}" if q.std else "")
+        for name, q in finding.parameters.items() if q.value is not None
+    )
+    hid = ", ".join(f"{change:+.3g} {_unit(name)} of {name}" for name, change in finding.absorbed_as.items())
+    text = f"{BY_NAME[finding.effect].title} was left out: {sizes}"
+    if hid:
+        text += f"; it hid as {hid}"
+    return f"{text}; it acts {finding.where.sentence}"
+
+
+def _unit(name: str) -> str:
+    return {"R_s": "ohm", "L_d": "H", "L_q": "H", "psi_f": "Vs"}[name]
+
+
+def _detectable(diagnosis: Diagnosis) -> str:
+    shown = [name for name in ("inverter_voltage_error", "q_axis_saturation", "iron_loss") if name in diagnosis.detectable]
+    parts = [f"{_title(name)} from {quantity(diagnosis.detectable[name].value, diagnosis.detectable[name].unit)}"
+             for name in shown]
+    return "it would have shown " + ", ".join(parts) if parts else ""
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """A number with an engineering prefix; shares in per cent."""
+    if value is None or not math.isfinite(value):
+        return "unknown"
+    if unit == "1":
+        return f"{100.0 * value:.3g} %"
+    if unit in ("rad", "rad/s", "Hz", "S") or value == 0.0:
+        return f"{value:.3g} {unit}"
+    for scale, prefix in _PREFIXES:
+        if abs(value) >= scale:
+            return f"{value / scale:.3g} {prefix}{unit}"
+    return f"{value:.3g} {unit}"
+
+
+__all__ = ["Quantity", "quantity", "sentence_of"]
