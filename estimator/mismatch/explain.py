@@ -6,7 +6,7 @@ residual's projections on it scatter from stretch to stretch than white noise wo
 unexplained does not lend its energy to a name.
 """
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,6 +20,7 @@ Choice = tuple[tuple[str, int], ...]
 
 ENTRY: Final = 9.0  # log-odds that an effect must bring
 MOST: Final = 6  # effects
+NEGLIGIBLE: Final = 0.005  # of a typical size
 TRIED: Final = 6  # likeliest ones, of which one may be added
 
 
@@ -48,6 +49,7 @@ class Search:
         self.spread = np.array([column.prior[1] for column in self.columns])
         self.low = np.array([column.bounds[0] for column in self.columns])
         self.high = np.array([column.bounds[1] for column in self.columns])
+        self.barred: set[str] = set()
         self._fits: dict[Choice, Fit] = {}
         self._scatters: dict[tuple[Choice, tuple[str, int]], float] = {}
 
@@ -108,9 +110,17 @@ class Search:
     def gain(self, choice: Choice, more: tuple[str, int]) -> float:
         """Log-odds that one more effect brings to a set, for noise as it scatters and equations as good as they are."""
         with_it, without = self.fit((*choice, more)), self.fit(choice)
+        if self._negligible(with_it, more):
+            return -math.inf
         fitted = 0.5 * (without.chi2 - with_it.chi2)
         excess = fitted * (1.0 - 1.0 / self.scatter(with_it, more))
         return with_it.log_evidence - without.log_evidence - excess - 0.5 * self.missed(choice)
+
+    def _negligible(self, fit: Fit, one: tuple[str, int]) -> bool:
+        """All of an effect's sizes are too small to matter to anybody."""
+        own = [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == one and not c.shape]
+        value = fit.value[[list(fit.places).index(j) for j in own]]
+        return bool(np.all(np.abs(value) < NEGLIGIBLE * self.spread[own]))
 
     def scatter(self, fit: Fit, one: tuple[str, int]) -> float:
         """How the residual's projections on an effect's columns scatter from stretch to stretch, over white noise."""
@@ -152,7 +162,7 @@ class Search:
         return self._exchanged(self._without_needless(choice))
 
     def _free(self, choice: Choice) -> list[tuple[str, int]]:
-        taken = {name for name, _ in choice}
+        taken = {name for name, _ in choice} | self.barred
         return [c for c in self.candidates() if c[0] not in taken]
 
     def _added(self, choice: Choice) -> Choice:

@@ -21,6 +21,7 @@ from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
 
 ROUNDS: Final = 9
+_HALVINGS: Final = 3
 _AVERAGED: Final = 25  # periods to each side; slower than that is not noise
 
 
@@ -47,11 +48,18 @@ def fitted(rows: Rows, nominal: Machine, tolerance: dict[str, float], angle_step
     """The model that explains the rows. `angle_step`: the angle's resolution, rad."""
     model, smooth, noise, choice = Model(nominal), rows, None, ()
     seen: list[frozenset[str]] = []
+    barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
     search: Search | None = None
     for n in range(ROUNDS):
         search = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
+        search.barred |= barred
         choice = search.best(tuple((name, -1) for name in model.effects))
-        model = moved(search, choice)
+        better = _no_worse(rows, smooth, model, moved(search, choice), search)
+        if better is None:
+            barred |= {name for name, seed in choice if seed >= 0}
+            choice = tuple((name, -1) for name in model.effects)
+        else:
+            model = better
         model = with_step_in_place(rows, smooth, model)
         smooth, z, noise = cleaned(rows, smooth, model)
         progress((n + 1) / ROUNDS)
@@ -62,6 +70,42 @@ def fitted(rows: Rows, nominal: Machine, tolerance: dict[str, float], angle_step
     last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
     present = tuple((name, -1) for name in model.effects)
     return Fitted(model, last, present, z, noise, smooth, len(seen) < 2 or seen[-1] == seen[-2])
+
+
+def _no_worse(rows: Rows, smooth: Rows, now: Model, towards: Model, search: Search) -> Model | None:
+    """The model, or one on the way to it, that leaves no more of the voltage than there was: equations are not lines.
+
+    None where there is none.
+    """
+    noise = search.regression.noise
+
+    def left(model: Model) -> float:
+        there, clean = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+        z = whitened(residual(there, clean, model), there, filter_pole(now.machine, rows.T_s))
+        return float(np.mean(z.real**2) / noise[0] ** 2 + np.mean(z.imag**2) / noise[1] ** 2)
+
+    start, model = left(now), towards
+    for _ in range(_HALVINGS):
+        if left(model) <= 1.02 * start + 0.02:
+            return model
+        model = _between(now, model)
+    return None
+
+
+def _between(one: Model, other: Model) -> Model:
+    """Half way; shapes and effects of the other."""
+    effects: dict[str, tuple[float, ...]] = {}
+    for name, sizes in other.effects.items():
+        parameters = BY_NAME[name].parameters
+        before = one.effects.get(name, tuple(0.0 if not p.shape else x for p, x in zip(parameters, sizes, strict=True)))
+        effects[name] = tuple(
+            y if p.discrete else 0.5 * (x + y) for p, x, y in zip(parameters, before, sizes, strict=True)
+        )
+    a, b = one.machine, other.machine
+    machine = Machine(
+        0.5 * (a.R_s + b.R_s), 0.5 * (a.L_d + b.L_d), 0.5 * (a.L_q + b.L_q), 0.5 * (a.psi_f + b.psi_f), a.n_p, a.i_rated
+    )
+    return Model(machine, effects, 0.5 * (one.angle + other.angle), 0.5 * (one.zero + other.zero))
 
 
 def moved(search: Search, choice: Choice) -> Model:
