@@ -113,8 +113,8 @@ class Search:
         if self._negligible(with_it, more):
             return -math.inf
         fitted = 0.5 * (without.chi2 - with_it.chi2)
-        excess = fitted * (1.0 - 1.0 / self.scatter(with_it, more))
-        return with_it.log_evidence - without.log_evidence - excess - 0.5 * self.missed(choice)
+        complexity = with_it.log_evidence - without.log_evidence - fitted
+        return (fitted - 0.5 * self.missed(choice)) / self.scatter(with_it, more) + complexity
 
     def _negligible(self, fit: Fit, one: tuple[str, int]) -> bool:
         """All of an effect's sizes are too small to matter to anybody."""
