@@ -1,0 +1,151 @@
+"""Forms of what has no name: a line, a voltage that comes and goes, a resonance, a step.
+
+Each is fitted to a flux error with white noise and says how much of it it explains. Knows nothing of effects.
+"""
+
+import cmath
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimator.flux_balance import TURN
+from estimator.mismatch.averages import Array, means, voltage_of
+from estimator.mismatch.columns import filter_pole, whitened
+from estimator.physics.rows import Rows, Vector
+
+_LENGTHS: Final = (10, 30, 100, 300)  # periods of a mean
+_TAPS: Final = 96  # periods that a resonance rings
+_ABOVE: Final = 0.03  # of the sampling rate: where resonances are looked for
+_LINES: Final = 512  # frequencies up to half the sampling rate
+_PROMINENT: Final = 2.0
+_SURE: Final = 8.0  # standard errors of a resonance's peak
+
+
+@dataclass(frozen=True, slots=True)
+class TwoLevels:
+    """A voltage that has one of two values."""
+
+    frame: str  # "stationary" or "rotor", in which it is fixed
+    low: complex  # V, the one nearer to zero
+    high: complex
+    starts: Array  # s, at which it comes
+    lengths: Array  # s, for which it stays
+    share: float  # of the time that it is there
+    changes: Array  # s
+    gain: float  # energy of the flux error (Vs^2, summed) that it explains
+
+    @property
+    def step(self) -> complex:
+        """V."""
+        return self.high - self.low
+
+
+@dataclass(frozen=True, slots=True)
+class Resonance:
+    """A current beside the machine's that follows the voltage's changes."""
+
+    frequency: float  # Hz, of the largest admittance
+    admittance: float  # A/V there
+    sure: float  # standard errors that the peak stands above nothing
+    gain: float  # as the others'
+
+
+def two_levels(rows: Rows, z: Vector, frame: str) -> TwoLevels | None:
+    """The best voltage of two values along one direction of a frame."""
+    v = voltage_of(rows, z)
+    found = [_levels(rows, z, v, frame, m) for m in _LENGTHS if len(rows) >= 8 * m]
+    return max((f for f in found if f is not None), key=lambda f: f.gain, default=None)
+
+
+def _levels(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels | None:
+    blocks = means(rows, v, m)
+    if len(blocks.v) < 8:
+        return None
+    x = blocks.v * (rows.rotor[blocks.at] if frame == "stationary" else 1.0)
+    spread = x - np.median(x.real) - 1j * np.median(x.imag)
+    along = cmath.exp(0.5j * cmath.phase(complex(np.sum(spread**2))))
+    p = (x * np.conj(along)).real
+    low, high = (float(q) for q in np.quantile(p, (0.1, 0.9)))
+    for _ in range(20):
+        up = p > 0.5 * (low + high)
+        if up.all() or not up.any():
+            return None
+        low, high = float(np.mean(p[~up])), float(np.mean(p[up]))
+    up = _held(p, low + (high - low) / 3.0, low + 2.0 * (high - low) / 3.0)
+    if up.all() or not up.any():
+        return None
+    levels = complex(np.mean(x[~up])), complex(np.mean(x[up]))
+    state = np.zeros(len(rows), np.bool_)
+    nearest = np.clip(np.searchsorted(blocks.at, np.arange(len(rows)) + 0.5 - m / 2.0), 0, len(up) - 1)
+    state[:] = up[nearest]
+    model = np.where(state, levels[1], levels[0])
+    if frame == "stationary":
+        model = rows.stationary(model)
+    left = z - whitened(model * rows.joined, rows, filter_pole(rows.machine, rows.T_s))
+    gain = float(np.sum(np.abs(z) ** 2) - np.sum(np.abs(left) ** 2))
+    if abs(levels[1]) < abs(levels[0]):
+        up, levels = ~up, (levels[1], levels[0])
+    change = np.flatnonzero(np.diff(up)) + 1
+    edges = np.concatenate(([0], change, [len(up)]))
+    t = np.concatenate((rows.t[blocks.at] - 0.5 * m * rows.T_s, [rows.t[blocks.at[-1]] + 0.5 * m * rows.T_s]))
+    there = up[edges[:-1]]
+    return TwoLevels(
+        frame, levels[0], levels[1], t[edges[:-1]][there], np.diff(t[edges])[there], float(np.mean(up)), t[change], gain
+    )  # fmt: skip
+
+
+def _held(x: Array, low: float, high: float) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    """Above `high`, and on until below `low`."""
+    known = np.where(x > high, 1, np.where(x < low, -1, 0))
+    last = np.maximum.accumulate(np.where(known != 0, np.arange(len(x)), -1))
+    first = known[np.flatnonzero(known)[0]] if known.any() else -1
+    return np.where(last >= 0, known[np.maximum(last, 0)], first) > 0
+
+
+def resonance(rows: Rows, z: Vector, noise: tuple[float, float]) -> Resonance | None:
+    """What of the measured current follows past changes of the voltage, as a filter or a long cable at the terminals does.
+
+    Only the past counts: the voltage's control follows the current's noise in its turn.
+    """
+    m, p = rows.machine, _TAPS
+    n = len(rows)
+    if n < 8 * p:
+        return None
+    i = (z.real / m.L_d + 1j * (z.imag / m.L_q)) * rows.rotor[1:]
+    u_s = rows.u * rows.middle
+    du = np.diff(u_s, prepend=u_s[:1]) * rows.joined
+    size = 1 << (n + p).bit_length()
+    U, Y = np.fft.fft(du, size), np.fft.fft(i, size)
+    auto, cross = np.fft.ifft(np.abs(U) ** 2)[:p], np.fft.ifft(Y * U.conj())[:p]
+    lag = np.arange(p)[:, None] - np.arange(p)[None, :]
+    gram = np.where(lag >= 0, auto[np.abs(lag)], auto[np.abs(lag)].conj())
+    gram[np.diag_indices(p)] += 1e-9 * auto[0].real
+    inverse = np.linalg.inv(gram)
+    g = inverse @ cross
+    variance = (noise[0] / m.L_d) ** 2 + (noise[1] / m.L_q) ** 2
+    f = np.arange(1, _LINES) / (2.0 * _LINES)
+    turn = np.exp(-1j * TURN * f[:, None] * np.arange(p))
+    G = np.abs(turn @ g)
+    error = np.sqrt(variance * np.sum((turn @ inverse) * turn.conj(), axis=1).real)
+    H = G * np.abs(1.0 - np.exp(-1j * TURN * f))
+    peak = _peak(H, np.where(f > _ABOVE, G / error, 0.0))
+    follows = np.fft.ifft(np.fft.fft(g, size) * U)[:n] * rows.rotor[1:].conj()
+    left = z - (m.L_d * follows.real + 1j * m.L_q * follows.imag)
+    gain = float(np.sum(np.abs(z) ** 2) - np.sum(np.abs(left) ** 2))
+    return Resonance(float(f[peak] / rows.T_s), float(H[peak]), float(G[peak] / error[peak]), gain) if peak else None
+
+
+def _peak(H: Array, sure: Array) -> int:
+    """Where H rises above what is half and 1.6 times as far; 0 where it does not."""
+    for k in np.argsort(H * (sure > 0.3 * sure.max()))[::-1][:8]:
+        around = [int(0.5 * k), min(int(1.6 * k), len(H) - 1)]
+        if sure[k] > _SURE and 0 < k < len(H) - 1 and H[k] >= _PROMINENT * max(H[j] for j in around):
+            return int(k)
+    return 0
+
+
+def degrees(direction: float) -> float:
+    """A direction in deg, -180 to 180."""
+    return math.degrees(math.remainder(direction, TURN))
