@@ -1,0 +1,251 @@
+"""Conventions: is what looks like missing physics a recording, or a data sheet, that follows another convention?
+
+Every hypothesis undoes what a convention may have done to the columns and fits the machine anew, roughly. Scales leave
+the flux balance as closed as it was and show by the parameters' distance to the nominal ones alone; forms show by what
+the balance leaves. A cause is suspected only where the recording as it stands is beyond what physics does, and where
+undoing the cause brings both in order. A shift of one row is left to the library's `voltage_delay`.
+"""
+
+import cmath
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.causes import ANGLE_ROWS, DELAYS, NO_FORM, NO_SCALE, SCALES, Form, Scale, forms, speed_as
+from estimator.mismatch.correction import Correction
+from estimator.mismatch.rough_fit import Fit, Stretches, fit, rows_of_angle, speed_over_rate, stretches_of
+from estimator.mismatch.verdict import Quantity, Rival
+from estimator.physics.convention_error import UNIT
+from estimator.samples import Samples
+
+Array = NDArray[np.float64]
+
+ENTRY: Final = 6.0  # log-odds over the recording as it stands
+RIVALS: Final = 5
+AS_GOOD: Final = 20.0  # odds below which another cause does equally well
+PER_UNIT: Final = 2.0  # the most that voltages in per unit reach
+_SPEED: Final = 4.0  # log-odds against a speed column that contradicts the angle
+_SAME_SPEED: Final = 0.015  # log
+_BEYOND: Final = 0.26  # log: 30 % on two parameters are beyond physics
+_MAGNETS: Final = 0.34  # log: 40 % on psi_f alone
+_HALVED: Final = 0.5  # of what the flux balance leaves: a form's due
+_CLOSED: Final = 0.007  # of rated current: what a closed flux balance may leave
+_RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
+_TAIL: Final = np.exp([-2.5, -12.0, -12.0, -12.0])  # of R_s, L_d, L_q, psi_f: R_s takes in what is not modelled
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Suspicion:
+    """A cause that is no physics, and the recording without it."""
+
+    cause: str
+    sentence: str
+    parameters: Mapping[str, Quantity]  # as in `physics.convention_error`
+    runs: tuple[Samples, ...]  # corrected
+    machine: Machine  # the nominal one, with the right pole pairs
+    odds: float  # against the recording as it stands
+    rivals: tuple[Rival, ...]  # other causes, likeliest first
+    ambiguous: tuple[str, ...]  # causes that do as well, in words; empty where the cause is certain
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Hypothesis:
+    form: Form
+    scale: Scale
+    fit: Fit  # of the form alone
+    over_nominal: Array  # R_s, L_d, L_q, psi_f as corrected, over the nominal ones
+    cost: Array  # log-odds of those
+    speed: float  # speed column over the corrected angle's rate; NaN where that cannot be told
+    score: float  # log-odds, but for a constant
+
+    @property
+    def name(self) -> str:
+        return self.scale.name or self.form.name
+
+    @property
+    def says(self) -> str:
+        return self.scale.says or self.form.says
+
+    @property
+    def in_order(self) -> bool:
+        """Whether the parameters are near the nominal ones; R_s need not be."""
+        return bool(np.sum(self.cost[1:]) < _RIGHT)
+
+    @property
+    def correction(self) -> Correction:
+        """What is undone; a delay is left to the library."""
+        c = Correction() if self.form in DELAYS else self.form.correction
+        s = self.scale
+        return replace(c, u=c.u * s.u, i=c.i * s.i, T_s=s.T_s)
+
+
+def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, float]) -> Suspicion | None:
+    """The convention that a recording follows instead of the expected one. `tolerance`: of nominal values, shares."""
+    if not runs or any(run.periods != 1 for run in runs):
+        return None
+    stretches = stretches_of(runs)
+    if stretches is None:
+        return None
+    hypotheses = _hypotheses(stretches, nominal, tolerance)
+    stands = max((h for h in hypotheses if not h.name or h.name == "voltage_delay"), key=lambda h: h.score)
+    best = max(hypotheses, key=lambda h: h.score)
+    if not _explains(best, stands, stretches, nominal):
+        best = stands
+    speed = speed_as(best.speed, nominal.n_p, _SAME_SPEED)
+    if speed is not None and speed[0] == 1.0:
+        speed = None
+    rows = rows_of_angle(stretches) if best is stands else 0
+    if best is stands and speed is None and not rows:
+        return None
+    correction = replace(best.correction, omega=1.0 if speed is None else speed[0], theta_shift=rows)
+    n_p = best.form.pole_pairs
+    alike = _alike(best, stands, hypotheses)
+    return Suspicion(
+        best.name if best is not stands else ANGLE_ROWS[rows].name if rows else "speed_unit",
+        _sentence(best, stands, speed, rows), _parameters(correction, nominal, n_p), correction.undone(runs),
+        nominal if n_p is None else replace(nominal, n_p=n_p), _odds(best, stands),
+        tuple(Rival(h.name, _odds(best, h)) for h in _rivals(best, stands, hypotheses)), alike,
+    )  # fmt: skip
+
+
+def _hypotheses(stretches: Stretches, nominal: Machine, tolerance: Mapping[str, float]) -> list[_Hypothesis]:
+    expected = np.array([getattr(nominal, name) for name in PARAMETERS])
+    spread = np.array([tolerance[name] for name in PARAMETERS]) / math.sqrt(3.0)
+    per_unit = float(np.max(np.abs(stretches.u))) < PER_UNIT
+    known = forms(nominal.n_p, per_unit=per_unit and stretches.u_dc is not None)
+    fits = {form: fit(stretches, form.correction, nominal) for form in known}
+    least = min(f.left for f in fits.values())
+    scales = (*SCALES, *_base(fits[NO_FORM], nominal)) if per_unit and stretches.u_dc is None else SCALES
+    found: list[_Hypothesis] = []
+    for form, fitted in fits.items():
+        closes = -stretches.count * math.log(fitted.left / least)
+        ratio = speed_over_rate(stretches, form.correction)
+        for scale in scales if form is NO_FORM or form in DELAYS else (NO_SCALE,):
+            over, cost = _against_nominal(fitted, scale, expected, spread)
+            speed = ratio * scale.T_s
+            score = closes - float(np.sum(cost)) - form.prior - scale.prior - _cost_of_speed(speed, nominal.n_p)
+            found.append(_Hypothesis(form, scale, fitted, over, cost, speed, score))
+    return found
+
+
+def _against_nominal(fitted: Fit, scale: Scale, expected: Array, spread: Array) -> tuple[Array, Array]:
+    """Parameters over the nominal ones, and the log-odds that their distances cost."""
+    Z = scale.u / scale.i
+    by = expected * np.array([Z, Z * scale.T_s, Z * scale.T_s, scale.u * scale.T_s])
+    over = fitted.value / by
+    off = np.log(np.maximum(over, 0.02))
+    variance = spread**2 + (fitted.std / by / np.maximum(np.abs(over), 0.3)) ** 2
+    return over, -np.log((1.0 - _TAIL) * np.exp(-0.5 * off**2 / variance) + _TAIL)
+
+
+def _base(fitted: Fit, nominal: Machine) -> tuple[Scale, ...]:
+    """Per unit of a dc link that is not known: of whatever makes the machine the nominal one."""
+    value = fitted.value[1:]
+    if np.any(value <= 0.0):
+        return ()
+    base = math.exp(float(np.mean(np.log(np.array([nominal.L_d, nominal.L_q, nominal.psi_f]) / value))))
+    if not 2.0 * PER_UNIT < base < 2e3:
+        return ()
+    says = f"the voltages are in per unit of about {base:.3g} V, expected V"
+    return (Scale("voltage_per_unit", says, u=1.0 / base, prior=5.0),)
+
+
+def _cost_of_speed(speed: float, n_p: int) -> float:
+    if math.isnan(speed) or abs(speed - 1.0) < _SAME_SPEED:
+        return 0.0
+    return _SPEED if speed_as(speed, n_p, _SAME_SPEED) else 2.0 * _SPEED
+
+
+def _explains(h: _Hypothesis, stands: _Hypothesis, stretches: Stretches, nominal: Machine) -> bool:
+    """Whether the recording as it stands is beyond what physics does, and undoing the cause brings it in order."""
+    if h is stands or h.score - stands.score < ENTRY or not h.in_order:
+        return False
+    if h.fit.left < _HALVED * stands.fit.left:
+        return True
+    off = np.abs(np.log(np.maximum(stands.over_nominal, 0.02))) - 2.0 * stands.fit.std / np.abs(stands.fit.value)
+    if off[3] > _MAGNETS or (off[3] > _BEYOND and np.sum(off > _BEYOND) >= 2):
+        return True
+    # Physics that is left out may raise R_s, L_d and L_q together, but leaves a balance that is not closed
+    closed = _left(stands, stretches) < _CLOSED * (nominal.i_rated or math.inf)
+    return closed and bool(off[3] > _BEYOND or np.sum(off > _BEYOND) >= 2)
+
+
+def _left(h: _Hypothesis, stretches: Stretches) -> float:
+    """What a flux balance leaves, as a current, A."""
+    L = 0.5 * (abs(h.fit.value[1]) + abs(h.fit.value[2]))
+    return math.sqrt(h.fit.left) * stretches.T_s / L
+
+
+def _rivals(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis]) -> list[_Hypothesis]:
+    """Other causes, likeliest first, each once."""
+    found: dict[str, _Hypothesis] = {}
+    for h in sorted(hypotheses, key=lambda h: -h.score):
+        if best is not stands and h.score > stands.score and h.name not in (best.name, "", "voltage_delay"):
+            found.setdefault(h.name, h)
+    return list(found.values())[:RIVALS]
+
+
+def _alike(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis]) -> tuple[str, ...]:
+    """What does as well as the best, in words."""
+    found = [h.says for h in _rivals(best, stands, hypotheses) if _odds(best, h) < AS_GOOD and h.in_order]
+    weaker = 1.0 - stands.over_nominal[3]
+    if best.scale.u == best.scale.i < 1.0 and weaker > 0.0:
+        found.append(f"the magnets are {weaker:.0%} weaker than the nominal ones")
+    return tuple(found)
+
+
+def _odds(best: _Hypothesis, other: _Hypothesis) -> float:
+    """Infinite where the two are one: what contradicts itself in a column alone has no odds."""
+    return math.inf if best is other else math.exp(min(best.score - other.score, 700.0))
+
+
+def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] | None, rows: int) -> str:
+    parts: list[str] = []
+    if best is not stands:
+        before, after = math.sqrt(stands.fit.left), math.sqrt(best.fit.left)
+        if after < 0.7 * before:
+            undone = f"once that is undone, {after / before:.2g} of what the voltages left unexplained is left"
+        else:
+            undone = (f"R_s, L_d, L_q and psi_f are {_listed(stands.over_nominal)} times the nominal ones, and "
+                      f"{_listed(best.over_nominal)} times once that is undone")
+        parts.append(f"{best.says}: {undone}")
+    if rows:
+        parts.append(f"{ANGLE_ROWS[rows].says}, as the phase currents tell")
+    if speed is not None:
+        parts.append(f"the speed is {speed[1]}, expected electrical and in rad/s, as the angle's rate of change tells")
+    sentence = "; ".join(parts)
+    return f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def _listed(values: Array) -> str:
+    *first, last = (f"{value:.3g}" for value in values)
+    return f"{', '.join(first)} and {last}"
+
+
+def _parameters(correction: Correction, nominal: Machine, n_p: int | None) -> dict[str, Quantity]:
+    """What the correction undoes, by the names of `physics.convention_error`."""
+    found: dict[str, float] = {}
+    for name, vector in (("u", correction.u), ("i", correction.i)):
+        angle = cmath.phase(vector)
+        straight = abs(math.remainder(angle, math.pi)) < 1e-9
+        scale = abs(vector) * (-1.0 if straight and vector.real < 0.0 else 1.0)
+        if abs(scale - 1.0) > 1e-9:
+            found[f"{name}_scale"] = scale
+        if not straight:
+            found[f"{name}_angle"] = angle
+    c = correction
+    scales = {"T_s_scale": c.T_s, "theta_scale": c.theta, "omega_scale": c.omega}
+    found |= {name: value for name, value in scales.items() if value != 1.0}
+    others = {
+        "u_shift": c.u_shift, "theta_shift": c.theta_shift, "u_base": c.per_unit, "u_mirrored": c.u_mirrored,
+        "i_mirrored": c.i_mirrored,
+    }  # fmt: skip
+    found |= {name: float(value) for name, value in others.items() if value}
+    if n_p is not None:
+        found["pole_pairs"] = float(nominal.n_p)
+    return {name: Quantity(value, None, UNIT[name]) for name, value in found.items()}
