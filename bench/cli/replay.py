@@ -80,6 +80,7 @@ def run(
         open_recording(
             file, mapping=_pairs("--map", mapping, str), constants=_pairs("--set", constants, float), T_s=machine.T_s,
             align=_pairs("--align", align, float), theta_step=machine.theta_step,
+            optional=False,
         ) as reader,
         _track(csv_out) as on_estimate,
         _progress(reader.rows_expected) as on_rows,
