@@ -96,11 +96,6 @@ def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
     })
 
 
-def json_text(content: Mapping[str, Any]) -> str:
-    """JSON as it is written to files."""
-    return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-
-
 def schema() -> dict[str, Any]:
     """The JSON schema of a diagnosis (draft 2020-12)."""
     return json.loads((resources.files("bench") / SCHEMA).read_text(encoding="utf-8"))

@@ -1,5 +1,6 @@
 """What is asked of a diagnosis, and what comes of it, as processes hand them on. Knows nothing of how it is done."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,6 +41,11 @@ class Result:
     content: dict[str, Any]  # by bench/diagnosis.schema.json
     machine: str | None  # a machine file; None where nothing was fitted
     report: str | None  # HTML
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """A diagnosis as it is written to files."""
+    return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def trust_of(items: Sequence[str]) -> dict[str, float]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from bench import report_figures as figures
+from bench.diagnosis_request import SETTLED
 from bench.engineering import number, odds, quantity, scaled, words
 from bench.machine_file import Nominal
 from bench.recording import Summary
@@ -51,7 +52,6 @@ _DRAW: Final = """
 for (const [id, figure] of Object.entries(JSON.parse(document.getElementById("figures").textContent)))
   Plotly.newPlot(id, figure.data, figure.layout, {displayModeBar: false});
 """
-_SETTLED: Final = ("no_mismatch", "explained")
 
 
 def report(diagnosis: Diagnosis, recording: Summary, nominal: Nominal) -> str:
@@ -87,7 +87,7 @@ def _sections(
         style = f"width:{figures.WIDTH}px;height:{figure['layout']['height']}px"
         return f'<figure><div id="{name}" style="{style}"></div><figcaption>{escape(caption)}</figcaption></figure>'
 
-    settled = " settled" if said.verdict in _SETTLED else ""
+    settled = " settled" if said.verdict in SETTLED else ""
     yield f'<div class="verdict{settled}">{escape(words(said.verdict))}</div>'
     yield f'<p class="sentence">{escape(said.sentence)}</p>'
     if said.fit is not None:
