@@ -3,25 +3,21 @@
 The JSON is described by `diagnosis.schema.json`. Knows nothing of terminals and HTTP.
 """
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from importlib import resources
 from typing import Any, Final, cast
 
 from bench.diagnosed_machine import machine_text
-from bench.diagnosis_request import Request, Result, Tell
-from bench.errors import ConfigError, RecordingError
+from bench.diagnosis_request import Request, Result, Tell, check_whole
+from bench.errors import RecordingError
 from bench.machine_file import Nominal
 from bench.recording import Summary, read_recording
 from bench.report import report
-from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.verdict import Before, Diagnosis
 
 MOST_ODDS: Final = 1e12  # beyond, a figure says no more than that
-SCHEMA: Final = "diagnosis.schema.json"
 _READING: Final = 0.05  # share of the work
 
 
@@ -37,7 +33,7 @@ class Diagnosed:
 def diagnose_recording(request: Request, tell: Tell = lambda share, phase: None) -> Diagnosed:
     """Read and diagnose a recording. Raises ConfigError, RecordingError, and what `tell` raises to cancel."""
     nominal = request.nominal
-    machine = _whole(nominal)
+    machine = check_whole(nominal)
     tell(0.0, "reading")
     recording = read_recording(
         request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
@@ -94,20 +90,6 @@ def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
         "remarks": said.remarks,
         "recording": {"path": recording.path, "rows": recording.rows, "duration": recording.duration},
     })
-
-
-def schema() -> dict[str, Any]:
-    """The JSON schema of a diagnosis (draft 2020-12)."""
-    return json.loads((resources.files("bench") / SCHEMA).read_text(encoding="utf-8"))
-
-
-def _whole(nominal: Nominal) -> Machine:
-    machine = nominal.machine
-    if machine is None:
-        known = {**nominal.given, **({} if nominal.n_p is None else {"n_p": nominal.n_p})}
-        missing = ", ".join(name for name in (*PARAMETERS, "n_p") if name not in known)
-        raise ConfigError(f"a diagnosis needs the nominal machine whole, missing in [machine]: {missing}")
-    return machine
 
 
 def _fields(value: Any) -> dict[str, Any]:

@@ -3,12 +3,13 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import resources
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 from bench.errors import ConfigError, shown
 from bench.machine_file import Nominal
-from estimator.machine import PARAMETERS
+from estimator.machine import PARAMETERS, Machine
 
 WORK: Final = "bench.diagnose:work"  # takes a Request and a Tell, gives a Result
 MOST_TRUST: Final = 10.0  # share
@@ -41,6 +42,21 @@ class Result:
     content: dict[str, Any]  # by bench/diagnosis.schema.json
     machine: str | None  # a machine file; None where nothing was fitted
     report: str | None  # HTML
+
+
+def check_whole(nominal: Nominal) -> Machine:
+    """The nominal machine. Raises ConfigError where it is not whole."""
+    machine = nominal.machine
+    if machine is None:
+        known = {**nominal.given, **({} if nominal.n_p is None else {"n_p": nominal.n_p})}
+        missing = ", ".join(name for name in (*PARAMETERS, "n_p") if name not in known)
+        raise ConfigError(f"a diagnosis needs the nominal machine whole, missing in [machine]: {missing}")
+    return machine
+
+
+def schema() -> dict[str, Any]:
+    """The JSON schema of a diagnosis (draft 2020-12)."""
+    return json.loads((resources.files("bench") / "diagnosis.schema.json").read_text(encoding="utf-8"))
 
 
 def json_text(content: Mapping[str, Any]) -> str:

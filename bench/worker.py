@@ -78,9 +78,13 @@ class Worker:
         except (EOFError, OSError):
             return Failed(f"the process that worked on it ended before it was done ({self._end()})")
 
+    def kill(self) -> None:
+        """Have the process end, from any thread; `hear` then fails."""
+        self.process.kill()
+
     def close(self) -> None:
         """Kill the process; what it worked on is lost."""
-        self.process.kill()
+        self.kill()
         if self.process.stdin is not None:
             self.process.stdin.close()
         self.process.wait()

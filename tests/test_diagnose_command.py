@@ -13,14 +13,14 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from bench.diagnose import schema
+from bench.diagnosis_request import schema
 from bench.machine_file import load_machine
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
 from tests.conftest import COMMAND
 from tests.diagnoses import EXPLAINED
 from tests.test_cli_replay import pmsm_bench
-from tests.test_worker import alive
+from tests.test_worker import alive, children
 
 pa: Any = pyarrow  # comes without types
 pq: Any = pyarrow.parquet
@@ -210,8 +210,3 @@ def test_ctrl_c_ends_it_with_its_processes_and_leaves_whole_files(folder: Path) 
     assert (process.returncode, error) == (130, "")
     assert not any(map(alive, workers))
     assert [path.name for path in (folder / "out").iterdir()] == ["explained.json"]
-
-
-def children(pid: int) -> list[int]:
-    """Processes that a process has started."""
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()]

@@ -30,6 +30,12 @@ def alive(pid: int) -> bool:
     return False
 
 
+def children(pid: int) -> list[int]:
+    """Processes that a process has started."""
+    tasks = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for task in tasks for child in task.read_text(encoding="ascii").split()]
+
+
 def endings(heard: list[tuple[int, Heard]]) -> dict[int, Heard]:
     return {place: one for place, one in heard if not isinstance(one, Progress)}
 

@@ -26,5 +26,5 @@ def diagnose(
     before = {name: Quantity(getattr(nominal, name), None, UNITS[name]) for name in PARAMETERS}
     return Diagnosis(
         Verdict.NOT_ENOUGH_EXCITATION, "Nothing can be told: the diagnosis is provisional.", (), (), None, {}, before,
-        {}, None, (), (), None,
+        before, None, (), (), None,
     )
