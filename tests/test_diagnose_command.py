@@ -1,5 +1,6 @@
 """`pmsm-bench diagnose`: what it says, writes and refuses, for one recording and for many."""
 
+import contextlib
 import json
 import os
 import signal
@@ -192,6 +193,27 @@ def test_an_output_that_cannot_be_written_is_told_and_stops_no_other(
     said = capsys.readouterr()
     assert said.err == "pmsm-bench: no_mismatch.csv: no_mismatch/o.json: cannot be written: No such file or directory\n"
     assert (folder / "explained" / "o.json").is_file()
+
+
+def test_on_a_terminal_a_bar_is_below_what_is_said_and_gone_at_the_end(folder: Path) -> None:
+    leader, follower = os.openpty()
+    arguments = ["explained.csv", "refused.csv", "no_mismatch.csv", "--nominal", "m.toml", "--jobs", "1"]
+    with subprocess.Popen(
+        [*BY_NAME, "diagnose", *arguments], stdin=follower, stdout=follower, stderr=follower,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TERM": "xterm"},
+    ) as process:
+        os.close(follower)
+        shown = b""
+        with contextlib.suppress(OSError):  # the terminal's other end is closed
+            while part := os.read(leader, 65536):
+                shown += part
+    os.close(leader)
+    assert process.returncode == 2
+    lines = [line.rpartition("\x1b[2K")[2] for line in shown.decode().split("\r\n")]
+    assert "0/3" in shown.decode()
+    for line in ("explained.csv: explained", "pmsm-bench: refused.csv: expected another name"):
+        assert line in lines
+    assert lines[-2] == "3 recordings: 1 explained, 1 bad input, 1 no mismatch"
 
 
 def test_ctrl_c_ends_it_with_its_processes_and_leaves_whole_files(folder: Path) -> None:

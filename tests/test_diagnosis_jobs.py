@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,14 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
+from bench.config import captures_folder
 from bench.diagnosis_jobs import WAITING, DiagnosisJobs, JobState, UnknownRecordingError
 from bench.diagnosis_request import schema
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal, load_machine
-from tests.conftest import RunningBench
+from emulator.scenarios import PAPER
+from emulator.virtual_drive import VirtualDrive
+from tests.conftest import RunningBench, bench_up
 from tests.diagnoses import EXPLAINED, NOMINAL
 from tests.served_drive import until
 from tests.test_api import problem
@@ -240,6 +244,25 @@ def test_a_body_that_cannot_be_is_422(recording: tuple[httpx.Client, str], body:
     client, address = recording
     assert problem(client.post(address, content=body), 422).startswith(said)
     assert client.get(address).status_code == 404
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_service_that_ends_in_the_middle_of_a_diagnosis_leaves_no_process(number: signal.Signals) -> None:
+    folder = captures_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    pq.write_table(pa.table(dict(VirtualDrive(PAPER).record(60_000))), folder / "long.parquet")
+    try:
+        with bench_up() as bench:
+            before = set(children(bench.process.pid))
+            answer = httpx.post(f"{bench.url}/api/recordings/long/diagnosis", json={"nominal": {"machine": WHOLE}})
+            assert answer.status_code == 202
+            until(lambda: bool(set(children(bench.process.pid)) - before), "the process that works on it")
+            (worker,) = set(children(bench.process.pid)) - before
+            bench.process.send_signal(number)
+            bench.process.wait(15.0)
+            until(lambda: not alive(worker), "its end")
+    finally:
+        (folder / "long.parquet").unlink()
 
 
 @pytest.mark.parametrize("id_", ["x", "..%2F..%2Fetc", "%00", "y" * 3000])

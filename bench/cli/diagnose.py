@@ -182,6 +182,7 @@ class _Bar:
 
     progress: Progress
     task: Any
+    output: Console  # for what goes to standard output meanwhile
 
     def at(self, done: float, phase: str) -> None:
         self.progress.update(self.task, completed=done, description=phase or "diagnosing")
@@ -198,10 +199,11 @@ def _bar(total: int) -> Generator[_Bar]:
     columns = (TextColumn("{task.description}"), BarColumn(), count, TimeRemainingColumn())
     progress = Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal,
-        redirect_stdout=sys.stdout.isatty(),  # what goes elsewhere is not to come out at the bar
+        redirect_stdout=False,
     )
+    shared = console.is_terminal and sys.stdout.isatty()  # what is said goes above the bar then
     with progress:
-        yield _Bar(progress, progress.add_task("diagnosing", total=total))
+        yield _Bar(progress, progress.add_task("diagnosing", total=total), console if shared else Console())
 
 
 class _Shown:
@@ -210,10 +212,11 @@ class _Shown:
     def __init__(self, total: int, *, machine: bool) -> None:
         self._total, self._machine, self._next = total, machine, 0
         self._verdicts = Counter[str]()
-        self._console = Console(highlight=False)
+        self._console = Console()
 
     def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, Result | str], bar: _Bar) -> None:
         """Show those whose turn has come."""
+        self._console = bar.output
         while self._next in outcomes:
             file, outcome = files[self._next], outcomes[self._next]
             self._next += 1
@@ -230,7 +233,8 @@ class _Shown:
                 self._say("no machine file: nothing could be fitted")
 
     def end(self) -> int:
-        """The exit code; in words, too, where there were several."""
+        """The exit code; in words, too, where there were several. After the bar."""
+        self._console = Console()
         if self._total > 1:
             counts = ", ".join(f"{count} {words(verdict)}" for verdict, count in self._verdicts.most_common())
             self._say(f"{self._total} recordings: {counts}")
@@ -250,7 +254,7 @@ class _Shown:
             self._say(remark)
 
     def _say(self, text: str) -> None:
-        self._console.print(text, markup=False, soft_wrap=True)
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def _findings(findings: Sequence[Mapping[str, Any]]) -> Table:
