@@ -15,7 +15,9 @@ _DEGREES: Final = 180.0 / math.pi
 def scaled(value: float, unit: str) -> tuple[float, str]:
     """By what to divide a value, and others beside it, and the unit of the quotient."""
     if unit == "rad":
-        return (1.0 / _DEGREES, "deg")
+        return 1.0 / _DEGREES, "deg"
+    if unit == "1" and 0 < abs(value) < 1:  # a share
+        return 0.01, "%"
     if unit not in PREFIXED or value == 0 or not math.isfinite(value):
         return 1.0, "" if unit in _PLAIN else unit
     size, prefix = next((p for p in _PREFIXES if abs(value) >= 0.9995 * p[0]), _PREFIXES[-1])
