@@ -53,7 +53,7 @@ class DriveConfig:
     name: str
     url: str
     window: Window
-    theta_step: float = 0.0  # rad, resolution of its electrical angle, 0 where not known
+    nominal: Nominal = field(default_factory=lambda: Nominal({}))  # what its machine file says
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,8 @@ class Config:
 def emulated(url: str) -> Config:
     """The built-in configuration: one drive called `emulated`, with the nameplate of the emulated motor."""
     held = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}  # ohm, H, H, Vs
-    return Config((DriveConfig("emulated", url, Window(held=held)),), port=_port({}, "built-in configuration"))
+    drive = DriveConfig("emulated", url, Window(held=held), Nominal(held, n_p=4, i_rated=6.0))
+    return Config((drive,), port=_port({}, "built-in configuration"))
 
 
 def load_config(path: Path) -> Config:
@@ -124,7 +125,7 @@ def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
         window = Window(held=nominal.given).changed(_table(table, "window", where))
     except LimitError as error:
         raise ConfigError(f"{where} window: {error}") from None
-    return DriveConfig(name, url, window, nominal.theta_step)
+    return DriveConfig(name, url, window, nominal)
 
 
 def _captures(service: Mapping[str, Any], path: Path) -> Path:

@@ -11,18 +11,22 @@
     T_s = 1e-4           # s
     u_dc = 310.0         # V
     encoder_counts = 65536  # of a mechanical turn; with n_p
+    [effects.inverter_voltage_error]  # as a diagnosis writes them: parameters of physics beyond the textbook, SI
+    dead_time = 2e-6
+    dead_time_std = 3e-8    # standard error
 
 Every key may be left out: what is not known is not written, and nothing is assumed in its place.
 """
 
 import math
+import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import cast
+from typing import Final, cast
 
-from bench.errors import ConfigError
+from bench.errors import ConfigError, shown
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS, Machine
 
 KEYS = {
@@ -37,6 +41,7 @@ KEYS = {
         "encoder_counts": (2, 2**30, "counts"),
     },
 }
+_NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +54,7 @@ class Nominal:
     T_s: float | None = None  # s, control period
     u_dc: float | None = None  # V
     encoder_counts: int | None = None  # of a mechanical turn
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])  # by name, SI
 
     @property
     def theta_step(self) -> float:
@@ -65,7 +71,12 @@ class Nominal:
 
 def load_machine(path: str | Path) -> Nominal:
     """The machine file's nominal values. Raises ConfigError with a sentence for the user."""
-    tables = _tables(path)
+    return nominal_of(load_toml(path), path)
+
+
+def nominal_of(content: Mapping[str, object], path: str | Path) -> Nominal:
+    """Nominal values from the tables of a machine file; `path` says where they are from. Raises ConfigError."""
+    tables = _tables(content, path)
     machine, drive = tables["machine"], tables["drive"]
     if "encoder_counts" in drive and "n_p" not in machine:
         raise ConfigError(f"{path}: [drive] encoder_counts needs [machine] n_p, expected both or neither")
@@ -76,18 +87,35 @@ def load_machine(path: str | Path) -> Nominal:
         T_s=drive.get("T_s"),
         u_dc=drive.get("u_dc"),
         encoder_counts=int(drive["encoder_counts"]) if "encoder_counts" in drive else None,
+        effects=_effects(content.get("effects", {}), path),
     )
 
 
-def _tables(path: str | Path) -> dict[str, dict[str, float]]:
-    content = load_toml(path)
+def _tables(content: Mapping[str, object], path: str | Path) -> dict[str, dict[str, float]]:
     for key in content:
-        if key not in KEYS:
-            raise ConfigError(f"{path}: unknown entry {key!r}, expected the tables [machine] and [drive]")
+        if key not in KEYS and key != "effects":
+            raise ConfigError(
+                f"{path}: unknown entry {shown(key)}, expected the tables [machine] and [drive], and [effects.NAME]"
+            )
     if "machine" not in content:
         raise ConfigError(f"{path}: the table [machine] is missing, expected it with any of "
                           + ", ".join(KEYS["machine"]))
     return {name: _table(path, name, content.get(name, {})) for name in KEYS}
+
+
+def _effects(content: object, path: str | Path) -> dict[str, Mapping[str, float]]:
+    effects: dict[str, Mapping[str, float]] = {}
+    for name, table in _expect_table(content, "effects", path).items():
+        where = f"{path}: [effects.{name}]"
+        if not _NAME.fullmatch(name):
+            raise ConfigError(f"{path}: [effects]: expected names as inverter_voltage_error, came {shown(name)}")
+        for key, value in _expect_table(table, f"effects.{name}", path).items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < math.inf:
+                raise ConfigError(f"{where} {shown(key)}: expected a finite number, came {shown(value)}")
+        effects[name] = {
+            key: float(min(max(value, -1e300), 1e300)) for key, value in cast("dict[str, float]", table).items()
+        }
+    return effects
 
 
 def load_toml(path: str | Path) -> dict[str, object]:
@@ -104,12 +132,16 @@ def load_toml(path: str | Path) -> dict[str, object]:
         raise ConfigError(f"{path}: not TOML: {type(error).__name__}") from error
 
 
-def _table(path: str | Path, name: str, content: object) -> dict[str, float]:
+def _expect_table(content: object, name: str, path: str | Path) -> dict[str, object]:
     if not isinstance(content, dict):
-        raise ConfigError(f"{path}: expected a table [{name}], came {name} = {content!r}")
+        raise ConfigError(f"{path}: expected a table [{name}], came {name} = {shown(content)}")
+    return cast("dict[str, object]", content)
+
+
+def _table(path: str | Path, name: str, content: object) -> dict[str, float]:
     allowed = KEYS[name]
     values: dict[str, float] = {}
-    for key, value in cast("dict[str, object]", content).items():
+    for key, value in _expect_table(content, name, path).items():
         where = f"{path}: [{name}] {key}"
         if key not in allowed:
             raise ConfigError(f"{where} is unknown, expected one of {', '.join(allowed)}")

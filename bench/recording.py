@@ -1,11 +1,13 @@
 """Recordings on disk to samples: CSV, CSV.gz or Parquet, whole or chunk by chunk in constant memory.
 
 Columns `t u_d u_q i_d i_q omega_e`, and `theta_e` or its integral; `i_d_mean i_q_mean periods` where a row covers
-several control periods. SI, peak dq, by the period convention. A mapping names columns called otherwise, a
+several control periods; `u_dc`, and `i_a i_b i_c` where all three are there, unless they hold no value at the
+beginning. SI, peak dq, by the period convention. A mapping names columns called otherwise, a
 constant stands in for a column and wins over one that is there.
 
 Alignment: `u=+1` says that the voltage recorded in row k was applied over row k+1; fractions mix two rows by
-the time each was applied. The rows at a run's ends that are left without a voltage are not used.
+the time each was applied. The rows at a run's ends that are left without a voltage are not used. All else,
+`u_dc` too, is of the row it stands in.
 
 Knows nothing of estimators. Options that cannot be are a ConfigError, files that cannot be a RecordingError.
 """
@@ -20,8 +22,8 @@ from typing import cast
 import numpy as np
 
 from bench.errors import RecordingError
-from bench.runs import PROBE, Chunk, Clock, Part, RunSplitter, find_clock
-from bench.sources import MAX_PERIODS, Sources, check_options, find_sources
+from bench.runs import LARGEST, PROBE, Chunk, Clock, Part, RunSplitter, find_clock
+from bench.sources import MAX_PERIODS, OPTIONAL, Sources, check_options, find_sources
 from bench.table import column_names, notes, read_parts, row_count
 from estimator.samples import Column, Resolution, Samples
 
@@ -80,14 +82,14 @@ class RecordingReader:
 
     def __init__(
         self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float,
-        noted: "_Noted",
+        noted: "_Noted", u_dc: float | None,
     ) -> None:
         self.path = path
-        self.sources = sources
         with _naming(path):
             first = _first_rows(parts)
             self.clock = _clock(first, sources, T_s)
-        self._parts = chain(first, parts)
+        self.sources = sources = sources.without(_empty(first)).with_u_dc(u_dc)
+        self._parts = ({name: part[name] for name in sources.columns} for part in chain(first, parts))
         self._noted = noted
         self._splitter = RunSplitter(self.clock, sources.constants, shift, noted.resolution)
         self._chunks = self._read()
@@ -140,22 +142,25 @@ def open_recording(
     T_s: float | None = None,
     align: Mapping[str, float] | None = None,
     theta_step: float = 0.0,
+    u_dc: float | None = None,
+    optional: bool = True,
     chunk_rows: int = CHUNK_ROWS,
 ) -> Generator[RecordingReader]:
     """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
 
     `mapping`: quantity to the file's column. `constants`: quantity to value. `T_s`: control period in s, which the
     file's times must meet within 1 %. `align`: `{"u": rows}`, see the module. `theta_step`: resolution of `theta_e` in
-    rad, 0 where it is not known.
+    rad, 0 where it is not known. `u_dc`: V, where the recording does not say. `optional`: whether to read dc link and
+    phase currents.
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
-    sources = find_sources(path, column_names(path), mapping, constants)
+    sources = find_sources(path, column_names(path), mapping, constants, optional=optional)
     columns = tuple(dict.fromkeys(sources.columns.values()))
     with closing(read_parts(path, columns, chunk_rows)) as parts:
         named = ({name: part[column] for name, column in sources.columns.items()} for part in parts)
         noted = _noted(path, sources, theta_step)
-        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted)
+        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted, u_dc)
 
 
 def read_recording(
@@ -165,9 +170,13 @@ def read_recording(
     constants: Mapping[str, float] | None = None,
     T_s: float | None = None,
     align: Mapping[str, float] | None = None,
+    theta_step: float = 0.0,
+    u_dc: float | None = None,
 ) -> Recording:
     """A whole recording in memory, by the options of `open_recording`."""
-    with open_recording(path, mapping=mapping, constants=constants, T_s=T_s, align=align) as reader:
+    with open_recording(
+        path, mapping=mapping, constants=constants, T_s=T_s, align=align, theta_step=theta_step, u_dc=u_dc
+    ) as reader:
         runs = tuple(
             _one([chunk.samples for chunk in chunks]) for _, chunks in groupby(reader, lambda chunk: chunk.run)
         )
@@ -194,6 +203,10 @@ def _one(stretches: list[Samples]) -> Samples:
         i_d_mean=whole([s.i_d_mean for s in stretches]),
         i_q_mean=whole([s.i_q_mean for s in stretches]),
         t0=first.t0, resolution=first.resolution,
+        u_dc=whole([s.u_dc for s in stretches]),
+        i_a=whole([s.i_a for s in stretches]),
+        i_b=whole([s.i_b for s in stretches]),
+        i_c=whole([s.i_c for s in stretches]),
     )
 
 
@@ -233,6 +246,13 @@ def _first_rows(parts: Iterator[Part]) -> list[Part]:
     if rows < 2:
         raise RecordingError(f"expected at least 2 rows, came {rows}")
     return first
+
+
+def _empty(first: list[Part]) -> list[str]:
+    """Optional columns without a value in the first rows: a channel that nothing was connected to."""
+    names = [name for name in OPTIONAL if name in first[0]]
+    cells = {name: np.concatenate([part[name] for part in first])[:PROBE] for name in names}
+    return [name for name in names if not (np.abs(cells[name]) < LARGEST).any()]
 
 
 def _clock(first: list[Part], sources: Sources, T_s: float | None) -> Clock:

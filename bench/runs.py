@@ -228,6 +228,10 @@ class RunSplitter:
             i_d_mean=columns["i_d_mean"][rows] if "i_d_mean" in columns else None,
             i_q_mean=columns["i_q_mean"][rows] if "i_q_mean" in columns else None,
             t0=float(columns["t"][front]), resolution=self._resolution,
+            u_dc=columns["u_dc"][rows] if "u_dc" in columns else None,
+            i_a=columns["i_a"][rows] if "i_a" in columns else None,
+            i_b=columns["i_b"][rows] if "i_b" in columns else None,
+            i_c=columns["i_c"][rows] if "i_c" in columns else None,
         )
         joined = run.handed_on > 0
         run.handed_on += len(samples)

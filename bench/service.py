@@ -10,6 +10,7 @@ from typing import Any, Self
 from bench.acquisition import Acquisition, Link, LinkState
 from bench.captures import Captures
 from bench.config import Config
+from bench.diagnosis_jobs import DiagnosisJobs
 from bench.errors import shown
 from bench.estimation import Estimation, Snapshot
 from bench.lease import Leases, Writer
@@ -46,11 +47,12 @@ class Service:
         self._urls = {drive.name: drive.url for drive in config.drives}
         self._estimation = Estimation(
             {drive.name: drive.window for drive in config.drives},
-            {drive.name: drive.theta_step for drive in config.drives},
+            {drive.name: drive.nominal.theta_step for drive in config.drives},
         )
         self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
         self._leases = Leases(self._device)
         self.captures = Captures(config.captures, self._urls, self._pumps, self._leases)
+        self.diagnoses = DiagnosisJobs(config.captures, {drive.name: drive.nominal for drive in config.drives})
         self._writes = count(1)
         self._started = time.monotonic()
 
@@ -65,6 +67,7 @@ class Service:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         deadline = time.monotonic() + _LEAVE
+        self.diagnoses.leave()
         self.captures.leave()
         self.captures.join(_CANCEL)  # while there are links, by which recorders are told to stop
         for pump in self._pumps.values():
@@ -73,6 +76,7 @@ class Service:
             pump.join(max(0.0, deadline - time.monotonic()))
         self.captures.join(max(0.0, deadline - time.monotonic()))
         self._estimation.stop()
+        self.diagnoses.join(_LEAVE)
 
     @property
     def drives(self) -> tuple[str, ...]:

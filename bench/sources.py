@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.errors import ConfigError, RecordingError
@@ -10,9 +10,11 @@ from bench.table import quoted
 
 NEEDED: tuple[str, ...] = ("t", "u_d", "u_q", "i_d", "i_q", "omega_e")  # s, V, A, rad/s
 MEANS: tuple[str, ...] = ("i_d_mean", "i_q_mean")  # A, needed where a row covers several control periods
+PHASES: tuple[str, ...] = ("i_a", "i_b", "i_c")  # A, read where all three are there
+OPTIONAL: tuple[str, ...] = ("u_dc", *PHASES)  # V, A
 KNOWN: tuple[str, ...] = (
-    *NEEDED, "theta_e", *MEANS, "periods",
-    "u_dc", "i_a", "i_b", "i_c", "temp_winding", "temp_magnet",  # may be there, are not read
+    *NEEDED, "theta_e", *MEANS, "periods", *OPTIONAL,
+    "temp_winding", "temp_magnet",  # may be there, are not read
 )
 MAX_PERIODS = 1_000_000  # control periods a row covers
 ALIGNABLE: tuple[str, ...] = ("u",)
@@ -26,6 +28,23 @@ class Sources:
     constants: Mapping[str, float]
     told: Mapping[str, str]  # each quantity's source in words
     unused: tuple[str, ...]  # columns present and not read
+
+    def without(self, empty: Sequence[str]) -> "Sources":
+        """The same where optional columns turn out to hold no value; phase currents go together."""
+        gone = {*empty, *(PHASES if set(empty) & set(PHASES) else ())} & set(self.columns)
+        if not gone:
+            return self
+        kept = {name: column for name, column in self.columns.items() if name not in gone}
+        unused = [column for name, column in self.columns.items() if name in gone and column not in kept.values()]
+        told = {name: source for name, source in self.told.items() if name not in gone}
+        return replace(self, columns=kept, told=told, unused=(*self.unused, *unused))
+
+    def with_u_dc(self, u_dc: float | None) -> "Sources":
+        """The same with a nominal dc-link voltage (V) where the recording has none."""
+        if u_dc is None or "u_dc" in self.told:
+            return self
+        told = {**self.told, "u_dc": f"constant {u_dc:g}, the machine file's"}
+        return replace(self, constants={**self.constants, "u_dc": u_dc}, told=told)
 
 
 def check_options(
@@ -54,9 +73,9 @@ def check_options(
 
 
 def find_sources(
-    path: Path, present: Sequence[str], mapping: Mapping[str, str], constants: Mapping[str, float]
+    path: Path, present: Sequence[str], mapping: Mapping[str, str], constants: Mapping[str, float], *, optional: bool
 ) -> Sources:
-    """Match what a recording needs with what is there. A constant wins over a column of the same name."""
+    """Match what a recording needs, and may have, with what is there. A constant wins over a column of its name."""
     for name, column in mapping.items():
         if column not in present:
             raise RecordingError(f"{path}: no column {quoted(column)} for {name}; present: {_list(present)}")
@@ -74,6 +93,9 @@ def find_sources(
             "map a column to each of them or set it to a constant"
         )
     wanted += [name for name in ("theta_e", "periods") if is_there(name)]
+    if optional:
+        wanted += ["u_dc"] if is_there("u_dc") else []
+        wanted += PHASES if all(map(is_there, PHASES)) else ()
     held = {name: float(constants[name]) for name in wanted if name in constants}
     columns = {name: mapping.get(name, name) for name in wanted if name not in held}
     told = {name: f"column {column}" for name, column in columns.items()}

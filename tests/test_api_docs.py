@@ -12,17 +12,22 @@ from pathlib import Path
 from typing import Any, cast
 
 import httpx
+import jsonschema
 import pytest
 
 from bench.api.capture_models import CaptureModel, CapturesModel
+from bench.api.diagnosis_models import DiagnosisJobModel
 from bench.api.docs import example
 from bench.api.models import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
 from bench.capture_request import Request
+from bench.diagnosis_request import checked_trust, schema
+from bench.machine_file import nominal_of
 from bench.recording import read_recording
 from bench.window import Window
 from tests.conftest import RunningBench
 from tests.served_drive import until
 
+validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]
 ROUTES = {
     ("get", "/api/drives"), ("get", "/api/drives/{name}"), ("get", "/api/drives/{name}/estimates"),
     ("get", "/api/drives/{name}/window"), ("put", "/api/drives/{name}/window"), ("get", "/api/drives/{name}/stream"),
@@ -30,8 +35,12 @@ ROUTES = {
     ("get", "/api/drives/{name}/captures/{id}"), ("get", "/api/drives/{name}/captures/{id}/file"),
     ("get", "/api/drives/{name}/signals"), ("put", "/api/drives/{name}/signals"),
     ("post", "/api/drives/{name}/captures/{id}/trigger"), ("delete", "/api/drives/{name}/captures/{id}"),
+    ("post", "/api/recordings/{id}/diagnosis"), ("get", "/api/recordings/{id}/diagnosis"),
+    ("get", "/api/recordings/{id}/diagnosis/result"), ("get", "/api/recordings/{id}/diagnosis/report.html"),
+    ("get", "/api/recordings/{id}/diagnosis/machine.toml"), ("delete", "/api/recordings/{id}/diagnosis"),
 }
 CAPTURES = "/api/drives/emulated/captures"
+DIAGNOSIS = "/api/recordings/latest/diagnosis"
 
 
 class Page(HTMLParser):
@@ -93,7 +102,7 @@ def test_the_document_has_every_route_and_refers_to_nothing_that_is_not_there(do
     assert len({told["operationId"] for told in operations.values()}) == len(operations)
     for (_, path), told in operations.items():
         assert set(told["responses"]) >= {"202" if told["operationId"].startswith("ask_") else "200", "default"}
-        assert ("404" in told["responses"]) == ("{name}" in path)
+        assert ("404" in told["responses"]) == ("{" in path)
         of_path = [parameter["name"] for parameter in told.get("parameters", []) if parameter["in"] == "path"]
         assert of_path == re.findall(r"{(\w+)}", path)
     shapes = document["components"]["schemas"]
@@ -119,13 +128,23 @@ def test_refusals_and_bodies_are_described(document: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    "model", [DriveModel, EstimatesModel, WindowModel, SnapshotModel, HealthModel, CaptureModel, CapturesModel]
+    "model",
+    [DriveModel, EstimatesModel, WindowModel, SnapshotModel, HealthModel, CaptureModel, CapturesModel,
+     DiagnosisJobModel],
 )
 def test_examples_are_of_the_shape_they_explain(document: dict[str, Any], model: Any) -> None:
     shapes = document["components"]["schemas"]
     made = example(shapes[model.__name__], shapes)
     assert model.model_validate_json(json.dumps(made))
     assert '"minimum": 0,' not in json.dumps(made)  # a field's own example comes before its shape's
+
+
+def test_the_example_of_a_diagnosis_is_one_by_the_published_schema(document: dict[str, Any]) -> None:
+    shapes = document["components"]["schemas"]
+    validate(example(shapes["DiagnosisModel"], shapes), schema())
+    for body in shapes["DiagnosisRequestModel"]["examples"]:
+        checked_trust(body.get("trust", {}))
+        assert "nominal" not in body or nominal_of(body["nominal"], "nominal").machine is not None
 
 
 def test_the_page_needs_no_address_but_the_services_own(page: Page) -> None:
@@ -159,15 +178,18 @@ def test_the_commands_of_the_page_work_as_they_stand(page: Page, running_bench: 
         endless, ended = "-N" in arguments, arguments[1:3] == ["-X", "DELETE"] or command.endswith("/trigger")
         if "/captures/latest" in command:
             until(lambda: httpx.get(f"{running_bench.url}{CAPTURES}/latest").json()["state"] == "done", "the capture")
+        if re.search("/recordings/latest/diagnosis/|DELETE.*/diagnosis", command):
+            until(lambda: httpx.get(f"{running_bench.url}{DIAGNOSIS}").json()["state"] == "done", "the diagnosis")
         arguments += ["--max-time", "0.5"] if endless else []
         arguments += ["--silent", "--fail-with-body"]
         done = subprocess.run(arguments, capture_output=True, text=True, timeout=10, check=False, cwd=tmp_path)
         assert done.returncode == (28 if endless else 22 if ended else 0), done  # 28: cut; 22: refused
         if ended:
             assert " is done, there is nothing to " in json.loads(done.stdout)["detail"]
-        elif not command.endswith("/file"):
+        elif "-o" not in arguments:
             assert done.stdout.startswith("event: snapshot" if endless else "{")
     assert len(read_recording(tmp_path / "capture.parquet").runs[0]) == 5000
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")
     put_back = {key: before[key] for key in before if key != "limits"}
     assert httpx.put(f"{running_bench.url}/api/drives/emulated/window", json=put_back).status_code == 200
 

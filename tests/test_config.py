@@ -62,7 +62,7 @@ def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None
     assert (spindle.window.length, spindle.window.periods_per_row) == (500, 4)
     assert spindle.window.estimated == ("R_s", "L_d", "L_q")
     assert spindle.window.held == {"R_s": 0.5, "psi_f": 0.2}
-    assert spindle.theta_step == pytest.approx(math.pi)
+    assert spindle.nominal.theta_step == pytest.approx(math.pi)
     assert axis.name == "Axis_2.left-hand"
     assert axis.window.estimated == PARAMETERS
 

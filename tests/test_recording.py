@@ -175,6 +175,53 @@ def test_a_constant_wins_over_a_column_and_the_summary_says_so(write: Write):
     assert recording.summary.unused == ("i_d",)
 
 
+def test_the_dc_link_and_all_three_phase_currents_are_handed_on_where_they_are(write: Write):
+    k = np.arange(8, dtype=np.float64)
+    rows = np.delete(np.c_[310 + k, k, 2 * k, -3 * k], 3, axis=0).T
+    there = dict(zip(("u_dc", "i_a", "i_b", "i_c"), rows, strict=True))
+    path = write("a.parquet", {name: np.delete(column, 3) for name, column in table(8).items()} | there)
+    for chunk_rows in (2, 100):
+        with open_recording(path, align={"u": 1}, chunk_rows=chunk_rows) as reader:
+            parts = [chunk.samples for chunk in reader]
+        for name, column in there.items():
+            handed_on = np.concatenate([getattr(part, name) for part in parts])
+            assert handed_on.tolist() == np.delete(column, [0, 3]).tolist()  # no row of it has moved
+    second = read_recording(path, align={"u": 1}).runs[1]
+    assert second.u_dc is not None
+    assert second[1:].u_dc is not None
+    assert (second.u_dc.tolist(), second[1:].i_c) == ([315, 316, 317], pytest.approx([-18, -21]))
+    del there["i_b"]
+    lacking = only(read_recording(write("b.csv", table(7) | there)))
+    assert lacking.u_dc is not None
+    assert (lacking.i_a, lacking.i_b, lacking.i_c) == (None, None, None)
+    with open_recording(path, optional=False) as reader:
+        assert {chunk.samples.u_dc is None for chunk in reader} == {True}
+        assert reader.summary.unused == ("u_dc", "i_a", "i_b", "i_c")
+
+
+def test_a_nominal_dc_link_stands_in_for_a_missing_or_an_empty_column_only(write: Write):
+    for name, rows in (("a.csv", table()), ("b.csv", table(u_dc=[math.nan] * 8))):
+        recording = read_recording(write(name, rows), u_dc=310.0)
+        assert only(recording).u_dc == pytest.approx([310.0] * 8)
+        assert recording.summary.sources["u_dc"] == "constant 310, the machine file's"
+    path = write("c.csv", table(u_dc=[300.0] * 8))
+    assert only(read_recording(path, u_dc=310.0)).u_dc == pytest.approx([300.0] * 8)
+    assert only(read_recording(path, u_dc=310.0, constants={"u_dc": 5})).u_dc == pytest.approx([5.0] * 8)
+
+
+def test_a_row_without_a_dc_link_voltage_is_left_out_where_others_have_one(write: Write):
+    rows = table(20, u_dc=[math.nan if k == 9 else 300.0 for k in range(20)])
+    recording = read_recording(write("a.csv", rows))
+    assert ([len(run) for run in recording.runs], recording.summary.missing) == ([9, 10], {"u_dc": 1})
+
+
+def test_a_phase_current_without_a_value_is_none(write: Write):
+    rows = table(i_a=[1.0] * 8, i_b=[math.nan] * 8, i_c=[1.0] * 8)
+    recording = read_recording(write("a.csv", rows))
+    assert only(recording).i_a is None
+    assert recording.summary.unused == ("i_a", "i_b", "i_c")
+
+
 def test_missing_columns_are_named_and_the_present_listed(write: Write):
     said = refusal(write("a.csv", "t,vqd,Iq\n0,1,2\n"))
     assert "missing columns: u_d, u_q, i_d, i_q, omega_e;" in said

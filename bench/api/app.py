@@ -11,9 +11,10 @@ from fastapi.responses import FileResponse, HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 
-from bench.api import captures, docs, problems, signals
+from bench.api import captures, diagnoses, docs, problems, signals
 from bench.api.answers import ANY, DRIVE, PROBLEM, SHAPES, Answers, DriveName, body_of, json_object, of_known
 from bench.api.capture_models import CaptureRequestModel, LevelModel, capture_model
+from bench.api.diagnosis_models import DiagnosisRequestModel, diagnosis_shapes
 from bench.api.models import (
     DriveModel,
     DrivesModel,
@@ -107,6 +108,7 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
 
     captures.install(app, service)
     signals.install(app, service)
+    diagnoses.install(app, service)
 
     @app.get("/api/health", summary="State of every thread and link", responses=ANY)
     def health() -> HealthModel:
@@ -130,10 +132,14 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
 
 def _complete(document: dict[str, Any]) -> None:
     """Add to the OpenAPI document the shapes that no route's signature tells."""
-    for model in (ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, LevelModel, SignalValuesModel):
+    for model in (
+        ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, LevelModel, SignalValuesModel,
+        DiagnosisRequestModel,
+    ):
         shape = model.model_json_schema(ref_template=f"{SHAPES}{{model}}")
         shape.pop("$defs", None)  # they are there already
         document["components"]["schemas"][model.__name__] = shape
+    document["components"]["schemas"] |= diagnosis_shapes()
 
 
 def _serve_page(app: FastAPI) -> None:

@@ -123,7 +123,8 @@ def _curl(method: str, url: str, operation: Schema, schemas: Schema) -> str:
     if method != "get":
         return f"curl -X {method.upper()} {url}"
     if _content(_success(operation)).get("format") == "binary":
-        return f"curl -o capture.parquet {url}"
+        name = url.rpartition("/")[2]
+        return f"curl -o {name if '.' in name else 'capture.parquet'} {url}"
     return f"curl -N {url}" if "text/event-stream" in answer else f"curl {url}"
 
 
@@ -159,7 +160,7 @@ def _type(schema: Schema) -> str:
         return ", ".join(f"<code>{escape(str(word))}</code>" for word in words)
     if "items" in schema:
         return f"list of {_type(schema['items'])}"
-    if "additionalProperties" in schema:
+    if isinstance(schema.get("additionalProperties"), dict):
         return f"{_type(schema['additionalProperties'])} by name"
     kind = "file" if schema.get("format") == "binary" else str(schema.get("type"))
     return "time (RFC 3339)" if schema.get("format") == "date-time" else escape(_KINDS.get(kind, kind))

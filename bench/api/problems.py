@@ -9,6 +9,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
 from bench.captures import UnknownCaptureError
+from bench.diagnosis_jobs import UnknownRecordingError
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError, shown
 from bench.service import UnknownDriveError
 from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, RefusedError
@@ -16,6 +17,7 @@ from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, Re
 _STATUS: dict[type[Exception], int] = {
     UnknownDriveError: 404,
     UnknownCaptureError: 404,
+    UnknownRecordingError: 404,
     ConflictError: 409,
     LimitError: 422,
     UnavailableError: 503,

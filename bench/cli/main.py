@@ -184,6 +184,47 @@ def replay(
 
 
 @app.command()
+def diagnose(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings: CSV, CSV.gz or Parquet")],
+    nominal: Annotated[
+        Path,
+        typer.Option(metavar="MACHINE.toml", help="the machine; a folder, or a name with {stem}: one each, by name"),
+    ],
+    trust: Annotated[
+        list[str] | None, typer.Option(metavar="R_s=20%,...", help="how far off a nominal value may be (10 % each)")
+    ] = None,
+    json_out: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="OUT", help="as JSON; of several recordings a folder, or a name with {stem}"),
+    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="OUT.html", help="as a page; likewise")] = None,
+    machine: Annotated[
+        Path | None, typer.Option(metavar="OUT.toml", help="the machine with its effects; likewise")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option(metavar="N", help="recordings at a time (default: one per core)")] = None,
+    mapping: Annotated[list[str] | None, typer.Option("--map", metavar="NAME=COLUMN,...", help="columns")] = None,
+    constants: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE,...", help="constants")] = None,
+    align: Annotated[
+        list[str] | None, typer.Option(metavar="u=ROWS", help="the voltage in row k was applied ROWS later")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="write over files that are there")] = False,
+) -> None:
+    """Say what physics recordings show that a machine's data leave out: where, what, how big, how sure.
+
+    Exit code: 0, every verdict is no mismatch or explained; 1, one leaves something open; 2, bad input.
+    """
+    from bench.cli.diagnose import Options, run
+    from bench.cli.options import pairs
+    from bench.diagnosis_request import trust_of
+
+    options = Options(
+        trust_of(trust or ()), pairs("--map", mapping or (), str), pairs("--set", constants or (), float),
+        pairs("--align", align or (), float), jobs, force,
+    )
+    raise typer.Exit(run(files, nominal, {"--json": json_out, "--report": report, "--machine": machine}, options))
+
+
+@app.command()
 def registers(as_json: Annotated[bool, typer.Option("--json", help="as JSON")] = False) -> None:
     """Print the Modbus registers of a drive."""
     from bench.cli.registers import show

@@ -6,11 +6,11 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from bench.cli.options import pairs
 from bench.cli.output import check_new
 from bench.cli.table import basis_of, estimates_table
 from bench.errors import ConfigError
@@ -21,8 +21,6 @@ from bench.window import AUTO, Window
 from estimator.estimate import WindowEstimate
 from estimator.machine import PARAMETERS
 from estimator.window_ls import MAX_LENGTH
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +76,9 @@ def run(
     _check_outputs(file, {"--json": json_out, "--csv": csv_out})
     with (
         open_recording(
-            file, mapping=_pairs("--map", mapping, str), constants=_pairs("--set", constants, float), T_s=machine.T_s,
-            align=_pairs("--align", align, float), theta_step=machine.theta_step,
+            file, mapping=pairs("--map", mapping, str), constants=pairs("--set", constants, float), T_s=machine.T_s,
+            align=pairs("--align", align, float), theta_step=machine.theta_step,
+            optional=False,
         ) as reader,
         _track(csv_out) as on_estimate,
         _progress(reader.rows_expected) as on_rows,
@@ -137,26 +136,6 @@ def _check_outputs(file: Path, outputs: Mapping[str, Path | None]) -> None:
             raise ConfigError(f"{path}: expected a file of its own, this is the recording or the other output")
         taken.append(path.resolve())
         check_new(option, path)
-
-
-def _pairs(option: str, items: Sequence[str], convert: Callable[[str], T]) -> dict[str, T]:
-    """NAME=VALUE,... of a repeatable option."""
-    pairs: dict[str, T] = {}
-    for item in ",".join(items).split(","):
-        if not item:
-            continue
-        name, equals, value = (part.strip() for part in item.partition("="))
-        try:
-            if not (name and equals and value):
-                raise ValueError
-            converted = convert(value)
-        except ValueError:
-            form = "NAME=COLUMN" if convert is str else "NAME=NUMBER"
-            raise ConfigError(f"{option}: expected {form}[,...], got {item!r}") from None
-        if name in pairs:
-            raise ConfigError(f"{option}: {name} is given twice")
-        pairs[name] = converted
-    return pairs
 
 
 @contextmanager

@@ -1,0 +1,91 @@
+"""Shapes of what the REST interface says of diagnoses; that of a diagnosis itself is the published schema's."""
+
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any, Final, Literal, cast
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from bench.api.answers import SHAPES
+from bench.diagnosis_jobs import Job
+from bench.diagnosis_request import schema
+
+DIAGNOSIS: Final = "DiagnosisModel"
+_ID = "emulated-20260131-120000-000"
+_NAMES: Final = {"propertyNames": {"examples": ["R_s"]}}
+
+
+class DiagnosisRequestModel(BaseModel):
+    """How to diagnose; what is left out is as usual."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"trust": {"R_s": 0.2}}, {"nominal": {
+        "machine": {"R_s": 0.97, "L_d": 4.2e-3, "L_q": 6.2e-3, "psi_f": 0.12, "n_p": 4, "i_rated": 6.0},
+        "drive": {"u_dc": 310.0},
+    }}]})  # fmt: skip
+
+    trust: dict[str, float] = Field(
+        {}, description="how far off the nominal R_s, L_d, L_q, psi_f may be, as shares; 0.1 each",
+        examples=[{"R_s": 0.2}],
+    )
+    nominal: dict[str, dict[str, float]] | None = Field(
+        None, description="tables machine and drive as in a MACHINE.toml; left out: those of the drive's configuration",
+        examples=[None],
+    )
+
+
+class DiagnosisJobModel(BaseModel):
+    """A diagnosis: asked for, under way, or ended."""
+
+    recording: str = Field(examples=[_ID])
+    state: Literal["queued", "running", "done", "failed", "cancelled"] = Field(
+        description="the last three are ends", examples=["done"]
+    )
+    progress: float = Field(description="0 to 1", examples=[1.0])
+    phase: str = Field(description="what is being done, in words", examples=[""])
+    reason: str = Field(description="a sentence: why it failed", examples=[""])
+    asked: datetime = Field(examples=["2026-01-31T12:00:00Z"])
+    verdict: str | None = Field(description="once it is done", examples=["explained"])
+    sentence: str | None = Field(
+        description="the answer in words", examples=["The inverter's voltage error was left out: 2.0 us of dead time."]
+    )
+
+
+def job_model(job: Job) -> DiagnosisJobModel:
+    """A diagnosis as REST shows it."""
+    content = job.content or {}
+    return DiagnosisJobModel.model_validate({
+        "recording": job.recording, "state": job.state.value, "progress": job.progress, "phase": job.phase,
+        "reason": job.reason, "asked": job.asked, "verdict": content.get("verdict"),
+        "sentence": content.get("sentence"),
+    })
+
+
+def diagnosis_shapes() -> dict[str, Any]:
+    """The published schema's shapes as an OpenAPI document has them: objects by name, the rest where it is used."""
+    published = schema()
+    definitions: dict[str, Any] = published.pop("$defs")
+    named = {name: _model(name) for name, told in definitions.items() if "properties" in told}
+
+    def converted(part: Any) -> Any:
+        if isinstance(part, list):
+            return [converted(item) for item in cast(list[Any], part)]
+        if not isinstance(part, dict):
+            return part
+        told = dict(cast(Mapping[str, Any], part))
+        if (name := str(told.pop("$ref", "")).rpartition("/")[2]) in named:
+            return {"$ref": f"{SHAPES}{named[name]}"} | told
+        if name:
+            return converted(definitions[name]) | told
+        if isinstance(told.get("type"), list):
+            told["anyOf"] = [{"type": kind} for kind in told.pop("type")]
+        if isinstance(told.get("additionalProperties"), dict):
+            told |= _NAMES
+        return {key: value if key == "propertyNames" else converted(value) for key, value in told.items()}
+
+    whole = {key: value for key, value in published.items() if not key.startswith("$")}
+    shapes = {DIAGNOSIS: whole} | {named[name]: definitions[name] for name in named}
+    return {name: converted(told) for name, told in shapes.items()}
+
+
+def _model(name: str) -> str:
+    return "".join(word.capitalize() for word in name.split("_")) + "Model"

@@ -1,0 +1,286 @@
+"""`pmsm-bench diagnose`: recordings to diagnoses, several at a time; what each says, and files of it."""
+
+import contextlib
+import os
+import sys
+from collections import Counter
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from bench.cli.output import check_new
+from bench.diagnosis_request import SETTLED, WORK, Request, Result, json_text
+from bench.engineering import odds, quantity, words
+from bench.errors import BenchError, ConfigError
+from bench.machine_file import Nominal, load_machine
+from bench.worker import Failed, each
+from bench.worker import Progress as Under
+
+STEM: Final = "{stem}"
+OPEN: Final = 1  # exit code: a verdict that leaves something open
+BAD: Final = 2  # exit code: a recording without a verdict
+_SUFFIXES: Final = {"--json": ".json", "--report": ".html", "--machine": ".toml"}
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What goes for all recordings of a command."""
+
+    trust: Mapping[str, float]
+    mapping: Mapping[str, str]
+    constants: Mapping[str, float]
+    align: Mapping[str, float]
+    jobs: int | None  # processes; None: one per core
+    force: bool
+
+
+def run(files: Sequence[Path], nominal: Path, outputs: Mapping[str, Path | None], options: Options) -> int:
+    """Diagnose recordings, print and write what is said of them; the exit code. Raises ConfigError before any work."""
+    if options.jobs is not None and options.jobs < 1:
+        raise ConfigError(f"--jobs: expected at least 1, got {options.jobs}")
+    places = _places(files, outputs)
+    _check(files, nominal, places, force=options.force)
+    shared = None if STEM in str(nominal) or nominal.is_dir() else load_machine(nominal)
+    show = _Shown(len(files), machine=outputs.get("--machine") is not None)
+    wanted = outputs.get("--report") is not None
+    requests: list[Request] = []
+    told: list[int] = []  # place among the files of each request
+    outcomes: dict[int, Result | str] = {}
+    for k, file in enumerate(files):
+        try:
+            machine = shared if shared is not None else load_machine(_nominal_of(nominal, file))
+        except BenchError as error:
+            outcomes[k] = str(error)
+        else:
+            requests.append(_request(file, machine, options, report=wanted))
+            told.append(k)
+    shares = [0.0] * len(requests)
+    with _bar(len(files)) as bar, contextlib.closing(each(WORK, requests, options.jobs or _cores())) as heard:
+        for k, said in heard:
+            if isinstance(said, Under):
+                shares[k] = said.share
+                bar.at(len(outcomes) + sum(s for n, s in enumerate(shares) if told[n] not in outcomes), said.phase)
+                continue
+            place = told[k]
+            outcomes[place] = said.why if isinstance(said, Failed) else _written(said.result, places[place])
+            bar.at(len(outcomes), "")
+            show.as_far_as(files, outcomes, bar)
+        show.as_far_as(files, outcomes, bar)
+    return show.end()
+
+
+def stem_of(file: Path) -> str:
+    """A recording's name without what its format adds to it."""
+    name = file.name.removesuffix(".gz")
+    for suffix in (".csv", ".parquet", ".pq"):
+        name = name.removesuffix(suffix)
+    return name
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _request(file: Path, machine: Nominal, options: Options, *, report: bool) -> Request:
+    return Request(file, machine, options.trust, options.mapping, options.constants, options.align, report)
+
+
+def _nominal_of(nominal: Path, file: Path) -> Path:
+    if STEM in str(nominal):
+        return Path(str(nominal).replace(STEM, stem_of(file)))
+    return nominal / f"{stem_of(file)}.toml"
+
+
+# --- files
+
+
+def _places(files: Sequence[Path], outputs: Mapping[str, Path | None]) -> list[dict[str, Path]]:
+    """Where each recording's outputs go, by option."""
+    places = [dict[str, Path]() for _ in files]
+    for option, out in outputs.items():
+        if out is None:
+            continue
+        suffix = _SUFFIXES[option]
+        pattern = str(out)
+        if STEM not in pattern and (len(files) > 1 or out.is_dir()):
+            if out.suffix == suffix or (out.exists() and not out.is_dir()):
+                raise ConfigError(f"{option}: several recordings need a folder or a name with {STEM}, got {out}")
+            pattern = str(out / f"{STEM}{suffix}")
+            with _as_refusal(out):
+                out.mkdir(parents=True, exist_ok=True)
+        for place, file in zip(places, files, strict=True):
+            place[option] = Path(pattern.replace(STEM, stem_of(file)))
+    return places
+
+
+def _check(files: Sequence[Path], nominal: Path, places: Sequence[Mapping[str, Path]], *, force: bool) -> None:
+    """Refuse, before any work, what would overwrite a recording, a machine file, another output or a file."""
+    taken = {file.resolve(): "a recording" for file in files}
+    taken |= {_nominal_of(nominal, file).resolve(): "its machine file" for file in files}
+    taken[nominal.resolve()] = "the machine file"
+    for place in places:
+        for option, path in place.items():
+            if (whose := taken.get(path.resolve())) is not None:
+                raise ConfigError(f"{option}: {path}: expected a file of its own, this is {whose}")
+            if not _takes_all(path):
+                taken[path.resolve()] = "another output"
+            if not force:
+                check_new(option, path)
+
+
+def _takes_all(path: Path) -> bool:
+    """A pipe or a device."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _written(result: Result, place: Mapping[str, Path]) -> Result | str:
+    """The result, once its files are written; a sentence where they cannot be."""
+    texts = {"--json": json_text(result.content), "--report": result.report, "--machine": result.machine}
+    try:
+        for option, path in place.items():
+            if (text := texts[option]) is not None:
+                with _as_refusal(path):
+                    _write(path, text)
+    except ConfigError as error:
+        return str(error)
+    return result
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    if _takes_all(path) or path.is_dir():
+        path.write_text(text, encoding="utf-8")
+        return
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
+    try:
+        unfinished.write_text(text, encoding="utf-8")
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def _as_refusal(path: Path) -> Generator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+# --- what is shown
+
+
+@dataclass(slots=True)
+class _Bar:
+    """A bar on standard error while it takes long, where that is a terminal."""
+
+    progress: Progress
+    task: Any
+    output: Console  # for what goes to standard output meanwhile
+
+    def at(self, done: float, phase: str) -> None:
+        self.progress.update(self.task, completed=done, description=phase or "diagnosing")
+
+    def refuse(self, sentence: str) -> None:
+        """A sentence on standard error, above the bar."""
+        self.progress.console.print(f"pmsm-bench: {sentence}", markup=False, soft_wrap=True, highlight=False)
+
+
+@contextmanager
+def _bar(total: int) -> Generator[_Bar]:
+    console = Console(stderr=True)
+    count = TextColumn("{task.completed:.0f}/{task.total:.0f}") if total > 1 else TextColumn("{task.percentage:.0f} %")
+    columns = (TextColumn("{task.description}"), BarColumn(), count, TimeRemainingColumn())
+    progress = Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal,
+        redirect_stdout=False,
+    )
+    shared = console.is_terminal and sys.stdout.isatty()  # what is said goes above the bar then
+    with progress:
+        yield _Bar(progress, progress.add_task("diagnosing", total=total), console if shared else Console())
+
+
+class _Shown:
+    """Outcomes on standard output, in the order of the files."""
+
+    def __init__(self, total: int, *, machine: bool) -> None:
+        self._total, self._machine, self._next = total, machine, 0
+        self._verdicts = Counter[str]()
+        self._console = Console()
+
+    def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, Result | str], bar: _Bar) -> None:
+        """Show those whose turn has come."""
+        self._console = bar.output
+        while self._next in outcomes:
+            file, outcome = files[self._next], outcomes[self._next]
+            self._next += 1
+            if isinstance(outcome, str):
+                self._verdicts["bad input"] += 1
+                bar.refuse(outcome if outcome.startswith(str(file)) else f"{file}: {outcome}")
+                continue
+            self._verdicts[outcome.content["verdict"]] += 1
+            self._say(f"{file}: {words(outcome.content['verdict'])}")
+            self._say(outcome.content["sentence"])
+            if self._total == 1:
+                self._details(outcome.content)
+            if self._machine and outcome.machine is None:
+                self._say("no machine file: nothing could be fitted")
+
+    def end(self) -> int:
+        """The exit code; in words, too, where there were several. After the bar."""
+        self._console = Console()
+        if self._total > 1:
+            counts = ", ".join(f"{count} {words(verdict)}" for verdict, count in self._verdicts.most_common())
+            self._say(f"{self._total} recordings: {counts}")
+        if self._verdicts["bad input"]:
+            return BAD
+        return 0 if set(self._verdicts) <= set(SETTLED) else OPEN
+
+    def _details(self, content: Mapping[str, Any]) -> None:
+        if content["findings"]:
+            self._console.print(_findings(content["findings"]))
+        if content["fit"] is not None:
+            self._console.print(_before_and_after(content))
+        for ambiguity in content["ambiguous"]:
+            names = " or ".join(map(words, ambiguity["effects"]))
+            self._say(f"{names}? {ambiguity['reason']}; to tell: {ambiguity['experiment']['sentence']}")
+        for remark in content["remarks"]:
+            self._say(remark)
+
+    def _say(self, text: str) -> None:
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _findings(findings: Sequence[Mapping[str, Any]]) -> Table:
+    table = Table("what was left out", "size ± std", "odds", "where")
+    for finding in findings:
+        sizes = [
+            f"{words(name)} {quantity(size['value'], size['unit'], size['std'])}"
+            for name, size in finding["parameters"].items()
+        ]
+        table.add_row(
+            words(finding["effect"]), "\n".join(sizes), odds(finding["odds_against_next"]), finding["where"]["sentence"]
+        )
+    return table
+
+
+def _before_and_after(content: Mapping[str, Any]) -> Table:
+    fit = content["fit"]
+    table = Table(caption="held out" if fit["held_out"] else "on the rows of the fit")
+    for heading in ("", "before", "after", "noise floor"):
+        table.add_column(heading, justify="left" if not heading else "right")
+    voltage, current = fit["one_step_rms_V"], fit["free_run_rms_A"]
+    table.add_row("u, one step", *(quantity(value, "V", like=voltage["before"]) for value in voltage.values()))
+    table.add_row("i, free run", *(quantity(value, "A", like=current["before"]) for value in current.values()))
+    before, after = content["machine"]["before"], content["machine"]["after"]
+    for name in {**before, **after}:
+        sizes = [machine.get(name) for machine in (before, after)]
+        like = next((size["value"] for size in sizes[::-1] if size is not None), None)
+        table.add_row(name, *("–" if s is None else quantity(s["value"], s["unit"], s["std"], like) for s in sizes))
+    return table

@@ -1,0 +1,28 @@
+"""Options whose value is several."""
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from bench.errors import ConfigError
+
+T = TypeVar("T")
+
+
+def pairs(option: str, items: Sequence[str], convert: Callable[[str], T]) -> dict[str, T]:
+    """NAME=VALUE,... of a repeatable option."""
+    found: dict[str, T] = {}
+    for item in ",".join(items).split(","):
+        if not item:
+            continue
+        name, equals, value = (part.strip() for part in item.partition("="))
+        try:
+            if not (name and equals and value):
+                raise ValueError
+            converted = convert(value)
+        except ValueError:
+            form = "NAME=COLUMN" if convert is str else "NAME=NUMBER"
+            raise ConfigError(f"{option}: expected {form}[,...], got {item!r}") from None
+        if name in found:
+            raise ConfigError(f"{option}: {name} is given twice")
+        found[name] = converted
+    return found

@@ -1,0 +1,115 @@
+"""A recording and a machine file to a diagnosis, and the diagnosis as JSON: a pure function of both.
+
+The JSON is described by `diagnosis.schema.json`. Knows nothing of terminals and HTTP.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, Final, cast
+
+from bench.diagnosed_machine import machine_text
+from bench.diagnosis_request import Request, Result, Tell, check_whole
+from bench.errors import RecordingError
+from bench.machine_file import Nominal
+from bench.recording import Summary, read_recording
+from bench.report import report
+from estimator.mismatch.diagnose import diagnose
+from estimator.mismatch.verdict import Before, Diagnosis
+
+MOST_ODDS: Final = 1e12  # beyond, a figure says no more than that
+_READING: Final = 0.05  # share of the work
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosed:
+    """A recording and what is said of it."""
+
+    recording: Summary
+    nominal: Nominal
+    diagnosis: Diagnosis
+
+
+def diagnose_recording(request: Request, tell: Tell = lambda share, phase: None) -> Diagnosed:
+    """Read and diagnose a recording. Raises ConfigError, RecordingError, and what `tell` raises to cancel."""
+    nominal = request.nominal
+    machine = check_whole(nominal)
+    tell(0.0, "reading")
+    recording = read_recording(
+        request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
+        theta_step=nominal.theta_step, u_dc=nominal.u_dc,
+    )
+
+    def on(share: float, phase: str) -> None:
+        tell(_READING + (1.0 - _READING) * share, phase)
+
+    try:
+        diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
+    except ValueError as error:
+        raise RecordingError(f"{request.file}: {error}") from error
+    remarks = (*recording.summary.remarks(), *diagnosis.remarks)
+    return Diagnosed(recording.summary, nominal, replace(diagnosis, remarks=remarks))
+
+
+def work(request: Request, tell: Tell) -> Result:
+    """A diagnosis in texts, as a process for such work makes it."""
+    diagnosed = diagnose_recording(request, tell)
+    diagnosis = diagnosed.diagnosis
+    fitted = bool(diagnosis.machine_after)
+    return Result(
+        as_json(diagnosed),
+        machine_text(diagnosis, diagnosed.nominal, request.file.name) if fitted else None,
+        report(diagnosis, diagnosed.recording, diagnosed.nominal) if request.report else None,
+    )
+
+
+def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
+    """A diagnosis as plain values, SI; what is not finite is null."""
+    said, recording = diagnosed.diagnosis, diagnosed.recording
+    fit = said.fit
+    return _plain({
+        "verdict": said.verdict.value,
+        "sentence": said.sentence,
+        "findings": [
+            _fields(finding) | {
+                "odds_against_next": min(finding.odds_against_next, MOST_ODDS),
+                "rivals": [{"effect": r.effect, "odds": min(r.odds, MOST_ODDS)} for r in finding.rivals],
+            }
+            for finding in said.findings
+        ],
+        "ambiguous": said.ambiguous,
+        "unexplained": said.unexplained,
+        "detectable": said.detectable,
+        "machine": {"before": said.machine_before, "after": said.machine_after},
+        "fit": None if fit is None else _fields(fit) | {
+            "one_step_rms_V": _fields(fit.one_step_rms_V),
+            "free_run_rms_A": _two(fit.free_run_rms_A),
+            "whiteness": _two(fit.whiteness),
+        },
+        "candidates": said.candidates,
+        "remarks": said.remarks,
+        "recording": {"path": recording.path, "rows": recording.rows, "duration": recording.duration},
+    })
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    return {field.name: getattr(value, field.name) for field in fields(value)}
+
+
+def _two(value: Before) -> dict[str, float]:
+    return {"before": value.before, "after": value.after}
+
+
+def _plain(value: Any) -> Any:
+    """Values that JSON has."""
+    if is_dataclass(value):
+        return _plain(_fields(value))
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in cast(Mapping[Any, Any], value).items()}
+    if isinstance(value, str):
+        return str(value)
+    if isinstance(value, Sequence):
+        return [_plain(item) for item in cast(Sequence[Any], value)]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -1,0 +1,60 @@
+"""A diagnosis as a machine file: the parameters after it, the drive as it was, the effects found, with their units."""
+
+import math
+
+from bench.machine_file import KEYS, Nominal
+from estimator.machine import PARAMETERS, UNITS
+from estimator.mismatch.verdict import Diagnosis, Quantity
+
+
+def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
+    """TOML that `load_machine` takes. `recording`: its name, for a comment."""
+    lines = [
+        _comment(f"as diagnosed from {recording}: {diagnosis.verdict.value.replace('_', ' ')}"),
+        _comment(diagnosis.sentence),
+        "",
+        "[machine]  # SI, per phase, peak dq",
+        *(_parameter(name, diagnosis.machine_after.get(name), nominal) for name in PARAMETERS),
+    ]
+    if nominal.n_p is not None:
+        lines.append(f"n_p = {nominal.n_p}")
+    if nominal.i_rated is not None:
+        lines.append(_line("i_rated", nominal.i_rated, "A"))
+    drive = {"T_s": (nominal.T_s, "s"), "u_dc": (nominal.u_dc, "V"), "encoder_counts": (nominal.encoder_counts, "")}
+    if known := [_line(name, value, unit) for name, (value, unit) in drive.items() if value is not None]:
+        lines += ["", "[drive]", *known]
+    for finding in diagnosis.findings:
+        lines += ["", f"[effects.{finding.effect}]"]
+        for name, found in finding.parameters.items():
+            lines += [_line(key, value, found.unit) for key, value in _both(name, found)]
+    return "\n".join(lines) + "\n"
+
+
+def _parameter(name: str, found: Quantity | None, nominal: Nominal) -> str:
+    """A parameter after the diagnosis; the nominal one where that is none that a machine file may hold."""
+    unit, given = UNITS[name], nominal.given[name]
+    low, high, _ = KEYS["machine"][name]
+    if found is None or found.value is None:
+        return _line(name, given, f"{unit}, nominal: it could not be told")
+    if not low <= found.value <= high:
+        return _line(name, given, f"{unit}, nominal: the fit says {found.value:.3g}")
+    return _line(name, found.value, unit + (f", std {found.std:.2g}" if _finite(found.std) else ""))
+
+
+def _both(name: str, found: Quantity) -> list[tuple[str, float]]:
+    return [
+        (key, value) for key, value in ((name, found.value), (f"{name}_std", found.std))
+        if value is not None and math.isfinite(value)
+    ]
+
+
+def _finite(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def _line(name: str, value: float, comment: str) -> str:
+    return f"{name} = {value:.9g}" + (f"  # {comment}" if comment not in ("", "1") else "")
+
+
+def _comment(text: str) -> str:
+    return "# " + "".join(c if c.isprintable() else " " for c in text)
