@@ -24,8 +24,10 @@ white: of the phase currents with the converter's rounding, of the encoder's cou
 currents and voltages. Rows that a recording lost are taken for there.
 
 Where it is poor: the encoder's rounding is no white noise at speeds of less than a count a period, or of a whole number
-of them; a voltage early or late by one period is no small effect at all, its limit is a share of a period; of several
-effects each limit is that of the effect alone, so those that look alike are harder to tell than it says.
+of them, nor is the converter's where noise is small against its step; where the shaft is free, a speed that changes
+within a period is taken for steady (`lack`: what that leaves, and a dc link that sags, is taken off both runs); a
+voltage early or late by one period is no small effect at all, its limit is a share of a period; of several effects each
+limit is that of the effect alone, so those that look alike are harder to tell than it says.
 """
 
 import argparse
@@ -56,6 +58,8 @@ _PARAMETERS: Final = ("R_s", "L_d", "L_q", "psi_f")
 _PRIOR: Final = TOLERANCE / math.sqrt(3.0)  # deviation of a number anywhere within the tolerance
 _STEP: Final = 1e-4  # of a parameter, for a derivative
 _RPM: Final = 2.0 * math.pi / 60.0  # rad/s
+_FITS: Final = 6  # of the parameters at most, each about the one before
+_SETTLED: Final = 1e-3  # of the energy, by which a fit still changes it
 _ROUNDED: Final = 1.0 / 12.0  # variance of a number rounded to 1
 
 _SMALL: Final = 3.0  # limits: a size that is run is no larger
@@ -93,8 +97,18 @@ class Oracle:
         return errors - self._errors, change
 
     def _limit(self, name: str, x: float) -> float:
-        signal, change = self.signal(name, x)
-        return x * math.sqrt(NEEDED / float(signal @ weights(signal, change)))
+        """By the energy that no machine of the series takes away, its parameters in deviations from the true ones."""
+        columns, energy = self.with_size(name, x), math.inf
+        off: Array = np.zeros(len(_PARAMETERS))
+        for _ in range(_FITS):
+            errors, J = whitened(columns, self.scenario, off)
+            signal, before = errors - self._errors - off @ J, energy
+            off = np.asarray(-np.linalg.solve(np.eye(len(J)) + J @ J.T, J @ signal), np.float64)
+            left = signal + off @ J
+            energy = float(left @ left + off @ off)
+            if abs(energy - before) <= _SETTLED * energy:
+                break
+        return x * math.sqrt(NEEDED / energy)
 
     def with_size(self, name: str, x: float) -> Mapping[str, Column]:
         """The recording's run by ideal sensors with one class alone."""
@@ -142,13 +156,17 @@ def noise_of(scenario: Scenario) -> Noise:
     )
 
 
-def whitened(columns: Mapping[str, Column], scenario: Scenario) -> tuple[Array, Array]:
-    """White innovations of the true machine (m), and their change by a deviation of each parameter: J' (4 x m)."""
-    told = np.array([getattr(scenario.motor, name) for name in _PARAMETERS])
-    machines = told * (1.0 + _STEP * np.vstack([np.zeros(4), np.eye(4)]))
+def whitened(columns: Mapping[str, Column], scenario: Scenario, off: Array | None = None) -> tuple[Array, Array]:
+    """White innovations of a machine (m), and their change by a deviation of each parameter: J' (4 x m).
+
+    The machine is the true one, or `off` by so many deviations in each parameter.
+    """
+    true = np.array([getattr(scenario.motor, name) for name in _PARAMETERS])
+    told = true * (1.0 + _PRIOR * (np.zeros(len(true)) if off is None else off))
+    machines = np.vstack([true, told, told + _STEP * np.diag(true)])
     rows = np.array([columns[name] for name in ("theta_e", "i_d", "i_q", "u_d", "u_q", "u_dc")])
     errors = innovations(rows, scenario.drive.T_s, machines, noise_of(scenario))
-    return errors[0], (errors[1:] - errors[0]) * (_PRIOR / _STEP)
+    return errors[1], (errors[2:] - errors[1]) * (_PRIOR / _STEP)
 
 
 def weights(signal: Array, change: Array) -> Array:
