@@ -154,7 +154,7 @@ def _is_there(unexplained: Unexplained, truth: Truth) -> bool:
         near = f is not None and abs(f - true) <= max(0.05 * true, 1.0 / truth.length)
         return "stationary" in text and near
     if truth.stranger == "telegraph":
-        in_time = any(word in text for word in ("burst", "step", "telegraph", "switches"))
+        in_time = any(words in text for words in ("burst", "comes and goes", "a step of", "telegraph"))
         return in_time or ("stationary" in text and f is not None and f <= _SLOW)
     return f is not None and f >= _FAST / T_s
 
