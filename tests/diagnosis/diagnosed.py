@@ -1,0 +1,89 @@
+"""Recordings of a suite through the diagnosis, in processes that know the recordings' folder and nothing else."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from importlib import import_module
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pyarrow.parquet
+
+from bench.machine_file import load_machine
+from bench.recording import read_recording
+from estimator.machine import Machine
+from estimator.mismatch.verdict import Diagnosis
+from estimator.samples import Samples
+
+Diagnose = Callable[[Sequence[Samples], Machine], Diagnosis]
+"""What is scored. Raises ValueError where a recording cannot be diagnosed."""
+
+_pq: Any = pyarrow.parquet  # comes without types
+_MORE = ("u_dc", "i_a", "i_b", "i_c")  # columns that samples may have besides
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What was said of a recording, and in which time."""
+
+    diagnosis: Diagnosis | None
+    error: str  # why there is none
+    seconds: float  # with the file's reading
+
+
+def loaded(folder: Path, name: str) -> tuple[list[Samples], Machine]:
+    """A recording's runs, with dc link and phase currents, and its nominal machine."""
+    path, nominal = folder / f"{name}.parquet", load_machine(folder / f"{name}.toml")
+    table = _pq.read_table(path, columns=["t", *_MORE])
+    more: dict[str, Any] = {column: table[column].to_numpy() for column in _MORE}
+    t = table["t"].to_numpy()
+    runs: list[Samples] = []
+    for run in read_recording(path).runs:
+        first = int(np.searchsorted(t, run.t0 - 0.5 * run.T))
+        rows = slice(first, first + len(run))
+        resolution = run.resolution._replace(theta_e=nominal.theta_step)
+        runs.append(
+            dataclasses.replace(
+                run, resolution=resolution, **{column: values[rows].copy() for column, values in more.items()}
+            )
+        )
+    if nominal.machine is None:
+        raise ValueError(f"{folder / name}.toml: expected a whole machine")
+    return runs, nominal.machine
+
+
+def diagnosed(
+    wanted: Sequence[tuple[Path, str]], function: str, jobs: int
+) -> Iterator[tuple[tuple[Path, str], Said]]:
+    """What `function` ("module:name") says of recordings (folder and name), in the order in which they are done."""
+    started = (function, *wanted[0])
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _warm_up, started) as pool:
+        futures = {pool.submit(_one, function, *each): each for each in wanted}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+def _warm_up(function: str, folder: Path, name: str) -> None:
+    """Compile, so that no recording's time has it in it."""
+    _one(function, folder, name)
+
+
+def _one(function: str, folder: Path, name: str) -> Said:
+    module, _, called = function.partition(":")
+    diagnose = cast(Diagnose, getattr(import_module(module), called))
+    begun = time.perf_counter()
+    try:
+        found = diagnose(*loaded(folder, name))
+    except ValueError as error:
+        return Said(None, str(error), time.perf_counter() - begun)
+    taken = time.perf_counter() - begun
+    return Said(dataclasses.replace(found, **_plain(found)), "", taken)
+
+
+def _plain(found: Diagnosis) -> Mapping[str, Any]:
+    """Without what is for pictures."""
+    return {"traces": None, "detectable": dict(found.detectable)}
