@@ -18,7 +18,7 @@ from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.whitening import whiten
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter
-from estimator.physics.library import LIBRARY
+from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
 
 Array = NDArray[np.float64]
@@ -69,11 +69,37 @@ def filter_pole(machine: Machine, T_s: float) -> float:
     return min(float(np.exp(-machine.R_s * T_s / (0.5 * (machine.L_d + machine.L_q)))), 0.99)
 
 
-def base_voltage(rows: Rows, model: Model) -> Vector:
-    """Voltage (V) of the machine without effects, and of the angle's rounding."""
-    at = with_machine(rows, model.machine)
-    v = model.machine.R_s * at.i_mean + at.balance(at.flux(at.i))
-    return v + voltage_of_error(at, model.angle) if model.angle else v
+def base_voltage(rows: Rows, machine: Machine) -> Vector:
+    """Voltage (V) of a machine without effects."""
+    at = with_machine(rows, machine)
+    return machine.R_s * at.i_mean + at.balance(at.flux(at.i))
+
+
+def in_truth(rows: Rows, model: Model) -> Rows:
+    """The rows without the model's errors of measurement: currents as they flow, the angle as it is."""
+    rows = with_machine(rows, model.machine)
+    current: Vector | float = 0.0
+    angle: Array | float = model.angle
+    for name, sizes in model.effects.items():
+        effect = BY_NAME[name]
+        if effect.current_error is not None:
+            current = current + effect.current_error(rows, sizes)
+        if effect.angle_error is not None:
+            angle = angle + effect.angle_error(rows, sizes)
+    theta_e = rows.theta_e - angle
+    rotor = np.exp(1j * theta_e)
+    D = np.diff(theta_e)
+    half = np.exp(0.5j * D)
+    kept = {key: rows.kept[key] for key in ("duties",) if key in rows.kept}
+    return replace(
+        rows, theta_e=theta_e, half=half, i=(rows.i_s - current) * rotor.conj(),
+        u=rows.u * rows.middle * (rotor[:-1] * half).conj(), kept={**kept, "rotor": rotor, "D": D},
+    )  # fmt: skip
+
+
+def frame_of(rows: Rows, truth: Rows) -> Vector:
+    """What turns vectors of periods from the true frame into the measured one."""
+    return truth.middle * rows.middle.conj()
 
 
 def with_machine(rows: Rows, machine: Machine) -> Rows:
@@ -84,18 +110,21 @@ def with_machine(rows: Rows, machine: Machine) -> Rows:
     return replace(rows, machine=machine, kept=keep)
 
 
-def effects_voltage(rows: Rows, model: Model, library: Sequence[Effect] = LIBRARY) -> Vector:
-    """Voltage (V) that the model's effects add."""
-    total = np.zeros(len(rows), np.complex128)
-    for effect in library:
-        if effect.name in model.effects:
-            total += effect.voltage(rows, model.effects[effect.name])
+def effects_voltage(truth: Rows, model: Model) -> Vector:
+    """Voltage (V) that the model's effects add, but for its errors of measurement, which `in_truth` takes off."""
+    total = np.zeros(len(truth), np.complex128)
+    for name, sizes in model.effects.items():
+        if not BY_NAME[name].measures:
+            total += BY_NAME[name].voltage(truth, sizes)
     return total
 
 
 def residual(rows: Rows, smooth: Rows, model: Model) -> Vector:
-    """What is left of the recorded voltage, V of each period."""
-    return rows.u - base_voltage(rows, model) - effects_voltage(smooth, model)
+    """What is left of the recorded voltage, V of each period, in the measured frame."""
+    truth = in_truth(rows, model)
+    clean = truth if smooth is rows else in_truth(smooth, model)
+    left = truth.u - base_voltage(truth, model.machine) - effects_voltage(clean, model)
+    return left * frame_of(rows, truth)
 
 
 def zero_residual(rows: Rows, smooth: Rows, model: Model) -> Array | None:
@@ -121,12 +150,14 @@ def regression(rows: Rows, smooth: Rows, model: Model, nominal: Machine, toleran
                library: Sequence[Effect] = LIBRARY) -> Regression:
     """Sums of all columns. `smooth` has currents with less noise, for what must not be correlated with it."""
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    truth = in_truth(smooth, model)
+    frame = frame_of(rows, truth)
     columns = _columns(smooth, model, nominal, tolerance, angle_step, library)
     rho = filter_pole(model.machine, rows.T_s)
     r, zero = residual(rows, smooth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(whitened(r, rows, rho), zero, rows)
-    prepared(smooth)
+    prepared(truth)
     P = len(columns)
     n = len(rows)
     gram = np.zeros((STRETCHES, P + 1, P + 1))
@@ -134,12 +165,13 @@ def regression(rows: Rows, smooth: Rows, model: Model, nominal: Machine, toleran
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
     channels = 2 if zero is None else 3
     for s, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
-        part = smooth[a:b]
+        part = truth[a:b]
         v = np.empty((P + 1, b - a), np.complex128)
         m = np.zeros((P + 1, channels, b - a))
         _fill(part, model, columns, library, v, m)
+        v *= frame[a:b]
         v[P] = r[a:b]
-        whiten(v, part.half, part.joined, part.T_s, rho, state)
+        whiten(v, rows.half[a:b], part.joined, part.T_s, rho, state)
         m[:, 0], m[:, 1] = v.real / noise[0], v.imag / noise[1]
         if zero is not None:
             m[P, 2] = zero[a:b]
@@ -247,6 +279,8 @@ def _fill(rows: Rows, model: Model, columns: Sequence[Column], library: Sequence
         h = _STEP * parameter.typical(rows)
         if column.seed < 0:
             at = model.effects[effect.name]
+            if effect.measures:  # rows are rid of it already
+                at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
             h = h if not parameter.shape else 0.05 * abs(at[column.place])
             up = tuple(value + h * (k == column.place) for k, value in enumerate(at))
             v[j] = (effect.voltage(rows, up) - effect.voltage(rows, at)) / h

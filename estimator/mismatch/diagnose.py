@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, UNITS, Machine
-from estimator.mismatch.columns import STRETCHES, Model, effects_voltage, filter_pole, residual, whitened, with_machine
+from estimator.mismatch.columns import STRETCHES, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, experiment, rivals
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, fitted, moved
@@ -100,9 +100,9 @@ def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[D
     search, choice, model = found.search, found.choice, found.model
     rest = tuple(c for c in choice if c != one)
     effect = BY_NAME[one[0]]
-    alone = Model(model.machine, {one[0]: model.effects[one[0]]})
     smooth = with_machine(found.smooth, model.machine)
-    signal = whitened(effects_voltage(smooth, alone), rows, rho)
+    others_only = replace(model, effects={name: p for name, p in model.effects.items() if name != one[0]})
+    signal = whitened(residual(rows, smooth, others_only) - residual(rows, smooth, model), rows, rho)
     full, without = search.fit(choice), search.fit(rest)
     absorbed: dict[str, float] = {}
     for k, name in enumerate(PARAMETERS):

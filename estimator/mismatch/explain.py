@@ -20,7 +20,7 @@ Choice = tuple[tuple[str, int], ...]
 
 ENTRY: Final = 9.0  # log-odds that an effect must bring
 MOST: Final = 6  # effects
-NEGLIGIBLE: Final = 0.005  # of a typical size
+NEGLIGIBLE: Final = 0.03  # of a typical size
 TRIED: Final = 6  # likeliest ones, of which one may be added
 
 

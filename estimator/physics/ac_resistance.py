@@ -18,27 +18,22 @@ from estimator.physics.rows import Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     rise, corner = sizes
-    passed = rows.once(f"passed {corner:.4g}", lambda: _high_passed(rows.i_mean * rows.middle, rows.T_s, corner))
+    passed = rows.once(f"passed {corner:.4g}", lambda: _high_passed(rows.i_s, rows.T_s, corner))
     return rise * rows.machine.R_s * rows.stationary(passed)
 
 
 @kernel
-def rung(T_s: float, corner: float) -> tuple[float, float]:
-    """Of what is left at a period's start: how much i_x follows within it, and the mean over it, as shares."""
+def _high_passed(i: Vector, T_s: float, corner: float) -> Vector:
+    """Means over the periods of i - i_x, for a current that runs straight from sample to sample."""
     x = 2.0 * math.pi * corner * T_s
     share = 1.0 - math.exp(-x)
-    return share, share / x
-
-
-@kernel
-def _high_passed(i: Vector, T_s: float, corner: float) -> Vector:
-    """What is left of periods' mean currents after a low-pass of first order, as means over the periods."""
-    share, weight = rung(T_s, corner)
-    left = np.empty_like(i)
+    late = 1.0 - share / x
+    left = np.empty(len(i) - 1, np.complex128)
     i_x = i[0]
-    for k in range(len(i)):
-        left[k] = (i[k] - i_x) * weight
-        i_x += share * (i[k] - i_x)
+    for k in range(len(i) - 1):
+        step = share * (i[k] - i_x) + late * (i[k + 1] - i[k])
+        i_x += step
+        left[k] = step / x
     return left
 
 

@@ -24,4 +24,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "u_d in proportion to speed, and to changes of speed",
     ("iron_loss", "voltage_delay"),
+    angle_error=lambda _rows, sizes: sizes[0],
 )

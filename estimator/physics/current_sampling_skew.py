@@ -15,9 +15,14 @@ import numpy as np
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
+    return voltage_of_error(rows, error(rows, sizes) * rows.rotor.conj())
+
+
+def error(rows: Rows, sizes: Sizes) -> Vector:
+    """Of the stationary current vector, A."""
     skew, phase = sizes
     axis = AXES[round(phase) % 3]
-    return voltage_of_error(rows, skew * 2.0 / 3.0 * axis * _slope(rows, axis) * rows.rotor.conj())
+    return skew * 2.0 / 3.0 * axis * _slope(rows, axis)
 
 
 def zero(rows: Rows, sizes: Sizes) -> Real:
@@ -47,5 +52,6 @@ EFFECT = Effect(
     "an error of one phase's current in proportion to speed",
     ("current_sensor_gain",),
     zero,
+    current_error=error,
     told=lambda _rows, p: {f"skew_{'abc'[round(p[1])]}": (p[0], "s")},
 )

@@ -15,7 +15,7 @@ from estimator.physics.rows import AXES, Real, Rows, Vector, by_phase
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return voltage_of_error(rows, _error(rows, sizes) * rows.rotor.conj())
+    return voltage_of_error(rows, error(rows, sizes) * rows.rotor.conj())
 
 
 def zero(rows: Rows, sizes: Sizes) -> Real:
@@ -26,7 +26,7 @@ def zero(rows: Rows, sizes: Sizes) -> Real:
     return sum(((g * axis.conjugate()).real * (i_s * axis.conjugate()).real for axis in AXES), 0.0 * i_s.real) / 3.0
 
 
-def _error(rows: Rows, sizes: Sizes) -> Vector:
+def error(rows: Rows, sizes: Sizes) -> Vector:
     """Vector of the channels' errors, A, for measured currents."""
     alpha, beta = sizes
     g = complex(alpha, beta)
@@ -46,5 +46,6 @@ EFFECT = Effect(
     "flux of twice the electrical frequency in the rotor frame, in proportion to current",
     ("phase_resistance_imbalance", "current_sampling_skew"),
     zero,
+    current_error=error,
     told=lambda _rows, p: {f"gain_{k}": (1.0 + x, "1") for k, x in zip("abc", by_phase(*p), strict=True)},
 )

@@ -6,6 +6,8 @@ D.-W. Chung, S.-K. Sul, "Analysis and compensation of current measurement error 
 IEEE Trans. Industry Applications 34(2), 1998, doi 10.1109/28.663477.
 """
 
+import numpy as np
+
 from estimator.physics.current_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes
 from estimator.physics.rows import Rows, Vector, by_phase
@@ -17,6 +19,11 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return voltage_of_error(rows, (alpha + 1j * beta) * rows.rotor.conj())
 
 
+def error(rows: Rows, sizes: Sizes) -> Vector:
+    """Of the stationary current vector, A."""
+    return np.full(len(rows) + 1, complex(*sizes))
+
+
 EFFECT = Effect(
     "current_sensor_offset", "offsets of the current sensors",
     tuple(Parameter(name, "A", lambda rows: 0.01 * rows.i_rated) for name in ("offset_alpha", "offset_beta")),
@@ -24,5 +31,6 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "voltage that stands still in the stationary frame: once per electrical turn in the rotor frame",
     ("inverter_voltage_error",),
+    current_error=error,
     told=lambda _rows, p: {f"offset_{k}": (x, "A") for k, x in zip("abc", by_phase(*p), strict=True)},
 )

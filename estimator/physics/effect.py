@@ -41,12 +41,19 @@ class Effect:
     confused_with: tuple[str, ...]
     zero: Callable[[Rows, Sizes], Real] | None = None
     told: Callable[[Rows, Sizes], dict[str, tuple[float, str]]] | None = None  # value and unit of what users are told
+    current_error: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, stationary frame; measured less true
+    angle_error: Callable[[Rows, Sizes], Real | float] | None = None  # rad electrical at samples; measured less true
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Places of the parameters that are sizes."""
         return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.shape)
+
+    @property
+    def measures(self) -> bool:
+        """It is an error of measurement, that recordings can be rid of; `voltage` is then what a small one adds."""
+        return self.current_error is not None or self.angle_error is not None
 
 
 def no_shapes(_rows: Rows) -> tuple[tuple[float, ...], ...]:

@@ -11,16 +11,20 @@ import numpy as np
 
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Real, Rows, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
+    return voltage_of_error(rows, error(rows, sizes))
+
+
+def error(rows: Rows, sizes: Sizes) -> Real:
+    """Of the angle, rad electrical."""
     once = rows.once("once", lambda: np.exp(1j * rows.theta_m))
     once_cos, once_sin, twice_cos, twice_sin = sizes
     twice = once * once
-    error = once_cos * once.real + once_sin * once.imag + twice_cos * twice.real + twice_sin * twice.imag
-    return voltage_of_error(rows, error)
+    return once_cos * once.real + once_sin * once.imag + twice_cos * twice.real + twice_sin * twice.imag
 
 
 def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
@@ -40,5 +44,6 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "u_d and speed that swing once or twice a mechanical turn",
     ("magnet_flux_drift",),
+    angle_error=error,
     told=_told,
 )

@@ -7,9 +7,8 @@ B. Vaseghi, N. Takorabet, F. Meibody-Tabar, "Fault analysis and parameter identi
 the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.2009.2022156.
 """
 
-import numpy as np
-
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.iron_loss import branch, emf
 from estimator.physics.rows import AXES, Rows, Vector
 
 
@@ -17,11 +16,8 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     conductance, phase, lag = sizes
     axis = AXES[round(phase) % 3]
-    e_s = rows.once("e_s", lambda: (rows.u - rows.machine.R_s * rows.i_mean) * rows.middle)
-    e_k = (e_s * axis.conjugate()).real
-    before, after = np.concatenate((e_k[:1], e_k)), np.concatenate((e_k, e_k[-1:]))
-    loop = 0.5 * (before + after) - lag * (after - before) / rows.T_s
-    i = conductance * loop * axis * rows.rotor.conj()
+    driven = rows.once(f"iron {0.0:.5g} {lag:.5g}", lambda: branch(rows, 0.0, lag))
+    i = conductance * (driven * axis.conjugate()).real * axis * rows.rotor.conj()
     m = rows.machine
     return -rows.balance(m.L_d * i.real + 1j * m.L_q * i.imag)
 
@@ -29,7 +25,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 EFFECT = Effect(
     "interturn_short", "a short between turns",
     (
-        Parameter("conductance", "S", lambda rows: 0.03 * rows.i_rated / _emf(rows), lambda _: 0.0),
+        Parameter("conductance", "S", lambda rows: 0.03 * rows.i_rated / emf(rows), lambda _: 0.0),
         Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True, discrete=True),
         Parameter("lag", "s", constant(1e-4), constant(2e-5), constant(5e-4), shape=True),
     ),
@@ -40,7 +36,3 @@ EFFECT = Effect(
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
     missed=3e-3,
 )  # fmt: skip
-
-
-def _emf(rows: Rows) -> float:
-    return max(float(np.max(np.abs(rows.omega_e), initial=1.0)) * rows.machine.psi_f, 1e-6)

@@ -25,13 +25,13 @@ _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     conductance, omega_h, lag = sizes
-    branch = rows.once(f"iron {omega_h:.5g} {lag:.5g}", lambda: _branch(rows, omega_h, lag))
-    i_i = conductance * branch * rows.rotor.conj()
+    driven = rows.once(f"iron {omega_h:.5g} {lag:.5g}", lambda: branch(rows, omega_h, lag))
+    i_i = conductance * driven * rows.rotor.conj()
     m = rows.machine
     return -rows.balance(m.L_d * i_i.real + 1j * m.L_q * i_i.imag)
 
 
-def _branch(rows: Rows, omega_h: float, lag: float) -> Vector:
+def branch(rows: Rows, omega_h: float, lag: float) -> Vector:
     """The branch's current times R_c, V, at samples in the stationary frame."""
     speed = np.abs(rows.omega_e) + _SLOWEST
     share = speed / (speed + omega_h)  # R_i / R_c
