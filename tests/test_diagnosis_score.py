@@ -29,7 +29,7 @@ from estimator.mismatch.verdict import (
     Verdict,
 )
 from estimator.samples import Samples
-from tests.diagnosis.diagnosed import Said, loaded
+from tests.diagnosis.diagnosed import Said, diagnosed, loaded
 from tests.diagnosis.rows import Row, row_of
 from tests.diagnosis.score import bars, by_group, by_size, confusion
 from tests.diagnosis.truth import Truth, truth_of
@@ -209,6 +209,17 @@ def test_a_suite_is_scored_by_a_command(suite: Path, tmp_path: Path) -> None:
     assert "one effect of 3 limits or more" in scored.stdout
     assert (tmp_path / "rows.json").read_text().count('"verdict": "no_mismatch"') == 8
     assert "(error)" not in scored.stdout
+
+
+def broken(_runs: Sequence[Samples], _nominal: Machine) -> Diagnosis:
+    """A diagnosis with a defect."""
+    raise ZeroDivisionError
+
+
+def test_a_defect_costs_its_recording_only(suite: Path) -> None:
+    ((_, heard),) = diagnosed([(suite / "out", "0001")], "tests.test_diagnosis_score:broken", 1)
+    assert heard.diagnosis is None
+    assert "ZeroDivisionError" in heard.error
 
 
 def test_tables_count_what_the_rows_say() -> None:

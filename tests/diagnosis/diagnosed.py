@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -56,6 +57,12 @@ def loaded(folder: Path, name: str) -> tuple[list[Samples], Machine]:
     return runs, nominal.machine
 
 
+def named(function: str) -> Diagnose:
+    """The function "module:name". Raises ImportError, AttributeError."""
+    module, _, name = function.partition(":")
+    return cast(Diagnose, getattr(import_module(module), name))
+
+
 def diagnosed(
     wanted: Sequence[tuple[Path, str]], function: str, jobs: int
 ) -> Iterator[tuple[tuple[Path, str], Said]]:
@@ -73,13 +80,13 @@ def _warm_up(function: str, folder: Path, name: str) -> None:
 
 
 def _one(function: str, folder: Path, name: str) -> Said:
-    module, _, called = function.partition(":")
-    diagnose = cast(Diagnose, getattr(import_module(module), called))
-    begun = time.perf_counter()
+    diagnose, begun = named(function), time.perf_counter()
     try:
         found = diagnose(*loaded(folder, name))
     except ValueError as error:
         return Said(None, str(error), time.perf_counter() - begun)
+    except Exception:  # noqa: BLE001 - a defect costs its recording, not the whole score
+        return Said(None, traceback.format_exc(), time.perf_counter() - begun)
     taken = time.perf_counter() - begun
     return Said(dataclasses.replace(found, **_plain(found)), "", taken)
 

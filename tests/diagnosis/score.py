@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from emulator.conceal.populations import POPULATIONS
-from tests.diagnosis.diagnosed import Said, diagnosed
+from tests.diagnosis.diagnosed import Said, diagnosed, named
 from tests.diagnosis.oracle import answers_in, limits
 from tests.diagnosis.rows import FLOOR, MACHINE, PLAIN, Row, as_json, row_of
 from tests.diagnosis.truth import EFFECT, truth_of
@@ -242,6 +242,11 @@ def main() -> int:
     answers = wanted(options)
     if not answers:
         print("score: expected recordings, found none by these names", file=sys.stderr)
+        return 2
+    try:
+        named(options.function)
+    except (ImportError, AttributeError) as error:
+        print(f"score: --function takes MODULE:NAME, got {options.function}: {error}", file=sys.stderr)
         return 2
     rows = scored(options, answers)
     if options.json:
