@@ -147,17 +147,17 @@ def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
 
 def regression(rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: dict[str, float],
                angle_step: float, noise: tuple[float, float, float] | None = None,
-               library: Sequence[Effect] = LIBRARY) -> Regression:
-    """Sums of all columns. `smooth` has currents with less noise, for what must not be correlated with it."""
+               library: Sequence[Effect] = LIBRARY, *, more: bool = True) -> Regression:
+    """Sums of all columns; of the present model alone without `more`. `smooth` has currents with less noise, for what must not be correlated with it."""
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     truth = in_truth(smooth, model)
     frame = frame_of(rows, truth)
-    columns = _columns(smooth, model, nominal, tolerance, angle_step, library)
+    columns = _columns(smooth, model, nominal, tolerance, angle_step, library, more)
     rho = filter_pole(model.machine, rows.T_s)
     r, zero = residual(rows, smooth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(whitened(r, rows, rho), zero, rows)
-    prepared(truth)
+    prepared(truth, library if more else tuple(BY_NAME[name] for name in model.effects))
     P = len(columns)
     n = len(rows)
     gram = np.zeros((STRETCHES, P + 1, P + 1))
@@ -186,17 +186,17 @@ def regression(rows: Rows, smooth: Rows, model: Model, nominal: Machine, toleran
     return Regression(columns, gram, channels * n, noise, rows, smooth, model)
 
 
-def prepared(rows: Rows) -> None:
+def prepared(rows: Rows, library: Sequence[Effect]) -> None:
     """Work out once, over the whole recording, what has a memory or is used by several effects."""
     _ = rows.D, rows.rotor, rows.i_s, rows.i_mean
     if rows.u_dc is not None:
         _ = rows.duties
     rows.once("six", lambda: np.exp(6j * rows.theta_e))
     rows.once("once", lambda: np.exp(1j * rows.theta_m))
-    for name in ("winding_resistance_drift", "ac_resistance", "iron_loss", "inverter_voltage_error"):
-        effect = next(e for e in LIBRARY if e.name == name)
-        for shapes in effect.shapes(rows):
-            effect.voltage(rows, _at(effect, rows, shapes, {k: 1e-3 * effect.parameters[k].typical(rows) for k in effect.sizes}))
+    for effect in library:
+        if effect.remembers:
+            for shapes in effect.shapes(rows):
+                effect.voltage(rows, _at(effect, shapes, {k: 1e-3 * effect.parameters[k].typical(rows) for k in effect.sizes}))
 
 
 def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
@@ -210,7 +210,7 @@ def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, f
     return white(z.real), white(z.imag), 1.0 if zero is None else max(white(zero[:-1]), 1e-12)
 
 
-def _at(effect: Effect, _rows: Rows, shapes: Sequence[float], sizes: dict[int, float]) -> tuple[float, ...]:
+def _at(effect: Effect, shapes: Sequence[float], sizes: dict[int, float]) -> tuple[float, ...]:
     left = iter(shapes)
     return tuple(
         next(left) if parameter.shape else sizes.get(k, 0.0) for k, parameter in enumerate(effect.parameters)
@@ -218,7 +218,7 @@ def _at(effect: Effect, _rows: Rows, shapes: Sequence[float], sizes: dict[int, f
 
 
 def _columns(rows: Rows, model: Model, nominal: Machine, tolerance: dict[str, float], angle_step: float,
-             library: Sequence[Effect]) -> tuple[Column, ...]:
+             library: Sequence[Effect], more: bool) -> tuple[Column, ...]:
     found = [
         Column("machine", name, k, -1, (getattr(nominal, name), tolerance[name] * getattr(nominal, name)),
                getattr(model.machine, name), (0.3 * getattr(nominal, name), 3.0 * getattr(nominal, name)))
@@ -227,7 +227,7 @@ def _columns(rows: Rows, model: Model, nominal: Machine, tolerance: dict[str, fl
     found.append(Column("machine", "angle", 4, -1, (0.0, max(0.5 * angle_step, 1e-6)), model.angle, (-1.0, 1.0)))
     if rows.zero is not None:
         found.append(Column("machine", "zero", 5, -1, (0.0, rows.i_rated), model.zero, (-math.inf, math.inf)))
-    for effect in library:
+    for effect in library if more else [BY_NAME[name] for name in model.effects]:
         present = model.effects.get(effect.name)
         if present is not None:
             for k, parameter in enumerate(effect.parameters):
@@ -239,7 +239,7 @@ def _columns(rows: Rows, model: Model, nominal: Machine, tolerance: dict[str, fl
                     low, high = max(low - present[k], -0.5 * abs(present[k])), min(high - present[k], abs(present[k]))
                 offset = 0.0 if parameter.shape else present[k]
                 found.append(Column(effect.name, parameter.name, k, -1, (0.0, spread), offset, (low, high), parameter.shape))
-        for seed, _ in enumerate(effect.shapes(rows)):
+        for seed, _ in enumerate(effect.shapes(rows) if more else ()):
             for k in effect.sizes:
                 parameter = effect.parameters[k]
                 found.append(Column(effect.name, parameter.name, k, seed, (0.0, parameter.typical(rows)), 0.0, _bounds(parameter, rows)))
@@ -256,7 +256,6 @@ def _bounds(parameter: Parameter, rows: Rows) -> tuple[float, float]:
 def _fill(rows: Rows, model: Model, columns: Sequence[Column], library: Sequence[Effect], v: NDArray[np.complex128],
           m: Array) -> None:
     """Write the columns' voltages, and what they make of the mean of the phase currents."""
-    by_name = {effect.name: effect for effect in library}
     one = np.ones(len(rows) + 1)
     for j, column in enumerate(columns):
         if column.owner == "machine":
@@ -274,7 +273,7 @@ def _fill(rows: Rows, model: Model, columns: Sequence[Column], library: Sequence
                 v[j] = 0.0
                 m[j, 2] = 1.0
             continue
-        effect = by_name[column.owner]
+        effect = BY_NAME[column.owner]
         parameter = effect.parameters[column.place]
         h = _STEP * parameter.typical(rows)
         if column.seed < 0:
@@ -288,7 +287,7 @@ def _fill(rows: Rows, model: Model, columns: Sequence[Column], library: Sequence
                 m[j, 2] = ((effect.zero(rows, up) - effect.zero(rows, at)) / h)[:-1]
         else:
             h = parameter.typical(rows)
-            up = _at(effect, rows, effect.shapes(rows)[column.seed], {column.place: h})
+            up = _at(effect, effect.shapes(rows)[column.seed], {column.place: h})
             v[j] = effect.voltage(rows, up) / h
             if effect.zero is not None and rows.zero is not None:
                 m[j, 2] = effect.zero(rows, up)[:-1] / h

@@ -5,6 +5,7 @@ the voltage also tells the currents' noise: less of it makes columns that are no
 words.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -21,6 +22,7 @@ from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
 
 ROUNDS: Final = 9
+POLISHED: Final = 6  # times a round
 _HALVINGS: Final = 3
 _AVERAGED: Final = 25  # periods to each side; slower than that is not noise
 
@@ -57,19 +59,41 @@ def fitted(rows: Rows, nominal: Machine, tolerance: dict[str, float], angle_step
         better = _no_worse(rows, smooth, model, moved(search, choice), search)
         if better is None:
             barred |= {name for name, seed in choice if seed >= 0}
-            choice = tuple((name, -1) for name in model.effects)
         else:
             model = better
-        model = with_step_in_place(rows, smooth, model)
+        for _ in range(POLISHED):
+            model = with_step_in_place(rows, smooth, model)
+            smooth, z, noise = cleaned(rows, smooth, model)
+            own = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, (), more=False))
+            present = tuple((name, -1) for name in model.effects)
+            better = _no_worse(rows, smooth, model, moved(own, present), own)
+            if better is None or _close(own, model, better):
+                break
+            model = better
         smooth, z, noise = cleaned(rows, smooth, model)
         progress((n + 1) / ROUNDS)
-        seen.append(frozenset(name for name, _ in choice))
-        if len(seen) >= 3 and seen[-1] == seen[-2] == seen[-3]:
+        seen.append(frozenset(model.effects))
+        if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
             break
     assert search is not None
     last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
-    present = tuple((name, -1) for name in model.effects)
-    return Fitted(model, last, present, z, noise, smooth, len(seen) < 2 or seen[-1] == seen[-2])
+    return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth, seen[-1] == seen[-2])
+
+
+def _close(search: Search, one: Model, other: Model) -> bool:
+    """No size has moved by more than a tenth of its standard error, or a thousandth of what is typical."""
+    fit = search.fit(tuple((name, -1) for name in one.effects))
+    for n, place in enumerate(fit.places):
+        column = search.columns[place]
+        if column.owner == "machine":
+            if column.place > 3:
+                continue
+            change = getattr(other.machine, column.parameter) - getattr(one.machine, column.parameter)
+        else:
+            change = other.effects[column.owner][column.place] - one.effects[column.owner][column.place]
+        if abs(change) > max(0.1 * math.sqrt(max(float(fit.covariance[n, n]), 0.0)), 1e-4 * column.prior[1]):
+            return False
+    return True
 
 
 def _no_worse(rows: Rows, smooth: Rows, now: Model, towards: Model, search: Search) -> Model | None:

@@ -48,4 +48,5 @@ EFFECT = Effect(
     "R_s that rises with speed and with how fast current is excited",
     ("iron_loss", "winding_resistance_drift"),
     missed=2e-3,
+    remembers=True,
 )

@@ -1,8 +1,9 @@
 """A short between turns: a loop in one phase that its back-EMF drives.
 
-    i = i_m + 2/3 g e_k a_k        e_k = voltage that changes the flux linkage of phase k, a_k its axis
+    i = i_m + g e_k a_k        e_k = voltage across phase k, as the loop's current follows it, a_k its axis
 
-The loop's current adds to that of the phase and makes no useful flux; g is its conductance as seen from the phase.
+The loop's current adds to that of the phase and makes neither useful flux nor a drop outside the shorted turns; g is
+its conductance as seen from the phase, 2/3 of the squared share of turns over the loop's resistance.
 B. Vaseghi, N. Takorabet, F. Meibody-Tabar, "Fault analysis and parameter identification of permanent-magnet motors by
 the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.2009.2022156.
 """
@@ -16,10 +17,11 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     conductance, phase, lag = sizes
     axis = AXES[round(phase) % 3]
-    driven = rows.once(f"iron {0.0:.5g} {lag:.5g}", lambda: branch(rows, 0.0, lag))
-    i = conductance * (driven * axis.conjugate()).real * axis * rows.rotor.conj()
-    m = rows.machine
-    return -rows.balance(m.L_d * i.real + 1j * m.L_q * i.imag)
+    driven = rows.once(f"loop {lag:.5g}", lambda: branch(rows, 0.0, lag, behind_R_s=False))
+    loop = conductance * (driven * axis.conjugate()).real * axis
+    i, m = loop * rows.rotor.conj(), rows.machine
+    mean = rows.stationary(0.5 * (loop[:-1] + loop[1:]))
+    return -m.R_s * mean - rows.balance(m.L_d * i.real + 1j * m.L_q * i.imag)
 
 
 EFFECT = Effect(
@@ -35,4 +37,5 @@ EFFECT = Effect(
     ("iron_loss", "current_sensor_gain"),
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
     missed=3e-3,
+    remembers=True,
 )  # fmt: skip

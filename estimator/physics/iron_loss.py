@@ -31,12 +31,12 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return -rows.balance(m.L_d * i_i.real + 1j * m.L_q * i_i.imag)
 
 
-def branch(rows: Rows, omega_h: float, lag: float) -> Vector:
-    """The branch's current times R_c, V, at samples in the stationary frame."""
+def branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -> Vector:
+    """Current times R_c, V, at samples in the stationary frame, of a branch at the flux, or at the terminals."""
     speed = np.abs(rows.omega_e) + _SLOWEST
     share = speed / (speed + omega_h)  # R_i / R_c
     x = rows.T_s * share / lag
-    lost = rows.machine.R_s * rows.i_mean * rows.middle
+    lost = (rows.machine.R_s if behind_R_s else 0.0) * rows.i_mean * rows.middle
     if rows.u_dc is None:
         fed = (1.0 - np.exp(-x)) * (rows.u * rows.middle - lost)
     else:
@@ -70,6 +70,7 @@ EFFECT = Effect(
     ("angle_offset", "q_axis_saturation"),
     told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
     missed=3e-3,
+    remembers=True,
 )  # fmt: skip
 
 

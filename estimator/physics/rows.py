@@ -196,9 +196,12 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     joined[np.cumsum([len(run) for run in runs])[:-1] - 1] = False
     t = np.concatenate([run.t0 + T * np.arange(len(run)) for run in runs])
     u_dc, i_a, i_b, i_c = column("u_dc"), column("i_a"), column("i_b"), column("i_c")
+    u = (u_d + 1j * u_q)[:n]
+    if u_dc is not None:  # duties are those of a link read at the start; it moves on within the period
+        u = u * np.where(joined, 0.5 * (1.0 + u_dc[1:] / u_dc[:-1]), 1.0)
     zero = None if i_a is None or i_b is None or i_c is None else (i_a + i_b + i_c) / 3.0
     return Rows(
         machine, T, i_rated, t, i_d + 1j * i_q, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
-        np.exp(0.5j * D), (u_d + 1j * u_q)[:n], joined, None if u_dc is None else u_dc[:n], zero,
+        np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero,
         (float(t[0]), float(t[-1] - t[0])),
     )  # fmt: skip

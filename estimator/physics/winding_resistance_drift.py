@@ -51,4 +51,5 @@ EFFECT = Effect(
     "R_s that moves with time, as the losses so far",
     ("magnet_flux_drift", "ac_resistance"),
     told=lambda rows, p: {"rise": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
+    remembers=True,
 )
