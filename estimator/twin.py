@@ -6,7 +6,9 @@ voltage, u = v(i), from a measured current at each window's start, by Newton's m
     J_start delta[k] + J_end delta[k+1] = u[k] - v(i)[k]        i <- i + delta        delta = 0 where a window starts
 
 so the effects' equations stand in one place, whatever they are. Errors of sensors are effects, too: the currents are
-those that would be measured. Knows nothing of how a model was found.
+those that would be measured. Two effects are too steep or remember too long for one slope per period, and are followed
+from period to period: the bridge's voltage error and the resistance that rises with frequency. Knows nothing of how a
+model was found.
 """
 
 from dataclasses import replace
@@ -17,18 +19,38 @@ from numpy.typing import NDArray
 
 from estimator.kernel import kernel
 from estimator.mismatch.columns import Model, base_voltage, effects_voltage, with_machine
+from estimator.physics.ac_resistance import rung
 from estimator.physics.lost_voltage import Legs, legs_of, lost_voltage
 from estimator.physics.rows import Rows, Vector
 
 Bools = NDArray[np.bool_]
 
 WINDOW: Final = 0.1  # s
-_SWEEPS: Final = 10
+_SWEEPS: Final = 4  # with the same slopes
+_TRIES: Final = 12  # sweeps with the same windows
+_PARTS: Final = 4  # that a window is cut into then, where they still change currents
+_FARTHEST: Final = 10.0  # of the largest current measured, or rated: as far as a simulated one goes
 _CLOSE: Final = 1e-4  # of the rms current: a change of currents that ends the sweeps
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
 _ROUNDS: Final = 20  # of Newton's method in a period
 _HALVINGS: Final = 8  # of a step of it that leads away
 _OF_INPUTS: Final = ("D", "rotor", "duties", "six", "once", "edges at start")  # not of currents
+
+
+class Lost(NamedTuple):
+    """The bridge's voltage error."""
+
+    legs: Legs
+    dead_time: float  # s
+    u_drop: float  # V
+    width: float  # A
+
+
+class Memory(NamedTuple):
+    """A resistance (ohm) to what a current has changed lately, and the share that is forgotten in a period."""
+
+    R: float
+    share: float
 
 
 class Slopes(NamedTuple):
@@ -76,12 +98,16 @@ def _with_currents(rows: Rows, i: Vector) -> Rows:
     return replace(rows, i=i, kept={key: rows.kept[key] for key in _OF_INPUTS if key in rows.kept})
 
 
-def _slopes(rows: Rows, model: Model, v: Vector) -> Slopes:
+def _without(model: Model, *names: str) -> Model:
+    return replace(model, effects={name: sizes for name, sizes in model.effects.items() if name not in names})
+
+
+def _slopes(rows: Rows, model: Model) -> Slopes:
     """How each period's voltage changes with the current at its start along d and q, and at its end, ohm.
 
     Every other sample is moved, so that each period has one end that is.
     """
-    h = _SPAN * rows.i_rated
+    v, h = implied_voltage(rows, model), _SPAN * rows.i_rated
     start_d, start_q, end_d, end_q = (np.empty_like(v) for _ in range(4))
     for parity in (0, 1):
         for step, start, end in ((h, start_d, end_d), (1j * h, start_q, end_q)):
@@ -93,69 +119,102 @@ def _slopes(rows: Rows, model: Model, v: Vector) -> Slopes:
 
 
 def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
-    """Currents that imply the recorded voltage."""
-    steep = model.effects.get("inverter_voltage_error", (0.0, 0.0, 1.0))
-    smooth = replace(model, effects={k: v for k, v in model.effects.items() if k != "inverter_voltage_error"})
-    close = _CLOSE * float(np.sqrt(np.mean(np.abs(rows.i) ** 2)))
-    legs = legs_of(rows)
-    i, v = rows.i, implied_voltage(rows, smooth)
-    slopes = _slopes(rows, smooth, v)
-    for _ in range(_SWEEPS):
-        delta = _carried(rows.u - v, slopes, starts, i, rows.rotor, legs, *map(float, steep), 0.1 * close)
-        i = i + delta
-        if DEBUG is not None:
-            DEBUG.append((np.abs(delta), close))
-        if np.max(np.abs(delta)) < close:
-            break
-        v = implied_voltage(_with_currents(rows, i), smooth)
-    return i
+    """Currents that imply the recorded voltage; windows in which none are found are cut into shorter ones."""
+    ideal = _without(model, "inverter_voltage_error")
+    lost = Lost(legs_of(rows), *map(float, model.effects.get("inverter_voltage_error", (0.0, 0.0, 1.0))))
+    rise, corner = model.effects.get("ac_resistance", (0.0, 1.0))
+    share, weight = rung(rows.T_s, float(corner))
+    memory = Memory(float(rise) * rows.machine.R_s * weight, share)
+    slopes = _slopes(rows, _without(ideal, "ac_resistance"))
+    size = np.abs(rows.i)
+    close, limit = _CLOSE * float(np.sqrt(np.mean(size**2))), _FARTHEST * max(float(np.max(size)), rows.i_rated)
+    i, first, sweep = rows.i, np.flatnonzero(starts), 0
+    while True:
+        left = rows.u - implied_voltage(_with_currents(rows, i), ideal)
+        delta = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, 0.1 * close, limit)
+        i, sweep = i + delta, sweep + 1
+        moving = ~(np.maximum.reduceat(np.abs(delta), first) <= close)
+        if not np.any(moving):
+            return i
+        if sweep % _TRIES == 0:
+            length = np.diff(first, append=len(i))
+            if np.max(length[moving]) <= 2:
+                return i
+            i = np.where(np.repeat(moving, length), rows.i, i)
+            starts = starts.copy()
+            for part in range(1, _PARTS):
+                starts[(first + length * part // _PARTS)[moving]] = True
+            first = np.flatnonzero(starts)
+        if sweep % _SWEEPS == 0:
+            slopes = _slopes(_with_currents(rows, i), _without(ideal, "ac_resistance"))
 
-
-DEBUG=None
 
 @kernel
 def _carried(
-    left: Vector, slopes: Slopes, starts: Bools, i: Vector, rotor: Vector, legs: Legs, dead_time: float, u_drop: float,
-    width: float, close: float,
+    left: Vector, slopes: Slopes, starts: Bools, i: Vector, rotor: Vector, half: Vector, memory: Memory, lost: Lost,
+    close: float, limit: float,
 ) -> Vector:  # fmt: skip
     """Changes of currents (A) at samples that undo what is left of voltages (V), from none where a window starts.
 
     The bridge's lost voltage is no part of what is left: it is solved for in each period.
     """
     delta = np.zeros(len(left) + 1, np.complex128)
-    ideal = dead_time == 0.0 and u_drop == 0.0
+    R, i_x = memory.R, 0j
     for k in range(len(left)):
-        if starts[k + 1]:
-            continue
+        before, after = half[k].conjugate(), half[k]
         v = left[k] - slopes.start_d[k] * delta[k].real - slopes.start_q[k] * delta[k].imag
-        d, q = slopes.end_d[k], slopes.end_q[k]
-        if ideal:
-            delta[k + 1] = _solution(d, q, v)
-            continue
-        i_0, back = (i[k] + delta[k]) * rotor[k], legs.middle[k].conjugate()
-        x, d_lost, q_lost, h = delta[k], 0j, 0j, 1e-2 * width
-        lost = back * lost_voltage(legs, k, i_0, (i[k + 1] + x) * rotor[k + 1], dead_time, u_drop, width)
-        off = d * x.real + q * x.imag + lost - v
-        for _ in range(_ROUNDS):
-            step = -_solution(d + d_lost, q + q_lost, off)
-            if abs(step) < close:
-                x += step
-                break
-            was = abs(off)
-            for _ in range(_HALVINGS):
-                there = x + step
-                lost = back * lost_voltage(legs, k, i_0, (i[k + 1] + there) * rotor[k + 1], dead_time, u_drop, width)
-                off = d * there.real + q * there.imag + lost - v
-                if abs(off) < was:
-                    break
-                step *= 0.5
-            x = there
-            if abs(_solution(d, q, off)) > close:
-                i_d, i_q = (i[k + 1] + x + h) * rotor[k + 1], (i[k + 1] + x + 1j * h) * rotor[k + 1]
-                d_lost = (back * lost_voltage(legs, k, i_0, i_d, dead_time, u_drop, width) - lost) / h
-                q_lost = (back * lost_voltage(legs, k, i_0, i_q, dead_time, u_drop, width) - lost) / h
-        delta[k + 1] = x
+        if not starts[k + 1]:
+            v -= R * (0.5 * before * delta[k] - (rotor[k] * after).conjugate() * i_x)
+            d, q = slopes.end_d[k] + 0.5 * R * after, slopes.end_q[k] + 0.5j * R * after
+            if lost.dead_time == 0.0 and lost.u_drop == 0.0:
+                delta[k + 1] = _solution(d, q, v)
+            else:
+                i_0, i_1 = (i[k] + delta[k]) * rotor[k], i[k + 1] * rotor[k + 1]
+                delta[k + 1] = _solution_with_lost(d, q, v, lost, k, i_0, i_1, rotor[k + 1], delta[k], close)
+            there = abs(i[k + 1] + delta[k + 1])
+            if there > limit:
+                delta[k + 1] = (i[k + 1] + delta[k + 1]) * (limit / there) - i[k + 1]
+        mean = 0.5 * (delta[k] * rotor[k] + delta[k + 1] * rotor[k + 1])
+        i_x += memory.share * (mean - i_x)
     return delta
+
+
+@kernel
+def _solution_with_lost(
+    d: complex, q: complex, v: complex, lost: Lost, k: int, i_0: complex, i_1: complex, rotor: complex, x: complex,
+    close: float,
+) -> complex:  # fmt: skip
+    """x of d Re x + q Im x + the lost voltage where a period that starts with i_0 ends with i_1 + x rotor = v.
+
+    Newton's method, halving steps that lead away: lost voltage changes fast where a phase current changes sign.
+    """
+    d_lost, q_lost, h = 0j, 0j, 1e-2 * lost.width
+    here = _lost(lost, k, i_0, i_1 + x * rotor)
+    off = d * x.real + q * x.imag + here - v
+    for _ in range(_ROUNDS):
+        step = -_solution(d + d_lost, q + q_lost, off)
+        if abs(step) < close:
+            return x + step
+        was, there = abs(off), x
+        for _ in range(_HALVINGS):
+            there = x + step
+            here = _lost(lost, k, i_0, i_1 + there * rotor)
+            off = d * there.real + q * there.imag + here - v
+            if abs(off) < was:
+                break
+            step *= 0.5
+        x = there
+        if abs(_solution(d, q, off)) > close:
+            d_lost = (_lost(lost, k, i_0, i_1 + (x + h) * rotor) - here) / h
+            q_lost = (_lost(lost, k, i_0, i_1 + (x + 1j * h) * rotor) - here) / h
+    return x
+
+
+@kernel
+def _lost(lost: Lost, k: int, i_0: complex, i_1: complex) -> complex:
+    """In the rotor frame."""
+    v = lost_voltage(lost.legs, k, i_0, i_1, lost.dead_time, lost.u_drop, lost.width)
+    return v * lost.legs.middle[k].conjugate()
 
 
 @kernel

@@ -23,10 +23,17 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 
 @kernel
+def rung(T_s: float, corner: float) -> tuple[float, float]:
+    """Of what is left at a period's start: how much i_x follows within it, and the mean over it, as shares."""
+    x = 2.0 * math.pi * corner * T_s
+    share = 1.0 - math.exp(-x)
+    return share, share / x
+
+
+@kernel
 def _high_passed(i: Vector, T_s: float, corner: float) -> Vector:
     """What is left of periods' mean currents after a low-pass of first order, as means over the periods."""
-    share = 1.0 - math.exp(-2.0 * math.pi * corner * T_s)
-    weight = share / (2.0 * math.pi * corner * T_s)  # mean over a period of exp(-t/tau) from its start
+    share, weight = rung(T_s, corner)
     left = np.empty_like(i)
     i_x = i[0]
     for k in range(len(i)):

@@ -55,7 +55,9 @@ def lost_voltages(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, widt
 
 
 @kernel
-def lost_voltage(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float) -> complex:
+def lost_voltage(
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float
+) -> complex:
     """Lost voltage (V) of period k, from the currents (A) at its ends; both in the stationary frame."""
     axes = (_A, _B, _C)
     lost = 0j

@@ -1,0 +1,88 @@
+"""How well a model follows a recording, before and after: one step ahead, free-running, and how white the rest is.
+
+Every figure stands beside its noise floor. With noise n of the sampled currents, white, of flux L n known as `noise`,
+and rho = exp(-R_s T_s / L), what is left of
+
+    a period's voltage      exp(jD/2) L n[k+1] - rho exp(-jD/2) L n[k], over T_s        (1 + rho^2) |L n|^2 / T_s^2
+    a free run's current    n[k] - rho^k n[0], k periods after its start                (1 + rho^2k) |n|^2
+
+Rms values are of d and q together, over 2 N numbers. Knows nothing of how a model was found.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.mismatch.columns import Model, filter_pole, whitened
+from estimator.mismatch.verdict import Before, Fit
+from estimator.physics.rows import Real, Rows, Vector
+from estimator.twin import WINDOW, free_run, implied_voltage
+
+Bools = NDArray[np.bool_]
+
+_SEGMENT: Final = 64  # periods, of spectra
+_LOW: Final = 0.1  # of the sampling rate
+_HIGH: Final = 0.25
+
+
+def fit_quality(rows: Rows, before: Model, after: Model, held_out: Bools, noise: tuple[float, float, float]) -> Fit:
+    """Both models on the periods that are `held_out`; `noise` is that of the whitened residual (Vs on d, Vs on q, A).
+
+    Raises ValueError where no stretch of 64 periods is held out.
+    """
+    used = held_out & rows.joined
+    both = [_measured(rows, model, used, after, noise) for model in (before, after)]
+    (step_0, run_0, above_0, low_0), (step_1, run_1, above_1, low_1) = both
+    floor_V, floor_A = _floors(rows, after, noise)
+    return Fit(
+        not bool(np.all(held_out)),
+        Before(step_0, step_1, floor_V),
+        Before(run_0, run_1, floor_A),
+        min(max(1.0 - above_1 / above_0, 0.0), 1.0) if above_0 > 0.0 else 0.0,
+        Before(low_0, low_1, 1.0),
+    )
+
+
+def _measured(
+    rows: Rows, model: Model, used: Bools, after: Model, noise: tuple[float, float, float]
+) -> tuple[float, float, float, float]:
+    """Rms of what is left one step ahead (V) and free-running (A), its power above the noise, its low frequencies'."""
+    left = rows.u - implied_voltage(rows, model)
+    off = (free_run(rows, model) - rows.i)[1:]
+    z = whitened(left, rows, filter_pole(after.machine, rows.T_s))
+    z = z.real / noise[0] + 1j * (z.imag / noise[1])
+    above = max(float(np.mean(np.abs(z[used]) ** 2)) - 2.0, 0.0)
+    return _rms(left[used]), _rms(off[used]), above, _low_over_white(z, used)
+
+
+def _rms(x: Vector) -> float:
+    return math.sqrt(float(np.mean(np.abs(x) ** 2)) / 2.0)
+
+
+def _low_over_white(z: Vector, used: Bools) -> float:
+    """Power below a tenth of the sampling rate, over that of white noise of the power above a quarter of it."""
+    whole = len(z) // _SEGMENT * _SEGMENT
+    complete = np.all(used[:whole].reshape(-1, _SEGMENT), axis=1)
+    if not np.any(complete):
+        raise ValueError(f"expected stretches of at least {_SEGMENT} periods to judge by, came none")
+    parts: Vector = z[:whole].reshape(-1, _SEGMENT)[complete] * np.hanning(_SEGMENT)
+    frequency = np.abs(np.fft.fftfreq(_SEGMENT))
+
+    def ratio(x: Real) -> float:
+        power: Real = np.mean(np.abs(np.fft.fft(x, axis=1)) ** 2, axis=0)
+        return float(np.mean(power[frequency < _LOW]) / np.mean(power[frequency > _HIGH]))
+
+    return 0.5 * (ratio(parts.real) + ratio(parts.imag))
+
+
+def _floors(rows: Rows, model: Model, noise: tuple[float, float, float]) -> tuple[float, float]:
+    """Rms (V, A) that noise alone leaves one step ahead and in free runs."""
+    m, T_s = model.machine, rows.T_s
+    decay = math.exp(-4.0 * m.R_s * T_s / (m.L_d + m.L_q))  # rho^2
+    psi_d, psi_q, _ = noise
+    volts = math.sqrt((1.0 + decay) * (psi_d**2 + psi_q**2) / 2.0) / T_s
+    window = round(WINDOW / T_s)
+    starts = (decay - decay**window) / (1.0 - decay) / window  # mean of rho^2k within a window
+    return volts, math.sqrt((1.0 + starts) * ((psi_d / m.L_d) ** 2 + (psi_q / m.L_q) ** 2) / 2.0)
