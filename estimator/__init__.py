@@ -6,5 +6,6 @@
 * `rls`, `ekf` - recursive least squares and the extended Kalman filter over runs of `stream`; `kalman` - its rows
 * `sums` - what a solution needs of a window; `fit` - from sums to numbers; `excitation` - what a window can tell;
   `solve` - from numbers to sentences; `estimate` - value, standard error, unit, status
+* `twin` - the simulation: currents of a machine with effects from a recording's voltages, speed and angle
 * `kernel` - compilation, cached by the content of this room
 """

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.kernel import kernel
-from estimator.mismatch.columns import Model, base_voltage, effects_voltage, with_machine
+from estimator.mismatch.columns import Model, base_voltage, current_error, effects_voltage, in_truth, residual
+from estimator.physics.library import BY_NAME
 from estimator.physics.ac_resistance import rung
 from estimator.physics.lost_voltage import Legs, legs_of, lost_voltage
 from estimator.physics.rows import Rows, Vector
@@ -51,6 +52,7 @@ class Memory(NamedTuple):
 
     R: float
     share: float
+    late: float  # and of what the current changes within the period
 
 
 class Slopes(NamedTuple):
@@ -64,8 +66,7 @@ class Slopes(NamedTuple):
 
 def implied_voltage(rows: Rows, model: Model) -> Vector:
     """Voltage (V) of each period that the currents imply."""
-    rows = with_machine(rows, model.machine)
-    return base_voltage(rows, model) + effects_voltage(rows, model)
+    return rows.u - residual(rows, rows, model)
 
 
 def one_step(rows: Rows, model: Model) -> Vector:
@@ -73,17 +74,32 @@ def one_step(rows: Rows, model: Model) -> Vector:
 
     Windows of two periods predict every other sample, and those a period later the others. After a gap: the measured.
     """
-    rows = with_machine(rows, model.machine)
     starts = [_starts(rows, 2, offset) for offset in (0, 1)]
-    odd, even = (_solved(rows, model, start) for start in starts)
+    odd, even = (_simulated(rows, model, start) for start in starts)
     return np.where(starts[0], even, odd)[1:]
 
 
 def free_run(rows: Rows, model: Model, window: int | None = None) -> Vector:
     """Currents (A) at samples, simulated from the measured one at the start of every window (periods) and run."""
-    rows = with_machine(rows, model.machine)
     window = round(WINDOW / rows.T_s) if window is None else window
-    return _solved(rows, model, _starts(rows, window))
+    return _simulated(rows, model, _starts(rows, window))
+
+
+def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
+    """Measured currents: those of the machine with its effects, and the errors of measurement on top."""
+    truth = in_truth(rows, model)
+    i_s = _solved(truth, _physics(model), starts) * truth.rotor
+    measured = i_s * rows.rotor.conj()
+    for _ in range(2):  # errors are told of what is measured
+        seen = _with_currents(rows, measured)
+        measured = (i_s + current_error(seen, model)) * rows.rotor.conj()
+    return measured
+
+
+def _physics(model: Model) -> Model:
+    """The model without its errors of measurement."""
+    kept = {name: sizes for name, sizes in model.effects.items() if not BY_NAME[name].measures}
+    return Model(model.machine, kept)
 
 
 def _starts(rows: Rows, window: int, offset: int = 0) -> Bools:
@@ -98,6 +114,11 @@ def _with_currents(rows: Rows, i: Vector) -> Rows:
     return replace(rows, i=i, kept={key: rows.kept[key] for key in _OF_INPUTS if key in rows.kept})
 
 
+def _voltage(truth: Rows, model: Model) -> Vector:
+    """Voltage (V) that true currents imply."""
+    return base_voltage(truth, model.machine) + effects_voltage(truth, model)
+
+
 def _without(model: Model, *names: str) -> Model:
     return replace(model, effects={name: sizes for name, sizes in model.effects.items() if name not in names})
 
@@ -107,13 +128,13 @@ def _slopes(rows: Rows, model: Model) -> Slopes:
 
     Every other sample is moved, so that each period has one end that is.
     """
-    v, h = implied_voltage(rows, model), _SPAN * rows.i_rated
+    v, h = _voltage(rows, model), _SPAN * rows.i_rated
     start_d, start_q, end_d, end_q = (np.empty_like(v) for _ in range(4))
     for parity in (0, 1):
         for step, start, end in ((h, start_d, end_d), (1j * h, start_q, end_q)):
             i = rows.i.copy()
             i[parity::2] += step
-            slope = (implied_voltage(_with_currents(rows, i), model) - v) / h
+            slope = (_voltage(_with_currents(rows, i), model) - v) / h
             start[parity::2], end[1 - parity :: 2] = slope[parity::2], slope[1 - parity :: 2]
     return Slopes(start_d, start_q, end_d, end_q)
 
@@ -123,14 +144,14 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
     ideal = _without(model, "inverter_voltage_error")
     lost = Lost(legs_of(rows), *map(float, model.effects.get("inverter_voltage_error", (0.0, 0.0, 1.0))))
     rise, corner = model.effects.get("ac_resistance", (0.0, 1.0))
-    share, weight = rung(rows.T_s, float(corner))
-    memory = Memory(float(rise) * rows.machine.R_s * weight, share)
+    x, share, late = rung(rows.T_s, float(corner))
+    memory = Memory(float(rise) * rows.machine.R_s / x, share, late)
     slopes = _slopes(rows, _without(ideal, "ac_resistance"))
     size = np.abs(rows.i)
     close, limit = _CLOSE * float(np.sqrt(np.mean(size**2))), _FARTHEST * max(float(np.max(size)), rows.i_rated)
     i, first, sweep = rows.i, np.flatnonzero(starts), 0
     while True:
-        left = rows.u - implied_voltage(_with_currents(rows, i), ideal)
+        left = rows.u - _voltage(_with_currents(rows, i), ideal)
         delta = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, 0.1 * close, limit)
         i, sweep = i + delta, sweep + 1
         moving = ~(np.maximum.reduceat(np.abs(delta), first) <= close)
@@ -159,13 +180,14 @@ def _carried(
     The bridge's lost voltage is no part of what is left: it is solved for in each period.
     """
     delta = np.zeros(len(left) + 1, np.complex128)
-    R, i_x = memory.R, 0j
+    R, share, late = memory
+    i_x = 0j
     for k in range(len(left)):
         before, after = half[k].conjugate(), half[k]
         v = left[k] - slopes.start_d[k] * delta[k].real - slopes.start_q[k] * delta[k].imag
         if not starts[k + 1]:
-            v -= R * (0.5 * before * delta[k] - (rotor[k] * after).conjugate() * i_x)
-            d, q = slopes.end_d[k] + 0.5 * R * after, slopes.end_q[k] + 0.5j * R * after
+            v -= R * ((share - late) * before * delta[k] - share * (rotor[k] * after).conjugate() * i_x)
+            d, q = slopes.end_d[k] + R * late * after, slopes.end_q[k] + 1j * R * late * after
             if lost.dead_time == 0.0 and lost.u_drop == 0.0:
                 delta[k + 1] = _solution(d, q, v)
             else:
@@ -174,8 +196,8 @@ def _carried(
             there = abs(i[k + 1] + delta[k + 1])
             if there > limit:
                 delta[k + 1] = (i[k + 1] + delta[k + 1]) * (limit / there) - i[k + 1]
-        mean = 0.5 * (delta[k] * rotor[k] + delta[k + 1] * rotor[k + 1])
-        i_x += memory.share * (mean - i_x)
+        i_0, i_1 = delta[k] * rotor[k], delta[k + 1] * rotor[k + 1]
+        i_x += share * (i_0 - i_x) + late * (i_1 - i_0)
     return delta
 
 

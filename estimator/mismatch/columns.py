@@ -78,23 +78,30 @@ def base_voltage(rows: Rows, machine: Machine) -> Vector:
 def in_truth(rows: Rows, model: Model) -> Rows:
     """The rows without the model's errors of measurement: currents as they flow, the angle as it is."""
     rows = with_machine(rows, model.machine)
-    current: Vector | float = 0.0
     angle: Array | float = model.angle
     for name, sizes in model.effects.items():
-        effect = BY_NAME[name]
-        if effect.current_error is not None:
-            current = current + effect.current_error(rows, sizes)
-        if effect.angle_error is not None:
-            angle = angle + effect.angle_error(rows, sizes)
+        angle_error = BY_NAME[name].angle_error
+        if angle_error is not None:
+            angle = angle + angle_error(rows, sizes)
     theta_e = rows.theta_e - angle
     rotor = np.exp(1j * theta_e)
     D = np.diff(theta_e)
     half = np.exp(0.5j * D)
     kept = {key: rows.kept[key] for key in ("duties",) if key in rows.kept}
     return replace(
-        rows, theta_e=theta_e, half=half, i=(rows.i_s - current) * rotor.conj(),
+        rows, theta_e=theta_e, half=half, i=(rows.i_s - current_error(rows, model)) * rotor.conj(),
         u=rows.u * rows.middle * (rotor[:-1] * half).conj(), kept={**kept, "rotor": rotor, "D": D},
     )  # fmt: skip
+
+
+def current_error(rows: Rows, model: Model) -> Vector | float:
+    """Measured less true current vector at samples, A, stationary frame."""
+    total: Vector | float = 0.0
+    for name, sizes in model.effects.items():
+        error = BY_NAME[name].current_error
+        if error is not None:
+            total = total + error(rows, sizes)
+    return total
 
 
 def frame_of(rows: Rows, truth: Rows) -> Vector:

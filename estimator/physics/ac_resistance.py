@@ -23,11 +23,17 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 
 @kernel
-def _high_passed(i: Vector, T_s: float, corner: float) -> Vector:
-    """Means over the periods of i - i_x, for a current that runs straight from sample to sample."""
+def rung(T_s: float, corner: float) -> tuple[float, float, float]:
+    """Angle of the corner in a period; shares of i - i_x at its start, and of the change of i in it, that i_x follows."""
     x = 2.0 * math.pi * corner * T_s
     share = 1.0 - math.exp(-x)
-    late = 1.0 - share / x
+    return x, share, 1.0 - share / x
+
+
+@kernel
+def _high_passed(i: Vector, T_s: float, corner: float) -> Vector:
+    """Means over the periods of i - i_x, for a current that runs straight from sample to sample."""
+    x, share, late = rung(T_s, corner)
     left = np.empty(len(i) - 1, np.complex128)
     i_x = i[0]
     for k in range(len(i) - 1):
