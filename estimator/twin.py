@@ -28,8 +28,8 @@ Bools = NDArray[np.bool_]
 
 WINDOW: Final = 0.1  # s
 _SWEEPS: Final = 4  # with the same slopes
-_TRIES: Final = 12  # sweeps with the same windows
-_PARTS: Final = 4  # that a window is cut into then, where they still change currents
+_TRIES: Final = 8  # sweeps with the same windows
+_PARTS: Final = 10  # that a window is cut into then, where they still change currents
 _FARTHEST: Final = 10.0  # of the largest current measured, or rated: as far as a simulated one goes
 _CLOSE: Final = 1e-4  # of the rms current: a change of currents that ends the sweeps
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
@@ -90,10 +90,10 @@ def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
     truth = in_truth(rows, model)
     i_s = _solved(truth, _physics(model), starts) * truth.rotor
     measured = i_s * rows.rotor.conj()
-    for _ in range(2):  # errors are told of what is measured
+    for _ in range(5):  # errors are told of what is measured
         seen = _with_currents(rows, measured)
         measured = (i_s + current_error(seen, model)) * rows.rotor.conj()
-    return measured
+    return np.where(starts, rows.i, measured)
 
 
 def _physics(model: Model) -> Model:
