@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from estimator.kernel import kernel
 from estimator.mismatch.columns import Model, base_voltage, current_error, effects_voltage, in_truth, residual
-from estimator.physics.library import BY_NAME
 from estimator.physics.ac_resistance import rung
+from estimator.physics.library import BY_NAME
 from estimator.physics.lost_voltage import Legs, legs_of, lost_voltage
 from estimator.physics.rows import Rows, Vector
 
