@@ -127,7 +127,7 @@ def _hypotheses(stretches: Stretches, nominal: Machine, tolerance: Mapping[str, 
         ratio = speed_over_rate(stretches, form.correction)
         for scale in scales if form is NO_FORM or form in DELAYS else (NO_SCALE,):
             over, cost = _against_nominal(fitted, scale, expected, spread)
-            speed = ratio * scale.T_s
+            speed = ratio / scale.T_s
             score = closes - float(np.sum(cost)) - form.prior - scale.prior - _cost_of_speed(speed, nominal.n_p)
             found.append(_Hypothesis(form, scale, fitted, over, cost, speed, score))
     return found

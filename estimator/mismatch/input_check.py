@@ -1,0 +1,243 @@
+"""Input check: what no diagnosis should begin with - columns that hold nothing, are cut off or contradict each other.
+
+Every remark is a sentence that says what is wrong, what was expected and what to record instead. Where `stop` is set no
+verdict is possible, and the answer is *not enough excitation* with the remarks. Knows no effect.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.machine import PARAMETERS, UNITS, Machine
+from estimator.mismatch.correction import Correction
+from estimator.mismatch.rough_fit import Fit, Stretches, fit, speed_over_rate, stretches_of
+from estimator.samples import Samples
+
+Array = NDArray[np.float64]
+
+FEWEST: Final = 50  # rows
+_SHORT: Final = 20  # rows of a run
+_COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")
+_STILL: Final = 0.1  # rad, electrical, in all: a rotor that stands
+_IDLE: Final = 0.005  # of rated current
+_LOST: Final = 0.05  # of the rows
+_SATURATED: Final = 0.5  # of the rows
+_CLIPPED: Final = 0.003  # of the rows
+_PILED: Final = 3.0  # rows at the top over rows in the band three times as wide below it; a sine has 1
+_SAME: Final = 0.015  # log
+_JUMP: Final = 50  # rows that are missing at once
+_GROSS: Final = 0.26  # log: 30 %
+_LINE: Final = math.sqrt(3.0)
+
+
+class Checked(NamedTuple):
+    """What is wrong with a recording."""
+
+    remarks: tuple[str, ...]
+    stop: bool  # no verdict is possible
+
+
+class _Wrong(NamedTuple):
+    sentence: str
+    stop: bool = False
+
+
+def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
+    """What is wrong with a recording before anything is fitted to it."""
+    runs = [run for run in runs if len(run)]
+    found = list(_columns(runs))
+    if not any(wrong.stop for wrong in found):
+        found += [*_excitation(runs, nominal), *_gaps(runs), *_clipped(runs), *_saturated(runs)]
+        stretches = stretches_of(runs)
+        if stretches is not None and not any(wrong.stop for wrong in found):
+            found += [*_speed(stretches), *_phase_currents(stretches), *_machine(stretches, nominal)]
+            found += _joined(runs, nominal)
+    return Checked(tuple(wrong.sentence for wrong in found), any(wrong.stop for wrong in found))
+
+
+# --- Columns
+
+
+def _columns(runs: Sequence[Samples]) -> Iterator[_Wrong]:
+    rows = sum(map(len, runs))
+    if rows < FEWEST:
+        yield _Wrong(f"the recording has {rows} rows, expected at least {FEWEST}: record a second or more", True)
+        return
+    longest = max(map(len, runs))
+    if longest < _SHORT:
+        yield _Wrong(f"the longest run without a gap has {longest} rows, expected at least {_SHORT}: record every "
+                     "control period, by a capture buffer where the link is too slow", True)
+        return
+    for name in _COLUMNS:
+        bad = sum(int(np.count_nonzero(~np.isfinite(getattr(run, name)))) for run in runs)
+        if bad:
+            yield _Wrong(f"{name} is not a number in {bad} of {rows} rows, expected one in every row: leave such rows "
+                         "out, as a gap", True)
+
+
+def _whole(runs: Sequence[Samples], name: str) -> Array | None:
+    parts = [getattr(run, name) for run in runs]
+    return None if any(part is None for part in parts) else np.concatenate(parts)
+
+
+def _excitation(runs: Sequence[Samples], nominal: Machine) -> Iterator[_Wrong]:
+    i_d, i_q, u_d, u_q = (np.concatenate([getattr(run, name) for run in runs]) for name in _COLUMNS[2:])
+    for what, d, q in (("currents", i_d, i_q), ("voltages", u_d, u_q)):
+        if np.ptp(d) == 0.0 and np.ptp(q) == 0.0:
+            yield _Wrong(f"the {what} are the same in every row, expected measured ones: check what the columns hold, "
+                         "and record with steps of i_d and i_q", True)
+            return
+    rms = math.sqrt(float(np.mean(i_d**2 + i_q**2)))
+    idle = rms < _IDLE * (nominal.i_rated or 0.0)
+    turned = max(float(np.ptp(np.unwrap(run.theta_e))) for run in runs)
+    if turned < _STILL:
+        stands = f"the motor stands (its angle moves by {turned:.2g} rad)"
+        if idle:
+            yield _Wrong(f"{stands} and carries no current ({rms:.2g} A rms): nothing can be told; record it turning, "
+                         "with steps of i_d and i_q", True)
+        else:
+            yield _Wrong(f"{stands}: R_s, L_d and L_q can be told, psi_f and what grows with speed cannot; record it "
+                         "at several speeds as well")
+    elif idle:
+        yield _Wrong(f"the motor carries no current ({rms:.2g} A rms): psi_f can be told, R_s, L_d and L_q cannot; "
+                     "record it with steps of i_d and i_q", True)
+
+
+def _gaps(runs: Sequence[Samples]) -> Iterator[_Wrong]:
+    """Many short gaps; a pause is none."""
+    rows = sum(map(len, runs))
+    missing = [_missing(a, b) for a, b in pairwise(runs)]
+    lost = sum(count for count in missing if 0.0 < count < _JUMP)
+    if lost > _LOST * (rows + lost) or (len(runs) > 1 and rows < 2 * _SHORT * len(runs)):
+        yield _Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, expected hardly any: "
+                     "record over a faster link or by a capture buffer")
+
+
+def _missing(a: Samples, b: Samples) -> float:
+    """Rows that are missing between two runs."""
+    return (b.t0 - a.t0) / a.T - len(a)
+
+
+# --- Cut off
+
+
+def _clipped(runs: Sequence[Samples]) -> Iterator[_Wrong]:
+    """Many rows at one extreme value. Seen where phase currents were recorded: in i_d and i_q it is no plateau."""
+    phases = [_whole(runs, name) for name in ("i_a", "i_b", "i_c")]
+    sides = [side * phase for phase in phases if phase is not None for side in (1.0, -1.0)]
+    level = max((float(np.max(side)) for side in sides), default=0.0)
+    cut = 0
+    for side in sides:
+        near = side[side > 0.96 * level]
+        band = max(0.002 * level, 1.5 * _step(near))
+        top = int(np.count_nonzero(near > level - band))
+        below = int(np.count_nonzero((near > level - 4.0 * band) & (near <= level - band)))
+        if top > _PILED * max(below, 1):
+            cut += top
+    n = sum(map(len, runs))
+    if cut > _CLIPPED * n:
+        yield _Wrong(f"the phase currents are cut off at {level:.3g} A in {min(cut / n, 1.0):.1%} of the rows, "
+                     "expected within the sensors' range: record less current, or with a larger range")
+
+
+def _step(values: Array) -> float:
+    """Step between neighbouring values of a quantised column."""
+    levels = np.unique(np.round(values, 9))[-20:]
+    return float(np.median(np.diff(levels))) if len(levels) > 2 else 0.0
+
+
+def _saturated(runs: Sequence[Samples]) -> Iterator[_Wrong]:
+    u_dc = _whole(runs, "u_dc")
+    if u_dc is None:
+        return
+    u = np.concatenate([np.hypot(run.u_d, run.u_q) for run in runs])
+    share = float(np.mean(u > 0.995 * u_dc / _LINE)) if np.all(u_dc > 0.0) else 0.0
+    if share > _SATURATED:
+        yield _Wrong(f"the voltage is at its limit, u_dc/sqrt(3), in {share:.0%} of the rows, expected below it: what "
+                     "is recorded may not be what acted; record at a lower speed or with a higher dc link")
+
+
+# --- Contradictions
+
+
+def _speed(stretches: Stretches) -> Iterator[_Wrong]:
+    ratio = speed_over_rate(stretches, Correction())
+    if not math.isnan(ratio) and (ratio < 0.0 or abs(math.log(ratio)) > _SAME):
+        yield _Wrong(f"omega_e is {ratio:.4g} times the rate of change of theta_e, expected the same: electrical, in "
+                     "rad and rad/s, of one sign, and the right T_s")
+
+
+def _phase_currents(stretches: Stretches) -> Iterator[_Wrong]:
+    if stretches.i_s is None:
+        return
+    i = stretches.i * np.exp(1j * stretches.theta_e)
+    power = float(np.mean(np.abs(i) ** 2))
+    ratio = complex(np.mean(stretches.i_s * i.conj())) / max(power, 1e-300)
+    left = float(np.mean(np.abs(stretches.i_s - ratio * i) ** 2)) / max(power, 1e-300)
+    if left > 0.1:
+        yield _Wrong("i_a, i_b, i_c and theta_e do not give i_d and i_q, expected that by the amplitude-invariant "
+                     "transformation: check the phases' order and the angle")
+    elif abs(ratio - 1.0) > 0.05:
+        yield _Wrong(f"i_a, i_b, i_c are {abs(ratio):.3g} times what i_d and i_q say, turned by "
+                     f"{math.degrees(math.atan2(ratio.imag, ratio.real)):.0f} degrees, expected the same peak values")
+
+
+def _machine(stretches: Stretches, nominal: Machine) -> Iterator[_Wrong]:
+    """A nominal machine in other units."""
+    found = fit(stretches, Correction(), nominal)
+    over = {name: float(value) / getattr(nominal, name) for name, value in zip(PARAMETERS, found.value, strict=True)}
+    certain = found.std < 0.3 * np.abs(found.value)
+    told = {name: bool(is_certain) for name, is_certain in zip(PARAMETERS, certain, strict=True)}
+    likely = {name for name in PARAMETERS if told[name] and 1.0 / 3.0 < over[name] < 3.0}
+    closed = found.share > 0.99
+    for names in (("R_s",), ("L_d", "L_q"), ("psi_f",)):
+        others = set(PARAMETERS) - {*names, "R_s"}
+        for unit, says in ((1e-3, "thousandths (milli)"), (1e-6, "millionths (micro)"), (1e3, "thousands (kilo)")):
+            if closed and likely >= others and all(told[k] and 1.0 / 3.0 < over[k] / unit < 3.0 for k in names):
+                first = names[0]
+                given, asked = getattr(nominal, first), over[first] * getattr(nominal, first)
+                yield _Wrong(f"the nominal {' and '.join(names)} seem to be in {says} of the unit: {first} is given as "
+                             f"{given:.4g} {UNITS[first]}, the recording asks for {asked:.3g}; expected SI units", True)
+    if likely >= {"L_d", "L_q", "psi_f"} and told["R_s"] and found.share > 0.999:
+        near = {name for name in PARAMETERS if abs(math.log(over[name])) < 0.2} if over["R_s"] > 0.0 else set[str]()
+        half = {name for name in PARAMETERS if abs(math.log(max(over[name], 1e-9) * 2.0)) < 0.12}
+        if half in ({"R_s"}, {"R_s", "L_d", "L_q"}) and near == set(PARAMETERS) - half:
+            yield _Wrong(f"the recording asks for half the nominal {', '.join(sorted(half))}: a line-to-line value, "
+                         "expected that of a phase")
+
+
+def _joined(runs: Sequence[Samples], nominal: Machine) -> Iterator[_Wrong]:
+    """Two drives, or two runs, in one recording."""
+    for k in _seams(runs):
+        before, after = stretches_of(runs[:k]), stretches_of(runs[k:])
+        if before is None or after is None:
+            continue
+        a, b = fit(before, Correction(), nominal), fit(after, Correction(), nominal)
+        if _differ(a, b):
+            names = ", ".join(PARAMETERS)
+            values = " and ".join(", ".join(f"{value:.3g}" for value in f.value) for f in (a, b))
+            yield _Wrong(f"before and after {runs[k].t0:.3g} s, where the recording jumps, {names} are {values}: two "
+                         "drives in one recording, expected one; give each a file of its own", True)
+            return
+
+
+def _seams(runs: Sequence[Samples]) -> list[int]:
+    """Runs that begin after a jump: of time, or of the dc link."""
+    found: list[int] = []
+    for k, (a, b) in enumerate(pairwise(runs), start=1):
+        missing = _missing(a, b)
+        sags = a.u_dc is not None and b.u_dc is not None and abs(b.u_dc[0] / a.u_dc[-1] - 1.0) > 0.1
+        if missing < -0.5 or missing > _JUMP or sags:
+            found.append(k)
+    return found[:3]
+
+
+def _differ(a: Fit, b: Fit) -> bool:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        off = np.abs(np.log(np.maximum(a.value, 1e-12) / np.maximum(b.value, 1e-12)))
+        std = np.hypot(a.std / np.abs(a.value), b.std / np.abs(b.value))
+    return bool(np.sum(off - 3.0 * std > _GROSS) >= 2)

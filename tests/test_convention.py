@@ -1,0 +1,148 @@
+"""Conventions: a recording that follows another one is told from one that lacks physics, and brought in order."""
+
+import math
+
+import numpy as np
+import pytest
+
+from emulator.conceal.populations import STRANGERS
+from estimator.machine import PARAMETERS
+from estimator.mismatch.convention import AS_GOOD, Suspicion, suspected
+from estimator.physics.convention_error import UNIT
+from tests.convention_runs import (
+    TURN,
+    Error,
+    angle,
+    axes_swapped,
+    in_per_unit,
+    made,
+    period,
+    phases_swapped,
+    poles_for_pole_pairs,
+    recording,
+    scaled,
+    shifted,
+    speed,
+)
+
+TOLERANCE = dict.fromkeys(PARAMETERS, 0.1)
+NUMBERS = (1, 2, 3, 5, 8)
+
+_3, _2 = math.sqrt(3.0), math.sqrt(2.0)
+
+FOUND: dict[str, tuple[Error, str, dict[str, float]]] = {
+    "line-to-line voltages": (scaled(u=_3), "voltage_line_to_line", {"u_scale": _3}),
+    "line-to-line voltages with their angle": (
+        scaled(u=_3 * complex(math.cos(TURN / 12.0), math.sin(TURN / 12.0))), "voltage_line_to_line_ahead",
+        {"u_scale": _3, "u_angle": TURN / 12.0},
+    ),
+    "rms voltages": (scaled(u=1.0 / _2), "voltage_rms", {"u_scale": 1.0 / _2}),
+    "voltages times 3/2": (scaled(u=1.5), "voltage_three_halves", {"u_scale": 1.5}),
+    "line-to-line rms voltages and rms currents": (
+        scaled(_3 / _2, 1.0 / _2), "line_to_line_rms", {"u_scale": _3 / _2, "i_scale": 1.0 / _2},
+    ),
+    "voltages of the wrong sign": (scaled(u=-1.0), "voltage_sign", {"u_scale": -1.0}),
+    "currents of the wrong sign": (scaled(i=-1.0), "current_sign", {"i_scale": -1.0}),
+    "a d axis the other way round": (scaled(-1.0, -1.0), "axis_opposite", {"u_scale": -1.0, "i_scale": -1.0}),
+    "voltages in per unit": (in_per_unit(1.0), "voltage_per_unit_u_dc", {"u_base": 1.0}),
+    "voltages in per unit of half the dc link": (in_per_unit(0.5), "voltage_per_unit_half_u_dc", {"u_base": 0.5}),
+    "d and q swapped": (axes_swapped, "axes_swapped", {"u_scale": 1.0}),
+    "phases b and c of the currents swapped": (phases_swapped(1, 2), "current_phases_bc", {"i_mirrored": 2.0}),
+    "phases a and b of the currents swapped": (phases_swapped(0, 1), "current_phases_ab", {"i_mirrored": 2.0}),
+    "an angle of the wrong sign": (angle(lambda theta, _: -theta), "angle_sign", {"theta_scale": -1.0}),
+    "a mechanical angle": (angle(lambda theta, m: np.mod(theta / m.n_p, TURN)), "mechanical_angle", {}),
+    "an angle in degrees": (angle(lambda theta, _: np.degrees(np.mod(theta, TURN))), "angle_in_degrees", {}),
+    "a period twice as long": (period(2.0), "period_doubled", {"T_s_scale": 2.0}),
+    "a period half as long": (period(0.5), "period_halved", {"T_s_scale": 0.5}),
+    "voltages two rows late": (shifted(("u_d", "u_q"), 2), "voltage_2_rows_late", {"u_shift": 2.0}),
+    "an angle one row early": (shifted(("theta_e",), -1), "angle_1_row_early", {"theta_shift": -1.0}),
+    "a mechanical speed": (speed(lambda m: 1.0 / m.n_p), "speed_unit", {}),
+    "a speed in Hz": (speed(lambda _: 1.0 / TURN), "speed_unit", {"omega_scale": 1.0 / TURN}),
+}  # fmt: skip
+
+
+def found(error: Error, number: int) -> Suspicion:
+    suspicion = suspected(*made(error, recording("none", number)), TOLERANCE)
+    assert suspicion is not None, number
+    return suspicion
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_what_users_do_to_a_recording_is_named_and_undone(name: str) -> None:
+    error, cause, parameters = FOUND[name]
+    for number in NUMBERS:
+        suspicion = found(error, number)
+        likely = {suspicion.cause} | {rival.effect for rival in suspicion.rivals if rival.odds < AS_GOOD}
+        assert cause in likely, number
+        if len(likely) > 1:  # and then it says so
+            assert suspicion.ambiguous
+            continue
+        for key, value in parameters.items():
+            told = suspicion.parameters.get(key)
+            assert (1.0 if told is None else told.value) == pytest.approx(value), key
+        assert all(quantity.unit == UNIT[key] for key, quantity in suspicion.parameters.items())
+        assert suspicion.sentence[0].isupper()
+        assert suspicion.sentence.endswith(".")
+        honest, nominal = recording("none", number)
+        for run, true in zip(suspicion.runs, honest, strict=True):
+            first = round((run.t0 - true.t0) / true.T_s)
+            assert len(true) - len(run) <= 4
+            rows = slice(first, first + len(run))
+            assert run.T_s == pytest.approx(true.T_s)
+            for column in ("i_d", "i_q", "u_d", "u_q", "omega_e"):
+                scale = float(np.max(np.abs(getattr(true, column))))
+                np.testing.assert_allclose(getattr(run, column), getattr(true, column)[rows], atol=1e-6 * scale)
+            turned = np.unwrap(true.theta_e)[rows]
+            np.testing.assert_allclose(np.unwrap(run.theta_e) - run.theta_e[0], turned - turned[0], atol=1e-6)
+        assert suspicion.machine == nominal
+        assert suspected(suspicion.runs, suspicion.machine, TOLERANCE) is None
+
+
+def test_poles_given_for_pole_pairs_are_told_with_the_right_number() -> None:
+    for number in NUMBERS:
+        suspicion = found(poles_for_pole_pairs, number)
+        _, nominal = recording("none", number)
+        assert suspicion.cause == f"pole_pairs_{nominal.n_p}"
+        assert suspicion.machine == nominal
+        assert suspicion.parameters["pole_pairs"].value == 2 * nominal.n_p
+
+
+def test_a_base_of_per_unit_voltages_is_worked_out_where_no_dc_link_was_recorded() -> None:
+    for number in NUMBERS:
+        suspicion = found(in_per_unit(1.0, u_dc_known=False), number)
+        assert suspicion.cause == "voltage_per_unit"
+        (run, *_), _ = recording("none", number)
+        assert run.u_dc is not None
+        assert 1.0 / (suspicion.parameters["u_scale"].value or math.inf) == pytest.approx(np.mean(run.u_dc), rel=0.12)
+
+
+def test_factors_that_lie_within_the_tolerance_of_each_other_are_both_named() -> None:
+    both = 0
+    for number in NUMBERS:
+        suspicion = found(scaled(i=1.0 / _2), number)
+        names = {suspicion.cause, *(rival.effect for rival in suspicion.rivals if rival.odds < AS_GOOD)}
+        assert "current_rms" in names
+        if "current_two_thirds" in names:
+            both += 1
+            assert any("scaled by 2/3" in says or "rms" in says for says in suspicion.ambiguous)
+    assert both
+
+
+@pytest.mark.parametrize("kind", ["none", "one", "two", "three", *STRANGERS])
+def test_missing_physics_is_not_taken_for_a_convention(kind: str) -> None:
+    for number in range(1, 9):
+        runs, nominal = recording(kind, number, seed=31, length=1.0)
+        suspicion = suspected(runs, nominal, TOLERANCE)
+        assert suspicion is None, (kind, number, suspicion.sentence)
+
+
+@pytest.mark.parametrize("late", [1, -1])
+def test_a_shift_of_one_row_is_left_to_the_library(late: int) -> None:
+    for number in NUMBERS:
+        assert suspected(*made(shifted(("u_d", "u_q"), late), recording("none", number)), TOLERANCE) is None
+
+
+def test_a_recording_too_short_for_a_fit_is_not_judged() -> None:
+    runs, nominal = recording("none", 1)
+    assert suspected([runs[0][:15]], nominal, TOLERANCE) is None
+    assert suspected([], nominal, TOLERANCE) is None

@@ -1,0 +1,147 @@
+"""Input check: what is wrong with a recording is said in a sentence, and nothing is said of one that is in order."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from emulator.conceal.populations import STRANGERS
+from estimator.machine import Machine
+from estimator.mismatch.input_check import checked
+from estimator.samples import Samples
+from tests.convention_runs import LENGTH, TURN, currents, made, recording, speed, voltages, with_vectors
+
+NUMBERS = (1, 2, 3, 5, 8)
+
+
+@pytest.mark.parametrize("kind", ["none", "one", "two", "three", *STRANGERS])
+def test_nothing_is_said_of_a_recording_in_order(kind: str) -> None:
+    for number in range(1, 9):
+        assert checked(*recording(kind, number, seed=31, length=1.0)) == ((), False), (kind, number)
+
+
+def only(runs: "list[Samples] | tuple[Samples, ...]", nominal: Machine, *, stop: bool) -> str:
+    """The one remark on a recording."""
+    told = checked(runs, nominal)
+    assert len(told.remarks) == 1, told
+    assert told.stop is stop
+    assert "expected" in told.remarks[0] or "cannot" in told.remarks[0] or "can be told" in told.remarks[0]
+    return told.remarks[0]
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_too_few_rows_end_the_diagnosis(number: int) -> None:
+    (run, *_), nominal = recording("none", number)
+    assert "40 rows, expected at least 50" in only([run[:40]], nominal, stop=True)
+    assert "0 rows" in only([], nominal, stop=True)
+    pieces = [run[k : k + 10] for k in range(0, 200, 20)]
+    assert "longest run without a gap has 10 rows" in only(pieces, nominal, stop=True)
+
+
+def test_many_gaps_are_told_with_what_is_missing() -> None:
+    (run, *_), nominal = recording("none", 1)
+    pieces = [run[k : k + 100] for k in range(0, 6000, 125)]
+    assert "1175 of 5975 rows are missing, in 47 gaps" in only(pieces, nominal, stop=False)
+
+
+@pytest.mark.parametrize("column", ["theta_e", "i_q", "u_d"])
+def test_a_value_that_is_no_number_is_told_by_its_column(column: str) -> None:
+    (run, *_), nominal = recording("none", 1)
+    values = getattr(run, column).copy()
+    values[7], values[11] = np.nan, np.inf
+    said = only([replace(run, **{column: values})], nominal, stop=True)
+    assert f"{column} is not a number in 2 of {len(run)} rows" in said
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_columns_that_hold_one_value_are_told(number: int) -> None:
+    runs, nominal = recording("none", number)
+    for still, what in (("i", "currents"), ("u", "voltages")):
+        same = [with_vectors(run, **{still: np.full(len(run), 1.0 + 1.0j)}) for run in runs]
+        assert f"the {what} are the same in every row" in only(same, nominal, stop=True)
+
+
+def noise(run: Samples, size: float) -> np.ndarray:
+    chance = np.random.default_rng(1)
+    return size * (chance.standard_normal(len(run)) + 1j * chance.standard_normal(len(run)))
+
+
+def test_a_motor_that_stands_is_told_with_what_can_be_known() -> None:
+    (run, *_), nominal = recording("none", 1)
+    assert nominal.i_rated is not None
+    still = replace(run, theta_e=np.full(len(run), 0.3), omega_e=np.zeros(len(run)))
+    idle = 1e-3 * nominal.i_rated
+    no_current = with_vectors(still, i=noise(run, idle), u=noise(run, nominal.R_s * idle))
+    assert "stands" in only([no_current], nominal, stop=True)
+    assert "carries no current" in only([with_vectors(run, i=noise(run, idle))], nominal, stop=True)
+    told = checked([replace(still, i_a=None)], nominal)
+    assert not told.stop
+    assert "R_s, L_d and L_q can be told, psi_f" in told.remarks[0]
+
+
+def clipped(run: Samples, level: float) -> Samples:
+    """The three channels cut off, and the rotor frame's currents made of them."""
+    assert run.i_a is not None
+    assert run.i_b is not None
+    assert run.i_c is not None
+    a, b, c = (np.clip(phase, -level, level) for phase in (run.i_a, run.i_b, run.i_c))
+    turn = np.exp(1j * TURN / 3.0)
+    i_dq = 2.0 / 3.0 * (a + turn * b + turn.conjugate() * c) * np.exp(-1j * run.theta_e)
+    return replace(with_vectors(run, i=i_dq), i_a=a, i_b=b, i_c=c)
+
+
+def test_currents_that_are_cut_off_are_told_with_the_level() -> None:
+    found = 0
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        level = 0.6 * max(float(np.max(np.abs(run.i_a))) for run in runs if run.i_a is not None)
+        told = checked([clipped(run, level) for run in runs], nominal)
+        assert not told.stop
+        found += any(f"the phase currents are cut off at {level:.3g} A" in said for said in told.remarks)
+    assert found >= 4
+
+
+def test_a_voltage_at_its_limit_for_long_is_told() -> None:
+    (run, *_), nominal = recording("none", 1)
+    assert run.u_dc is not None
+    full = run.u_dc / np.sqrt(3.0) * np.exp(1j * np.angle(voltages(run) + 1e-9))
+    assert any("at its limit" in said for said in checked([with_vectors(run, u=full)], nominal).remarks)
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_a_speed_that_contradicts_the_angle_is_told_with_the_ratio(number: int) -> None:
+    n_p = recording("none", number)[1].n_p
+    assert f"omega_e is {1.0 / n_p:.4g} times" in only(
+        *made(speed(lambda m: 1.0 / m.n_p), recording("none", number)), stop=False
+    )
+    assert "omega_e is -1 times" in only(*made(speed(lambda _: -1.0), recording("none", number)), stop=False)
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_phase_currents_that_contradict_the_rotor_frame_are_told(number: int) -> None:
+    runs, nominal = recording("none", number)
+    swapped = [replace(run, i_b=run.i_c, i_c=run.i_b) for run in runs]
+    assert "do not give i_d and i_q" in only(swapped, nominal, stop=False)
+    rms = [with_vectors(run, i=currents(run)) for run in runs]
+    rms = [replace(run, **{name: getattr(run, name) / np.sqrt(2.0) for name in ("i_a", "i_b", "i_c")}) for run in rms]
+    assert "are 0.707 times what i_d and i_q say" in only(rms, nominal, stop=False)
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_a_machine_in_other_units_is_told(number: int) -> None:
+    runs, nominal = recording("none", number)
+    in_mH = replace(nominal, L_d=1e3 * nominal.L_d, L_q=1e3 * nominal.L_q)
+    assert "the nominal L_d and L_q seem to be in thousandths" in only(runs, in_mH, stop=True)
+    in_mWb = replace(nominal, psi_f=1e3 * nominal.psi_f)
+    assert "the nominal psi_f seem to be in thousandths" in only(runs, in_mWb, stop=True)
+    between_lines = replace(nominal, R_s=2.0 * nominal.R_s)
+    assert "half the nominal R_s" in only(runs, between_lines, stop=False)
+
+
+def test_two_drives_in_one_recording_are_told() -> None:
+    (first, *_), nominal = recording("none", 1)
+    others = [recording("none", number) for number in range(2, 12)]
+    (other, *_), _ = next(o for o in others if o[1].L_d > 2.0 * nominal.L_d or o[1].L_d < 0.5 * nominal.L_d)
+    later = replace(other, T_s=first.T_s, t0=first.t0 + 2.0 * LENGTH)
+    assert "two drives" in only([first, later], nominal, stop=True)
+    assert checked([first[:5000], replace(first[5000:], t0=first.t0 + 2.0 * LENGTH)], nominal).remarks[1:] == ()
