@@ -4,7 +4,6 @@ Each is fitted to a flux error with white noise and says how much of it it expla
 """
 
 import cmath
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,9 +12,11 @@ import numpy as np
 from estimator.flux_balance import TURN
 from estimator.mismatch.averages import Array, means, voltage_of
 from estimator.mismatch.columns import filter_pole, whitened
+from estimator.mismatch.spectra import Line
 from estimator.physics.rows import Rows, Vector
 
 _LENGTHS: Final = (10, 30, 100, 300)  # periods of a mean
+_DWELL: Final = 5.0  # means between two changes, on average
 _TAPS: Final = 96  # periods that a resonance rings
 _ABOVE: Final = 0.03  # of the sampling rate: where resonances are looked for
 _LINES: Final = 512  # frequencies up to half the sampling rate
@@ -41,6 +42,11 @@ class TwoLevels:
         """V."""
         return self.high - self.low
 
+    @property
+    def direction(self) -> float:
+        """Of the voltage that comes to the machine, rad: what is left of the recorded voltage is its opposite."""
+        return cmath.phase(-self.step)
+
 
 @dataclass(frozen=True, slots=True)
 class Resonance:
@@ -50,6 +56,22 @@ class Resonance:
     admittance: float  # A/V there
     sure: float  # standard errors that the peak stands above nothing
     gain: float  # as the others'
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """A voltage fixed in the rotor frame that grows with time."""
+
+    change: complex  # V, of the residual from begin to end
+    gain: float  # as the others'
+
+    @property
+    def direction(self) -> float:
+        """Of the voltage that comes to the machine, rad: what is left of the recorded voltage is its opposite."""
+        return cmath.phase(-self.change)
+
+
+Form = Line | TwoLevels | Resonance | Drift
 
 
 def two_levels(rows: Rows, z: Vector, frame: str) -> TwoLevels | None:
@@ -88,6 +110,8 @@ def _levels(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels |
     if abs(levels[1]) < abs(levels[0]):
         up, levels = ~up, (levels[1], levels[0])
     change = np.flatnonzero(np.diff(up)) + 1
+    if len(up) < _DWELL * (len(change) + 1):
+        return None
     edges = np.concatenate(([0], change, [len(up)]))
     t = np.concatenate((rows.t[blocks.at] - 0.5 * m * rows.T_s, [rows.t[blocks.at[-1]] + 0.5 * m * rows.T_s]))
     there = up[edges[:-1]]
@@ -105,7 +129,7 @@ def _held(x: Array, low: float, high: float) -> "np.ndarray[tuple[int], np.dtype
 
 
 def resonance(rows: Rows, z: Vector, noise: tuple[float, float]) -> Resonance | None:
-    """What of the measured current follows past changes of the voltage, as a filter or a long cable at the terminals does.
+    """What of the measured current follows past changes of the voltage, as a filter at the terminals makes it.
 
     Only the past counts: the voltage's control follows the current's noise in its turn.
     """
@@ -146,6 +170,16 @@ def _peak(H: Array, sure: Array) -> int:
     return 0
 
 
-def degrees(direction: float) -> float:
-    """A direction in deg, -180 to 180."""
-    return math.degrees(math.remainder(direction, TURN))
+def drift(rows: Rows, z: Vector) -> Drift | None:
+    """The voltage fixed in the rotor frame that grows with time and explains most, beside one that does not."""
+    if len(rows) < 2:
+        return None
+    late = (rows.t[:-1] - rows.t[0]) / (rows.t[-1] - rows.t[0]) - 0.5
+    rho = filter_pole(rows.machine, rows.T_s)
+    columns = [whitened(v * rows.joined, rows, rho) for v in (1.0 + 0j * late, 1j + 0j * late, late + 0j, 1j * late)]
+    X = np.array([np.concatenate((c.real, c.imag)) for c in columns])
+    y = np.concatenate((z.real, z.imag))
+    gram, to = X @ X.T, X @ y
+    size, *_ = np.linalg.lstsq(gram, to, rcond=None)
+    steady, *_ = np.linalg.lstsq(gram[:2, :2], to[:2], rcond=None)
+    return Drift(complex(size[2], size[3]), float(size @ to - steady @ to[:2]))

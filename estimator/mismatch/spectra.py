@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
 from estimator.mismatch.averages import Array
@@ -16,14 +17,14 @@ from estimator.mismatch.columns import filter_pole
 from estimator.physics.rows import Rows, Vector
 
 SEGMENT: Final = 256  # periods of a Welch spectrum
-_ORDER_TURNS: Final = 8.0  # of the order's base, over which an order's amplitude may change
+_ORDER_TURNS: Final = 8  # over which an order's amplitude is steady
 _BLOCK: Final = 64  # periods that are summed before a line's frequency is refined
 _SPARSE: Final = 3.0  # longest time grid, over the periods there are
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """v = forth exp(j 2 pi f t) + back exp(-j 2 pi f t), V in the frame it was looked for in, t from the first sample."""
+    """v = forth exp(j 2 pi f t) + back exp(-j 2 pi f t), V in the frame it was looked for in, t from the first period's middle."""
 
     frequency: float  # Hz
     forth: complex
@@ -46,15 +47,19 @@ class Line:
         return (0.5 * cmath.phase(self.forth * self.back)) % math.pi if self.back else 0.0
 
 
-def response(rows: Rows, f: Array | float) -> Vector | np.complex128:
+def response(rows: Rows, f: float) -> complex:
     """What the whitening filter makes of a stationary voltage of frequency f (Hz): Vs per V."""
-    turn = np.exp(1j * TURN * np.asarray(f) * rows.T_s)
-    return rows.T_s / (turn - filter_pole(rows.machine, rows.T_s))
+    return rows.T_s / (1.0 - filter_pole(rows.machine, rows.T_s) * cmath.exp(-1j * TURN * f * rows.T_s))
+
+
+def _place(rows: Rows) -> NDArray[np.intp]:
+    """Number of each period by the clock, from 0."""
+    return np.rint((rows.t[1:] - rows.t[1]) / rows.T_s).astype(np.intp)
 
 
 def on_grid(rows: Rows, z: Vector) -> Vector:
     """z with zeros in the gaps between runs, so that a line goes on; without them where they are most of the time."""
-    place = np.rint((rows.t[1:] - rows.t[0]) / rows.T_s).astype(np.intp) - 1
+    place = _place(rows)
     if place[-1] + 1 == len(z) or place[-1] + 1 > _SPARSE * len(z) or (np.diff(place) <= 0).any():
         return z
     grid = np.zeros(place[-1] + 1, np.complex128)
@@ -74,7 +79,7 @@ def strongest_line(rows: Rows, z: Vector, lowest: float, highest: float) -> Line
         return None
     coarse = float(k[np.argmax(np.abs(X[k]) ** 2 + np.abs(X[-k]) ** 2)]) * df
     forth, back = (_shifted(x, s * coarse * rows.T_s) for s in (1.0, -1.0))
-    middle = (np.arange(len(forth)) + 0.5) * _BLOCK * rows.T_s
+    middle = (_BLOCK * (np.arange(len(forth)) + 0.5) - 0.5) * rows.T_s
 
     def sums(f: float) -> tuple[complex, complex]:
         turning = np.exp(-1j * TURN * (f - coarse) * middle)
@@ -90,9 +95,8 @@ def strongest_line(rows: Rows, z: Vector, lowest: float, highest: float) -> Line
         width *= 0.7
     a, b = sums(f)
     there = int(np.count_nonzero(x)) or 1
-    up, down = (complex(response(rows, s * f)) for s in (1.0, -1.0))
-    late = cmath.exp(0.5j * TURN * f * rows.T_s)  # a period's mean voltage is that of its middle
-    return Line(f, a / there / up / late, b / there / down * late, (abs(a) ** 2 + abs(b) ** 2) / there)
+    gain = (abs(a) ** 2 + abs(b) ** 2) / there
+    return Line(f, a / there / response(rows, f), b / there / response(rows, -f), gain)
 
 
 def _shifted(x: Vector, turns: float) -> Vector:
@@ -101,20 +105,40 @@ def _shifted(x: Vector, turns: float) -> Vector:
     return (padded * np.exp(-1j * TURN * turns * np.arange(len(padded)))).reshape(-1, _BLOCK).sum(axis=1)
 
 
-def energy_of_orders(rows: Rows, z: Vector, orders: Array, turns_per_order: float) -> tuple[Array, float]:
-    """Energy (Vs^2) of z exp(-j order theta_e) that is steady for some turns, by order; and that of z in them."""
-    theta = rows.theta_e[1:]
-    travelled = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(theta)))))
-    block = np.floor(travelled / (TURN * _ORDER_TURNS * turns_per_order)).astype(np.intp)
-    starts = np.flatnonzero(np.concatenate(([True], np.diff(block) > 0)))
-    counts = np.diff(np.concatenate((starts, [len(z)])))
+def of_line(rows: Rows, line: Line) -> Vector:
+    """The flux error (Vs, rotor frame) that a stationary line makes."""
+    f = line.frequency
+    turning = np.exp(1j * TURN * f * rows.T_s * _place(rows))
+    z = line.forth * response(rows, f) * turning + line.back * response(rows, -f) * turning.conj()
+    return z * rows.rotor[1:].conj()
+
+
+def _turns(rows: Rows, turns: float) -> NDArray[np.intp]:
+    """Where stretches begin in which the rotor turns that often, electrically."""
+    travelled = np.concatenate((np.zeros(1), np.cumsum(np.abs(rows.D[1:]))))
+    return np.flatnonzero(np.diff(np.floor(travelled / (TURN * turns)), prepend=-1.0) > 0.0)
+
+
+def energy_of_orders(rows: Rows, z: Vector, orders: Array, base: int) -> Array:
+    """Energy (Vs^2) of z exp(-+ j order theta_e) that is steady for some turns of `base` electrical ones, by order.
+
+    Zero where the rotor makes too few.
+    """
+    starts = _turns(rows, _ORDER_TURNS * base)
+    energy = np.zeros(len(orders))
     if len(starts) < 2:
-        return np.zeros(len(orders)), 0.0
-    energy = np.empty(len(orders))
+        return energy
+    counts = np.diff(starts, append=len(z))
     for j, order in enumerate(orders):
-        sums = np.add.reduceat(z * np.exp(-1j * order * theta), starts)
-        energy[j] = float(np.sum(np.abs(sums) ** 2 / counts))
-    return energy, float(np.mean(counts))
+        turning = np.exp(-1j * order * rows.theta_e[1:])
+        for way in (turning, turning.conj()):
+            energy[j] += float(np.sum(np.abs(np.add.reduceat(z * way, starts)) ** 2 / counts))
+    return energy
+
+
+def noise_of_orders(rows: Rows, variance: float, base: int) -> float:
+    """What white noise (Vs^2) adds to the energy of each order."""
+    return 2.0 * variance * len(_turns(rows, _ORDER_TURNS * base))
 
 
 def welch(z: Vector, segment: int = SEGMENT) -> Array:
