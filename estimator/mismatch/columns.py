@@ -7,8 +7,9 @@ absolute; those of shapes count from the present value. Knows nothing of what is
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -22,9 +23,13 @@ from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
 
 Array = NDArray[np.float64]
+Noise = tuple[float, float, float]
+"""White noise of the whitened residual: Vs on d, Vs on q, A of the three phase currents' mean."""
 
 STRETCHES: Final = 48
 _STEP: Final = 1e-3  # of a typical size, for differences
+_SMALL_ANGLE: Final = 1e-4  # rad
+_FARTHEST: Final = (0.3, 3.0)  # of nominal values
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,10 +157,14 @@ def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
     return z[0]
 
 
-def regression(rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: dict[str, float],
-               angle_step: float, noise: tuple[float, float, float] | None = None,
-               library: Sequence[Effect] = LIBRARY, *, more: bool = True) -> Regression:
-    """Sums of all columns; of the present model alone without `more`. `smooth` has currents with less noise, for what must not be correlated with it."""
+def regression(
+    rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
+    noise: Noise | None = None, library: Sequence[Effect] = LIBRARY, *, more: bool = True,
+) -> Regression:  # fmt: skip
+    """Sums of all columns; of the present model alone without `more`.
+
+    `smooth` has currents with less noise, for what must not be correlated with it.
+    """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     truth = in_truth(smooth, model)
     frame = frame_of(rows, truth)
@@ -171,11 +180,11 @@ def regression(rows: Rows, smooth: Rows, model: Model, nominal: Machine, toleran
     state = np.zeros(P + 1, np.complex128)
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
     channels = 2 if zero is None else 3
-    for s, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for s, (a, b) in enumerate(pairwise(edges.tolist())):
         part = truth[a:b]
         v = np.empty((P + 1, b - a), np.complex128)
         m = np.zeros((P + 1, channels, b - a))
-        _fill(part, model, columns, library, v, m)
+        _fill(part, model, columns, v, m)
         v *= frame[a:b]
         v[P] = r[a:b]
         whiten(v, rows.half[a:b], part.joined, part.T_s, rho, state)
@@ -202,8 +211,9 @@ def prepared(rows: Rows, library: Sequence[Effect]) -> None:
     rows.once("once", lambda: np.exp(1j * rows.theta_m))
     for effect in library:
         if effect.remembers:
+            small = {k: 1e-3 * effect.parameters[k].typical(rows) for k in effect.sizes}
             for shapes in effect.shapes(rows):
-                effect.voltage(rows, _at(effect, shapes, {k: 1e-3 * effect.parameters[k].typical(rows) for k in effect.sizes}))
+                effect.voltage(rows, _at(effect, shapes, small))
 
 
 def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
@@ -224,33 +234,42 @@ def _at(effect: Effect, shapes: Sequence[float], sizes: dict[int, float]) -> tup
     )
 
 
-def _columns(rows: Rows, model: Model, nominal: Machine, tolerance: dict[str, float], angle_step: float,
-             library: Sequence[Effect], more: bool) -> tuple[Column, ...]:
-    found = [
-        Column("machine", name, k, -1, (getattr(nominal, name), tolerance[name] * getattr(nominal, name)),
-               getattr(model.machine, name), (0.3 * getattr(nominal, name), 3.0 * getattr(nominal, name)))
-        for k, name in enumerate(PARAMETERS)
-    ]
-    found.append(Column("machine", "angle", 4, -1, (0.0, max(0.5 * angle_step, 1e-6)), model.angle, (-1.0, 1.0)))
+def _columns(
+    rows: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
+    library: Sequence[Effect], more: bool,
+) -> tuple[Column, ...]:  # fmt: skip
+    found: list[Column] = []
+    for k, name in enumerate(PARAMETERS):
+        given = getattr(nominal, name)
+        prior, bounds = (given, tolerance[name] * given), (_FARTHEST[0] * given, _FARTHEST[1] * given)
+        found.append(Column("machine", name, k, -1, prior, getattr(model.machine, name), bounds))
+    reach = max(angle_step, 1e-5)  # an angle is rounded or cut off
+    found.append(Column("machine", "angle", 4, -1, (0.0, max(0.5 * angle_step, 1e-6)), model.angle, (-reach, reach)))
     if rows.zero is not None:
         found.append(Column("machine", "zero", 5, -1, (0.0, rows.i_rated), model.zero, (-math.inf, math.inf)))
     for effect in library if more else [BY_NAME[name] for name in model.effects]:
-        present = model.effects.get(effect.name)
-        if present is not None:
-            for k, parameter in enumerate(effect.parameters):
-                if parameter.discrete:
-                    continue
-                spread = parameter.typical(rows)
-                low, high = _bounds(parameter, rows)
-                if parameter.shape:  # a step at a time
-                    low, high = max(low - present[k], -0.5 * abs(present[k])), min(high - present[k], abs(present[k]))
-                offset = 0.0 if parameter.shape else present[k]
-                found.append(Column(effect.name, parameter.name, k, -1, (0.0, spread), offset, (low, high), parameter.shape))
+        if effect.name in model.effects:
+            found.extend(_own_columns(effect, rows, model.effects[effect.name]))
         for seed, _ in enumerate(effect.shapes(rows) if more else ()):
             for k in effect.sizes:
                 parameter = effect.parameters[k]
-                found.append(Column(effect.name, parameter.name, k, seed, (0.0, parameter.typical(rows)), 0.0, _bounds(parameter, rows)))
+                prior = (0.0, parameter.typical(rows))
+                found.append(Column(effect.name, parameter.name, k, seed, prior, 0.0, _bounds(parameter, rows)))
     return tuple(found)
+
+
+def _own_columns(effect: Effect, rows: Rows, present: Sequence[float]) -> list[Column]:
+    """Of an effect of the model: its sizes, and steps of its shapes."""
+    found: list[Column] = []
+    for k, parameter in enumerate(effect.parameters):
+        if parameter.discrete:
+            continue
+        prior, (low, high) = (0.0, parameter.typical(rows)), _bounds(parameter, rows)
+        if parameter.shape:
+            low, high = max(low - present[k], -0.5 * abs(present[k])), min(high - present[k], abs(present[k]))
+        offset = 0.0 if parameter.shape else present[k]
+        found.append(Column(effect.name, parameter.name, k, -1, prior, offset, (low, high), parameter.shape))
+    return found
 
 
 def _bounds(parameter: Parameter, rows: Rows) -> tuple[float, float]:
@@ -260,41 +279,42 @@ def _bounds(parameter: Parameter, rows: Rows) -> tuple[float, float]:
     )
 
 
-def _fill(rows: Rows, model: Model, columns: Sequence[Column], library: Sequence[Effect], v: NDArray[np.complex128],
-          m: Array) -> None:
+def _fill(rows: Rows, model: Model, columns: Sequence[Column], v: NDArray[np.complex128], m: Array) -> None:
     """Write the columns' voltages, and what they make of the mean of the phase currents."""
-    one = np.ones(len(rows) + 1)
     for j, column in enumerate(columns):
         if column.owner == "machine":
-            if column.parameter == "R_s":
-                v[j] = rows.i_mean
-            elif column.parameter == "L_d":
-                v[j] = rows.balance(rows.i.real)
-            elif column.parameter == "L_q":
-                v[j] = rows.balance(1j * rows.i.imag)
-            elif column.parameter == "psi_f":
-                v[j] = rows.balance(one)
-            elif column.parameter == "angle":
-                v[j] = voltage_of_error(rows, 1e-4) / 1e-4
+            if column.parameter == "zero":
+                v[j], m[j, 2] = 0.0, 1.0
             else:
-                v[j] = 0.0
-                m[j, 2] = 1.0
+                v[j] = _voltage_per_unit(rows, column.parameter)
             continue
         effect = BY_NAME[column.owner]
         parameter = effect.parameters[column.place]
-        h = _STEP * parameter.typical(rows)
-        if column.seed < 0:
-            at = model.effects[effect.name]
-            if effect.measures:  # rows are rid of it already
-                at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
-            h = h if not parameter.shape else 0.05 * abs(at[column.place])
-            up = tuple(value + h * (k == column.place) for k, value in enumerate(at))
-            v[j] = (effect.voltage(rows, up) - effect.voltage(rows, at)) / h
-            if effect.zero is not None and rows.zero is not None:
-                m[j, 2] = ((effect.zero(rows, up) - effect.zero(rows, at)) / h)[:-1]
-        else:
+        if column.seed >= 0:
             h = parameter.typical(rows)
             up = _at(effect, effect.shapes(rows)[column.seed], {column.place: h})
             v[j] = effect.voltage(rows, up) / h
             if effect.zero is not None and rows.zero is not None:
                 m[j, 2] = effect.zero(rows, up)[:-1] / h
+            continue
+        at = model.effects[effect.name]
+        if effect.measures:  # rows are rid of it already
+            at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
+        h = 0.05 * abs(at[column.place]) if parameter.shape else _STEP * parameter.typical(rows)
+        up = tuple(value + h * (k == column.place) for k, value in enumerate(at))
+        v[j] = (effect.voltage(rows, up) - effect.voltage(rows, at)) / h
+        if effect.zero is not None and rows.zero is not None:
+            m[j, 2] = ((effect.zero(rows, up) - effect.zero(rows, at)) / h)[:-1]
+
+
+def _voltage_per_unit(rows: Rows, parameter: str) -> Vector:
+    """Of a parameter of the machine, or of the angle."""
+    if parameter == "R_s":
+        return rows.i_mean
+    if parameter == "L_d":
+        return rows.balance(rows.i.real)
+    if parameter == "L_q":
+        return rows.balance(rows.i - rows.i.real)
+    if parameter == "psi_f":
+        return rows.balance(np.ones(len(rows) + 1))
+    return voltage_of_error(rows, _SMALL_ANGLE) / _SMALL_ANGLE

@@ -13,16 +13,26 @@ from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.columns import STRETCHES, filter_pole, residual, whitened, with_machine
+from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, experiment, rivals
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, fitted, moved
+from estimator.mismatch.input_check import checked
 from estimator.mismatch.locate import describe, place_of
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import fit_quality
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.verdict import (
-    Ambiguity, Diagnosis, Finding, Quantity, Rival, Unexplained, Verdict,
+    Ambiguity,
+    Diagnosis,
+    Finding,
+    Place,
+    Quantity,
+    Rival,
+    Unexplained,
+    Verdict,
 )  # fmt: skip
+from estimator.physics import convention_error
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows, rows_of
@@ -30,9 +40,9 @@ from estimator.samples import Samples
 from estimator.twin import free_run
 
 TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
+_FEWEST: Final = 50 * STRETCHES  # rows
 _OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
 _DELTA: Final = 1e-4  # of a size, for differences
-_LARGEST_SHARE: Final = 3.0  # of what effects explain, that may be left unexplained beside a name
 
 
 def _silent(_share: float, _phase: str) -> None:
@@ -46,19 +56,56 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     Raises ValueError, in a sentence, for samples that cannot be diagnosed.
     """
     tolerance = {name: (trust or {}).get(name, TOLERANCE) for name in PARAMETERS}
-    runs = [run for run in runs if len(run) >= 3]
-    if not runs or sum(map(len, runs)) < 50 * STRETCHES:
-        raise ValueError(
-            f"expected at least {50 * STRETCHES} rows to tell effects from noise, came {sum(map(len, runs))}; "
-            "record some seconds"
-        )
-    rated = nominal.i_rated or max(float(np.max(np.hypot(run.i_d, run.i_q))) for run in runs)
-    rows = rows_of(runs, nominal, rated)
+    checks = checked(runs, nominal)
+    long_enough = [run for run in runs if len(run) >= 3]
+    rows_there = sum(map(len, long_enough))
+    if checks.stop or rows_there < _FEWEST:
+        few = f"expected at least {_FEWEST} rows to tell effects from noise, came {rows_there}; record some seconds"
+        return _no_verdict(checks.remarks if checks.stop else (*checks.remarks, few))
+    suspicion = suspected(long_enough, nominal, tolerance)
+    if suspicion is not None:
+        long_enough, nominal = list(suspicion.runs), suspicion.machine
+    rated = nominal.i_rated or max(float(np.max(np.hypot(run.i_d, run.i_q))) for run in long_enough)
+    rows = rows_of(long_enough, nominal, rated)
     progress(0.0, "fitting")
-    step = runs[0].resolution.theta_e
+    step = long_enough[0].resolution.theta_e
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
-    return _judged(rows, nominal, tolerance, found, progress)
+    diagnosis = _judged(rows, nominal, tolerance, found, progress)
+    if suspicion is not None:
+        diagnosis = _with_convention(diagnosis, suspicion, rows)
+    diagnosis = replace(diagnosis, remarks=(*checks.remarks, *diagnosis.remarks))
+    return replace(diagnosis, sentence=sentence_of(diagnosis))
+
+
+def _no_verdict(remarks: Sequence[str]) -> Diagnosis:
+    """Nothing can be fitted: what is wrong, and what to record instead."""
+    said = "not enough to judge: " + "; ".join(remarks)
+    return Diagnosis(
+        Verdict.NOT_ENOUGH_EXCITATION, said[0].upper() + said[1:], (), (), None, {}, {}, {}, None, (), tuple(remarks),
+        None,
+    )  # fmt: skip
+
+
+def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion, rows: Rows) -> Diagnosis:
+    """The diagnosis of the corrected recording, and the cause that was corrected."""
+    if suspicion.ambiguous:
+        told = replace(experiment(rows), sentence="look up the recording's units and conventions in the drive's manual")
+        doubt = Ambiguity(tuple(suspicion.ambiguous), suspicion.sentence, told)
+        return replace(diagnosis, verdict=Verdict.AMBIGUOUS, ambiguous=(doubt, *diagnosis.ambiguous))
+    everywhere = Place("in every row", {}, 1.0, 1.0)
+    finding = Finding(
+        convention_error.NAME, suspicion.parameters, everywhere, min(suspicion.odds, 1e300), suspicion.rivals, {}
+    )
+    verdict = diagnosis.verdict
+    if verdict in (Verdict.NO_MISMATCH, Verdict.NOT_ENOUGH_EXCITATION):
+        verdict = Verdict.EXPLAINED
+    elif verdict is Verdict.UNEXPLAINED:
+        verdict = Verdict.PARTLY_EXPLAINED
+    return replace(
+        diagnosis, verdict=verdict, findings=(finding, *diagnosis.findings),
+        remarks=(suspicion.sentence, *diagnosis.remarks),
+    )  # fmt: skip
 
 
 def _judged(rows: Rows, nominal: Machine, tolerance: Mapping[str, float], found: Fitted,
@@ -89,11 +136,10 @@ def _judged(rows: Rows, nominal: Machine, tolerance: Mapping[str, float], found:
     if outside and not findings and not doubts:
         doubts.extend(_scaled(machine_after, nominal, tolerance, rows))
     verdict = _verdict(findings, doubts, left, machine_after, outside, nominal, tolerance)
-    diagnosis = Diagnosis(
+    return Diagnosis(
         verdict, "", tuple(findings), tuple(doubts), left, detectable(search, choice), machine_before, machine_after,
         fit, candidates(search, choice), tuple(outside), pictures,
     )  # fmt: skip
-    return replace(diagnosis, sentence=sentence_of(diagnosis))
 
 
 def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], rho: float) -> Finding:

@@ -4,10 +4,11 @@ have been seen. Knows nothing of how the set was found.
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from estimator.mismatch.columns import Array
 from estimator.mismatch.explain import ENTRY, Choice, Search
 from estimator.mismatch.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
@@ -55,7 +56,7 @@ def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[
     gram, places = search.gram, search.places(rest)
     columns = search.columns
 
-    def signal(effect: tuple[str, int]) -> np.ndarray:
+    def signal(effect: tuple[str, int]) -> Array:
         fit = search.fit((*rest, effect))
         vector = np.zeros(len(columns))
         for place, value in zip(fit.places, fit.value, strict=True):
@@ -67,8 +68,9 @@ def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[
     inner = gram[:-1, :-1]
     A = inner[np.ix_(places, places)] + np.diag(search.weight[places])
 
-    def product(x: np.ndarray, y: np.ndarray) -> float:
-        return float(x @ inner @ y - (x @ inner[:, places]) @ np.linalg.solve(A, inner[places] @ y))
+    def product(x: Array, y: Array) -> float:
+        along: Any = np.linalg.solve(A, inner[places] @ y)
+        return float(x @ inner @ y - (x @ inner[:, places]) @ along)
 
     size = product(a, a) * product(b, b)
     return product(a, b) / math.sqrt(size) if size > 0.0 else 0.0
@@ -78,7 +80,8 @@ def ambiguity(one: str, rival: Doubt, rows: Rows) -> Ambiguity:
     """Two effects that are not told apart, and what would tell."""
     reason = (
         f"{BY_NAME[one].title} and {BY_NAME[rival.effect].title} explain this recording about equally well "
-        f"(odds {math.exp(min(rival.log_odds, 20.0)):.2g} to 1; their signals are collinear to {abs(rival.collinear):.2f} here)"
+        f"(odds {math.exp(min(rival.log_odds, 20.0)):.2g} to 1; their signals are collinear to "
+        f"{abs(rival.collinear):.2f} here)"
     )
     return Ambiguity((one, rival.effect), reason, experiment(rows))
 

@@ -14,7 +14,16 @@ import numpy as np
 
 from estimator.machine import Machine
 from estimator.mismatch.columns import (
-    Array, Model, Regression, filter_pole, noise_of, regression, residual, whitened, with_machine, zero_residual,
+    Array,
+    Model,
+    Regression,
+    filter_pole,
+    noise_of,
+    regression,
+    residual,
+    whitened,
+    with_machine,
+    zero_residual,
 )  # fmt: skip
 from estimator.mismatch.explain import Choice, Fit, Search
 from estimator.physics.effect import Effect
@@ -48,10 +57,10 @@ class Fitted:
 def fitted(rows: Rows, nominal: Machine, tolerance: dict[str, float], angle_step: float,
            progress: Callable[[float], None] = lambda _share: None, library: Sequence[Effect] = LIBRARY) -> Fitted:
     """The model that explains the rows. `angle_step`: the angle's resolution, rad."""
-    model, smooth, noise, choice = Model(nominal), rows, None, ()
+    model = Model(nominal)
+    smooth, z, noise = rows, np.zeros(0, np.complex128), None
     seen: list[frozenset[str]] = []
     barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
-    search: Search | None = None
     for n in range(ROUNDS):
         search = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
         search.barred |= barred
@@ -75,7 +84,7 @@ def fitted(rows: Rows, nominal: Machine, tolerance: dict[str, float], angle_step
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
             break
-    assert search is not None
+    assert noise is not None
     last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
     return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth, seen[-1] == seen[-2])
 

@@ -185,12 +185,14 @@ def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
         return _said_of_levels(rows, form, share)
     if isinstance(form, Drift):
         region: Region = {"frame": "rotor", "time": (float(rows.t[0]), float(rows.t[-1]))}
-        what = f"a drift of {number(abs(form.change))} V from begin to end, along {degrees(form.direction)} of the rotor frame"
+        change = number(abs(form.change))
+        what = f"a drift of {change} V from begin to end, along {degrees(form.direction)} of the rotor frame"
         return what, Place(f"growing with time, with {percent(share)} of the energy", region, share, 1.0)
     near = f"near {number(form.frequency / 1e3, 2)} kHz"
     where = f"{near} in the stationary frame, with {percent(share)} of the energy"
     region = {"frequency": form.frequency, "frame": "stationary"}
-    return f"a resonance {near}: a current beside the machine's that follows the voltage", Place(where, region, share, 1.0)
+    what = f"a resonance {near}: a current beside the machine's that follows the voltage"
+    return what, Place(where, region, share, 1.0)
 
 
 def _said_of_levels(rows: Rows, form: TwoLevels, share: float) -> tuple[str, Place]:

@@ -4,7 +4,7 @@ Shows mean voltages over several periods, as single ones show the noise of the c
 Knows nothing of effects, nor of how a picture is drawn.
 """
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,10 +20,10 @@ _LEAST: Final = 3  # means in a cell
 
 
 def traces(rows: Rows, r_before: Vector, r_after: Vector, i_before: Vector, i_after: Vector) -> Traces:
-    """What to draw of residual voltages (V of each period) and free-running currents (A at samples, NaN where not run)."""
+    """What to draw of residual voltages (V of each period) and free-running currents (A at samples; NaN: not run)."""
     m = usual_periods(rows)
     before, after = means(rows, r_before, m), means(rows, r_after, m)
-    edges = np.linspace(rows.t[0], rows.t[-1], min(_BINS, max(1, len(before.v))) + 1)
+    edges: Any = np.linspace(rows.t[0], rows.t[-1], min(_BINS, max(1, len(before.v))) + 1)
     window = _window(rows, before)
     now = slice(window.start, window.stop + 1)
     return Traces(
@@ -66,7 +66,7 @@ def _smoothed(r: Vector, window: slice, m: int) -> Vector:
     """Moving mean over m periods."""
     a, b = max(window.start - m, 0), min(window.stop + m, len(r))
     total = np.concatenate(([0j], np.cumsum(r[a:b])))
-    low = np.clip(np.arange(window.start, window.stop) - m // 2, a, b) - a
+    low: Any = np.clip(np.arange(window.start, window.stop) - m // 2, a, b) - a
     high = np.minimum(low + m, b - a)
     return (total[high] - total[low]) / np.maximum(high - low, 1)
 
@@ -76,7 +76,8 @@ def _segment(rows: Rows) -> int:
 
 
 def _frequency(rows: Rows) -> Array:
-    return np.fft.rfftfreq(_segment(rows), rows.T_s)
+    frequency: Any = np.fft.rfftfreq(_segment(rows), rows.T_s).astype(np.float64)
+    return frequency
 
 
 def _spectrum(rows: Rows, r: Vector) -> Array:

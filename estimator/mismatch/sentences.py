@@ -3,9 +3,13 @@
 import math
 
 from estimator.mismatch.verdict import Diagnosis, Finding, Quantity, Verdict
+from estimator.physics import convention_error
 from estimator.physics.library import BY_NAME
 
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
+
+
+_FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
 
 
 def sentence_of(diagnosis: Diagnosis) -> str:
@@ -39,15 +43,19 @@ def sentence_of(diagnosis: Diagnosis) -> str:
 
 
 def _title(name: str) -> str:
+    if name == convention_error.NAME:
+        return convention_error.TITLE
     return BY_NAME[name].title if name in BY_NAME else name.replace("_", " ")
 
 
 def _finding(finding: Finding) -> str:
     sizes = ", ".join(
-        f"{name.replace('_', ' ')} {quantity(q.value, q.unit)}" + (f" +- {quantity(q.std, q.unit)}" if q.std else "")
+        f"{name.replace('_', ' ')} {quantity(q.value, q.unit)}" + (f" ± {quantity(q.std, q.unit)}" if q.std else "")
         for name, q in finding.parameters.items() if q.value is not None
     )
     hid = ", ".join(f"{change:+.3g} {_unit(name)} of {name}" for name, change in finding.absorbed_as.items())
+    if finding.effect == convention_error.NAME:
+        return f"the recording follows {convention_error.TITLE}: {sizes}"
     text = f"{BY_NAME[finding.effect].title} was left out: {sizes}"
     if hid:
         text += f"; it hid as {hid}"
@@ -59,7 +67,7 @@ def _unit(name: str) -> str:
 
 
 def _detectable(diagnosis: Diagnosis) -> str:
-    shown = [name for name in ("inverter_voltage_error", "q_axis_saturation", "iron_loss") if name in diagnosis.detectable]
+    shown = [name for name in _FAMILIAR if name in diagnosis.detectable]
     parts = [f"{_title(name)} from {quantity(diagnosis.detectable[name].value, diagnosis.detectable[name].unit)}"
              for name in shown]
     return "it would have shown " + ", ".join(parts) if parts else ""
@@ -70,7 +78,7 @@ def quantity(value: float | None, unit: str) -> str:
     if value is None or not math.isfinite(value):
         return "unknown"
     if unit == "1":
-        return f"{100.0 * value:.3g} %"
+        return f"{100.0 * value:.3g} %" if abs(value) < 1.0 else f"{value:.4g}"
     if unit in ("rad", "rad/s", "Hz", "S") or value == 0.0:
         return f"{value:.3g} {unit}"
     for scale, prefix in _PREFIXES:

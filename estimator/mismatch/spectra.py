@@ -24,7 +24,7 @@ _SPARSE: Final = 3.0  # longest time grid, over the periods there are
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """v = forth exp(j 2 pi f t) + back exp(-j 2 pi f t), V in the frame it was looked for in, t from the first period's middle."""
+    """v = forth exp(j 2 pi f t) + back exp(-j 2 pi f t), V in its frame, t from the first period's middle."""
 
     frequency: float  # Hz
     forth: complex

@@ -24,7 +24,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 @kernel
 def rung(T_s: float, corner: float) -> tuple[float, float, float]:
-    """Angle of the corner in a period; shares of i - i_x at its start, and of the change of i in it, that i_x follows."""
+    """Angle of the corner in a period; the shares of i - i_x at its start and of i's change in it that i_x follows."""
     x = 2.0 * math.pi * corner * T_s
     share = 1.0 - math.exp(-x)
     return x, share, 1.0 - share / x
@@ -53,6 +53,6 @@ EFFECT = Effect(
     lambda _rows: ((120.0,), (330.0,), (900.0,)),
     "R_s that rises with speed and with how fast current is excited",
     ("iron_loss", "winding_resistance_drift"),
-    missed=2e-3,
+    missed=3e-4,
     remembers=True,
 )

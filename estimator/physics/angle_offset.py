@@ -2,8 +2,7 @@
 
     theta_measured = theta_e + offset: d and q are mixed, psi_f shows on both axes
 
-At steady speed it looks like a voltage on the d axis that grows with speed. M. P. Kazmierkowski and others treat its
-alignment; derived here.
+At steady speed it looks like a voltage on the d axis that grows with speed. Derived here.
 """
 
 from estimator.physics.angle_sensing import voltage_of_error
@@ -25,4 +24,5 @@ EFFECT = Effect(
     "u_d in proportion to speed, and to changes of speed",
     ("iron_loss", "voltage_delay"),
     angle_error=lambda _rows, sizes: sizes[0],
+    missed=5e-5,
 )

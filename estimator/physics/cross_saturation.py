@@ -1,7 +1,8 @@
 """Cross-saturation: each axis's flux falls with the other axis's current.
 
-The curve and its source are told in `saturation`. cross_drop is the share by which the inductance is lower at rated current
-than at no current of the other axis: L_q at i_d = i_rated. Without the magnets' flux in psi_d a drop could not be told from its mirror image.
+The curve and its source are told in `saturation`. cross_drop is the share by which the inductance is lower at rated
+current than at no current of the other axis: L_q at i_d = i_rated. Without the magnets' flux in psi_d a drop could
+not be told from its mirror image.
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
@@ -22,5 +23,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "psi_d that falls with i_q squared, L_q that falls with i_d",
     ("q_axis_saturation", "d_axis_saturation"),
-    missed=1e-3,
+    missed=3e-4,
 )

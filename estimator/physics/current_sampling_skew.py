@@ -3,14 +3,16 @@
     i_k,measured(t) = i_k(t + skew)        i_k(t + skew) - i_k(t) = skew (-R_s i - j omega_e psi) / L of the phase
 
 Samples are taken in the middle of the zero vector, where the winding is short and the current falls by back-EMF and
-resistance alone. S. Bolognani, M. Zigliotto and others on sampling instants; derived here.
+resistance alone. Derived here.
 """
+
+from typing import Any
+
+import numpy as np
 
 from estimator.physics.current_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import AXES, Real, Rows, Vector
-
-import numpy as np
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -22,7 +24,8 @@ def error(rows: Rows, sizes: Sizes) -> Vector:
     """Of the stationary current vector, A."""
     skew, phase = sizes
     axis = AXES[round(phase) % 3]
-    return skew * 2.0 / 3.0 * axis * _slope(rows, axis)
+    along: Any = _slope(rows, axis) * axis
+    return 2.0 / 3.0 * skew * along
 
 
 def zero(rows: Rows, sizes: Sizes) -> Real:
@@ -54,4 +57,5 @@ EFFECT = Effect(
     zero,
     current_error=error,
     told=lambda _rows, p: {f"skew_{'abc'[round(p[1])]}": (p[0], "s")},
+    missed=2e-4,
 )

@@ -1,8 +1,9 @@
 """An encoder off its centre, or bent: an angle that is wrong once or twice a mechanical turn.
 
-    theta_measured = theta_e + once_cos cos theta_m + once_sin sin theta_m + twice_cos cos 2 theta_m + twice_sin sin 2 theta_m
+    theta_measured = theta_e + once_cos cos theta_m + once_sin sin theta_m
+                     + twice_cos cos 2 theta_m + twice_sin sin 2 theta_m
 
-N. C. Cheung and others; the order tells the cause: once an offset of the centre, twice a tilted or oval disc.
+Plain geometry; the order tells the cause: once an offset of the centre, twice a tilted or oval disc.
 """
 
 import math
@@ -46,4 +47,5 @@ EFFECT = Effect(
     ("magnet_flux_drift",),
     angle_error=error,
     told=_told,
+    missed=5e-5,
 )

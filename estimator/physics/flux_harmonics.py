@@ -1,6 +1,7 @@
 """Harmonics of the magnets' flux: the back-EMF is no sine.
 
-    psi_m(theta_e) = psi_f (1 + d_6 cos 6 theta_e + d_12 cos 12 theta_e) + j psi_f (q_6 sin 6 theta_e + q_12 sin 12 theta_e)
+    psi_m(theta_e) = psi_f (1 + d_6 cos 6 theta_e + d_12 cos 12 theta_e)
+                     + j psi_f (q_6 sin 6 theta_e + q_12 sin 12 theta_e)
 
 The 5th and 7th harmonic of a phase's back-EMF are the 6th in the rotor frame, the 11th and 13th the 12th; a rotor that
 looks alike from both sides has cosines on d and sines on q. D. Hanselman, "Brushless Permanent Magnet Motor Design",
@@ -33,4 +34,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "ripple at 6 and 12 times the electrical frequency that grows with speed and does not depend on current",
     ("inductance_harmonics", "inverter_voltage_error"),
+    missed=1e-4,
 )

@@ -28,4 +28,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "ripple at 6 times the electrical frequency in proportion to current, with speed and with how fast current changes",
     ("flux_harmonics",),
+    missed=1e-4,
 )

@@ -61,7 +61,8 @@ EFFECT = Effect(
     "iron_loss", "iron loss",
     (
         Parameter("conductance", "S", lambda rows: 0.03 * rows.i_rated / emf(rows), constant(0.0)),
-        Parameter("omega_h", "rad/s", lambda rows: 0.5 * fastest(rows), constant(0.0), lambda rows: 3.0 * fastest(rows), shape=True),
+        Parameter("omega_h", "rad/s", lambda rows: 0.5 * fastest(rows), constant(0.0),
+                  lambda rows: 3.0 * fastest(rows), shape=True),
         Parameter("lag", "s", constant(1e-4), constant(2e-5), constant(1e-3), shape=True),
     ),
     voltage,
@@ -69,7 +70,7 @@ EFFECT = Effect(
     "u_d too high by speed squared times L_q psi_f / R_c, without load",
     ("angle_offset", "q_axis_saturation"),
     told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
-    missed=3e-3,
+    missed=1e-3,
     remembers=True,
 )  # fmt: skip
 

@@ -3,10 +3,25 @@
 from typing import Final
 
 from estimator.physics import (
-    ac_resistance, angle_offset, cross_saturation, current_sampling_skew, current_sensor_gain, current_sensor_offset,
-    d_axis_saturation, encoder_eccentricity, flux_harmonics, inductance_harmonics, interturn_short,
-    inverter_voltage_error, iron_loss, magnet_flux_drift, magnet_flux_step, phase_resistance_imbalance,
-    q_axis_saturation, voltage_delay, winding_resistance_drift,
+    ac_resistance,
+    angle_offset,
+    cross_saturation,
+    current_sampling_skew,
+    current_sensor_gain,
+    current_sensor_offset,
+    d_axis_saturation,
+    encoder_eccentricity,
+    flux_harmonics,
+    inductance_harmonics,
+    interturn_short,
+    inverter_voltage_error,
+    iron_loss,
+    magnet_flux_drift,
+    magnet_flux_step,
+    phase_resistance_imbalance,
+    q_axis_saturation,
+    voltage_delay,
+    winding_resistance_drift,
 )  # fmt: skip
 from estimator.physics.effect import Effect
 

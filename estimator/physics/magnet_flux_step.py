@@ -2,8 +2,8 @@
 
     psi_f(t) = psi_f (1 + change)    from `time` on
 
-psi_f is that before. S. Ruoho, E. Dlala, A. Arkkio, "Comparison of demagnetization models for finite-element analysis of
-permanent-magnet synchronous machines", IEEE Trans. Magnetics 43(11), 2007, doi 10.1109/TMAG.2007.904749.
+psi_f is that before. S. Ruoho, E. Dlala, A. Arkkio, "Comparison of demagnetization models for finite-element analysis
+of permanent-magnet synchronous machines", IEEE Trans. Magnetics, 2007.
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
@@ -27,4 +27,5 @@ EFFECT = Effect(
     "back-EMF that is lower from one moment on",
     ("magnet_flux_drift",),
     told=lambda rows, p: {"change": (p[0], "1"), "time": (rows.span[0] + p[1] * rows.span[1], "s")},
+    missed=2e-4,
 )

@@ -3,8 +3,8 @@
     u_k = ... + excess_k i_k        excess_a + excess_b + excess_c = 0
 
 R_s is the mean of the three. In the rotor frame the excess turns with twice the electrical frequency, in proportion to
-current. J. Yang, S. B. Lee and others, "On-line detection of high-resistance connections with negative-sequence regulators in
-three-phase induction motors", IEEE Trans. Industry Applications 51(2), 2015.
+current. Symmetrical components: C. L. Fortescue, "Method of symmetrical co-ordinates applied to the solution of
+polyphase networks", Trans. AIEE 37, 1918.
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes
@@ -27,4 +27,5 @@ EFFECT = Effect(
     "voltage of twice the electrical frequency in the rotor frame, in proportion to current, at any speed",
     ("current_sensor_gain", "interturn_short"),
     told=lambda _rows, p: {f"excess_{k}": (x, "ohm") for k, x in zip("abc", by_phase(*p), strict=True)},
+    missed=1e-4,
 )

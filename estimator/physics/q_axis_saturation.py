@@ -1,7 +1,7 @@
 """Saturation along the q axis: L_q falls as abs(i_q) rises.
 
-The curve and its source are told in `saturation`. L_q_drop is the share by which the inductance is lower at rated current
-than at no current. Without the magnets' flux in psi_d a drop could not be told from its mirror image.
+The curve and its source are told in `saturation`. L_q_drop is the share by which the inductance is lower at rated
+current than at no current. Without the magnets' flux in psi_d a drop could not be told from its mirror image.
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
@@ -22,5 +22,5 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "a cubic of i_q in u_d, in proportion to speed, and an L_q that falls with abs(i_q)",
     ("cross_saturation", "iron_loss"),
-    missed=1e-3,
+    missed=3e-4,
 )

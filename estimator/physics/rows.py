@@ -55,8 +55,9 @@ class Rows:
             return whole[a : b + (len(whole) - n)]
 
         return replace(
-            self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u), joined=cut(self.joined),
-            u_dc=None if self.u_dc is None else cut(self.u_dc), zero=None if self.zero is None else cut(self.zero),
+            self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u),
+            joined=cut(self.joined), u_dc=None if self.u_dc is None else cut(self.u_dc),
+            zero=None if self.zero is None else cut(self.zero),
             kept={key: cut(whole) for key, whole in self.kept.items()},
         )  # fmt: skip
 
@@ -194,7 +195,7 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     n = len(D)
     joined = np.ones(n, np.bool_)
     joined[np.cumsum([len(run) for run in runs])[:-1] - 1] = False
-    t = np.concatenate([run.t0 + T * np.arange(len(run)) for run in runs])
+    t: Any = np.concatenate([run.t0 + T * np.arange(len(run)) for run in runs])
     u_dc, i_a, i_b, i_c = column("u_dc"), column("i_a"), column("i_b"), column("i_c")
     u = (u_d + 1j * u_q)[:n]
     if u_dc is not None:  # duties are those of a link read at the start; it moves on within the period

@@ -3,7 +3,7 @@
     i_d = g_d psi_d + a_d psi_d^3 + c psi_d psi_q^2 - i_F        i_q = g_q psi_q + a_q psi_q^3 + c psi_d^2 psi_q
 
 psi_d holds the magnets' flux; i_d is zero at psi_f. Z. Qu, T. Tuovinen, M. Hinkkanen, "Inclusion of magnetic saturation
-in dynamic models of synchronous reluctance motors", ICEM 2012, doi 10.1109/ICElMach.2012.6349998, exponents S = T = 2,
+in dynamic models of synchronous reluctance motors", ICEM 2012, exponents S = T = 2,
 U = V = 0. L_d and L_q are those at no current; a drop is the share by which an inductance is lower at rated current.
 """
 

@@ -2,8 +2,7 @@
 
     u acting in period k = u recorded in row k - periods
 
-A register read one period off. P. Brueske, F. W. Fuchs; the computation's delay itself is known to every drive's maker:
-S.-H. Kim, "Electric Motor Control", 2017, chapter 7.
+A register read one period off; derived here.
 """
 
 import numpy as np
@@ -31,4 +30,5 @@ EFFECT = Effect(
     "an error in proportion to how fast the voltage changes",
     ("angle_offset",),
     told=lambda _rows, p: {"periods": (p[0] * p[1], "1")},
+    missed=5e-5,
 )

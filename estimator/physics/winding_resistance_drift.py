@@ -7,6 +7,8 @@ per kelvin. R_s is that at the start. J. R. Hendershot, T. J. E. Miller, "Design
 Machines", 2010, chapter 15.
 """
 
+from typing import Any
+
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
@@ -27,7 +29,7 @@ def _course(rows: Rows, tau: float) -> Real:
 
 def _heated(rows: Rows, tau: float) -> Real:
     power = np.abs(rows.i) ** 2
-    t = (rows.t - rows.span[0]) / tau
+    t: Any = (rows.t - rows.span[0]) / tau
     # h = exp(-t) int exp(t') |i|^2 dt', in pieces short enough for exp
     h = np.empty(len(t))
     state, a = 0.0, 0
@@ -35,8 +37,9 @@ def _heated(rows: Rows, tau: float) -> Real:
     while a < whole:
         b = min(whole, int(np.searchsorted(t, t[a] + 50.0)) + 1)
         grown = np.exp(t[a:b] - t[a])
-        h[a:b] = (state + np.cumsum(grown * power[a:b]) * rows.T_s) / grown
-        state, a = h[b - 1], b
+        heat: Real = (state + np.cumsum(grown * power[a:b]) * rows.T_s) / grown
+        h[a:b] = heat
+        state, a = float(heat[-1]), b
     return h / max(h[-1], 1e-300)
 
 
@@ -52,4 +55,5 @@ EFFECT = Effect(
     ("magnet_flux_drift", "ac_resistance"),
     told=lambda rows, p: {"rise": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
     remembers=True,
+    missed=2e-3,
 )
