@@ -1,6 +1,7 @@
 """Conventions: a recording that follows another one is told from one that lacks physics, and brought in order."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from tests.convention_runs import (
     scaled,
     shifted,
     speed,
+    with_vectors,
 )
 
 TOLERANCE = dict.fromkeys(PARAMETERS, 0.1)
@@ -146,3 +148,11 @@ def test_a_recording_too_short_for_a_fit_is_not_judged() -> None:
     runs, nominal = recording("none", 1)
     assert suspected([runs[0][:15]], nominal, TOLERANCE) is None
     assert suspected([], nominal, TOLERANCE) is None
+
+
+def test_a_motor_that_stands_without_voltage_or_current_is_not_judged() -> None:
+    (run, *_), nominal = recording("none", 1)
+    nothing = np.zeros(len(run), complex)
+    still = replace(run, theta_e=np.zeros(len(run)), omega_e=np.zeros(len(run)))
+    assert suspected([with_vectors(still, i=nothing, u=nothing)], nominal, TOLERANCE) is None
+    assert suspected([with_vectors(still, i=nothing)], nominal, TOLERANCE) is None

@@ -72,6 +72,11 @@ class _Hypothesis:
         return self.scale.says or self.form.says
 
     @property
+    def relative_std(self) -> Array:
+        """Standard errors over the parameters themselves."""
+        return self.fit.std / np.maximum(np.abs(self.fit.value), 1e-12)
+
+    @property
     def in_order(self) -> bool:
         """Whether the parameters are near the nominal ones; R_s need not be."""
         return bool(np.sum(self.cost[1:]) < _RIGHT)
@@ -119,11 +124,11 @@ def _hypotheses(stretches: Stretches, nominal: Machine, tolerance: Mapping[str, 
     per_unit = float(np.max(np.abs(stretches.u))) < PER_UNIT
     known = forms(nominal.n_p, per_unit=per_unit and stretches.u_dc is not None)
     fits = {form: fit(stretches, form.correction, nominal) for form in known}
-    least = min(f.left for f in fits.values())
+    least = max(min(f.left for f in fits.values()), 1e-30)
     scales = (*SCALES, *_base(fits[NO_FORM], nominal)) if per_unit and stretches.u_dc is None else SCALES
     found: list[_Hypothesis] = []
     for form, fitted in fits.items():
-        closes = -stretches.count * math.log(fitted.left / least)
+        closes = -stretches.count * math.log(max(fitted.left / least, 1.0))
         ratio = speed_over_rate(stretches, form.correction)
         for scale in scales if form is NO_FORM or form in DELAYS else (NO_SCALE,):
             over, cost = _against_nominal(fitted, scale, expected, spread)
@@ -167,7 +172,9 @@ def _explains(h: _Hypothesis, stands: _Hypothesis, stretches: Stretches, nominal
         return False
     if h.fit.left < _HALVED * stands.fit.left:
         return True
-    off = np.abs(np.log(np.maximum(stands.over_nominal, 0.02))) - 2.0 * stands.fit.std / np.abs(stands.fit.value)
+    if np.sum(stands.fit.value[1:] < -3.0 * stands.fit.std[1:]) >= 2:  # inductances or flux below zero
+        return True
+    off = np.abs(np.log(np.maximum(stands.over_nominal, 0.02))) - 2.0 * stands.relative_std
     if off[3] > _MAGNETS or (off[3] > _BEYOND and np.sum(off > _BEYOND) >= 2):
         return True
     # Physics that is left out may raise R_s, L_d and L_q together, but leaves a balance that is not closed
@@ -177,7 +184,7 @@ def _explains(h: _Hypothesis, stands: _Hypothesis, stretches: Stretches, nominal
 
 def _left(h: _Hypothesis, stretches: Stretches) -> float:
     """What a flux balance leaves, as a current, A."""
-    L = 0.5 * (abs(h.fit.value[1]) + abs(h.fit.value[2]))
+    L = max(0.5 * (abs(h.fit.value[1]) + abs(h.fit.value[2])), 1e-12)
     return math.sqrt(h.fit.left) * stretches.T_s / L
 
 
@@ -200,8 +207,8 @@ def _alike(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothe
 
 
 def _odds(best: _Hypothesis, other: _Hypothesis) -> float:
-    """Infinite where the two are one: what contradicts itself in a column alone has no odds."""
-    return math.inf if best is other else math.exp(min(best.score - other.score, 700.0))
+    """Of what a column tells by itself, where the two are one: as good as certain."""
+    return math.exp(700.0 if best is other else min(best.score - other.score, 700.0))
 
 
 def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] | None, rows: int) -> str:

@@ -53,8 +53,6 @@ class Fit:
     std: Array  # as the stretches scatter; infinite where the stretches do not tell
     left: float  # mean square of what is left, V^2 as recorded
     share: float  # of the voltages' mean square that is explained, 0 to 1
-    colour: float  # power of what is left over that of white noise with the same steps from row to row
-    scatter: float  # standard errors over those that white noise would give
 
 
 def stretches_of(runs: Sequence[Samples]) -> Stretches | None:
@@ -156,17 +154,17 @@ def fit(stretches: Stretches, correction: Correction, machine: Machine) -> Fit:
     flat = v.reshape(len(v), -1)
     whiten(flat, half.ravel(), joined.ravel(), 1.0, rho, np.zeros(len(v), np.complex128))
     x = np.ascontiguousarray(np.concatenate((v.real, v.imag), axis=2).transpose(1, 0, 2))  # (S, 5, 2 n)
-    found = _solved(x, x @ x.transpose(0, 2, 1))
+    found = _solved(x @ x.transpose(0, 2, 1), 2 * n * S)
     volts = 1.0 if not correction.per_unit or u_dc is None else correction.per_unit * float(np.mean(u_dc))
     return replace(found, left=found.left * (abs(correction.u) / volts) ** 2)
 
 
-def _solved(rows: Array, grams: Array) -> Fit:
-    count = grams.shape[0] * rows.shape[2]
+def _solved(grams: Array, count: int) -> Fit:
+    """Least squares over the stretches' sums of products, of so many numbers."""
     gram = grams.sum(axis=0)
     P = len(gram) - 1
     size = np.sqrt(np.diag(gram))
-    told = np.flatnonzero(size[:P] > 1e-9 * np.max(size[:P]) * _ODD)
+    told = np.flatnonzero(size[:P] > 1e-9 * np.max(size[:P]))
     value, std = np.zeros(P), np.full(P, math.inf)
     scale = 1.0 / size[told]
     A = gram[np.ix_(told, told)] * np.outer(scale, scale)
@@ -177,18 +175,9 @@ def _solved(rows: Array, grams: Array) -> Fit:
     score = (grams[:, told, P] - grams[:, told][:, :, told] @ (x * scale)) * scale  # of each stretch
     left = max(float(gram[P, P] - x @ (gram[told, P] * scale)), 0.0)
     m = len(grams)
-    white = inverse * (left / count)
-    covariance = inverse @ (score.T @ score * (m / max(m - 1, 1))) @ inverse + white
-    scatter = float(np.sqrt(np.median(np.diag(covariance) / np.diag(white))))
+    covariance = inverse @ (score.T @ score * (m / max(m - 1, 1))) @ inverse + inverse * (left / count)
     value[told], std[told] = x * scale, np.sqrt(np.diag(covariance)) * scale
     if not np.all(kept):  # what lies along directions that no row moves in
         blind = np.abs(turn[:, ~kept]).max(axis=1) > 0.1
         std[told[blind]] = math.inf
-    r = rows[:, P] - value @ rows[:, :P]
-    steps = float(np.mean(np.diff(r, axis=1) ** 2))
-    colour = 2.0 * left / count / max(steps, 1e-300)
-    return Fit(value, std, left / count, 1.0 - left / max(float(gram[P, P]), 1e-300), colour, scatter)
-
-
-_ODD: Final = np.array([1.0, 1e-4, 1e-4, 1e-4])
-"""Columns are compared in A, A/s, A/s, rad/s: what counts as nothing."""
+    return Fit(value, std, left / count, 1.0 - left / max(float(gram[P, P]), 1e-300))
