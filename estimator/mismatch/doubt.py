@@ -4,7 +4,7 @@ have been seen. Knows nothing of how the set was found.
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final, cast
 
 import numpy as np
 
@@ -69,7 +69,7 @@ def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[
     A = inner[np.ix_(places, places)] + np.diag(search.weight[places])
 
     def product(x: Array, y: Array) -> float:
-        along: Any = np.linalg.solve(A, inner[places] @ y)
+        along = cast(Array, np.linalg.solve(A, inner[places] @ y))
         return float(x @ inner @ y - (x @ inner[:, places]) @ along)
 
     size = product(a, a) * product(b, b)

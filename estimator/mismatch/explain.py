@@ -8,7 +8,7 @@ unexplained does not lend its energy to a name.
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final, cast
 
 import numpy as np
 
@@ -129,15 +129,15 @@ class Search:
             own = [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == one and not c.shape]
             rest = [j for j in places if j not in own]
             A = self.gram[np.ix_(rest, rest)] + np.diag(self.weight[rest])
-            along: Any = np.linalg.solve(A, self.gram[np.ix_(rest, own)])  # of own columns by the rest
+            along = cast(Array, np.linalg.solve(A, self.gram[np.ix_(rest, own)]))  # of own columns by the rest
             score = grams[:, :, -1] - grams[:, :, places] @ fit.value  # (stretches, P + 1)
-            left: Any = score[:, own] - score[:, rest] @ along
-            size: Any = np.einsum("sjj->sj", grams[:, own][:, :, own])
+            left = score[:, own] - score[:, rest] @ along
+            size = cast(Array, np.einsum("sjj->sj", grams[:, own][:, :, own]))
             size = size - 2.0 * np.einsum("spj,pj->sj", grams[:, rest][:, :, own], along)
             size = size + np.einsum("pj,spq,qj->sj", along, grams[:, rest][:, :, rest], along)
             strength = np.maximum(size.sum(axis=0), 1e-300)
             weight = strength * fit.value[[places.index(j) for j in own]] ** 2 + 1e-300
-            each: Any = (left**2).sum(axis=0) / strength
+            each = cast(Array, (left**2).sum(axis=0) / strength)
             self._scatters[fit.choice, one] = max(1.0, float(each @ weight / weight.sum()))
         return self._scatters[fit.choice, one]
 

@@ -5,7 +5,7 @@ Each is fitted to a flux error with white noise and says how much of it it expla
 
 import cmath
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def _levels(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels |
     x = blocks.v * (rows.rotor[blocks.at] if frame == "stationary" else 1.0)
     spread = x - np.median(x.real) - 1j * np.median(x.imag)
     along = cmath.exp(0.5j * cmath.phase(complex(np.sum(spread**2))))
-    p: Any = (x * np.conj(along)).real
+    p = (x * along.conjugate()).real
     low, high = (float(q) for q in np.quantile(p, (0.1, 0.9)))
     for _ in range(20):
         up = p > 0.5 * (low + high)

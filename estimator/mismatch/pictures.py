@@ -4,7 +4,7 @@ Shows mean voltages over several periods, as single ones show the noise of the c
 Knows nothing of effects, nor of how a picture is drawn.
 """
 
-from typing import Any, Final
+from typing import Final, cast
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def traces(rows: Rows, r_before: Vector, r_after: Vector, i_before: Vector, i_af
     """What to draw of residual voltages (V of each period) and free-running currents (A at samples; NaN: not run)."""
     m = usual_periods(rows)
     before, after = means(rows, r_before, m), means(rows, r_after, m)
-    edges: Any = np.linspace(rows.t[0], rows.t[-1], min(_BINS, max(1, len(before.v))) + 1)
+    edges = cast(Array, np.linspace(rows.t[0], rows.t[-1], min(_BINS, max(1, len(before.v))) + 1))
     window = _window(rows, before)
     now = slice(window.start, window.stop + 1)
     return Traces(
@@ -66,9 +66,9 @@ def _smoothed(r: Vector, window: slice, m: int) -> Vector:
     """Moving mean over m periods."""
     a, b = max(window.start - m, 0), min(window.stop + m, len(r))
     total = np.concatenate(([0j], np.cumsum(r[a:b])))
-    low: Any = np.clip(np.arange(window.start, window.stop) - m // 2, a, b) - a
-    high = np.minimum(low + m, b - a)
-    return (total[high] - total[low]) / np.maximum(high - low, 1)
+    low = [min(max(k - m // 2, a), b) - a for k in range(window.start, window.stop)]
+    high = [min(k + m, b - a) for k in low]
+    return cast(Vector, (total[high] - total[low]) / np.maximum(np.subtract(high, low), 1))
 
 
 def _segment(rows: Rows) -> int:
@@ -76,8 +76,8 @@ def _segment(rows: Rows) -> int:
 
 
 def _frequency(rows: Rows) -> Array:
-    frequency: Any = np.fft.rfftfreq(_segment(rows), rows.T_s).astype(np.float64)
-    return frequency
+    frequency = np.fft.rfftfreq(_segment(rows), rows.T_s)
+    return cast(Array, frequency)
 
 
 def _spectrum(rows: Rows, r: Vector) -> Array:

@@ -7,7 +7,7 @@ per kelvin. R_s is that at the start. J. R. Hendershot, T. J. E. Miller, "Design
 Machines", 2010, chapter 15.
 """
 
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -29,15 +29,15 @@ def _course(rows: Rows, tau: float) -> Real:
 
 def _heated(rows: Rows, tau: float) -> Real:
     power = np.abs(rows.i) ** 2
-    t: Any = (rows.t - rows.span[0]) / tau
+    t = (rows.t - rows.span[0]) / tau
     # h = exp(-t) int exp(t') |i|^2 dt', in pieces short enough for exp
     h = np.empty(len(t))
     state, a = 0.0, 0
     whole = len(t)
     while a < whole:
-        b = min(whole, int(np.searchsorted(t, t[a] + 50.0)) + 1)
+        b = min(whole, int(np.searchsorted(t, float(t[a]) + 50.0)) + 1)
         grown = np.exp(t[a:b] - t[a])
-        heat: Real = (state + np.cumsum(grown * power[a:b]) * rows.T_s) / grown
+        heat = cast(Real, (state + np.cumsum(grown * power[a:b]) * rows.T_s) / grown)
         h[a:b] = heat
         state, a = float(heat[-1]), b
     return h / max(h[-1], 1e-300)
