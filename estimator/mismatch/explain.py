@@ -160,8 +160,8 @@ class Search:
 
     def best(self, start: Choice = ()) -> Choice:
         """A set with at most one effect more, that nothing taken away or exchanged makes better."""
-        choice = self._exchanged(self._added(self._without_needless(start)))
-        return self._exchanged(self._without_needless(choice))
+        choice = self._exchanged(self._added(self.without_needless(start)))
+        return self._exchanged(self.without_needless(choice))
 
     def _free(self, choice: Choice) -> list[tuple[str, int]]:
         taken = {name for name, _ in choice} | self.barred
@@ -176,7 +176,8 @@ class Search:
                 return (*choice, more)
         return choice
 
-    def _without_needless(self, choice: Choice) -> Choice:
+    def without_needless(self, choice: Choice) -> Choice:
+        """The set without what does not bring its due."""
         while choice:
             gains = {one: self.gain(tuple(c for c in choice if c != one), one) for one in choice}
             least = min(gains, key=lambda key: gains[key])

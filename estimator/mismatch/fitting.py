@@ -6,7 +6,7 @@ words.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -16,7 +16,6 @@ from estimator.machine import Machine
 from estimator.mismatch.columns import (
     Array,
     Model,
-    Regression,
     filter_pole,
     noise_of,
     regression,
@@ -44,9 +43,8 @@ class Fitted:
     search: Search  # of the last round, around this model
     choice: Choice
     z: Vector  # Vs, whitened residual
-    noise: tuple[float, float, float]  # Vs, Vs, A: white noise of its d, q and zero channels
+    noise: Noise
     smooth: Rows
-    settled: bool  # the last rounds changed nothing
 
     @property
     def fit(self) -> Fit:
@@ -54,11 +52,14 @@ class Fitted:
         return self.search.fit(self.choice)
 
 
-def fitted(rows: Rows, nominal: Machine, tolerance: dict[str, float], angle_step: float,
-           progress: Callable[[float], None] = lambda _share: None, library: Sequence[Effect] = LIBRARY) -> Fitted:
+def fitted(
+    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
+    progress: Callable[[float], None] = lambda _share: None, library: Sequence[Effect] = LIBRARY,
+) -> Fitted:  # fmt: skip
     """The model that explains the rows. `angle_step`: the angle's resolution, rad."""
     model = Model(nominal)
-    smooth, z, noise = rows, np.zeros(0, np.complex128), None
+    smooth, z = rows, np.zeros(0, np.complex128)
+    noise: Noise | None = None
     seen: list[frozenset[str]] = []
     barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
     for n in range(ROUNDS):
@@ -70,23 +71,34 @@ def fitted(rows: Rows, nominal: Machine, tolerance: dict[str, float], angle_step
             barred |= {name for name, seed in choice if seed >= 0}
         else:
             model = better
-        for _ in range(POLISHED):
-            model = with_step_in_place(rows, smooth, model)
-            smooth, z, noise = cleaned(rows, smooth, model)
-            own = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, (), more=False))
-            present = tuple((name, -1) for name in model.effects)
-            better = _no_worse(rows, smooth, model, moved(own, present), own)
-            if better is None or _close(own, model, better):
-                break
-            model = better
-        smooth, z, noise = cleaned(rows, smooth, model)
+        model, smooth, z, noise = polished(rows, smooth, model, nominal, tolerance, angle_step, noise)
         progress((n + 1) / ROUNDS)
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
             break
-    assert noise is not None
     last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
-    return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth, seen[-1] == seen[-2])
+    needed = last.without_needless(tuple((name, -1) for name in model.effects))
+    if len(needed) < len(model.effects):
+        kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
+        model, smooth, z, noise = polished(rows, smooth, kept, nominal, tolerance, angle_step, noise)
+        last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
+    return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth)
+
+
+def polished(
+    rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
+    noise: Noise | None,
+) -> tuple[Model, Rows, Vector, Noise]:  # fmt: skip
+    """A set's best model; rows with less noise, whitened residual and noise by it."""
+    for _ in range(POLISHED):
+        model = with_step_in_place(rows, smooth, model)
+        smooth, _, noise = cleaned(rows, smooth, model)
+        own = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, (), more=False))
+        better = _no_worse(rows, smooth, model, moved(own, tuple((name, -1) for name in model.effects)), own)
+        if better is None or _close(own, model, better):
+            break
+        model = better
+    return model, *cleaned(rows, smooth, model)
 
 
 def _close(search: Search, one: Model, other: Model) -> bool:
@@ -168,7 +180,7 @@ def moved(search: Search, choice: Choice) -> Model:
     )  # fmt: skip
 
 
-def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, tuple[float, float, float]]:
+def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, Noise]:
     """Rows with less noise of their currents; the whitened residual, and how much of it is white noise.
 
     Only what changes within a few periods, and no more than white noise makes of it, counts as noise.
@@ -218,5 +230,3 @@ def _least(course: Array) -> tuple[int, float]:
     place = int(np.argmin(course))
     return place, float(course[place])
 
-
-__all__ = ["Fitted", "Regression", "cleaned", "fitted", "moved"]
