@@ -16,6 +16,7 @@ from estimator.machine import Machine
 from estimator.mismatch.columns import (
     Array,
     Model,
+    Noise,
     filter_pole,
     noise_of,
     regression,
