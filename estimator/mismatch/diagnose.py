@@ -16,7 +16,7 @@ from estimator.mismatch.columns import STRETCHES, filter_pole, residual, whitene
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, experiment, rivals
 from estimator.mismatch.explain import Choice, Search
-from estimator.mismatch.fitting import Fitted, fitted, moved
+from estimator.mismatch.fitting import Fitted, fitted, moved, without
 from estimator.mismatch.input_check import checked
 from estimator.mismatch.locate import describe, place_of
 from estimator.mismatch.pictures import traces
@@ -42,6 +42,8 @@ from estimator.twin import free_run
 TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
 _FEWEST: Final = 50 * STRETCHES  # rows
 _OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
+_NOTHING: Final = 0.03  # of the noise's power: no mismatch that matters
+_OUTSHINES: Final = 3.0  # times what is left unexplained, that a named effect has to explain
 _DELTA: Final = 1e-4  # of a size, for differences
 
 
@@ -71,7 +73,11 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     step = long_enough[0].resolution.theta_e
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
-    diagnosis = _judged(rows, nominal, tolerance, found, progress)
+    left = _left(rows, found)
+    if left is not None and (dropped := _outshone(found)):
+        found = without(found, dropped, nominal, tolerance, step)
+        left = describe(rows, found.z, found.noise[:2])
+    diagnosis = _judged(rows, nominal, tolerance, found, left, progress)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion, rows)
     diagnosis = replace(diagnosis, remarks=(*checks.remarks, *diagnosis.remarks))
@@ -108,12 +114,35 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion, rows: Rows) -> 
     )  # fmt: skip
 
 
-def _judged(rows: Rows, nominal: Machine, tolerance: Mapping[str, float], found: Fitted,
-            progress: Callable[[float, str], None]) -> Diagnosis:
+def _left(rows: Rows, found: Fitted) -> Unexplained | None:
+    """What is left, where it is more than the effects' equations may miss."""
+    allowed = found.search.missed(found.choice) + _NOTHING * found.search.regression.count
+    return describe(rows, found.z, found.noise[:2]) if _excess(found) > allowed else None
+
+
+def _excess(found: Fitted) -> float:
+    """Chi square of what is left, above that of white noise."""
+    d, q = found.z.real / found.noise[0], found.z.imag / found.noise[1]
+    return float(np.sum(d * d) + np.sum(q * q)) - 2.0 * len(found.z)
+
+
+def _outshone(found: Fitted) -> list[str]:
+    """Effects that explain little beside what is left without a name: they only lean on it."""
+    search, choice, excess = found.search, found.choice, _excess(found)
+    full = search.fit(choice).chi2
+    return [
+        one[0] for one in choice
+        if search.fit(tuple(c for c in choice if c != one)).chi2 - full < _OUTSHINES * excess
+    ]  # fmt: skip
+
+
+def _judged(
+    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], found: Fitted, left: Unexplained | None,
+    progress: Callable[[float, str], None],
+) -> Diagnosis:  # fmt: skip
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
     rho = filter_pole(model.machine, rows.T_s)
-    left = describe(rows, found.z, found.noise[:2])
     before = moved(search, ())
     findings: list[Finding] = []
     doubts: list[Ambiguity] = []

@@ -83,6 +83,19 @@ def fitted(
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
         model, smooth, z, noise = polished(rows, smooth, kept, nominal, tolerance, angle_step, noise)
         last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
+    assert noise is not None
+    return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth)
+
+
+def without(
+    found: Fitted, dropped: Sequence[str], nominal: Machine, tolerance: Mapping[str, float], angle_step: float
+) -> Fitted:
+    """The best model without some of its effects."""
+    rows = found.search.regression.rows
+    kept = {name: sizes for name, sizes in found.model.effects.items() if name not in dropped}
+    start = replace(found.model, effects=kept)
+    model, smooth, z, noise = polished(rows, found.smooth, start, nominal, tolerance, angle_step, found.noise)
+    last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise))
     return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth)
 
 
