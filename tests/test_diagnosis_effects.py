@@ -1,0 +1,65 @@
+"""The library of effects, each concealed in a recording of the emulated drive: named, sized, and nothing else named."""
+
+from pathlib import Path
+
+import pytest
+
+from emulator.conceal.recording import Choice
+from emulator.conceal.suite import Suite, make
+from estimator.machine import PARAMETERS
+from estimator.mismatch.diagnose import diagnose
+from estimator.mismatch.verdict import Diagnosis, Verdict
+from estimator.physics.library import BY_NAME, LIBRARY
+from tests.diagnosis.diagnosed import loaded
+from tests.diagnosis.truth import EFFECT
+
+SEED = 1900
+MOTORS = ("beckhoff_am8141", "servo_4nm", "aalto_2k2", "hbl48zl400", "baldor_ecs101m")
+UNNAMED = ("dc_link_gain",)  # below the machine's tolerance: cannot be told from another machine
+CLASSES = sorted(set(EFFECT) - set(UNNAMED))
+
+
+def diagnosis_of(kind: str, folder: Path) -> Diagnosis:
+    """Of a recording of 3 s that conceals a class, in the upper third of its sizes."""
+    choice = Choice(SEED, (kind,), (0.7, 1.0), MOTORS, 3.0)
+    make(Suite(choice, 1, folder / "out", folder / "answers", workers=1), lambda _count: None)
+    runs, nominal = loaded(folder / "out", "0001")
+    return diagnose(runs, nominal)
+
+
+def test_every_effect_says_what_it_is() -> None:
+    for effect in LIBRARY:
+        assert BY_NAME[effect.name] is effect
+        assert effect.title
+        assert effect.fingerprint
+        assert effect.confused_with
+        assert all(parameter.unit for parameter in effect.parameters)
+        assert effect.sizes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", CLASSES)
+def test_a_concealed_effect_is_named_and_nothing_else(kind: str, tmp_path: Path) -> None:
+    diagnosis = diagnosis_of(kind, tmp_path)
+    assert [finding.effect for finding in diagnosis.findings] == [EFFECT[kind]]
+    assert diagnosis.fit is not None
+    assert diagnosis.fit.one_step_rms_V.after <= diagnosis.fit.one_step_rms_V.before
+    for name in PARAMETERS:
+        assert diagnosis.machine_after[name].std is not None
+
+
+@pytest.mark.slow
+def test_where_nothing_is_concealed_nothing_is_named(tmp_path: Path) -> None:
+    diagnosis = diagnosis_of("none", tmp_path)
+    assert diagnosis.findings == ()
+    assert diagnosis.verdict in (Verdict.NO_MISMATCH, Verdict.NOT_ENOUGH_EXCITATION)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["stray_voltage", "telegraph", "resonance"])
+def test_a_stranger_is_described_and_not_named(kind: str, tmp_path: Path) -> None:
+    diagnosis = diagnosis_of(kind, tmp_path)
+    assert diagnosis.verdict is Verdict.UNEXPLAINED
+    assert diagnosis.findings == ()
+    assert diagnosis.unexplained is not None
+    assert diagnosis.unexplained.description
