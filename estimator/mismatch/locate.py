@@ -5,27 +5,31 @@ change of sign - or a line of a spectrum, or an order of the rotor's turning. Kn
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from estimator.mismatch.angle_rounding import flux_of_rounding
-from estimator.mismatch.averages import Array, Means, means, noise_of_means, usual_periods, voltage_of
+from estimator.mismatch.averages import Array, Means, energy_of, means, noise_of_means, usual_periods, voltage_of
+from estimator.mismatch.columns import filter_pole, whitened
 from estimator.mismatch.forms import Drift, Form, TwoLevels, drift, resonance, two_levels
 from estimator.mismatch.regions import MOST, regions, together, worth
 from estimator.mismatch.spectra import (
     Line,
     energy_of_orders,
     noise_of_orders,
-    of_line,
     strongest_line,
     white_level,
 )
 from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import degrees, number, percent
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import AXES, Rows, Vector
 
+_PHASES: Final = ("a", "b", "c")
 _ONE_AXIS: Final = 0.9  # of the energy
+_HALF: Final = 0.5  # of the energy, that a line or an order must hold where no range holds more
 _LINE_SHARE: Final = 0.05  # of the rows, that a line of a spectrum counts as
 _SLOWEST: Final = 2.0  # Hz
 _FASTEST: Final = 0.45  # of the sampling rate
@@ -33,9 +37,12 @@ _LEAST_V: Final = 1e-3  # of the voltage's rms: what the twin itself may miss
 _EXCESS: Final = 0.02  # of the noise's energy
 _HIDDEN: Final = 1.2  # of the rounding's energy
 _FORM: Final = 0.5  # of the excess, that a form must explain to name it
+_ROUNDS: Final = 4  # of fitting a form and the machine in turn
+_NEARER: Final = 0.01  # of the energy, that another round must explain
 _STRAIGHT: Final = 0.3  # of an ellipse's long axis, that its short one may have
 
 Region = dict[str, float | str | tuple[float, float]]
+Find = Callable[[Rows, Vector], Line | TwoLevels | None]
 
 
 def place_of(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place:
@@ -46,17 +53,19 @@ def place_of(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place:
     blocks, power, sigma = _blocks(rows, signal, noise)
     if len(power) < 4 or not power.sum() > 0.0:
         return Place("nowhere in particular: nothing stands above the noise", {}, 0.0, 1.0)
-    axis, power, share = _axis(blocks, power, sigma)
+    axis, power, share = _axis(rows, blocks, power, sigma)
     found = regions(rows, blocks, power)
     energy, samples = together(found, power)
     spectral = _spectral(rows, signal, noise)
-    if spectral is not None and worth(spectral.energy_share, _LINE_SHARE) > worth(energy, samples):
-        return spectral
+    if spectral is not None:
+        held = spectral.energy_share
+        if not found or (held >= MOST and worth(held, _LINE_SHARE) > worth(energy, samples)):
+            return spectral
     region: Region = {one.key: one.limits for one in found}
     on = ""
     if axis is not None:
-        region["axis"] = axis
-        on = f"on the {axis} axis, "
+        region["phase" if axis in _PHASES else "axis"] = axis
+        on = f"along phase {axis}, " if axis in _PHASES else f"on the {axis} axis, "
     if not found:
         return Place(f"{on}at all speeds, currents and times", region, share, 1.0)
     where = " and ".join(one.words for one in found)
@@ -71,22 +80,22 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
     z = np.where(rows.joined, z - rounded, 0j)
     noise = min(noise[0], white_level(z.real)), min(noise[1], white_level(z.imag))
     variance = noise[0] ** 2 + noise[1] ** 2
-    excess = float(np.sum(np.abs(z) ** 2)) - len(z) * variance
-    line = strongest_line(rows, z * rows.rotor[1:], _SLOWEST, _FASTEST / rows.T_s)
-    rest = z if line is None else z - of_line(rows, line)
     coarse = math.sqrt(1.0 + hidden / (len(z) * variance))
-    rings = resonance(rows, rest, (coarse * noise[0], coarse * noise[1])) is not None
-    ringing = resonance(rows, z, noise) if rings else None
-    rms_V = _rms(rows, z, noise)
-    u = math.sqrt(float(np.mean(np.abs(rows.u) ** 2)))
+    line = _line(rows, z)
+    ringing = resonance(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]))
+    excess = energy_of(z) - len(z) * variance
     loud = excess - _HIDDEN * hidden
-    if loud < _EXCESS * len(z) * variance or rms_V < _LEAST_V * u:
-        if ringing is None or (line is not None and line.gain > ringing.gain):
-            return None
-        best: Form | None = ringing
-    else:
-        forms = (line, ringing, two_levels(rows, z, "stationary"), two_levels(rows, z, "rotor"), drift(rows, z))
-        best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
+    rms_V = _rms(rows, z, noise)
+    u = math.sqrt(energy_of(rows.u) / len(rows))
+    heard = loud > _EXCESS * len(z) * variance and rms_V > _LEAST_V * u
+    if not heard and ringing is None:
+        return None
+    forms: list[Form | None] = [resonance(rows, z, noise) if ringing else None]
+    if heard:
+        machine = _of_machine(rows)
+        forms += [_apart(rows, z, machine, find) for find in (_line, _levels)]
+        forms += [two_levels(rows, z, "rotor"), drift(rows, z)]
+    best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
     if best is None or best.gain < _FORM * loud:
         place = place_of(rows, z, noise)
         order = place.region.get("electrical_order")
@@ -96,6 +105,47 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
         rms_V = max(rms_V, math.hypot(abs(best.forth), abs(best.back)))
     description, place = _said(rows, best, min(best.gain / excess, 1.0))
     return Unexplained(rms_V, place, description)
+
+
+def _line(rows: Rows, z: Vector) -> Line | None:
+    return strongest_line(rows, z, "stationary", _SLOWEST, _FASTEST / rows.T_s)
+
+
+def _levels(rows: Rows, z: Vector) -> TwoLevels | None:
+    return two_levels(rows, z, "stationary")
+
+
+def _of_machine(rows: Rows) -> Array:
+    """What changes of R_s, L_d, L_q and psi_f make of the flux error: a row each, real parts before imaginary ones."""
+    rho = filter_pole(rows.machine, rows.T_s)
+    voltages = (
+        rows.i_mean, rows.balance(rows.i.real), rows.balance(rows.i - rows.i.real), rows.balance(np.ones(len(rows.i)))
+    )  # fmt: skip
+    return np.array([_real(whitened(v, rows, rho)) for v in voltages])
+
+
+def _real(z: Vector) -> Array:
+    return np.concatenate((z.real, z.imag))
+
+
+def _apart(rows: Rows, z: Vector, machine: Array, find: Find) -> Line | TwoLevels | None:
+    """A form, where the machine is fitted beside it: fitted alone, its parameters hide a part of the form."""
+    gram = machine @ machine.T
+    free, best = z, None
+    for _ in range(_ROUNDS):
+        form = find(rows, free)
+        if form is None:
+            break
+        sizes = np.linalg.lstsq(gram, machine @ _real(z - form.flux), rcond=None)[0]
+        x = sizes @ machine
+        free = z - (x[: len(z)] + 1j * x[len(z) :])
+        gain = energy_of(z) - energy_of(free - form.flux)
+        before = 0.0 if best is None else best.gain
+        if gain > before:
+            best = replace(form, gain=gain)
+        if gain < before + _NEARER * energy_of(z):
+            break
+    return best
 
 
 def _rms(rows: Rows, z: Vector, noise: tuple[float, float]) -> float:
@@ -124,15 +174,17 @@ def _blocks(rows: Rows, signal: Vector, noise: tuple[float, float]) -> tuple[Mea
     return best[1:]
 
 
-def _axis(blocks: Means, power: Array, sigma: tuple[float, float]) -> tuple[str | None, Array, float]:
-    """The axis that holds nearly all, the energy on it, and its share."""
+def _axis(
+    rows: Rows, blocks: Means, power: Array, sigma: tuple[float, float]
+) -> tuple[str | None, Array, float]:
+    """The axis or phase along which nearly all is, the energy along it, and its share."""
+    v_s, mean = blocks.v * rows.rotor[blocks.at], 0.5 * (sigma[0] ** 2 + sigma[1] ** 2)
+    along = {"d": blocks.v.real**2 - sigma[0] ** 2, "q": blocks.v.imag**2 - sigma[1] ** 2}
+    along |= {name: (v_s * axis.conjugate()).real ** 2 - mean for name, axis in zip(_PHASES, AXES, strict=True)}
     total = float(power.sum())
-    for name, part, s in (("d", blocks.v.real, sigma[0]), ("q", blocks.v.imag, sigma[1])):
-        on_axis = part**2 - s**2
-        share = float(on_axis.sum()) / total
-        if share >= _ONE_AXIS:
-            return name, on_axis, min(share, 1.0)
-    return None, power, 1.0
+    name = max(along, key=lambda name: float(along[name].sum()))
+    share = float(along[name].sum()) / total
+    return (name, along[name], min(share, 1.0)) if share >= _ONE_AXIS else (None, power, 1.0)
 
 
 # --- Lines and orders
@@ -141,7 +193,7 @@ def _axis(blocks: Means, power: Array, sigma: tuple[float, float]) -> tuple[str 
 def _spectral(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place | None:
     """The line or the order that holds most of a flux error, where one does."""
     variance = noise[0] ** 2 + noise[1] ** 2
-    total = float(np.sum(np.abs(signal) ** 2)) - len(signal) * variance
+    total = energy_of(signal) - len(signal) * variance
     n_p = rows.machine.n_p
     found: list[Place] = []
     for key, turn, base, orders in (
@@ -153,13 +205,13 @@ def _spectral(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place |
         energy = energy_of_orders(rows, signal, orders / base, base)
         share = (energy - noise_of_orders(rows, variance, base)) / total
         k = int(np.argmax(share))
-        if share[k] >= MOST:
+        if share[k] >= _HALF:
             held = min(float(share[k]), 1.0)
             words = f"at order {orders[k]:g} of the {turn} turn in the rotor frame, with {percent(held)} of the energy"
             found.append(Place(words, {key: float(orders[k]), "frame": "rotor"}, held, 1.0))
-    for frame, x in (("stationary", signal * rows.rotor[1:]), ("rotor", signal)):
-        line = strongest_line(rows, x, _SLOWEST, _FASTEST / rows.T_s)
-        if line is not None and line.gain >= MOST * total:
+    for frame in ("stationary", "rotor"):
+        line = strongest_line(rows, signal, frame, _SLOWEST, _FASTEST / rows.T_s)
+        if line is not None and line.gain >= _HALF * total:
             found.append(_place_of_line(line, frame, min(line.gain / total, 1.0)))
     return max(found, key=lambda place: place.energy_share, default=None)
 
@@ -185,12 +237,14 @@ def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
         return _said_of_levels(rows, form, share)
     if isinstance(form, Drift):
         region: Region = {"frame": "rotor", "time": (float(rows.t[0]), float(rows.t[-1]))}
-        what = f"a drift of {number(abs(form.change))} V from begin to end, along {degrees(form.direction)} of the rotor frame"
+        along = f"along {degrees(form.direction)} of the rotor frame"
+        what = f"a drift of {number(abs(form.change))} V from begin to end, {along}"
         return what, Place(f"growing with time, with {percent(share)} of the energy", region, share, 1.0)
     near = f"near {number(form.frequency / 1e3, 2)} kHz"
     where = f"{near} in the stationary frame, with {percent(share)} of the energy"
     region = {"frequency": form.frequency, "frame": "stationary"}
-    return f"a resonance {near}: a current beside the machine's that follows the voltage", Place(where, region, share, 1.0)
+    what = f"a resonance {near}: a current beside the machine's that follows the voltage"
+    return what, Place(where, region, share, 1.0)
 
 
 def _said_of_levels(rows: Rows, form: TwoLevels, share: float) -> tuple[str, Place]:
