@@ -38,7 +38,8 @@ def test_rms_in_time_is_that_of_the_mismatch_and_not_of_noise() -> None:
 def test_the_window_is_where_the_mismatch_is_largest() -> None:
     found = drawn_of()
     assert len(found.window_t) == 400
-    assert found.window_t[0] < 3.19 < 3.21 < found.window_t[-1]
+    assert found.window_t[0] < 3.19
+    assert found.window_t[-1] > 3.21
     u_d, after = found.window["u_d"]
     middle = np.argmin(np.abs(found.window_t - 3.2))
     assert u_d[middle] == pytest.approx(2.0, abs=0.6)
@@ -53,7 +54,8 @@ def test_a_spectrum_is_a_density_of_amplitude() -> None:
     f = 40.0 * 10.0 / 1.024
     n = len(ROWS)
     line = 0.3 * np.exp(2j * np.pi * f * T * np.arange(n))
-    found = traces(ROWS, line, np.random.default_rng(1).normal(size=n) + 0j, ROWS.i, ROWS.i)
+    white = np.random.default_rng(1).normal(size=n).astype(np.complex128)
+    found = traces(ROWS, line.astype(np.complex128), white, ROWS.i, ROWS.i)
     before, after = found.spectrum
     assert found.frequency[np.argmax(before)] == pytest.approx(f, abs=1.0)
     df = found.frequency[1]
@@ -80,7 +82,7 @@ def test_arrays_stay_small_and_short_runs_have_pictures_too() -> None:
     arrays += [a for m in found.maps for a in (m.before_V, m.after_V)]
     assert sum(a.size for a in arrays) < 10_000
     short = run(0.02)
-    r = np.ones(len(short)) + 0j
+    r = np.ones(len(short), np.complex128)
     found = traces(short, r, 0.0 * r, short.i, short.i)
     assert len(found.window_t) == len(short)
     assert np.nanmax(np.abs(found.before_V - 1.0)) < 0.1

@@ -4,6 +4,7 @@ Each is fitted to a flux error with white noise and says how much of it it expla
 """
 
 import cmath
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
+from estimator.kernel import kernel
 from estimator.mismatch.averages import Array, energy_of, means, voltage_of
 from estimator.mismatch.columns import filter_pole, whitened
 from estimator.mismatch.spectra import Line, welch
@@ -18,6 +20,7 @@ from estimator.physics.rows import Rows, Vector
 
 _LENGTHS: Final = (10, 30, 100, 300)  # periods of a mean
 _DWELL: Final = 5.0  # means between two changes, on average
+_CHANGE: Final = 3.0  # log-odds, times the logarithm of the means' number: what a change must bring
 _TAPS: Final = 96  # periods that a resonance rings
 _ABOVE: Final = 0.03  # of the sampling rate: where resonances are looked for
 _LINES: Final = 512  # frequencies up to half the sampling rate
@@ -93,12 +96,14 @@ def _levels(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels |
     along = cmath.exp(0.5j * cmath.phase(complex(np.sum(spread**2))))
     p: Array = (x * along.conjugate()).real
     low, high = float(np.quantile(p, 0.1)), float(np.quantile(p, 0.9))
+    up = p > 0.5 * (low + high)
     for _ in range(20):
-        up = p > 0.5 * (low + high)
         if up.all() or not up.any():
             return None
         low, high = float(p[~up].mean()), float(p[up].mean())
-    up = _held(p, low + (high - low) / 3.0, low + 2.0 * (high - low) / 3.0)
+        up = p > 0.5 * (low + high)
+    scatter = float(np.mean(np.where(up, p - high, p - low) ** 2))
+    up = _likeliest((p - 0.5 * (low + high)) * ((high - low) / scatter), _CHANGE * math.log(len(p)))
     if up.all() or not up.any():
         return None
     levels = complex(x[~up].mean()), complex(x[up].mean())
@@ -122,12 +127,20 @@ def _levels(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels |
     )  # fmt: skip
 
 
-def _held(x: Array, low: float, high: float) -> NDArray[np.bool_]:
-    """Above `high`, and on until below `low`."""
-    known = np.where(x > high, 1, np.where(x < low, -1, 0))
-    last = np.maximum.accumulate(np.where(known != 0, np.arange(len(x)), -1))
-    first = known[np.flatnonzero(known)[0]] if known.any() else -1
-    return np.where(last >= 0, known[np.maximum(last, 0)], first) > 0
+@kernel
+def _likeliest(odds: Array, penalty: float) -> NDArray[np.bool_]:
+    """Two states by the log-odds of each step for the second one, and what a change costs (Viterbi's algorithm)."""
+    n = len(odds)
+    came = np.zeros((n, 2), np.bool_)  # from the other state
+    low, high = 0.0, odds[0]
+    for k in range(1, n):
+        came[k, 0], came[k, 1] = high - penalty > low, low - penalty > high
+        low, high = max(low, high - penalty), max(high, low - penalty) + odds[k]
+    states = np.zeros(n, np.bool_)
+    states[n - 1] = high > low
+    for k in range(n - 1, 0, -1):
+        states[k - 1] = states[k] != came[k, int(states[k])]
+    return states
 
 
 def resonance(rows: Rows, z: Vector, noise: tuple[float, float]) -> Resonance | None:
@@ -170,13 +183,12 @@ def resonance(rows: Rows, z: Vector, noise: tuple[float, float]) -> Resonance | 
 
 
 def _peak(Y: Vector, sure: Array) -> int:
-    """Where an admittance has a peak at which it takes power, well above that half and 1.6 times as far; or 0."""
-    size = np.abs(Y)
-    for k in np.argsort(np.where(sure > max(_SURE, 0.3 * sure.max()), size, 0.0))[::-1][:8]:
-        around = max(size[int(0.5 * k)], size[min(int(1.6 * k), len(Y) - 1)])
-        if sure[k] > _SURE and size[k] > _PROMINENT * around and Y[k].real > _IN_PHASE * size[k]:
-            return int(k) if size[k] >= max(size[k - 1], size[min(k + 1, len(Y) - 1)]) else 0
-    return 0
+    """Where an admittance has its highest peak that takes power and stands above half and 1.6 times as far; or 0."""
+    size, k = np.abs(Y), np.arange(1, len(Y) - 1)
+    k = k[(size[k] >= size[k - 1]) & (size[k] >= size[k + 1]) & (sure[k] > _SURE)]
+    around = np.maximum(size[k // 2], size[np.minimum(8 * k // 5, len(Y) - 1)])
+    k = k[(size[k] > _PROMINENT * around) & (Y[k].real > _IN_PHASE * size[k])]
+    return int(k[np.argmax(size[k])]) if len(k) else 0
 
 
 def drift(rows: Rows, z: Vector) -> Drift | None:

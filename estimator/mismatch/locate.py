@@ -29,16 +29,21 @@ from estimator.physics.rows import AXES, Rows, Vector
 
 _PHASES: Final = ("a", "b", "c")
 _ONE_AXIS: Final = 0.9  # of the energy
+_PLAIN: Final = 50.0  # standard errors of the noise's energy, at which a signal needs no longer means
 _HALF: Final = 0.5  # of the energy, that a line or an order must hold where no range holds more
 _LINE_SHARE: Final = 0.05  # of the rows, that a line of a spectrum counts as
+_ORDERS: Final = 12  # of the electrical turn
+_TURNS: Final = 3  # electrical, up to which orders of the mechanical turn go
 _SLOWEST: Final = 2.0  # Hz
 _FASTEST: Final = 0.45  # of the sampling rate
 _LEAST_V: Final = 1e-3  # of the voltage's rms: what the twin itself may miss
 _EXCESS: Final = 0.02  # of the noise's energy
+_SURE: Final = 6.0  # standard errors of the noise's energy
 _HIDDEN: Final = 1.2  # of the rounding's energy
 _FORM: Final = 0.5  # of the excess, that a form must explain to name it
 _ROUNDS: Final = 4  # of fitting a form and the machine in turn
 _NEARER: Final = 0.01  # of the energy, that another round must explain
+_SIMPLER: Final = 0.5  # of what a voltage of two levels explains, that a line must explain to stand for it
 _STRAIGHT: Final = 0.3  # of an ellipse's long axis, that its short one may have
 
 Region = dict[str, float | str | tuple[float, float]]
@@ -83,28 +88,34 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
     coarse = math.sqrt(1.0 + hidden / (len(z) * variance))
     line = _line(rows, z)
     ringing = resonance(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]))
-    excess = energy_of(z) - len(z) * variance
-    loud = excess - _HIDDEN * hidden
+    loud = energy_of(z) - len(z) * variance - _HIDDEN * hidden
     rms_V = _rms(rows, z, noise)
     u = math.sqrt(energy_of(rows.u) / len(rows))
-    heard = loud > _EXCESS * len(z) * variance and rms_V > _LEAST_V * u
+    chance = _SURE * math.sqrt(2.0 * len(z)) * variance
+    heard = loud > _EXCESS * len(z) * variance + chance and rms_V > _LEAST_V * u
     if not heard and ringing is None:
         return None
-    forms: list[Form | None] = [resonance(rows, z, noise) if ringing else None]
+    machine = _of_machine(rows)
+    left = _beside(machine, z)
+    excess = energy_of(left) - len(z) * variance
+    forms: list[Form | None] = [resonance(rows, left, noise) if ringing else None]
     if heard:
-        machine = _of_machine(rows)
-        forms += [_apart(rows, z, machine, find) for find in (_line, _levels)]
-        forms += [two_levels(rows, z, "rotor"), drift(rows, z)]
+        line = _apart(rows, left, machine, _line)
+        forms += [line, _apart(rows, left, machine, _levels), two_levels(rows, left, "rotor"), drift(rows, left)]
     best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
-    if best is None or best.gain < _FORM * loud:
+    if isinstance(best, TwoLevels) and line is not None and line.gain > _SIMPLER * best.gain:
+        best = line  # of which many changes are a rough copy
+    if best is None or best.gain < _FORM * (excess - _HIDDEN * hidden):
         place = place_of(rows, z, noise)
-        order = place.region.get("electrical_order")
-        what = f"ripple of order {order:g} per electrical turn" if isinstance(order, float) else "a voltage"
-        return Unexplained(rms_V, place, f"{what} of {number(rms_V)} V rms {place.sentence}")
+        return Unexplained(rms_V, place, f"{_what(place)} of {number(rms_V)} V rms {place.sentence}")
     if isinstance(best, Line):
         rms_V = max(rms_V, math.hypot(abs(best.forth), abs(best.back)))
-    description, place = _said(rows, best, min(best.gain / excess, 1.0))
+    description, place = _said(rows, best, min(best.gain / max(excess, best.gain), 1.0))
     return Unexplained(rms_V, place, description)
+
+
+def _what(place: Place) -> str:
+    return "a ripple" if place.region.keys() & {"electrical_order", "mechanical_order"} else "a voltage"
 
 
 def _line(rows: Rows, z: Vector) -> Line | None:
@@ -128,17 +139,21 @@ def _real(z: Vector) -> Array:
     return np.concatenate((z.real, z.imag))
 
 
+def _beside(machine: Array, z: Vector, flux: Vector | None = None) -> Vector:
+    """What is left of z when the machine is fitted to it, or to what is left of it beside a form's flux error."""
+    y = _real(z if flux is None else z - flux)
+    fitted = np.linalg.lstsq(machine @ machine.T, machine @ y, rcond=None)[0] @ machine
+    return z - (fitted[: len(z)] + 1j * fitted[len(z) :])
+
+
 def _apart(rows: Rows, z: Vector, machine: Array, find: Find) -> Line | TwoLevels | None:
     """A form, where the machine is fitted beside it: fitted alone, its parameters hide a part of the form."""
-    gram = machine @ machine.T
     free, best = z, None
     for _ in range(_ROUNDS):
         form = find(rows, free)
         if form is None:
             break
-        sizes = np.linalg.lstsq(gram, machine @ _real(z - form.flux), rcond=None)[0]
-        x = sizes @ machine
-        free = z - (x[: len(z)] + 1j * x[len(z) :])
+        free = _beside(machine, z, form.flux)
         gain = energy_of(z) - energy_of(free - form.flux)
         before = 0.0 if best is None else best.gain
         if gain > before:
@@ -163,15 +178,15 @@ def _blocks(rows: Rows, signal: Vector, noise: tuple[float, float]) -> tuple[Mea
     """Mean voltages over as few periods as show the signal, their energy above noise (V^2), and the noise (V)."""
     v = voltage_of(rows, signal)
     usual = usual_periods(rows)
-    best: tuple[float, Means, Array, tuple[float, float]] | None = None
-    for m in (1, 3, usual, 3 * usual) if any(noise) else (1,):
+    found: list[tuple[float, tuple[Means, Array, tuple[float, float]]]] = []
+    for m in (1, 3, usual, 3 * usual):
         blocks, sigma = means(rows, v, m), noise_of_means(rows, noise, m)
-        power = np.abs(blocks.v) ** 2 - sigma[0] ** 2 - sigma[1] ** 2
-        sure = float(power.sum()) / max(math.sqrt(len(power)) * (sigma[0] ** 2 + sigma[1] ** 2), 1e-300)
-        if best is None or sure > 1.5 * best[0]:
-            best = sure, blocks, power, sigma
-    assert best is not None
-    return best[1:]
+        variance = sigma[0] ** 2 + sigma[1] ** 2
+        power = np.abs(blocks.v) ** 2 - variance
+        found.append((float(power.sum()) / max(math.sqrt(len(power)) * variance, 1e-300), (blocks, power, sigma)))
+        if found[-1][0] > _PLAIN:
+            break
+    return max(found, key=lambda pair: pair[0])[1]
 
 
 def _axis(
@@ -196,19 +211,15 @@ def _spectral(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place |
     total = energy_of(signal) - len(signal) * variance
     n_p = rows.machine.n_p
     found: list[Place] = []
-    for key, turn, base, orders in (
-        ("electrical_order", "electrical", 1, np.arange(1.0, 13.0)),
-        ("mechanical_order", "mechanical", n_p, np.array([k for k in range(1, 3 * n_p + 1) if k % n_p], float)),
-    ):
-        if len(orders) == 0:
-            continue
-        energy = energy_of_orders(rows, signal, orders / base, base)
-        share = (energy - noise_of_orders(rows, variance, base)) / total
+    for turn, base, highest in (("electrical", 1, _ORDERS), ("mechanical", n_p, _TURNS * n_p)):
+        share = (energy_of_orders(rows, signal, highest, base) - noise_of_orders(rows, variance, base)) / total
+        if base > 1:
+            share[base - 1 :: base] = 0.0  # electrical ones too
         k = int(np.argmax(share))
         if share[k] >= _HALF:
             held = min(float(share[k]), 1.0)
-            words = f"at order {orders[k]:g} of the {turn} turn in the rotor frame, with {percent(held)} of the energy"
-            found.append(Place(words, {key: float(orders[k]), "frame": "rotor"}, held, 1.0))
+            words = f"at order {k + 1} of the {turn} turn in the rotor frame, with {percent(held)} of the energy"
+            found.append(Place(words, {f"{turn}_order": float(k + 1), "frame": "rotor"}, held, 1.0))
     for frame in ("stationary", "rotor"):
         line = strongest_line(rows, signal, frame, _SLOWEST, _FASTEST / rows.T_s)
         if line is not None and line.gain >= _HALF * total:

@@ -44,8 +44,8 @@ class Line:
 
     @property
     def direction(self) -> float:
-        """Of the longer axis, rad, 0 to pi from the frame's real axis."""
-        return (0.5 * cmath.phase(self.forth * self.back)) % math.pi if self.back else 0.0
+        """Of the longer axis, rad, within a right angle of the frame's real axis."""
+        return 0.5 * cmath.phase(self.forth * self.back)
 
 
 def response(rows: Rows, f: float) -> complex:
@@ -120,20 +120,23 @@ def _turns(rows: Rows, turns: float) -> NDArray[np.intp]:
     return np.flatnonzero(np.diff(np.floor(travelled / (TURN * turns)), prepend=-1.0) > 0.0)
 
 
-def energy_of_orders(rows: Rows, z: Vector, orders: Array, base: int) -> Array:
-    """Energy (Vs^2) of z exp(-+ j order theta_e) that is steady for some turns of `base` electrical ones, by order.
+def energy_of_orders(rows: Rows, z: Vector, highest: int, base: int) -> Array:
+    """Energy (Vs^2) of z exp(-+ j k theta_e / base) that is steady for some turns of theta_e / base, by k from 1.
 
     Zero where the rotor makes too few.
     """
     starts = _turns(rows, _ORDER_TURNS * base)
-    energy = np.zeros(len(orders))
+    energy = np.zeros(highest)
     if len(starts) < 2:
         return energy
     counts = np.diff(starts, append=len(z))
-    for j, order in enumerate(orders):
-        turning = np.exp(-1j * order * rows.theta_e[1:])
-        for way in (turning, turning.conj()):
-            energy[j] += float(np.sum(np.abs(np.add.reduceat(z * way, starts)) ** 2 / counts))
+    turn = np.exp(-1j / base * rows.theta_e[1:])
+    for way in (turn, turn.conj()):
+        turned = z
+        for k in range(highest):
+            turned = turned * way
+            sums: Vector = np.add.reduceat(turned, starts)
+            energy[k] += float(np.sum((sums.real**2 + sums.imag**2) / counts))
     return energy
 
 
