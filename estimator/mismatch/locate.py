@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from estimator.flux_balance import TURN
 from estimator.mismatch.angle_rounding import flux_of_rounding
 from estimator.mismatch.averages import Array, Means, energy_of, means, noise_of_means, usual_periods, voltage_of
 from estimator.mismatch.columns import filter_pole, whitened
@@ -41,8 +42,8 @@ _EXCESS: Final = 0.02  # of the noise's energy
 _SURE: Final = 6.0  # standard errors of the noise's energy
 _HIDDEN: Final = 1.2  # of the rounding's energy
 _FORM: Final = 0.5  # of the excess, that a form must explain to name it
-_ROUNDS: Final = 4  # of fitting a form and the machine in turn
-_NEARER: Final = 0.01  # of the energy, that another round must explain
+_ROUNDS: Final = 8  # of fitting a form and the machine in turn
+_NEARER: Final = 0.001  # of the energy, that another round must explain
 _SIMPLER: Final = 0.5  # of what a voltage of two levels explains, that a line must explain to stand for it
 _STRAIGHT: Final = 0.3  # of an ellipse's long axis, that its short one may have
 
@@ -100,11 +101,11 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
     excess = energy_of(left) - len(z) * variance
     forms: list[Form | None] = [resonance(rows, left, noise) if ringing else None]
     if heard:
-        line = _apart(rows, left, machine, _line)
-        forms += [line, _apart(rows, left, machine, _levels), two_levels(rows, left, "rotor"), drift(rows, left)]
+        line, levels = _line(rows, left), _levels(rows, left)
+        # Many changes are a rough copy of a line
+        find = _line if levels is None or (line and line.gain > _SIMPLER * levels.gain) else _levels
+        forms += [_apart(rows, left, machine, find), two_levels(rows, left, "rotor"), drift(rows, left)]
     best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
-    if isinstance(best, TwoLevels) and line is not None and line.gain > _SIMPLER * best.gain:
-        best = line  # of which many changes are a rough copy
     if best is None or best.gain < _FORM * (excess - _HIDDEN * hidden):
         place = place_of(rows, z, noise)
         return Unexplained(rms_V, place, f"{_what(place)} of {number(rms_V)} V rms {place.sentence}")
@@ -140,9 +141,10 @@ def _real(z: Vector) -> Array:
 
 
 def _beside(machine: Array, z: Vector, flux: Vector | None = None) -> Vector:
-    """What is left of z when the machine is fitted to it, or to what is left of it beside a form's flux error."""
-    y = _real(z if flux is None else z - flux)
-    fitted = np.linalg.lstsq(machine @ machine.T, machine @ y, rcond=None)[0] @ machine
+    """z without what the machine explains of it, where it is fitted alone or together with a form's flux error."""
+    columns = machine if flux is None else np.concatenate((machine, _real(flux)[None, :]))
+    sizes = np.linalg.lstsq(columns @ columns.T, columns @ _real(z), rcond=None)[0]
+    fitted = sizes[: len(machine)] @ machine
     return z - (fitted[: len(z)] + 1j * fitted[len(z) :])
 
 
@@ -264,11 +266,11 @@ def _said_of_levels(rows: Rows, form: TwoLevels, share: float) -> tuple[str, Pla
     region: Region = {"frame": form.frame, "direction": form.direction}
     held = f"{percent(form.share)} of the samples hold {percent(share)} of the energy"
     if len(form.changes) == 1:
-        t, end = float(form.changes[0]), float(rows.t[-1])
-        comes = form.starts[0] >= t
-        region["time"] = (t, end) if comes else (float(rows.t[0]), t)
-        what = f"a step of {volts} V at {number(t)} s, {along}"
-        return what, Place(f"{'from' if comes else 'until'} {number(t)} s: {held}", region, share, form.share)
+        t = float(form.changes[0])
+        change = form.direction + (0.0 if form.starts[0] >= t else math.pi)
+        region |= {"direction": math.remainder(change, TURN), "time": (t, float(rows.t[-1]))}
+        what = f"a step of {volts} V at {number(t)} s, along {degrees(change)} of the {form.frame} frame"
+        return what, Place(f"from {number(t)} s: {held}", region, share, form.share)
     region["time"] = (float(form.starts[0]), float(form.starts[-1] + form.lengths[-1]))
     stay = number(1e3 * float(np.mean(form.lengths)), 2)
     times = "once" if len(form.starts) == 1 else f"{len(form.starts)} times"
