@@ -35,6 +35,11 @@ def voltage_of(rows: Rows, z: Vector) -> Vector:
     return rows.stationary((z_s - filter_pole(rows.machine, rows.T_s) * before) / rows.T_s) * rows.joined
 
 
+def energy_of(v: Vector) -> float:
+    """Sum of squares."""
+    return float(np.sum(v.real**2 + v.imag**2))
+
+
 def usual_periods(rows: Rows) -> int:
     """About ten, less at a speed at which the rotor turns far in ten."""
     D = float(np.quantile(np.abs(rows.D), 0.9)) if len(rows) else 0.0

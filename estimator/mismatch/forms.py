@@ -4,27 +4,32 @@ Each is fitted to a flux error with white noise and says how much of it it expla
 """
 
 import cmath
+import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
-from estimator.mismatch.averages import Array, means, voltage_of
+from estimator.kernel import kernel
+from estimator.mismatch.averages import Array, energy_of, means, voltage_of
 from estimator.mismatch.columns import filter_pole, whitened
-from estimator.mismatch.spectra import Line
+from estimator.mismatch.spectra import Line, welch
 from estimator.physics.rows import Rows, Vector
 
 _LENGTHS: Final = (10, 30, 100, 300)  # periods of a mean
 _DWELL: Final = 5.0  # means between two changes, on average
+_CHANGE: Final = 3.0  # log-odds, times the logarithm of the means' number: what a change must bring
 _TAPS: Final = 96  # periods that a resonance rings
 _ABOVE: Final = 0.03  # of the sampling rate: where resonances are looked for
 _LINES: Final = 512  # frequencies up to half the sampling rate
 _PROMINENT: Final = 2.0
-_SURE: Final = 8.0  # standard errors of a resonance's peak
+_IN_PHASE: Final = 0.7  # of a branch's admittance, where it is largest: it takes power
+_SURE: Final = 4.5  # standard errors of a resonance's peak
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TwoLevels:
     """A voltage that has one of two values."""
 
@@ -35,6 +40,7 @@ class TwoLevels:
     lengths: Array  # s, for which it stays
     share: float  # of the time that it is there
     changes: Array  # s
+    flux: Vector  # Vs, rotor frame: what it makes of the flux error
     gain: float  # energy of the flux error (Vs^2, summed) that it explains
 
     @property
@@ -86,27 +92,27 @@ def _levels(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels |
     if len(blocks.v) < 8:
         return None
     x = blocks.v * (rows.rotor[blocks.at] if frame == "stationary" else 1.0)
-    spread = x - np.median(x.real) - 1j * np.median(x.imag)
+    spread = x - complex(float(np.median(x.real)), float(np.median(x.imag)))
     along = cmath.exp(0.5j * cmath.phase(complex(np.sum(spread**2))))
-    p = (x * along.conjugate()).real
-    low, high = (float(q) for q in np.quantile(p, (0.1, 0.9)))
+    p: Array = (x * along.conjugate()).real
+    low, high = float(np.quantile(p, 0.1)), float(np.quantile(p, 0.9))
+    up = p > 0.5 * (low + high)
     for _ in range(20):
-        up = p > 0.5 * (low + high)
         if up.all() or not up.any():
             return None
-        low, high = float(np.mean(p[~up])), float(np.mean(p[up]))
-    up = _held(p, low + (high - low) / 3.0, low + 2.0 * (high - low) / 3.0)
+        low, high = float(p[~up].mean()), float(p[up].mean())
+        up = p > 0.5 * (low + high)
+    scatter = float(np.mean(np.where(up, p - high, p - low) ** 2))
+    up = _likeliest((p - 0.5 * (low + high)) * ((high - low) / scatter), _CHANGE * math.log(len(p)))
     if up.all() or not up.any():
         return None
-    levels = complex(np.mean(x[~up])), complex(np.mean(x[up]))
-    state = np.zeros(len(rows), np.bool_)
-    nearest = np.clip(np.searchsorted(blocks.at, np.arange(len(rows)) + 0.5 - m / 2.0), 0, len(up) - 1)
-    state[:] = up[nearest]
-    model = np.where(state, levels[1], levels[0])
+    levels = complex(x[~up].mean()), complex(x[up].mean())
+    nearest = np.clip(np.searchsorted(blocks.at // m, np.arange(len(rows) // m + 1)), 0, len(up) - 1)
+    model = np.where(np.repeat(up[nearest], m)[: len(rows)], levels[1], levels[0])
     if frame == "stationary":
         model = rows.stationary(model)
-    left = z - whitened(model * rows.joined, rows, filter_pole(rows.machine, rows.T_s))
-    gain = float(np.sum(np.abs(z) ** 2) - np.sum(np.abs(left) ** 2))
+    flux = whitened(model * rows.joined, rows, filter_pole(rows.machine, rows.T_s))
+    gain = energy_of(z) - energy_of(z - flux)
     if abs(levels[1]) < abs(levels[0]):
         up, levels = ~up, (levels[1], levels[0])
     change = np.flatnonzero(np.diff(up)) + 1
@@ -116,16 +122,25 @@ def _levels(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels |
     t = np.concatenate((rows.t[blocks.at] - 0.5 * m * rows.T_s, [rows.t[blocks.at[-1]] + 0.5 * m * rows.T_s]))
     there = up[edges[:-1]]
     return TwoLevels(
-        frame, levels[0], levels[1], t[edges[:-1]][there], np.diff(t[edges])[there], float(np.mean(up)), t[change], gain
+        frame, levels[0], levels[1], t[edges[:-1]][there], np.diff(t[edges])[there], float(np.mean(up)), t[change],
+        flux, gain,
     )  # fmt: skip
 
 
-def _held(x: Array, low: float, high: float) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
-    """Above `high`, and on until below `low`."""
-    known = np.where(x > high, 1, np.where(x < low, -1, 0))
-    last = np.maximum.accumulate(np.where(known != 0, np.arange(len(x)), -1))
-    first = known[np.flatnonzero(known)[0]] if known.any() else -1
-    return np.where(last >= 0, known[np.maximum(last, 0)], first) > 0
+@kernel
+def _likeliest(odds: Array, penalty: float) -> NDArray[np.bool_]:
+    """Two states by the log-odds of each step for the second one, and what a change costs (Viterbi's algorithm)."""
+    n = len(odds)
+    came = np.zeros((n, 2), np.bool_)  # from the other state
+    low, high = 0.0, odds[0]
+    for k in range(1, n):
+        came[k, 0], came[k, 1] = high - penalty > low, low - penalty > high
+        low, high = max(low, high - penalty), max(high, low - penalty) + odds[k]
+    states = np.zeros(n, np.bool_)
+    states[n - 1] = high > low
+    for k in range(n - 1, 0, -1):
+        states[k - 1] = states[k] != came[k, int(states[k])]
+    return states
 
 
 def resonance(rows: Rows, z: Vector, noise: tuple[float, float]) -> Resonance | None:
@@ -141,33 +156,39 @@ def resonance(rows: Rows, z: Vector, noise: tuple[float, float]) -> Resonance | 
     u_s = rows.u * rows.middle
     du = np.diff(u_s, prepend=u_s[:1]) * rows.joined
     size = 1 << (n + p).bit_length()
-    U, Y = np.fft.fft(du, size), np.fft.fft(i, size)
-    auto, cross = np.fft.ifft(np.abs(U) ** 2)[:p], np.fft.ifft(Y * U.conj())[:p]
+    U, to = np.fft.fft(du, size), np.fft.fft(i, size)
+    auto, cross = np.fft.ifft(np.abs(U) ** 2)[:p], np.fft.ifft(to * U.conj())[:p]
     lag = np.arange(p)[:, None] - np.arange(p)[None, :]
     gram = np.where(lag >= 0, auto[np.abs(lag)], auto[np.abs(lag)].conj())
     gram[np.diag_indices(p)] += 1e-9 * auto[0].real
     inverse = np.linalg.inv(gram)
     g = inverse @ cross
-    variance = (noise[0] / m.L_d) ** 2 + (noise[1] / m.L_q) ** 2
+    follows = np.fft.ifft(np.fft.fft(g, size) * U)[:n]
     f = np.arange(1, _LINES) / (2.0 * _LINES)
     turn = np.exp(-1j * TURN * f[:, None] * np.arange(p))
-    G = np.abs(turn @ g)
-    error = np.sqrt(variance * np.sum((turn @ inverse) * turn.conj(), axis=1).real)
-    H = G * np.abs(1.0 - np.exp(-1j * TURN * f))
-    peak = _peak(H, np.where(f > _ABOVE, G / error, 0.0))
-    follows = np.fft.ifft(np.fft.fft(g, size) * U)[:n] * rows.rotor[1:].conj()
-    left = z - (m.L_d * follows.real + 1j * m.L_q * follows.imag)
-    gain = float(np.sum(np.abs(z) ** 2) - np.sum(np.abs(left) ** 2))
-    return Resonance(float(f[peak] / rows.T_s), float(H[peak]), float(G[peak] / error[peak]), gain) if peak else None
+    G = turn @ g
+    Y = -G * (1.0 - np.exp(-1j * TURN * f)) * np.exp(-1j * np.pi * f)  # A/V; i is half a period later than u
+    colour = welch(i - follows, 2 * _LINES)  # more than white noise at what is no answer to the voltage
+    variance = (noise[0] / m.L_d) ** 2 + (noise[1] / m.L_q) ** 2
+    power = np.maximum(variance, np.maximum(colour[1:_LINES], colour[:_LINES:-1]))
+    error = np.sqrt(power * np.sum((turn @ inverse) * turn.conj(), axis=1).real)
+    sure = np.abs(G) / error
+    peak = _peak(Y, np.where(f > _ABOVE, sure, 0.0))
+    if not peak:
+        return None
+    back = follows * rows.rotor[1:].conj()
+    left = z - (m.L_d * back.real + 1j * m.L_q * back.imag)
+    gain = energy_of(z) - energy_of(left)
+    return Resonance(float(f[peak] / rows.T_s), float(abs(Y[peak])), float(sure[peak]), gain)
 
 
-def _peak(H: Array, sure: Array) -> int:
-    """Where H rises above what is half and 1.6 times as far; 0 where it does not."""
-    for k in np.argsort(H * (sure > 0.3 * sure.max()))[::-1][:8]:
-        around = [int(0.5 * k), min(int(1.6 * k), len(H) - 1)]
-        if sure[k] > _SURE and 0 < k < len(H) - 1 and H[k] >= _PROMINENT * max(H[j] for j in around):
-            return int(k)
-    return 0
+def _peak(Y: Vector, sure: Array) -> int:
+    """Where an admittance has its highest peak that takes power and stands above half and 1.6 times as far; or 0."""
+    size, k = np.abs(Y), np.arange(1, len(Y) - 1)
+    k = k[(size[k] >= size[k - 1]) & (size[k] >= size[k + 1]) & (sure[k] > _SURE)]
+    around = np.maximum(size[k // 2], size[np.minimum(8 * k // 5, len(Y) - 1)])
+    k = k[(size[k] > _PROMINENT * around) & (Y[k].real > _IN_PHASE * size[k])]
+    return int(k[np.argmax(size[k])]) if len(k) else 0
 
 
 def drift(rows: Rows, z: Vector) -> Drift | None:

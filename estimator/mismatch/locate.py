@@ -5,37 +5,50 @@ change of sign - or a line of a spectrum, or an order of the rotor's turning. Kn
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from estimator.flux_balance import TURN
 from estimator.mismatch.angle_rounding import flux_of_rounding
-from estimator.mismatch.averages import Array, Means, means, noise_of_means, usual_periods, voltage_of
+from estimator.mismatch.averages import Array, Means, energy_of, means, noise_of_means, usual_periods, voltage_of
+from estimator.mismatch.columns import filter_pole, whitened
 from estimator.mismatch.forms import Drift, Form, TwoLevels, drift, resonance, two_levels
 from estimator.mismatch.regions import MOST, regions, together, worth
 from estimator.mismatch.spectra import (
     Line,
     energy_of_orders,
     noise_of_orders,
-    of_line,
     strongest_line,
     white_level,
 )
 from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import degrees, number, percent
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import AXES, Rows, Vector
 
+_PHASES: Final = ("a", "b", "c")
 _ONE_AXIS: Final = 0.9  # of the energy
+_PLAIN: Final = 50.0  # standard errors of the noise's energy, at which a signal needs no longer means
+_HALF: Final = 0.5  # of the energy, that a line or an order must hold where no range holds more
 _LINE_SHARE: Final = 0.05  # of the rows, that a line of a spectrum counts as
+_ORDERS: Final = 12  # of the electrical turn
+_TURNS: Final = 3  # electrical, up to which orders of the mechanical turn go
 _SLOWEST: Final = 2.0  # Hz
 _FASTEST: Final = 0.45  # of the sampling rate
 _LEAST_V: Final = 1e-3  # of the voltage's rms: what the twin itself may miss
 _EXCESS: Final = 0.02  # of the noise's energy
+_SURE: Final = 6.0  # standard errors of the noise's energy
 _HIDDEN: Final = 1.2  # of the rounding's energy
 _FORM: Final = 0.5  # of the excess, that a form must explain to name it
+_ROUNDS: Final = 8  # of fitting a form and the machine in turn
+_NEARER: Final = 0.001  # of the energy, that another round must explain
+_SIMPLER: Final = 0.5  # of what a voltage of two levels explains, that a line must explain to stand for it
 _STRAIGHT: Final = 0.3  # of an ellipse's long axis, that its short one may have
 
 Region = dict[str, float | str | tuple[float, float]]
+Find = Callable[[Rows, Vector], Line | TwoLevels | None]
 
 
 def place_of(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place:
@@ -46,17 +59,19 @@ def place_of(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place:
     blocks, power, sigma = _blocks(rows, signal, noise)
     if len(power) < 4 or not power.sum() > 0.0:
         return Place("nowhere in particular: nothing stands above the noise", {}, 0.0, 1.0)
-    axis, power, share = _axis(blocks, power, sigma)
+    axis, power, share = _axis(rows, blocks, power, sigma)
     found = regions(rows, blocks, power)
     energy, samples = together(found, power)
     spectral = _spectral(rows, signal, noise)
-    if spectral is not None and worth(spectral.energy_share, _LINE_SHARE) > worth(energy, samples):
-        return spectral
+    if spectral is not None:
+        held = spectral.energy_share
+        if not found or (held >= MOST and worth(held, _LINE_SHARE) > worth(energy, samples)):
+            return spectral
     region: Region = {one.key: one.limits for one in found}
     on = ""
     if axis is not None:
-        region["axis"] = axis
-        on = f"on the {axis} axis, "
+        region["phase" if axis in _PHASES else "axis"] = axis
+        on = f"along phase {axis}, " if axis in _PHASES else f"on the {axis} axis, "
     if not found:
         return Place(f"{on}at all speeds, currents and times", region, share, 1.0)
     where = " and ".join(one.words for one in found)
@@ -71,31 +86,83 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
     z = np.where(rows.joined, z - rounded, 0j)
     noise = min(noise[0], white_level(z.real)), min(noise[1], white_level(z.imag))
     variance = noise[0] ** 2 + noise[1] ** 2
-    excess = float(np.sum(np.abs(z) ** 2)) - len(z) * variance
-    line = strongest_line(rows, z * rows.rotor[1:], _SLOWEST, _FASTEST / rows.T_s)
-    rest = z if line is None else z - of_line(rows, line)
     coarse = math.sqrt(1.0 + hidden / (len(z) * variance))
-    rings = resonance(rows, rest, (coarse * noise[0], coarse * noise[1])) is not None
-    ringing = resonance(rows, z, noise) if rings else None
+    line = _line(rows, z)
+    ringing = resonance(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]))
+    loud = energy_of(z) - len(z) * variance - _HIDDEN * hidden
     rms_V = _rms(rows, z, noise)
-    u = math.sqrt(float(np.mean(np.abs(rows.u) ** 2)))
-    loud = excess - _HIDDEN * hidden
-    if loud < _EXCESS * len(z) * variance or rms_V < _LEAST_V * u:
-        if ringing is None or (line is not None and line.gain > ringing.gain):
-            return None
-        best: Form | None = ringing
-    else:
-        forms = (line, ringing, two_levels(rows, z, "stationary"), two_levels(rows, z, "rotor"), drift(rows, z))
-        best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
-    if best is None or best.gain < _FORM * loud:
+    u = math.sqrt(energy_of(rows.u) / len(rows))
+    chance = _SURE * math.sqrt(2.0 * len(z)) * variance
+    heard = loud > _EXCESS * len(z) * variance + chance and rms_V > _LEAST_V * u
+    if not heard and ringing is None:
+        return None
+    machine = _of_machine(rows)
+    left = _beside(machine, z)
+    excess = energy_of(left) - len(z) * variance
+    forms: list[Form | None] = [resonance(rows, left, noise) if ringing else None]
+    if heard:
+        line, levels = _line(rows, left), _levels(rows, left)
+        # Many changes are a rough copy of a line
+        find = _line if levels is None or (line and line.gain > _SIMPLER * levels.gain) else _levels
+        forms += [_apart(rows, left, machine, find), two_levels(rows, left, "rotor"), drift(rows, left)]
+    best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
+    if best is None or best.gain < _FORM * (excess - _HIDDEN * hidden):
         place = place_of(rows, z, noise)
-        order = place.region.get("electrical_order")
-        what = f"ripple of order {order:g} per electrical turn" if isinstance(order, float) else "a voltage"
-        return Unexplained(rms_V, place, f"{what} of {number(rms_V)} V rms {place.sentence}")
+        return Unexplained(rms_V, place, f"{_what(place)} of {number(rms_V)} V rms {place.sentence}")
     if isinstance(best, Line):
         rms_V = max(rms_V, math.hypot(abs(best.forth), abs(best.back)))
-    description, place = _said(rows, best, min(best.gain / excess, 1.0))
+    description, place = _said(rows, best, min(best.gain / max(excess, best.gain), 1.0))
     return Unexplained(rms_V, place, description)
+
+
+def _what(place: Place) -> str:
+    return "a ripple" if place.region.keys() & {"electrical_order", "mechanical_order"} else "a voltage"
+
+
+def _line(rows: Rows, z: Vector) -> Line | None:
+    return strongest_line(rows, z, "stationary", _SLOWEST, _FASTEST / rows.T_s)
+
+
+def _levels(rows: Rows, z: Vector) -> TwoLevels | None:
+    return two_levels(rows, z, "stationary")
+
+
+def _of_machine(rows: Rows) -> Array:
+    """What changes of R_s, L_d, L_q and psi_f make of the flux error: a row each, real parts before imaginary ones."""
+    rho = filter_pole(rows.machine, rows.T_s)
+    voltages = (
+        rows.i_mean, rows.balance(rows.i.real), rows.balance(rows.i - rows.i.real), rows.balance(np.ones(len(rows.i)))
+    )  # fmt: skip
+    return np.array([_real(whitened(v, rows, rho)) for v in voltages])
+
+
+def _real(z: Vector) -> Array:
+    return np.concatenate((z.real, z.imag))
+
+
+def _beside(machine: Array, z: Vector, flux: Vector | None = None) -> Vector:
+    """z without what the machine explains of it, where it is fitted alone or together with a form's flux error."""
+    columns = machine if flux is None else np.concatenate((machine, _real(flux)[None, :]))
+    sizes = np.linalg.lstsq(columns @ columns.T, columns @ _real(z), rcond=None)[0]
+    fitted = sizes[: len(machine)] @ machine
+    return z - (fitted[: len(z)] + 1j * fitted[len(z) :])
+
+
+def _apart(rows: Rows, z: Vector, machine: Array, find: Find) -> Line | TwoLevels | None:
+    """A form, where the machine is fitted beside it: fitted alone, its parameters hide a part of the form."""
+    free, best = z, None
+    for _ in range(_ROUNDS):
+        form = find(rows, free)
+        if form is None:
+            break
+        free = _beside(machine, z, form.flux)
+        gain = energy_of(z) - energy_of(free - form.flux)
+        before = 0.0 if best is None else best.gain
+        if gain > before:
+            best = replace(form, gain=gain)
+        if gain < before + _NEARER * energy_of(z):
+            break
+    return best
 
 
 def _rms(rows: Rows, z: Vector, noise: tuple[float, float]) -> float:
@@ -113,26 +180,28 @@ def _blocks(rows: Rows, signal: Vector, noise: tuple[float, float]) -> tuple[Mea
     """Mean voltages over as few periods as show the signal, their energy above noise (V^2), and the noise (V)."""
     v = voltage_of(rows, signal)
     usual = usual_periods(rows)
-    best: tuple[float, Means, Array, tuple[float, float]] | None = None
-    for m in (1, 3, usual, 3 * usual) if any(noise) else (1,):
+    found: list[tuple[float, tuple[Means, Array, tuple[float, float]]]] = []
+    for m in (1, 3, usual, 3 * usual):
         blocks, sigma = means(rows, v, m), noise_of_means(rows, noise, m)
-        power = np.abs(blocks.v) ** 2 - sigma[0] ** 2 - sigma[1] ** 2
-        sure = float(power.sum()) / max(math.sqrt(len(power)) * (sigma[0] ** 2 + sigma[1] ** 2), 1e-300)
-        if best is None or sure > 1.5 * best[0]:
-            best = sure, blocks, power, sigma
-    assert best is not None
-    return best[1:]
+        variance = sigma[0] ** 2 + sigma[1] ** 2
+        power = np.abs(blocks.v) ** 2 - variance
+        found.append((float(power.sum()) / max(math.sqrt(len(power)) * variance, 1e-300), (blocks, power, sigma)))
+        if found[-1][0] > _PLAIN:
+            break
+    return max(found, key=lambda pair: pair[0])[1]
 
 
-def _axis(blocks: Means, power: Array, sigma: tuple[float, float]) -> tuple[str | None, Array, float]:
-    """The axis that holds nearly all, the energy on it, and its share."""
+def _axis(
+    rows: Rows, blocks: Means, power: Array, sigma: tuple[float, float]
+) -> tuple[str | None, Array, float]:
+    """The axis or phase along which nearly all is, the energy along it, and its share."""
+    v_s, mean = blocks.v * rows.rotor[blocks.at], 0.5 * (sigma[0] ** 2 + sigma[1] ** 2)
+    along = {"d": blocks.v.real**2 - sigma[0] ** 2, "q": blocks.v.imag**2 - sigma[1] ** 2}
+    along |= {name: (v_s * axis.conjugate()).real ** 2 - mean for name, axis in zip(_PHASES, AXES, strict=True)}
     total = float(power.sum())
-    for name, part, s in (("d", blocks.v.real, sigma[0]), ("q", blocks.v.imag, sigma[1])):
-        on_axis = part**2 - s**2
-        share = float(on_axis.sum()) / total
-        if share >= _ONE_AXIS:
-            return name, on_axis, min(share, 1.0)
-    return None, power, 1.0
+    name = max(along, key=lambda name: float(along[name].sum()))
+    share = float(along[name].sum()) / total
+    return (name, along[name], min(share, 1.0)) if share >= _ONE_AXIS else (None, power, 1.0)
 
 
 # --- Lines and orders
@@ -141,25 +210,21 @@ def _axis(blocks: Means, power: Array, sigma: tuple[float, float]) -> tuple[str 
 def _spectral(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place | None:
     """The line or the order that holds most of a flux error, where one does."""
     variance = noise[0] ** 2 + noise[1] ** 2
-    total = float(np.sum(np.abs(signal) ** 2)) - len(signal) * variance
+    total = energy_of(signal) - len(signal) * variance
     n_p = rows.machine.n_p
     found: list[Place] = []
-    for key, turn, base, orders in (
-        ("electrical_order", "electrical", 1, np.arange(1.0, 13.0)),
-        ("mechanical_order", "mechanical", n_p, np.array([k for k in range(1, 3 * n_p + 1) if k % n_p], float)),
-    ):
-        if len(orders) == 0:
-            continue
-        energy = energy_of_orders(rows, signal, orders / base, base)
-        share = (energy - noise_of_orders(rows, variance, base)) / total
+    for turn, base, highest in (("electrical", 1, _ORDERS), ("mechanical", n_p, _TURNS * n_p)):
+        share = (energy_of_orders(rows, signal, highest, base) - noise_of_orders(rows, variance, base)) / total
+        if base > 1:
+            share[base - 1 :: base] = 0.0  # electrical ones too
         k = int(np.argmax(share))
-        if share[k] >= MOST:
+        if share[k] >= _HALF:
             held = min(float(share[k]), 1.0)
-            words = f"at order {orders[k]:g} of the {turn} turn in the rotor frame, with {percent(held)} of the energy"
-            found.append(Place(words, {key: float(orders[k]), "frame": "rotor"}, held, 1.0))
-    for frame, x in (("stationary", signal * rows.rotor[1:]), ("rotor", signal)):
-        line = strongest_line(rows, x, _SLOWEST, _FASTEST / rows.T_s)
-        if line is not None and line.gain >= MOST * total:
+            words = f"at order {k + 1} of the {turn} turn in the rotor frame, with {percent(held)} of the energy"
+            found.append(Place(words, {f"{turn}_order": float(k + 1), "frame": "rotor"}, held, 1.0))
+    for frame in ("stationary", "rotor"):
+        line = strongest_line(rows, signal, frame, _SLOWEST, _FASTEST / rows.T_s)
+        if line is not None and line.gain >= _HALF * total:
             found.append(_place_of_line(line, frame, min(line.gain / total, 1.0)))
     return max(found, key=lambda place: place.energy_share, default=None)
 
@@ -185,8 +250,8 @@ def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
         return _said_of_levels(rows, form, share)
     if isinstance(form, Drift):
         region: Region = {"frame": "rotor", "time": (float(rows.t[0]), float(rows.t[-1]))}
-        change = number(abs(form.change))
-        what = f"a drift of {change} V from begin to end, along {degrees(form.direction)} of the rotor frame"
+        along = f"along {degrees(form.direction)} of the rotor frame"
+        what = f"a drift of {number(abs(form.change))} V from begin to end, {along}"
         return what, Place(f"growing with time, with {percent(share)} of the energy", region, share, 1.0)
     near = f"near {number(form.frequency / 1e3, 2)} kHz"
     where = f"{near} in the stationary frame, with {percent(share)} of the energy"
@@ -201,11 +266,11 @@ def _said_of_levels(rows: Rows, form: TwoLevels, share: float) -> tuple[str, Pla
     region: Region = {"frame": form.frame, "direction": form.direction}
     held = f"{percent(form.share)} of the samples hold {percent(share)} of the energy"
     if len(form.changes) == 1:
-        t, end = float(form.changes[0]), float(rows.t[-1])
-        comes = form.starts[0] >= t
-        region["time"] = (t, end) if comes else (float(rows.t[0]), t)
-        what = f"a step of {volts} V at {number(t)} s, {along}"
-        return what, Place(f"{'from' if comes else 'until'} {number(t)} s: {held}", region, share, form.share)
+        t = float(form.changes[0])
+        change = form.direction + (0.0 if form.starts[0] >= t else math.pi)
+        region |= {"direction": math.remainder(change, TURN), "time": (t, float(rows.t[-1]))}
+        what = f"a step of {volts} V at {number(t)} s, along {degrees(change)} of the {form.frame} frame"
+        return what, Place(f"from {number(t)} s: {held}", region, share, form.share)
     region["time"] = (float(form.starts[0]), float(form.starts[-1] + form.lengths[-1]))
     stay = number(1e3 * float(np.mean(form.lengths)), 2)
     times = "once" if len(form.starts) == 1 else f"{len(form.starts)} times"

@@ -4,7 +4,7 @@ Shows mean voltages over several periods, as single ones show the noise of the c
 Knows nothing of effects, nor of how a picture is drawn.
 """
 
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
 
@@ -20,10 +20,10 @@ _LEAST: Final = 3  # means in a cell
 
 
 def traces(rows: Rows, r_before: Vector, r_after: Vector, i_before: Vector, i_after: Vector) -> Traces:
-    """What to draw of residual voltages (V of each period) and free-running currents (A at samples; NaN: not run)."""
+    """What to draw of residual voltages (V of each period) and free-running currents (A at samples, or NaN)."""
     m = usual_periods(rows)
     before, after = means(rows, r_before, m), means(rows, r_after, m)
-    edges = cast(Array, np.linspace(rows.t[0], rows.t[-1], min(_BINS, max(1, len(before.v))) + 1))
+    edges = np.linspace(float(rows.t[0]), float(rows.t[-1]), min(_BINS, max(1, len(before.v))) + 1)
     window = _window(rows, before)
     now = slice(window.start, window.stop + 1)
     return Traces(
@@ -63,12 +63,12 @@ def _window(rows: Rows, before: Means) -> slice:
 
 
 def _smoothed(r: Vector, window: slice, m: int) -> Vector:
-    """Moving mean over m periods."""
-    a, b = max(window.start - m, 0), min(window.stop + m, len(r))
-    total = np.concatenate(([0j], np.cumsum(r[a:b])))
-    low = [min(max(k - m // 2, a), b) - a for k in range(window.start, window.stop)]
-    high = [min(k + m, b - a) for k in low]
-    return cast(Vector, (total[high] - total[low]) / np.maximum(np.subtract(high, low), 1))
+    """Moving mean over m periods, or over as many of them as there are."""
+    near = slice(max(window.start - m, 0), window.stop + m)
+    ones = np.ones(m)
+    count: Array = np.convolve(np.ones(len(r[near])), ones)
+    mean = np.convolve(r[near], ones).astype(np.complex128) / count
+    return mean[window.start - near.start + m // 2 :][: window.stop - window.start]
 
 
 def _segment(rows: Rows) -> int:
@@ -76,8 +76,8 @@ def _segment(rows: Rows) -> int:
 
 
 def _frequency(rows: Rows) -> Array:
-    frequency = np.fft.rfftfreq(_segment(rows), rows.T_s)
-    return cast(Array, frequency)
+    n = _segment(rows)
+    return np.arange(n // 2 + 1) / (n * rows.T_s)
 
 
 def _spectrum(rows: Rows, r: Vector) -> Array:
@@ -85,12 +85,12 @@ def _spectrum(rows: Rows, r: Vector) -> Array:
     n = _segment(rows)
     hann = np.hanning(n + 1)[:-1] if n > 1 else np.ones(1)
     starts = np.arange(0, len(r) - n + 1, max(n // 2, 1))
-    power = np.zeros(n // 2 + 1)
+    power: Array = np.zeros(n // 2 + 1)
     for channel in (r.real, r.imag):
         for start in starts:
             part = channel[start : start + n]
             power += np.abs(np.fft.rfft(hann * (part - part.mean()))) ** 2
-    return np.sqrt(2.0 * rows.T_s * power / (len(starts) * float(hann @ hann)))
+    return np.sqrt(power * (2.0 * rows.T_s / (len(starts) * float(hann @ hann))))
 
 
 def _maps(rows: Rows, before: Means, after: Means) -> tuple[Map, ...]:

@@ -6,7 +6,7 @@ Knows nothing of effects.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,8 +112,7 @@ def _single(key: str, x: Array, power: Array) -> Range | None:
     edges[0], edges[-1] = min(edges[0], x.min()), max(edges[-1], x.max())
     bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     n = len(edges) - 1
-    energy = _shares(cast(Array, np.bincount(bins, power, n)))
-    samples = _shares(np.bincount(bins, minlength=n).astype(np.float64))
+    energy, samples = _shares(np.bincount(bins, power, n)), _shares(np.bincount(bins, np.ones(len(bins)), n))
     low, high = np.triu_indices(n + 1, 1)
     if key == "zero_crossing":
         low, high = low[low == 0], high[low == 0]
@@ -122,7 +121,7 @@ def _single(key: str, x: Array, power: Array) -> Range | None:
     return Range(key, bins, edges, int(low[k]), int(high[k]), float(min(e[k], 1.0)), float(s[k]))
 
 
-def _shares(x: Array) -> Array:
+def _shares(x: Array | NDArray[np.intp]) -> Array:
     total = np.concatenate((np.zeros(1), np.cumsum(x)))
     return total / total[-1]
 

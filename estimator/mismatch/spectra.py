@@ -22,13 +22,14 @@ _BLOCK: Final = 64  # periods that are summed before a line's frequency is refin
 _SPARSE: Final = 3.0  # longest time grid, over the periods there are
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Line:
-    """v = forth exp(j 2 pi f t) + back exp(-j 2 pi f t), V in its frame, t from the first period's middle."""
+    """forth exp(j 2 pi f t) + back exp(-j 2 pi f t), V in the frame it was looked for in, t from the first period."""
 
     frequency: float  # Hz
     forth: complex
     back: complex
+    flux: Vector  # Vs, rotor frame: what it makes of the flux error
     gain: float  # energy of the flux error (Vs^2, summed) that it explains
 
     @property
@@ -43,8 +44,8 @@ class Line:
 
     @property
     def direction(self) -> float:
-        """Of the longer axis, rad, 0 to pi from the frame's real axis."""
-        return (0.5 * cmath.phase(self.forth * self.back)) % math.pi if self.back else 0.0
+        """Of the longer axis, rad, within a right angle of the frame's real axis."""
+        return 0.5 * cmath.phase(self.forth * self.back)
 
 
 def response(rows: Rows, f: float) -> complex:
@@ -67,9 +68,13 @@ def on_grid(rows: Rows, z: Vector) -> Vector:
     return grid
 
 
-def strongest_line(rows: Rows, z: Vector, lowest: float, highest: float) -> Line | None:
-    """The line of a flux error (Vs, in the frame to look in) that explains most of its energy, lowest to highest Hz."""
-    x = on_grid(rows, z)
+def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: float) -> Line | None:
+    """The line of a flux error (Vs, rotor frame) that explains most of it in a frame, lowest to highest Hz.
+
+    Voltages are right in the stationary frame, and in the other at frequencies far above the rotor's.
+    """
+    turned = z * rows.rotor[1:] if frame == "stationary" else z
+    x = on_grid(rows, turned)
     n = len(x)
     size = 1 << max(4, (n - 1).bit_length())
     X = np.fft.fft(x, size)
@@ -95,8 +100,12 @@ def strongest_line(rows: Rows, z: Vector, lowest: float, highest: float) -> Line
         width *= 0.7
     a, b = sums(f)
     there = int(np.count_nonzero(x)) or 1
-    gain = (abs(a) ** 2 + abs(b) ** 2) / there
-    return Line(f, a / there / response(rows, f), b / there / response(rows, -f), gain)
+    a, b = a / there, b / there
+    turning = np.exp(1j * TURN * f * rows.T_s * _place(rows))
+    made = a * turning + b * turning.conj()
+    flux = made * rows.rotor[1:].conj() if frame == "stationary" else made
+    gain = there * (abs(a) ** 2 + abs(b) ** 2)
+    return Line(f, a / response(rows, f), b / response(rows, -f), flux, gain)
 
 
 def _shifted(x: Vector, turns: float) -> Vector:
@@ -105,34 +114,29 @@ def _shifted(x: Vector, turns: float) -> Vector:
     return (padded * np.exp(-1j * TURN * turns * np.arange(len(padded)))).reshape(-1, _BLOCK).sum(axis=1)
 
 
-def of_line(rows: Rows, line: Line) -> Vector:
-    """The flux error (Vs, rotor frame) that a stationary line makes."""
-    f = line.frequency
-    turning = np.exp(1j * TURN * f * rows.T_s * _place(rows))
-    z = line.forth * response(rows, f) * turning + line.back * response(rows, -f) * turning.conj()
-    return z * rows.rotor[1:].conj()
-
-
 def _turns(rows: Rows, turns: float) -> NDArray[np.intp]:
     """Where stretches begin in which the rotor turns that often, electrically."""
     travelled = np.concatenate((np.zeros(1), np.cumsum(np.abs(rows.D[1:]))))
     return np.flatnonzero(np.diff(np.floor(travelled / (TURN * turns)), prepend=-1.0) > 0.0)
 
 
-def energy_of_orders(rows: Rows, z: Vector, orders: Array, base: int) -> Array:
-    """Energy (Vs^2) of z exp(-+ j order theta_e) that is steady for some turns of `base` electrical ones, by order.
+def energy_of_orders(rows: Rows, z: Vector, highest: int, base: int) -> Array:
+    """Energy (Vs^2) of z exp(-+ j k theta_e / base) that is steady for some turns of theta_e / base, by k from 1.
 
     Zero where the rotor makes too few.
     """
     starts = _turns(rows, _ORDER_TURNS * base)
-    energy = np.zeros(len(orders))
+    energy = np.zeros(highest)
     if len(starts) < 2:
         return energy
     counts = np.diff(starts, append=len(z))
-    for j, order in enumerate(orders):
-        turning = np.exp(-1j * order * rows.theta_e[1:])
-        for way in (turning, turning.conj()):
-            energy[j] += float(np.sum(np.abs(np.add.reduceat(z * way, starts)) ** 2 / counts))
+    turn = np.exp(-1j / base * rows.theta_e[1:])
+    for way in (turn, turn.conj()):
+        turned = z
+        for k in range(highest):
+            turned = turned * way
+            sums: Vector = np.add.reduceat(turned, starts)
+            energy[k] += float(np.sum((sums.real**2 + sums.imag**2) / counts))
     return energy
 
 

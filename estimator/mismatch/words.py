@@ -22,4 +22,4 @@ def percent(share: float) -> str:
 
 def degrees(direction: float) -> str:
     """A direction (rad) in deg, -180 to 180."""
-    return f"{math.degrees(math.remainder(direction, TURN)):.0f} deg"
+    return f"{round(math.degrees(math.remainder(direction, TURN)))} deg"

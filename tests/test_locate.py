@@ -1,0 +1,234 @@
+"""Where a mismatch is, and what one without a name looks like: found where it was put."""
+
+import math
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulator.conceal.recording import Choice, Concealed, drawn
+from estimator.machine import Machine
+from estimator.mismatch.angle_rounding import rounding
+from estimator.mismatch.columns import Model, filter_pole, noise_of, residual, whitened
+from estimator.mismatch.locate import describe, place_of
+from estimator.mismatch.verdict import Place, Unexplained
+from estimator.mismatch.words import number
+from estimator.physics.rows import Rows, Vector, rows_of
+from estimator.samples import Samples
+
+TURN = 2.0 * math.pi
+T = 1e-4
+MACHINE = Machine(0.5, 5e-3, 8e-3, 0.1, 4, 8.0)
+NOISE = (5e-5, 8e-5)  # Vs: 10 mA of the current
+
+
+def run(seconds: float = 6.0, seed: int = 1) -> Rows:
+    """A run whose speed swings and whose currents jump between levels, with the voltages that they imply."""
+    n = round(seconds / T)
+    t = np.arange(n + 1) * T
+    omega = 300.0 + 150.0 * np.sin(TURN * 0.4 * t)
+    theta = np.cumsum(omega) * T
+    levels = np.random.default_rng(seed).uniform(-6.0, 6.0, (2, n // 500 + 2))
+    smooth = np.ones(20) / 20.0
+    i_d, i_q = (np.convolve(np.repeat(level, 500)[: n + 20], smooth, "valid")[: n + 1] for level in levels)
+    zero = np.zeros(n + 1)
+    rows = rows_of([Samples(theta, omega, i_d, i_q, zero, zero, T)], MACHINE, 8.0)
+    return replace(rows, u=MACHINE.R_s * rows.i_mean + rows.balance(rows.flux(rows.i)), kept={})
+
+
+def flux_of(rows: Rows, v: Vector) -> Vector:
+    return whitened(v, rows, filter_pole(rows.machine, T))
+
+
+def white(rows: Rows, seed: int = 2) -> Vector:
+    d, q = np.random.default_rng(seed).normal(size=(2, len(rows)))
+    return NOISE[0] * d + 1j * NOISE[1] * q
+
+
+ROWS = run()
+SMALLEST = np.min(np.abs([ROWS.phase(k)[:-1] for k in range(3)]), axis=0)
+NONE = np.zeros(len(ROWS), np.complex128)
+TIME = ROWS.t[:-1]
+
+
+def placed(v: NDArray[Any], volts: float = 0.5) -> tuple[Place, Place]:
+    """Where a voltage is found alone, and in noise."""
+    alone = flux_of(ROWS, (volts * v).astype(np.complex128))
+    return place_of(ROWS, alone, (0.0, 0.0)), place_of(ROWS, alone + white(ROWS), NOISE)
+
+
+def limits(place: Place, key: str) -> tuple[float, float]:
+    value = place.region[key]
+    assert isinstance(value, tuple)
+    return value
+
+
+def test_what_acts_near_a_change_of_sign_is_found_there() -> None:
+    for place in placed(np.where(SMALLEST < 0.25, 1j * np.sign(ROWS.phase(0)[:-1]), NONE), 4.0):
+        assert limits(place, "zero_crossing") == pytest.approx((0.0, 0.25), abs=0.25)
+        assert place.energy_share > 0.7
+        assert place.samples_share < 0.45
+        assert re.search(r"where a phase current is within [\d.]+ A of changing sign: \d+ % of the", place.sentence)
+
+
+def test_what_acts_above_a_current_or_a_speed_on_one_axis_is_found_there() -> None:
+    above = np.where(ROWS.i[:-1].imag > 3.0, 1j * np.cos(TURN * 37.0 * TIME), NONE)
+    fast = np.where(ROWS.omega_e > 400.0, np.cos(TURN * 37.0 * TIME), NONE)
+    for v, axis, key, edge in ((above, "q", "i_q", 3.0), (fast, "d", "speed", 400.0)):
+        for place in placed(v, 2.0):
+            assert place.region["axis"] == axis
+            low, high = limits(place, key)
+            assert low == pytest.approx(edge, rel=0.15)
+            assert high == pytest.approx({"i_q": ROWS.i.imag.max(), "speed": 450.0}[key], rel=0.01)
+            assert place.energy_share > 0.85
+            assert f"on the {axis} axis, where" in place.sentence
+
+
+def test_two_conditions_are_found_together() -> None:
+    both = (ROWS.i[:-1].imag > 2.0) & (TIME > 3.0)
+    for place in placed(np.where(both, np.exp(1j * TURN * 37.0 * TIME), NONE)):
+        assert limits(place, "i_q")[0] == pytest.approx(2.0, abs=0.6)
+        assert limits(place, "time")[0] == pytest.approx(3.0, abs=0.3)
+        assert place.samples_share == pytest.approx(both.mean(), abs=0.06)
+
+
+def test_orders_and_lines_are_found_in_their_frame() -> None:
+    theta = ROWS.theta_e[:-1]
+    sixth, mechanical = placed(np.cos(6.0 * theta))[1], placed(np.exp(0.75j * theta))[1]
+    assert sixth.region == {"electrical_order": 6.0, "frame": "rotor"}
+    assert mechanical.region == {"mechanical_order": 3.0, "frame": "rotor"}
+    line = placed(ROWS.stationary(np.exp(1j * TURN * 90.2 * TIME)))[1]
+    assert line.region["frame"] == "stationary"
+    assert line.region["frequency"] == pytest.approx(90.2, abs=0.01)
+    assert placed(1j * np.cos(TURN * 210.0 * TIME))[1].region["frame"] == "rotor"
+
+
+def test_what_acts_along_a_phase_is_found_there() -> None:
+    along_b = np.exp(2j * TURN / 6.0) * np.cos(3.3 * np.sqrt(5000.0 * TIME))  # of no one frequency
+    for place in placed(ROWS.stationary(along_b)):
+        assert place.region["phase"] == "b"
+
+
+def test_what_acts_everywhere_has_no_region() -> None:
+    everywhere = np.random.default_rng(3).normal(size=(2, len(ROWS)))
+    place = place_of(ROWS, flux_of(ROWS, everywhere[0] + 1j * everywhere[1]), (0.0, 0.0))
+    assert place == Place("at all speeds, currents and times", {}, 1.0, 1.0)
+    assert place_of(ROWS, 0.9 * white(ROWS), NOISE).energy_share == 0.0
+
+
+# --- What has no name
+
+
+def described(v: NDArray[Any]) -> Unexplained:
+    found = describe(ROWS, flux_of(ROWS, v.astype(np.complex128)) + white(ROWS), NOISE)
+    assert found is not None
+    return found
+
+
+def test_white_noise_has_nothing_to_describe() -> None:
+    short = run(0.8)
+    assert [seed for seed in range(60) if describe(short, white(short, seed), NOISE) is not None] == []
+
+
+def test_a_stray_voltage_is_described_by_frequency_size_and_direction() -> None:
+    v = np.cos(TURN * 90.2 * (TIME + 0.5 * T) + 0.3) * np.exp(1j * math.radians(35.0))
+    found = described(ROWS.stationary(-v))
+    assert found.description == (
+        "a 90.2 Hz voltage of 1.00 V fixed in the stationary frame, along 35 deg from phase a"
+    )
+    assert found.rms_V == pytest.approx(math.sqrt(0.5), rel=0.02)
+    assert found.where.region["frequency"] == pytest.approx(90.2, abs=1e-3)
+
+
+def test_a_voltage_that_comes_and_goes_is_described_by_size_direction_and_number() -> None:
+    there = (TIME % 0.4) > 0.32
+    found = described(ROWS.stationary(-1.4 * there * np.exp(1j * math.radians(120.0))))
+    told = re.fullmatch(
+        r"a voltage of ([\d.]+) V along 120 deg of the stationary frame that comes and goes, 15 times, "
+        r"for 80 ms on average", found.description,
+    )  # fmt: skip
+    assert told, found.description
+    assert float(told[1]) == pytest.approx(1.4, rel=0.03)
+    assert found.where.samples_share == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_step_and_a_drift_are_described() -> None:
+    step = described(-0.5j * (TIME > 2.31))
+    told = re.fullmatch(r"a step of ([\d.]+) V at 2\.31 s, along 90 deg of the rotor frame", step.description)
+    assert told, step.description
+    assert float(told[1]) == pytest.approx(0.5, rel=0.1)  # psi_f's fit takes a part of it
+    assert step.where.region["time"] == pytest.approx((2.31, 6.0), abs=0.01)
+    drift = described(0.5 * (TIME / 6.0 - 0.5))
+    assert re.match(r"a drift of 0\.(49|50)\d* V from begin to end, along -?180 deg", drift.description)
+
+
+def test_ripple_is_described_by_its_order() -> None:
+    found = described(0.3 * np.cos(6.0 * ROWS.theta_e[:-1]))
+    assert re.match(r"a ripple of 0\.1\d+ V rms at order 6 of the electrical turn", found.description)
+
+
+def test_the_angles_rounding_is_told_from_the_rotors_movement() -> None:
+    step = TURN * 4.0 / 10000.0
+    coarse = replace(ROWS, theta_e=np.floor(ROWS.theta_e / step) * step, kept={})
+    off = rounding(coarse) - (coarse.theta_e - ROWS.theta_e + 0.5 * step)
+    inner = slice(100, -100)
+    assert np.std(off[inner]) < 0.3 * step / math.sqrt(12.0)
+    assert np.max(np.abs(rounding(ROWS))) < 1e-6
+
+
+def test_gaps_and_few_rows_are_no_obstacle() -> None:
+    v = ROWS.stationary(np.cos(TURN * 90.2 * TIME) + 0j)
+    joined = ROWS.joined.copy()
+    joined[np.arange(3000, len(ROWS), 7000)] = False
+    t = ROWS.t + 0.5 * (np.arange(len(ROWS.t)) > 30_000)
+    u = replace(ROWS, joined=joined, t=t, kept={})
+    later = np.exp(-1j * TURN * 90.2 * 0.5)  # the half second in the gap
+    v[30_000:] = ROWS.stationary(np.real(np.exp(1j * TURN * 90.2 * TIME) / later) + 0j)[30_000:]
+    found = describe(u, flux_of(u, v) + white(u), NOISE)
+    assert found is not None
+    assert found.description.startswith("a 90.2 Hz voltage of 0.999 V fixed in the stationary frame, along 0 deg")
+    for n in (3, 50, 300):
+        short = ROWS[:n]
+        assert describe(short, white(short), NOISE) is None
+        assert place_of(short, flux_of(short, np.ones(n, np.complex128)), (0.0, 0.0)).energy_share <= 1.0
+
+
+# --- Of the emulator
+
+
+def seen(kind: str, motor: str, number_: int) -> tuple[Concealed, Unexplained | None]:
+    """A recording of 3 s with its true machine, but for the angle's mean rounding."""
+    concealed, c = drawn(Choice(9, (kind,), (0.4, 1.0), (motor,), 3.0), number_)
+    true = concealed.scenario.motor
+    machine = Machine(true.R_s, true.L_d, true.L_q, true.psi_f, true.n_p, true.i_rated)
+    T_s = concealed.scenario.drive.T_s
+    samples = Samples(c["theta_e"], c["omega_e"], c["i_d"], c["i_q"], c["u_d"], c["u_q"], T_s, u_dc=c["u_dc"])
+    rows = rows_of([samples], machine, true.i_rated)
+    step = TURN * true.n_p / concealed.scenario.drive.encoder_counts
+    z = whitened(residual(rows, rows, Model(machine, {}, -0.5 * step)), rows, filter_pole(machine, T_s))
+    d, q, _ = noise_of(z, None, rows)
+    return concealed, describe(rows, z, (d, q))
+
+
+@pytest.mark.parametrize("motor", ["beckhoff_am8141", "servo_4nm"])
+def test_strangers_of_the_emulator_are_described(motor: str) -> None:
+    assert seen("none", motor, 1)[1] is None
+    concealed, found = seen("stray_voltage", motor, 1)
+    stray = concealed.scenario.effects.stray
+    assert found is not None
+    assert found.where.region["frequency"] == pytest.approx(stray.frequency, rel=0.01)
+    assert f"Hz voltage of {number(stray.amplitude)[:2]}" in found.description
+    concealed, found = seen("telegraph", motor, 1)
+    telegraph = concealed.scenario.effects.telegraph
+    assert found is not None
+    told = re.match(r"a voltage of ([\d.]+) V along .* of the stationary frame that comes and goes", found.description)
+    assert told, found.description
+    assert float(told[1]) == pytest.approx(telegraph.amplitude, rel=0.2)
+    concealed, found = seen("resonance", motor, 1)
+    branch = concealed.scenario.effects.resonance
+    assert found is not None
+    assert found.description.startswith("a resonance near")
+    assert found.where.region["frequency"] == pytest.approx(1.0 / (TURN * math.sqrt(branch.L * branch.C)), rel=0.1)
