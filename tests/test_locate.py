@@ -190,6 +190,7 @@ def test_gaps_and_few_rows_are_no_obstacle() -> None:
     found = describe(u, flux_of(u, v) + white(u), NOISE)
     assert found is not None
     assert found.description.startswith("a 90.2 Hz voltage of 0.999 V fixed in the stationary frame, along 0 deg")
+    assert describe(ROWS, NONE, NOISE) is None
     for n in (3, 50, 300):
         short = ROWS[:n]
         assert describe(short, white(short), NOISE) is None

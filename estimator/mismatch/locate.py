@@ -15,15 +15,9 @@ from estimator.flux_balance import TURN
 from estimator.mismatch.angle_rounding import flux_of_rounding
 from estimator.mismatch.averages import Array, Means, energy_of, means, noise_of_means, usual_periods, voltage_of
 from estimator.mismatch.columns import filter_pole, whitened
-from estimator.mismatch.forms import Drift, Form, TwoLevels, drift, resonance, two_levels
+from estimator.mismatch.forms import Drift, Form, Resonance, TwoLevels, drift, resonance, two_levels
 from estimator.mismatch.regions import MOST, regions, together, worth
-from estimator.mismatch.spectra import (
-    Line,
-    energy_of_orders,
-    noise_of_orders,
-    strongest_line,
-    white_level,
-)
+from estimator.mismatch.spectra import Line, energy_of_orders, noise_of_orders, strongest_line, white_level
 from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import degrees, number, percent
 from estimator.physics.rows import AXES, Rows, Vector
@@ -86,6 +80,8 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
     z = np.where(rows.joined, z - rounded, 0j)
     noise = min(noise[0], white_level(z.real)), min(noise[1], white_level(z.imag))
     variance = noise[0] ** 2 + noise[1] ** 2
+    if not variance > 0.0:
+        return None
     coarse = math.sqrt(1.0 + hidden / (len(z) * variance))
     line = _line(rows, z)
     ringing = resonance(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]))
@@ -106,11 +102,14 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
         find = _line if levels is None or (line and line.gain > _SIMPLER * levels.gain) else _levels
         forms += [_apart(rows, left, machine, find), two_levels(rows, left, "rotor"), drift(rows, left)]
     best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
-    if best is None or best.gain < _FORM * (excess - _HIDDEN * hidden):
+    if best is None or (heard and best.gain < _FORM * (excess - _HIDDEN * hidden)):
         place = place_of(rows, z, noise)
         return Unexplained(rms_V, place, f"{_what(place)} of {number(rms_V)} V rms {place.sentence}")
     if isinstance(best, Line):
         rms_V = max(rms_V, math.hypot(abs(best.forth), abs(best.back)))
+    elif isinstance(best, Resonance):
+        flux = math.sqrt(max(best.gain, 0.0) / len(z))
+        rms_V = max(rms_V, noise_of_means(rows, (flux, 0.0), usual_periods(rows))[0])
     description, place = _said(rows, best, min(best.gain / max(excess, best.gain), 1.0))
     return Unexplained(rms_V, place, description)
 

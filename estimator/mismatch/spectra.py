@@ -1,4 +1,4 @@
-"""Spectra of flux errors, in which the noise is white: lines, bands, and orders of the rotor's turning.
+"""Spectra of flux errors, in which the noise is white: lines, and orders of the rotor's turning.
 
 Knows nothing of effects.
 """
@@ -16,10 +16,10 @@ from estimator.mismatch.averages import Array
 from estimator.mismatch.columns import filter_pole
 from estimator.physics.rows import Rows, Vector
 
-SEGMENT: Final = 256  # periods of a Welch spectrum
+_SEGMENT: Final = 256  # periods of a Welch spectrum
 _ORDER_TURNS: Final = 8  # over which an order's amplitude is steady
 _BLOCK: Final = 64  # periods that are summed before a line's frequency is refined
-_SPARSE: Final = 3.0  # longest time grid, over the periods there are
+_SPARSE: Final = 3.0  # longest time by the clock, over the periods there are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,19 +53,12 @@ def response(rows: Rows, f: float) -> complex:
     return rows.T_s / (1.0 - filter_pole(rows.machine, rows.T_s) * cmath.exp(-1j * TURN * f * rows.T_s))
 
 
-def _place(rows: Rows) -> NDArray[np.intp]:
-    """Number of each period by the clock, from 0."""
-    return np.rint((rows.t[1:] - rows.t[1]) / rows.T_s).astype(np.intp)
-
-
-def on_grid(rows: Rows, z: Vector) -> Vector:
-    """z with zeros in the gaps between runs, so that a line goes on; without them where they are most of the time."""
-    place = _place(rows)
-    if place[-1] + 1 == len(z) or place[-1] + 1 > _SPARSE * len(z) or (np.diff(place) <= 0).any():
-        return z
-    grid = np.zeros(place[-1] + 1, np.complex128)
-    grid[place] = z
-    return grid
+def _by_clock(rows: Rows) -> NDArray[np.intp]:
+    """Number of each period from 0, so that a line goes on over gaps; without these where they are most of the time."""
+    place = np.rint((rows.t[1:] - rows.t[1]) / rows.T_s).astype(np.intp)
+    if place[-1] >= _SPARSE * len(rows) or (np.diff(place) <= 0).any():
+        return np.arange(len(rows))
+    return place
 
 
 def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: float) -> Line | None:
@@ -73,9 +66,10 @@ def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: fl
 
     Voltages are right in the stationary frame, and in the other at frequencies far above the rotor's.
     """
-    turned = z * rows.rotor[1:] if frame == "stationary" else z
-    x = on_grid(rows, turned)
-    n = len(x)
+    place = _by_clock(rows)
+    n = int(place[-1]) + 1
+    x = np.zeros(n, np.complex128)
+    x[place] = z * rows.rotor[1:] if frame == "stationary" else z
     size = 1 << max(4, (n - 1).bit_length())
     X = np.fft.fft(x, size)
     df = 1.0 / (size * rows.T_s)
@@ -95,13 +89,13 @@ def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: fl
         return abs(a) ** 2 + abs(b) ** 2
 
     f, width = coarse, df
-    for _ in range(30):  # the golden section's poor cousin: three points, ever closer
+    for _ in range(30):  # three points, ever closer
         f = max((f - width, f, f + width), key=power)
         width *= 0.7
     a, b = sums(f)
-    there = int(np.count_nonzero(x)) or 1
+    there = len(z)
     a, b = a / there, b / there
-    turning = np.exp(1j * TURN * f * rows.T_s * _place(rows))
+    turning = np.exp(1j * TURN * f * rows.T_s * place)
     made = a * turning + b * turning.conj()
     flux = made * rows.rotor[1:].conj() if frame == "stationary" else made
     gain = there * (abs(a) ** 2 + abs(b) ** 2)
@@ -145,7 +139,7 @@ def noise_of_orders(rows: Rows, variance: float, base: int) -> float:
     return 2.0 * variance * len(_turns(rows, _ORDER_TURNS * base))
 
 
-def welch(z: Vector, segment: int = SEGMENT) -> Array:
+def welch(z: Vector, segment: int = _SEGMENT) -> Array:
     """Mean power (Vs^2) of each of `segment` frequencies, as numpy's FFT orders them; of white noise its variance."""
     n = min(segment, len(z))
     hann = np.hanning(n + 1)[:-1]
