@@ -224,13 +224,14 @@ def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:
     z = whitened(residual(rows, smooth, model), rows, rho)
     flux = whitened(smooth.balance(np.full(len(rows) + 1, change * model.machine.psi_f)), rows, rho)
     k = int(np.searchsorted(rows.t, rows.span[0] + at * rows.span[1]))
-    later = np.cumsum(_more(z[k:], flux[k:]))
-    sooner = np.cumsum(_more(z[:k], -flux[:k])[::-1])
+    k = max(k, 1)  # the first sample after the step, whose flux error is z[k - 1]
+    later = np.cumsum(_more(z[k - 1 :], flux[k - 1 :]))
+    sooner = np.cumsum(_more(z[: k - 1], -flux[: k - 1])[::-1])
     best_later, best_sooner = _least(later), _least(sooner)
     if min(best_later[1], best_sooner[1]) >= 0.0:
         return model
     place = k + best_later[0] + 1 if best_later[1] < best_sooner[1] else k - best_sooner[0] - 1
-    time = float((rows.t[min(max(place, 1), len(rows))] - rows.span[0]) / rows.span[1])
+    time = float((rows.t[min(max(place, 1), len(rows))] - 0.5 * rows.T_s - rows.span[0]) / rows.span[1])
     return replace(model, effects={**model.effects, "magnet_flux_step": (change, min(max(time, 0.01), 0.99))})
 
 
