@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser test-vcan paper peers score-diagnosis bench-estimator bench-links bench-plant auto-window gallery clean
+.PHONY: run test lint types arrows fast slow browser test-vcan paper peers score-diagnosis bench-diagnose bench-estimator bench-links bench-plant auto-window gallery clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -45,6 +45,9 @@ gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictu
 
 score-diagnosis: $(VENV)/.dev ## the diagnosis on 500 concealed recordings of development seeds, beside an oracle: about an hour
 	$(BIN)/python -m tests.diagnosis
+
+bench-diagnose: $(VENV)/.dev ## how long a diagnosis of 6 s and of 60 s takes on one core, and its memory
+	$(BIN)/python -m tests.bench_diagnose
 
 $(VENV)/.run: pyproject.toml .ci/constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pmsm-bench needs Python 3.11 or later, got " + sys.version.split()[0])'

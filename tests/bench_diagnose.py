@@ -1,0 +1,56 @@
+"""Speed of the diagnosis: `python -m tests.bench_diagnose`, seconds on one core for 6 s and 60 s at 10 kHz.
+
+Two concealed effects each, after start-up, with all pictures, and the most memory the process had. Ends with 1 where a
+bar is missed.
+"""
+
+import os
+
+os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from emulator.conceal.recording import Choice
+from emulator.conceal.suite import Suite, make
+from estimator.mismatch.diagnose import diagnose
+from tests.diagnosis.diagnosed import loaded
+
+SEED, MOTOR = 1950, "servo_4nm"
+BARS = {6.0: 3.0, 60.0: 10.0}  # s of recording: s of computing
+MEMORY = 1.0  # GB
+
+
+def seconds(length: float, folder: Path) -> float:
+    """To diagnose a recording of so many seconds, which is made first."""
+    out = folder / f"{length:g}"
+    choice = Choice(SEED, ("two",), (0.5, 1.0), (MOTOR,), length)
+    make(Suite(choice, 1, out / "out", out / "answers", 1), lambda _count: None)
+    runs, nominal = loaded(out / "out", "0001")
+    begun = time.perf_counter()
+    said = diagnose(runs, nominal)
+    taken = time.perf_counter() - begun
+    print(f"{length:g} s: {said.verdict}, {', '.join(finding.effect for finding in said.findings)}")
+    return taken
+
+
+def main() -> int:
+    """Print the table."""
+    missed = 0
+    with tempfile.TemporaryDirectory() as name:
+        seconds(1.0, Path(name))  # start-up: kernels are compiled or loaded
+        for length, bar in BARS.items():
+            taken = seconds(length, Path(name))
+            missed += taken > bar
+            print(f"    {taken:.1f} s on one core (bar {bar:g} s){' MISSED' if taken > bar else ''}")
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    missed += used > MEMORY
+    print(f"memory at most {used:.2f} GB (bar {MEMORY:g} GB){' MISSED' if used > MEMORY else ''}")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
