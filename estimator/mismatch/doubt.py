@@ -54,14 +54,12 @@ def rivals(search: Search, choice: Choice, one: tuple[str, int]) -> list[Doubt]:
 def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[str, int]) -> float:
     """Correlation of what two effects add, at their fitted sizes, less what the rest of the model makes of it."""
     gram, places = search.gram, search.places(rest)
-    columns = search.columns
 
     def signal(effect: tuple[str, int]) -> Array:
         fit = search.fit((*rest, effect))
-        vector = np.zeros(len(columns))
-        for place, value in zip(fit.places, fit.value, strict=True):
-            if (columns[place].owner, columns[place].seed) == effect and not columns[place].shape:
-                vector[place] = value
+        vector = np.zeros(len(search.columns))
+        for place in search.sizes_of(effect):
+            vector[place] = fit.value[fit.places.index(place)]
         return vector
 
     a, b = signal(one), signal(other)

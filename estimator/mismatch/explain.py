@@ -61,6 +61,10 @@ class Search:
         """Columns of a set."""
         return self.base + [j for j, c in enumerate(self.columns) if (c.owner, c.seed) in choice]
 
+    def sizes_of(self, one: tuple[str, int]) -> list[int]:
+        """Columns of an effect's sizes."""
+        return [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == one and not c.shape]
+
     def fit(self, choice: Choice) -> Fit:
         """Coefficients and evidence of a set."""
         choice = tuple(sorted(choice))
@@ -118,7 +122,7 @@ class Search:
 
     def _negligible(self, fit: Fit, one: tuple[str, int]) -> bool:
         """All of an effect's sizes are too small to matter to anybody."""
-        own = [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == one and not c.shape]
+        own = self.sizes_of(one)
         value = fit.value[[list(fit.places).index(j) for j in own]]
         return bool(np.all(np.abs(value) < NEGLIGIBLE * self.spread[own]))
 
@@ -126,7 +130,7 @@ class Search:
         """How the residual's projections on an effect's columns scatter from stretch to stretch, over white noise."""
         if (fit.choice, one) not in self._scatters:
             grams, places = self.regression.gram, list(fit.places)
-            own = [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == one and not c.shape]
+            own = self.sizes_of(one)
             rest = [j for j in places if j not in own]
             A = self.gram[np.ix_(rest, rest)] + np.diag(self.weight[rest])
             along = cast(Array, np.linalg.solve(A, self.gram[np.ix_(rest, own)]))  # of own columns by the rest

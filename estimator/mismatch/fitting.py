@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.machine import Machine
+from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.columns import (
     Array,
     Model,
@@ -187,7 +187,7 @@ def moved(search: Search, choice: Choice) -> Model:
                 sizes.append(now.effects[name][k] + found.get((name, seed, k), 0.0))
         effects[name] = tuple(sizes)
     machine = now.machine
-    of = {parameter: found["machine", -1, k] for k, parameter in enumerate(("R_s", "L_d", "L_q", "psi_f"))}
+    of = {parameter: found["machine", -1, k] for k, parameter in enumerate(PARAMETERS)}
     return Model(
         Machine(**of, n_p=machine.n_p, i_rated=machine.i_rated), effects,
         found["machine", -1, 4], found.get(("machine", -1, 5), 0.0),

@@ -2,7 +2,8 @@
 
 import math
 
-from estimator.mismatch.verdict import Diagnosis, Finding, Quantity, Verdict
+from estimator.machine import UNITS
+from estimator.mismatch.verdict import Diagnosis, Finding, Verdict
 from estimator.physics import convention_error
 from estimator.physics.library import BY_NAME
 
@@ -53,17 +54,13 @@ def _finding(finding: Finding) -> str:
         f"{name.replace('_', ' ')} {quantity(q.value, q.unit)}" + (f" ± {quantity(q.std, q.unit)}" if q.std else "")
         for name, q in finding.parameters.items() if q.value is not None
     )
-    hid = ", ".join(f"{change:+.3g} {_unit(name)} of {name}" for name, change in finding.absorbed_as.items())
+    hid = ", ".join(f"{change:+.3g} {UNITS[name]} of {name}" for name, change in finding.absorbed_as.items())
     if finding.effect == convention_error.NAME:
         return f"the recording follows {convention_error.TITLE}: {sizes}"
     text = f"{BY_NAME[finding.effect].title} was left out: {sizes}"
     if hid:
         text += f"; it hid as {hid}"
     return f"{text}; it acts {finding.where.sentence}"
-
-
-def _unit(name: str) -> str:
-    return {"R_s": "ohm", "L_d": "H", "L_q": "H", "psi_f": "Vs"}[name]
 
 
 def _detectable(diagnosis: Diagnosis) -> str:
@@ -85,6 +82,3 @@ def quantity(value: float | None, unit: str) -> str:
         if abs(value) >= scale:
             return f"{value / scale:.3g} {prefix}{unit}"
     return f"{value:.3g} {unit}"
-
-
-__all__ = ["Quantity", "quantity", "sentence_of"]

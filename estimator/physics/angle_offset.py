@@ -6,7 +6,7 @@ At steady speed it looks like a voltage on the d axis that grows with speed. Der
 """
 
 from estimator.physics.angle_sensing import voltage_of_error
-from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant
+from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
 
 
@@ -20,7 +20,7 @@ EFFECT = Effect(
     "angle_offset", "an offset of the angle",
     (Parameter("offset", "rad", constant(3.0 * DEGREE), constant(-0.6), constant(0.6)),),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "u_d in proportion to speed, and to changes of speed",
     ("iron_loss", "voltage_delay"),
     angle_error=lambda _rows, sizes: sizes[0],

@@ -5,7 +5,7 @@ current than at no current of the other axis: L_q at i_d = i_rated. Without the 
 not be told from its mirror image.
 """
 
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
 from estimator.physics.saturation import added_voltage
 
@@ -20,7 +20,7 @@ EFFECT = Effect(
     "cross_saturation", "cross-saturation",
     (Parameter("cross_drop", "1", constant(0.15), constant(0.0), constant(0.6)),),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "psi_d that falls with i_q squared, L_q that falls with i_d",
     ("q_axis_saturation", "d_axis_saturation"),
     missed=3e-4,

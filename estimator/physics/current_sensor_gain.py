@@ -9,7 +9,7 @@ doi 10.1109/28.663477.
 """
 
 from estimator.physics.current_sensing import voltage_of_error
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import AXES, Real, Rows, Vector, by_phase
 
 
@@ -42,7 +42,7 @@ EFFECT = Effect(
     "current_sensor_gain", "unequal gains of the current sensors",
     tuple(Parameter(name, "1", constant(0.02), constant(-0.3), constant(0.3)) for name in ("gain_alpha", "gain_beta")),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "flux of twice the electrical frequency in the rotor frame, in proportion to current",
     ("phase_resistance_imbalance", "current_sampling_skew"),
     zero,

@@ -9,7 +9,7 @@ IEEE Trans. Industry Applications 34(2), 1998, doi 10.1109/28.663477.
 import numpy as np
 
 from estimator.physics.current_sensing import voltage_of_error
-from estimator.physics.effect import Effect, Parameter, Sizes
+from estimator.physics.effect import Effect, Parameter, Sizes, no_shapes
 from estimator.physics.rows import Rows, Vector, by_phase
 
 
@@ -28,7 +28,7 @@ EFFECT = Effect(
     "current_sensor_offset", "offsets of the current sensors",
     tuple(Parameter(name, "A", lambda rows: 0.01 * rows.i_rated) for name in ("offset_alpha", "offset_beta")),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "voltage that stands still in the stationary frame: once per electrical turn in the rotor frame",
     ("inverter_voltage_error",),
     current_error=error,

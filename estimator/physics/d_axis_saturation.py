@@ -4,7 +4,7 @@ The curve and its source are told in `saturation`. L_d_drop is the share by whic
 current than at no current. Without the magnets' flux in psi_d a drop could not be told from its mirror image.
 """
 
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
 from estimator.physics.saturation import added_voltage
 
@@ -19,7 +19,7 @@ EFFECT = Effect(
     "d_axis_saturation", "saturation along the d axis",
     (Parameter("L_d_drop", "1", constant(0.15), constant(0.0), constant(0.6)),),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "L_d falls as i_d rises, in proportion to speed on the q axis and to the change of i_d on the d axis",
     ("magnet_flux_drift", "cross_saturation"),
     missed=3e-4,

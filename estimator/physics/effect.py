@@ -1,5 +1,6 @@
 """The shape that every effect of the library has."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -67,4 +68,4 @@ def constant(value: float) -> Callable[[Rows], float]:
     return lambda _rows: value
 
 
-DEGREE: Final = 0.017453292519943295
+DEGREE: Final = math.radians(1.0)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from estimator.physics.angle_sensing import voltage_of_error
-from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant
+from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Real, Rows, Vector
 
 
@@ -42,7 +42,7 @@ EFFECT = Effect(
     "encoder_eccentricity", "an eccentric encoder",
     tuple(Parameter(name, "rad", *_ANGLE) for name in ("once_cos", "once_sin", "twice_cos", "twice_sin")),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "u_d and speed that swing once or twice a mechanical turn",
     ("magnet_flux_drift",),
     angle_error=error,

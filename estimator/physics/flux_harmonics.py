@@ -10,7 +10,7 @@ looks alike from both sides has cosines on d and sines on q. D. Hanselman, "Brus
 
 import numpy as np
 
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
 
 
@@ -31,7 +31,7 @@ EFFECT = Effect(
     "flux_harmonics", "harmonics of the magnets' flux",
     tuple(Parameter(name, "1", *_SHARES) for name in ("d_6", "q_6", "d_12", "q_12")),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "ripple at 6 and 12 times the electrical frequency that grows with speed and does not depend on current",
     ("inductance_harmonics", "inverter_voltage_error"),
     missed=1e-4,

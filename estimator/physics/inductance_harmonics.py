@@ -8,7 +8,7 @@ Magnet Motor Design", 2nd ed., 2003, chapter 10.
 
 import numpy as np
 
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
 
 
@@ -25,7 +25,7 @@ EFFECT = Effect(
     "inductance_harmonics", "harmonics of the inductances",
     (Parameter("inverse_6", "1", constant(0.05), constant(-0.3), constant(0.3)),),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "ripple at 6 times the electrical frequency in proportion to current, with speed and with how fast current changes",
     ("flux_harmonics",),
     missed=1e-4,

@@ -7,7 +7,7 @@ current. Symmetrical components: C. L. Fortescue, "Method of symmetrical co-ordi
 polyphase networks", Trans. AIEE 37, 1918.
 """
 
-from estimator.physics.effect import Effect, Parameter, Sizes
+from estimator.physics.effect import Effect, Parameter, Sizes, no_shapes
 from estimator.physics.rows import Rows, Vector, by_phase
 
 
@@ -23,7 +23,7 @@ EFFECT = Effect(
     "phase_resistance_imbalance", "unequal phase resistances",
     tuple(Parameter(name, "ohm", lambda rows: 0.1 * rows.machine.R_s) for name in ("excess_alpha", "excess_beta")),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "voltage of twice the electrical frequency in the rotor frame, in proportion to current, at any speed",
     ("current_sensor_gain", "interturn_short"),
     told=lambda _rows, p: {f"excess_{k}": (x, "ohm") for k, x in zip("abc", by_phase(*p), strict=True)},

@@ -4,7 +4,7 @@ The curve and its source are told in `saturation`. L_q_drop is the share by whic
 current than at no current. Without the magnets' flux in psi_d a drop could not be told from its mirror image.
 """
 
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
 from estimator.physics.saturation import added_voltage
 
@@ -19,7 +19,7 @@ EFFECT = Effect(
     "q_axis_saturation", "saturation along the q axis",
     (Parameter("L_q_drop", "1", constant(0.15), constant(0.0), constant(0.6)),),
     voltage,
-    lambda _rows: ((),),
+    no_shapes,
     "a cubic of i_q in u_d, in proportion to speed, and an L_q that falls with abs(i_q)",
     ("cross_saturation", "iron_loss"),
     missed=3e-4,

@@ -1,18 +1,14 @@
 """Recordings of a suite through the diagnosis, in processes that know the recordings' folder and nothing else."""
 
-import dataclasses
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, cast
-
-import numpy as np
-import pyarrow.parquet
 
 from bench.machine_file import load_machine
 from bench.recording import read_recording
@@ -22,9 +18,6 @@ from estimator.samples import Samples
 
 Diagnose = Callable[[Sequence[Samples], Machine], Diagnosis]
 """What is scored. Raises ValueError where a recording cannot be diagnosed."""
-
-_pq: Any = pyarrow.parquet  # comes without types
-_MORE = ("u_dc", "i_a", "i_b", "i_c")  # columns that samples may have besides
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,23 +31,12 @@ class Said:
 
 def loaded(folder: Path, name: str) -> tuple[list[Samples], Machine]:
     """A recording's runs, with dc link and phase currents, and its nominal machine."""
-    path, nominal = folder / f"{name}.parquet", load_machine(folder / f"{name}.toml")
-    table = _pq.read_table(path, columns=["t", *_MORE])
-    more: dict[str, Any] = {column: table[column].to_numpy() for column in _MORE}
-    t = table["t"].to_numpy()
-    runs: list[Samples] = []
-    for run in read_recording(path).runs:
-        first = int(np.searchsorted(t, run.t0 - 0.5 * run.T))
-        rows = slice(first, first + len(run))
-        resolution = run.resolution._replace(theta_e=nominal.theta_step)
-        runs.append(
-            dataclasses.replace(
-                run, resolution=resolution, **{column: values[rows].copy() for column, values in more.items()}
-            )
-        )
+    nominal = load_machine(folder / f"{name}.toml")
+    path = folder / f"{name}.parquet"
+    runs = read_recording(path, T_s=nominal.T_s, theta_step=nominal.theta_step, u_dc=nominal.u_dc).runs
     if nominal.machine is None:
         raise ValueError(f"{folder / name}.toml: expected a whole machine")
-    return runs, nominal.machine
+    return list(runs), nominal.machine
 
 
 def named(function: str) -> Diagnose:
@@ -88,7 +70,7 @@ def _one(function: str, folder: Path, name: str) -> Said:
     except Exception:  # noqa: BLE001 - a defect costs its recording, not the whole score
         return Said(None, traceback.format_exc(), time.perf_counter() - begun)
     taken = time.perf_counter() - begun
-    return Said(dataclasses.replace(found, **_plain(found)), "", taken)
+    return Said(replace(found, **_plain(found)), "", taken)
 
 
 def _plain(found: Diagnosis) -> Mapping[str, Any]:
