@@ -1,6 +1,7 @@
 """Real parts for tests: a running bench over an emulated drive, in processes of their own."""
 
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -41,10 +42,21 @@ class RunningBench:
     process: "subprocess.Popen[str]"
 
 
+_handed_out: set[int] = set()
+
+
 def free_port() -> int:
-    """A TCP port that nobody listens on."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        return listener.getsockname()[1]
+    """A TCP port that nobody listens on, none twice, below those that the system hands to clients."""
+    while True:
+        port = random.randrange(20_000, 32_000)
+        try:
+            with socket.create_server(("127.0.0.1", port)):
+                pass
+        except OSError:
+            continue
+        if port not in _handed_out:
+            _handed_out.add(port)
+            return port
 
 
 def bus_url(port: int) -> str:
