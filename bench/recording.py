@@ -12,6 +12,7 @@ the time each was applied. The rows at a run's ends that are left without a volt
 Knows nothing of estimators. Options that cannot be are a ConfigError, files that cannot be a RecordingError.
 """
 
+import math
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -232,7 +233,7 @@ def _noted(path: Path, sources: Sources, theta_step: float) -> _Noted:
         found = [known.get(sources.columns.get(name, "")) for name in names]
         return max((float(size) for size in found if isinstance(size, int | float)), default=0.0)
 
-    resolution = Resolution(step("i_d", "i_q"), step("u_d", "u_q"), theta_step)
+    resolution = Resolution(step("i_d", "i_q"), step("u_d", "u_q"), math.hypot(theta_step, step("theta_e")))
     return _Noted(resolution, expected if isinstance(expected, int) else None)
 
 

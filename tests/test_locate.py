@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from emulator.conceal.recording import Choice, Concealed, drawn
 from estimator.machine import Machine
-from estimator.mismatch.angle_rounding import rounding
+from estimator.mismatch.angle_rounding import unrounded
 from estimator.mismatch.columns import Model, filter_pole, noise_of, residual, whitened
 from estimator.mismatch.locate import describe, place_of
 from estimator.mismatch.verdict import Place, Unexplained
@@ -172,11 +172,27 @@ def test_ripple_is_described_by_its_order() -> None:
 
 def test_the_angles_rounding_is_told_from_the_rotors_movement() -> None:
     step = TURN * 4.0 / 10000.0
-    coarse = replace(ROWS, theta_e=np.floor(ROWS.theta_e / step) * step, kept={})
-    off = rounding(coarse) - (coarse.theta_e - ROWS.theta_e + 0.5 * step)
+    lost = np.delete(np.arange(len(ROWS.t)), np.arange(5000, len(ROWS.t), 700))  # and some samples
+    joined = np.diff(lost) == 1
+    part = replace(
+        ROWS, t=ROWS.t[lost], theta_e=ROWS.theta_e[lost], i=ROWS.i[lost], u=ROWS.u[lost[:-1]], joined=joined,
+        half=np.exp(0.5j * np.diff(ROWS.theta_e[lost])), kept={},
+    )  # fmt: skip
+    rounded = np.floor(part.theta_e / step) * step
+    off = rounded - part.theta_e
+    coarse = replace(
+        part, theta_e=rounded, i=part.i * np.exp(-1j * off), u=part.u * np.exp(-0.5j * (off[1:] + off[:-1])),
+        half=np.exp(0.5j * np.diff(rounded)), kept={},
+    )  # fmt: skip
     inner = slice(100, -100)
-    assert np.std(off[inner]) < 0.3 * step / math.sqrt(12.0)
-    assert np.max(np.abs(rounding(ROWS))) < 1e-6
+    for told in (step, 0.0):  # the encoder's counts, or nothing
+        found = unrounded(coarse, told)
+        left = (found.theta_e - part.theta_e + 0.5 * step)[inner]
+        assert np.std(left) < 0.3 * step / math.sqrt(12.0)
+        assert np.std(left) < 2.0 * found.angle_error
+        assert np.allclose(found.i * found.rotor, part.i * part.rotor)  # the stationary frame's are what they were
+        assert np.allclose(found.u * found.middle, part.u * part.middle)
+    assert np.max(np.abs(unrounded(ROWS, 0.0).theta_e - ROWS.theta_e)) < 1e-6
 
 
 def test_gaps_and_few_rows_are_no_obstacle() -> None:
@@ -207,8 +223,8 @@ def seen(kind: str, motor: str, number_: int) -> tuple[Concealed, Unexplained | 
     machine = Machine(true.R_s, true.L_d, true.L_q, true.psi_f, true.n_p, true.i_rated)
     T_s = concealed.scenario.drive.T_s
     samples = Samples(c["theta_e"], c["omega_e"], c["i_d"], c["i_q"], c["u_d"], c["u_q"], T_s, u_dc=c["u_dc"])
-    rows = rows_of([samples], machine, true.i_rated)
     step = TURN * true.n_p / concealed.scenario.drive.encoder_counts
+    rows = unrounded(rows_of([samples], machine, true.i_rated), step)
     z = whitened(residual(rows, rows, Model(machine, {}, -0.5 * step)), rows, filter_pole(machine, T_s))
     d, q, _ = noise_of(z, None, rows)
     return concealed, describe(rows, z, (d, q))

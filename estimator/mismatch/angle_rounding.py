@@ -1,33 +1,106 @@
 """The angle's rounding: what an encoder's counts leave between the recorded angle and one that turns smoothly.
 
-A rotor has inertia, so what of its angle is gone after a dozen periods is no movement. Knows nothing of effects.
+A rotor has inertia, so what of its angle is gone after some periods is no movement. Currents and voltages of the
+stationary frame are right whatever angle they were turned by, as long as they are turned back by the same one: so
+recordings can be rid of it. Knows nothing of effects.
 """
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimator.physics.rows import Real, Rows, Vector
+from estimator.flux_balance import TURN
+from estimator.physics.rows import Real, Rows
 
-_HALF: Final = 8  # periods, of the mean on either side
+_HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
+_ENDS: Final = 4  # halves, that a mean needs to either side
+_LOST: Final = 10  # samples not there, over which a rotor is followed
 _STILL: Final = 1e-9  # rad in a period: no count
+_OFF: Final = 0.75  # counts, more than which no rounding is
+_SAME: Final = 4.0  # standard deviations, by which a mean may differ from one over half its length
 
 
-def rounding(rows: Rows) -> Real:
-    """Recorded angle less the smooth one, rad, at samples; zero near the ends of runs."""
-    theta, w, n = rows.theta_e, _HALF, len(rows.theta_e)
-    moved = np.flatnonzero(np.abs(rows.D) > _STILL)
-    if n < 6 * w or len(moved) < 2:
-        return np.zeros(n)
+def unrounded(rows: Rows, step: float) -> Rows:
+    """The rows with an angle that turns smoothly. `step`: the angle's resolution, rad; 0 where not known."""
+    step = max(step, _step_of(rows))
+    at, theta, ends = _by_clock(rows)
+    off, variance = (each[at] for each in _rounding(theta, ends, step))
+    smooth = rows.theta_e - off
+    return replace(
+        rows, theta_e=smooth, half=np.exp(0.5j * np.diff(smooth)), i=rows.i * np.exp(1j * off),
+        u=rows.u * np.exp(0.5j * (off[1:] + off[:-1])), angle_error=math.sqrt(float(np.mean(variance))), kept={},
+    )  # fmt: skip
+
+
+def hidden_energy(rows: Rows) -> float:
+    """What is left of the rounding in the flux error (Vs^2, summed over periods): it cannot be told from movement."""
+    m, i = rows.machine, rows.i
+    per_angle = 1j * m.psi_f + (m.L_d - m.L_q) * (i.imag + 1j * i.real)  # Vs/rad
+    return float(np.sum(np.abs(per_angle) ** 2)) * rows.angle_error**2
+
+
+def _step_of(rows: Rows) -> float:
+    """The angle's resolution (rad) as it shows: one count more or less than the period before."""
+    more = np.abs(np.diff(rows.D))[rows.joined[1:] & rows.joined[:-1]]
+    return float(np.quantile(more, 0.99)) if len(more) else 0.0
+
+
+def _by_clock(rows: Rows) -> tuple[NDArray[np.intp], Real, list[int]]:
+    """Place of each sample among equal steps of time, the angle (rad) at these, and where runs begin and end.
+
+    Over a few samples that are not there, the angle goes on.
+    """
+    apart, D = np.rint(np.diff(rows.t) / rows.T_s).astype(np.intp), rows.D.copy()
+    long = ~rows.joined & ((apart > _LOST) | (apart < 1))
+    for k in np.flatnonzero(~rows.joined & ~long):
+        speed = 0.5 * (D[max(k - 1, 0)] + D[min(k + 1, len(D) - 1)])
+        D[k] += TURN * round((apart[k] * speed - D[k]) / TURN)
+    at = np.concatenate((np.zeros(1, np.intp), np.cumsum(np.where(long, 1, apart))))
+    theta = rows.theta_e[0] + np.concatenate((np.zeros(1), np.cumsum(D)))
+    n = int(at[-1]) + 1
+    course: Real = np.interp(np.arange(n), at, theta)
+    return at, course, [0, *at[1:][long].tolist(), n]
+
+
+def _rounding(theta: Real, ends: Sequence[int], step: float) -> tuple[Real, Real]:
+    """Angle less the smooth one (rad), and the variance (rad^2) of what is left of the rounding.
+
+    Zero near the ends of runs, and where the rotor's movement is not smooth.
+    """
+    n = len(theta)
+    off, variance = np.zeros(n), np.full(n, step**2 / 12.0)
+    moved = np.flatnonzero(np.abs(np.diff(theta)) > _STILL)
+    if len(moved) < 2:
+        return off, variance
     # Where it moves on, it is between two counts
     x = np.interp(np.arange(n), moved + 0.5, 0.5 * (theta[moved] + theta[moved + 1]))
-    bend = np.zeros(n)
-    smooth = _mean(x, w)
-    bend[1:-1] = np.diff(smooth, 2)
-    off = theta - smooth + w * (w + 1) / 6.0 * _mean(bend, 2 * w)  # a mean lies inside of its curve
-    for end in (0, *(np.flatnonzero(~rows.joined) + 1), n):
-        off[max(end - 4 * w, 0) : end + 4 * w] = 0.0
-    return off
+    shorter: Real | None = None
+    for w in _HALVES:
+        if n < 6 * w:
+            break
+        bend = np.zeros(n)
+        smooth = _mean(x, w)
+        bend[1:-1] = np.diff(smooth, 2)
+        smooth = smooth - w * (w + 1) / 6.0 * _mean(bend, w)  # a mean lies inside of its curve
+        wrong = np.abs(theta - smooth) > _OFF * step
+        if shorter is not None:
+            wrong |= np.abs(smooth - shorter) > _SAME * step / math.sqrt(12.0 * 2.0 * w)
+        right = _around(wrong, w) == 0
+        for end in ends:
+            right[max(end - _ENDS * w, 0) : end + _ENDS * w] = False
+        off[right], variance[right] = (theta - smooth)[right], step**2 / 12.0 / (2 * w + 1)
+        shorter = smooth
+    return off, variance
+
+
+def _around(x: NDArray[np.bool_], w: int) -> NDArray[np.intp]:
+    """How many are true within w places."""
+    total, at = np.concatenate((np.zeros(1, np.intp), np.cumsum(x))), np.arange(len(x))
+    return total[np.minimum(at + w + 1, len(x))] - total[np.maximum(at - w, 0)]
 
 
 def _mean(x: Real, w: int) -> Real:
@@ -38,15 +111,3 @@ def _mean(x: Real, w: int) -> Real:
     inner = slice(w, len(x) - w)
     out[inner] = trend[inner] + (total[2 * w + 1 :] - total[: len(x) - 2 * w]) / (2 * w + 1)
     return out
-
-
-def flux_of_rounding(rows: Rows) -> tuple[Vector, float]:
-    """The flux error (Vs, rotor frame) at the end of each period that the rounding makes.
-
-    And how much energy (Vs^2, summed) rounding has, of which the slow part cannot be told from movement.
-    """
-    m, i, off = rows.machine, rows.i[1:], rounding(rows)[1:]
-    per_angle = -(1j * m.psi_f + (m.L_d - m.L_q) * (i.imag + 1j * i.real))  # Vs/rad
-    more = np.abs(np.diff(rows.D))[rows.joined[1:] & rows.joined[:-1]]
-    step = float(np.quantile(more, 0.99)) if len(more) else 0.0  # one count more, or less
-    return per_angle * off, float(np.sum(np.abs(per_angle) ** 2)) * step**2 / 12.0

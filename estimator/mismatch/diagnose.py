@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, UNITS, Machine
+from estimator.mismatch.angle_rounding import unrounded
 from estimator.mismatch.columns import STRETCHES, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, experiment, rivals
@@ -68,9 +69,9 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     if suspicion is not None:
         long_enough, nominal = list(suspicion.runs), suspicion.machine
     rated = nominal.i_rated or max(float(np.max(np.hypot(run.i_d, run.i_q))) for run in long_enough)
-    rows = rows_of(long_enough, nominal, rated)
-    progress(0.0, "fitting")
     step = long_enough[0].resolution.theta_e
+    rows = unrounded(rows_of(long_enough, nominal, rated), step)
+    progress(0.0, "fitting")
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
     left = _left(rows, found)

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from estimator.flux_balance import TURN
-from estimator.mismatch.angle_rounding import flux_of_rounding
+from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.averages import Array, Means, energy_of, means, noise_of_means, usual_periods, voltage_of
 from estimator.mismatch.columns import filter_pole, whitened
 from estimator.mismatch.forms import Drift, Form, Resonance, TwoLevels, drift, resonance, two_levels
@@ -76,8 +76,8 @@ def place_of(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place:
 
 def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained | None:
     """What a residual flux error (Vs, rotor frame) holds above its white noise; None where it holds nothing."""
-    rounded, hidden = flux_of_rounding(rows)
-    z = np.where(rows.joined, z - rounded, 0j)
+    hidden = hidden_energy(rows)
+    z = np.where(rows.joined, z, 0j)
     noise = min(noise[0], white_level(z.real)), min(noise[1], white_level(z.imag))
     variance = noise[0] ** 2 + noise[1] ** 2
     if not variance > 0.0:

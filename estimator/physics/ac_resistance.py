@@ -18,8 +18,16 @@ from estimator.physics.rows import Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     rise, corner = sizes
-    passed = rows.once(f"passed {corner:.4g}", lambda: _high_passed(rows.i_s, rows.T_s, corner))
-    return rise * rows.machine.R_s * rows.stationary(passed)
+    R_x, g, e = rise * rows.machine.R_s, rows.stiffness, rows.half
+    # The rung's voltage bends the current within the period, which the mean of its ends does not see
+    over = rows.once(f"over {corner:.4g}", lambda: _over(rows, corner, _bent(rows, corner)))
+    drop = R_x * over * rows.rotor.conj()
+    more = rows.T_s / 12.0 * (e * g[1:](drop[1:]) - e.conj() * g[:-1](drop[:-1]))
+    if rows.u_dc is not None:
+        more = more + R_x * g[:-1](g[:-1](rows.moment_of_pulses))
+    i_x = rows.i_s - over - _over(rows, corner, more * rows.middle, alone=True)
+    passed = np.diff(i_x) / (2.0 * math.pi * corner * rows.T_s)
+    return R_x * rows.stationary(passed) + rows.machine.R_s * more
 
 
 @kernel
@@ -30,17 +38,30 @@ def rung(T_s: float, corner: float) -> tuple[float, float, float]:
     return x, share, 1.0 - share / x
 
 
+def _bent(rows: Rows, corner: float) -> Vector:
+    """Mean current (A, stationary) of each period beside that of a straight course, as i_x follows it."""
+    bent: Vector = rows.i_mean * rows.middle - 0.5 * (rows.i_s[1:] + rows.i_s[:-1])
+    if rows.u_dc is not None:  # late pulses count more
+        x, share, _ = rung(rows.T_s, corner)
+        ripple = rows.stiffness[:-1](rows.moment_of_pulses) * rows.middle
+        bent = bent + 2.0 * math.pi * corner * x / share * ripple
+    return bent
+
+
+def _over(rows: Rows, corner: float, bent: Vector, *, alone: bool = False) -> Vector:
+    """i - i_x at samples; of what is `bent` alone, -i_x."""
+    return _followed(np.zeros_like(rows.i_s) if alone else rows.i_s, bent, *rung(rows.T_s, corner)[1:])
+
+
 @kernel
-def _high_passed(i: Vector, T_s: float, corner: float) -> Vector:
-    """Means over the periods of i - i_x, for a current that runs straight from sample to sample."""
-    x, share, late = rung(T_s, corner)
-    left = np.empty(len(i) - 1, np.complex128)
+def _followed(i: Vector, bent: Vector, share: float, late: float) -> Vector:
+    over = np.empty(len(i), np.complex128)
     i_x = i[0]
+    over[0] = 0.0
     for k in range(len(i) - 1):
-        step = share * (i[k] - i_x) + late * (i[k + 1] - i[k])
-        i_x += step
-        left[k] = step / x
-    return left
+        i_x += share * (i[k] - i_x + bent[k]) + late * (i[k + 1] - i[k])
+        over[k + 1] = i[k + 1] - i_x
+    return over
 
 
 EFFECT = Effect(
@@ -50,7 +71,7 @@ EFFECT = Effect(
         Parameter("corner", "Hz", constant(400.0), constant(50.0), constant(2500.0), shape=True),
     ),
     voltage,
-    lambda _rows: ((120.0,), (330.0,), (900.0,)),
+    lambda _rows: tuple((corner,) for corner in (80.0, 140.0, 250.0, 430.0, 750.0, 1300.0)),
     "R_s that rises with speed and with how fast current is excited",
     ("iron_loss", "winding_resistance_drift"),
     missed=3e-4,

@@ -12,6 +12,10 @@ from estimator.kernel import kernel
 from estimator.physics.rows import AXES, Real, Rows, Vector
 
 _A, _B, _C = AXES
+Three = tuple[float, float, float]
+_PASSES = 3
+_STEPS = 8
+_CLOSE = 1e-3  # of what a dead time can lose
 
 
 class Legs(NamedTuple):
@@ -71,24 +75,30 @@ def lost_voltage(
     rises = (0.5 * (1.0 - d_a), 0.5 * (1.0 - d_b), 0.5 * (1.0 - d_c))  # share of the period; falls at 1 less that
     ripple = (_ripple(legs, k, rises, 0), _ripple(legs, k, rises, 1), _ripple(legs, k, rises, 2))
     first, second, third = _order(rises)
-    per_time = u_dc / legs.T_s
+    by_rise, by_fall = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if dead_time != 0.0:
+        for leg in range(3):  # far from where a current changes sign
+            start, end = _phase(i_0, axes[leg]), _phase(i_1, axes[leg])
+            away = (end - start) * rises[leg] + _phase(ripple[leg], axes[leg])
+            if rises[leg] < 0.5 and start + away > 0.0:
+                by_rise = _put(by_rise, leg, u_dc * min((1.0 - 2.0 * rises[leg]) * legs.T_s, dead_time))
+            if rises[leg] > 0.0 and end - away < 0.0:
+                by_fall = _put(by_fall, leg, -u_dc * min(2.0 * rises[leg] * legs.T_s, dead_time))
+        for _ in range(_PASSES):  # what one leg loses moves the others' currents
+            was = by_rise[0] + by_fall[0], by_rise[1] + by_fall[1], by_rise[2] + by_fall[2]
+            for leg in range(3):
+                rise, fall = _by_dead_time(legs, k, i_0, i_1, rises, ripple[leg], dead_time, by_rise, by_fall, leg)
+                by_rise, by_fall = _put(by_rise, leg, rise), _put(by_fall, leg, fall)
+            if _farthest(was, by_rise, by_fall) < _CLOSE * u_dc * dead_time:
+                break
     for leg in range(3):
         axis = axes[leg]
         start, end = _phase(i_0, axis), _phase(i_1, axis)
         slope = end - start
-        volts = 0.0
-        if dead_time != 0.0:
-            d = legs.duties[k, leg]
-            high, low = d * legs.T_s, (1.0 - d) * legs.T_s
-            if high > 0.0 and low > 0.0:
-                away = slope * rises[leg] + _phase(ripple[leg], axis)
-                at_rise, at_fall = start + away, end - away
-                # A pulse shorter than the dead time is lost whole
-                volts += per_time * 0.5 * min(high, dead_time) * (1.0 + at_rise / _soft(at_rise, width))
-                volts -= per_time * 0.5 * min(low, dead_time) * (1.0 - at_fall / _soft(at_fall, width))
-            edge = legs.edges[k, leg]
-            if edge != 0.0:  # a leg that leaves a rail has an edge at the period's start
-                volts += per_time * 0.5 * dead_time * (edge + start / _soft(start, width))
+        volts = (by_rise[leg] + by_fall[leg]) / legs.T_s
+        edge = legs.edges[k, leg]
+        if edge != 0.0:  # a leg that leaves a rail has an edge at the period's start
+            volts += u_dc / legs.T_s * 0.5 * dead_time * (edge + start / _soft(start, width))
         if u_drop != 0.0:
             # Mean of the sign over the period, piece by piece between the edges, from both ends to the middle
             total, early, was_up, was_down = 0.0, 0.0, start, end
@@ -105,6 +115,105 @@ def lost_voltage(
             volts += u_drop * total
         lost += axis * volts
     return 2.0 / 3.0 * lost
+
+
+@kernel
+def _put(three: Three, place: int, value: float) -> Three:
+    a, b, c = three
+    return value if place == 0 else a, value if place == 1 else b, value if place == 2 else c
+
+
+@kernel
+def _farthest(was: Three, rise: Three, fall: Three) -> float:
+    a, b, c = rise[0] + fall[0] - was[0], rise[1] + fall[1] - was[1], rise[2] + fall[2] - was[2]
+    return max(abs(a), abs(b), abs(c))
+
+
+@kernel
+def _by_dead_time(
+    legs: Legs, k: int, i_0: complex, i_1: complex, rises: Three, ripple: complex, dead_time: float,
+    by_rise: Three, by_fall: Three, leg: int,
+) -> tuple[float, float]:  # fmt: skip
+    """Vs that a leg loses at its rise and at its fall, where the others lose what is known of them.
+
+    Both switches are off. A current out of the leg flows on through the lower diode, one into it through the upper, and
+    where it has come to zero the leg floats on the voltage that keeps it there. The loss moves the current, from both
+    ends of the period to the edges: it is the one that follows from itself.
+    """
+    u_dc, T_s, rise = legs.u_dc[k], legs.T_s, rises[leg]
+    on, off = (1.0 - 2.0 * rise) * T_s, 2.0 * rise * T_s  # a pulse shorter than the dead time is lost whole
+    if on <= 0.0 or off <= 0.0:
+        return 0.0, 0.0
+    axis = _A if leg == 0 else _B if leg == 1 else _C
+    start, end = _phase(i_0, axis), _phase(i_1, axis)
+    slope = end - start
+    away = slope * rise + _phase(ripple, axis)
+    at_rise, at_fall, own = start + away, end - away, 0.0
+    low = slope / T_s - _phase(_driven(legs, k, legs.u_s[k]), axis)  # A/s at the rise, with this leg low
+    low_at_fall = low
+    for other in range(3):
+        there = _B if other == 1 else _C if other == 2 else _A
+        rate = _phase(_driven(legs, k, 2.0 / 3.0 * there), axis)  # A/s per V
+        if other == leg:
+            own = rate
+            continue
+        lost = by_rise[other] + by_fall[other]
+        apart = (rise - rises[other]) * T_s  # s, for which the other has been told to be high, at the rise
+        risen = min(by_rise[other], u_dc * max(apart, 0.0))
+        fallen = max(by_fall[other], u_dc * min(apart, 0.0))
+        at_rise += rate * (lost * rise - risen)
+        at_fall += rate * (lost * (1.0 - rise) - by_rise[other] - fallen)
+        # For which part of the dead time the other is high
+        low += rate * (lost / T_s + u_dc * _share(apart + dead_time - by_rise[other] / u_dc, dead_time))
+        low_at_fall += rate * (lost / T_s + u_dc * _share(apart - by_fall[other] / u_dc, dead_time))
+    dead, dead_at_fall = min(on, dead_time), min(off, dead_time)
+    least, most = -u_dc * dead_at_fall, u_dc * dead
+    lost, risen, fallen = by_rise[leg] + by_fall[leg], 0.0, 0.0
+    for _ in range(_STEPS):
+        i, j = at_rise + own * rise * lost, own * lost / T_s
+        risen = u_dc * (dead - _held_high(i, low + j, low + j + own * u_dc, dead))
+        i = at_fall + own * ((1.0 - rise) * lost - risen)
+        fallen = -u_dc * _held_high(i, low_at_fall + j, low_at_fall + j + own * u_dc, dead_at_fall)
+        more = risen + fallen - lost
+        if abs(more) < _CLOSE * u_dc * dead_time:
+            break
+        if more > 0.0:
+            least = lost
+        else:
+            most = lost
+        # Between the rails' currents a loss is in proportion to the current
+        by_i = rise if 0.0 < risen < u_dc * dead else 0.0
+        by_both = 1.0 - by_i - (1.0 - rise - by_i if -u_dc * dead_at_fall < fallen < 0.0 else 0.0)
+        lost += more / by_both
+        if not least < lost < most:
+            lost = 0.5 * (least + most)
+    return risen, fallen
+
+
+@kernel
+def _share(time: float, whole: float) -> float:
+    return min(max(time / whole, 0.0), 1.0)
+
+
+@kernel
+def _held_high(i: float, low: float, high: float, dead: float) -> float:
+    """Time (s) of a dead time in which a leg is high, or floats so far above low; its current i (A) at the begin.
+
+    low, high: di/dt (A/s) with the leg at either rail.
+    """
+    floats = min(max(-low / (high - low), 0.0), 1.0)
+    if i > 0.0:
+        to_zero = i / -low if low < 0.0 else dead
+        return max(dead - to_zero, 0.0) * floats
+    to_zero = min(-i / high, dead) if high > 0.0 else dead
+    return to_zero + (dead - to_zero) * floats
+
+
+@kernel
+def _driven(legs: Legs, k: int, u: complex) -> complex:
+    """di/dt (A/s) that a voltage (V) drives, both in the stationary frame."""
+    in_rotor = u * legs.middle[k].conjugate()
+    return complex(in_rotor.real / legs.L_d, in_rotor.imag / legs.L_q) * legs.middle[k]
 
 
 @kernel
@@ -138,5 +247,4 @@ def _ripple(legs: Legs, k: int, rises: tuple[float, float, float], leg: int) -> 
     area += 2.0 / 3.0 * legs.u_dc[k] * (
         _A * max(0.0, when - rises[0]) + _B * max(0.0, when - rises[1]) + _C * max(0.0, when - rises[2])
     )
-    area *= legs.middle[k].conjugate() * legs.T_s
-    return complex(area.real / legs.L_d, area.imag / legs.L_q) * legs.middle[k]
+    return _driven(legs, k, area * legs.T_s)

@@ -24,6 +24,22 @@ AXES: Final = tuple(complex(math.cos(k * TURN / 3.0), math.sin(k * TURN / 3.0)) 
 """Directions of the phases a, b, c."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Stiffness:
+    """d(i)/d(psi) at samples, 1/H: of a flux linkage v, a v + b conj(v)."""
+
+    a: Real
+    b: Real | Vector
+
+    def __call__(self, v: Vector) -> Vector:
+        """Current (A) that belongs to a small flux linkage (Vs)."""
+        return self.a * v + self.b * v.conj()
+
+    def __getitem__(self, samples: slice) -> "Stiffness":
+        """At some samples."""
+        return Stiffness(self.a[samples], self.b[samples])
+
+
 @dataclass(slots=True, eq=False)
 class Rows:
     """A run without gaps, or a stretch of it."""
@@ -40,6 +56,7 @@ class Rows:
     u_dc: Real | None  # V, of each period
     zero: Real | None  # A, mean of the three measured phase currents at samples, where they are known
     span: tuple[float, float]  # s, start and length of the recording
+    angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves at samples
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
     def __len__(self) -> int:
@@ -107,34 +124,70 @@ class Rows:
 
     @property
     def i_mean(self) -> Vector:
-        """Mean current of each period, A: the cubic through both ends and their slopes under a steady voltage."""
-        return self.once("i_mean", self._mean_current)
+        """Mean current of each period, A, in the machine without effects."""
+        return self.once("i_mean", self._plain_mean_current)
 
-    def _mean_current(self) -> Vector:
-        m, e, u, omega = self.machine, self.half, self.u, self.omega_e
+    def _plain_mean_current(self) -> Vector:
+        g = self.stiffness
+        return self.mean_current(self.slopes(self.flux(self.i), g), g, self.machine.R_s)
 
-        def slope(i: Vector, u_there: Vector) -> Vector:
-            v = u_there - m.R_s * i - 1j * omega * (m.L_d * i.real + m.psi_f + 1j * m.L_q * i.imag)
-            return v.real / m.L_d + 1j * (v.imag / m.L_q) + 1j * omega * i
+    def slopes(self, psi: Vector, g: Stiffness) -> tuple[Vector, Vector]:
+        """di/dt (A/s) at the begin and the end of each period, by u - R_s i - j omega psi."""
 
-        i_0, i_1 = self.i[:-1], self.i[1:]
-        s_0, s_1 = slope(i_0, u * e), slope(i_1, u * e.conj())
-        mean = 0.5 * (e * i_1 + e.conj() * i_0) + self.T_s / 12.0 * (e.conj() * s_0 - e * s_1)
-        return mean if self.u_dc is None else mean + self._mean_of_pulses()
+        def slope(i: Vector, psi: Vector, u_there: Vector, g: Stiffness) -> Vector:
+            return g(u_there - self.machine.R_s * i - 1j * self.omega_e * psi) + 1j * self.omega_e * i
 
-    def _mean_of_pulses(self) -> Vector:
-        """What pulses in the middle of the period make of the mean, where the current decays within it.
+        e, u = self.half, self.u
+        return slope(self.i[:-1], psi[:-1], u * e, g[:-1]), slope(self.i[1:], psi[1:], u * e.conj(), g[1:])
 
-        The voltage's ripple v has a double integral of mean -T^2/24 u_dc d (1 - d^2) per phase; the current that it
-        drives decays with R/L, which lets the mean rise by R/L^2 times that.
+    def mean_current(self, slopes: tuple[Vector, Vector], g: Stiffness, R: float) -> Vector:
+        """Mean current (A) of each period: the cubic through both ends and their slopes, and what pulses add.
+
+        Pulses: the flux linkage's ripple has no mean, but a first moment M = mean of (t - middle) times ripple,
+        T^2/24 u_dc d (1 - d^2) per phase. The ripple drives R into a decay, which lets the mean rise by g R g M; and
+        a rotor with L_d other than L_q turns in it, which adds 2 j omega g_b conj(M).
         """
-        m, d = self.machine, self.duties
-        shape = d * (1.0 - d * d)
+        e, (s_0, s_1) = self.half, slopes
+        mean = 0.5 * (e * self.i[1:] + e.conj() * self.i[:-1]) + self.T_s / 12.0 * (e.conj() * s_0 - e * s_1)
+        if self.u_dc is None:
+            return mean
+        M, g = self.moment_of_pulses, g[:-1]
+        return mean + R * g(g(M)) + 2j * self.omega_e * g.b * M.conj()
+
+    @property
+    def moment_of_pulses(self) -> Vector:
+        """First moment (Vs s) of the flux linkage's ripple in each period. Needs `u_dc`."""
+        return self.once("moment of pulses", self._moment_of_pulses)
+
+    def _moment_of_pulses(self) -> Vector:
+        shape = self.duties * (1.0 - self.duties * self.duties)
         ripple = sum(2.0 / 3.0 * axis * shape[:, k] for k, axis in enumerate(AXES))
-        pulses = self.stationary(ripple * self.u_dc) * (m.R_s * self.T_s**2 / 24.0)  # pyright: ignore
-        return pulses.real / m.L_d**2 + 1j * pulses.imag / m.L_q**2
+        return self.stationary(ripple * self.u_dc) * (self.T_s**2 / 24.0)  # pyright: ignore
+
+    @property
+    def power_of_pulses(self) -> tuple[Real, Vector]:
+        """Means of abs(ripple)^2 and ripple^2 of the flux linkage (Vs^2) in each period. Needs `u_dc`."""
+        size = self.once("size of pulses", lambda: self._power_of_pulses()[0])
+        return size, self.once("square of pulses", lambda: self._power_of_pulses()[1])
+
+    def _power_of_pulses(self) -> tuple[Real, Vector]:
+        size, square = np.zeros(len(self)), np.zeros(len(self), np.complex128)
+        for j, one in enumerate(AXES):
+            for k, other in enumerate(AXES[: j + 1]):
+                both = (1.0 if j == k else 2.0) * _common_ripple(self.duties[:, j], self.duties[:, k])
+                size += (one * other.conjugate()).real * both
+                square += one * other * both
+        assert self.u_dc is not None
+        scale = (self.u_dc * self.T_s / 3.0) ** 2  # (2/3)^2 (T_s/2)^2
+        return scale * size, scale * square * (self.middle.conj()) ** 2
 
     # --- model
+
+    @property
+    def stiffness(self) -> Stiffness:
+        """Of the machine without effects, at samples."""
+        m, one = self.machine, np.ones(len(self.i))
+        return Stiffness(0.5 * (1.0 / m.L_d + 1.0 / m.L_q) * one, 0.5 * (1.0 / m.L_d - 1.0 / m.L_q) * one)
 
     def flux(self, i: Vector) -> Vector:
         """Flux linkage (Vs) of the machine at a current (A)."""
@@ -164,6 +217,13 @@ class Rows:
     def stationary(self, v: Vector) -> Vector:
         """A vector of each period, given in the stationary frame, in the rotor frame."""
         return v * self.middle.conj()
+
+
+def _common_ripple(d: Real, e: Real) -> Real:
+    """Mean product of the ripples of two legs' pulses of duties d and e, for a link of 1 V and half a period of 1 s."""
+    d, e = np.minimum(d, e), np.maximum(d, e)
+    inner = (1.0 - d) * d**3 / 3.0 + d * ((e * e - d * d) / 2.0 - (e**3 - d**3) / 3.0)
+    return (1.0 - e) * (inner + d * e * (1.0 - e) ** 2 / 3.0)
 
 
 def by_phase(alpha: float, beta: float) -> tuple[float, float, float]:

@@ -7,14 +7,27 @@ in dynamic models of synchronous reluctance motors", ICEM 2012, exponents S = T 
 U = V = 0. L_d and L_q are those at no current; a drop is the share by which an inductance is lower at rated current.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from estimator.machine import Machine
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Real, Rows, Stiffness, Vector
 
 
-def saturated_flux(machine: Machine, i_rated: float, i: Vector, drops: tuple[float, float, float]) -> Vector:
-    """Flux linkage (Vs) at currents (A), for drops of L_d along i_d, of L_q along i_q, and of L_q along i_d."""
+class Curve(NamedTuple):
+    """The curve's coefficients."""
+
+    g_d: float  # 1/H
+    g_q: float
+    a_d: float  # A/Vs^3
+    a_q: float
+    c: float
+    i_F: float  # A
+
+
+def curve_of(machine: Machine, i_rated: float, drops: tuple[float, float, float]) -> Curve:
+    """For drops of L_d along i_d, of L_q along i_q, and of L_q along i_d."""
     L_d_drop, L_q_drop, cross_drop = drops
     L_d, L_q, psi_f = machine.L_d, machine.L_q, machine.psi_f
     added_d, added_q = (1.0 - L_d_drop) * L_d * i_rated, (1.0 - L_q_drop) * L_q * i_rated
@@ -22,12 +35,18 @@ def saturated_flux(machine: Machine, i_rated: float, i: Vector, drops: tuple[flo
     a_q = L_q_drop * i_rated / added_q**3
     c = cross_drop / (1.0 - cross_drop) / L_q / (2.0 * psi_f * added_d + added_d**2)
     g_d, g_q = 1.0 / L_d - 3.0 * a_d * psi_f**2, 1.0 / L_q - c * psi_f**2
-    i_F = g_d * psi_f + a_d * psi_f**3
-    d, q = psi_f + L_d * i.real, L_q * i.imag
+    return Curve(g_d, g_q, a_d, a_q, c, g_d * psi_f + a_d * psi_f**3)
+
+
+def flux_of(curve: Curve, machine: Machine, i: Vector) -> Vector:
+    """Flux linkage (Vs) at currents (A)."""
+    g_d, g_q, a_d, a_q, c, i_F = curve
+    psi_f = machine.psi_f
+    d, q = psi_f + machine.L_d * i.real, machine.L_q * i.imag
     for _ in range(12):
         miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i.real
         miss_q = (g_q + a_q * q * q + c * d * d) * q - i.imag
-        dd, qq, dq = g_d + 3.0 * a_d * d * d + c * q * q, g_q + 3.0 * a_q * q * q + c * d * d, 2.0 * c * d * q
+        dd, qq, dq = _bend(curve, d + 1j * q)
         det = dd * qq - dq * dq
         step_d, step_q = (qq * miss_d - dq * miss_q) / det, (dd * miss_q - dq * miss_d) / det
         # Far out, where the curve bends, a whole step would overshoot
@@ -38,6 +57,37 @@ def saturated_flux(machine: Machine, i_rated: float, i: Vector, drops: tuple[flo
     return d + 1j * q
 
 
+def stiffness(curve: Curve, psi: Vector) -> Stiffness:
+    """At flux linkages (Vs)."""
+    dd, qq, dq = _bend(curve, psi)
+    return Stiffness(0.5 * (dd + qq), 0.5 * (dd - qq) + 1j * dq)
+
+
+def _bend(curve: Curve, psi: Vector) -> tuple[Real, Real, Real]:
+    """d(i_d)/d(psi_d), d(i_q)/d(psi_q) and d(i_d)/d(psi_q), 1/H."""
+    d, q = psi.real, psi.imag
+    dd = curve.g_d + 3.0 * curve.a_d * d * d + curve.c * q * q
+    qq = curve.g_q + 3.0 * curve.a_q * q * q + curve.c * d * d
+    return dd, qq, 2.0 * curve.c * d * q
+
+
+def mean_of_ripple(curve: Curve, rows: Rows, psi: Vector) -> Vector:
+    """Mean current (A) of each period that a ripple of the flux linkage makes on a bent curve."""
+    a_d, a_q, c = curve.a_d, curve.a_q, curve.c
+    middle: Vector = 0.5 * (rows.half * psi[1:] + rows.half.conj() * psi[:-1])
+    d, q = middle.real, middle.imag
+    size, square = rows.power_of_pulses
+    d_d, q_q, d_q = 0.5 * (size + square.real), 0.5 * (size - square.real), 0.5 * square.imag
+    on_d = 3.0 * a_d * d * d_d + 2.0 * c * q * d_q + c * d * q_q
+    return on_d + 1j * (c * q * d_d + 2.0 * c * d * d_q + 3.0 * a_q * q * q_q)
+
+
 def added_voltage(rows: Rows, drops: tuple[float, float, float]) -> Vector:
     """What saturation adds to the voltage of constant inductances, V."""
-    return rows.balance(saturated_flux(rows.machine, rows.i_rated, rows.i, drops) - rows.flux(rows.i))
+    curve = curve_of(rows.machine, rows.i_rated, drops)
+    psi = flux_of(curve, rows.machine, rows.i)
+    g = stiffness(curve, psi)
+    more = rows.mean_current(rows.slopes(psi, g), g, rows.machine.R_s) - rows.i_mean
+    if rows.u_dc is not None:
+        more = more + mean_of_ripple(curve, rows, psi)
+    return rows.balance(psi - rows.flux(rows.i)) + rows.machine.R_s * more
