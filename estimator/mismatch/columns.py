@@ -6,6 +6,7 @@ y and the columns are whitened flux errors. Coefficients of sizes - R_s, L_d, L_
 absolute; those of shapes count from the present value. Knows nothing of what is chosen.
 """
 
+import cmath
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -88,13 +89,19 @@ def in_truth(rows: Rows, model: Model) -> Rows:
         angle_error = BY_NAME[name].angle_error
         if angle_error is not None:
             angle = angle + angle_error(rows, sizes)
+    kept = {key: rows.kept[key] for key in ("duties",) if key in rows.kept}
+    error = current_error(rows, model)
+    if isinstance(angle, float):
+        turned = cmath.exp(1j * angle)
+        i = rows.i * turned if isinstance(error, float) else (rows.i_s - error) * rows.rotor.conj() * turned
+        kept |= {"rotor": rows.rotor * turned.conjugate(), "D": rows.D}
+        return replace(rows, theta_e=rows.theta_e - angle, i=i, u=rows.u * turned, kept=kept)
     theta_e = rows.theta_e - angle
     rotor = np.exp(1j * theta_e)
     D = np.diff(theta_e)
     half = np.exp(0.5j * D)
-    kept = {key: rows.kept[key] for key in ("duties",) if key in rows.kept}
     return replace(
-        rows, theta_e=theta_e, half=half, i=(rows.i_s - current_error(rows, model)) * rotor.conj(),
+        rows, theta_e=theta_e, half=half, i=(rows.i_s - error) * rotor.conj(),
         u=rows.u * rows.middle * (rotor[:-1] * half).conj(), kept={**kept, "rotor": rotor, "D": D},
     )  # fmt: skip
 

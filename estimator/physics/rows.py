@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
+from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.samples import Samples
 
@@ -111,28 +112,12 @@ class Rows:
         return self.once("i_mean", self._mean_current)
 
     def _mean_current(self) -> Vector:
-        m, e, u, omega = self.machine, self.half, self.u, self.omega_e
-
-        def slope(i: Vector, u_there: Vector) -> Vector:
-            v = u_there - m.R_s * i - 1j * omega * (m.L_d * i.real + m.psi_f + 1j * m.L_q * i.imag)
-            return v.real / m.L_d + 1j * (v.imag / m.L_q) + 1j * omega * i
-
-        i_0, i_1 = self.i[:-1], self.i[1:]
-        s_0, s_1 = slope(i_0, u * e), slope(i_1, u * e.conj())
-        mean = 0.5 * (e * i_1 + e.conj() * i_0) + self.T_s / 12.0 * (e.conj() * s_0 - e * s_1)
-        return mean if self.u_dc is None else mean + self._mean_of_pulses()
-
-    def _mean_of_pulses(self) -> Vector:
-        """What pulses in the middle of the period make of the mean, where the current decays within it.
-
-        The voltage's ripple v has a double integral of mean -T^2/24 u_dc d (1 - d^2) per phase; the current that it
-        drives decays with R/L, which lets the mean rise by R/L^2 times that.
-        """
-        m, d = self.machine, self.duties
-        shape = d * (1.0 - d * d)
-        ripple = sum(2.0 / 3.0 * axis * shape[:, k] for k, axis in enumerate(AXES))
-        pulses = self.stationary(ripple * self.u_dc) * (m.R_s * self.T_s**2 / 24.0)  # pyright: ignore
-        return pulses.real / m.L_d**2 + 1j * pulses.imag / m.L_q**2
+        m = self.machine
+        parameters = float(m.R_s), float(m.L_d), float(m.L_q), float(m.psi_f)
+        mean = _mean_currents(self.i, self.half, self.u, self.D, self.T_s, parameters)
+        if self.u_dc is not None:
+            _add_mean_of_pulses(mean, self.duties, self.u_dc, self.rotor, self.half, self.T_s, parameters)
+        return mean
 
     # --- model
 
@@ -151,9 +136,7 @@ class Rows:
     def _duties(self) -> Real:
         u_s, u_dc = self.u * self.middle, self.u_dc
         assert u_dc is not None
-        u_abc = np.stack([(u_s * axis.conjugate()).real for axis in AXES], axis=1)
-        lifted = u_abc - 0.5 * (u_abc.max(axis=1) + u_abc.min(axis=1))[:, None]
-        return np.clip(0.5 + lifted / u_dc[:, None], 0.0, 1.0)
+        return _duties_of(u_s, u_dc)
 
     # --- balances
 
@@ -166,6 +149,60 @@ class Rows:
         return v * self.middle.conj()
 
 
+@kernel
+def _mean_currents(
+    i: Vector, half: Vector, u: Vector, D: Real, T_s: float, machine: tuple[float, float, float, float]
+) -> Vector:  # fmt: skip
+    mean = np.empty(len(u), np.complex128)
+    for k in range(len(u)):
+        after, before = half[k], half[k].conjugate()
+        s_0 = _slope(i[k], u[k] * after, D[k] / T_s, machine)
+        s_1 = _slope(i[k + 1], u[k] * before, D[k] / T_s, machine)
+        mean[k] = 0.5 * (after * i[k + 1] + before * i[k]) + T_s / 12.0 * (before * s_0 - after * s_1)
+    return mean
+
+
+@kernel
+def _slope(i: complex, u: complex, omega: float, machine: tuple[float, float, float, float]) -> complex:
+    """How fast the current changes under a voltage, A/s."""
+    R_s, L_d, L_q, psi_f = machine
+    v = u - R_s * i - 1j * omega * complex(L_d * i.real + psi_f, L_q * i.imag)
+    return complex(v.real / L_d, v.imag / L_q) + 1j * omega * i
+
+
+@kernel
+def _add_mean_of_pulses(
+    mean: Vector, duties: Real, u_dc: Real, rotor: Vector, half: Vector, T_s: float,
+    machine: tuple[float, float, float, float],
+) -> None:  # fmt: skip
+    """What pulses in the middle of the period make of the mean, where the current decays within it.
+
+    The voltage's ripple v has a double integral of mean -T^2/24 u_dc d (1 - d^2) per phase; the current that it
+    drives decays with R/L, which lets the mean rise by R/L^2 times that.
+    """
+    R_s, L_d, L_q, _ = machine
+    for k in range(len(mean)):
+        ripple = 0j
+        for leg in range(3):
+            d = duties[k, leg]
+            ripple += 2.0 / 3.0 * AXES[leg] * (d * (1.0 - d * d))
+        pulses = ripple * u_dc[k] * (rotor[k] * half[k]).conjugate() * (R_s * T_s**2 / 24.0)
+        mean[k] += complex(pulses.real / L_d**2, pulses.imag / L_q**2)
+
+
+@kernel
+def _duties_of(u_s: Vector, u_dc: Real) -> Real:
+    duties = np.empty((len(u_s), 3))
+    u = np.empty(3)
+    for k in range(len(u_s)):
+        for leg in range(3):
+            u[leg] = u_s[k].real * AXES[leg].real + u_s[k].imag * AXES[leg].imag
+        lift = 0.5 * (max(u[0], u[1], u[2]) + min(u[0], u[1], u[2]))
+        for leg in range(3):
+            duties[k, leg] = min(max(0.5 + (u[leg] - lift) / u_dc[k], 0.0), 1.0)
+    return duties
+
+
 def by_phase(alpha: float, beta: float) -> tuple[float, float, float]:
     """What a vector is on the three phases."""
     a, b, c = ((complex(alpha, beta) * axis.conjugate()).real for axis in AXES)
@@ -175,7 +212,8 @@ def by_phase(alpha: float, beta: float) -> tuple[float, float, float]:
 def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     """The rows of a recording's runs, one after the other, one control period each. Raises ValueError.
 
-    The periods between one run's last sample and the next one's first are not `joined`.
+    The periods between one run's last sample and the next one's first are not `joined`. What no model changes is worked
+    out at once.
     """
     if any(run.periods != 1 for run in runs):
         raise ValueError("expected a row for every control period, came rows of several")
@@ -201,8 +239,12 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     if u_dc is not None:  # duties are those of a link read at the start; it moves on within the period
         u = u * np.where(joined, 0.5 * (1.0 + u_dc[1:] / u_dc[:-1]), 1.0)
     zero = None if i_a is None or i_b is None or i_c is None else (i_a + i_b + i_c) / 3.0
-    return Rows(
+    rows = Rows(
         machine, T, i_rated, t, i_d + 1j * i_q, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
         np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero,
         (float(t[0]), float(t[-1] - t[0])),
     )  # fmt: skip
+    _ = rows.D, rows.rotor, rows.i_s
+    if u_dc is not None:
+        _ = rows.duties
+    return rows
