@@ -143,9 +143,9 @@ def _no_worse(rows: Rows, smooth: Rows, now: Model, towards: Model, search: Sear
         z = whitened(residual(there, clean, model), there, filter_pole(now.machine, rows.T_s))
         return float(np.mean(z.real**2) / noise[0] ** 2 + np.mean(z.imag**2) / noise[1] ** 2)
 
-    start, model = left(now), towards
+    model = towards
     for _ in range(_HALVINGS):
-        if left(model) <= 1.02 * start + 0.02:
+        if left(model) <= 1.02 * search.regression.left + 0.02:
             return model
         model = _between(now, model)
     return None
@@ -210,7 +210,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, Noise
     part_q = min(1.0, noise[1] ** 2 / max(float(np.mean(fast.imag**2)), 1e-300))
     i = rows.i.copy()
     i[1:] += part_d * fast.real / m.L_d + 1j * part_q * fast.imag / m.L_q
-    kept = {key: rows.kept[key] for key in ("D", "rotor", "duties", "six", "once") if key in rows.kept}
+    kept = {key: rows.kept[key] for key in ("D", "rotor", "duties", "six", "turn") if key in rows.kept}
     return replace(rows, i=i, kept=kept), z, noise
 
 

@@ -17,9 +17,12 @@ from estimator.physics.rows import Rows, Vector
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    rise, corner = sizes
-    passed = rows.once(f"passed {corner:.4g}", lambda: _high_passed(rows.i_s, rows.T_s, corner))
-    return rise * rows.machine.R_s * rows.stationary(passed)
+    return sizes[0] * rows.machine.R_s * rows.stationary(_passed(rows, sizes))
+
+
+def _passed(rows: Rows, sizes: Sizes) -> Vector:
+    corner = float(sizes[1])
+    return rows.once(f"passed {corner!r}", lambda: _high_passed(rows.i_s, rows.T_s, corner))
 
 
 @kernel
@@ -54,5 +57,5 @@ EFFECT = Effect(
     "R_s that rises with speed and with how fast current is excited",
     ("iron_loss", "winding_resistance_drift"),
     missed=3e-4,
-    remembers=True,
+    remembers=_passed,
 )

@@ -8,8 +8,6 @@ Plain geometry; the order tells the cause: once an offset of the centre, twice a
 
 import math
 
-import numpy as np
-
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Real, Rows, Vector
@@ -22,7 +20,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 def error(rows: Rows, sizes: Sizes) -> Real:
     """Of the angle, rad electrical."""
-    once = rows.once("once", lambda: np.exp(1j * rows.theta_m))
+    once = rows.turn
     once_cos, once_sin, twice_cos, twice_sin = sizes
     twice = once * once
     return once_cos * once.real + once_sin * once.imag + twice_cos * twice.real + twice_sin * twice.imag

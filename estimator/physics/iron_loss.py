@@ -24,11 +24,15 @@ _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    conductance, omega_h, lag = sizes
-    driven = rows.once(f"iron {omega_h:.5g} {lag:.5g}", lambda: branch(rows, omega_h, lag))
-    i_i = conductance * driven * rows.rotor.conj()
+    conductance = sizes[0]
+    i_i = conductance * _driven(rows, sizes) * rows.rotor.conj()
     m = rows.machine
     return -rows.balance(m.L_d * i_i.real + 1j * m.L_q * i_i.imag)
+
+
+def _driven(rows: Rows, sizes: Sizes) -> Vector:
+    _, omega_h, lag = sizes
+    return rows.once(f"iron {omega_h!r} {lag!r}", lambda: branch(rows, omega_h, lag))
 
 
 def branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -> Vector:
@@ -71,7 +75,7 @@ EFFECT = Effect(
     ("angle_offset", "q_axis_saturation"),
     told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
     missed=1e-3,
-    remembers=True,
+    remembers=_driven,
 )  # fmt: skip
 
 

@@ -91,6 +91,16 @@ class Rows:
         return self.rotor[:-1] * self.half
 
     @property
+    def six(self) -> Vector:
+        """exp(6j theta_e) at samples."""
+        return self.once("six", lambda: _sixth_power(self.rotor))
+
+    @property
+    def turn(self) -> Vector:
+        """exp(j theta_m) at samples."""
+        return self.once("turn", lambda: np.exp(1j * self.theta_m))
+
+    @property
     def theta_m(self) -> Real:
         """Mechanical angle at samples, rad, but for a constant."""
         return self.theta_e / self.machine.n_p
@@ -190,6 +200,11 @@ def _add_mean_of_pulses(
         mean[k] += complex(pulses.real / L_d**2, pulses.imag / L_q**2)
 
 
+def _sixth_power(x: Vector) -> Vector:
+    x = x * x
+    return x * x * x
+
+
 @kernel
 def _duties_of(u_s: Vector, u_dc: Real) -> Real:
     duties = np.empty((len(u_s), 3))
@@ -244,7 +259,7 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
         np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero,
         (float(t[0]), float(t[-1] - t[0])),
     )  # fmt: skip
-    _ = rows.D, rows.rotor, rows.i_s
+    _ = rows.D, rows.rotor, rows.turn, rows.i_s
     if u_dc is not None:
         _ = rows.duties
     return rows

@@ -9,6 +9,7 @@ U = V = 0. L_d and L_q are those at no current; a drop is the share by which an 
 
 import numpy as np
 
+from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.physics.rows import Rows, Vector
 
@@ -23,19 +24,29 @@ def saturated_flux(machine: Machine, i_rated: float, i: Vector, drops: tuple[flo
     c = cross_drop / (1.0 - cross_drop) / L_q / (2.0 * psi_f * added_d + added_d**2)
     g_d, g_q = 1.0 / L_d - 3.0 * a_d * psi_f**2, 1.0 / L_q - c * psi_f**2
     i_F = g_d * psi_f + a_d * psi_f**3
-    d, q = psi_f + L_d * i.real, L_q * i.imag
-    for _ in range(12):
-        miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i.real
-        miss_q = (g_q + a_q * q * q + c * d * d) * q - i.imag
-        dd, qq, dq = g_d + 3.0 * a_d * d * d + c * q * q, g_q + 3.0 * a_q * q * q + c * d * d, 2.0 * c * d * q
-        det = dd * qq - dq * dq
-        step_d, step_q = (qq * miss_d - dq * miss_q) / det, (dd * miss_q - dq * miss_d) / det
-        # Far out, where the curve bends, a whole step would overshoot
-        reach = 0.5 * (np.abs(d) + np.abs(q) + psi_f)
-        d, q = d - np.clip(step_d, -reach, reach), q - np.clip(step_q, -reach, reach)
-        if max(np.max(np.abs(step_d), initial=0.0), np.max(np.abs(step_q), initial=0.0)) < 1e-12 * psi_f:
-            break
-    return d + 1j * q
+    return _on_curve(i, psi_f + L_d * i.real + 1j * L_q * i.imag, (g_d, g_q, a_d, a_q, c, i_F), float(psi_f))
+
+
+@kernel
+def _on_curve(i: Vector, start: Vector, curve: tuple[float, float, float, float, float, float], psi_f: float) -> Vector:
+    """Flux linkages at currents by Newton's method."""
+    g_d, g_q, a_d, a_q, c, i_F = curve
+    psi = np.empty(len(i), np.complex128)
+    for k in range(len(i)):
+        d, q = start[k].real, start[k].imag
+        for _ in range(12):
+            miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i[k].real
+            miss_q = (g_q + a_q * q * q + c * d * d) * q - i[k].imag
+            dd, qq, dq = g_d + 3.0 * a_d * d * d + c * q * q, g_q + 3.0 * a_q * q * q + c * d * d, 2.0 * c * d * q
+            det = dd * qq - dq * dq
+            step_d, step_q = (qq * miss_d - dq * miss_q) / det, (dd * miss_q - dq * miss_d) / det
+            # Far out, where the curve bends, a whole step would overshoot
+            reach = 0.5 * (abs(d) + abs(q) + psi_f)
+            d, q = d - min(max(step_d, -reach), reach), q - min(max(step_q, -reach), reach)
+            if max(abs(step_d), abs(step_q)) < 1e-12 * psi_f:
+                break
+        psi[k] = complex(d, q)
+    return psi
 
 
 def added_voltage(rows: Rows, drops: tuple[float, float, float]) -> Vector:

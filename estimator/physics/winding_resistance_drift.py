@@ -17,14 +17,13 @@ from estimator.physics.rows import Real, Rows, Vector
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    rise, time_constant = sizes
-    course = _course(rows, time_constant * rows.span[1])
-    return rise * rows.machine.R_s * course[:-1] * rows.i_mean
+    return sizes[0] * rows.machine.R_s * _course(rows, sizes)[:-1] * rows.i_mean
 
 
-def _course(rows: Rows, tau: float) -> Real:
+def _course(rows: Rows, sizes: Sizes) -> Real:
     """h(t)/h(end) at samples."""
-    return rows.once(f"heat {tau:.4g}", lambda: _heated(rows, tau))
+    tau = sizes[1] * rows.span[1]
+    return rows.once(f"heat {tau!r}", lambda: _heated(rows, tau))
 
 
 def _heated(rows: Rows, tau: float) -> Real:
@@ -54,6 +53,6 @@ EFFECT = Effect(
     "R_s that moves with time, as the losses so far",
     ("magnet_flux_drift", "ac_resistance"),
     told=lambda rows, p: {"rise": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
-    remembers=True,
+    remembers=_course,
     missed=2e-3,
 )
