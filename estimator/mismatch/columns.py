@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.whitening import whiten
+from estimator.mismatch.whitening import whiten, whiten_into
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -197,25 +197,23 @@ def regression(
     if noise is None:
         noise = noise_of(whitened(r, rows, rho), zero, rows)
     prepared(truth, steps)
-    frame = frame_of(rows, truth)
+    r, rotor = r * frame_of(rows, truth).conj(), rows.rotor[1:]
     P = len(columns)
     n = len(rows)
     gram = np.zeros((STRETCHES, P + 1, P + 1))
     state = np.zeros(P + 1, np.complex128)
+    volts, white = np.empty((P + 1) * _PART, np.complex128), np.empty((P + 1) * 2 * _PART)
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
     for s, (a, b) in enumerate(pairwise(edges.tolist())):
         for begin in range(a, b, _PART):
             cut = slice(begin, min(begin + _PART, b))
             part = truth[cut]
-            v = np.empty((P + 1, len(part)), np.complex128)
+            size = (P + 1) * len(part)
+            v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
             _fill(part, columns, steps, v)
-            v *= frame[cut]
             v[P] = r[cut]
-            whiten(v, rows.half[cut], part.joined, part.T_s, rho, state)
-            there = np.flatnonzero(v.any(axis=1))  # steps are nowhere before their time
-            m = np.empty((len(there), 2, len(part)))
-            m[:, 0], m[:, 1] = v.real[there] / noise[0], v.imag[there] / noise[1]
-            flat = m.reshape(len(there), -1)
+            there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
+            flat = m[: len(there)].reshape(len(there), -1)
             gram[s, there[:, None], there] += flat @ flat.T
     left = float(gram[:, P, P].sum()) / n
     if zero is not None:
@@ -330,11 +328,12 @@ def _fill(rows: Rows, columns: Sequence[Column], steps: Sequence[_Step | None], 
             continue
         effect = step.effect
         if step.since is None:
-            v[j] = effect.voltage(rows, step.to) / step.h
+            np.multiply(effect.voltage(rows, step.to), 1.0 / step.h, out=v[j])
             continue
         if effect.name not in present:
             present[effect.name] = effect.voltage(rows, step.since)
-        v[j] = (effect.voltage(rows, step.to) - present[effect.name]) / step.h
+        np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
+        v[j] *= 1.0 / step.h
 
 
 def _add_zero_channel(

@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.kernel import kernel
 from estimator.physics.rows import AXES, Real, Rows, Vector
@@ -20,23 +21,23 @@ class Legs(NamedTuple):
     u_dc: Real  # V; of no length where it is not known: then each end's current counts for half a period
     duties: Real  # (n, 3)
     edges: Real  # (n, 3): 1 where a leg rises at the period's start, -1 where it falls
-    u_s: Vector  # V, stationary
+    order: NDArray[np.int8]  # (n, 3): the legs as they rise
+    ripple: Vector  # (n, 3): A, stationary, when each leg rises
     middle: Vector  # exp(j theta_e) in the middle
     T_s: float  # s
-    L_d: float  # H
-    L_q: float  # H
 
 
 def legs_of(rows: Rows) -> Legs:
     """The legs of a recording's periods."""
-    m, middle = rows.machine, rows.middle
-    known = rows.u_dc is not None
-    none = np.zeros((0, 3))
-    edges = rows.once("edges at start", lambda: _edges_at_start(rows)) if known else none
-    return Legs(
-        np.zeros(0) if rows.u_dc is None else rows.u_dc, rows.duties if known else none, edges,
-        rows.u * middle, middle, rows.T_s, float(m.L_d), float(m.L_q),
-    )  # fmt: skip
+    u_dc, middle = rows.u_dc, rows.middle
+    if u_dc is None:
+        none = np.zeros((0, 3))
+        return Legs(np.zeros(0), none, none, none.astype(np.int8), none.astype(np.complex128), middle, rows.T_s)
+    L_d, L_q = float(rows.machine.L_d), float(rows.machine.L_q)
+    edges = rows.once("edges at start", lambda: _edges_at_start(rows))
+    order = rows.once("order", lambda: _orders(rows.duties))
+    ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, rows.u * middle, middle, rows.T_s, L_d, L_q))
+    return Legs(u_dc, rows.duties, edges, order, ripple, middle, rows.T_s)
 
 
 def _edges_at_start(rows: Rows) -> Real:
@@ -48,7 +49,7 @@ def _edges_at_start(rows: Rows) -> Real:
 @kernel
 def lost_voltages(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
     """Lost voltage (V) of each period, from currents (A) at samples; both in the stationary frame."""
-    lost = np.empty(len(legs.u_s), np.complex128)
+    lost = np.empty(len(legs.middle), np.complex128)
     for k in range(len(lost)):
         lost[k] = lost_voltage(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width)
     return lost
@@ -67,10 +68,6 @@ def lost_voltage(
             lost += axis * u_drop * 0.5 * (start / _soft(start, width) + end / _soft(end, width))
         return 2.0 / 3.0 * lost
     u_dc = legs.u_dc[k]
-    d_a, d_b, d_c = legs.duties[k, 0], legs.duties[k, 1], legs.duties[k, 2]
-    rises = (0.5 * (1.0 - d_a), 0.5 * (1.0 - d_b), 0.5 * (1.0 - d_c))  # share of the period; falls at 1 less that
-    ripple = (_ripple(legs, k, rises, 0), _ripple(legs, k, rises, 1), _ripple(legs, k, rises, 2))
-    first, second, third = _order(rises)
     per_time = u_dc / legs.T_s
     for leg in range(3):
         axis = axes[leg]
@@ -81,7 +78,7 @@ def lost_voltage(
             d = legs.duties[k, leg]
             high, low = d * legs.T_s, (1.0 - d) * legs.T_s
             if high > 0.0 and low > 0.0:
-                away = slope * rises[leg] + _phase(ripple[leg], axis)
+                away = slope * _rise(d) + _phase(legs.ripple[k, leg], axis)
                 at_rise, at_fall = start + away, end - away
                 # A pulse shorter than the dead time is lost whole
                 volts += per_time * 0.5 * min(high, dead_time) * (1.0 + at_rise / _soft(at_rise, width))
@@ -91,17 +88,18 @@ def lost_voltage(
                 volts += per_time * 0.5 * dead_time * (edge + start / _soft(start, width))
         if u_drop != 0.0:
             # Mean of the sign over the period, piece by piece between the edges, from both ends to the middle
-            total, early, was_up, was_down = 0.0, 0.0, start, end
+            total, early = 0.0, 0.0
+            was_up, was_down, soft_was_up, soft_was_down = start, end, _soft(start, width), _soft(end, width)
             for part in range(4):
                 late, away = 0.5, 0.0
                 if part < 3:
-                    other = first if part == 0 else second if part == 1 else third
-                    late, away = rises[other], _phase(ripple[other], axis)
+                    other = legs.order[k, part]
+                    late, away = _rise(legs.duties[k, other]), _phase(legs.ripple[k, other], axis)
                 up, down = start + slope * late + away, end - slope * late - away
-                mean = (was_up + up) / (_soft(was_up, width) + _soft(up, width))
-                mean += (was_down + down) / (_soft(was_down, width) + _soft(down, width))
+                soft_up, soft_down = _soft(up, width), _soft(down, width)
+                mean = (was_up + up) / (soft_was_up + soft_up) + (was_down + down) / (soft_was_down + soft_down)
                 total += (late - early) * mean
-                early, was_up, was_down = late, up, down
+                early, was_up, was_down, soft_was_up, soft_was_down = late, up, down, soft_up, soft_down
             volts += u_drop * total
         lost += axis * volts
     return 2.0 / 3.0 * lost
@@ -118,25 +116,39 @@ def _soft(i: float, width: float) -> float:
 
 
 @kernel
-def _order(rises: tuple[float, float, float]) -> tuple[int, int, int]:
-    """Legs in the order in which they rise."""
-    a, b, c = 0, 1, 2
-    if rises[a] > rises[b]:
-        a, b = b, a
-    if rises[b] > rises[c]:
-        b, c = c, b
-    if rises[a] > rises[b]:
-        a, b = b, a
-    return a, b, c
+def _rise(duty: float) -> float:
+    """When a leg rises, as a share of the period; it falls at 1 less that."""
+    return 0.5 * (1.0 - duty)
 
 
 @kernel
-def _ripple(legs: Legs, k: int, rises: tuple[float, float, float], leg: int) -> complex:
-    """The current's ripple (A, stationary) when a leg rises: the integral of the voltage less its mean."""
-    when = rises[leg]
-    area = -legs.u_s[k] * when
-    area += 2.0 / 3.0 * legs.u_dc[k] * (
-        _A * max(0.0, when - rises[0]) + _B * max(0.0, when - rises[1]) + _C * max(0.0, when - rises[2])
-    )
-    area *= legs.middle[k].conjugate() * legs.T_s
-    return complex(area.real / legs.L_d, area.imag / legs.L_q) * legs.middle[k]
+def _orders(duties: Real) -> NDArray[np.int8]:
+    """Legs in the order in which they rise."""
+    order = np.empty(duties.shape, np.int8)
+    for k in range(len(duties)):
+        a, b, c = 0, 1, 2
+        if duties[k, a] < duties[k, b]:
+            a, b = b, a
+        if duties[k, b] < duties[k, c]:
+            b, c = c, b
+        if duties[k, a] < duties[k, b]:
+            a, b = b, a
+        order[k, 0], order[k, 1], order[k, 2] = a, b, c
+    return order
+
+
+@kernel
+def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, L_d: float, L_q: float) -> Vector:
+    """The current's ripple (A, stationary) when each leg rises: the integral of the voltage less its mean."""
+    ripple = np.empty(duties.shape, np.complex128)
+    for k in range(len(duties)):
+        a, b, c = _rise(duties[k, 0]), _rise(duties[k, 1]), _rise(duties[k, 2])
+        for leg in range(3):
+            when = _rise(duties[k, leg])
+            area = -u_s[k] * when
+            area += 2.0 / 3.0 * u_dc[k] * (
+                _A * max(0.0, when - a) + _B * max(0.0, when - b) + _C * max(0.0, when - c)
+            )
+            area *= middle[k].conjugate() * T_s
+            ripple[k, leg] = complex(area.real / L_d, area.imag / L_q) * middle[k]
+    return ripple

@@ -134,7 +134,7 @@ class Rows:
     def flux(self, i: Vector) -> Vector:
         """Flux linkage (Vs) of the machine at a current (A)."""
         m = self.machine
-        return m.L_d * i.real + m.psi_f + 1j * m.L_q * i.imag
+        return _flux(i, float(m.L_d), float(m.L_q), float(m.psi_f))
 
     # --- bridge
 
@@ -152,11 +152,27 @@ class Rows:
 
     def balance(self, psi: Vector | Real) -> Vector:
         """Voltage (V) of each period that changes a flux linkage (Vs, at samples) as the rotor turns."""
-        return (self.half * psi[1:] - self.half.conj() * psi[:-1]) / self.T_s
+        return _balance(self.half, psi, 1.0 / self.T_s)
 
     def stationary(self, v: Vector) -> Vector:
         """A vector of each period, given in the stationary frame, in the rotor frame."""
         return v * self.middle.conj()
+
+
+@kernel
+def _flux(i: Vector, L_d: float, L_q: float, psi_f: float) -> Vector:
+    psi = np.empty(len(i), np.complex128)
+    for k in range(len(i)):
+        psi[k] = complex(L_d * i[k].real + psi_f, L_q * i[k].imag)
+    return psi
+
+
+@kernel
+def _balance(half: Vector, psi: Vector | Real, rate: float) -> Vector:
+    v = np.empty(len(half), np.complex128)
+    for k in range(len(half)):
+        v[k] = (half[k] * psi[k + 1] - half[k].conjugate() * psi[k]) * rate
+    return v
 
 
 @kernel
