@@ -157,9 +157,11 @@ def _judged(
     progress(0.85, "simulating")
     held_out = _odd_stretches(len(rows))
     half = Search(replace(search.regression, gram=search.regression.gram[0::2]))
-    fit = fit_quality(rows, moved(half, ()), moved(half, choice), held_out, found.noise)
+    fit_before, fit_after = moved(half, ()), moved(half, choice)
+    runs = free_run(rows, fit_before), free_run(rows, fit_after)
+    fit = fit_quality(rows, fit_before, fit_after, runs, held_out, found.noise)
     r_before, r_after = residual(rows, rows, before), residual(rows, found.smooth, model)
-    pictures = traces(rows, r_before, r_after, free_run(rows, before), free_run(rows, model))
+    pictures = traces(rows, r_before, r_after, *runs)
     machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
     outside = _outside(machine_after, nominal, tolerance)
     if outside and not findings and not doubts:
