@@ -114,7 +114,7 @@ def in_truth(rows: Rows, model: Model) -> Rows:
     theta_e = rows.theta_e - angle
     by_half = np.exp(-0.5j * angle)
     rotor, half = rows.rotor * (by_half * by_half), rows.half * (by_half[1:] * by_half[:-1].conj())
-    kept |= {"rotor": rotor, "D": np.diff(theta_e)}
+    kept |= {"rotor": rotor, "D": rows.D - np.diff(angle)}
     u = rows.u * (by_half[1:] * by_half[:-1]).conj()
     return replace(rows, theta_e=theta_e, half=half, i=(rows.i_s - error) * rotor.conj(), u=u, kept=kept)
 
@@ -272,6 +272,8 @@ def _columns(
     for effect in library if more else [BY_NAME[name] for name in model.effects]:
         if effect.name in model.effects:
             found.extend(_own_columns(effect, rows, model.effects[effect.name]))
+            if not any(parameter.shape for parameter in effect.parameters):
+                continue  # it has no other shape
         for seed, _ in enumerate(effect.shapes(rows) if more else ()):
             for k in effect.sizes:
                 parameter = effect.parameters[k]

@@ -81,7 +81,7 @@ EFFECT = Effect(
 
 def fastest(rows: Rows) -> float:
     """The highest electrical speed, rad/s."""
-    return max(float(np.max(np.abs(rows.omega_e), initial=0.0)), 1.0)
+    return max(float(np.max(np.abs(rows.omega_e), initial=0.0, where=rows.joined)), 1.0)
 
 
 def emf(rows: Rows) -> float:

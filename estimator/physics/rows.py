@@ -40,6 +40,7 @@ class Rows:
     joined: NDArray[np.bool_]  # of each period: its two samples are of one run
     u_dc: Real | None  # V, of each period
     zero: Real | None  # A, mean of the three measured phase currents at samples, where they are known
+    heat: Real  # A^2 s, integral of the squared current up to each sample
     span: tuple[float, float]  # s, start and length of the recording
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
@@ -57,7 +58,7 @@ class Rows:
 
         return replace(
             self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u),
-            joined=cut(self.joined), u_dc=None if self.u_dc is None else cut(self.u_dc),
+            joined=cut(self.joined), heat=cut(self.heat), u_dc=None if self.u_dc is None else cut(self.u_dc),
             zero=None if self.zero is None else cut(self.zero),
             kept={key: cut(whole) for key, whole in self.kept.items()},
         )  # fmt: skip
@@ -272,7 +273,7 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     zero = None if i_a is None or i_b is None or i_c is None else (i_a + i_b + i_c) / 3.0
     rows = Rows(
         machine, T, i_rated, t, i_d + 1j * i_q, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
-        np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero,
+        np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, T * np.cumsum(i_d**2 + i_q**2),
         (float(t[0]), float(t[-1] - t[0])),
     )  # fmt: skip
     _ = rows.D, rows.rotor, rows.turn, rows.i_s

@@ -7,8 +7,6 @@ per kelvin. R_s is that at the start. J. R. Hendershot, T. J. E. Miller, "Design
 Machines", 2010, chapter 15.
 """
 
-from typing import cast
-
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
@@ -27,19 +25,10 @@ def _course(rows: Rows, sizes: Sizes) -> Real:
 
 
 def _heated(rows: Rows, tau: float) -> Real:
-    power = np.abs(rows.i) ** 2
-    t = (rows.t - rows.span[0]) / tau
-    # h = exp(-t) int exp(t') |i|^2 dt', in pieces short enough for exp
-    h = np.empty(len(t))
-    state, a = 0.0, 0
-    whole = len(t)
-    while a < whole:
-        b = min(whole, int(np.searchsorted(t, float(t[a]) + 50.0)) + 1)
-        grown = np.exp(t[a:b] - t[a])
-        heat = cast(Real, (state + np.cumsum(grown * power[a:b]) * rows.T_s) / grown)
-        h[a:b] = heat
-        state, a = float(heat[-1]), b
-    return h / max(h[-1], 1e-300)
+    t, more = (rows.t - rows.span[0]) / tau, np.diff(rows.heat, prepend=rows.heat[:1])
+    came = np.exp(t - 0.5 * np.diff(t, prepend=t[:1]))  # midway since the sample before
+    h: Real = np.cumsum(came * more) * np.exp(-t)
+    return h / max(float(h[-1]), 1e-300)
 
 
 EFFECT = Effect(
