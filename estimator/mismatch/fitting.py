@@ -33,6 +33,7 @@ from estimator.physics.rows import Rows, Vector
 
 ROUNDS: Final = 9
 POLISHED: Final = 6  # times a round
+_WHOLE: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
 _HALVINGS: Final = 3
 _AVERAGED: Final = 25  # periods to each side; slower than that is not noise
 
@@ -78,12 +79,13 @@ def _fitted(
     model, smooth, z, settled = start or Model(nominal), rows, np.zeros(0, np.complex128), False
     noise: Noise | None = None
     seen: list[frozenset[str]] = []
+    rounds, times = (ROUNDS, POLISHED) if start is None else _WHOLE
     if start is not None:
-        model, smooth, z, noise, settled = polished(rows, smooth, start, nominal, tolerance, angle_step, noise)
+        model, smooth, z, noise, settled = polished(rows, smooth, start, nominal, tolerance, angle_step, noise, times)
         seen.append(frozenset(model.effects))
     last: Search | None = None
     barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
-    for n in range(ROUNDS):
+    for n in range(rounds):
         search = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
         search.barred |= barred
         present = tuple((name, -1) for name in model.effects)
@@ -96,8 +98,8 @@ def _fitted(
             barred |= {name for name, seed in choice if seed >= 0}
         else:
             model = better
-        model, smooth, z, noise, settled = polished(rows, smooth, model, nominal, tolerance, angle_step, noise)
-        progress((n + 1) / ROUNDS)
+        model, smooth, z, noise, settled = polished(rows, smooth, model, nominal, tolerance, angle_step, noise, times)
+        progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
             break
@@ -106,7 +108,7 @@ def _fitted(
     needed = last.without_needless(tuple((name, -1) for name in model.effects))
     if len(needed) < len(model.effects):
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
-        model, smooth, z, noise, _ = polished(rows, smooth, kept, nominal, tolerance, angle_step, noise)
+        model, smooth, z, noise, _ = polished(rows, smooth, kept, nominal, tolerance, angle_step, noise, times)
         last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
     assert noise is not None
     return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth)
@@ -126,11 +128,11 @@ def without(
 
 def polished(
     rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    noise: Noise | None,
+    noise: Noise | None, times: int = POLISHED,
 ) -> tuple[Model, Rows, Vector, Noise, bool]:  # fmt: skip
     """A set's best model; rows with less noise, whitened residual and noise by it; whether it moves no more."""
     settled = False
-    for _ in range(POLISHED):
+    for _ in range(times):
         model = with_step_in_place(rows, smooth, model)
         smooth, _, noise = cleaned(rows, smooth, model)
         own = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, (), more=False))
