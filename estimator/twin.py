@@ -35,7 +35,7 @@ _CLOSE: Final = 1e-4  # of the rms current: a change of currents that ends the s
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
 _ROUNDS: Final = 20  # of Newton's method in a period
 _HALVINGS: Final = 8  # of a step of it that leads away
-_OF_INPUTS: Final = ("D", "rotor", "duties", "six", "once", "edges at start")  # not of currents
+_OF_INPUTS: Final = ("D", "rotor", "duties", "six", "turn", "edges at start", "order", "ripple")  # not of currents
 
 
 class Lost(NamedTuple):

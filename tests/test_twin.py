@@ -203,7 +203,8 @@ def test_the_true_model_leaves_noise_and_the_machine_alone_does_not() -> None:
     rows = rows_from(drive_with(ONES._replace(inverter=Inverter()), noise=NOISE), 20000)
     held_out = np.arange(len(rows)) // 2000 % 2 == 1
     found = Model(TRUTH, {name: sizes for name, sizes in ALL_SIZES.items() if name != "inverter_voltage_error"})
-    fit = fit_quality(rows, PLAIN, found, held_out, noise_left_by(rows, found))
+    runs = free_run(rows, PLAIN), free_run(rows, found)
+    fit = fit_quality(rows, PLAIN, found, runs, held_out, noise_left_by(rows, found))
     step, run, low = fit.one_step_rms_V, fit.free_run_rms_A, fit.whiteness
     assert fit.held_out
     assert step.noise_floor is not None
@@ -217,7 +218,8 @@ def test_the_true_model_leaves_noise_and_the_machine_alone_does_not() -> None:
 
 def test_what_noise_alone_leaves_is_at_its_floors_and_white(noisy: Rows) -> None:
     everywhere = np.ones(len(noisy), np.bool_)
-    fit = fit_quality(noisy, PLAIN, PLAIN, everywhere, noise_left_by(noisy, PLAIN))
+    i = free_run(noisy, PLAIN)
+    fit = fit_quality(noisy, PLAIN, PLAIN, (i, i), everywhere, noise_left_by(noisy, PLAIN))
     assert not fit.held_out
     assert fit.one_step_rms_V.after == pytest.approx(fit.one_step_rms_V.noise_floor, rel=0.02)
     assert fit.free_run_rms_A.after == pytest.approx(fit.free_run_rms_A.noise_floor, rel=0.2)
@@ -226,4 +228,4 @@ def test_what_noise_alone_leaves_is_at_its_floors_and_white(noisy: Rows) -> None
 
 def test_a_fit_is_not_judged_by_less_than_a_stretch(noisy: Rows) -> None:
     with pytest.raises(ValueError, match="at least 64 periods"):
-        fit_quality(noisy, PLAIN, PLAIN, np.arange(len(noisy)) < 50, (1e-4, 1e-4, 0.01))
+        fit_quality(noisy, PLAIN, PLAIN, (noisy.i, noisy.i), np.arange(len(noisy)) < 50, (1e-4, 1e-4, 0.01))

@@ -6,6 +6,7 @@ y and the columns are whitened flux errors. Coefficients of sizes - R_s, L_d, L_
 absolute; those of shapes count from the present value. Knows nothing of what is chosen.
 """
 
+import cmath
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.whitening import whiten
+from estimator.mismatch.whitening import whiten, whiten_into
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -28,6 +29,7 @@ Noise = tuple[float, float, float]
 
 STRETCHES: Final = 48
 _STEP: Final = 1e-3  # of a typical size, for differences
+_PART: Final = 1536  # periods at once, whose columns stay near the processor
 _SMALL_ANGLE: Final = 1e-4  # rad
 _FARTHEST: Final = (0.3, 3.0)  # of nominal values
 
@@ -67,6 +69,17 @@ class Regression:
     rows: Rows
     smooth: Rows
     model: Model
+    left: float  # mean of the whitened residual's square over that of noise, d and q together
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """Sizes of an effect, between which a column is the change of voltage per unit."""
+
+    effect: Effect
+    to: tuple[float, ...]
+    since: tuple[float, ...] | None  # None: no effect
+    h: float
 
 
 def filter_pole(machine: Machine, T_s: float) -> float:
@@ -88,15 +101,22 @@ def in_truth(rows: Rows, model: Model) -> Rows:
         angle_error = BY_NAME[name].angle_error
         if angle_error is not None:
             angle = angle + angle_error(rows, sizes)
-    theta_e = rows.theta_e - angle
-    rotor = np.exp(1j * theta_e)
-    D = np.diff(theta_e)
-    half = np.exp(0.5j * D)
     kept = {key: rows.kept[key] for key in ("duties",) if key in rows.kept}
-    return replace(
-        rows, theta_e=theta_e, half=half, i=(rows.i_s - current_error(rows, model)) * rotor.conj(),
-        u=rows.u * rows.middle * (rotor[:-1] * half).conj(), kept={**kept, "rotor": rotor, "D": D},
-    )  # fmt: skip
+    error = current_error(rows, model)
+    if isinstance(angle, float):
+        turned = cmath.exp(1j * angle)
+        i = rows.i * turned if isinstance(error, float) else (rows.i_s - error) * rows.rotor.conj() * turned
+        kept |= {
+            "rotor": rows.rotor * turned.conjugate(), "D": rows.D,
+            "turn": rows.turn * cmath.exp(-1j * angle / rows.machine.n_p),
+        }  # fmt: skip
+        return replace(rows, theta_e=rows.theta_e - angle, i=i, u=rows.u * turned, kept=kept)
+    theta_e = rows.theta_e - angle
+    by_half = np.exp(-0.5j * angle)
+    rotor, half = rows.rotor * (by_half * by_half), rows.half * (by_half[1:] * by_half[:-1].conj())
+    kept |= {"rotor": rotor, "D": rows.D - np.diff(angle)}
+    u = rows.u * (by_half[1:] * by_half[:-1]).conj()
+    return replace(rows, theta_e=theta_e, half=half, i=(rows.i_s - error) * rotor.conj(), u=u, kept=kept)
 
 
 def current_error(rows: Rows, model: Model) -> Vector | float:
@@ -118,7 +138,7 @@ def with_machine(rows: Rows, machine: Machine) -> Rows:
     """The same rows, to be seen with another machine."""
     if rows.machine == machine:
         return rows
-    keep = {key: rows.kept[key] for key in ("D", "rotor", "i_s", "duties", "six", "once") if key in rows.kept}
+    keep = {key: rows.kept[key] for key in ("D", "rotor", "i_s", "duties", "six", "turn") if key in rows.kept}
     return replace(rows, machine=machine, kept=keep)
 
 
@@ -134,7 +154,10 @@ def effects_voltage(truth: Rows, model: Model) -> Vector:
 def residual(rows: Rows, smooth: Rows, model: Model) -> Vector:
     """What is left of the recorded voltage, V of each period, in the measured frame."""
     truth = in_truth(rows, model)
-    clean = truth if smooth is rows else in_truth(smooth, model)
+    return _left_over(rows, truth, truth if smooth is rows else in_truth(smooth, model), model)
+
+
+def _left_over(rows: Rows, truth: Rows, clean: Rows, model: Model) -> Vector:
     left = truth.u - base_voltage(truth, model.machine) - effects_voltage(clean, model)
     return left * frame_of(rows, truth)
 
@@ -167,53 +190,52 @@ def regression(
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     truth = in_truth(smooth, model)
-    frame = frame_of(rows, truth)
     columns = _columns(smooth, model, nominal, tolerance, angle_step, library, more)
+    steps = _steps(truth, model, columns)
     rho = filter_pole(model.machine, rows.T_s)
-    r, zero = residual(rows, smooth, model), zero_residual(rows, smooth, model)
+    r, zero = _left_over(rows, in_truth(rows, model), truth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(whitened(r, rows, rho), zero, rows)
-    prepared(truth, library if more else tuple(BY_NAME[name] for name in model.effects))
+    prepared(truth, steps)
+    r, rotor = r * frame_of(rows, truth).conj(), rows.rotor[1:]
     P = len(columns)
     n = len(rows)
     gram = np.zeros((STRETCHES, P + 1, P + 1))
     state = np.zeros(P + 1, np.complex128)
+    volts, white = np.empty((P + 1) * _PART, np.complex128), np.empty((P + 1) * 2 * _PART)
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
-    channels = 2 if zero is None else 3
     for s, (a, b) in enumerate(pairwise(edges.tolist())):
-        part = truth[a:b]
-        v = np.empty((P + 1, b - a), np.complex128)
-        m = np.zeros((P + 1, channels, b - a))
-        _fill(part, model, columns, v, m)
-        v *= frame[a:b]
-        v[P] = r[a:b]
-        whiten(v, rows.half[a:b], part.joined, part.T_s, rho, state)
-        m[:, 0], m[:, 1] = v.real / noise[0], v.imag / noise[1]
-        if zero is not None:
-            m[P, 2] = zero[a:b]
-            m[:, 2] /= noise[2]
-        flat = m.reshape(P + 1, -1)
-        gram[s] = flat @ flat.T
+        for begin in range(a, b, _PART):
+            cut = slice(begin, min(begin + _PART, b))
+            part = truth[cut]
+            size = (P + 1) * len(part)
+            v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
+            _fill(part, columns, steps, v)
+            v[P] = r[cut]
+            there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
+            flat = m[: len(there)].reshape(len(there), -1)
+            gram[s, there[:, None], there] += flat @ flat.T
+    left = float(gram[:, P, P].sum()) / n
+    if zero is not None:
+        _add_zero_channel(gram, truth, columns, steps, zero / noise[2], noise[2], edges)
     # Coefficients of sizes are absolute
     offset = np.array([column.offset for column in columns])
     change = np.eye(P + 1)
     change[P, :P] = offset
     gram = change @ gram @ change.T
-    return Regression(columns, gram, channels * n, noise, rows, smooth, model)
+    return Regression(columns, gram, (2 if zero is None else 3) * n, noise, rows, smooth, model, left)
 
 
-def prepared(rows: Rows, library: Sequence[Effect]) -> None:
+def prepared(rows: Rows, steps: Sequence[_Step | None]) -> None:
     """Work out once, over the whole recording, what has a memory or is used by several effects."""
-    _ = rows.D, rows.rotor, rows.i_s, rows.i_mean
+    _ = rows.D, rows.rotor, rows.six, rows.turn, rows.i_s, rows.i_mean
     if rows.u_dc is not None:
-        _ = rows.duties
-    rows.once("six", lambda: np.exp(6j * rows.theta_e))
-    rows.once("once", lambda: np.exp(1j * rows.theta_m))
-    for effect in library:
-        if effect.remembers:
-            small = {k: 1e-3 * effect.parameters[k].typical(rows) for k in effect.sizes}
-            for shapes in effect.shapes(rows):
-                effect.voltage(rows, _at(effect, shapes, small))
+        _ = rows.duties, rows.moment_of_pulses, rows.power_of_pulses
+    for step in steps:
+        if step is not None and step.effect.remembers is not None:
+            for sizes in (step.to, step.since):
+                if sizes is not None:
+                    step.effect.remembers(rows, sizes)
 
 
 def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
@@ -250,6 +272,8 @@ def _columns(
     for effect in library if more else [BY_NAME[name] for name in model.effects]:
         if effect.name in model.effects:
             found.extend(_own_columns(effect, rows, model.effects[effect.name]))
+            if not any(parameter.shape for parameter in effect.parameters):
+                continue  # it has no other shape
         for seed, _ in enumerate(effect.shapes(rows) if more else ()):
             for k in effect.sizes:
                 parameter = effect.parameters[k]
@@ -279,32 +303,61 @@ def _bounds(parameter: Parameter, rows: Rows) -> tuple[float, float]:
     )
 
 
-def _fill(rows: Rows, model: Model, columns: Sequence[Column], v: NDArray[np.complex128], m: Array) -> None:
-    """Write the columns' voltages, and what they make of the mean of the phase currents."""
-    for j, column in enumerate(columns):
-        if column.owner == "machine":
+def _steps(rows: Rows, model: Model, columns: Sequence[Column]) -> list[_Step | None]:
+    """What each column is a change of; None for those of the machine."""
+    return [None if column.owner == "machine" else _step(rows, model, column) for column in columns]
+
+
+def _step(rows: Rows, model: Model, column: Column) -> _Step:
+    effect = BY_NAME[column.owner]
+    parameter = effect.parameters[column.place]
+    if column.seed >= 0:
+        h = parameter.typical(rows)
+        return _Step(effect, _at(effect, effect.shapes(rows)[column.seed], {column.place: h}), None, h)
+    at = model.effects[effect.name]
+    if effect.measures:  # rows are rid of it already
+        at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
+    h = 0.05 * abs(at[column.place]) if parameter.shape else _STEP * parameter.typical(rows)
+    return _Step(effect, tuple(value + h * (k == column.place) for k, value in enumerate(at)), at, h)
+
+
+def _fill(rows: Rows, columns: Sequence[Column], steps: Sequence[_Step | None], v: NDArray[np.complex128]) -> None:
+    """Write the columns' voltages."""
+    present: dict[str, Vector] = {}
+    for j, (column, step) in enumerate(zip(columns, steps, strict=True)):
+        if step is None:
+            v[j] = 0.0 if column.parameter == "zero" else _voltage_per_unit(rows, column.parameter)
+            continue
+        effect = step.effect
+        if step.since is None:
+            np.multiply(effect.voltage(rows, step.to), 1.0 / step.h, out=v[j])
+            continue
+        if effect.name not in present:
+            present[effect.name] = effect.voltage(rows, step.since)
+        np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
+        v[j] *= 1.0 / step.h
+
+
+def _add_zero_channel(
+    gram: Array, rows: Rows, columns: Sequence[Column], steps: Sequence[_Step | None], y: Array, noise: float,
+    edges: NDArray[np.intp],
+) -> None:  # fmt: skip
+    """What the mean of the phase currents adds to the sums; most columns make nothing of it."""
+    found: dict[int, Array] = {}
+    for j, (column, step) in enumerate(zip(columns, steps, strict=True)):
+        if step is None:
             if column.parameter == "zero":
-                v[j], m[j, 2] = 0.0, 1.0
-            else:
-                v[j] = _voltage_per_unit(rows, column.parameter)
-            continue
-        effect = BY_NAME[column.owner]
-        parameter = effect.parameters[column.place]
-        if column.seed >= 0:
-            h = parameter.typical(rows)
-            up = _at(effect, effect.shapes(rows)[column.seed], {column.place: h})
-            v[j] = effect.voltage(rows, up) / h
-            if effect.zero is not None and rows.zero is not None:
-                m[j, 2] = effect.zero(rows, up)[:-1] / h
-            continue
-        at = model.effects[effect.name]
-        if effect.measures:  # rows are rid of it already
-            at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
-        h = 0.05 * abs(at[column.place]) if parameter.shape else _STEP * parameter.typical(rows)
-        up = tuple(value + h * (k == column.place) for k, value in enumerate(at))
-        v[j] = (effect.voltage(rows, up) - effect.voltage(rows, at)) / h
-        if effect.zero is not None and rows.zero is not None:
-            m[j, 2] = ((effect.zero(rows, up) - effect.zero(rows, at)) / h)[:-1]
+                found[j] = np.full(len(y), 1.0 / noise)
+        elif step.effect.zero is not None:
+            change = step.effect.zero(rows, step.to)
+            if step.since is not None:
+                change = change - step.effect.zero(rows, step.since)
+            found[j] = change / (step.h * noise)
+    found[len(columns)] = y
+    there = np.array(list(found))
+    for s, (a, b) in enumerate(pairwise(edges.tolist())):
+        m = np.array([x[a:b] for x in found.values()])
+        gram[s, there[:, None], there] += m @ m.T
 
 
 def _voltage_per_unit(rows: Rows, parameter: str) -> Vector:

@@ -36,7 +36,7 @@ from estimator.mismatch.verdict import (
 from estimator.physics import convention_error
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
-from estimator.physics.rows import Rows, rows_of
+from estimator.physics.rows import Rows, Vector, rows_of
 from estimator.samples import Samples
 from estimator.twin import free_run
 
@@ -143,8 +143,8 @@ def _judged(
 ) -> Diagnosis:  # fmt: skip
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
-    rho = filter_pole(model.machine, rows.T_s)
     before = moved(search, ())
+    r_before, r_after = residual(rows, rows, before), residual(rows, found.smooth, model)
     findings: list[Finding] = []
     doubts: list[Ambiguity] = []
     for one in choice:
@@ -153,14 +153,15 @@ def _judged(
         if close:
             doubts.append(ambiguity(one[0], close[0], rows))
             continue
-        findings.append(_finding(rows, found, one, others, rho))
+        findings.append(_finding(rows, found, one, others, r_after))
     doubts = _once(doubts)
     progress(0.85, "simulating")
     held_out = _odd_stretches(len(rows))
     half = Search(replace(search.regression, gram=search.regression.gram[0::2]))
-    fit = fit_quality(rows, moved(half, ()), moved(half, choice), held_out, found.noise)
-    r_before, r_after = residual(rows, rows, before), residual(rows, found.smooth, model)
-    pictures = traces(rows, r_before, r_after, free_run(rows, before), free_run(rows, model))
+    fit_before, fit_after = moved(half, ()), moved(half, choice)
+    runs = free_run(rows, fit_before), free_run(rows, fit_after)
+    fit = fit_quality(rows, fit_before, fit_after, runs, held_out, found.noise)
+    pictures = traces(rows, r_before, r_after, *runs)
     machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
     outside = _outside(machine_after, nominal, tolerance)
     if outside and not findings and not doubts:
@@ -172,13 +173,13 @@ def _judged(
     )  # fmt: skip
 
 
-def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], rho: float) -> Finding:
+def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], left: Vector) -> Finding:
     search, choice, model = found.search, found.choice, found.model
     rest = tuple(c for c in choice if c != one)
     effect = BY_NAME[one[0]]
     smooth = with_machine(found.smooth, model.machine)
     others_only = replace(model, effects={name: p for name, p in model.effects.items() if name != one[0]})
-    signal = whitened(residual(rows, smooth, others_only) - residual(rows, smooth, model), rows, rho)
+    signal = whitened(residual(rows, smooth, others_only) - left, rows, filter_pole(model.machine, rows.T_s))
     full, without = search.fit(choice), search.fit(rest)
     absorbed: dict[str, float] = {}
     for k, name in enumerate(PARAMETERS):

@@ -26,12 +26,14 @@ from estimator.mismatch.columns import (
     zero_residual,
 )  # fmt: skip
 from estimator.mismatch.explain import Choice, Fit, Search
+from estimator.mismatch.thinning import thinned
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
 
 ROUNDS: Final = 9
 POLISHED: Final = 6  # times a round
+_WHOLE: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
 _HALVINGS: Final = 3
 _AVERAGED: Final = 25  # periods to each side; slower than that is not noise
 
@@ -57,31 +59,56 @@ def fitted(
     rows: Rows, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     progress: Callable[[float], None] = lambda _share: None, library: Sequence[Effect] = LIBRARY,
 ) -> Fitted:  # fmt: skip
-    """The model that explains the rows. `angle_step`: the angle's resolution, rad."""
-    model = Model(nominal)
-    smooth, z = rows, np.zeros(0, np.complex128)
+    """The model that explains the rows. `angle_step`: the angle's resolution, rad.
+
+    Of a long recording, blocks of rows find it, and all of them have the last word.
+    """
+    part = thinned(rows)
+    if part is rows:
+        return _fitted(rows, None, nominal, tolerance, angle_step, progress, library)
+    found = _fitted(part, None, nominal, tolerance, angle_step, lambda share: progress(0.5 * share), library)
+    return _fitted(
+        rows, found.model, nominal, tolerance, angle_step, lambda share: progress(0.5 + 0.5 * share), library
+    )  # fmt: skip
+
+
+def _fitted(
+    rows: Rows, start: Model | None, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
+    progress: Callable[[float], None], library: Sequence[Effect],
+) -> Fitted:  # fmt: skip
+    model, smooth, z, settled = start or Model(nominal), rows, np.zeros(0, np.complex128), False
     noise: Noise | None = None
     seen: list[frozenset[str]] = []
+    rounds, times = (ROUNDS, POLISHED) if start is None else _WHOLE
+    if start is not None:
+        model, smooth, z, noise, settled = polished(rows, smooth, start, nominal, tolerance, angle_step, noise, times)
+        seen.append(frozenset(model.effects))
+    last: Search | None = None
     barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
-    for n in range(ROUNDS):
+    for n in range(rounds):
         search = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
         search.barred |= barred
-        choice = search.best(tuple((name, -1) for name in model.effects))
+        present = tuple((name, -1) for name in model.effects)
+        choice = search.best(present)
+        if (settled or start is not None) and set(choice) == set(present):
+            last = search
+            break
         better = _no_worse(rows, smooth, model, moved(search, choice), search)
         if better is None:
             barred |= {name for name, seed in choice if seed >= 0}
         else:
             model = better
-        model, smooth, z, noise = polished(rows, smooth, model, nominal, tolerance, angle_step, noise)
-        progress((n + 1) / ROUNDS)
+        model, smooth, z, noise, settled = polished(rows, smooth, model, nominal, tolerance, angle_step, noise, times)
+        progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
             break
-    last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
+    if last is None:
+        last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
     needed = last.without_needless(tuple((name, -1) for name in model.effects))
     if len(needed) < len(model.effects):
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
-        model, smooth, z, noise = polished(rows, smooth, kept, nominal, tolerance, angle_step, noise)
+        model, smooth, z, noise, _ = polished(rows, smooth, kept, nominal, tolerance, angle_step, noise, times)
         last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
     assert noise is not None
     return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth)
@@ -94,25 +121,27 @@ def without(
     rows = found.search.regression.rows
     kept = {name: sizes for name, sizes in found.model.effects.items() if name not in dropped}
     start = replace(found.model, effects=kept)
-    model, smooth, z, noise = polished(rows, found.smooth, start, nominal, tolerance, angle_step, found.noise)
+    model, smooth, z, noise, _ = polished(rows, found.smooth, start, nominal, tolerance, angle_step, found.noise)
     last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise))
     return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth)
 
 
 def polished(
     rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    noise: Noise | None,
-) -> tuple[Model, Rows, Vector, Noise]:  # fmt: skip
-    """A set's best model; rows with less noise, whitened residual and noise by it."""
-    for _ in range(POLISHED):
+    noise: Noise | None, times: int = POLISHED,
+) -> tuple[Model, Rows, Vector, Noise, bool]:  # fmt: skip
+    """A set's best model; rows with less noise, whitened residual and noise by it; whether it moves no more."""
+    settled = False
+    for _ in range(times):
         model = with_step_in_place(rows, smooth, model)
         smooth, _, noise = cleaned(rows, smooth, model)
         own = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, (), more=False))
         better = _no_worse(rows, smooth, model, moved(own, tuple((name, -1) for name in model.effects)), own)
-        if better is None or _close(own, model, better):
+        settled = better is not None and _close(own, model, better)
+        if better is None or settled:
             break
         model = better
-    return model, *cleaned(rows, smooth, model)
+    return model, *cleaned(rows, smooth, model), settled
 
 
 def _close(search: Search, one: Model, other: Model) -> bool:
@@ -143,9 +172,9 @@ def _no_worse(rows: Rows, smooth: Rows, now: Model, towards: Model, search: Sear
         z = whitened(residual(there, clean, model), there, filter_pole(now.machine, rows.T_s))
         return float(np.mean(z.real**2) / noise[0] ** 2 + np.mean(z.imag**2) / noise[1] ** 2)
 
-    start, model = left(now), towards
+    model = towards
     for _ in range(_HALVINGS):
-        if left(model) <= 1.02 * start + 0.02:
+        if left(model) <= 1.02 * search.regression.left + 0.02:
             return model
         model = _between(now, model)
     return None
@@ -210,7 +239,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, Noise
     part_q = min(1.0, noise[1] ** 2 / max(float(np.mean(fast.imag**2)), 1e-300))
     i = rows.i.copy()
     i[1:] += part_d * fast.real / m.L_d + 1j * part_q * fast.imag / m.L_q
-    kept = {key: rows.kept[key] for key in ("D", "rotor", "duties", "six", "once") if key in rows.kept}
+    kept = {key: rows.kept[key] for key in ("D", "rotor", "duties", "six", "turn") if key in rows.kept}
     return replace(rows, i=i, kept=kept), z, noise
 
 

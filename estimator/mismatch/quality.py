@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from estimator.mismatch.columns import Model, filter_pole, whitened
 from estimator.mismatch.verdict import Before, Fit
 from estimator.physics.rows import Real, Rows, Vector
-from estimator.twin import WINDOW, free_run, implied_voltage
+from estimator.twin import WINDOW, implied_voltage
 
 Bools = NDArray[np.bool_]
 
@@ -27,13 +27,18 @@ _LOW: Final = 0.1  # of the sampling rate
 _HIGH: Final = 0.25
 
 
-def fit_quality(rows: Rows, before: Model, after: Model, held_out: Bools, noise: tuple[float, float, float]) -> Fit:
-    """Both models on the periods that are `held_out`; `noise` is that of the whitened residual (Vs on d, Vs on q, A).
+def fit_quality(
+    rows: Rows, before: Model, after: Model, runs: tuple[Vector, Vector], held_out: Bools,
+    noise: tuple[float, float, float],
+) -> Fit:  # fmt: skip
+    """Both models, with their free-running currents, on the periods that are `held_out`.
+
+    `noise` is that of the whitened residual (Vs on d, Vs on q, A).
 
     Raises ValueError where no stretch of 64 periods is held out.
     """
     used = held_out & rows.joined
-    both = [_measured(rows, model, used, after, noise) for model in (before, after)]
+    both = [_measured(rows, model, i, used, after, noise) for model, i in zip((before, after), runs, strict=True)]
     (step_0, run_0, above_0, low_0), (step_1, run_1, above_1, low_1) = both
     floor_V, floor_A = _floors(rows, after, noise)
     return Fit(
@@ -46,11 +51,11 @@ def fit_quality(rows: Rows, before: Model, after: Model, held_out: Bools, noise:
 
 
 def _measured(
-    rows: Rows, model: Model, used: Bools, after: Model, noise: tuple[float, float, float]
+    rows: Rows, model: Model, i: Vector, used: Bools, after: Model, noise: tuple[float, float, float]
 ) -> tuple[float, float, float, float]:
     """Rms of what is left one step ahead (V) and free-running (A), its power above the noise, its low frequencies'."""
     left = rows.u - implied_voltage(rows, model)
-    off = (free_run(rows, model) - rows.i)[1:]
+    off = (i - rows.i)[1:]
     z = whitened(left, rows, filter_pole(after.machine, rows.T_s))
     z = z.real / noise[0] + 1j * (z.imag / noise[1])
     above = max(float(np.mean(np.abs(z[used]) ** 2)) - 2.0, 0.0)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
+from estimator.kernel import kernel
 from estimator.mismatch.averages import Array
 from estimator.mismatch.columns import filter_pole
 from estimator.physics.rows import Rows, Vector
@@ -123,14 +124,24 @@ def energy_of_orders(rows: Rows, z: Vector, highest: int, base: int) -> Array:
     energy = np.zeros(highest)
     if len(starts) < 2:
         return energy
-    counts = np.diff(starts, append=len(z))
     turn = np.exp(-1j / base * rows.theta_e[1:])
-    for way in (turn, turn.conj()):
-        turned = z
+    return _summed_orders(z, turn, np.append(starts, len(z)), highest)
+
+
+@kernel
+def _summed_orders(z: Vector, turn: Vector, edges: NDArray[np.intp], highest: int) -> Array:
+    energy = np.zeros(highest)
+    for s in range(len(edges) - 1):
+        forth, back = np.zeros(highest, np.complex128), np.zeros(highest, np.complex128)
+        for j in range(edges[s], edges[s + 1]):
+            a, b = z[j], z[j]
+            for k in range(highest):
+                a, b = a * turn[j], b * turn[j].conjugate()
+                forth[k] += a
+                back[k] += b
         for k in range(highest):
-            turned = turned * way
-            sums: Vector = np.add.reduceat(turned, starts)
-            energy[k] += float(np.sum((sums.real**2 + sums.imag**2) / counts))
+            power = forth[k].real ** 2 + forth[k].imag ** 2 + back[k].real ** 2 + back[k].imag ** 2
+            energy[k] += power / (edges[s + 1] - edges[s])
     return energy
 
 

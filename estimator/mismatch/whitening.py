@@ -16,6 +16,7 @@ from estimator.kernel import kernel
 
 Vector = NDArray[np.complex128]
 Vectors = NDArray[np.complex128]
+Reals = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
@@ -29,3 +30,34 @@ def whiten(v: Vectors, half: Vector, joined: Bools, T_s: float, rho: float, stat
             z = back * (rho * back * z + T_s * v[c, k]) if joined[k] else 0j
             v[c, k] = z
         state[c] = z
+
+
+@kernel
+def whiten_into(
+    white: Reals, v: Vectors, middle: Vector, rotor: Vector, joined: Bools, T_s: float, rho: float,
+    noise: tuple[float, float], state: Vector,
+) -> NDArray[np.intp]:  # fmt: skip
+    """The same over the noise on d and q, as real numbers (columns x 2 x periods); which columns are not zero yet.
+
+    Only those are written, one after the other. By way of the stationary frame: `middle` is exp(j theta_e) in the
+    periods' middle, of v's frame, `rotor` that at their ends, of the flux errors' frame.
+    """
+    there = np.empty(v.shape[0], np.intp)
+    count = 0
+    for c in range(v.shape[0]):
+        z_s, some = state[c], state[c] != 0.0
+        for k in range(v.shape[1]):
+            v[c, k] *= T_s * middle[k]
+        for k in range(v.shape[1]):
+            z_s = rho * z_s + v[c, k] if joined[k] else 0j
+            v[c, k] = z_s
+            some = some or z_s != 0.0
+        state[c] = z_s
+        if not some:
+            continue
+        for k in range(v.shape[1]):
+            z = v[c, k] * rotor[k].conjugate()
+            white[count, 0, k], white[count, 1, k] = z.real / noise[0], z.imag / noise[1]
+        there[count] = c
+        count += 1
+    return there[:count]

@@ -18,16 +18,13 @@ from estimator.physics.rows import Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     rise, corner = sizes
-    R_x, g, e = rise * rows.machine.R_s, rows.stiffness, rows.half
+    R_s, x = rows.machine.R_s, 2.0 * math.pi * corner * rows.T_s
     # The rung's voltage bends the current within the period, which the mean of its ends does not see
-    over = rows.once(f"over {corner:.4g}", lambda: _over(rows, corner, _bent(rows, corner)))
-    drop = R_x * over * rows.rotor.conj()
-    more = rows.T_s / 12.0 * (e * g[1:](drop[1:]) - e.conj() * g[:-1](drop[:-1]))
-    if rows.u_dc is not None:
-        more = more + R_x * g[:-1](g[:-1](rows.moment_of_pulses))
-    i_x = rows.i_s - over - _over(rows, corner, more * rows.middle, alone=True)
-    passed = np.diff(i_x) / (2.0 * math.pi * corner * rows.T_s)
-    return R_x * rows.stationary(passed) + rows.machine.R_s * more
+    over = rows.once(f"over {corner!r}", lambda: _over(rows.i_s, rows, corner, _beside_straight(rows, corner)))
+    bent = rows.once(f"bent {corner!r}", lambda: _bent(rows, over))
+    i_x = rows.once(f"i_x of bent {corner!r}", lambda: -_over(0.0 * rows.i_s, rows, corner, bent * rows.middle))
+    passed: Vector = np.diff(rows.i_s - over + rise * i_x) / x
+    return rise * R_s * (rows.stationary(passed) + bent)
 
 
 @kernel
@@ -38,28 +35,36 @@ def rung(T_s: float, corner: float) -> tuple[float, float, float]:
     return x, share, 1.0 - share / x
 
 
-def _bent(rows: Rows, corner: float) -> Vector:
+def _beside_straight(rows: Rows, corner: float) -> Vector:
     """Mean current (A, stationary) of each period beside that of a straight course, as i_x follows it."""
-    bent: Vector = rows.i_mean * rows.middle - 0.5 * (rows.i_s[1:] + rows.i_s[:-1])
+    beside: Vector = rows.i_mean * rows.middle - 0.5 * (rows.i_s[1:] + rows.i_s[:-1])
     if rows.u_dc is not None:  # late pulses count more
         x, share, _ = rung(rows.T_s, corner)
         ripple = rows.stiffness[:-1](rows.moment_of_pulses) * rows.middle
-        bent = bent + 2.0 * math.pi * corner * x / share * ripple
-    return bent
+        beside = beside + 2.0 * math.pi * corner * x / share * ripple
+    return beside
 
 
-def _over(rows: Rows, corner: float, bent: Vector, *, alone: bool = False) -> Vector:
-    """i - i_x at samples; of what is `bent` alone, -i_x."""
-    return _followed(np.zeros_like(rows.i_s) if alone else rows.i_s, bent, *rung(rows.T_s, corner)[1:])
+def _bent(rows: Rows, over: Vector) -> Vector:
+    """Mean current (A) of each period that a rung of R_s, with i - i_x at samples, adds."""
+    e, g = rows.half, rows.stiffness
+    drop = rows.machine.R_s * over * rows.rotor.conj()
+    bent = rows.T_s / 12.0 * (e * g[1:](drop[1:]) - e.conj() * g[:-1](drop[:-1]))
+    return bent if rows.u_dc is None else bent + rows.machine.R_s * g[:-1](g[:-1](rows.moment_of_pulses))
+
+
+def _over(i: Vector, rows: Rows, corner: float, beside: Vector) -> Vector:
+    """i - i_x at samples, for a current that goes straight from sample to sample but for what is `beside`."""
+    return _followed(i, beside, *rung(rows.T_s, corner)[1:])
 
 
 @kernel
-def _followed(i: Vector, bent: Vector, share: float, late: float) -> Vector:
+def _followed(i: Vector, beside: Vector, share: float, late: float) -> Vector:
     over = np.empty(len(i), np.complex128)
     i_x = i[0]
     over[0] = 0.0
     for k in range(len(i) - 1):
-        i_x += share * (i[k] - i_x + bent[k]) + late * (i[k + 1] - i[k])
+        i_x += share * (i[k] - i_x + beside[k]) + late * (i[k + 1] - i[k])
         over[k + 1] = i[k + 1] - i_x
     return over
 
@@ -75,5 +80,5 @@ EFFECT = Effect(
     "R_s that rises with speed and with how fast current is excited",
     ("iron_loss", "winding_resistance_drift"),
     missed=3e-4,
-    remembers=True,
+    remembers=voltage,
 )

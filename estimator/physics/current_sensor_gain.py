@@ -21,21 +21,19 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 def zero(rows: Rows, sizes: Sizes) -> Real:
     """Mean of the three channels' errors, A."""
     alpha, beta = sizes
-    g = complex(alpha, beta)
-    i_s = rows.i_s
-    return sum(((g * axis.conjugate()).real * (i_s * axis.conjugate()).real for axis in AXES), 0.0 * i_s.real) / 3.0
+    return 0.5 * (alpha * rows.i_s.real + beta * rows.i_s.imag)  # a third of the sum of gain_k i_k
 
 
 def error(rows: Rows, sizes: Sizes) -> Vector:
     """Vector of the channels' errors, A, for measured currents."""
     alpha, beta = sizes
-    g = complex(alpha, beta)
-    i_s = rows.i_s
-    total = 0.0 * i_s
+    # A matrix, as a number by which i_s and one by which its conjugate is multiplied
+    straight, mirrored = 0j, 0j
     for axis in AXES:
-        gain = (g * axis.conjugate()).real
-        total += 2.0 / 3.0 * axis * (gain / (1.0 + gain) * (i_s * axis.conjugate()).real)
-    return total
+        gain = (complex(alpha, beta) * axis.conjugate()).real
+        straight += gain / (1.0 + gain) / 3.0
+        mirrored += gain / (1.0 + gain) / 3.0 * axis * axis
+    return straight * rows.i_s + mirrored * rows.i_s.conj()
 
 
 EFFECT = Effect(

@@ -44,7 +44,7 @@ class Effect:
     told: Callable[[Rows, Sizes], dict[str, tuple[float, str]]] | None = None  # value and unit of what users are told
     current_error: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, stationary frame; measured less true
     angle_error: Callable[[Rows, Sizes], Real | float] | None = None  # rad electrical at samples; measured less true
-    remembers: bool = False  # what came before a stretch matters in it
+    remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
 
     @property

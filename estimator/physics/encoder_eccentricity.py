@@ -22,8 +22,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 def error(rows: Rows, sizes: Sizes) -> Real:
     """Of the angle, rad electrical."""
-    once = rows.once("once", lambda: np.exp(1j * rows.theta_m))
-    return _at(once, sizes)
+    return _at(rows.turn, sizes)
 
 
 def _at(once: Vector, sizes: Sizes) -> Real:

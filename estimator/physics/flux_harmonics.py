@@ -8,8 +8,6 @@ looks alike from both sides has cosines on d and sines on q. D. Hanselman, "Brus
 2nd ed., 2003, chapter 6.
 """
 
-import numpy as np
-
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
 
@@ -17,7 +15,7 @@ from estimator.physics.rows import Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     d_6, q_6, d_12, q_12 = sizes
-    six = rows.once("six", lambda: np.exp(6j * rows.theta_e))
+    six = rows.six
     psi = d_6 * six.real + 1j * q_6 * six.imag
     if d_12 != 0.0 or q_12 != 0.0:
         twelve = six * six

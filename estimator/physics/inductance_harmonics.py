@@ -6,8 +6,6 @@ so that the flux linkage of a current is L i / (1 + inverse_6 L/L_q cos 6 theta_
 Magnet Motor Design", 2nd ed., 2003, chapter 10.
 """
 
-import numpy as np
-
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
 
@@ -16,7 +14,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     (inverse_6,) = sizes
     m, i = rows.machine, rows.i
-    x = inverse_6 * rows.once("six", lambda: np.exp(6j * rows.theta_e)).real
+    x = inverse_6 * rows.six.real
     d, q = x * (m.L_d / m.L_q), x
     return -rows.balance(m.L_d * i.real * d / (1.0 + d) + 1j * m.L_q * i.imag * q / (1.0 + q))
 

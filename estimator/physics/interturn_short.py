@@ -15,13 +15,17 @@ from estimator.physics.rows import AXES, Rows, Vector
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    conductance, phase, lag = sizes
+    conductance, phase, _ = sizes
     axis = AXES[round(phase) % 3]
-    driven = rows.once(f"loop {lag:.5g}", lambda: branch(rows, 0.0, lag, behind_R_s=False))
-    loop = conductance * (driven * axis.conjugate()).real * axis
+    loop = conductance * (_driven(rows, sizes) * axis.conjugate()).real * axis
     i, m = loop * rows.rotor.conj(), rows.machine
     mean = rows.stationary(0.5 * (loop[:-1] + loop[1:]))
     return -m.R_s * mean - rows.balance(m.L_d * i.real + 1j * m.L_q * i.imag)
+
+
+def _driven(rows: Rows, sizes: Sizes) -> Vector:
+    lag = sizes[2]
+    return rows.once(f"loop {lag!r}", lambda: branch(rows, 0.0, lag, behind_R_s=False))
 
 
 EFFECT = Effect(
@@ -37,5 +41,5 @@ EFFECT = Effect(
     ("iron_loss", "current_sensor_gain"),
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
     missed=1e-3,
-    remembers=True,
+    remembers=_driven,
 )  # fmt: skip

@@ -40,7 +40,7 @@ EFFECT = Effect(
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding resistance", "flux_harmonics"),
     missed=3e-3,
-    remembers=True,
+    remembers=lambda rows, _sizes: legs_of(rows),
 )  # fmt: skip
 
 

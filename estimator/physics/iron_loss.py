@@ -13,6 +13,8 @@ T. Hirasa, "Loss minimization control of permanent magnet synchronous motor driv
 Electronics, 1994.
 """
 
+import math
+
 import numpy as np
 
 from estimator.kernel import kernel
@@ -24,11 +26,15 @@ _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    conductance, omega_h, lag = sizes
-    driven = rows.once(f"iron {omega_h:.5g} {lag:.5g}", lambda: branch(rows, omega_h, lag))
-    i_i = conductance * driven * rows.rotor.conj()
+    conductance = sizes[0]
+    i_i = conductance * _driven(rows, sizes) * rows.rotor.conj()
     m = rows.machine
     return -rows.balance(m.L_d * i_i.real + 1j * m.L_q * i_i.imag)
+
+
+def _driven(rows: Rows, sizes: Sizes) -> Vector:
+    _, omega_h, lag = sizes
+    return rows.once(f"iron {omega_h!r} {lag!r}", lambda: branch(rows, omega_h, lag))
 
 
 def branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -> Vector:
@@ -38,22 +44,24 @@ def branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -
     x = rows.T_s * share / lag
     lost = (rows.machine.R_s if behind_R_s else 0.0) * rows.i_mean * rows.middle
     if rows.u_dc is None:
-        fed = (1.0 - np.exp(-x)) * (rows.u * rows.middle - lost)
-    else:
-        fed = -(1.0 - np.exp(-x)) * lost
-        for k, axis in enumerate(AXES):
-            d = rows.duties[:, k]
-            pulse = np.exp(-0.5 * x * (1.0 - d)) - np.exp(-0.5 * x * (1.0 + d))
-            fed += 2.0 / 3.0 * axis * rows.u_dc * pulse
-    return _followed(fed / share, np.exp(-x))
+        return _followed(x, share, rows.u * rows.middle - lost, np.zeros((0, 3)), np.zeros(0))
+    return _followed(x, share, -lost, rows.duties, rows.u_dc)
 
 
 @kernel
-def _followed(fed: Vector, kept: Real) -> Vector:
-    i = np.empty(len(fed) + 1, np.complex128)
-    i[0] = fed[0] / (1.0 - kept[0])
-    for k in range(len(fed)):
-        i[k + 1] = kept[k] * i[k] + fed[k]
+def _followed(x: Real, share: Real, steady: Vector, duties: Real, u_dc: Real) -> Vector:
+    """The branch's current from period to period: fed by a steady voltage, and by the legs' pulses where known."""
+    i = np.empty(len(x) + 1, np.complex128)
+    for k in range(len(x)):
+        kept = math.exp(-x[k])
+        fed = (1.0 - kept) * steady[k]
+        for leg in range(duties.shape[1] if len(duties) else 0):
+            late = math.exp(-0.5 * x[k] * (1.0 - duties[k, leg]))
+            fed += 2.0 / 3.0 * AXES[leg] * u_dc[k] * (late - kept / late)
+        fed /= share[k]
+        if k == 0:
+            i[0] = fed / (1.0 - kept)
+        i[k + 1] = kept * i[k] + fed
     return i
 
 
@@ -71,13 +79,13 @@ EFFECT = Effect(
     ("angle_offset", "q_axis_saturation"),
     told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
     missed=1e-3,
-    remembers=True,
+    remembers=_driven,
 )  # fmt: skip
 
 
 def fastest(rows: Rows) -> float:
     """The highest electrical speed, rad/s."""
-    return max(float(np.max(np.abs(rows.omega_e), initial=0.0)), 1.0)
+    return max(float(np.max(np.abs(rows.omega_e), initial=0.0, where=rows.joined)), 1.0)
 
 
 def emf(rows: Rows) -> float:

@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.kernel import kernel
 from estimator.physics.rows import AXES, Real, Rows, Vector
@@ -24,6 +25,8 @@ class Legs(NamedTuple):
     u_dc: Real  # V; of no length where it is not known: then each end's current counts for half a period
     duties: Real  # (n, 3)
     edges: Real  # (n, 3): 1 where a leg rises at the period's start, -1 where it falls
+    order: NDArray[np.int8]  # (n, 3): the legs as they rise
+    ripple: Vector  # (n, 3): A, stationary, when each leg rises
     u_s: Vector  # V, stationary
     middle: Vector  # exp(j theta_e) in the middle
     T_s: float  # s
@@ -33,14 +36,17 @@ class Legs(NamedTuple):
 
 def legs_of(rows: Rows) -> Legs:
     """The legs of a recording's periods."""
-    m, middle = rows.machine, rows.middle
-    known = rows.u_dc is not None
-    none = np.zeros((0, 3))
-    edges = rows.once("edges at start", lambda: _edges_at_start(rows)) if known else none
-    return Legs(
-        np.zeros(0) if rows.u_dc is None else rows.u_dc, rows.duties if known else none, edges,
-        rows.u * middle, middle, rows.T_s, float(m.L_d), float(m.L_q),
-    )  # fmt: skip
+    u_dc, middle, T_s = rows.u_dc, rows.middle, rows.T_s
+    L_d, L_q, u_s = float(rows.machine.L_d), float(rows.machine.L_q), rows.u * middle
+    if u_dc is None:
+        none = np.zeros((0, 3))
+        return Legs(
+            np.zeros(0), none, none, none.astype(np.int8), none.astype(np.complex128), u_s, middle, T_s, L_d, L_q
+        )
+    edges = rows.once("edges at start", lambda: _edges_at_start(rows))
+    order = rows.once("order", lambda: _orders(rows.duties))
+    ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, L_d, L_q))
+    return Legs(u_dc, rows.duties, edges, order, ripple, u_s, middle, T_s, L_d, L_q)
 
 
 def _edges_at_start(rows: Rows) -> Real:
@@ -52,7 +58,7 @@ def _edges_at_start(rows: Rows) -> Real:
 @kernel
 def lost_voltages(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
     """Lost voltage (V) of each period, from currents (A) at samples; both in the stationary frame."""
-    lost = np.empty(len(legs.u_s), np.complex128)
+    lost = np.empty(len(legs.middle), np.complex128)
     for k in range(len(lost)):
         lost[k] = lost_voltage(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width)
     return lost
@@ -71,24 +77,20 @@ def lost_voltage(
             lost += axis * u_drop * 0.5 * (start / _soft(start, width) + end / _soft(end, width))
         return 2.0 / 3.0 * lost
     u_dc = legs.u_dc[k]
-    d_a, d_b, d_c = legs.duties[k, 0], legs.duties[k, 1], legs.duties[k, 2]
-    rises = (0.5 * (1.0 - d_a), 0.5 * (1.0 - d_b), 0.5 * (1.0 - d_c))  # share of the period; falls at 1 less that
-    ripple = (_ripple(legs, k, rises, 0), _ripple(legs, k, rises, 1), _ripple(legs, k, rises, 2))
-    first, second, third = _order(rises)
     by_rise, by_fall = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if dead_time != 0.0:
         for leg in range(3):  # far from where a current changes sign
-            start, end = _phase(i_0, axes[leg]), _phase(i_1, axes[leg])
-            away = (end - start) * rises[leg] + _phase(ripple[leg], axes[leg])
-            if rises[leg] < 0.5 and start + away > 0.0:
-                by_rise = _put(by_rise, leg, u_dc * min((1.0 - 2.0 * rises[leg]) * legs.T_s, dead_time))
-            if rises[leg] > 0.0 and end - away < 0.0:
-                by_fall = _put(by_fall, leg, -u_dc * min(2.0 * rises[leg] * legs.T_s, dead_time))
+            start, end, rise = _phase(i_0, axes[leg]), _phase(i_1, axes[leg]), _rise(legs.duties[k, leg])
+            away = (end - start) * rise + _phase(legs.ripple[k, leg], axes[leg])
+            if rise < 0.5 and start + away > 0.0:
+                by_rise = _put(by_rise, leg, u_dc * min((1.0 - 2.0 * rise) * legs.T_s, dead_time))
+            if rise > 0.0 and end - away < 0.0:
+                by_fall = _put(by_fall, leg, -u_dc * min(2.0 * rise * legs.T_s, dead_time))
         for _ in range(_PASSES):  # what one leg loses moves the others' currents
             was = by_rise[0] + by_fall[0], by_rise[1] + by_fall[1], by_rise[2] + by_fall[2]
             for leg in range(3):
-                rise, fall = _by_dead_time(legs, k, i_0, i_1, rises, ripple[leg], dead_time, by_rise, by_fall, leg)
-                by_rise, by_fall = _put(by_rise, leg, rise), _put(by_fall, leg, fall)
+                at_rise, at_fall = _by_dead_time(legs, k, i_0, i_1, dead_time, by_rise, by_fall, leg)
+                by_rise, by_fall = _put(by_rise, leg, at_rise), _put(by_fall, leg, at_fall)
             if _farthest(was, by_rise, by_fall) < _CLOSE * u_dc * dead_time:
                 break
     for leg in range(3):
@@ -101,17 +103,18 @@ def lost_voltage(
             volts += u_dc / legs.T_s * 0.5 * dead_time * (edge + start / _soft(start, width))
         if u_drop != 0.0:
             # Mean of the sign over the period, piece by piece between the edges, from both ends to the middle
-            total, early, was_up, was_down = 0.0, 0.0, start, end
+            total, early = 0.0, 0.0
+            was_up, was_down, soft_was_up, soft_was_down = start, end, _soft(start, width), _soft(end, width)
             for part in range(4):
                 late, away = 0.5, 0.0
                 if part < 3:
-                    other = first if part == 0 else second if part == 1 else third
-                    late, away = rises[other], _phase(ripple[other], axis)
+                    other = legs.order[k, part]
+                    late, away = _rise(legs.duties[k, other]), _phase(legs.ripple[k, other], axis)
                 up, down = start + slope * late + away, end - slope * late - away
-                mean = (was_up + up) / (_soft(was_up, width) + _soft(up, width))
-                mean += (was_down + down) / (_soft(was_down, width) + _soft(down, width))
+                soft_up, soft_down = _soft(up, width), _soft(down, width)
+                mean = (was_up + up) / (soft_was_up + soft_up) + (was_down + down) / (soft_was_down + soft_down)
                 total += (late - early) * mean
-                early, was_up, was_down = late, up, down
+                early, was_up, was_down, soft_was_up, soft_was_down = late, up, down, soft_up, soft_down
             volts += u_drop * total
         lost += axis * volts
     return 2.0 / 3.0 * lost
@@ -131,8 +134,7 @@ def _farthest(was: Three, rise: Three, fall: Three) -> float:
 
 @kernel
 def _by_dead_time(
-    legs: Legs, k: int, i_0: complex, i_1: complex, rises: Three, ripple: complex, dead_time: float,
-    by_rise: Three, by_fall: Three, leg: int,
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, by_rise: Three, by_fall: Three, leg: int
 ) -> tuple[float, float]:  # fmt: skip
     """Vs that a leg loses at its rise and at its fall, where the others lose what is known of them.
 
@@ -140,25 +142,25 @@ def _by_dead_time(
     where it has come to zero the leg floats on the voltage that keeps it there. The loss moves the current, from both
     ends of the period to the edges: it is the one that follows from itself.
     """
-    u_dc, T_s, rise = legs.u_dc[k], legs.T_s, rises[leg]
+    u_dc, T_s, rise = legs.u_dc[k], legs.T_s, _rise(legs.duties[k, leg])
     on, off = (1.0 - 2.0 * rise) * T_s, 2.0 * rise * T_s  # a pulse shorter than the dead time is lost whole
     if on <= 0.0 or off <= 0.0:
         return 0.0, 0.0
     axis = _A if leg == 0 else _B if leg == 1 else _C
     start, end = _phase(i_0, axis), _phase(i_1, axis)
     slope = end - start
-    away = slope * rise + _phase(ripple, axis)
+    away = slope * rise + _phase(legs.ripple[k, leg], axis)
     at_rise, at_fall, own = start + away, end - away, 0.0
-    low = slope / T_s - _phase(_driven(legs, k, legs.u_s[k]), axis)  # A/s at the rise, with this leg low
+    low = slope / T_s - _phase(_driven(legs.u_s[k], legs.middle[k], legs.L_d, legs.L_q), axis)  # A/s at the rise, with this leg low
     low_at_fall = low
     for other in range(3):
         there = _B if other == 1 else _C if other == 2 else _A
-        rate = _phase(_driven(legs, k, 2.0 / 3.0 * there), axis)  # A/s per V
+        rate = _phase(_driven(2.0 / 3.0 * there, legs.middle[k], legs.L_d, legs.L_q), axis)  # A/s per V
         if other == leg:
             own = rate
             continue
         lost = by_rise[other] + by_fall[other]
-        apart = (rise - rises[other]) * T_s  # s, for which the other has been told to be high, at the rise
+        apart = (rise - _rise(legs.duties[k, other])) * T_s  # s, for which the other has been told to be high, at the rise
         risen = min(by_rise[other], u_dc * max(apart, 0.0))
         fallen = max(by_fall[other], u_dc * min(apart, 0.0))
         at_rise += rate * (lost * rise - risen)
@@ -210,10 +212,10 @@ def _held_high(i: float, low: float, high: float, dead: float) -> float:
 
 
 @kernel
-def _driven(legs: Legs, k: int, u: complex) -> complex:
+def _driven(u: complex, middle: complex, L_d: float, L_q: float) -> complex:
     """di/dt (A/s) that a voltage (V) drives, both in the stationary frame."""
-    in_rotor = u * legs.middle[k].conjugate()
-    return complex(in_rotor.real / legs.L_d, in_rotor.imag / legs.L_q) * legs.middle[k]
+    in_rotor = u * middle.conjugate()
+    return complex(in_rotor.real / L_d, in_rotor.imag / L_q) * middle
 
 
 @kernel
@@ -227,24 +229,38 @@ def _soft(i: float, width: float) -> float:
 
 
 @kernel
-def _order(rises: tuple[float, float, float]) -> tuple[int, int, int]:
-    """Legs in the order in which they rise."""
-    a, b, c = 0, 1, 2
-    if rises[a] > rises[b]:
-        a, b = b, a
-    if rises[b] > rises[c]:
-        b, c = c, b
-    if rises[a] > rises[b]:
-        a, b = b, a
-    return a, b, c
+def _rise(duty: float) -> float:
+    """When a leg rises, as a share of the period; it falls at 1 less that."""
+    return 0.5 * (1.0 - duty)
 
 
 @kernel
-def _ripple(legs: Legs, k: int, rises: tuple[float, float, float], leg: int) -> complex:
-    """The current's ripple (A, stationary) when a leg rises: the integral of the voltage less its mean."""
-    when = rises[leg]
-    area = -legs.u_s[k] * when
-    area += 2.0 / 3.0 * legs.u_dc[k] * (
-        _A * max(0.0, when - rises[0]) + _B * max(0.0, when - rises[1]) + _C * max(0.0, when - rises[2])
-    )
-    return _driven(legs, k, area * legs.T_s)
+def _orders(duties: Real) -> NDArray[np.int8]:
+    """Legs in the order in which they rise."""
+    order = np.empty(duties.shape, np.int8)
+    for k in range(len(duties)):
+        a, b, c = 0, 1, 2
+        if duties[k, a] < duties[k, b]:
+            a, b = b, a
+        if duties[k, b] < duties[k, c]:
+            b, c = c, b
+        if duties[k, a] < duties[k, b]:
+            a, b = b, a
+        order[k, 0], order[k, 1], order[k, 2] = a, b, c
+    return order
+
+
+@kernel
+def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, L_d: float, L_q: float) -> Vector:
+    """The current's ripple (A, stationary) when each leg rises: the integral of the voltage less its mean."""
+    ripple = np.empty(duties.shape, np.complex128)
+    for k in range(len(duties)):
+        a, b, c = _rise(duties[k, 0]), _rise(duties[k, 1]), _rise(duties[k, 2])
+        for leg in range(3):
+            when = _rise(duties[k, leg])
+            area = -u_s[k] * when
+            area += 2.0 / 3.0 * u_dc[k] * (
+                _A * max(0.0, when - a) + _B * max(0.0, when - b) + _C * max(0.0, when - c)
+            )
+            ripple[k, leg] = _driven(area * T_s, middle[k], L_d, L_q)
+    return ripple

@@ -6,6 +6,8 @@ psi_f is that before. S. Ruoho, E. Dlala, A. Arkkio, "Comparison of demagnetizat
 of permanent-magnet synchronous machines", IEEE Trans. Magnetics, 2007.
 """
 
+import numpy as np
+
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import Rows, Vector
 
@@ -13,7 +15,10 @@ from estimator.physics.rows import Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     change, time = sizes
-    return rows.balance(change * rows.machine.psi_f * (rows.t >= rows.span[0] + time * rows.span[1]).astype(float))
+    since = rows.t >= rows.span[0] + time * rows.span[1]
+    if not since.any():
+        return np.zeros(len(rows), np.complex128)
+    return rows.balance(change * rows.machine.psi_f * since.astype(float))
 
 
 EFFECT = Effect(

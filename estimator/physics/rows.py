@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
+from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.samples import Samples
 
@@ -29,7 +30,7 @@ class Stiffness:
     """d(i)/d(psi) at samples, 1/H: of a flux linkage v, a v + b conj(v)."""
 
     a: Real
-    b: Real | Vector
+    b: Vector
 
     def __call__(self, v: Vector) -> Vector:
         """Current (A) that belongs to a small flux linkage (Vs)."""
@@ -55,6 +56,7 @@ class Rows:
     joined: NDArray[np.bool_]  # of each period: its two samples are of one run
     u_dc: Real | None  # V, of each period
     zero: Real | None  # A, mean of the three measured phase currents at samples, where they are known
+    heat: Real  # A^2 s, integral of the squared current up to each sample
     span: tuple[float, float]  # s, start and length of the recording
     angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves at samples
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
@@ -73,7 +75,7 @@ class Rows:
 
         return replace(
             self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u),
-            joined=cut(self.joined), u_dc=None if self.u_dc is None else cut(self.u_dc),
+            joined=cut(self.joined), heat=cut(self.heat), u_dc=None if self.u_dc is None else cut(self.u_dc),
             zero=None if self.zero is None else cut(self.zero),
             kept={key: cut(whole) for key, whole in self.kept.items()},
         )  # fmt: skip
@@ -107,6 +109,16 @@ class Rows:
         return self.rotor[:-1] * self.half
 
     @property
+    def six(self) -> Vector:
+        """exp(6j theta_e) at samples."""
+        return self.once("six", lambda: _sixth_power(self.rotor))
+
+    @property
+    def turn(self) -> Vector:
+        """exp(j theta_m) at samples."""
+        return self.once("turn", lambda: np.exp(1j * self.theta_m))
+
+    @property
     def theta_m(self) -> Real:
         """Mechanical angle at samples, rad, but for a constant."""
         return self.theta_e / self.machine.n_p
@@ -128,71 +140,49 @@ class Rows:
         return self.once("i_mean", self._plain_mean_current)
 
     def _plain_mean_current(self) -> Vector:
-        g = self.stiffness
-        return self.mean_current(self.slopes(self.flux(self.i), g), g, self.machine.R_s)
+        return self.mean_current(self.flux(self.i), self.stiffness)
 
-    def slopes(self, psi: Vector, g: Stiffness) -> tuple[Vector, Vector]:
-        """di/dt (A/s) at the begin and the end of each period, by u - R_s i - j omega psi."""
+    def mean_current(self, psi: Vector, g: Stiffness) -> Vector:
+        """Mean current (A) of each period, for flux linkages (Vs) and their stiffness at samples.
 
-        def slope(i: Vector, psi: Vector, u_there: Vector, g: Stiffness) -> Vector:
-            return g(u_there - self.machine.R_s * i - 1j * self.omega_e * psi) + 1j * self.omega_e * i
-
-        e, u = self.half, self.u
-        return slope(self.i[:-1], psi[:-1], u * e, g[:-1]), slope(self.i[1:], psi[1:], u * e.conj(), g[1:])
-
-    def mean_current(self, slopes: tuple[Vector, Vector], g: Stiffness, R: float) -> Vector:
-        """Mean current (A) of each period: the cubic through both ends and their slopes, and what pulses add.
-
-        Pulses: the flux linkage's ripple has no mean, but a first moment M = mean of (t - middle) times ripple,
-        T^2/24 u_dc d (1 - d^2) per phase. The ripple drives R into a decay, which lets the mean rise by g R g M; and
-        a rotor with L_d other than L_q turns in it, which adds 2 j omega g_b conj(M).
+        The cubic through both ends and their slopes by u - R_s i - j omega psi; and what pulses add. The flux linkage's
+        ripple under them has no mean, but a first moment M = mean of (t - middle) times ripple, T^2/24 u_dc d (1 - d^2)
+        per phase. It drives a decay, which lets the mean rise by g R_s g M; and a rotor with L_d other than L_q turns
+        in it, which adds 2 j omega g_b conj(M).
         """
-        e, (s_0, s_1) = self.half, slopes
-        mean = 0.5 * (e * self.i[1:] + e.conj() * self.i[:-1]) + self.T_s / 12.0 * (e.conj() * s_0 - e * s_1)
-        if self.u_dc is None:
-            return mean
-        M, g = self.moment_of_pulses, g[:-1]
-        return mean + R * g(g(M)) + 2j * self.omega_e * g.b * M.conj()
+        R_s = float(self.machine.R_s)
+        mean = _mean_currents(self.i, self.half, self.u, self.D, self.T_s, R_s, psi, g.a, g.b)
+        if self.u_dc is not None:
+            _add_mean_of_pulses(mean, self.moment_of_pulses, self.D, self.T_s, R_s, g.a, g.b)
+        return mean
 
     @property
     def moment_of_pulses(self) -> Vector:
         """First moment (Vs s) of the flux linkage's ripple in each period. Needs `u_dc`."""
-        return self.once("moment of pulses", self._moment_of_pulses)
-
-    def _moment_of_pulses(self) -> Vector:
-        shape = self.duties * (1.0 - self.duties * self.duties)
-        ripple = sum(2.0 / 3.0 * axis * shape[:, k] for k, axis in enumerate(AXES))
-        return self.stationary(ripple * self.u_dc) * (self.T_s**2 / 24.0)  # pyright: ignore
+        return self.once("moment of pulses", lambda: _moments(self.duties, self.u_dc, self.middle, self.T_s))
 
     @property
     def power_of_pulses(self) -> tuple[Real, Vector]:
         """Means of abs(ripple)^2 and ripple^2 of the flux linkage (Vs^2) in each period. Needs `u_dc`."""
-        size = self.once("size of pulses", lambda: self._power_of_pulses()[0])
-        return size, self.once("square of pulses", lambda: self._power_of_pulses()[1])
-
-    def _power_of_pulses(self) -> tuple[Real, Vector]:
-        size, square = np.zeros(len(self)), np.zeros(len(self), np.complex128)
-        for j, one in enumerate(AXES):
-            for k, other in enumerate(AXES[: j + 1]):
-                both = (1.0 if j == k else 2.0) * _common_ripple(self.duties[:, j], self.duties[:, k])
-                size += (one * other.conjugate()).real * both
-                square += one * other * both
-        assert self.u_dc is not None
-        scale = (self.u_dc * self.T_s / 3.0) ** 2  # (2/3)^2 (T_s/2)^2
-        return scale * size, scale * square * (self.middle.conj()) ** 2
+        if "size of pulses" not in self.kept:
+            self.kept["size of pulses"], self.kept["square of pulses"] = _powers(
+                self.duties, self.u_dc, self.middle, self.T_s
+            )
+        return self.kept["size of pulses"], self.kept["square of pulses"]
 
     # --- model
 
     @property
     def stiffness(self) -> Stiffness:
         """Of the machine without effects, at samples."""
-        m, one = self.machine, np.ones(len(self.i))
-        return Stiffness(0.5 * (1.0 / m.L_d + 1.0 / m.L_q) * one, 0.5 * (1.0 / m.L_d - 1.0 / m.L_q) * one)
+        m, n = self.machine, len(self.i)
+        b = np.full(n, 0.5 * (1.0 / m.L_d - 1.0 / m.L_q), np.complex128)
+        return Stiffness(np.full(n, 0.5 * (1.0 / m.L_d + 1.0 / m.L_q)), b)
 
     def flux(self, i: Vector) -> Vector:
         """Flux linkage (Vs) of the machine at a current (A)."""
         m = self.machine
-        return m.L_d * i.real + m.psi_f + 1j * m.L_q * i.imag
+        return _flux(i, float(m.L_d), float(m.L_q), float(m.psi_f))
 
     # --- bridge
 
@@ -204,26 +194,114 @@ class Rows:
     def _duties(self) -> Real:
         u_s, u_dc = self.u * self.middle, self.u_dc
         assert u_dc is not None
-        u_abc = np.stack([(u_s * axis.conjugate()).real for axis in AXES], axis=1)
-        lifted = u_abc - 0.5 * (u_abc.max(axis=1) + u_abc.min(axis=1))[:, None]
-        return np.clip(0.5 + lifted / u_dc[:, None], 0.0, 1.0)
+        return _duties_of(u_s, u_dc)
 
     # --- balances
 
     def balance(self, psi: Vector | Real) -> Vector:
         """Voltage (V) of each period that changes a flux linkage (Vs, at samples) as the rotor turns."""
-        return (self.half * psi[1:] - self.half.conj() * psi[:-1]) / self.T_s
+        return _balance(self.half, psi, 1.0 / self.T_s)
 
     def stationary(self, v: Vector) -> Vector:
         """A vector of each period, given in the stationary frame, in the rotor frame."""
         return v * self.middle.conj()
 
 
-def _common_ripple(d: Real, e: Real) -> Real:
-    """Mean product of the ripples of two legs' pulses of duties d and e, for a link of 1 V and half a period of 1 s."""
-    d, e = np.minimum(d, e), np.maximum(d, e)
+@kernel
+def _flux(i: Vector, L_d: float, L_q: float, psi_f: float) -> Vector:
+    psi = np.empty(len(i), np.complex128)
+    for k in range(len(i)):
+        psi[k] = complex(L_d * i[k].real + psi_f, L_q * i[k].imag)
+    return psi
+
+
+@kernel
+def _balance(half: Vector, psi: Vector | Real, rate: float) -> Vector:
+    v = np.empty(len(half), np.complex128)
+    for k in range(len(half)):
+        v[k] = (half[k] * psi[k + 1] - half[k].conjugate() * psi[k]) * rate
+    return v
+
+
+@kernel
+def _mean_currents(
+    i: Vector, half: Vector, u: Vector, D: Real, T_s: float, R_s: float, psi: Vector, g_a: Real, g_b: Vector
+) -> Vector:  # fmt: skip
+    mean = np.empty(len(u), np.complex128)
+    for k in range(len(u)):
+        after, before, omega = half[k], half[k].conjugate(), D[k] / T_s
+        s_0 = _slope(i[k], u[k] * after, omega, R_s, psi[k], g_a[k], g_b[k])
+        s_1 = _slope(i[k + 1], u[k] * before, omega, R_s, psi[k + 1], g_a[k + 1], g_b[k + 1])
+        mean[k] = 0.5 * (after * i[k + 1] + before * i[k]) + T_s / 12.0 * (before * s_0 - after * s_1)
+    return mean
+
+
+@kernel
+def _slope(i: complex, u: complex, omega: float, R_s: float, psi: complex, g_a: float, g_b: complex) -> complex:
+    """How fast the current changes under a voltage, A/s."""
+    v = u - R_s * i - 1j * omega * psi
+    return g_a * v + g_b * v.conjugate() + 1j * omega * i
+
+
+@kernel
+def _add_mean_of_pulses(mean: Vector, M: Vector, D: Real, T_s: float, R_s: float, g_a: Real, g_b: Vector) -> None:
+    for k in range(len(mean)):
+        once = g_a[k] * M[k] + g_b[k] * M[k].conjugate()
+        twice = g_a[k] * once + g_b[k] * once.conjugate()
+        mean[k] += R_s * twice + 2j * D[k] / T_s * g_b[k] * M[k].conjugate()
+
+
+@kernel
+def _moments(duties: Real, u_dc: Real, middle: Vector, T_s: float) -> Vector:
+    M = np.empty(len(middle), np.complex128)
+    for k in range(len(middle)):
+        ripple = 0j
+        for leg in range(3):
+            d = duties[k, leg]
+            ripple += 2.0 / 3.0 * AXES[leg] * (d * (1.0 - d * d))
+        M[k] = ripple * u_dc[k] * middle[k].conjugate() * (T_s**2 / 24.0)
+    return M
+
+
+@kernel
+def _powers(duties: Real, u_dc: Real, middle: Vector, T_s: float) -> tuple[Real, Vector]:
+    size, square = np.empty(len(middle)), np.empty(len(middle), np.complex128)
+    for k in range(len(middle)):
+        plain, turning = 0.0, 0j
+        for j in range(3):
+            for n in range(j + 1):
+                both = (1.0 if j == n else 2.0) * _common_ripple(duties[k, j], duties[k, n])
+                plain += (AXES[j] * AXES[n].conjugate()).real * both
+                turning += AXES[j] * AXES[n] * both
+        scale, back = (u_dc[k] * T_s / 3.0) ** 2, middle[k].conjugate()  # (2/3)^2 (T_s/2)^2
+        size[k], square[k] = scale * plain, scale * turning * back * back
+    return size, square
+
+
+@kernel
+def _common_ripple(one: float, other: float) -> float:
+    """Mean product of the ripples of two legs' pulses of such duties, for a link of 1 V and half a period of 1 s."""
+    d, e = min(one, other), max(one, other)
     inner = (1.0 - d) * d**3 / 3.0 + d * ((e * e - d * d) / 2.0 - (e**3 - d**3) / 3.0)
     return (1.0 - e) * (inner + d * e * (1.0 - e) ** 2 / 3.0)
+
+
+def _sixth_power(x: Vector) -> Vector:
+    x = x * x
+    return x * x * x
+
+
+@kernel
+def _duties_of(u_s: Vector, u_dc: Real) -> Real:
+    duties = np.empty((len(u_s), 3))
+    u = np.empty(3)
+    for k in range(len(u_s)):
+        for leg in range(3):
+            u[leg] = u_s[k].real * AXES[leg].real + u_s[k].imag * AXES[leg].imag
+        lift = 0.5 * (max(u[0], u[1], u[2]) + min(u[0], u[1], u[2]))
+        for leg in range(3):
+            duties[k, leg] = min(max(0.5 + (u[leg] - lift) / u_dc[k], 0.0), 1.0)
+    return duties
 
 
 def by_phase(alpha: float, beta: float) -> tuple[float, float, float]:
@@ -235,7 +313,8 @@ def by_phase(alpha: float, beta: float) -> tuple[float, float, float]:
 def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     """The rows of a recording's runs, one after the other, one control period each. Raises ValueError.
 
-    The periods between one run's last sample and the next one's first are not `joined`.
+    The periods between one run's last sample and the next one's first are not `joined`. What no model changes is worked
+    out at once.
     """
     if any(run.periods != 1 for run in runs):
         raise ValueError("expected a row for every control period, came rows of several")
@@ -261,8 +340,12 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     if u_dc is not None:  # duties are those of a link read at the start; it moves on within the period
         u = u * np.where(joined, 0.5 * (1.0 + u_dc[1:] / u_dc[:-1]), 1.0)
     zero = None if i_a is None or i_b is None or i_c is None else (i_a + i_b + i_c) / 3.0
-    return Rows(
+    rows = Rows(
         machine, T, i_rated, t, i_d + 1j * i_q, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
-        np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero,
+        np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, T * np.cumsum(i_d**2 + i_q**2),
         (float(t[0]), float(t[-1] - t[0])),
     )  # fmt: skip
+    _ = rows.D, rows.rotor, rows.turn, rows.i_s
+    if u_dc is not None:
+        _ = rows.duties
+    return rows

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.physics.rows import Real, Rows, Stiffness, Vector
 
@@ -35,26 +36,35 @@ def curve_of(machine: Machine, i_rated: float, drops: tuple[float, float, float]
     a_q = L_q_drop * i_rated / added_q**3
     c = cross_drop / (1.0 - cross_drop) / L_q / (2.0 * psi_f * added_d + added_d**2)
     g_d, g_q = 1.0 / L_d - 3.0 * a_d * psi_f**2, 1.0 / L_q - c * psi_f**2
-    return Curve(g_d, g_q, a_d, a_q, c, g_d * psi_f + a_d * psi_f**3)
+    return Curve(*map(float, (g_d, g_q, a_d, a_q, c, g_d * psi_f + a_d * psi_f**3)))
 
 
 def flux_of(curve: Curve, machine: Machine, i: Vector) -> Vector:
     """Flux linkage (Vs) at currents (A)."""
+    start = machine.psi_f + machine.L_d * i.real + 1j * machine.L_q * i.imag
+    return _on_curve(i, start, curve, float(machine.psi_f))
+
+
+@kernel
+def _on_curve(i: Vector, start: Vector, curve: Curve, psi_f: float) -> Vector:
+    """Flux linkages at currents by Newton's method."""
     g_d, g_q, a_d, a_q, c, i_F = curve
-    psi_f = machine.psi_f
-    d, q = psi_f + machine.L_d * i.real, machine.L_q * i.imag
-    for _ in range(12):
-        miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i.real
-        miss_q = (g_q + a_q * q * q + c * d * d) * q - i.imag
-        dd, qq, dq = _bend(curve, d + 1j * q)
-        det = dd * qq - dq * dq
-        step_d, step_q = (qq * miss_d - dq * miss_q) / det, (dd * miss_q - dq * miss_d) / det
-        # Far out, where the curve bends, a whole step would overshoot
-        reach = 0.5 * (np.abs(d) + np.abs(q) + psi_f)
-        d, q = d - np.clip(step_d, -reach, reach), q - np.clip(step_q, -reach, reach)
-        if max(np.max(np.abs(step_d), initial=0.0), np.max(np.abs(step_q), initial=0.0)) < 1e-12 * psi_f:
-            break
-    return d + 1j * q
+    psi = np.empty(len(i), np.complex128)
+    for k in range(len(i)):
+        d, q = start[k].real, start[k].imag
+        for _ in range(12):
+            miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i[k].real
+            miss_q = (g_q + a_q * q * q + c * d * d) * q - i[k].imag
+            dd, qq, dq = g_d + 3.0 * a_d * d * d + c * q * q, g_q + 3.0 * a_q * q * q + c * d * d, 2.0 * c * d * q
+            det = dd * qq - dq * dq
+            step_d, step_q = (qq * miss_d - dq * miss_q) / det, (dd * miss_q - dq * miss_d) / det
+            # Far out, where the curve bends, a whole step would overshoot
+            reach = 0.5 * (abs(d) + abs(q) + psi_f)
+            d, q = d - min(max(step_d, -reach), reach), q - min(max(step_q, -reach), reach)
+            if max(abs(step_d), abs(step_q)) < 1e-12 * psi_f:
+                break
+        psi[k] = complex(d, q)
+    return psi
 
 
 def stiffness(curve: Curve, psi: Vector) -> Stiffness:
@@ -87,7 +97,7 @@ def added_voltage(rows: Rows, drops: tuple[float, float, float]) -> Vector:
     curve = curve_of(rows.machine, rows.i_rated, drops)
     psi = flux_of(curve, rows.machine, rows.i)
     g = stiffness(curve, psi)
-    more = rows.mean_current(rows.slopes(psi, g), g, rows.machine.R_s) - rows.i_mean
+    more = rows.mean_current(psi, g) - rows.i_mean
     if rows.u_dc is not None:
         more = more + mean_of_ripple(curve, rows, psi)
     return rows.balance(psi - rows.flux(rows.i)) + rows.machine.R_s * more

@@ -14,9 +14,10 @@ from estimator.physics.rows import Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     periods, direction = sizes
-    u = rows.u
-    other = np.concatenate((u[:1], u[:-1])) if direction > 0.0 else np.concatenate((u[1:], u[-1:]))
-    return periods * (u - other)
+    u, joined = rows.u, rows.joined
+    change: Vector = np.diff(u) * (joined[1:] & joined[:-1])  # none over a gap
+    none = np.zeros(1, np.complex128)
+    return periods * (np.concatenate((none, change)) if direction > 0.0 else np.concatenate((-change, none)))
 
 
 EFFECT = Effect(

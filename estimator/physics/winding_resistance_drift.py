@@ -7,8 +7,6 @@ per kelvin. R_s is that at the start. J. R. Hendershot, T. J. E. Miller, "Design
 Machines", 2010, chapter 15.
 """
 
-from typing import cast
-
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
@@ -17,30 +15,20 @@ from estimator.physics.rows import Real, Rows, Vector
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    rise, time_constant = sizes
-    course = _course(rows, time_constant * rows.span[1])
-    return rise * rows.machine.R_s * course[:-1] * rows.i_mean
+    return sizes[0] * rows.machine.R_s * _course(rows, sizes)[:-1] * rows.i_mean
 
 
-def _course(rows: Rows, tau: float) -> Real:
+def _course(rows: Rows, sizes: Sizes) -> Real:
     """h(t)/h(end) at samples."""
-    return rows.once(f"heat {tau:.4g}", lambda: _heated(rows, tau))
+    tau = sizes[1] * rows.span[1]
+    return rows.once(f"heat {tau!r}", lambda: _heated(rows, tau))
 
 
 def _heated(rows: Rows, tau: float) -> Real:
-    power = np.abs(rows.i) ** 2
-    t = (rows.t - rows.span[0]) / tau
-    # h = exp(-t) int exp(t') |i|^2 dt', in pieces short enough for exp
-    h = np.empty(len(t))
-    state, a = 0.0, 0
-    whole = len(t)
-    while a < whole:
-        b = min(whole, int(np.searchsorted(t, float(t[a]) + 50.0)) + 1)
-        grown = np.exp(t[a:b] - t[a])
-        heat = cast(Real, (state + np.cumsum(grown * power[a:b]) * rows.T_s) / grown)
-        h[a:b] = heat
-        state, a = float(heat[-1]), b
-    return h / max(h[-1], 1e-300)
+    t, more = (rows.t - rows.span[0]) / tau, np.diff(rows.heat, prepend=rows.heat[:1])
+    came = np.exp(t - 0.5 * np.diff(t, prepend=t[:1]))  # midway since the sample before
+    h: Real = np.cumsum(came * more) * np.exp(-t)
+    return h / max(float(h[-1]), 1e-300)
 
 
 EFFECT = Effect(
@@ -54,6 +42,6 @@ EFFECT = Effect(
     "R_s that moves with time, as the losses so far",
     ("magnet_flux_drift", "ac_resistance"),
     told=lambda rows, p: {"rise": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
-    remembers=True,
+    remembers=_course,
     missed=2e-3,
 )

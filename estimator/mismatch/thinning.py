@@ -1,0 +1,42 @@
+"""Thinning: blocks of a long recording's rows, spread over all of it, that tell nearly as much of what is strong.
+
+What depends on all that came before - the time, the heat so far - is that of the whole recording. Knows no effect.
+"""
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from estimator.physics.rows import Rows
+
+MOST: Final = 60_000  # periods
+BLOCKS: Final = 96
+_GOLDEN: Final = 0.6180339887498949
+
+
+def thinned(rows: Rows, most: int = MOST) -> Rows:
+    """At most so many periods of them, in blocks that are not `joined`; the rows themselves where they are no more.
+
+    Each block lies elsewhere in its part of the recording, so that what is commanded again and again is seen all over.
+    """
+    n, length = len(rows), most // BLOCKS
+    if n <= most:
+        return rows
+    part = (n - length) / (BLOCKS - 1)
+    late = np.arange(BLOCKS) * _GOLDEN % 1.0 * (1.0 - length / part)
+    starts = np.rint((np.arange(BLOCKS) + late) * part).astype(int)
+    starts[-1] = n - length
+    samples = (starts[:, None] + np.arange(length + 1)).ravel()
+    seam = np.zeros(len(samples) - 1, np.bool_)
+    seam[length :: length + 1] = True
+
+    def kept(whole: Any) -> Any:
+        return whole[samples] if len(whole) == n + 1 else whole[samples[:-1]]
+
+    return replace(
+        rows, t=kept(rows.t), i=kept(rows.i), theta_e=kept(rows.theta_e), half=kept(rows.half), u=kept(rows.u),
+        joined=kept(rows.joined) & ~seam, heat=kept(rows.heat), u_dc=None if rows.u_dc is None else kept(rows.u_dc),
+        zero=None if rows.zero is None else kept(rows.zero),
+        kept={key: kept(whole) for key, whole in rows.kept.items()},
+    )  # fmt: skip
