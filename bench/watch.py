@@ -1,0 +1,129 @@
+"""The watch over one drive's stream: since when, and where, constant parameters no longer explain the drive.
+
+It judges its rows window by window; an episode begins with two windows in a row that are not explained, and ends with
+two that clearly are. A window in which nothing moves says nothing, and changes nothing. Knows nothing of threads,
+drives or HTTP.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from enum import StrEnum
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.window import Window
+from estimator.estimate import Estimate
+from estimator.mismatch.detect import FEWEST, Left, left_of, place_of
+from estimator.samples import Samples
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+MOST: Final = 20_000  # rows judged at once, the newest of the window
+WINDOWS: Final = 2  # in a row, that begin an episode, or end it
+_COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")
+
+
+class Explained(StrEnum):
+    """Whether constant parameters explain the drive."""
+
+    YES = "explained"
+    NO = "unexplained"
+    NOT_TOLD = "not_told"  # no window has said it yet
+
+
+@dataclass(frozen=True, slots=True)
+class Mismatch:
+    """What the windows so far say. The figures are those of the latest window in which something moved."""
+
+    status: Explained = Explained.NOT_TOLD
+    since: datetime | None = None  # of the first window of the latest episode
+    until: datetime | None = None  # of the first window after it; None while it lasts
+    where: str = ""  # the episode acts, a clause
+    reason: str = "no window has been judged yet"  # a sentence, where the latest window says nothing
+    significance: float | None = None  # of what is left, in standard deviations of noise
+    ratio: float | None = None  # its energy over that of noise
+    rms_V: float | None = None  # of what stands above noise, V
+    least_V: float | None = None  # of that, from which it matters, V
+    against: tuple[datetime, int] | None = None  # the first, and how many, of the latest windows that deny the status
+
+
+@dataclass(slots=True)
+class Watch:
+    """What has been said, and the rows to judge; `take` and `judge` change it in place."""
+
+    said: Mismatch = field(default_factory=Mismatch)
+    recent: deque[tuple[Samples, bool]] = field(default_factory=deque[tuple[Samples, bool]])  # and whether each joins
+    rows: int = 0
+
+
+def take(watch: Watch, samples: Samples, window: Window, *, joined: bool) -> None:
+    """Take in consecutive rows; `joined`: they follow the last ones by exactly one row."""
+    watch.recent.append((samples, joined))
+    watch.rows += len(samples)
+    most = min(window.samples, MOST)
+    while watch.rows - len(watch.recent[0][0]) > most:
+        watch.rows -= len(watch.recent.popleft()[0])
+
+
+def judge(watch: Watch, window: Window, estimates: Mapping[str, Estimate], now: datetime) -> None:
+    """Judge the rows on which the estimates rest."""
+    rows = min([window.samples, MOST, *(e.window for e in estimates.values() if e.window is not None)])
+    left = left_of(_runs(watch.recent, rows + 1), estimates)
+    if left is None:
+        reason = f"it takes at least {FEWEST} rows, and an inductance that is estimated or held"
+    elif not left.moves:
+        reason = "currents and speed are constant, and any parameters would explain that"
+    else:
+        watch.said = _after(watch.said, left, now)
+        return
+    watch.said = replace(watch.said, reason=reason)
+
+
+def _after(said: Mismatch, left: Left, now: datetime) -> Mismatch:
+    """What is said after one window more."""
+    said = replace(
+        said, reason="", significance=left.significance, ratio=left.ratio, rms_V=left.rms_V, least_V=left.least_V
+    )
+    lasts = said.status is Explained.NO
+    if lasts and left.mismatch:
+        said = replace(said, where=place_of(left).sentence)
+    if not (left.clear if lasts else left.mismatch):
+        status = Explained.YES if said.status is Explained.NOT_TOLD and left.clear else said.status
+        return replace(said, status=status, against=None)
+    first, count = said.against or (now, 0)
+    if count + 1 < WINDOWS:
+        return replace(said, against=(first, count + 1))
+    if lasts:
+        return replace(said, status=Explained.YES, until=first, against=None)
+    where = place_of(left).sentence
+    return replace(said, status=Explained.NO, since=first, until=None, where=where, against=None)
+
+
+def _runs(recent: Iterable[tuple[Samples, bool]], rows: int) -> list[Samples]:
+    """The newest rows as runs without gaps; rows with a value that is no number are gaps."""
+    parts, joined = [samples for samples, _ in recent], [joins for _, joins in recent]
+    if not parts:
+        return []
+    table: Array = np.array([np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS])
+    t = np.concatenate([part.t0 + part.T * np.arange(len(part)) for part in parts])
+    begins: Bools = np.zeros(len(t), np.bool_)
+    begins[np.cumsum([0, *map(len, parts[:-1])])] = ~np.array(joined)
+    table, t, begins = table[:, -rows:], t[-rows:], begins[-rows:]
+    finite: Bools = np.all(np.isfinite(table), axis=0)
+    edges = np.flatnonzero(begins[1:] | (finite[1:] != finite[:-1])) + 1
+    one = parts[-1]
+    runs: list[Samples] = []
+    for a, b in pairwise((0, *edges.tolist(), len(t))):
+        if finite[a]:
+            theta_e, omega_e, i_d, i_q, u_d, u_q, i_d_mean, i_q_mean = table[:, a:b]
+            runs.append(Samples(
+                theta_e, omega_e, i_d, i_q, u_d, u_q, one.T_s, one.periods, i_d_mean, i_q_mean, float(t[a]),
+                one.resolution,
+            ))  # fmt: skip
+    return runs
