@@ -125,7 +125,7 @@ class MismatchModel(BaseModel):
     until: datetime | None = Field(description="first window after that episode; null while it lasts", examples=[None])
     where: str = Field(
         description="that episode acts: axis, speed, current, drive's clock, change of sign; empty: there was none",
-        examples=["mostly on q where a phase current is within 0.41 A of changing sign: 31 % of the time hold 74 % of "
+        examples=["mostly on q where a phase current is within 0.41 A of changing sign: 31 % of the time holds 74 % of "
                   "the energy"],
     )
     reason: str = Field(description="a sentence where the latest window cannot say it", examples=[""])

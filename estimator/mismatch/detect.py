@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimate import Estimate, Status
-from estimator.flux_balance import angle_turned, flux_balance
+from estimator.flux_balance import TURN, angle_turned, flux_balance
 from estimator.kernel import kernel
-from estimator.machine import PARAMETERS, Machine
+from estimator.machine import PARAMETERS, PLAUSIBLE, Machine
 from estimator.mismatch.averages import Means
 from estimator.mismatch.regions import regions, together
 from estimator.mismatch.verdict import Place
@@ -42,9 +42,12 @@ SURE: Final = 6.0  # standard deviations of noise
 LEAST: Final = 1e-3  # of the voltage's rms: less does not matter
 GONE: Final = 0.7  # of either: a mismatch that was there is there no more
 _COLOUR: Final = 1.3  # times its white level, that noise may have in an octave
+_HIDDEN: Final = 1.2  # of the energy that an angle in steps may leave
 _MOVES: Final = 3.0  # standard deviations of noise, by which a current that moves departs from its mean
 _SPEED_MOVES: Final = 0.02  # of its rms
 _POLE: Final = 0.9  # of the whitening, before noise and parameters are known
+_LONGEST: Final = 0.95  # and at most: a noise at a run's start is forgotten soon
+_LEAST_L: Final = PLAUSIBLE["L_d"][0]  # H
 _ROUND_OFF: Final = 1e-10
 _PLAIN: Final = 50.0  # standard deviations of noise, at which means over fewer rows show where a mismatch is
 _ONE_AXIS: Final = 0.7  # of the energy
@@ -90,17 +93,18 @@ def left_of(runs: Sequence[Samples], estimates: Mapping[str, Estimate]) -> Left 
     joined[np.cumsum([0, *map(len, parts[:-1])])] = False
     D = angle_turned(balance, one.T_s)
     beta, free = _start(balance, estimates, one.T)
-    if not (beta[1] > 0.0 and beta[2] > 0.0):
+    if not all(free[k] or beta[k] > 0.0 for k in (1, 2)):
         return None
     columns, held, poles = _columns(balance), beta, (_POLE, _POLE)
+    step = max(one.resolution.theta_e, _step_of(np.concatenate([run.theta_e for run in runs]), one.periods * D, joined))
     for last in (False, True):
         columns[6] = _of_angle(columns, beta)
         white = columns.copy()
         whiten_axes(white, np.exp(0.5j * D), joined, one.T, *poles)
-        beta, offset = _fitted(white, held, beta, free, one.resolution.theta_e)
+        beta, offset = _fitted(white, held, beta, free, step)
         coefficients = np.array([*-beta, 1.0, _of_h(beta), -offset])
         z: Vector = coefficients @ white
-        rounded = _rounding(beta, columns, one.resolution.theta_e)
+        rounded = _rounding(beta, columns, step, one.T, poles)
         axes = tuple(_spectrum(x, n) for x, n in zip((z.real, z.imag), rounded, strict=True))
         if not last:
             poles = _poles(beta, columns, one, axes)
@@ -131,7 +135,7 @@ def place_of(left: Left) -> Place:
         return Place(f"{on}, at all speeds, currents and times", region, min(shares[axis], 1.0) if on_one else 1.0, 1.0)
     energy, samples = together(found, power)
     where = " and ".join(one.words for one in found)
-    sentence = f"{on} where {where}: {percent(samples)} of the time hold {percent(energy)} of the energy"
+    sentence = f"{on} where {where}: {percent(samples)} of the time holds {percent(energy)} of the energy"
     return Place(sentence, region, energy, samples)
 
 
@@ -148,11 +152,9 @@ def _start(balance: Array, estimates: Mapping[str, Estimate], T: float) -> tuple
     """Values to begin with, 0 where there are none, and which of them are fitted."""
     beta = np.array([estimates[name].value or 0.0 for name in PARAMETERS])
     free = np.array([estimates[name].status is not Status.HELD for name in PARAMETERS])
-    for k, i, x in ((1, balance[:, 0], balance[:, 2]), (2, balance[:, 1], balance[:, 3])):
-        noise = float(np.median(np.abs(x))) * T / 0.6744898 / math.sqrt(2.0)
-        free[k] &= float(np.std(i)) > _MOVES * noise
-        if free[k]:
-            beta[k] = max(beta[k], 1e-12)
+    for k, name, i, x in ((1, "L_d", balance[:, 0], balance[:, 2]), (2, "L_q", balance[:, 1], balance[:, 3])):
+        noise = float(np.median(np.abs(x))) * T / 0.6744898 / math.sqrt(2.0)  # or changes, if they are more
+        free[k] &= float(np.std(i)) > (1.0 if estimates[name].status is Status.OK else _MOVES) * noise
     beta[1:3] = np.where(beta[1:3] > 0.0, beta[1:3], beta[2:0:-1])  # the other axis' stands in
     return beta, free
 
@@ -169,8 +171,8 @@ def _of_angle(columns: Vectors, beta: Array) -> Vector:
 
 
 def _of_h(beta: Array) -> float:
-    R_s, L_d, _, psi_f = beta
-    return float(R_s * psi_f / L_d) if L_d > 0.0 else 0.0
+    R_s, L_d, _, psi_f = beta.tolist()
+    return R_s * psi_f / L_d if L_d > _LEAST_L else 0.0
 
 
 def _fitted(white: Vectors, held: Array, beta: Array, free: Bools, step: float) -> tuple[Array, float]:
@@ -218,21 +220,34 @@ def _poles(beta: Array, columns: Vectors, one: Samples, axes: "tuple[_Spectrum, 
     N, T, s2 = one.periods, one.T, _mean_square(columns[3].imag)
     poles = [_POLE, _POLE]
     for k, (L, other) in enumerate(((L_d, L_q), (L_q, L_d))):
-        if L > 0.0:
+        if L > _LEAST_L:
             q = (N - 1) / N**2 * ((R_s * T / L) ** 2 + s2 * (T * other / L) ** 2)
             if axes[k].level > 0.0:
                 q += one.resolution.u**2 / 12.0 * (T / axes[k].level) ** 2
-            poles[k] = math.exp(-abs(R_s) * one.T_s / L) * (1.0 + 0.5 * q - math.sqrt(q + 0.25 * q * q))
+            pole = math.exp(-abs(R_s) * one.T_s / L) * (1.0 + 0.5 * q - math.sqrt(q + 0.25 * q * q))
+            poles[k] = min(pole, _LONGEST)
     return poles[0], poles[1]
 
 
-def _rounding(beta: Array, columns: Vectors, step: float) -> tuple[float, float]:
-    """Variance (Vs^2) of the flux error, d and q, that an angle in steps (rad) leaves."""
-    if step == 0.0:
-        return 0.0, 0.0
-    saliency, i = float(beta[1] - beta[2]), columns[0]
-    d, q = saliency * i.imag, float(beta[3]) + saliency * i.real  # Vs/rad
-    return _mean_square(d) * step**2 / 12.0, _mean_square(q) * step**2 / 12.0
+def _step_of(theta_e: Array, turned: Array, joined: Bools) -> float:
+    """The largest step (rad) in which the angle may have been told: as close as two of them are, and as uneven."""
+    gaps = np.diff(np.sort(np.mod(theta_e, TURN)))
+    gaps = gaps[gaps > _ROUND_OFF]
+    uneven: Array = np.diff(turned)[joined[1:] & joined[:-1]]
+    if len(gaps) == 0 or len(uneven) == 0:
+        return 0.0
+    return min(float(gaps.min()), math.sqrt(2.0 * _mean_square(uneven)))
+
+
+def _rounding(
+    beta: Array, columns: Vectors, step: float, T: float, poles: tuple[float, float]
+) -> tuple[float, float]:
+    """Variance (Vs^2) of the flux error, d and q, that an angle in steps (rad) leaves: at rows' ends and in means."""
+    saliency, i, s = float(beta[1] - beta[2]), columns[0], columns[3].imag
+    d = _mean_square(saliency * i.imag)  # Vs^2/rad^2
+    q = _mean_square(float(beta[3]) + saliency * i.real)
+    turn2, each = T**2 * _mean_square(s), _HIDDEN * step**2 / 12.0
+    return each * (d + turn2 * q / (1.0 - poles[0] ** 2)), each * (q + turn2 * d / (1.0 - poles[1] ** 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -262,10 +277,11 @@ class _Spectrum:
         above = np.zeros(n)
         for a, b, deviate in zip(self.edges, self.edges[1:], self.deviates, strict=False):
             if deviate > GONE * SURE:
-                above[a:b] = self.power[a:b] - 1.0
+                energy = float(self.power[a:b].sum())
+                above[a:b] = (self.power[a:b] - 1.0) * max(1.0 - self.rounding / energy, 0.0)
         if self.line > GONE * SURE:
             k = int(np.argmax(self.power))
-            above[k] = self.power[k] - 1.0
+            above[k] = self.power[k] - 1.0 - self.rounding
         turn = np.abs(1.0 - pole * np.exp(-1j * math.pi * np.arange(1, n + 1) / n)) ** 2
         return max(float(np.mean(above * turn)), 0.0) * (self.level / T) ** 2
 
