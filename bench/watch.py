@@ -26,6 +26,7 @@ Bools = NDArray[np.bool_]
 
 MOST: Final = 20_000  # rows judged at once, the newest of the window
 WINDOWS: Final = 2  # in a row, that begin an episode, or end it
+_LARGER: Final = 1.2  # times: worth another look at where it is
 _COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")
 
 
@@ -44,7 +45,8 @@ class Mismatch:
     status: Explained = Explained.NOT_TOLD
     since: datetime | None = None  # of the first window of the latest episode
     until: datetime | None = None  # of the first window after it; None while it lasts
-    where: str = ""  # the episode acts, a clause
+    where: str = ""  # the episode acts, a clause: in the window in which it was largest,
+    largest_V: float = 0.0  # of so much above noise
     reason: str = "no window has been judged yet"  # a sentence, where the latest window says nothing
     significance: float | None = None  # of what is left, in standard deviations of noise
     ratio: float | None = None  # its energy over that of noise
@@ -76,7 +78,7 @@ def judge(watch: Watch, window: Window, estimates: Mapping[str, Estimate], now: 
     rows = min([window.samples, MOST, *(e.window for e in estimates.values() if e.window is not None)])
     left = left_of(_runs(watch.recent, rows + 1), estimates)
     if left is None:
-        reason = f"it takes at least {FEWEST} rows, and an inductance that is estimated or held"
+        reason = f"the window has fewer than {FEWEST} rows, or nothing in it tells the inductances"
     elif not left.moves:
         reason = "currents and speed are constant, and any parameters would explain that"
     else:
@@ -91,8 +93,8 @@ def _after(said: Mismatch, left: Left, now: datetime) -> Mismatch:
         said, reason="", significance=left.significance, ratio=left.ratio, rms_V=left.rms_V, least_V=left.least_V
     )
     lasts = said.status is Explained.NO
-    if lasts and left.mismatch:
-        said = replace(said, where=place_of(left).sentence)
+    if lasts and left.mismatch and left.rms_V > _LARGER * said.largest_V:
+        said = replace(said, where=place_of(left).sentence, largest_V=left.rms_V)
     if not (left.clear if lasts else left.mismatch):
         status = Explained.YES if said.status is Explained.NOT_TOLD and left.clear else said.status
         return replace(said, status=status, against=None)
@@ -101,8 +103,10 @@ def _after(said: Mismatch, left: Left, now: datetime) -> Mismatch:
         return replace(said, against=(first, count + 1))
     if lasts:
         return replace(said, status=Explained.YES, until=first, against=None)
-    where = place_of(left).sentence
-    return replace(said, status=Explained.NO, since=first, until=None, where=where, against=None)
+    return replace(
+        said, status=Explained.NO, since=first, until=None, where=place_of(left).sentence, largest_V=left.rms_V,
+        against=None,
+    )
 
 
 def _runs(recent: Iterable[tuple[Samples, bool]], rows: int) -> list[Samples]:

@@ -124,7 +124,8 @@ class MismatchModel(BaseModel):
     )
     until: datetime | None = Field(description="first window after that episode; null while it lasts", examples=[None])
     where: str = Field(
-        description="that episode acts: axis, speed, current, drive's clock, change of sign; empty: there was none",
+        description="that episode acts, as seen where it was largest: axis, speed, current, drive's clock, change of "
+        "sign; empty: there was none",
         examples=["mostly on q where a phase current is within 0.41 A of changing sign: 31 % of the time holds 74 % of "
                   "the energy"],
     )

@@ -46,7 +46,7 @@ def _mismatch(content: dict[str, Any]) -> str:
         return ""
     since = _clock(said["since"])
     if said["until"] is not None:
-        return f"the model explains the drive since {_clock(said['until'])}; from {since} on it did not: {said['where']}"
+        return f"the model explains the drive; from {since} to {_clock(said['until'])} it did not: {said['where']}"
     return (
         f"the model has not explained the drive since {since}: {said['where']}; "
         f"record and diagnose: pmsm-bench capture {content['drive']}"
