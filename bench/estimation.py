@@ -76,9 +76,13 @@ class _Drive:
 class Estimation:
     """The worker; runs from `start` to `stop`."""
 
-    def __init__(self, windows: Mapping[str, Window], theta_steps: Mapping[str, float] | None = None) -> None:
-        """Settings by drive, and what is known of their angles' resolution in rad."""
+    def __init__(
+        self, windows: Mapping[str, Window], theta_steps: Mapping[str, float] | None = None,
+        nominals: Mapping[str, Mapping[str, float]] | None = None,
+    ) -> None:
+        """Settings by drive, and what is known of their angles' resolution in rad and of nominal values (SI)."""
         known = theta_steps or {}
+        self._nominals = nominals or {}
         self._drives = {name: _new_drive(window, known.get(name, 0.0)) for name, window in windows.items()}
         self._queue: queue.Queue[tuple[str, Block, float] | Callable[[], None]] = queue.Queue(QUEUE)
         self._stop = threading.Event()
@@ -162,7 +166,7 @@ class Estimation:
             if due and time.monotonic() >= due[name := min(due, key=due.__getitem__)]:
                 drive = self._drives[name]
                 if not late and time.monotonic() >= drive.watched_at + WATCH:
-                    self._guarded(name, self._watch, drive)
+                    self._guarded(name, self._watch, drive, self._nominals.get(name, {}))
                 self._guarded(name, self._estimate, drive)
 
     def _guarded(self, name: str, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
@@ -201,10 +205,10 @@ class Estimation:
             drive.rows_dropped,
         )
 
-    def _watch(self, drive: _Drive) -> None:
+    def _watch(self, drive: _Drive, nominal: Mapping[str, float]) -> None:
         drive.watched_at = time.monotonic()
         snapshot = drive.snapshot
-        watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, datetime.now(UTC))
+        watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, nominal, datetime.now(UTC))
 
 
 def samples_of(block: Block, theta_step: float = 0.0) -> Samples:

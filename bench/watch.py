@@ -1,8 +1,9 @@
 """The watch over one drive's stream: since when, and where, constant parameters no longer explain the drive.
 
-It judges its rows window by window; an episode begins with two windows in a row that are not explained, and ends with
-two that clearly are. A window in which nothing moves says nothing, and changes nothing. Knows nothing of threads,
-drives or HTTP.
+It judges its rows window by window: by what is left of their voltages and, since parameters absorb what is missing, by
+estimates that the nominal machine does not have even when it is warm. An episode begins with two windows in a row that
+are not explained and ends with two that clearly are; a window in which nothing moves says nothing and changes nothing.
+Knows nothing of threads, drives or HTTP.
 """
 
 from collections import deque
@@ -17,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.window import Window
-from estimator.estimate import Estimate
+from estimator.estimate import Estimate, Status
 from estimator.mismatch.detect import FEWEST, Left, left_of, place_of
+from estimator.mismatch.words import number
 from estimator.samples import Samples
 
 Array = NDArray[np.float64]
@@ -26,6 +28,9 @@ Bools = NDArray[np.bool_]
 
 MOST: Final = 20_000  # rows judged at once, the newest of the window
 WINDOWS: Final = 2  # in a row, that begin an episode, or end it
+LIKELY: Final = {"R_s": (0.8, 1.6), "L_d": (0.7, 1.3), "L_q": (0.7, 1.3), "psi_f": (0.8, 1.15)}
+"""Of nominal values: what tolerances and 150 K of warming make of a machine."""
+_SURELY: Final = 3.0  # standard errors
 _LARGER: Final = 1.2  # times: worth another look at where it is
 _COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")
 
@@ -52,6 +57,7 @@ class Mismatch:
     ratio: float | None = None  # its energy over that of noise
     rms_V: float | None = None  # of what stands above noise, V
     least_V: float | None = None  # of that, from which it matters, V
+    strange: tuple[str, ...] = ()  # parameters that `where` names
     against: tuple[datetime, int] | None = None  # the first, and how many, of the latest windows that deny the status
 
 
@@ -73,8 +79,10 @@ def take(watch: Watch, samples: Samples, window: Window, *, joined: bool) -> Non
         watch.rows -= len(watch.recent.popleft()[0])
 
 
-def judge(watch: Watch, window: Window, estimates: Mapping[str, Estimate], now: datetime) -> None:
-    """Judge the rows on which the estimates rest."""
+def judge(
+    watch: Watch, window: Window, estimates: Mapping[str, Estimate], nominal: Mapping[str, float], now: datetime
+) -> None:
+    """Judge the rows on which the estimates rest; `nominal` values (SI) are those that are known."""
     rows = min([window.samples, MOST, *(e.window for e in estimates.values() if e.window is not None)])
     left = left_of(_runs(watch.recent, rows + 1), estimates)
     if left is None:
@@ -82,31 +90,50 @@ def judge(watch: Watch, window: Window, estimates: Mapping[str, Estimate], now: 
     elif not left.moves:
         reason = "currents and speed are constant, and any parameters would explain that"
     else:
-        watch.said = _after(watch.said, left, now)
+        watch.said = _after(watch.said, left, estimates, nominal, now)
         return
     watch.said = replace(watch.said, reason=reason)
 
 
-def _after(said: Mismatch, left: Left, now: datetime) -> Mismatch:
+def _after(
+    said: Mismatch, left: Left, estimates: Mapping[str, Estimate], nominal: Mapping[str, float], now: datetime
+) -> Mismatch:
     """What is said after one window more."""
     said = replace(
         said, reason="", significance=left.significance, ratio=left.ratio, rms_V=left.rms_V, least_V=left.least_V
     )
+    strange = _strange(estimates, nominal, _SURELY)
+    denied = left.mismatch or bool(strange)
+    clear = left.clear and not _strange(estimates, nominal, 0.0)
     lasts = said.status is Explained.NO
-    if lasts and left.mismatch and left.rms_V > _LARGER * said.largest_V:
-        said = replace(said, where=place_of(left).sentence, largest_V=left.rms_V)
-    if not (left.clear if lasts else left.mismatch):
-        status = Explained.YES if said.status is Explained.NOT_TOLD and left.clear else said.status
+    if lasts and denied and (left.rms_V > _LARGER * said.largest_V or set(strange) - set(said.strange)):
+        said = _placed(said, left, strange)
+    if not (clear if lasts else denied):
+        status = Explained.YES if said.status is Explained.NOT_TOLD and clear else said.status
         return replace(said, status=status, against=None)
     first, count = said.against or (now, 0)
     if count + 1 < WINDOWS:
         return replace(said, against=(first, count + 1))
     if lasts:
         return replace(said, status=Explained.YES, until=first, against=None)
-    return replace(
-        said, status=Explained.NO, since=first, until=None, where=place_of(left).sentence, largest_V=left.rms_V,
-        against=None,
-    )
+    return _placed(replace(said, status=Explained.NO, since=first, until=None, against=None), left, strange)
+
+
+def _placed(said: Mismatch, left: Left, strange: Mapping[str, str]) -> Mismatch:
+    where = "; ".join([*([place_of(left).sentence] if left.mismatch else []), *strange.values()])
+    return replace(said, where=where, largest_V=left.rms_V, strange=tuple(strange))
+
+
+def _strange(estimates: Mapping[str, Estimate], nominal: Mapping[str, float], surely: float) -> dict[str, str]:
+    """Parameters that are those of another machine, by so many standard errors, each with a clause."""
+    found: dict[str, str] = {}
+    for name, given in nominal.items():
+        e, (low, high) = estimates[name], LIKELY[name]
+        if e.status is not Status.OK or e.value is None or e.std is None:
+            continue
+        if e.value + surely * e.std < low * given or e.value - surely * e.std > high * given:
+            found[name] = f"{name} reads {number(e.value)} {e.unit}, nominal {number(given)} {e.unit}"
+    return found
 
 
 def _runs(recent: Iterable[tuple[Samples, bool]], rows: int) -> list[Samples]:

@@ -35,14 +35,17 @@ STEP = Effects(demagnetisation=Demagnetisation(0.03, 3.5))  # s
 DEAD_TIME = paper(Effects(inverter=Inverter(dead_time=1e-6)))
 
 
-def watched(drive: VirtualDrive, said: Watch, seconds: int, *, rows: int = 1000, joined: bool = True) -> list[Mismatch]:
+def watched(
+    drive: VirtualDrive, said: Watch, seconds: int, *, rows: int = 1000, joined: bool = True,
+    nominal: dict[str, float] | None = None,
+) -> list[Mismatch]:
     """What is said after each second of the drive's stream; the clock shows drive's seconds after `START`."""
     told: list[Mismatch] = []
     for _ in range(seconds):
         samples = streamed(drive, rows)
         watch.take(said, samples, WINDOW, joined=joined)
         now = START + timedelta(seconds=samples.t0 + samples.T * rows)
-        watch.judge(said, WINDOW, estimates_of(samples, **HELD), now)
+        watch.judge(said, WINDOW, estimates_of(samples, **HELD), nominal or {}, now)
         told.append(said.said)
     return told
 
@@ -87,6 +90,19 @@ def test_a_step_is_told_near_its_time_and_ends_when_it_has_left_the_window() -> 
     assert (last.status, last.since) == (Explained.YES, told[unexplained[0]].since)
     assert seconds(last.until) == pytest.approx(4.5, abs=0.5)
     assert last.where.startswith("mostly on q")
+
+
+def test_a_parameter_that_another_machine_has_is_told_though_nothing_is_left_of_the_voltages() -> None:
+    hot = VirtualDrive(PAPER)
+    hot.set_temperature(80.0)  # a warm winding is no other machine
+    assert watched(hot, Watch(), 3, nominal=HELD)[-1].status is Explained.YES
+    told = watched(VirtualDrive(PAPER), Watch(), 3, nominal=HELD | {"R_s": 0.5, "L_q": 6.9e-3})
+    assert [said.status for said in told] == [Explained.NOT_TOLD, Explained.NO, Explained.NO]
+    assert told[-1].where.startswith("R_s reads 0.96")
+    assert told[-1].where.endswith(" ohm, nominal 0.500 ohm")
+    both = watched(VirtualDrive(DEAD_TIME), Watch(), 2, nominal=HELD)[-1].where
+    assert " on " in f" {both}"
+    assert "; R_s reads 2." in both
 
 
 def test_windows_that_say_nothing_neither_begin_an_episode_nor_end_it() -> None:

@@ -125,9 +125,9 @@ class MismatchModel(BaseModel):
     until: datetime | None = Field(description="first window after that episode; null while it lasts", examples=[None])
     where: str = Field(
         description="that episode acts, as seen where it was largest: axis, speed, current, drive's clock, change of "
-        "sign; empty: there was none",
-        examples=["mostly on q where a phase current is within 0.41 A of changing sign: 31 % of the time holds 74 % of "
-                  "the energy"],
+        "sign; and parameters that no longer are those of the nominal machine; empty: there was none",
+        examples=["mostly on q where a phase current is within 0.41 A of changing sign (74 % of the energy in 31 % of "
+                  "the time); R_s reads 2.07 ohm, nominal 0.966 ohm"],
     )
     reason: str = Field(description="a sentence where the latest window cannot say it", examples=[""])
     significance: float | None = Field(

@@ -135,7 +135,7 @@ def place_of(left: Left) -> Place:
         return Place(f"{on}, at all speeds, currents and times", region, min(shares[axis], 1.0) if on_one else 1.0, 1.0)
     energy, samples = together(found, power)
     where = " and ".join(one.words for one in found)
-    sentence = f"{on} where {where}: {percent(samples)} of the time holds {percent(energy)} of the energy"
+    sentence = f"{on} where {where} ({percent(energy)} of the energy in {percent(samples)} of the time)"
     return Place(sentence, region, energy, samples)
 
 
