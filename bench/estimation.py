@@ -193,7 +193,7 @@ class Estimation:
         drive.next_tick = None  # should the update fail, the next block begins a new run
         samples = samples_of(block, drive.theta_step)
         method.take(drive.running, samples, joined=joined)
-        watch.take(drive.watch, samples, drive.running.window, joined=joined)
+        watch.take(drive.watch, samples, drive.running.window)
         drive.next_tick = int(block.tick[-1]) + block.periods
         drive.received, drive.t_drive = received, drive.next_tick * block.T_s
         drive.stale = True

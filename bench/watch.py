@@ -66,25 +66,29 @@ class Watch:
     """What has been said, and the rows to judge; `take` and `judge` change it in place."""
 
     said: Mismatch = field(default_factory=Mismatch)
-    recent: deque[tuple[Samples, bool]] = field(default_factory=deque[tuple[Samples, bool]])  # and whether each joins
+    recent: deque[Samples] = field(default_factory=deque[Samples])
     rows: int = 0
 
 
-def take(watch: Watch, samples: Samples, window: Window, *, joined: bool) -> None:
-    """Take in consecutive rows; `joined`: they follow the last ones by exactly one row."""
-    watch.recent.append((samples, joined))
+def take(watch: Watch, samples: Samples, window: Window) -> None:
+    """Take in consecutive rows."""
+    watch.recent.append(samples)
     watch.rows += len(samples)
     most = min(window.samples, MOST)
-    while watch.rows - len(watch.recent[0][0]) > most:
-        watch.rows -= len(watch.recent.popleft()[0])
+    while watch.rows - len(watch.recent[0]) > most:
+        watch.rows -= len(watch.recent.popleft())
 
 
 def judge(
     watch: Watch, window: Window, estimates: Mapping[str, Estimate], nominal: Mapping[str, float], now: datetime
 ) -> None:
     """Judge the rows on which the estimates rest; `nominal` values (SI) are those that are known."""
-    rows = min([window.samples, MOST, *(e.window for e in estimates.values() if e.window is not None)])
-    left = left_of(_runs(watch.recent, rows + 1), estimates)
+    most = min(window.samples, MOST)
+    runs = _runs(watch.recent, most + 1)
+    watch.recent = deque(runs)  # joined once, however many parts they came in
+    watch.rows = sum(map(len, runs))
+    rows = min([most, *(e.window for e in estimates.values() if e.window is not None)])
+    left = left_of(_newest(runs, rows + 1), estimates)
     if left is None:
         reason = f"the window has fewer than {FEWEST} rows, or nothing in it tells the inductances"
     elif not left.moves:
@@ -136,19 +140,28 @@ def _strange(estimates: Mapping[str, Estimate], nominal: Mapping[str, float], su
     return found
 
 
-def _runs(recent: Iterable[tuple[Samples, bool]], rows: int) -> list[Samples]:
-    """The newest rows as runs without gaps; rows with a value that is no number are gaps."""
-    parts, joined = [samples for samples, _ in recent], [joins for _, joins in recent]
+def _newest(runs: list[Samples], rows: int) -> list[Samples]:
+    """The last so many rows."""
+    found: list[Samples] = []
+    for run in reversed(runs):
+        if rows > 0:
+            found.insert(0, run[max(0, len(run) - rows) :])
+        rows -= len(run)
+    return found
+
+
+def _runs(recent: Iterable[Samples], rows: int) -> list[Samples]:
+    """The last so many rows as runs without gaps by the drive's clock; a row with a value that is no number is one."""
+    parts = list(recent)
     if not parts:
         return []
+    one = parts[-1]
     table: Array = np.array([np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS])
-    t = np.concatenate([part.t0 + part.T * np.arange(len(part)) for part in parts])
-    begins: Bools = np.zeros(len(t), np.bool_)
-    begins[np.cumsum([0, *map(len, parts[:-1])])] = ~np.array(joined)
+    t = np.concatenate([part.t0 + one.T * np.arange(len(part)) for part in parts])
+    begins: Bools = np.abs(np.diff(t, prepend=t[0]) - one.T) > 0.5 * one.T
     table, t, begins = table[:, -rows:], t[-rows:], begins[-rows:]
     finite: Bools = np.all(np.isfinite(table), axis=0)
     edges = np.flatnonzero(begins[1:] | (finite[1:] != finite[:-1])) + 1
-    one = parts[-1]
     runs: list[Samples] = []
     for a, b in pairwise((0, *edges.tolist(), len(t))):
         if finite[a]:

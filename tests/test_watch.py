@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
 from bench import watch
@@ -36,14 +37,13 @@ DEAD_TIME = paper(Effects(inverter=Inverter(dead_time=1e-6)))
 
 
 def watched(
-    drive: VirtualDrive, said: Watch, seconds: int, *, rows: int = 1000, joined: bool = True,
-    nominal: dict[str, float] | None = None,
+    drive: VirtualDrive, said: Watch, seconds: int, *, rows: int = 1000, nominal: dict[str, float] | None = None,
 ) -> list[Mismatch]:
     """What is said after each second of the drive's stream; the clock shows drive's seconds after `START`."""
     told: list[Mismatch] = []
     for _ in range(seconds):
         samples = streamed(drive, rows)
-        watch.take(said, samples, WINDOW, joined=joined)
+        watch.take(said, samples, WINDOW)
         now = START + timedelta(seconds=samples.t0 + samples.T * rows)
         watch.judge(said, WINDOW, estimates_of(samples, **HELD), nominal or {}, now)
         told.append(said.said)
@@ -129,16 +129,33 @@ def test_rows_without_numbers_are_gaps_and_a_bridge_that_goes_off_and_on_is_no_e
     for word in (0x06, 0x07, 0x0F):
         drive.write("control_word", word)
         drive.run(10)
-    on = watched(drive, said, 3, joined=False)
+    on = watched(drive, said, 3)
     assert [each.status for each in (*off, *on)] == [Explained.YES] * 6
     assert (on[-1].since, on[-1].reason) == (None, "")
+
+
+def test_what_is_missing_between_two_rows_makes_no_neighbours_of_them() -> None:
+    for spoilt in (False, True):
+        drive, said = VirtualDrive(PAPER), Watch()
+        told: list[Mismatch] = []
+        for _ in range(12):
+            samples = streamed(drive, 333)
+            if spoilt:
+                samples.u_q[-7:] = np.nan
+            else:
+                samples = samples[:-7]
+            watch.take(said, samples, WINDOW)
+            watch.judge(said, WINDOW, estimates_of(samples, **HELD), {}, START)
+            told.append(said.said)
+        assert [each.status for each in told[1:]] == [Explained.YES] * 11
+        assert max(each.significance or 0.0 for each in told) < 5.0
 
 
 def test_no_more_rows_are_kept_than_are_judged() -> None:
     said, drive = Watch(), VirtualDrive(PAPER)
     for length, most in ((1000, 1000), (10 * MOST, MOST)):
         for _ in range(30):
-            watch.take(said, streamed(drive, 1000), Window(length=length), joined=True)
+            watch.take(said, streamed(drive, 1000), Window(length=length))
         assert most <= said.rows <= most + 1000
 
 

@@ -177,7 +177,9 @@ def _of_h(beta: Array) -> float:
 
 def _fitted(white: Vectors, held: Array, beta: Array, free: Bools, step: float) -> tuple[Array, float]:
     """Least squares for the free parameters, and for an angle that is off by up to its sensor's step (rad)."""
-    y = white[4] + _of_h(beta) * white[5] - np.where(free, 0.0, held) @ white[:4]
+    y = white[4] + _of_h(beta) * white[5]
+    for k in np.flatnonzero(~free):
+        y -= held[k] * white[k]
     found = np.where(free, 0.0, held)
     used = np.flatnonzero(np.append(free, step > 0.0))
     places = np.where(used < 4, used, 6)
