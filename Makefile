@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser test-vcan paper peers score-diagnosis bench-diagnose bench-estimator bench-links bench-plant auto-window gallery clean
+.PHONY: run test lint types arrows fast slow browser test-vcan paper peers score-diagnosis bench-diagnose bench-estimator bench-links bench-plant bench-watch auto-window gallery clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -69,6 +69,9 @@ bench-links: $(VENV)/.dev ## the links over loopback beside what their buses wou
 
 bench-plant: $(VENV)/.dev ## the emulated plant's speed, effect by effect and beside its peers
 	$(BIN)/python -m tests.bench_plant
+
+bench-watch: $(VENV)/.dev ## what the watch over a stream costs, how quiet it is, how soon and how small it tells
+	$(BIN)/python -m tests.bench_watch
 
 auto-window: $(VENV)/.dev ## windows chosen by the data beside fixed ones, 40 seeds: about ten minutes
 	$(BIN)/python -m tests.auto_window

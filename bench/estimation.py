@@ -10,14 +10,17 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import ParamSpec
 
-from bench import method
+from bench import method, watch
 from bench.errors import LimitError, UnavailableError
 from bench.method import Running
+from bench.watch import Mismatch, Watch
 from bench.window import Window
 from drivers.block import Block
 from estimator.estimate import WindowEstimate
+from estimator.mismatch import detect
 from estimator.samples import Resolution, Samples
 
 P = ParamSpec("P")
@@ -25,6 +28,7 @@ P = ParamSpec("P")
 QUEUE = 1024  # blocks; four drives bring 800 a second, and a busy machine holds the worker up
 REFRESH = 0.05  # s, shortest time between two estimates of one drive
 REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
+WATCH = 1.0  # s between two windows in which a mismatch is looked for
 LATE = 0.5  # s that an estimate waits for rows to be taken in first, where those come faster
 _CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings
 
@@ -35,6 +39,7 @@ class Snapshot:
 
     window: Window
     result: WindowEstimate
+    mismatch: Mismatch = field(default_factory=Mismatch)
     received: float | None = None  # s, monotonic, when the newest sample came
     t_drive: float | None = None  # s, drive's clock at the newest sample
     rows_dropped: int = 0  # because the worker was behind
@@ -51,6 +56,7 @@ class _Drive:
 
     running: Running
     snapshot: Snapshot
+    watch: Watch = field(default_factory=Watch)
     theta_step: float = 0.0  # rad, resolution of its angle, 0 where not known
     next_tick: int | None = None
     row: tuple[int, float] | None = None  # periods and T_s of the rows taken in
@@ -58,6 +64,7 @@ class _Drive:
     t_drive: float | None = None
     rows_dropped: int = 0
     estimated_at: float = field(default=0.0)
+    watched_at: float = field(default=0.0)
     stale: bool = False  # the snapshot is behind the estimator
 
     @property
@@ -69,9 +76,13 @@ class _Drive:
 class Estimation:
     """The worker; runs from `start` to `stop`."""
 
-    def __init__(self, windows: Mapping[str, Window], theta_steps: Mapping[str, float] | None = None) -> None:
-        """Settings by drive, and what is known of their angles' resolution in rad."""
+    def __init__(
+        self, windows: Mapping[str, Window], theta_steps: Mapping[str, float] | None = None,
+        nominals: Mapping[str, Mapping[str, float]] | None = None,
+    ) -> None:
+        """Settings by drive, and what is known of their angles' resolution in rad and of nominal values (SI)."""
         known = theta_steps or {}
+        self._nominals = nominals or {}
         self._drives = {name: _new_drive(window, known.get(name, 0.0)) for name, window in windows.items()}
         self._queue: queue.Queue[tuple[str, Block, float] | Callable[[], None]] = queue.Queue(QUEUE)
         self._stop = threading.Event()
@@ -81,6 +92,7 @@ class Estimation:
     def start(self) -> None:
         """Compile the kernels, then begin."""
         method.warm_up()
+        detect.warm_up()
         self.thread.start()
 
     def stop(self) -> None:
@@ -152,7 +164,10 @@ class Estimation:
             late = LATE if self._queue.qsize() > QUEUE // 8 else 0.0
             due = {name: drive.due + late for name, drive in self._drives.items() if drive.stale}
             if due and time.monotonic() >= due[name := min(due, key=due.__getitem__)]:
-                self._guarded(name, self._estimate, self._drives[name])
+                drive = self._drives[name]
+                if not late and time.monotonic() >= drive.watched_at + WATCH:
+                    self._guarded(name, self._watch, drive, self._nominals.get(name, {}))
+                self._guarded(name, self._estimate, drive)
 
     def _guarded(self, name: str, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """Take a step; a fault of ours is told by the health page and ends neither the worker nor other drives."""
@@ -172,10 +187,13 @@ class Estimation:
         row = (block.periods, block.T_s)
         if drive.row != row:  # other rows cannot share an estimator
             drive.running = method.start(drive.running.window)
+            drive.watch = Watch(drive.watch.said)
             drive.row, drive.next_tick = row, None
         joined = drive.next_tick == int(block.tick[0])
         drive.next_tick = None  # should the update fail, the next block begins a new run
-        method.take(drive.running, samples_of(block, drive.theta_step), joined=joined)
+        samples = samples_of(block, drive.theta_step)
+        method.take(drive.running, samples, joined=joined)
+        watch.take(drive.watch, samples, drive.running.window)
         drive.next_tick = int(block.tick[-1]) + block.periods
         drive.received, drive.t_drive = received, drive.next_tick * block.T_s
         drive.stale = True
@@ -183,8 +201,14 @@ class Estimation:
     def _estimate(self, drive: _Drive) -> None:
         drive.estimated_at, drive.stale = time.monotonic(), False
         drive.snapshot = Snapshot(
-            drive.running.window, method.estimate(drive.running), drive.received, drive.t_drive, drive.rows_dropped
+            drive.running.window, method.estimate(drive.running), drive.watch.said, drive.received, drive.t_drive,
+            drive.rows_dropped,
         )
+
+    def _watch(self, drive: _Drive, nominal: Mapping[str, float]) -> None:
+        drive.watched_at = time.monotonic()
+        snapshot = drive.snapshot
+        watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, nominal, datetime.now(UTC))
 
 
 def samples_of(block: Block, theta_step: float = 0.0) -> Samples:
@@ -198,4 +222,4 @@ def samples_of(block: Block, theta_step: float = 0.0) -> Samples:
 
 def _new_drive(window: Window, theta_step: float) -> _Drive:
     running = method.start(window)
-    return _Drive(running, Snapshot(window, method.estimate(running)), theta_step)
+    return _Drive(running, Snapshot(window, method.estimate(running)), theta_step=theta_step)

@@ -48,6 +48,7 @@ class Service:
         self._estimation = Estimation(
             {drive.name: drive.window for drive in config.drives},
             {drive.name: drive.nominal.theta_step for drive in config.drives},
+            {drive.name: drive.nominal.given for drive in config.drives},
         )
         self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
         self._leases = Leases(self._device)

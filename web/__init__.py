@@ -7,7 +7,7 @@ The service sends `index.html` at `/`, the files of this room at `/web/<file>` a
 * `connection.js` - the drive list and the event stream, and what to do when they break
 * `api.js` - the REST calls and the shapes they carry; `problem` sentences become errors
 * `parameters.js` - the four parameters; `format.js` - numbers, units, times as an operator reads them
-* `banner.js`, `header.js`, `tiles.js`, `plots.js`, `window_form.js` - one part of the page each
+* `banner.js`, `header.js`, `tiles.js`, `mismatch.js`, `plots.js`, `window_form.js` - one part of the page each
 * `tuning_form.js` - the form's fields for the Kalman filter; `fields.js` - fields of any form
 * `history.js` - what the plots remember: bounded, and never older values passed off as new
 

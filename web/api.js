@@ -20,8 +20,11 @@
  * @typedef {{method: Method, length: number | "auto", longest: number, periods_per_row: number, estimated: string[],
  *   held: Record<string, number>, forgetting_factor: number, ekf: Tuning,
  *   limits: {length: Limits, longest: Limits, periods_per_row: Limits, forgetting_factor: Limits}}} Window
+ * @typedef {{status: "explained" | "unexplained" | "not_told", since: string | null, until: string | null,
+ *   where: string, reason: string, significance: number | null, ratio: number | null, rms_V: number | null,
+ *   least_V: number | null}} Mismatch
  * @typedef {{drive: string, method: Method, status: "ok" | "filling" | "stale" | "no_data",
- *   estimates: Record<string, Estimate>, combinations: Combination[], window: Window, samples: number, gaps: number, left_out: number, rows_dropped: number, age_s: number | null,
+ *   estimates: Record<string, Estimate>, combinations: Combination[], mismatch: Mismatch, window: Window, samples: number, gaps: number, left_out: number, rows_dropped: number, age_s: number | null,
  *   t_drive_s: number | null, condition: number | null, residual_rms_V: number | null}} Estimates
  * @typedef {"now" | "command" | {signal: string, level: number, edge: string}} Trigger
  * @typedef {{signals: string[], length: number, decimation: number, trigger?: Trigger, pre_trigger?: number,

@@ -7,6 +7,7 @@
  */
 
 import { Z_95, age, decimalsFor, duration, engineeringExponent, fixed, integer, plain, prefixed } from "./format.js";
+import { showMismatch } from "./mismatch.js";
 import { PARAMETERS, writeSymbol } from "./parameters.js";
 
 const STATUS_WORDS = {
@@ -41,6 +42,7 @@ export function clearTiles() {
     tile.decimals = null;
     showTile(tile, undefined, false, "", true);
   }
+  showMismatch(null, false);
   writeById("estimates-status", "No data yet.");
   writeById("untold", "");
   writeById("fit", "");
@@ -60,6 +62,7 @@ export function showEstimates(estimates, rate_hz, connected) {
     const estimate = estimates.estimates[name];
     showTile(tile, estimate, old, basis(estimate, rate_hz), !together.has(name));
   }
+  showMismatch(estimates.mismatch, old);
   writeById("untold", several.map(({ reason }) => sentence(reason)).join(" "));
   writeById("estimates-status", connected ? statusSentence(estimates, rate_hz) : "Last numbers received, not live.");
   document.getElementById("estimates-status")?.classList.toggle("warn", old);

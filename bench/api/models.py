@@ -112,6 +112,33 @@ class CombinationModel(BaseModel):
     reason: str = Field(description="a sentence", examples=["psi_f cannot be told here: the motor stands still"])
 
 
+class MismatchModel(BaseModel):
+    """Whether constant parameters explain the drive's voltages, or more is left of them than noise."""
+
+    status: Literal["explained", "unexplained", "not_told"] = Field(
+        description="by the windows so far, two in a row for a change; not_told: none has said it yet",
+        examples=["unexplained"],
+    )
+    since: datetime | None = Field(
+        description="first window of the latest episode of not being explained; null: there was none", examples=[_TIME]
+    )
+    until: datetime | None = Field(description="first window after that episode; null while it lasts", examples=[None])
+    where: str = Field(
+        description="that episode acts, as seen where it was largest: axis, speed, current, drive's clock, change of "
+        "sign; and parameters that no longer are those of the nominal machine; empty: there was none",
+        examples=["mostly on q where a phase current is within 0.41 A of changing sign (74 % of the energy in 31 % of "
+                  "the time); R_s reads 2.07 ohm, nominal 0.966 ohm"],
+    )
+    reason: str = Field(description="a sentence where the latest window cannot say it", examples=[""])
+    significance: float | None = Field(
+        description="of what is left, in standard deviations of noise; of the latest window that could say it, as the "
+        "three below", examples=[41.7],
+    )
+    ratio: float | None = Field(description="energy of what is left over that of noise", examples=[18.2])
+    rms_V: float | None = Field(description="of what stands above noise, V", examples=[0.31])
+    least_V: float | None = Field(description="of that, from which it matters, V", examples=[0.06])
+
+
 class Bounds(BaseModel):
     """Least and largest whole number."""
 
@@ -225,6 +252,7 @@ class EstimatesModel(BaseModel):
     combinations: list[CombinationModel] = Field(
         description="what cannot be told; no parameter is in two of them", examples=[[]]
     )
+    mismatch: MismatchModel
     window: WindowModel
     samples: int = Field(description="in the window; rls, ekf: since the method began", examples=[1000])
     gaps: int = Field(description="breaks in the stream among these samples")
@@ -321,6 +349,7 @@ def estimates_model(service: Service, name: str) -> EstimatesModel:
             for key, estimate in result.estimates.items()
         },
         combinations=[CombinationModel.model_validate(c, from_attributes=True) for c in result.combinations],
+        mismatch=MismatchModel.model_validate(snapshot.mismatch, from_attributes=True),
         window=window_model(snapshot.window),
         samples=result.samples, gaps=result.gaps, left_out=result.left_out, rows_dropped=snapshot.rows_dropped,
         age_s=snapshot.age,

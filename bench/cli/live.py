@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+from datetime import datetime
 from typing import Any
 
 import httpx
@@ -34,6 +35,24 @@ def _table(content: dict[str, Any]) -> Table:
     settings = content["window"]
     age = "no data yet" if content["age_s"] is None else f"{content['age_s']:.2f} s old"
     title = f"{content['drive']}: {content['status'].replace('_', ' ')}"
-    return estimates_table(
-        content, settings, f"{basis_of(settings, content['samples'])}, {content['gaps']} gaps, {age}", title
+    basis = f"{basis_of(settings, content['samples'])}, {content['gaps']} gaps, {age}"
+    return estimates_table(content, settings, "\n".join(filter(None, (basis, _mismatch(content)))), title)
+
+
+def _mismatch(content: dict[str, Any]) -> str:
+    """Since when, and where, the parameters do not explain the drive; nothing where they always have."""
+    said = content["mismatch"]
+    if said["since"] is None:
+        return ""
+    since = _clock(said["since"])
+    if said["until"] is not None:
+        return f"the model explains the drive; from {since} to {_clock(said['until'])} it did not: {said['where']}"
+    return (
+        f"the model has not explained the drive since {since}: {said['where']}; "
+        f"record and diagnose: pmsm-bench capture {content['drive']}"
     )
+
+
+def _clock(time_utc: str) -> str:
+    """Time of day here."""
+    return datetime.fromisoformat(time_utc).astimezone().strftime("%H:%M:%S")

@@ -75,15 +75,15 @@ def _worths(energy: Array, samples: Array) -> Array:
     return np.where(e > s, e * np.log(e / s) + (1.0 - e) * np.log((1.0 - e) / (1.0 - s)), 0.0)
 
 
-def regions(rows: Rows, blocks: Means, power: Array) -> list[Range]:
-    """The one or two ranges that tell most; none where nothing tells much."""
+def regions(rows: Rows, blocks: Means, power: Array, *, most: int = 2) -> list[Range]:
+    """The one or two ranges that tell most, at `most` so many; none where nothing tells much. Pairs take longer."""
     singles = [one for key, x in _quantities(rows, blocks).items() if (one := _single(key, x, power)) is not None]
     singles.sort(key=lambda one: -worth(one.energy, one.samples))
     best, told = list[Range](), _WORTH
     if singles and worth(singles[0].energy, singles[0].samples) > _WORTH:
         best, told = singles[:1], worth(singles[0].energy, singles[0].samples)
     needed = told + _SECOND
-    for one, other in combinations(singles, 2):
+    for one, other in combinations(singles, 2) if most > 1 else ():
         pair = _pair(one, other, power)
         if pair is not None and worth(*together(pair, power)) > needed:
             best, needed = list(pair), worth(*together(pair, power))
