@@ -79,20 +79,7 @@ def lost_voltage(
     u_dc = legs.u_dc[k]
     by_rise, by_fall = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if dead_time != 0.0:
-        for leg in range(3):  # far from where a current changes sign
-            start, end, rise = _phase(i_0, axes[leg]), _phase(i_1, axes[leg]), _rise(legs.duties[k, leg])
-            away = (end - start) * rise + _phase(legs.ripple[k, leg], axes[leg])
-            if rise < 0.5 and start + away > 0.0:
-                by_rise = _put(by_rise, leg, u_dc * min((1.0 - 2.0 * rise) * legs.T_s, dead_time))
-            if rise > 0.0 and end - away < 0.0:
-                by_fall = _put(by_fall, leg, -u_dc * min(2.0 * rise * legs.T_s, dead_time))
-        for _ in range(_PASSES):  # what one leg loses moves the others' currents
-            was = by_rise[0] + by_fall[0], by_rise[1] + by_fall[1], by_rise[2] + by_fall[2]
-            for leg in range(3):
-                at_rise, at_fall = _by_dead_time(legs, k, i_0, i_1, dead_time, by_rise, by_fall, leg)
-                by_rise, by_fall = _put(by_rise, leg, at_rise), _put(by_fall, leg, at_fall)
-            if _farthest(was, by_rise, by_fall) < _CLOSE * u_dc * dead_time:
-                break
+        by_rise, by_fall = _all_by_dead_time(legs, k, i_0, i_1, dead_time)
     for leg in range(3):
         axis = axes[leg]
         start, end = _phase(i_0, axis), _phase(i_1, axis)
@@ -133,6 +120,32 @@ def _farthest(was: Three, rise: Three, fall: Three) -> float:
 
 
 @kernel
+def _all_by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float) -> tuple[Three, Three]:
+    """Vs that each leg loses at its rise and at its fall."""
+    u_dc, by_rise, by_fall = legs.u_dc[k], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for leg in range(3):  # far from where a current changes sign
+        start, end, rise = _phase(i_0, _axis(leg)), _phase(i_1, _axis(leg)), _rise(legs.duties[k, leg])
+        away = (end - start) * rise + _phase(legs.ripple[k, leg], _axis(leg))
+        if rise < 0.5 and start + away > 0.0:
+            by_rise = _put(by_rise, leg, u_dc * min((1.0 - 2.0 * rise) * legs.T_s, dead_time))
+        if rise > 0.0 and end - away < 0.0:
+            by_fall = _put(by_fall, leg, -u_dc * min(2.0 * rise * legs.T_s, dead_time))
+    for _ in range(_PASSES):  # what one leg loses moves the others' currents
+        was = by_rise[0] + by_fall[0], by_rise[1] + by_fall[1], by_rise[2] + by_fall[2]
+        for leg in range(3):
+            at_rise, at_fall = _by_dead_time(legs, k, i_0, i_1, dead_time, by_rise, by_fall, leg)
+            by_rise, by_fall = _put(by_rise, leg, at_rise), _put(by_fall, leg, at_fall)
+        if _farthest(was, by_rise, by_fall) < _CLOSE * u_dc * dead_time:
+            break
+    return by_rise, by_fall
+
+
+@kernel
+def _axis(leg: int) -> complex:
+    return _A if leg == 0 else _B if leg == 1 else _C
+
+
+@kernel
 def _by_dead_time(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, by_rise: Three, by_fall: Three, leg: int
 ) -> tuple[float, float]:  # fmt: skip
@@ -146,21 +159,21 @@ def _by_dead_time(
     on, off = (1.0 - 2.0 * rise) * T_s, 2.0 * rise * T_s  # a pulse shorter than the dead time is lost whole
     if on <= 0.0 or off <= 0.0:
         return 0.0, 0.0
-    axis = _A if leg == 0 else _B if leg == 1 else _C
+    axis = _axis(leg)
     start, end = _phase(i_0, axis), _phase(i_1, axis)
     slope = end - start
     away = slope * rise + _phase(legs.ripple[k, leg], axis)
     at_rise, at_fall, own = start + away, end - away, 0.0
-    low = slope / T_s - _phase(_driven(legs.u_s[k], legs.middle[k], legs.L_d, legs.L_q), axis)  # A/s at the rise, with this leg low
+    without_pulses = _driven(legs.u_s[k], legs.middle[k], legs.L_d, legs.L_q)
+    low = slope / T_s - _phase(without_pulses, axis)  # A/s at the rise, with this leg low
     low_at_fall = low
     for other in range(3):
-        there = _B if other == 1 else _C if other == 2 else _A
-        rate = _phase(_driven(2.0 / 3.0 * there, legs.middle[k], legs.L_d, legs.L_q), axis)  # A/s per V
+        rate = _phase(_driven(2.0 / 3.0 * _axis(other), legs.middle[k], legs.L_d, legs.L_q), axis)  # A/s per V
         if other == leg:
             own = rate
             continue
         lost = by_rise[other] + by_fall[other]
-        apart = (rise - _rise(legs.duties[k, other])) * T_s  # s, for which the other has been told to be high, at the rise
+        apart = (rise - _rise(legs.duties[k, other])) * T_s  # s, since the other was told to rise, at the rise
         risen = min(by_rise[other], u_dc * max(apart, 0.0))
         fallen = max(by_fall[other], u_dc * min(apart, 0.0))
         at_rise += rate * (lost * rise - risen)

@@ -159,15 +159,17 @@ class Rows:
     @property
     def moment_of_pulses(self) -> Vector:
         """First moment (Vs s) of the flux linkage's ripple in each period. Needs `u_dc`."""
-        return self.once("moment of pulses", lambda: _moments(self.duties, self.u_dc, self.middle, self.T_s))
+        assert self.u_dc is not None
+        u_dc = self.u_dc
+        return self.once("moment of pulses", lambda: _moments(self.duties, u_dc, self.middle, self.T_s))
 
     @property
     def power_of_pulses(self) -> tuple[Real, Vector]:
         """Means of abs(ripple)^2 and ripple^2 of the flux linkage (Vs^2) in each period. Needs `u_dc`."""
         if "size of pulses" not in self.kept:
-            self.kept["size of pulses"], self.kept["square of pulses"] = _powers(
-                self.duties, self.u_dc, self.middle, self.T_s
-            )
+            assert self.u_dc is not None
+            size, square = _powers(self.duties, self.u_dc, self.middle, self.T_s)
+            self.kept |= {"size of pulses": size, "square of pulses": square}
         return self.kept["size of pulses"], self.kept["square of pulses"]
 
     # --- model
