@@ -57,7 +57,7 @@ class ExperimentRunModel(BaseModel):
     remarks: list[str] = Field(description="what was held otherwise than asked for")
     samples: int = Field(description="in the recording")
     file: str | None = Field(description="the recording, on the service's machine")
-    asked: datetime
+    asked: datetime = Field(description="when it was asked for", examples=["2026-01-31T12:00:00Z"])
     holds: list[HoldModel] = Field(examples=[[_HOLD]])
     step: float = Field(description="A", examples=[0.6])
 

@@ -179,12 +179,13 @@ def _judged(
         instead = experiment(rows, Model(nominal), found.noise, nominal, tolerance)
     if poorly is not None and instead is not None:
         why = f"{poorly}: what looks like it may be the machine's parameters, which this recording does not tell"
-        doubts = [Ambiguity(tuple(name for name, _ in choice), why, instead)] if choice else []
-        findings, left = [], None
+        findings = []
+        if choice:
+            doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, instead)], None
     elif outside and not findings and not doubts:
         doubts.extend(_scaled(machine_after, nominal, tolerance))
     verdict = _verdict(findings, doubts, left, machine_after, outside, nominal, tolerance)
-    if poorly is not None and not doubts:
+    if poorly is not None and not doubts and left is None:
         verdict, outside = Verdict.NOT_ENOUGH_EXCITATION, [poorly]
     return Diagnosis(
         verdict, "", tuple(findings), tuple(doubts), left, detectable(search, choice), machine_before, machine_after,
