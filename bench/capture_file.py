@@ -11,16 +11,19 @@ import fcntl
 import json
 import os
 import secrets
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.capture import Capture, Setup, Upload, decoded
 from drivers.drive import Identity
-from drivers.wire.codec import channel_signal, count_size
+from drivers.wire.codec import FullScales, channel_signal, count_size
 
 T = TypeVar("T")
 
@@ -124,6 +127,12 @@ def _head(heading: Heading) -> bytes:
 
 def write_recording(path: Path, heading: Heading, upload: Upload) -> Path:
     """Write what has been uploaded as a recording, whole or not at all, and tell where. Raises OSError."""
+    got = decoded(upload, heading.T_s, heading.full)
+    return write_columns(path, {"t": got.t} | got.columns, _notes(heading, upload.setup, got))
+
+
+def write_columns(path: Path, columns: Mapping[str, NDArray[np.float64]], said: Mapping[str, Any]) -> Path:
+    """Write t and recorded signals (SI) with notes, whole or not at all, and tell where. Raises OSError."""
     import pyarrow
     import pyarrow.parquet
 
@@ -131,13 +140,17 @@ def write_recording(path: Path, heading: Heading, upload: Upload) -> Path:
 
     pa: Any = pyarrow
     pq: Any = pyarrow.parquet
-    got = decoded(upload, heading.T_s, heading.full)
-    columns = {"t": got.t} | got.columns
     schema = pa.schema(
         [pa.field(name, pa.float64(), metadata={"unit": _unit(name)}) for name in columns],
-        metadata={NOTES: json.dumps(_notes(heading, upload.setup, got)).encode()},
+        metadata={NOTES: json.dumps(dict(said)).encode()},
     )
-    return write_new(path, lambda file: pq.write_table(pa.table(columns, schema=schema), file, compression="zstd"))
+    table = pa.table(dict(columns), schema=schema)
+    return write_new(path, lambda file: pq.write_table(table, file, compression="zstd"))
+
+
+def column_steps(names: Iterable[str], full: FullScales) -> dict[str, float]:
+    """SI value of a count of each signal."""
+    return {name: count_size(channel_signal(name), full) for name in names}
 
 
 def write_new(path: Path, write: Callable[[BinaryIO], object]) -> Path:
@@ -197,7 +210,7 @@ def _notes(heading: Heading, setup: Setup, got: Capture) -> dict[str, Any]:
         "asked": heading.asked, "request": heading.request,
         "samples": samples, "expected": expected, "complete": samples == expected,
         "T_s": heading.T_s, "decimation": setup.decimation, "tick": heading.tick,
-        "steps": {name: count_size(channel_signal(name), heading.full) for name in setup.channels},
+        "steps": column_steps(setup.channels, heading.full),
     }
 
 

@@ -88,6 +88,7 @@ def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
         },
         "candidates": said.candidates,
         "remarks": said.remarks,
+        "experiment": said.experiment,
         "recording": {"path": recording.path, "rows": recording.rows, "duration": recording.duration},
     })
 

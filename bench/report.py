@@ -17,7 +17,7 @@ from bench.engineering import number, odds, quantity, scaled, words
 from bench.machine_file import Nominal
 from bench.recording import Summary
 from estimator.machine import PARAMETERS, UNITS
-from estimator.mismatch.verdict import Ambiguity, Before, Diagnosis, Finding, Fit, Place, Quantity
+from estimator.mismatch.verdict import Ambiguity, Before, Diagnosis, Experiment, Finding, Fit, Place, Quantity
 
 _STYLE: Final = f"""
 @page {{ size: A4; margin: 14mm; }}
@@ -100,6 +100,8 @@ def _sections(
         yield _section("What is unexplained", f"<p>{told}.</p><p>{_where(left.where)}</p>")
     if said.ambiguous:
         yield _section("What cannot be told, and what would tell", "".join(map(_ambiguity, said.ambiguous)))
+    if said.experiment is not None and all(doubt.experiment != said.experiment for doubt in said.ambiguous):
+        yield _section("What to record instead", f"<p>{_experiment(said.experiment)}</p>")
     if said.remarks:
         yield _section("Remarks on the recording", _list(said.remarks))
     if (traces := said.traces) is not None:
@@ -200,20 +202,22 @@ def _bounds(value: float | str | Sequence[float]) -> str:
 
 def _ambiguity(ambiguity: Ambiguity) -> str:
     effects = " or ".join(words(effect) for effect in ambiguity.effects)
-    experiment = ambiguity.experiment
+    return (
+        f'<div class="keep"><h3>{escape(effects[:1].upper() + effects[1:])}?</h3><p>{escape(ambiguity.reason)}</p>'
+        f"<p><strong>To tell:</strong> {_experiment(ambiguity.experiment)}</p></div>"
+    )
+
+
+def _experiment(experiment: Experiment) -> str:
     settings = {
         "speed": (experiment.speeds_rpm, "rpm"), "i_d": (experiment.i_d, "A"), "i_q": (experiment.i_q, "A"),
-        "for": ((experiment.duration,), "s"),
+        "for": ((experiment.duration,) if experiment.duration else (), "s"),
     }  # fmt: skip
     said = "; ".join(
         f"{name} {', '.join(f'{value:.4g}' for value in values)} {unit}"
         for name, (values, unit) in settings.items() if values
     )
-    what = f'{escape(experiment.sentence)}<br><span class="muted">{escape(said)}</span>'
-    return (
-        f'<div class="keep"><h3>{escape(effects[:1].upper() + effects[1:])}?</h3><p>{escape(ambiguity.reason)}</p>'
-        f"<p><strong>To tell:</strong> {what}</p></div>"
-    )
+    return f'{escape(experiment.sentence)}<br><span class="muted">{escape(said)}</span>'
 
 
 def _parameters(said: Diagnosis, nominal: Nominal) -> str:

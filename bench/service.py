@@ -13,6 +13,7 @@ from bench.config import Config
 from bench.diagnosis_jobs import DiagnosisJobs
 from bench.errors import shown
 from bench.estimation import Estimation, Snapshot
+from bench.experiments import Experiments
 from bench.lease import Leases, Writer
 from bench.signals import Reading, checked, read, write
 from bench.window import Window
@@ -53,6 +54,7 @@ class Service:
         self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
         self._leases = Leases(self._device)
         self.captures = Captures(config.captures, self._urls, self._pumps, self._leases)
+        self.experiments = Experiments(config.captures, self._urls, self._pumps, self._leases)
         self.diagnoses = DiagnosisJobs(config.captures, {drive.name: drive.nominal for drive in config.drives})
         self._writes = count(1)
         self._started = time.monotonic()
@@ -69,8 +71,10 @@ class Service:
     ) -> None:
         deadline = time.monotonic() + _LEAVE
         self.diagnoses.leave()
+        self.experiments.leave()
         self.captures.leave()
-        self.captures.join(_CANCEL)  # while there are links, by which recorders are told to stop
+        self.experiments.join(_CANCEL)  # while there are links, by which drives and recorders are told to stop
+        self.captures.join(_CANCEL)
         for pump in self._pumps.values():
             pump.end()
         for pump in self._pumps.values():

@@ -22,6 +22,7 @@ from estimator.mismatch.verdict import (
     Experiment,
     Finding,
     Fit,
+    Hold,
     Map,
     Place,
     Quantity,
@@ -133,7 +134,10 @@ AMBIGUOUS = replace(
     ambiguous=(
         Ambiguity(
             ("iron_loss", "winding_resistance_drift"), "they are collinear to 0.99 here, at one speed",
-            Experiment("record 500 and 2000 rpm at the same currents", (500.0, 2000.0), (0.0, -1.8), (3.0,), 6.0),
+            Experiment(
+                "record 500 and 2000 rpm at the same currents", (500.0, 2000.0), (0.0, -1.8), (3.0,), 6.0,
+                (Hold(500.0, 0.0, 3.0, 3.0), Hold(2000.0, -1.8, 3.0, 3.0)), 0.6, 1e6,
+            ),
         ),
     ),
     unexplained=Unexplained(0.7, _WHERE, "a 90 Hz voltage of 1.0 V fixed in the stationary frame"),

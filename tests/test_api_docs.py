@@ -18,13 +18,14 @@ import pytest
 from bench.api.capture_models import CaptureModel, CapturesModel
 from bench.api.diagnosis_models import DiagnosisJobModel
 from bench.api.docs import example
+from bench.api.experiments import ExperimentRunModel
 from bench.api.models import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
 from bench.capture_request import Request
 from bench.diagnosis_request import checked_trust, schema
 from bench.machine_file import nominal_of
 from bench.recording import read_recording
 from bench.window import Window
-from tests.conftest import RunningBench
+from tests.conftest import RunningBench, bench_up
 from tests.served_drive import until
 
 validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]
@@ -35,11 +36,14 @@ ROUTES = {
     ("get", "/api/drives/{name}/captures/{id}"), ("get", "/api/drives/{name}/captures/{id}/file"),
     ("get", "/api/drives/{name}/signals"), ("put", "/api/drives/{name}/signals"),
     ("post", "/api/drives/{name}/captures/{id}/trigger"), ("delete", "/api/drives/{name}/captures/{id}"),
+    ("post", "/api/drives/{name}/experiments"), ("get", "/api/drives/{name}/experiments/{id}"),
+    ("get", "/api/drives/{name}/experiments/{id}/file"), ("delete", "/api/drives/{name}/experiments/{id}"),
     ("post", "/api/recordings/{id}/diagnosis"), ("get", "/api/recordings/{id}/diagnosis"),
     ("get", "/api/recordings/{id}/diagnosis/result"), ("get", "/api/recordings/{id}/diagnosis/report.html"),
     ("get", "/api/recordings/{id}/diagnosis/machine.toml"), ("delete", "/api/recordings/{id}/diagnosis"),
 }
 CAPTURES = "/api/drives/emulated/captures"
+EXPERIMENTS = "/api/drives/emulated/experiments"
 DIAGNOSIS = "/api/recordings/latest/diagnosis"
 
 
@@ -130,7 +134,7 @@ def test_refusals_and_bodies_are_described(document: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "model",
     [DriveModel, EstimatesModel, WindowModel, SnapshotModel, HealthModel, CaptureModel, CapturesModel,
-     DiagnosisJobModel],
+     DiagnosisJobModel, ExperimentRunModel],
 )
 def test_examples_are_of_the_shape_they_explain(document: dict[str, Any], model: Any) -> None:
     shapes = document["components"]["schemas"]
@@ -169,15 +173,21 @@ def test_the_page_shows_every_route_and_every_shape(page: Page, document: dict[s
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
-def test_the_commands_of_the_page_work_as_they_stand(page: Page, running_bench: RunningBench, tmp_path: Path) -> None:
-    before = httpx.get(f"{running_bench.url}/api/drives/emulated/window").json()
+def test_the_commands_of_the_page_work_as_they_stand(tmp_path: Path) -> None:
+    with bench_up() as bench:  # of its own: an experiment stops the drive
+        run_all(Page(httpx.get(f"{bench.url}/docs").text), bench, tmp_path)
+
+
+def run_all(page: Page, running_bench: RunningBench, tmp_path: Path) -> None:
+    """Every command of the page."""
     commands = re.findall(r"^\s*(?:Try it)?(curl .*?)(?:Answers|$)", page.text.replace("curl", "\ncurl"), re.MULTILINE)
     assert len(commands) == len(ROUTES)
     for command in commands:
         arguments = shlex.split(command)
         endless, ended = "-N" in arguments, arguments[1:3] == ["-X", "DELETE"] or command.endswith("/trigger")
-        if "/captures/latest" in command:
-            until(lambda: httpx.get(f"{running_bench.url}{CAPTURES}/latest").json()["state"] == "done", "the capture")
+        for kind in (CAPTURES, EXPERIMENTS):
+            if f"{kind}/latest" in command:
+                until(lambda kind=kind: httpx.get(f"{running_bench.url}{kind}/latest").json()["state"] == "done", kind)
         if re.search("/recordings/latest/diagnosis/|DELETE.*/diagnosis", command):
             until(lambda: httpx.get(f"{running_bench.url}{DIAGNOSIS}").json()["state"] == "done", "the diagnosis")
         arguments += ["--max-time", "0.5"] if endless else []
@@ -189,9 +199,8 @@ def test_the_commands_of_the_page_work_as_they_stand(page: Page, running_bench: 
         elif "-o" not in arguments:
             assert done.stdout.startswith("event: snapshot" if endless else "{")
     assert len(read_recording(tmp_path / "capture.parquet").runs[0]) == 5000
+    assert len(read_recording(tmp_path / "experiment.parquet").runs[0]) == 5000
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")
-    put_back = {key: before[key] for key in before if key != "limits"}
-    assert httpx.put(f"{running_bench.url}/api/drives/emulated/window", json=put_back).status_code == 200
 
 
 def test_names_of_hosts_and_drives_are_text_on_the_page(running_bench: RunningBench) -> None:

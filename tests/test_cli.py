@@ -20,7 +20,7 @@ from bench.cli.main import main
 from drivers.wire.canopen_od import eds
 from tests.conftest import COMMAND, RunningBench, bus_url, command, free_port
 
-SUBCOMMANDS = ("serve", "emulate", "up", "eds", "estimates", "capture", "replay")
+SUBCOMMANDS = ("serve", "emulate", "up", "eds", "estimates", "capture", "experiment", "replay")
 
 
 def pmsm_bench(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:

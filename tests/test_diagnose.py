@@ -28,6 +28,7 @@ from estimator.mismatch.verdict import (
     Experiment,
     Finding,
     Fit,
+    Hold,
     Place,
     Quantity,
     Rival,
@@ -87,14 +88,14 @@ def test_the_schema_tells_every_field_of_a_diagnosis() -> None:
     definitions = schema()["$defs"]
     for name, kind in {
         "finding": Finding, "place": Place, "quantity": Quantity, "ambiguity": Ambiguity, "fit": Fit,
-        "candidate": Candidate, "unexplained": Unexplained,
+        "candidate": Candidate, "unexplained": Unexplained, "experiment": Experiment,
     }.items():  # fmt: skip
         assert set(definitions[name]["properties"]) == {field.name for field in fields(kind)} == set(
             definitions[name]["required"]
         )
-    experiment = definitions["ambiguity"]["properties"]["experiment"]
+    hold = definitions["experiment"]["properties"]["holds"]["items"]
     rival = definitions["finding"]["properties"]["rivals"]["items"]
-    assert set(experiment["properties"]) == {field.name for field in fields(Experiment)}
+    assert set(hold["properties"]) == {field.name for field in fields(Hold)} == set(hold["required"])
     assert set(rival["properties"]) == {field.name for field in fields(Rival)}
     assert schema()["properties"]["verdict"]["enum"] == [str(verdict) for verdict in Verdict]
 

@@ -11,10 +11,11 @@ from fastapi.responses import FileResponse, HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 
-from bench.api import captures, diagnoses, docs, problems, signals
+from bench.api import captures, diagnoses, docs, experiments, problems, signals
 from bench.api.answers import ANY, DRIVE, PROBLEM, SHAPES, Answers, DriveName, body_of, json_object, of_known
 from bench.api.capture_models import CaptureRequestModel, LevelModel, capture_model
 from bench.api.diagnosis_models import DiagnosisRequestModel, diagnosis_shapes
+from bench.api.experiments import ExperimentRequestModel
 from bench.api.models import (
     DriveModel,
     DrivesModel,
@@ -107,6 +108,7 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
             await asyncio.sleep(DISPLAY_PERIOD)
 
     captures.install(app, service)
+    experiments.install(app, service)
     signals.install(app, service)
     diagnoses.install(app, service)
 
@@ -134,7 +136,7 @@ def _complete(document: dict[str, Any]) -> None:
     """Add to the OpenAPI document the shapes that no route's signature tells."""
     for model in (
         ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, LevelModel, SignalValuesModel,
-        DiagnosisRequestModel,
+        DiagnosisRequestModel, ExperimentRequestModel,
     ):
         shape = model.model_json_schema(ref_template=f"{SHAPES}{{model}}")
         shape.pop("$defs", None)  # they are there already

@@ -123,8 +123,8 @@ def _curl(method: str, url: str, operation: Schema, schemas: Schema) -> str:
     if method != "get":
         return f"curl -X {method.upper()} {url}"
     if _content(_success(operation)).get("format") == "binary":
-        name = url.rpartition("/")[2]
-        return f"curl -o {name if '.' in name else 'capture.parquet'} {url}"
+        *_, whose, _, name = url.split("/")
+        return f"curl -o {name if '.' in name else f'{whose[:-1]}.parquet'} {url}"
     return f"curl -N {url}" if "text/event-stream" in answer else f"curl {url}"
 
 

@@ -11,6 +11,7 @@ from starlette.exceptions import HTTPException
 from bench.captures import UnknownCaptureError
 from bench.diagnosis_jobs import UnknownRecordingError
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError, shown
+from bench.experiments import UnknownExperimentError
 from bench.service import UnknownDriveError
 from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, RefusedError
 
@@ -18,6 +19,7 @@ _STATUS: dict[type[Exception], int] = {
     UnknownDriveError: 404,
     UnknownCaptureError: 404,
     UnknownRecordingError: 404,
+    UnknownExperimentError: 404,
     ConflictError: 409,
     LimitError: 422,
     UnavailableError: 503,

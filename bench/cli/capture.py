@@ -13,8 +13,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bench.capture import Run, State, Status, new_status
-from bench.capture_file import check_place, write_new
+from bench.capture_file import write_new
 from bench.capture_request import COMMAND, Request
+from bench.cli.output import check_recording
 from bench.cli.rest import Rest
 from bench.errors import BenchError, ConfigError, UnavailableError
 from drivers.connect import connect
@@ -29,7 +30,7 @@ _console: Final = Console(highlight=False, soft_wrap=True)
 
 def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | None) -> None:
     """Have the service capture, and download the recording. Raises BenchError."""
-    _check_out(out)
+    check_recording(_named(out, "capture"))
     request = Request.of(given)
     with httpx.Client(timeout=_TIMEOUT) as client:
         rest = Rest(client, service)
@@ -58,7 +59,7 @@ def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | No
 
 def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
     """Capture over a drive's bus. Raises BenchError, DriveError."""
-    _check_out(out)
+    check_recording(_named(out, "capture"))
     status = new_status("drive", Request.of(given))
     if status.request.trigger == COMMAND:
         raise ConfigError("--trigger command: without a service nobody can give it, expected now or a level as i_q>2.0")
@@ -146,21 +147,6 @@ def _patiently(ask: Callable[[], dict[str, Any]], show: Show) -> dict[str, Any]:
                 raise
             show("waiting", 0, str(error))
             time.sleep(_PERIOD)
-
-
-def _check_out(out: Path | None) -> None:
-    """Before anything is recorded: there is a place for it, and nothing there is lost."""
-    path = _named(out, "capture")
-    if path.suffix != ".parquet":
-        raise ConfigError(f"--out: expected a file name that ends in .parquet, got {str(out)!r}")
-    if out is not None and path.exists():
-        raise ConfigError(f"--out: {out} exists already, expected a new file")
-    if not path.parent.is_dir():
-        raise ConfigError(f"--out: there is no folder {path.parent}")
-    try:
-        check_place(path)
-    except OSError as error:
-        raise ConfigError(f"no recording can be written in {path.parent}: {error.strerror or error}") from None
 
 
 def _named(out: Path | None, id_: str) -> Path:

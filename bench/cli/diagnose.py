@@ -250,6 +250,9 @@ class _Shown:
         for ambiguity in content["ambiguous"]:
             names = " or ".join(map(words, ambiguity["effects"]))
             self._say(f"{names}? {ambiguity['reason']}; to tell: {ambiguity['experiment']['sentence']}")
+        instead = content["experiment"]
+        if instead is not None and instead not in [ambiguity["experiment"] for ambiguity in content["ambiguous"]]:
+            self._say(instead["sentence"])
         for remark in content["remarks"]:
             self._say(remark)
 

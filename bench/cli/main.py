@@ -225,6 +225,33 @@ def diagnose(
 
 
 @app.command()
+def experiment(
+    diagnosis: Annotated[Path, typer.Argument(metavar="DIAGNOSIS.json", help="as `diagnose --json` writes it")],
+    name: Annotated[str | None, typer.Argument(help="the drive, as the service calls it")] = None,
+    ambiguity: Annotated[
+        int | None, typer.Option(metavar="N", help="which of its ambiguities, from 1 (default: the first that can be)")
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="FILE.parquet", help="the recording")] = Path("experiment.parquet"),
+    service: Service = None,
+    drive: Annotated[str | None, typer.Option(metavar="URL", help="a drive by its bus, without a service")] = None,
+) -> None:
+    """Do on a drive what a diagnosis asks for, record it for the next `diagnose`, and stop the drive. Ctrl-C stops it.
+
+    The currents are held one after the other; the speed as well where the drive controls it.
+    """
+    from bench.cli.experiment import by_service, directly
+
+    if (name is None) == (drive is None):
+        raise ConfigError("expected a drive's name, or its URL by --drive, got " + ("none" if name is None else "both"))
+    if drive is not None and service is not None:
+        raise ConfigError("expected --drive, which needs no service, or --service, got both")
+    if name is not None:
+        by_service(name, service or _usual_service(), diagnosis, ambiguity, out)
+    elif drive is not None:
+        directly(drive, diagnosis, ambiguity, out)
+
+
+@app.command()
 def registers(as_json: Annotated[bool, typer.Option("--json", help="as JSON")] = False) -> None:
     """Print the Modbus registers of a drive."""
     from bench.cli.registers import show

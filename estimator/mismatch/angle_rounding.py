@@ -8,7 +8,7 @@ recordings can be rid of it. Knows nothing of effects.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ def _by_clock(rows: Rows) -> tuple[NDArray[np.intp], Real, list[int]]:
     at = np.concatenate((np.zeros(1, np.intp), np.cumsum(np.where(long, 1, apart))))
     theta = rows.theta_e[0] + np.concatenate((np.zeros(1), np.cumsum(D)))
     n = int(at[-1]) + 1
-    course: Any = np.interp(np.arange(n), at, theta)
+    course = cast(Real, np.interp(np.arange(n), at, theta))
     return at, course, [0, *at[1:][long].tolist(), n]
 
 

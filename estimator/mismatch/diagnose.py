@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.angle_rounding import unrounded
-from estimator.mismatch.columns import STRETCHES, filter_pole, residual, whitened, with_machine
+from estimator.mismatch.columns import STRETCHES, Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.convention import Suspicion, suspected
-from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, experiment, rivals
+from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
+from estimator.mismatch.excitation_check import not_borne_out, poorly_told
+from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, fitted, moved, without
 from estimator.mismatch.input_check import checked
@@ -26,6 +28,7 @@ from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.verdict import (
     Ambiguity,
     Diagnosis,
+    Experiment,
     Finding,
     Place,
     Quantity,
@@ -80,7 +83,7 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
         left = describe(rows, found.z, found.noise[:2])
     diagnosis = _judged(rows, nominal, tolerance, found, left, progress)
     if suspicion is not None:
-        diagnosis = _with_convention(diagnosis, suspicion, rows)
+        diagnosis = _with_convention(diagnosis, suspicion)
     diagnosis = replace(diagnosis, remarks=(*checks.remarks, *diagnosis.remarks))
     return replace(diagnosis, sentence=sentence_of(diagnosis))
 
@@ -94,10 +97,10 @@ def _no_verdict(remarks: Sequence[str]) -> Diagnosis:
     )  # fmt: skip
 
 
-def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion, rows: Rows) -> Diagnosis:
+def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     """The diagnosis of the corrected recording, and the cause that was corrected."""
     if suspicion.ambiguous:
-        told = replace(experiment(rows), sentence="look up the recording's units and conventions in the drive's manual")
+        told = Experiment("look up the recording's units and conventions in the drive's manual")
         doubt = Ambiguity(tuple(suspicion.ambiguous), suspicion.sentence, told)
         return replace(diagnosis, verdict=Verdict.AMBIGUOUS, ambiguous=(doubt, *diagnosis.ambiguous))
     everywhere = Place("in every row", {}, 1.0, 1.0)
@@ -147,11 +150,19 @@ def _judged(
     r_before, r_after = residual(rows, rows, before), residual(rows, found.smooth, model)
     findings: list[Finding] = []
     doubts: list[Ambiguity] = []
+    faint, why = not_borne_out(search, choice)
+    if faint:
+        names = tuple(name for name, _ in faint)
+        doubts.append(Ambiguity(names, why, experiment(rows, Model(nominal), found.noise, nominal, tolerance)))
     for one in choice:
+        if one in faint:
+            continue
         others = rivals(search, choice, one)
         close = [doubt for doubt in others if doubt.log_odds < SURE]
         if close:
-            doubts.append(ambiguity(one[0], close[0], rows))
+            pair = (one[0], close[0].effect)
+            would_tell = experiment(rows, model, found.noise, nominal, tolerance, pair)
+            doubts.append(ambiguity(one[0], close[0], would_tell))
             continue
         findings.append(_finding(rows, found, one, others, r_after))
     doubts = _once(doubts)
@@ -164,12 +175,23 @@ def _judged(
     pictures = traces(rows, r_before, r_after, *runs)
     machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
     outside = _outside(machine_after, nominal, tolerance)
-    if outside and not findings and not doubts:
-        doubts.extend(_scaled(machine_after, nominal, tolerance, rows))
+    poorly = poorly_told(search, choice, nominal, outside)
+    instead = None
+    if poorly is not None or _blind(machine_after, nominal, tolerance):
+        instead = experiment(rows, Model(nominal), found.noise, nominal, tolerance)
+    if poorly is not None and instead is not None:
+        why = f"{poorly}: what looks like it may be the machine's parameters, which this recording does not tell"
+        findings = []
+        if choice:
+            doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, instead)], None
+    elif outside and not findings and not doubts:
+        doubts.extend(_scaled(machine_after, nominal, tolerance))
     verdict = _verdict(findings, doubts, left, machine_after, outside, nominal, tolerance)
+    if poorly is not None and not doubts and left is None:
+        verdict, outside = Verdict.NOT_ENOUGH_EXCITATION, [poorly]
     return Diagnosis(
         verdict, "", tuple(findings), tuple(doubts), left, detectable(search, choice), machine_before, machine_after,
-        fit, candidates(search, choice), tuple(outside), pictures,
+        fit, candidates(search, choice), tuple(outside), pictures, instead,
     )  # fmt: skip
 
 
@@ -267,8 +289,7 @@ def _outside(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping
     return said
 
 
-def _scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float],
-            rows: Rows) -> list[Ambiguity]:
+def _scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[Ambiguity]:
     """All voltages scaled alike, or another machine: what parameters outside their tolerance leave open."""
     ratios = [float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS]
     if max(ratios) - min(ratios) > 2.0 * max(tolerance.values()):
@@ -277,9 +298,7 @@ def _scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[
         f"R_s, L_d, L_q and psi_f are all {np.mean(ratios):.2f} times their nominal values: the dc link may be read "
         "wrong, or the machine is another one; a recording of voltages and currents alone cannot tell"
     )
-    told = replace(
-        experiment(rows), sentence="measure the dc link's voltage with a meter, or R_s at the terminals, at standstill"
-    )
+    told = Experiment("measure the dc link's voltage with a meter, or R_s at the terminals, at standstill")
     return [Ambiguity(("dc_link_gain", "convention_error"), reason, told)]
 
 
@@ -292,8 +311,12 @@ def _verdict(findings: Sequence[Finding], doubts: Sequence[Ambiguity], left: Une
         return Verdict.PARTLY_EXPLAINED if left is not None else Verdict.EXPLAINED
     if left is not None or outside:
         return Verdict.UNEXPLAINED
-    blind = [
+    return Verdict.NOT_ENOUGH_EXCITATION if _blind(after, nominal, tolerance) else Verdict.NO_MISMATCH
+
+
+def _blind(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[str]:
+    """Parameters that a recording does not tell."""
+    return [
         name for name in PARAMETERS
         if (after[name].std or math.inf) > 0.5 * tolerance[name] * getattr(nominal, name)
     ]  # fmt: skip
-    return Verdict.NOT_ENOUGH_EXCITATION if blind else Verdict.NO_MISMATCH

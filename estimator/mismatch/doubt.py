@@ -12,7 +12,6 @@ from estimator.mismatch.columns import Array
 from estimator.mismatch.explain import ENTRY, Choice, Search
 from estimator.mismatch.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
-from estimator.physics.rows import Rows
 
 SURE: Final = math.log(100.0)  # log-odds below which two effects are not told apart
 _POWER: Final = 2.326  # standard normal at 99 %
@@ -74,42 +73,14 @@ def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[
     return product(a, b) / math.sqrt(size) if size > 0.0 else 0.0
 
 
-def ambiguity(one: str, rival: Doubt, rows: Rows) -> Ambiguity:
+def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
     """Two effects that are not told apart, and what would tell."""
     reason = (
         f"{BY_NAME[one].title} and {BY_NAME[rival.effect].title} explain this recording about equally well "
         f"(odds {math.exp(min(rival.log_odds, 20.0)):.2g} to 1; their signals are collinear to "
         f"{abs(rival.collinear):.2f} here)"
     )
-    return Ambiguity((one, rival.effect), reason, experiment(rows))
-
-
-def experiment(rows: Rows) -> Experiment:
-    """What this recording has least of: levels of current on an axis, speeds, a direction."""
-    rated, omega = rows.i_rated, rows.omega_e
-    rpm = 60.0 / (2.0 * math.pi * rows.machine.n_p)
-    low, high = (float(np.quantile(omega, q)) for q in (0.02, 0.98))
-    fast = max(abs(low), abs(high), 1.0)
-    spread_d, spread_q = (float(np.subtract(*np.quantile(x, (0.98, 0.02)))) for x in (rows.i.real, rows.i.imag))
-    lacks: list[str] = []
-    speeds: tuple[float, ...] = (0.5 * (low + high) * rpm,)
-    i_d: tuple[float, ...] = (float(np.median(rows.i.real)),)
-    i_q: tuple[float, ...] = (float(np.median(rows.i.imag)),)
-    if high - low < 0.5 * fast:
-        speeds = tuple(share * fast * rpm for share in (-0.9, -0.3, 0.3, 0.9))
-        lacks.append(f"speeds from {speeds[0]:.0f} to {speeds[-1]:.0f} rpm")
-    if spread_d < 0.3 * rated:
-        i_d = (-0.4 * rated, -0.2 * rated, 0.0, 0.2 * rated)
-        lacks.append(f"i_d levels from {i_d[0]:.2g} to {i_d[-1]:.2g} A")
-    if spread_q < 0.4 * rated:
-        i_q = (-0.6 * rated, -0.2 * rated, 0.2 * rated, 0.6 * rated)
-        lacks.append(f"i_q levels from {i_q[0]:.2g} to {i_q[-1]:.2g} A")
-    if not lacks:
-        i_d, i_q = (-0.4 * rated, 0.0, 0.2 * rated), (-0.6 * rated, -0.2 * rated, 0.2 * rated, 0.6 * rated)
-        speeds = tuple(share * fast * rpm for share in (-0.9, -0.3, 0.3, 0.9))
-        lacks.append("each of the levels for four times as long")
-    sentence = f"record {' and '.join(lacks)}, each combination held and stepped"
-    return Experiment(sentence, speeds, i_d, i_q, max(6.0, 0.2 * len(speeds) * len(i_d) * len(i_q)))
+    return Ambiguity((one, rival.effect), reason, experiment)
 
 
 def detectable(search: Search, choice: Choice) -> dict[str, Quantity]:

@@ -38,7 +38,10 @@ def sentence_of(diagnosis: Diagnosis) -> str:
         said.append("no mismatch: the machine's equations with fitted parameters leave nothing but noise; "
                     + _detectable(diagnosis))
     if diagnosis.verdict is Verdict.NOT_ENOUGH_EXCITATION:
-        said.append("not enough excitation to judge: no effect stands out, and not every parameter can be told")
+        why = "no effect stands out, and not every parameter can be told"
+        said.append(f"not enough excitation to judge: {'; '.join(diagnosis.remarks[-1:]) or why}")
+    if diagnosis.experiment is not None and diagnosis.experiment not in (d.experiment for d in diagnosis.ambiguous):
+        said.append(diagnosis.experiment.sentence)
     text = ". ".join(part[0].upper() + part[1:] for part in said if part)
     return text + "."
 

@@ -64,14 +64,27 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
+class Hold:
+    """Levels that a drive is to hold."""
+
+    speed_rpm: float  # mechanical
+    i_d: float  # A
+    i_q: float  # A
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
 class Experiment:
-    """What would tell: a commanded sequence of the drive, held at one or several speeds."""
+    """What would tell: a commanded sequence of the drive; without holds, nothing that a drive could do."""
 
     sentence: str
-    speeds_rpm: tuple[float, ...]
-    i_d: tuple[float, ...]  # A, levels
-    i_q: tuple[float, ...]  # A, levels
-    duration: float  # s
+    speeds_rpm: tuple[float, ...] = ()  # levels, as the holds have them
+    i_d: tuple[float, ...] = ()  # A
+    i_q: tuple[float, ...] = ()  # A
+    duration: float = 0.0  # s
+    holds: tuple[Hold, ...] = ()
+    step: float = 0.0  # A, largest of the random steps of i_d and i_q around each level
+    odds: float | None = None  # to be expected against the likeliest rival
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,3 +178,4 @@ class Diagnosis:
     candidates: tuple[Candidate, ...]
     remarks: tuple[str, ...]  # what is wrong with the recording, and what to record instead
     traces: Traces | None
+    experiment: Experiment | None = None  # what to record instead, where this one does not tell the machine

@@ -1,0 +1,101 @@
+"""The routes of experiments, over a running service, and the shapes of what they say."""
+
+from datetime import datetime
+from typing import Annotated, Any, Final, Literal
+from urllib.parse import quote
+
+from fastapi import Depends, FastAPI, Path, Request, Response
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
+from bench.api.captures import MEDIA
+from bench.experiment import LONGEST
+from bench.experiments import as_json
+from bench.service import Service
+
+_ONE: Answers = DRIVE | {404: {"description": "No drive, or no experiment, of that name"} | PROBLEM}
+_ASKED: Answers = {
+    409: {"description": "Another writer has the drive, or the drive refused"} | PROBLEM,
+    422: {"description": "Not levels that the drive could hold; nothing has moved"} | PROBLEM,
+    503: {"description": "There is no link to the drive"} | PROBLEM,
+}
+_NOT_NOW: Answers = {409: {"description": "The experiment is in another state"} | PROBLEM}
+_FILE: Answers = {200: {"description": "The recording", "content": {MEDIA: {"schema": {
+    "type": "string", "format": "binary"}}}}}
+ExperimentId = Annotated[str, Path(alias="id", description="id of an experiment, or latest")]
+_HOLD: Final[Any] = {"speed_rpm": 1200.0, "i_d": -1.8, "i_q": 2.0, "seconds": 0.5}
+
+
+class HoldModel(BaseModel):
+    """Levels to be held."""
+
+    speed_rpm: float = Field(description="mechanical; the drive holds it where it controls its speed")
+    i_d: float = Field(description="A")
+    i_q: float = Field(description="A; under speed control it follows from the load instead")
+    seconds: float = Field(description=f"0.01 to {LONGEST:g} s")
+
+
+class ExperimentRequestModel(BaseModel):
+    """What to hold, one after the other: an experiment of a diagnosis, or its holds and step alone."""
+
+    model_config = ConfigDict(extra="allow", json_schema_extra={"examples": [{"holds": [_HOLD], "step": 0.6}]})
+
+    holds: list[HoldModel] = Field(description="one after the other", examples=[[_HOLD]])
+    step: float = Field(0.0, description="A, random steps of i_d and i_q within +- this around each", examples=[0.6])
+
+
+class ExperimentRunModel(BaseModel):
+    """An experiment: under way, or ended; its drive is stopped then."""
+
+    id: str = Field(examples=["emulated-experiment-20260131-120000-000"])
+    drive: str = Field(examples=["emulated"])
+    state: Literal["running", "done", "failed", "cancelled"] = Field(examples=["running"])
+    phase: str = Field(description="what is being done, in words", examples=["holding 1200 rpm, i_d = 0 A, i_q = 2 A"])
+    progress: float = Field(description="0 to 1")
+    reason: str = Field(description="a sentence: why it failed")
+    remarks: list[str] = Field(description="what was held otherwise than asked for")
+    samples: int = Field(description="in the recording")
+    file: str | None = Field(description="the recording, on the service's machine")
+    asked: datetime = Field(description="when it was asked for", examples=["2026-01-31T12:00:00Z"])
+    holds: list[HoldModel] = Field(examples=[[_HOLD]])
+    step: float = Field(description="A", examples=[0.6])
+
+
+def install(app: FastAPI, service: Service) -> None:
+    """Add the routes to an application."""
+
+    experiments, known = service.experiments, of_known(service)
+
+    @app.post("/api/drives/{name}/experiments", summary="Do what a diagnosis asks for", status_code=202,
+              responses=_ASKED | DRIVE, openapi_extra=body_of("ExperimentRequestModel"), dependencies=known)
+    def ask_experiment(
+        name: DriveName, request: Request, response: Response, given: Annotated[dict[str, Any], Depends(json_object)]
+    ) -> ExperimentRunModel:
+        """Holds levels of current, and of speed where the drive controls it, and records every control period.
+
+        It has the drive's lease until it ends; however it ends, the drive is stopped then, its settings as they were.
+        The recording is one of the service's, to be diagnosed.
+        """
+        status = experiments.ask(name, given, "" if request.client is None else request.client.host)
+        response.headers["Location"] = f"/api/drives/{quote(name)}/experiments/{quote(status.id)}"
+        return ExperimentRunModel.model_validate(as_json(status))
+
+    @app.get("/api/drives/{name}/experiments/{id}", summary="State of an experiment", responses=_ONE,
+             dependencies=known)
+    def one_experiment(name: DriveName, id_: ExperimentId) -> ExperimentRunModel:
+        """How far it is, and why it failed where it did."""
+        return ExperimentRunModel.model_validate(as_json(experiments.one(name, id_)))
+
+    @app.get("/api/drives/{name}/experiments/{id}/file", summary="Download an experiment's recording",
+             response_class=FileResponse, responses=_FILE | _NOT_NOW | _ONE, dependencies=known)
+    def experiment_file(name: DriveName, id_: ExperimentId) -> FileResponse:
+        """The recording as Parquet, as `pmsm-bench diagnose` takes it."""
+        path = experiments.file(name, id_)
+        return FileResponse(path, media_type=MEDIA, filename=path.name)
+
+    @app.delete("/api/drives/{name}/experiments/{id}", summary="Cancel an experiment", responses=_NOT_NOW | _ONE,
+                dependencies=known)
+    def cancel_experiment(name: DriveName, id_: ExperimentId) -> ExperimentRunModel:
+        """Stops the drive and discards what was recorded; an experiment that has ended stays as it is."""
+        return ExperimentRunModel.model_validate(as_json(experiments.cancel(name, id_)))

@@ -1,0 +1,391 @@
+"""An experiment on a drive: levels held one after the other, recorded at full rate, and the drive stopped at the end.
+
+What a diagnosis asks for is read from its JSON. All set points are judged before anything moves: by what the drive
+tells of its limits, then by the drive itself while its bridge is off. However it ends - done, cancelled, refused, a
+fault, an error - the references go to zero, the bridge off, and all settings back to what they were; where no link is
+left for that, the drive's watchdog does it. Knows nothing of services, leases, HTTP and terminals.
+"""
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final, cast
+
+import numpy as np
+
+from bench.capture_file import column_steps, write_columns
+from bench.capture_request import NEEDED
+from bench.errors import BenchError, LimitError, shown
+from bench.tuning import number
+from drivers import capture, operation
+from drivers.capture import DONE, Capture, Setup
+from drivers.drive import Drive
+from drivers.errors import DriveError, FaultError, GoneError, NoReplyError
+from drivers.wire.cia402 import State
+from drivers.wire.dictionary import CAPTURE_SAMPLES
+
+SIGNALS: Final = (*NEEDED, "u_dc")
+MOST_HOLDS: Final = 100
+LONGEST: Final = 60.0  # s, a hold
+WATCHDOG: Final = 2.0  # s of silence after which the drive goes off by itself
+PATIENCE: Final = 20.0  # s for a speed to be reached
+_SETTLED: Final = 0.05  # of the speed wanted, or of a twentieth of the full scale
+_REACH: Final = 0.95  # of the voltage and of the trip currents
+_STANDSTILL: Final = 10.0  # s without another sample
+_POLL: Final = 0.02  # s
+_LEVELS: Final = 1.0  # excitation_kind: random steps
+_STEP_TIME: Final = 5e-3  # s
+_OFF, _REFERENCE = 0, 1  # speed control: none, after the reference
+_TO_MOVE: Final = ("i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "speed_ref", "speed_step")
+_SETTINGS: Final = (*_TO_MOVE, "excitation_kind", "step_time", "speed_control", "field_weakening", "watchdog_time")
+_RPM: Final = math.tau / 60.0  # rad/s
+
+
+class CancelledError(BenchError):
+    """It was asked to end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """Levels to be held."""
+
+    speed_rpm: float  # mechanical
+    i_d: float  # A
+    i_q: float  # A
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """An experiment that a drive could do."""
+
+    holds: tuple[Hold, ...]
+    step: float = 0.0  # A, random steps of i_d and i_q within +- this around each level
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> "Plan":
+        """From an experiment of a diagnosis, or `holds` and `step` alone. Raises LimitError, in a sentence."""
+        holds = given.get("holds")
+        if not isinstance(holds, list) or not holds:
+            sentence = given.get("sentence")
+            told = f": {sentence}" if isinstance(sentence, str) else ""
+            raise LimitError(f"expected an experiment with levels that a drive can hold, got none{told}")
+        if len(cast(list[object], holds)) > MOST_HOLDS:
+            raise LimitError(f"expected at most {MOST_HOLDS} holds, got {len(cast(list[object], holds))}")
+        return cls(
+            tuple(_hold(k, hold) for k, hold in enumerate(cast(list[object], holds), start=1)),
+            number("step", given.get("step", 0.0), 0.0, 1e6),
+        )
+
+    @property
+    def seconds(self) -> float:
+        """Time that is recorded."""
+        return sum(hold.seconds for hold in self.holds)
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far it is."""
+
+    phase: str  # in words
+    share: float  # 0 to 1
+
+
+Tell = Callable[[Progress], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """What was recorded, and what was held otherwise than planned."""
+
+    captures: tuple[Capture, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def samples(self) -> int:
+        """All of them."""
+        return sum(len(part.t) for part in self.captures)
+
+
+def experiment_of(diagnosis: Mapping[str, Any], number_: int | None = None) -> Mapping[str, Any]:
+    """The experiment that a diagnosis (as JSON) asks for, by the number of the ambiguity, from 1. Raises LimitError.
+
+    Without a number: the first that a drive can do, or what to record instead.
+    """
+    doubts = diagnosis.get("ambiguous")
+    asked = [doubt["experiment"] for doubt in cast(list[Any], doubts or ()) if _has_experiment(doubt)]
+    if number_ is not None:
+        if not 1 <= number_ <= len(asked):
+            raise LimitError(f"expected an ambiguity from 1 to {len(asked)}, which the diagnosis has, got {number_}")
+        return asked[number_ - 1]
+    instead = diagnosis.get("experiment")
+    asked += [instead] if isinstance(instead, dict) else []
+    for one in asked:
+        if one.get("holds"):
+            return one
+    if asked:
+        raise LimitError(f"no drive can do what the diagnosis asks for: {asked[0].get('sentence')}")
+    said = f": it is {diagnosis['verdict']}" if isinstance(diagnosis.get("verdict"), str) else ""
+    raise LimitError(f"expected a diagnosis that asks for an experiment, got one that does not{said}")
+
+
+def check(drive: Drive, plan: Plan) -> None:
+    """Raise LimitError where the drive's own limits do not allow a hold, FaultError where it is in fault."""
+    _UnderWay(drive, plan, lambda _: None, threading.Event()).check()
+
+
+def run(drive: Drive, plan: Plan, tell: Tell = lambda _: None, cancelled: threading.Event | None = None) -> Recorded:
+    """Do it. Raises LimitError before anything moves; CancelledError, DriveError; the drive is stopped in any case."""
+    cancelled = cancelled or threading.Event()
+    under_way = _UnderWay(drive, plan, tell, cancelled)
+    under_way.check()
+    with _stopped_at_the_end(drive):
+        under_way.rehearse()
+        return under_way.recorded()
+
+
+def write(path: Path, recorded: Recorded, plan: Plan, drive: Drive, origin: Mapping[str, Any]) -> Path:
+    """The recording on disk, whole or not at all, under this name or the next that is free. Raises OSError."""
+    identity = drive.identity
+    columns = {"t": np.concatenate([part.t for part in recorded.captures])}
+    columns |= {name: np.concatenate([part.columns[name] for part in recorded.captures]) for name in SIGNALS}
+    return write_columns(path, columns, {
+        **origin, "device": f"{identity.device_name}, serial {identity.serial}", "experiment": asdict(plan),
+        "remarks": list(recorded.remarks), "samples": recorded.samples, "T_s": identity.T_s, "decimation": 1,
+        "tick": recorded.captures[0].tick, "steps": column_steps(SIGNALS, identity.full),
+    })  # fmt: skip
+
+
+class _UnderWay:
+    """An experiment while it is done."""
+
+    def __init__(self, drive: Drive, plan: Plan, tell: Tell, cancelled: threading.Event) -> None:
+        self._drive, self._plan, self._tell, self._cancelled = drive, plan, tell, cancelled
+        self._T_s = drive.identity.T_s
+        self._n_p = drive.read("n_p")
+        self._speed_controlled = int(drive.read("speed_control")) != _OFF
+        self._remarks: list[str] = []
+        self._done = 0.0  # s recorded
+
+    def check(self) -> None:
+        """Raise LimitError where the drive's own limits do not allow a hold, FaultError where it is in fault."""
+        drive, step = self._drive, self._plan.step
+        found = operation.fault(drive)
+        if found is not None:
+            raise FaultError(f"the drive is in fault: {found.text} (0x{found.code:04X}); reset it first", found.code)
+        trip, omega_full = drive.read("overcurrent_trip"), drive.identity.omega_full
+        most_current = _REACH * (trip if trip > 0.0 else drive.identity.i_full)
+        R_s, L_d, L_q, psi_f = (drive.read(f"control_{name}") for name in ("R_s", "L_d", "L_q", "psi_f"))
+        u_most = _REACH * drive.read("u_dc") / math.sqrt(3.0)
+        for k, hold in enumerate(self._plan.holds, start=1):
+            most = math.hypot(abs(hold.i_d) + step, abs(hold.i_q) + step)
+            if most > most_current:
+                raise LimitError(
+                    f"hold {k}: the drive takes currents up to {most_current:.4g} A, below its overcurrent trip, got "
+                    f"{most:.4g} A with the steps"
+                )
+            omega_e = abs(self._omega_e(hold))
+            if omega_e > omega_full:
+                most_rpm = omega_full / (self._n_p * _RPM)
+                raise LimitError(f"hold {k}: the drive's speeds go to {most_rpm:.5g} rpm, got {hold.speed_rpm:g}")
+            u = abs(R_s * complex(hold.i_d, hold.i_q) + 1j * omega_e * complex(L_d * hold.i_d + psi_f, L_q * hold.i_q))
+            if u > u_most > 0.0:
+                raise LimitError(
+                    f"hold {k}: {hold.speed_rpm:g} rpm with i_d = {hold.i_d:g} A, i_q = {hold.i_q:g} A asks for "
+                    f"{u:.4g} V, expected at most {u_most:.4g} V, which the dc link allows"
+                )
+
+    def rehearse(self) -> None:
+        """Have the drive judge all set points while its bridge is off. Raises RefusedError."""
+        operation.disable(self._drive)
+        self._still()
+        for hold in self._plan.holds:
+            self._set(hold)
+        self._still()
+
+    def recorded(self) -> Recorded:
+        """All holds, recorded."""
+        drive = self._drive
+        if not 0.0 < drive.read("watchdog_time") <= WATCHDOG:
+            drive.write("watchdog_time", WATCHDOG)
+        drive.write("field_weakening", 0.0)
+        drive.write("excitation_kind", _LEVELS)
+        drive.write("step_time", max(_STEP_TIME, self._T_s))
+        if self._speed_controlled:
+            drive.write("speed_control", float(_REFERENCE))
+            self._remarks.append("the drive controls its speed: i_q follows from the load, not from the experiment")
+        parts: list[Capture] = []
+        operation.enable(drive)
+        for holds in self._groups():
+            self._set(holds[0])
+            self._await_speed(holds[0])
+            parts.append(self._recorded_group(holds))
+        return Recorded(tuple(parts), tuple(dict.fromkeys(self._remarks)))
+
+    def _groups(self) -> list[list[Hold]]:
+        """Holds that one recording takes: of one speed, and no more than the recorder holds."""
+        groups: list[list[Hold]] = []
+        most = CAPTURE_SAMPLES * self._T_s
+        for _, same in groupby(self._plan.holds, key=lambda hold: hold.speed_rpm):
+            groups.append([])
+            for hold in same:
+                pieces = math.ceil(hold.seconds / most)
+                piece = Hold(hold.speed_rpm, hold.i_d, hold.i_q, hold.seconds / pieces)
+                for _ in range(pieces):
+                    if groups[-1] and sum(h.seconds for h in groups[-1]) + piece.seconds > most:
+                        groups.append([])
+                    groups[-1].append(piece)
+        return groups
+
+    def _recorded_group(self, holds: Sequence[Hold]) -> Capture:
+        drive, setup = self._drive, self._setup(holds)
+        number_ = capture.arm(drive, setup)
+        ends = np.cumsum([hold.seconds for hold in holds]) / self._T_s
+        count, grown = -1, time.monotonic()
+        at = 0
+        while True:
+            self._check_on()
+            seen = capture.seen(drive, number_)
+            if seen.count != count:
+                count, grown = seen.count, time.monotonic()
+            elif time.monotonic() - grown > _STANDSTILL:
+                raise NoReplyError(f"the recording stands still at {count} samples for {_STANDSTILL:g} s")
+            if seen.state == DONE:
+                break
+            if at + 1 < len(holds) and count >= ends[at]:
+                at += 1
+                self._set(holds[at])
+            self._say(f"holding {_words(holds[at])}", self._done + count * self._T_s)
+            self._pause()
+        self._still()
+        found = capture.found(drive, setup)
+        if found.number != number_ or found.count < setup.length:
+            raise GoneError("another client has armed or stopped the recorder before the recording was complete")
+        self._done += setup.length * self._T_s
+
+        def uploaded(done: int) -> None:
+            self._check_cancelled()
+            self._say(f"uploading {done} of {found.count} samples", self._done)
+
+        return capture.upload(drive, found, uploaded)
+
+    def _setup(self, holds: Sequence[Hold]) -> Setup:
+        length = round(sum(hold.seconds for hold in holds) / self._T_s)
+        return Setup(SIGNALS, min(max(length, 1), CAPTURE_SAMPLES))
+
+    def _omega_e(self, hold: Hold) -> float:
+        return hold.speed_rpm * _RPM * self._n_p
+
+    def _set(self, hold: Hold) -> None:
+        drive, step = self._drive, self._plan.step
+        if self._speed_controlled:
+            drive.write("speed_ref", self._omega_e(hold))
+        else:
+            drive.write("i_q_ref", hold.i_q)
+        drive.write("i_d_ref", hold.i_d)
+        drive.write("i_d_step", step)
+        drive.write("i_q_step", step)
+
+    def _still(self) -> None:
+        """No current; under speed control the speed stays where it is."""
+        for name in ("i_d_step", "i_q_step", "speed_step", "i_d_ref", "i_q_ref"):
+            self._drive.write(name, 0.0)
+
+    def _await_speed(self, hold: Hold) -> None:
+        wanted = self._omega_e(hold)
+        near = _SETTLED * max(abs(wanted), 0.05 * self._drive.identity.omega_full)
+        deadline = time.monotonic() + PATIENCE
+        while abs((now := self._drive.read("omega_e")) - wanted) > near:
+            rpm = now / (self._n_p * _RPM)
+            if not self._speed_controlled:
+                self._remarks.append(
+                    f"{hold.speed_rpm:g} rpm was wanted and {rpm:.4g} rpm recorded: the load machine sets the speed of "
+                    "this drive, which controls its currents alone"
+                )
+                return
+            if time.monotonic() > deadline:
+                raise NoReplyError(
+                    f"the drive did not come to {hold.speed_rpm:g} rpm within {PATIENCE:g} s, it turns at {rpm:.4g} rpm"
+                )
+            self._check_on()
+            self._say(f"going to {hold.speed_rpm:g} rpm", self._done)
+            self._pause()
+
+    def _check_on(self) -> None:
+        """Raise FaultError where the bridge is no longer on."""
+        now = operation.state(self._drive)
+        if now is State.OPERATION_ENABLED:
+            return
+        found = operation.fault(self._drive)
+        code, text = (found.code, f"{found.text} (0x{found.code:04X})") if found else (0, f"it is in state {now}")
+        raise FaultError(f"the drive went off during the experiment: {text}", code)
+
+    def _check_cancelled(self) -> None:
+        if self._cancelled.is_set():
+            raise CancelledError("the experiment was cancelled; the drive is stopped")
+
+    def _pause(self) -> None:
+        self._cancelled.wait(_POLL)
+        self._check_cancelled()
+
+    def _say(self, phase: str, seconds: float) -> None:
+        self._tell(Progress(phase, min(1.0, seconds / self._plan.seconds)))
+
+
+@contextmanager
+def _stopped_at_the_end(drive: Drive) -> Generator[None]:
+    """The drive without current and its bridge off afterwards, its settings as they were."""
+    before = {name: drive.read(name) for name in _SETTINGS}
+    try:
+        yield
+    finally:
+        failed: DriveError | None = None
+        with contextlib.suppress(DriveError):  # what is no set point any more may stay
+            capture.stop(drive)
+        for _ in range(2):
+            try:
+                _stop(drive, before)
+                failed = None
+                break
+            except DriveError as error:
+                failed = error
+        if failed is not None:
+            raise NoReplyError(
+                f"the drive could not be told to stop ({failed}); it goes off by itself when nothing is heard of the "
+                f"bench for {WATCHDOG:g} s: see that it has"
+            ) from failed
+
+
+def _stop(drive: Drive, before: Mapping[str, float]) -> None:
+    for name in ("i_d_step", "i_q_step", "i_d_ref", "i_q_ref"):
+        drive.write(name, 0.0)
+    operation.disable(drive)
+    for name, value in before.items():
+        drive.write(name, value)
+
+
+def _hold(k: int, given: object) -> Hold:
+    if not isinstance(given, Mapping):
+        raise LimitError(f"hold {k}: expected speed_rpm, i_d, i_q and seconds, got {shown(given)}")
+    given = cast(Mapping[str, object], given)
+    if set(given) != {"speed_rpm", "i_d", "i_q", "seconds"}:
+        raise LimitError(f"hold {k}: expected speed_rpm, i_d, i_q and seconds, got {shown(', '.join(given))}")
+    return Hold(
+        number(f"hold {k}: speed_rpm", given["speed_rpm"], -1e6, 1e6),
+        number(f"hold {k}: i_d", given["i_d"], -1e6, 1e6), number(f"hold {k}: i_q", given["i_q"], -1e6, 1e6),
+        number(f"hold {k}: seconds", given["seconds"], 0.01, LONGEST),
+    )  # fmt: skip
+
+
+def _has_experiment(doubt: object) -> bool:
+    return isinstance(doubt, dict) and isinstance(cast(dict[str, object], doubt).get("experiment"), dict)
+
+
+def _words(hold: Hold) -> str:
+    return f"{hold.speed_rpm:g} rpm, i_d = {hold.i_d:g} A, i_q = {hold.i_q:g} A"

@@ -1,0 +1,90 @@
+"""Excitation check: whether the currents moved enough for what was fitted to mean anything.
+
+Noise of a current is in the columns of L_d and L_q as well as in the voltage's residual. Where it is most of what they
+hold, inductances come out low, the other parameters follow, and effects that are not there make up for it. Knows
+nothing of what is recorded instead.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, cast
+
+import numpy as np
+
+from estimator.machine import PARAMETERS, UNITS, Machine
+from estimator.mismatch.columns import Array
+from estimator.mismatch.explain import Choice, Search
+from estimator.mismatch.words import number
+
+_WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
+_LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
+_STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
+
+
+def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Sequence[str]) -> str | None:
+    """What shows that this recording does not tell the machine, in a sentence's part; None where it does.
+
+    `outside` says which parameters lie outside their tolerance.
+    """
+    fit = search.fit(choice)
+    for name, value, variance in zip(PARAMETERS, fit.value, fit.covariance.diagonal(), strict=False):
+        if variance <= 0.0:  # held at a bound
+            return (
+                f"{name} comes out at {number(float(value))} {UNITS[name]}, which no machine of nominally "
+                f"{number(getattr(nominal, name))} {UNITS[name]} has"
+            )
+    axis, over_noise = min(_over_noise(search).items(), key=lambda item: item[1])
+    if outside and over_noise < _WEAK:
+        return f"i_{axis} changes by only {number(math.sqrt(over_noise), 2)} times its noise; {outside[0]}"
+    return None
+
+
+def not_borne_out(search: Search, choice: Choice) -> tuple[Choice, str]:
+    """Effects that noise of the currents alone may look like, and why, in a sentence's part.
+
+    Noise in a column shifts its coefficient by its share of the column's energy, and that leaves as much of the signal.
+    What leans on an effect that is not borne out is judged without it.
+    """
+    over_noise = _over_noise(search)
+    lent = sum(len(search.regression.rows) / max(ratio, 1.0) for ratio in over_noise.values())
+    axis, least = min(over_noise.items(), key=lambda item: item[1])
+    left = choice
+    while left:
+        explained = {one: _explained(search, left, one) for one in left}
+        weakest = min(left, key=lambda one: explained[one])
+        if explained[weakest] > _LENT * lent:
+            break
+        left = tuple(one for one in left if one != weakest)
+    return tuple(one for one in choice if one not in left), (
+        f"i_{axis} changes by {number(math.sqrt(least), 2)} times its noise here, and noise of the currents alone may "
+        "look like this"
+    )
+
+
+def _explained(search: Search, choice: Choice, one: tuple[str, int]) -> float:
+    """Energy of an effect's signal, less what the machine's parameters make of it, over that of the noise."""
+    fit, own, base = search.fit(choice), search.sizes_of(one), search.base
+    value = fit.value[[fit.places.index(j) for j in own]]
+    inner = search.gram[:-1, :-1]
+    A = inner[np.ix_(base, base)] + np.diag(search.weight[base])
+    across = inner[np.ix_(base, own)] @ value
+    return float(value @ inner[np.ix_(own, own)] @ value - across @ cast(Array, np.linalg.solve(A, across)))
+
+
+def _over_noise(search: Search) -> dict[str, float]:
+    """By axis, the energy of the inductance's column over what noise of the current alone would give it.
+
+    An axis without current does not matter as long as the motor stands.
+    """
+    rows = search.regression.rows
+    base = search.fit(())
+    found: dict[str, float] = {}
+    for axis in "dq":
+        place = PARAMETERS.index(f"L_{axis}")
+        energy = 1.0 / max(float(base.covariance[place, place]), 1e-300) - float(search.weight[place])
+        L = getattr(rows.machine, f"L_{axis}")
+        found[axis] = max(energy, 0.0) * L**2 / len(rows)
+    if float(np.quantile(np.abs(rows.omega_e), 0.98)) < _STANDING:
+        axis = max(found, key=lambda name: found[name])
+        return {axis: found[axis]}
+    return found

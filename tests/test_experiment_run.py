@@ -1,0 +1,206 @@
+"""Experiments on a drive over a bus: what is held and recorded, what is refused, and that the drive is stopped."""
+
+import math
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench import experiment
+from bench.errors import LimitError
+from bench.experiment import CancelledError, Hold, Plan, Progress, experiment_of
+from bench.recording import read_recording
+from drivers import operation
+from drivers.connect import connect
+from drivers.drive import Drive
+from drivers.errors import DriveError, FaultError, RefusedError
+from drivers.wire.cia402 import State
+from emulator.scenarios import PAPER, Excitation, Run
+from tests.served_drive import Served, served, tcp_url, until, virtual_url
+
+Told = dict[str, Any]
+HOLDS = (Hold(1200.0, 0.0, 1.0, 0.2), Hold(1200.0, -1.5, 1.0, 0.2), Hold(1200.0, -1.5, -2.0, 0.2))
+PLAN = Plan(HOLDS, 0.3)
+SETTINGS = ("i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "excitation_kind", "step_time", "watchdog_time", "speed_ref")
+FREE = replace(
+    PAPER,
+    run=Run(shaft="free", speed_rpm=600.0, speed_control=True, speed_reference="ramp", tau_L=0.5),
+    excitation=Excitation(speed_ref=600.0 * 4 * math.tau / 60.0, speed_ramp=2000.0, kind="none"),
+)
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[Served]:
+    with served(virtual_url()) as drive:
+        yield drive
+
+
+@pytest.fixture
+def drive(bench: Served) -> Iterator[Drive]:
+    with connect(bench.url) as connected:
+        yield connected
+    assert bench.running.is_set()
+
+
+def settings(drive: Drive) -> dict[str, float]:
+    return {name: drive.read(name) for name in SETTINGS}
+
+
+def stopped(drive: Drive) -> bool:
+    return operation.state(drive) in (State.SWITCH_ON_DISABLED, State.FAULT)
+
+
+def test_levels_are_held_recorded_in_every_period_and_the_drive_is_stopped(drive: Drive, tmp_path: Path) -> None:
+    operation.enable(drive)
+    before, told = settings(drive), list[Progress]()
+    recorded = experiment.run(drive, PLAN, told.append)
+    assert stopped(drive)
+    assert settings(drive) == before
+    assert recorded.samples == 6000
+    assert recorded.remarks == ()
+    assert {"holding 1200 rpm, i_d = 0 A, i_q = 1 A", "holding 1200 rpm, i_d = -1.5 A, i_q = -2 A"} <= {
+        far.phase for far in told
+    }
+    assert all(0.0 <= far.share <= 1.0 for far in told)
+    path = experiment.write(tmp_path / "run.parquet", recorded, PLAN, drive, {"drive": "x", "url": "y"})
+    (run,) = read_recording(path).runs
+    assert len(run) == 6000
+    assert run.u_dc is not None
+    for hold, part in zip(HOLDS, (slice(500, 1500), slice(3000, 3800), slice(5200, 6000)), strict=True):
+        assert np.mean(run.i_d[part]) == pytest.approx(hold.i_d, abs=0.2)
+        assert np.mean(run.i_q[part]) == pytest.approx(hold.i_q, abs=0.2)
+        assert 0.1 < np.std(run.i_d[part]) < 0.4  # the steps
+    assert np.median(run.omega_e) == pytest.approx(1200.0 * 4 * math.tau / 60.0, rel=1e-3)
+
+
+def test_a_drive_that_controls_its_speed_is_taken_to_each_speed(tmp_path: Path) -> None:
+    plan = Plan((Hold(600.0, 0.0, 1.0, 0.2), Hold(300.0, -1.5, 1.0, 0.2)), 0.3)
+    with served(tcp_url(), FREE) as bench, connect(bench.url) as drive:
+        recorded = experiment.run(drive, plan)
+        assert stopped(drive)
+        assert drive.read("speed_ref") == pytest.approx(FREE.excitation.speed_ref)
+    assert recorded.remarks == (
+        "the drive controls its speed: i_q follows from the load, not from the experiment",
+    )
+    first, second = recorded.captures
+    for part, rpm in ((first, 600.0), (second, 300.0)):
+        assert np.median(part.columns["omega_e"]) == pytest.approx(rpm * 4 * math.tau / 60.0, rel=0.1)
+    assert np.mean(second.columns["i_d"]) == pytest.approx(-1.5, abs=0.2)
+
+
+def test_a_speed_that_the_load_machine_sets_is_recorded_as_it_is_and_told(drive: Drive) -> None:
+    recorded = experiment.run(drive, Plan((Hold(600.0, 0.0, 1.0, 0.05),)))
+    (remark,) = recorded.remarks
+    assert remark.startswith("600 rpm was wanted and 1200 rpm recorded: the load machine sets the speed")
+
+
+@pytest.mark.parametrize(
+    ("hold", "said"),
+    [
+        (Hold(1200.0, 0.0, 40.0, 0.1), "hold 1: the drive takes currents up to "),
+        (Hold(1e5, 0.0, 1.0, 0.1), "hold 1: the drive's speeds go to "),
+        (Hold(4000.0, 0.0, 5.0, 0.1), "hold 1: 4000 rpm with i_d = 0 A, i_q = 5 A asks for "),
+    ],
+)
+def test_what_is_beyond_the_drives_limits_is_refused_before_anything_changes(
+    drive: Drive, hold: Hold, said: str
+) -> None:
+    operation.enable(drive)
+    before = settings(drive)
+    with pytest.raises(LimitError, match=said.replace(".", r"\.")):
+        experiment.run(drive, Plan((hold,)))
+    assert operation.state(drive) is State.OPERATION_ENABLED
+    assert settings(drive) == before
+
+
+def test_what_the_drive_itself_refuses_never_flows(bench: Served, drive: Drive) -> None:
+    operation.enable(drive)
+    before = settings(drive)
+    with pytest.raises(RefusedError):  # more than its current limit, less than its trip
+        experiment.run(drive, Plan((Hold(1200.0, 0.0, 1.0, 0.1), Hold(1200.0, 0.0, 12.5, 0.1))))
+    assert stopped(drive)
+    assert settings(drive) == before
+    assert abs(bench.drive.read("i_q")) < 6.0
+
+
+def test_cancelled_it_stops_the_drive(drive: Drive) -> None:
+    before, cancelled = settings(drive), threading.Event()
+
+    def tell(far: Progress) -> None:
+        if far.phase.startswith("holding"):
+            cancelled.set()
+
+    with pytest.raises(CancelledError):
+        experiment.run(drive, PLAN, tell, cancelled)
+    assert stopped(drive)
+    assert settings(drive) == before
+
+
+def test_a_fault_ends_it_and_says_which() -> None:
+    scenario = replace(PAPER, drive=replace(PAPER.drive, temperature_trip=60.0))
+    with served(virtual_url(), scenario) as bench, connect(bench.url) as drive:
+
+        def tell(far: Progress) -> None:
+            if far.phase.startswith("holding"):
+                bench.drive.set_temperature(70.0)
+
+        with pytest.raises(FaultError, match="the drive went off during the experiment: motor too hot"):
+            experiment.run(drive, Plan((Hold(1200.0, 0.0, 1.0, 1.0),)), tell)
+        assert stopped(drive)
+        with pytest.raises(FaultError, match="reset it first"):
+            experiment.run(drive, PLAN)
+
+
+def test_a_bench_that_is_gone_leaves_a_drive_that_goes_off_by_itself() -> None:
+    with served(tcp_url()) as bench:
+        drive = connect(bench.url)
+
+        def tell(far: Progress) -> None:
+            if far.phase.startswith("holding"):
+                drive.close()
+
+        with pytest.raises(DriveError, match="could not be told to stop"):
+            experiment.run(drive, Plan((Hold(1200.0, 0.0, 1.0, 5.0),)), tell)
+        until(lambda: int(bench.drive.read("error_code")) == 0x8130, "the watchdog does not act")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({}, "levels that a drive can hold, got none"),
+        ({"holds": [], "sentence": "look it up"}, "got none: look it up"),
+        ({"holds": [1]}, "hold 1: expected speed_rpm, i_d, i_q and seconds, got 1"),
+        ({"holds": [{"speed_rpm": 1.0}]}, "hold 1: expected speed_rpm, i_d, i_q and seconds, got 'speed_rpm'"),
+        ({"holds": [{"speed_rpm": 1, "i_d": "x", "i_q": 0, "seconds": 1}]}, "hold 1: i_d"),
+        ({"holds": [{"speed_rpm": 1, "i_d": 0, "i_q": 0, "seconds": 0}]}, "hold 1: seconds"),
+        ({"holds": [{"speed_rpm": 1, "i_d": 0, "i_q": 0, "seconds": 1}], "step": -1}, "step"),
+    ],
+)
+def test_a_plan_that_cannot_be_is_refused(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(LimitError) as refused:
+        Plan.of(given)
+    assert said in str(refused.value)
+
+
+def test_the_experiment_is_the_ambiguity_asked_for_or_the_first_that_a_drive_can_do() -> None:
+    holds = [{"speed_rpm": 1.0, "i_d": 0.0, "i_q": 0.0, "seconds": 1.0}]
+    none: Told = {"sentence": "measure u_dc", "holds": []}
+    first: Told = {"sentence": "one", "holds": holds}
+    second, instead = first | {"sentence": "two"}, first | {"sentence": "instead"}
+    doubts = [{"experiment": none}, {"experiment": first}, {"experiment": second}]
+    diagnosis: Told = {"verdict": "ambiguous", "ambiguous": doubts, "experiment": instead}
+    assert experiment_of(diagnosis) == first
+    assert experiment_of(diagnosis, 3) == second
+    assert experiment_of({"ambiguous": [], "experiment": instead}) == instead
+    refusals: list[tuple[Told, int | None, str]] = [
+        (diagnosis, 4, "an ambiguity from 1 to 3, which the diagnosis has, got 4"),
+        (diagnosis | {"ambiguous": [], "experiment": None}, None, "asks for an experiment, got one that does not"),
+        (diagnosis | {"ambiguous": doubts[:1], "experiment": None}, None, "no drive can do what the diagnosis asks"),
+    ]
+    for content, number, said in refusals:
+        with pytest.raises(LimitError, match=said):
+            experiment_of(content, number)
