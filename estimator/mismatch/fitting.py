@@ -93,11 +93,16 @@ def _fitted(
         if (settled or start is not None) and set(choice) == set(present):
             last = search
             break
-        better = _no_worse(rows, smooth, model, moved(search, choice), search)
-        if better is None:
-            barred |= {name for name, seed in choice if seed >= 0}
-        else:
+        towards = moved(search, choice)
+        better = _no_worse(rows, smooth, model, towards, search)
+        if better is not None:
             model = better
+        elif any(seed >= 0 for _, seed in choice):  # beyond the bend it may be better still
+            beyond, there, *_ = polished(rows, smooth, towards, nominal, tolerance, angle_step, noise, times)
+            if _left(rows, there, beyond, search) < search.regression.left:
+                model, smooth = beyond, there
+            else:
+                barred |= {name for name, seed in choice if seed >= 0}
         model, smooth, z, noise, settled = polished(rows, smooth, model, nominal, tolerance, angle_step, noise, times)
         progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
@@ -165,19 +170,19 @@ def _no_worse(rows: Rows, smooth: Rows, now: Model, towards: Model, search: Sear
 
     None where there is none.
     """
-    noise = search.regression.noise
-
-    def left(model: Model) -> float:
-        there, clean = with_machine(rows, model.machine), with_machine(smooth, model.machine)
-        z = whitened(residual(there, clean, model), there, filter_pole(now.machine, rows.T_s))
-        return float(np.mean(z.real**2) / noise[0] ** 2 + np.mean(z.imag**2) / noise[1] ** 2)
-
     model = towards
     for _ in range(_HALVINGS):
-        if left(model) <= 1.02 * search.regression.left + 0.02:
+        if _left(rows, smooth, model, search) <= 1.02 * search.regression.left + 0.02:
             return model
         model = _between(now, model)
     return None
+
+
+def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
+    """Energy of the whitened residual over a search's noise, a period."""
+    there, clean, noise = with_machine(rows, model.machine), with_machine(smooth, model.machine), search.regression.noise
+    z = whitened(residual(there, clean, model), there, filter_pole(search.regression.model.machine, rows.T_s))
+    return float(np.mean(z.real**2) / noise[0] ** 2 + np.mean(z.imag**2) / noise[1] ** 2)
 
 
 def _between(one: Model, other: Model) -> Model:

@@ -12,16 +12,18 @@ from estimator.physics.rows import Rows
 
 MOST: Final = 60_000  # periods
 BLOCKS: Final = 96
+_WORTH: Final = 2  # times as many, from which on it saves time
+_SETTLING: Final = 100  # periods
 _GOLDEN: Final = 0.6180339887498949
 
 
 def thinned(rows: Rows, most: int = MOST) -> Rows:
-    """At most so many periods of them, in blocks that are not `joined`; the rows themselves where they are no more.
+    """So many periods of them, in blocks that are not `joined`; the rows themselves where they are not many more.
 
-    Each block lies elsewhere in its part of the recording, so that what is commanded again and again is seen all over.
+    The first periods of a block are not `joined` either: fields and filters settle in them. Each block lies elsewhere in its part of the recording, so that what is commanded again and again is seen all over.
     """
     n, length = len(rows), most // BLOCKS
-    if n <= most:
+    if n <= _WORTH * most:
         return rows
     part = (n - length) / (BLOCKS - 1)
     late = np.arange(BLOCKS) * _GOLDEN % 1.0 * (1.0 - length / part)
@@ -30,6 +32,7 @@ def thinned(rows: Rows, most: int = MOST) -> Rows:
     samples = (starts[:, None] + np.arange(length + 1)).ravel()
     seam = np.zeros(len(samples) - 1, np.bool_)
     seam[length :: length + 1] = True
+    seam |= np.arange(len(seam)) % (length + 1) < _SETTLING
 
     def kept(whole: Any) -> Any:
         return whole[samples] if len(whole) == n + 1 else whole[samples[:-1]]

@@ -23,5 +23,5 @@ EFFECT = Effect(
     no_shapes,
     "psi_d that falls with i_q squared, L_q that falls with i_d",
     ("q_axis_saturation", "d_axis_saturation"),
-    missed=3e-4,
+    missed=3e-5,
 )

@@ -22,5 +22,5 @@ EFFECT = Effect(
     no_shapes,
     "L_d falls as i_d rises, in proportion to speed on the q axis and to the change of i_d on the d axis",
     ("magnet_flux_drift", "cross_saturation"),
-    missed=3e-4,
+    missed=3e-5,
 )

@@ -39,7 +39,7 @@ EFFECT = Effect(
     lambda rows: ((0.004 * rows.i_rated,), (0.03 * rows.i_rated,)),
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding resistance", "flux_harmonics"),
-    missed=3e-3,
+    missed=1e-3,
     remembers=lambda rows, _sizes: legs_of(rows),
 )  # fmt: skip
 

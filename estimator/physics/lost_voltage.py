@@ -14,9 +14,9 @@ from estimator.physics.rows import AXES, Real, Rows, Vector
 
 _A, _B, _C = AXES
 Three = tuple[float, float, float]
-_PASSES = 3
-_STEPS = 8
-_CLOSE = 1e-3  # of what a dead time can lose
+_PASSES = 8
+_STEPS = 12
+_CLOSE = 1e-4  # of what a dead time can lose
 
 
 class Legs(NamedTuple):

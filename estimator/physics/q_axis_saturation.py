@@ -22,5 +22,5 @@ EFFECT = Effect(
     no_shapes,
     "a cubic of i_q in u_d, in proportion to speed, and an L_q that falls with abs(i_q)",
     ("cross_saturation", "iron_loss"),
-    missed=3e-4,
+    missed=3e-5,
 )

@@ -43,5 +43,5 @@ EFFECT = Effect(
     ("magnet_flux_drift", "ac_resistance"),
     told=lambda rows, p: {"rise": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
     remembers=_course,
-    missed=2e-3,
+    missed=5e-4,
 )
