@@ -28,7 +28,7 @@ Noise = tuple[float, float, float]
 """White noise of the whitened residual: Vs on d, Vs on q, A of the three phase currents' mean."""
 
 STRETCHES: Final = 48
-_STEP: Final = 1e-3  # of a typical size, for differences
+_STEP: Final = 0.03  # of a typical size, for differences
 _PART: Final = 1536  # periods at once, whose columns stay near the processor
 _SMALL_ANGLE: Final = 1e-4  # rad
 _FARTHEST: Final = (0.3, 3.0)  # of nominal values

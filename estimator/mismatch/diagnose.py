@@ -25,6 +25,7 @@ from estimator.mismatch.locate import describe, place_of
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import fit_quality
 from estimator.mismatch.sentences import sentence_of
+from estimator.mismatch.thinning import settled
 from estimator.mismatch.verdict import (
     Ambiguity,
     Diagnosis,
@@ -73,7 +74,7 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
         long_enough, nominal = list(suspicion.runs), suspicion.machine
     rated = nominal.i_rated or max(float(np.max(np.hypot(run.i_d, run.i_q))) for run in long_enough)
     step = long_enough[0].resolution.theta_e
-    rows = unrounded(rows_of(long_enough, nominal, rated), step)
+    rows = settled(unrounded(rows_of(long_enough, nominal, rated), step))
     progress(0.0, "fitting")
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")

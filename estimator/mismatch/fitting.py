@@ -98,12 +98,17 @@ def _fitted(
         if better is not None:
             model = better
         elif any(seed >= 0 for _, seed in choice):  # beyond the bend it may be better still
-            beyond, there, *_ = polished(rows, smooth, towards, nominal, tolerance, angle_step, noise, times)
-            if _left(rows, there, beyond, search) < search.regression.left:
-                model, smooth = beyond, there
+            beyond, clean, *_ = polished(rows, smooth, towards, nominal, tolerance, angle_step, noise, times)
+            if _left(rows, clean, beyond, search) < search.regression.left:
+                model, smooth = beyond, clean
             else:
                 barred |= {name for name, seed in choice if seed >= 0}
-        model, smooth, z, noise, settled = polished(rows, smooth, model, nominal, tolerance, angle_step, noise, times)
+        there = polished(rows, smooth, model, nominal, tolerance, angle_step, noise, times)
+        if start is None and frozenset(model.effects) not in seen:
+            for other in _others(rows, there[0]):
+                far = polished(rows, smooth, other, nominal, tolerance, angle_step, noise, times)
+                there = min((there, far), key=lambda found: _left(rows, found[1], found[0], search))
+        model, smooth, z, noise, settled = there
         progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
@@ -170,17 +175,37 @@ def _no_worse(rows: Rows, smooth: Rows, now: Model, towards: Model, search: Sear
 
     None where there is none.
     """
-    model = towards
+    model, best = towards, (math.inf, towards)
     for _ in range(_HALVINGS):
-        if _left(rows, smooth, model, search) <= 1.02 * search.regression.left + 0.02:
-            return model
+        left = _left(rows, smooth, model, search)
+        if left >= best[0]:
+            break
+        best = left, model
+        if left <= search.regression.left and not _bends(model):
+            break
         model = _between(now, model)
-    return None
+    return best[1] if best[0] <= 1.02 * search.regression.left + 0.02 else None
+
+
+def _bends(model: Model) -> bool:
+    """A shape moves by small steps, for which equations are no lines."""
+    return any(p.shape and not p.discrete for name in model.effects for p in BY_NAME[name].parameters)
+
+
+def _others(rows: Rows, model: Model) -> list[Model]:
+    """The same set, from sizes far from those of the model."""
+    found: list[Model] = []
+    for name, sizes in model.effects.items():
+        others = BY_NAME[name].others
+        if others is not None:
+            found += [replace(model, effects={**model.effects, name: tuple(far)}) for far in others(rows, sizes)]
+    return found
 
 
 def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
     """Energy of the whitened residual over a search's noise, a period."""
-    there, clean, noise = with_machine(rows, model.machine), with_machine(smooth, model.machine), search.regression.noise
+    there, clean = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    noise = search.regression.noise
     z = whitened(residual(there, clean, model), there, filter_pole(search.regression.model.machine, rows.T_s))
     return float(np.mean(z.real**2) / noise[0] ** 2 + np.mean(z.imag**2) / noise[1] ** 2)
 

@@ -1,9 +1,11 @@
 """Thinning: blocks of a long recording's rows, spread over all of it, that tell nearly as much of what is strong.
 
-What depends on all that came before - the time, the heat so far - is that of the whole recording. Knows no effect.
+What depends on all that came before - the time, the heat so far - is that of the whole recording; what depends on the
+last milliseconds is not known at the begin of a run, or of a block. Knows no effect.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -13,14 +15,27 @@ from estimator.physics.rows import Rows
 MOST: Final = 60_000  # periods
 BLOCKS: Final = 96
 _WORTH: Final = 2  # times as many, from which on it saves time
-_SETTLING: Final = 100  # periods
+_SETTLING: Final = 100  # periods, in which the fields and filters of effects settle
+_PART: Final = 10  # as many times longer is a run at least
+_PAUSE: Final = 10  # periods that are not there, after which it is another run
 _GOLDEN: Final = 0.6180339887498949
+
+
+def settled(rows: Rows) -> Rows:
+    """The rows, of which the first periods of each run are not `joined`: what came before is not known there."""
+    joined = rows.joined.copy()
+    pause = ~rows.joined & (np.abs(np.diff(rows.t)) > _PAUSE * rows.T_s)
+    ends = [0, *(np.flatnonzero(pause) + 1).tolist(), len(rows)]
+    for begin, end in pairwise(ends):
+        joined[begin : begin + min(_SETTLING, (end - begin) // _PART)] = False
+    return replace(rows, joined=joined)
 
 
 def thinned(rows: Rows, most: int = MOST) -> Rows:
     """So many periods of them, in blocks that are not `joined`; the rows themselves where they are not many more.
 
-    The first periods of a block are not `joined` either: fields and filters settle in them. Each block lies elsewhere in its part of the recording, so that what is commanded again and again is seen all over.
+    The first periods of a block are not `joined` either. Each block lies elsewhere in its part of the recording, so
+    that what is commanded again and again is seen all over.
     """
     n, length = len(rows), most // BLOCKS
     if n <= _WORTH * most:

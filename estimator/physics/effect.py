@@ -45,6 +45,7 @@ class Effect:
     current_error: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, stationary frame; measured less true
     angle_error: Callable[[Rows, Sizes], Real | float] | None = None  # rad electrical at samples; measured less true
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
+    others: Callable[[Rows, Sizes], tuple[Sizes, ...]] | None = None  # far from these, but about as large a signal
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
 
     @property

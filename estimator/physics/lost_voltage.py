@@ -16,6 +16,7 @@ _A, _B, _C = AXES
 Three = tuple[float, float, float]
 _PASSES = 8
 _STEPS = 12
+_FAR = math.sqrt(3.0)  # Gauss-Hermite's nodes, of a normal spread
 _CLOSE = 1e-4  # of what a dead time can lose
 
 
@@ -79,7 +80,7 @@ def lost_voltage(
     u_dc = legs.u_dc[k]
     by_rise, by_fall = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if dead_time != 0.0:
-        by_rise, by_fall = _all_by_dead_time(legs, k, i_0, i_1, dead_time)
+        by_rise, by_fall = _all_by_dead_time(legs, k, i_0, i_1, dead_time, width)
     for leg in range(3):
         axis = axes[leg]
         start, end = _phase(i_0, axis), _phase(i_1, axis)
@@ -120,7 +121,9 @@ def _farthest(was: Three, rise: Three, fall: Three) -> float:
 
 
 @kernel
-def _all_by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float) -> tuple[Three, Three]:
+def _all_by_dead_time(
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, width: float
+) -> tuple[Three, Three]:  # fmt: skip
     """Vs that each leg loses at its rise and at its fall."""
     u_dc, by_rise, by_fall = legs.u_dc[k], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for leg in range(3):  # far from where a current changes sign
@@ -133,7 +136,7 @@ def _all_by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time:
     for _ in range(_PASSES):  # what one leg loses moves the others' currents
         was = by_rise[0] + by_fall[0], by_rise[1] + by_fall[1], by_rise[2] + by_fall[2]
         for leg in range(3):
-            at_rise, at_fall = _by_dead_time(legs, k, i_0, i_1, dead_time, by_rise, by_fall, leg)
+            at_rise, at_fall = _by_dead_time(legs, k, i_0, i_1, dead_time, width, by_rise, by_fall, leg)
             by_rise, by_fall = _put(by_rise, leg, at_rise), _put(by_fall, leg, at_fall)
         if _farthest(was, by_rise, by_fall) < _CLOSE * u_dc * dead_time:
             break
@@ -147,7 +150,8 @@ def _axis(leg: int) -> complex:
 
 @kernel
 def _by_dead_time(
-    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, by_rise: Three, by_fall: Three, leg: int
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, width: float, by_rise: Three, by_fall: Three,
+    leg: int,
 ) -> tuple[float, float]:  # fmt: skip
     """Vs that a leg loses at its rise and at its fall, where the others lose what is known of them.
 
@@ -186,9 +190,9 @@ def _by_dead_time(
     lost, risen, fallen = by_rise[leg] + by_fall[leg], 0.0, 0.0
     for _ in range(_STEPS):
         i, j = at_rise + own * rise * lost, own * lost / T_s
-        risen = u_dc * (dead - _held_high(i, low + j, low + j + own * u_dc, dead))
+        risen = u_dc * (dead - _held_high(i, width, low + j, low + j + own * u_dc, dead))
         i = at_fall + own * ((1.0 - rise) * lost - risen)
-        fallen = -u_dc * _held_high(i, low_at_fall + j, low_at_fall + j + own * u_dc, dead_at_fall)
+        fallen = -u_dc * _held_high(i, width, low_at_fall + j, low_at_fall + j + own * u_dc, dead_at_fall)
         more = risen + fallen - lost
         if abs(more) < _CLOSE * u_dc * dead_time:
             break
@@ -211,7 +215,17 @@ def _share(time: float, whole: float) -> float:
 
 
 @kernel
-def _held_high(i: float, low: float, high: float, dead: float) -> float:
+def _held_high(i: float, width: float, low: float, high: float, dead: float) -> float:
+    """Mean of `_high_for` over currents that spread by `width` (A), as noise and the legs' capacitance make them."""
+    if abs(i) > _FAR * width + dead * max(abs(low), abs(high)):
+        return _high_for(i, low, high, dead)
+    away = _FAR * width
+    ends = _high_for(i - away, low, high, dead) + _high_for(i + away, low, high, dead)
+    return (4.0 * _high_for(i, low, high, dead) + ends) / 6.0
+
+
+@kernel
+def _high_for(i: float, low: float, high: float, dead: float) -> float:
     """Time (s) of a dead time in which a leg is high, or floats so far above low; its current i (A) at the begin.
 
     low, high: di/dt (A/s) with the leg at either rail.
