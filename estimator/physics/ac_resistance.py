@@ -47,10 +47,9 @@ def _beside_straight(rows: Rows, corner: float) -> Vector:
 
 def _bent(rows: Rows, over: Vector) -> Vector:
     """Mean current (A) of each period that a rung of R_s, with i - i_x at samples, adds."""
-    e, g = rows.half, rows.stiffness
-    drop = rows.machine.R_s * over * rows.rotor.conj()
-    bent = rows.T_s / 12.0 * (e * g[1:](drop[1:]) - e.conj() * g[:-1](drop[:-1]))
-    return bent if rows.u_dc is None else bent + rows.machine.R_s * g[:-1](g[:-1](rows.moment_of_pulses))
+    g, drop = rows.stiffness[:-1], rows.machine.R_s * over * rows.rotor.conj()
+    bent = rows.bent(drop[:-1], drop[1:])
+    return bent if rows.u_dc is None else bent + rows.machine.R_s * g(g(rows.moment_of_pulses))
 
 
 def _over(i: Vector, rows: Rows, corner: float, beside: Vector) -> Vector:

@@ -15,12 +15,15 @@ from estimator.physics.rows import Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     d_6, q_6, d_12, q_12 = sizes
-    six = rows.six
-    psi = d_6 * six.real + 1j * q_6 * six.imag
+    psi_f, six = rows.machine.psi_f, rows.six
+    psi = psi_f * (d_6 * six.real + 1j * q_6 * six.imag)
+    by_angle = 6.0 * psi_f * (-d_6 * six.imag + 1j * q_6 * six.real)
     if d_12 != 0.0 or q_12 != 0.0:
         twelve = six * six
-        psi = psi + d_12 * twelve.real + 1j * q_12 * twelve.imag
-    return rows.balance(rows.machine.psi_f * psi)
+        psi = psi + psi_f * (d_12 * twelve.real + 1j * q_12 * twelve.imag)
+        by_angle = by_angle + 12.0 * psi_f * (-d_12 * twelve.imag + 1j * q_12 * twelve.real)
+    emf, omega = by_angle + 1j * psi, rows.omega_e
+    return rows.balance(psi) + rows.machine.R_s * rows.bent(omega * emf[:-1], omega * emf[1:])
 
 
 _SHARES = constant(0.02), constant(-0.2), constant(0.2)

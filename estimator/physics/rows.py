@@ -156,6 +156,11 @@ class Rows:
             _add_mean_of_pulses(mean, self.moment_of_pulses, self.D, self.T_s, R_s, g.a, g.b)
         return mean
 
+    def bent(self, v_0: Vector, v_1: Vector) -> Vector:
+        """Mean current (A) of each period that a voltage (V, at its two ends) adds, where it makes a bend."""
+        e, g = self.half, self.stiffness
+        return self.T_s / 12.0 * (e * g[1:](v_1) - e.conj() * g[:-1](v_0))
+
     @property
     def moment_of_pulses(self) -> Vector:
         """First moment (Vs s) of the flux linkage's ripple in each period. Needs `u_dc`."""
