@@ -132,9 +132,9 @@ def ready(process: "subprocess.Popen[str]") -> str:
     return line
 
 
-def until(happened: Callable[[], bool], what: str) -> None:
-    """Return when it has happened; fail when it does not."""
-    deadline = time.monotonic() + PATIENCE
+def until(happened: Callable[[], bool], what: str, patience: float = PATIENCE) -> None:
+    """Return when it has happened; fail when it does not within so many s."""
+    deadline = time.monotonic() + patience
     while not happened():
         assert time.monotonic() < deadline, what
         time.sleep(0.005)

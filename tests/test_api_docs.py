@@ -25,7 +25,7 @@ from bench.diagnosis_request import checked_trust, schema
 from bench.machine_file import nominal_of
 from bench.recording import read_recording
 from bench.window import Window
-from tests.conftest import RunningBench, bench_up
+from tests.conftest import READY, RunningBench, bench_up
 from tests.served_drive import until
 
 validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]
@@ -189,7 +189,8 @@ def run_all(page: Page, running_bench: RunningBench, tmp_path: Path) -> None:
             if f"{kind}/latest" in command:
                 until(lambda kind=kind: httpx.get(f"{running_bench.url}{kind}/latest").json()["state"] == "done", kind)
         if re.search("/recordings/latest/diagnosis/|DELETE.*/diagnosis", command):
-            until(lambda: httpx.get(f"{running_bench.url}{DIAGNOSIS}").json()["state"] == "done", "the diagnosis")
+            diagnosis = f"{running_bench.url}{DIAGNOSIS}"
+            until(lambda diagnosis=diagnosis: httpx.get(diagnosis).json()["state"] == "done", "the diagnosis", READY)
         arguments += ["--max-time", "0.5"] if endless else []
         arguments += ["--silent", "--fail-with-body"]
         done = subprocess.run(arguments, capture_output=True, text=True, timeout=10, check=False, cwd=tmp_path)

@@ -87,9 +87,9 @@ def test_an_hour_of_windows_without_an_effect_gives_no_false_alarm(name: str) ->
 
 
 @pytest.mark.slow
-def test_a_whole_hour_gives_no_false_alarm() -> None:
-    found = [judged(samples) for samples in windows(PAPER, 3600)]
-    print("an hour:", max(left.significance for left in found), max(left.rms_V / left.least_V for left in found))
+def test_ten_minutes_give_no_false_alarm() -> None:
+    found = [judged(samples) for samples in windows(PAPER, 600)]
+    print("ten minutes:", max(left.significance for left in found), max(left.rms_V / left.least_V for left in found))
     assert not any(left.mismatch for left in found)
     assert max(left.significance for left in found) < SURE
 

@@ -213,7 +213,7 @@ def regression(
             _fill(part, columns, steps, v)
             v[P] = r[cut]
             there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
-            flat = m[: len(there)].reshape(len(there), -1)
+            flat = m[: len(there)].reshape(len(there), 2 * len(part))
             gram[s, there[:, None], there] += flat @ flat.T
     left = float(gram[:, P, P].sum()) / n
     if zero is not None:

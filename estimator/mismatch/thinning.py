@@ -47,7 +47,7 @@ def thinned(rows: Rows, most: int = MOST) -> Rows:
     samples = (starts[:, None] + np.arange(length + 1)).ravel()
     seam = np.zeros(len(samples) - 1, np.bool_)
     seam[length :: length + 1] = True
-    seam |= np.arange(len(seam)) % (length + 1) < _SETTLING
+    seam |= np.arange(len(seam)) % (length + 1) < min(_SETTLING, length // _PART)
 
     def kept(whole: Any) -> Any:
         return whole[samples] if len(whole) == n + 1 else whole[samples[:-1]]
