@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow browser test-vcan paper peers score-diagnosis bench-diagnose bench-estimator bench-links bench-plant bench-watch auto-window gallery clean
+.PHONY: run test lint types arrows fast slow slow-computed slow-live browser test-vcan paper peers score-diagnosis bench-diagnose bench-estimator bench-links bench-plant bench-watch auto-window gallery clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -24,8 +24,15 @@ arrows: $(VENV)/.dev
 fast: $(VENV)/.dev
 	$(BIN)/pytest -m "not slow and not browser and not vcan and not peers"
 
-slow: $(VENV)/.dev ## tests that take long
-	$(BIN)/pytest -m slow
+slow: slow-computed slow-live ## tests that take long
+
+COMPUTED := $(patsubst %,tests/test_%.py,auto_window conceal detect diagnosis_effects diagnosis_oracle equations estimator_accuracy thinning window_ls)
+
+slow-computed: $(VENV)/.dev ## those that wait for nothing, and for which nothing waits
+	$(BIN)/pytest -m slow $(COMPUTED)
+
+slow-live: $(VENV)/.dev
+	$(BIN)/pytest -m slow $(addprefix --ignore=,$(COMPUTED))
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser
