@@ -399,7 +399,7 @@ def test_an_end_before_the_end_leaves_whole_recordings_with_their_answers(tmp_pa
     why = "one of its processes was ended from outside" if killed else "interrupted"
     assert said.splitlines()[-1] == f"emulator conceal: {why}; what is in {tmp_path / 'out'} is whole"
     names = sorted(path.stem for path in (tmp_path / "out").glob("*.parquet"))
-    assert len(names) >= 4
+    assert len(names) >= 2  # of four that were begun by two processes
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(
         f"{name}.{end}" for name in names for end in ("parquet", "toml")
     )
