@@ -29,6 +29,7 @@ from drivers.drive import Drive
 from drivers.errors import DriveError, FaultError, GoneError, NoReplyError
 from drivers.wire.cia402 import State
 from drivers.wire.dictionary import CAPTURE_SAMPLES
+from estimator.mismatch.verdict import Hold
 
 SIGNALS: Final = (*NEEDED, "u_dc")
 MOST_HOLDS: Final = 100
@@ -49,16 +50,6 @@ _RPM: Final = math.tau / 60.0  # rad/s
 
 class CancelledError(BenchError):
     """It was asked to end."""
-
-
-@dataclass(frozen=True, slots=True)
-class Hold:
-    """Levels to be held."""
-
-    speed_rpm: float  # mechanical
-    i_d: float  # A
-    i_q: float  # A
-    seconds: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,6 @@ from estimator.physics.rows import Real, Rows
 
 _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
 _ENDS: Final = 4  # halves, that a mean needs to either side
-_LOST: Final = 10  # samples not there, over which a rotor is followed
 _STILL: Final = 1e-9  # rad in a period: no count
 _OFF: Final = 0.75  # counts, more than which no rounding is
 _SAME: Final = 4.0  # standard deviations, by which a mean may differ from one over half its length
@@ -54,8 +53,7 @@ def _by_clock(rows: Rows) -> tuple[NDArray[np.intp], Real, list[int]]:
 
     Over a few samples that are not there, the angle goes on.
     """
-    apart, D = np.rint(np.diff(rows.t) / rows.T_s).astype(np.intp), rows.D.copy()
-    long = ~rows.joined & ((apart > _LOST) | (apart < 1))
+    apart, long, D = rows.apart, rows.pauses, rows.D.copy()
     for k in np.flatnonzero(~rows.joined & ~long):
         speed = 0.5 * (D[max(k - 1, 0)] + D[min(k + 1, len(D) - 1)])
         D[k] += TURN * round((apart[k] * speed - D[k]) / TURN)

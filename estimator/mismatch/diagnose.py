@@ -151,10 +151,13 @@ def _judged(
     r_before, r_after = residual(rows, rows, before), residual(rows, found.smooth, model)
     findings: list[Finding] = []
     doubts: list[Ambiguity] = []
-    faint, why = not_borne_out(search, choice)
-    if faint:
-        names = tuple(name for name, _ in faint)
-        doubts.append(Ambiguity(names, why, experiment(rows, Model(nominal), found.noise, nominal, tolerance)))
+    machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
+    outside = _outside(machine_after, nominal, tolerance)
+    poorly, (faint, why) = poorly_told(search, choice, nominal, outside), not_borne_out(search, choice)
+    lacks = poorly is not None or bool(_blind(machine_after, nominal, tolerance))
+    richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
+    if faint and richer is not None:
+        doubts.append(Ambiguity(tuple(name for name, _ in faint), why, richer))
     for one in choice:
         if one in faint:
             continue
@@ -174,17 +177,11 @@ def _judged(
     runs = free_run(rows, fit_before), free_run(rows, fit_after)
     fit = fit_quality(rows, fit_before, fit_after, runs, held_out, found.noise)
     pictures = traces(rows, r_before, r_after, *runs)
-    machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
-    outside = _outside(machine_after, nominal, tolerance)
-    poorly = poorly_told(search, choice, nominal, outside)
-    instead = None
-    if poorly is not None or _blind(machine_after, nominal, tolerance):
-        instead = experiment(rows, Model(nominal), found.noise, nominal, tolerance)
-    if poorly is not None and instead is not None:
+    if poorly is not None and richer is not None:
         why = f"{poorly}: what looks like it may be the machine's parameters, which this recording does not tell"
         findings = []
         if choice:
-            doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, instead)], None
+            doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer)], None
     elif outside and not findings and not doubts:
         doubts.extend(_scaled(machine_after, nominal, tolerance))
     verdict = _verdict(findings, doubts, left, machine_after, outside, nominal, tolerance)
@@ -192,7 +189,7 @@ def _judged(
         verdict, outside = Verdict.NOT_ENOUGH_EXCITATION, [poorly]
     return Diagnosis(
         verdict, "", tuple(findings), tuple(doubts), left, detectable(search, choice), machine_before, machine_after,
-        fit, candidates(search, choice), tuple(outside), pictures, instead,
+        fit, candidates(search, choice), tuple(outside), pictures, richer if lacks else None,
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from estimator.mismatch.words import number
 
 _WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
 _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
-_STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
+STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
 def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Sequence[str]) -> str | None:
@@ -84,7 +84,7 @@ def _over_noise(search: Search) -> dict[str, float]:
         energy = 1.0 / max(float(base.covariance[place, place]), 1e-300) - float(search.weight[place])
         L = getattr(rows.machine, f"L_{axis}")
         found[axis] = max(energy, 0.0) * L**2 / len(rows)
-    if float(np.quantile(np.abs(rows.omega_e), 0.98)) < _STANDING:
+    if float(np.quantile(np.abs(rows.omega_e), 0.98)) < STANDING:
         axis = max(found, key=lambda name: found[name])
         return {axis: found[axis]}
     return found

@@ -29,6 +29,7 @@ from estimator.mismatch.columns import (
     with_machine,
 )  # fmt: skip
 from estimator.mismatch.doubt import SURE, rivals
+from estimator.mismatch.excitation_check import STANDING
 from estimator.mismatch.explain import NEGLIGIBLE, Choice, Search
 from estimator.mismatch.verdict import Experiment, Hold
 from estimator.mismatch.words import number
@@ -45,7 +46,6 @@ _PERIODS: Final = STRETCHES * 600 // (len(_SPEEDS) * len(_I_D) * len(_I_Q))  # o
 _STEPS: Final = (50, 35)  # periods that steps of i_d, i_q last
 _BANDWIDTH: Final = 0.1  # of a period's change of a step that is left, as a current control has it
 _REACH: Final = 0.9  # of the voltage there is
-_STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 _ENOUGH: Final = math.log(1e6)  # log-odds
 _MORE: Final = 1.02  # times as much that another hold has to tell
 _WELL: Final = 0.1  # of a parameter's tolerance: told well
@@ -69,8 +69,7 @@ def experiment(
     rows = with_machine(rows, model.machine)
     levels = _levels(rows)
     imagined = _imagined(rows, model, levels)
-    with np.errstate(invalid="ignore", over="ignore"):  # of memory that the regression has not filled yet
-        told = Search(regression(imagined, imagined, model, nominal, tolerance, 1e-5, noise, library))
+    told = Search(regression(imagined, imagined, model, nominal, tolerance, 1e-5, noise, library))
     allowed = [k for k, (speed, i) in enumerate(levels) if _within_reach(rows, speed, i)] or [0]
     design = _Design(told, nominal, tolerance, tuple((name, -1) for name in model.effects), pair)
     here = [k for k in allowed if abs(levels[k][0] - levels[0][0]) < 1e-9]
@@ -101,7 +100,7 @@ def _way(rows: Rows) -> float:
 def _fastest(rows: Rows) -> float:
     """The recording's highest speed, rad/s; of a motor that stands, one that asks for a third of the voltage."""
     slow, fast = (float(np.quantile(np.abs(rows.omega_e), q)) for q in (0.02, 0.98))
-    if fast > _STANDING:
+    if fast > STANDING:
         return fast if fast - slow > _HELD * fast else float(np.median(np.abs(rows.omega_e)))
     m = rows.machine
     volts = float(np.median(rows.u_dc)) / math.sqrt(3.0) if rows.u_dc is not None else 10.0 * m.R_s * rows.i_rated

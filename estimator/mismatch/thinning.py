@@ -17,15 +17,13 @@ BLOCKS: Final = 96
 _WORTH: Final = 2  # times as many, from which on it saves time
 _SETTLING: Final = 100  # periods, in which the fields and filters of effects settle
 _PART: Final = 10  # as many times longer is a run at least
-_PAUSE: Final = 10  # periods that are not there, after which it is another run
 _GOLDEN: Final = 0.6180339887498949
 
 
 def settled(rows: Rows) -> Rows:
     """The rows, of which the first periods of each run are not `joined`: what came before is not known there."""
     joined = rows.joined.copy()
-    pause = ~rows.joined & (np.abs(np.diff(rows.t)) > _PAUSE * rows.T_s)
-    ends = [0, *(np.flatnonzero(pause) + 1).tolist(), len(rows)]
+    ends = [0, *(np.flatnonzero(rows.pauses) + 1).tolist(), len(rows)]
     for begin, end in pairwise(ends):
         joined[begin : begin + min(_SETTLING, (end - begin) // _PART)] = False
     return replace(rows, joined=joined)

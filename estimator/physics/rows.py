@@ -25,6 +25,9 @@ AXES: Final = tuple(complex(math.cos(k * TURN / 3.0), math.sin(k * TURN / 3.0)) 
 """Directions of the phases a, b, c."""
 
 
+_FOLLOWED: Final = 10  # periods that are not there
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Stiffness:
     """d(i)/d(psi) at samples, 1/H: of a flux linkage v, a v + b conj(v)."""
@@ -85,6 +88,19 @@ class Rows:
         if key not in self.kept:
             self.kept[key] = make()
         return self.kept[key]
+
+    # --- time
+
+    @property
+    def apart(self) -> NDArray[np.intp]:
+        """Control periods from each sample to the next."""
+        steps: Real = np.rint(np.diff(self.t) / self.T_s)
+        return steps.astype(np.intp)
+
+    @property
+    def pauses(self) -> NDArray[np.bool_]:
+        """Of each period: it is none, but a time over which a rotor cannot be followed; then another run begins."""
+        return ~self.joined & ((self.apart > _FOLLOWED) | (self.apart < 1))
 
     # --- angles
 
