@@ -18,7 +18,7 @@ _ASKED: Answers = {
     503: {"description": "There is no link to the drive"} | PROBLEM,
 }
 _NOT_NOW: Answers = {409: {"description": "The capture is in another state"} | PROBLEM}
-_FILE: Answers = {200: {"description": "The recording", "content": {MEDIA: {"schema": {
+FILE: Answers = {200: {"description": "The recording", "content": {MEDIA: {"schema": {
     "type": "string", "format": "binary"}}}}}
 CaptureId = Annotated[str, Path(alias="id", description="id of a capture, or latest")]
 
@@ -56,7 +56,7 @@ def install(app: FastAPI, service: Service) -> None:
 
     @app.head("/api/drives/{name}/captures/{id}/file", include_in_schema=False, dependencies=known)
     @app.get("/api/drives/{name}/captures/{id}/file", summary="Download a recording", response_class=FileResponse,
-             responses=_FILE | _NOT_NOW | _ONE, dependencies=known)
+             responses=FILE | _NOT_NOW | _ONE, dependencies=known)
     def file(name: DriveName, id_: CaptureId) -> FileResponse:
         """The recording as Parquet, as `pmsm-bench replay` takes it: t and the signals, with unit and notes."""
         path = captures.file(name, id_)

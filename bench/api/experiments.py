@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
-from bench.api.captures import MEDIA
+from bench.api.captures import FILE, MEDIA
 from bench.experiment import LONGEST
 from bench.experiments import as_json
 from bench.service import Service
@@ -21,8 +21,6 @@ _ASKED: Answers = {
     503: {"description": "There is no link to the drive"} | PROBLEM,
 }
 _NOT_NOW: Answers = {409: {"description": "The experiment is in another state"} | PROBLEM}
-_FILE: Answers = {200: {"description": "The recording", "content": {MEDIA: {"schema": {
-    "type": "string", "format": "binary"}}}}}
 ExperimentId = Annotated[str, Path(alias="id", description="id of an experiment, or latest")]
 _HOLD: Final[Any] = {"speed_rpm": 1200.0, "i_d": -1.8, "i_q": 2.0, "seconds": 0.5}
 
@@ -88,7 +86,7 @@ def install(app: FastAPI, service: Service) -> None:
         return ExperimentRunModel.model_validate(as_json(experiments.one(name, id_)))
 
     @app.get("/api/drives/{name}/experiments/{id}/file", summary="Download an experiment's recording",
-             response_class=FileResponse, responses=_FILE | _NOT_NOW | _ONE, dependencies=known)
+             response_class=FileResponse, responses=FILE | _NOT_NOW | _ONE, dependencies=known)
     def experiment_file(name: DriveName, id_: ExperimentId) -> FileResponse:
         """The recording as Parquet, as `pmsm-bench diagnose` takes it."""
         path = experiments.file(name, id_)

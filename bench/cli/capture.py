@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from bench.capture import Run, State, Status, new_status
 from bench.capture_file import write_new
 from bench.capture_request import COMMAND, Request
-from bench.cli.output import check_recording
+from bench.cli.output import await_end, check_recording
 from bench.cli.rest import Rest
 from bench.errors import BenchError, ConfigError, UnavailableError
 from drivers.connect import connect
@@ -74,15 +74,9 @@ def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
         if run.part.exists():
             raise ConfigError(f"{run.part} is of a capture that was interrupted; remove it, or choose another --out")
         run.arm()
-        ended = threading.Event()  # a join that Ctrl-C interrupts takes the thread for ended (Python 3.11)
+        ended = threading.Event()
         threading.Thread(target=lambda: (run.finish(), ended.set()), name="capture", daemon=True).start()
-        try:
-            while not ended.wait(_PERIOD):
-                pass
-        except KeyboardInterrupt:
-            run.cancel()
-            ended.wait()
-            raise
+        await_end(ended, run.cancel)
     _check_end(run.status.state, run.status.reason, run.status.file)
     _tell(path, run.status.file or path, status.request)
 

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bench import experiment
 from bench.capture_file import write_new
-from bench.cli.output import check_recording
+from bench.cli.output import await_end, check_recording
 from bench.cli.rest import Rest
 from bench.errors import BenchError, ConfigError, UnavailableError
 from bench.experiment import Plan, experiment_of
@@ -76,13 +76,7 @@ def directly(url: str, file: Path, ambiguity: int | None, out: Path) -> None:
             ended.set()
 
         threading.Thread(target=work, name="experiment", daemon=True).start()
-        try:
-            while not ended.wait(_PERIOD):
-                pass
-        except KeyboardInterrupt:
-            cancelled.set()
-            ended.wait()
-            raise
+        await_end(ended, cancelled.set)
         (recorded,) = outcome
         if isinstance(recorded, BaseException):
             raise recorded

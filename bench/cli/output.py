@@ -1,9 +1,14 @@
-"""Files that a command writes because an option says so."""
+"""Files that a command writes because an option says so, and the wait for what fills them."""
 
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
 from bench.capture_file import check_place
 from bench.errors import ConfigError
+
+_PERIOD: Final = 0.1  # s between two looks
 
 
 def check_new(option: str, path: Path) -> None:
@@ -28,3 +33,17 @@ def check_recording(path: Path) -> None:
         check_place(path)
     except OSError as error:
         raise ConfigError(f"no recording can be written in {path.parent}: {error.strerror or error}") from None
+
+
+def await_end(ended: threading.Event, cancel: Callable[[], object]) -> None:
+    """Wait for what a thread does; Ctrl-C cancels it, and goes on when it has ended.
+
+    Not by a join, which takes the thread for ended where Ctrl-C interrupts it (Python 3.11).
+    """
+    try:
+        while not ended.wait(_PERIOD):
+            pass
+    except KeyboardInterrupt:
+        cancel()
+        ended.wait()
+        raise
