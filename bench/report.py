@@ -201,7 +201,7 @@ def _bounds(value: float | str | Sequence[float]) -> str:
 
 
 def _ambiguity(ambiguity: Ambiguity) -> str:
-    effects = " or ".join(words(effect) for effect in ambiguity.effects)
+    effects = (" or " if ambiguity.rivals else " and ").join(words(effect) for effect in ambiguity.effects)
     return (
         f'<div class="keep"><h3>{escape(effects[:1].upper() + effects[1:])}?</h3><p>{escape(ambiguity.reason)}</p>'
         f"<p><strong>To tell:</strong> {_experiment(ambiguity.experiment)}</p></div>"

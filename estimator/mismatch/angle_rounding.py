@@ -20,6 +20,7 @@ _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long 
 _ENDS: Final = 4  # halves, that a mean needs to either side
 _STILL: Final = 1e-9  # rad in a period: no count
 _OFF: Final = 0.75  # counts, more than which no rounding is
+_BEAT: Final = 0.3  # share of the rounding's energy, that a smooth angle holds before it counts
 _SAME: Final = 4.0  # standard deviations, by which a mean may differ from one over half its length
 
 
@@ -31,15 +32,37 @@ def unrounded(rows: Rows, step: float) -> Rows:
     smooth = rows.theta_e - off
     return replace(
         rows, theta_e=smooth, half=np.exp(0.5j * np.diff(smooth)), i=rows.i * np.exp(1j * off),
-        u=rows.u * np.exp(0.5j * (off[1:] + off[:-1])), angle_error=math.sqrt(float(np.mean(variance))), kept={},
+        u=rows.u * np.exp(0.5j * (off[1:] + off[:-1])), angle_error=math.sqrt(float(np.mean(variance))),
+        angle_beat=_beat(off, variance, step), kept={},
     )  # fmt: skip
 
 
 def hidden_energy(rows: Rows) -> float:
     """What is left of the rounding in the flux error (Vs^2, summed over periods): it cannot be told from movement."""
+    return _energy_of(rows, rows.angle_error)
+
+
+def lent_energy(rows: Rows) -> float:
+    """What the rounding lends effects of the flux error (Vs^2, summed over periods), where it does not average out."""
+    return _energy_of(rows, rows.angle_beat)
+
+
+def _energy_of(rows: Rows, angle_error: float) -> float:
     m, i = rows.machine, rows.i
     per_angle = 1j * m.psi_f + (m.L_d - m.L_q) * (i.imag + 1j * i.real)  # Vs/rad
-    return float(np.sum(np.abs(per_angle) ** 2)) * rows.angle_error**2
+    return float(np.sum(np.abs(per_angle) ** 2)) * angle_error**2
+
+
+def _beat(off: Real, variance: Real, step: float) -> float:
+    """Rms (rad) of the rounding that turning does not average out: each period turns by nearly whole counts.
+
+    A rounding error has a known size. What of it the smooth angle does not leave behind is still in that angle.
+    """
+    smoothed = variance < 0.5 * step**2 / 12.0
+    if not smoothed.any():
+        return 0.0
+    hidden = 1.0 - 12.0 * float(np.mean(off[smoothed] ** 2)) / step**2
+    return step / math.sqrt(12.0) * math.sqrt(hidden) if hidden > _BEAT else 0.0
 
 
 def _step_of(rows: Rows) -> float:

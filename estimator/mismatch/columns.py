@@ -223,7 +223,8 @@ def regression(
     change = np.eye(P + 1)
     change[P, :P] = offset
     gram = change @ gram @ change.T
-    return Regression(columns, gram, (2 if zero is None else 3) * n, noise, rows, smooth, model, left)
+    count = 2 * int(rows.joined.sum()) + (0 if zero is None else n)
+    return Regression(columns, gram, count, noise, rows, smooth, model, left)
 
 
 def prepared(rows: Rows, steps: Sequence[_Step | None]) -> None:

@@ -128,7 +128,7 @@ def _left(rows: Rows, found: Fitted) -> Unexplained | None:
 def _excess(found: Fitted) -> float:
     """Chi square of what is left, above that of white noise."""
     d, q = found.z.real / found.noise[0], found.z.imag / found.noise[1]
-    return float(np.sum(d * d) + np.sum(q * q)) - 2.0 * len(found.z)
+    return float(np.sum(d * d) + np.sum(q * q)) - 2.0 * int(found.search.regression.rows.joined.sum())
 
 
 def _outshone(found: Fitted) -> list[str]:
@@ -157,7 +157,7 @@ def _judged(
     lacks = poorly is not None or bool(_blind(machine_after, nominal, tolerance))
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
     if faint and richer is not None:
-        doubts.append(Ambiguity(tuple(name for name, _ in faint), why, richer))
+        doubts.append(Ambiguity(tuple(name for name, _ in faint), why, richer, rivals=False))
     for one in choice:
         if one in faint:
             continue
@@ -181,7 +181,7 @@ def _judged(
         why = f"{poorly}: what looks like it may be the machine's parameters, which this recording does not tell"
         findings = []
         if choice:
-            doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer)], None
+            doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer, rivals=False)], None
     elif outside and not findings and not doubts:
         doubts.extend(_scaled(machine_after, nominal, tolerance))
     verdict = _verdict(findings, doubts, left, machine_after, outside, nominal, tolerance)

@@ -12,12 +12,14 @@ from typing import Final, cast
 import numpy as np
 
 from estimator.machine import PARAMETERS, UNITS, Machine
+from estimator.mismatch.angle_rounding import lent_energy
 from estimator.mismatch.columns import Array
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.words import number
 
 _WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
 _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
+_ROUNDED: Final = 3.0  # times what rounding of the angle may leave
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -40,25 +42,37 @@ def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Seque
 
 
 def not_borne_out(search: Search, choice: Choice) -> tuple[Choice, str]:
-    """Effects that noise of the currents alone may look like, and why, in a sentence's part.
+    """Effects that noise of the currents alone may look like, or an encoder's rounding; and why, in a sentence's part.
 
     Noise in a column shifts its coefficient by its share of the column's energy, and that leaves as much of the signal.
     What leans on an effect that is not borne out is judged without it.
     """
     over_noise = _over_noise(search)
-    lent = sum(len(search.regression.rows) / max(ratio, 1.0) for ratio in over_noise.values())
+    rows, noise = search.regression.rows, search.regression.noise
+    lent = sum(len(rows) / max(ratio, 1.0) for ratio in over_noise.values())
+    by_angle = max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
     axis, least = min(over_noise.items(), key=lambda item: item[1])
     left = choice
     while left:
-        explained = {one: _explained(search, left, one) for one in left}
-        weakest = min(left, key=lambda one: explained[one])
-        if explained[weakest] > _LENT * lent:
+        worth = {one: min(_explained(search, left, one) / (_LENT * lent), _gained(search, left, one) / by_angle)
+                 for one in left}  # fmt: skip
+        weakest = min(left, key=lambda one: worth[one])
+        if worth[weakest] > 1.0:
             break
         left = tuple(one for one in left if one != weakest)
-    return tuple(one for one in choice if one not in left), (
-        f"i_{axis} changes by {number(math.sqrt(least), 2)} times its noise here, and noise of the currents alone may "
-        "look like this"
-    )
+    if by_angle > _LENT * lent:
+        why = "each period turns the rotor by nearly whole counts of its encoder, whose rounding may look like this"
+    else:
+        why = (
+            f"i_{axis} changes by {number(math.sqrt(least), 2)} times its noise here, and noise of the currents alone "
+            "may look like this"
+        )
+    return tuple(one for one in choice if one not in left), why
+
+
+def _gained(search: Search, choice: Choice, one: tuple[str, int]) -> float:
+    """Energy that nothing else of a set would explain, over that of the noise."""
+    return search.fit(tuple(other for other in choice if other != one)).chi2 - search.fit(choice).chi2
 
 
 def _explained(search: Search, choice: Choice, one: tuple[str, int]) -> float:

@@ -79,22 +79,22 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
     hidden = hidden_energy(rows)
     z = np.where(rows.joined, z, 0j)
     noise = min(noise[0], white_level(z.real)), min(noise[1], white_level(z.imag))
-    variance = noise[0] ** 2 + noise[1] ** 2
+    variance, n = noise[0] ** 2 + noise[1] ** 2, int(np.count_nonzero(rows.joined))
     if not variance > 0.0:
         return None
-    coarse = math.sqrt(1.0 + hidden / (len(z) * variance))
+    coarse = math.sqrt(1.0 + hidden / (n * variance))
     line = _line(rows, z)
     ringing = resonance(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]))
-    loud = energy_of(z) - len(z) * variance - _HIDDEN * hidden
+    loud = energy_of(z) - n * variance - _HIDDEN * hidden
     rms_V = _rms(rows, z, noise)
     u = math.sqrt(energy_of(rows.u) / len(rows))
-    chance = _SURE * math.sqrt(2.0 * len(z)) * variance
-    heard = loud > _EXCESS * len(z) * variance + chance and rms_V > _LEAST_V * u
+    chance = _SURE * math.sqrt(2.0 * n) * variance
+    heard = loud > _EXCESS * n * variance + chance and rms_V > _LEAST_V * u
     if not heard and ringing is None:
         return None
     machine = _of_machine(rows)
     left = _beside(machine, z)
-    excess = energy_of(left) - len(z) * variance
+    excess = energy_of(left) - n * variance
     forms: list[Form | None] = [resonance(rows, left, noise) if ringing else None]
     if heard:
         line, levels = _line(rows, left), _levels(rows, left)
@@ -108,7 +108,7 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
     if isinstance(best, Line):
         rms_V = max(rms_V, math.hypot(abs(best.forth), abs(best.back)))
     elif isinstance(best, Resonance):
-        flux = math.sqrt(max(best.gain, 0.0) / len(z))
+        flux = math.sqrt(max(best.gain, 0.0) / n)
         rms_V = max(rms_V, noise_of_means(rows, (flux, 0.0), usual_periods(rows))[0])
     description, place = _said(rows, best, min(best.gain / max(excess, best.gain), 1.0))
     return Unexplained(rms_V, place, description)

@@ -27,8 +27,10 @@ def sentence_of(diagnosis: Diagnosis) -> str:
                 f"{quantity(i.after, 'A')}"
             )
     for doubt in diagnosis.ambiguous:
-        said.append(f"cannot tell {' from '.join(_title(name) for name in doubt.effects)}: {doubt.reason}; "
-                    f"{doubt.experiment.sentence}")
+        titles = [_title(name) for name in doubt.effects]
+        are = "are" if len(titles) > 1 or _plural(titles[0]) else "is"
+        what = " from ".join(titles) if doubt.rivals else f"whether {' and '.join(titles)} {are} there"
+        said.append(f"cannot tell {what}: {doubt.reason}; {doubt.experiment.sentence}")
     if diagnosis.unexplained is not None:
         lead = "what is left has no name in the library" if diagnosis.findings else "none of the library's effects"
         said.append(f"{lead}: {diagnosis.unexplained.description}")
@@ -52,6 +54,10 @@ def _title(name: str) -> str:
     return BY_NAME[name].title if name in BY_NAME else name.replace("_", " ")
 
 
+def _plural(title: str) -> bool:
+    return title.startswith(("harmonics", "offsets", "unequal"))
+
+
 def _finding(finding: Finding) -> str:
     sizes = ", ".join(
         f"{name.replace('_', ' ')} {quantity(q.value, q.unit)}" + (f" ± {quantity(q.std, q.unit)}" if q.std else "")
@@ -60,7 +66,8 @@ def _finding(finding: Finding) -> str:
     hid = ", ".join(f"{change:+.3g} {UNITS[name]} of {name}" for name, change in finding.absorbed_as.items())
     if finding.effect == convention_error.NAME:
         return f"the recording follows {convention_error.TITLE}: {sizes}"
-    text = f"{BY_NAME[finding.effect].title} was left out: {sizes}"
+    title = BY_NAME[finding.effect].title
+    text = f"{title} {'were' if _plural(title) else 'was'} left out: {sizes}"
     if hid:
         text += f"; it hid as {hid}"
     return f"{text}; it acts {finding.where.sentence}"

@@ -89,11 +89,12 @@ class Experiment:
 
 @dataclass(frozen=True, slots=True)
 class Ambiguity:
-    """Effects that this recording cannot tell apart."""
+    """Effects that this recording cannot tell apart, or from none."""
 
     effects: tuple[str, ...]
     reason: str
     experiment: Experiment
+    rivals: bool = True  # one of them is there; else it is not told whether any is
 
 
 @dataclass(frozen=True, slots=True)

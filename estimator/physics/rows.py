@@ -62,6 +62,7 @@ class Rows:
     heat: Real  # A^2 s, integral of the squared current up to each sample
     span: tuple[float, float]  # s, start and length of the recording
     angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves at samples
+    angle_beat: float = 0.0  # rad, rms, that its rounding leaves for so long that it looks like movement
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
     def __len__(self) -> int:
