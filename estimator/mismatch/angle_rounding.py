@@ -30,10 +30,11 @@ def unrounded(rows: Rows, step: float) -> Rows:
     at, theta, ends = _by_clock(rows)
     off, variance = (each[at] for each in _rounding(theta, ends, step))
     smooth = rows.theta_e - off
+    turned = np.exp(0.5j * (off[1:] + off[:-1]))
     return replace(
-        rows, theta_e=smooth, half=np.exp(0.5j * np.diff(smooth)), i=rows.i * np.exp(1j * off),
-        u=rows.u * np.exp(0.5j * (off[1:] + off[:-1])), angle_error=math.sqrt(float(np.mean(variance))),
-        angle_beat=_beat(off, variance, step), kept={},
+        rows, theta_e=smooth, half=np.exp(0.5j * np.diff(smooth)), i=rows.i * np.exp(1j * off), u=rows.u * turned,
+        angle_error=math.sqrt(float(np.mean(variance))), angle_beat=_beat(off, variance, step),
+        kept=rows.pulses_turned(turned),
     )  # fmt: skip
 
 

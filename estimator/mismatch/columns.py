@@ -101,22 +101,22 @@ def in_truth(rows: Rows, model: Model) -> Rows:
         angle_error = BY_NAME[name].angle_error
         if angle_error is not None:
             angle = angle + angle_error(rows, sizes)
-    kept = {key: rows.kept[key] for key in ("duties",) if key in rows.kept}
     error = current_error(rows, model)
     if isinstance(angle, float):
         turned = cmath.exp(1j * angle)
         i = rows.i * turned if isinstance(error, float) else (rows.i_s - error) * rows.rotor.conj() * turned
-        kept |= {
-            "rotor": rows.rotor * turned.conjugate(), "D": rows.D,
+        kept = rows.pulses_turned(turned) | {
+            "rotor": rows.rotor * turned.conjugate(), "middle": rows.middle * turned.conjugate(), "D": rows.D,
             "turn": rows.turn * cmath.exp(-1j * angle / rows.machine.n_p),
         }  # fmt: skip
         return replace(rows, theta_e=rows.theta_e - angle, i=i, u=rows.u * turned, kept=kept)
-    theta_e = rows.theta_e - angle
     by_half = np.exp(-0.5j * angle)
     rotor, half = rows.rotor * (by_half * by_half), rows.half * (by_half[1:] * by_half[:-1].conj())
-    kept |= {"rotor": rotor, "D": rows.D - np.diff(angle)}
-    u = rows.u * (by_half[1:] * by_half[:-1]).conj()
-    return replace(rows, theta_e=theta_e, half=half, i=(rows.i_s - error) * rotor.conj(), u=u, kept=kept)
+    turned = (by_half[1:] * by_half[:-1]).conj()
+    kept = rows.pulses_turned(turned) | {"rotor": rotor, "D": rows.D - np.diff(angle)}
+    return replace(
+        rows, theta_e=rows.theta_e - angle, half=half, i=(rows.i_s - error) * rotor.conj(), u=rows.u * turned, kept=kept
+    )
 
 
 def current_error(rows: Rows, model: Model) -> Vector | float:
@@ -138,8 +138,8 @@ def with_machine(rows: Rows, machine: Machine) -> Rows:
     """The same rows, to be seen with another machine."""
     if rows.machine == machine:
         return rows
-    keep = {key: rows.kept[key] for key in ("D", "rotor", "i_s", "duties", "six", "turn") if key in rows.kept}
-    return replace(rows, machine=machine, kept=keep)
+    of_current = {"i_s": rows.kept["i_s"]} if "i_s" in rows.kept else {}
+    return replace(rows, machine=machine, kept=rows.kept_of_angle_and_bridge() | of_current)
 
 
 def effects_voltage(truth: Rows, model: Model) -> Vector:
@@ -231,7 +231,7 @@ def prepared(rows: Rows, steps: Sequence[_Step | None]) -> None:
     """Work out once, over the whole recording, what has a memory or is used by several effects."""
     _ = rows.D, rows.rotor, rows.six, rows.turn, rows.i_s, rows.i_mean
     if rows.u_dc is not None:
-        _ = rows.duties, rows.moment_of_pulses, rows.power_of_pulses
+        _ = rows.duties, rows.moment_of_pulses
     for step in steps:
         if step is not None and step.effect.remembers is not None:
             for sizes in (step.to, step.since):

@@ -75,6 +75,7 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     rated = nominal.i_rated or max(float(np.max(np.hypot(run.i_d, run.i_q))) for run in long_enough)
     step = long_enough[0].resolution.theta_e
     rows = settled(unrounded(rows_of(long_enough, nominal, rated), step))
+    rows.prepare()
     progress(0.0, "fitting")
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")

@@ -144,12 +144,12 @@ def polished(
     settled = False
     for _ in range(times):
         model = with_step_in_place(rows, smooth, model)
-        smooth, _, noise = cleaned(rows, smooth, model)
+        smooth, z, noise = cleaned(rows, smooth, model)
         own = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, (), more=False))
         better = _no_worse(rows, smooth, model, moved(own, tuple((name, -1) for name in model.effects)), own)
         settled = better is not None and _close(own, model, better)
         if better is None or settled:
-            break
+            return model, smooth, z, noise, settled
         model = better
     return model, *cleaned(rows, smooth, model), settled
 
@@ -269,8 +269,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, Noise
     part_q = min(1.0, noise[1] ** 2 / max(float(np.mean(fast.imag**2)), 1e-300))
     i = rows.i.copy()
     i[1:] += part_d * fast.real / m.L_d + 1j * part_q * fast.imag / m.L_q
-    kept = {key: rows.kept[key] for key in ("D", "rotor", "duties", "six", "turn") if key in rows.kept}
-    return replace(rows, i=i, kept=kept), z, noise
+    return replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), z, noise
 
 
 def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:

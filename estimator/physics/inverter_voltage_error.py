@@ -16,7 +16,7 @@ Industry Applications, 1994.
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes
-from estimator.physics.lost_voltage import legs_of, lost_voltages
+from estimator.physics.lost_voltage import edges_at_start, legs_of, lost_voltages
 from estimator.physics.rows import Rows, Vector
 
 
@@ -49,7 +49,7 @@ EFFECT = Effect(
     ("winding resistance", "flux_harmonics"),
     others=_others,
     missed=1e-3,
-    remembers=lambda rows, _sizes: legs_of(rows),
+    remembers=lambda rows, _sizes: None if rows.u_dc is None else edges_at_start(rows),
 )  # fmt: skip
 
 

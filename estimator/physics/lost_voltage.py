@@ -17,6 +17,7 @@ Three = tuple[float, float, float]
 _PASSES = 8
 _STEPS = 12
 _FAR = math.sqrt(3.0)  # Gauss-Hermite's nodes, of a normal spread
+_MOVES = 4.0  # times u_dc / L: currents move no faster while legs are dead
 _CLOSE = 1e-4  # of what a dead time can lose
 
 
@@ -25,7 +26,7 @@ class Legs(NamedTuple):
 
     u_dc: Real  # V; of no length where it is not known: then each end's current counts for half a period
     duties: Real  # (n, 3)
-    edges: Real  # (n, 3): 1 where a leg rises at the period's start, -1 where it falls
+    edges: NDArray[np.int8]  # (n, 3): 1 where a leg rises at the period's start, -1 where it falls
     order: NDArray[np.int8]  # (n, 3): the legs as they rise
     ripple: Vector  # (n, 3): A, stationary, when each leg rises
     u_s: Vector  # V, stationary
@@ -42,18 +43,22 @@ def legs_of(rows: Rows) -> Legs:
     if u_dc is None:
         none = np.zeros((0, 3))
         return Legs(
-            np.zeros(0), none, none, none.astype(np.int8), none.astype(np.complex128), u_s, middle, T_s, L_d, L_q
-        )
-    edges = rows.once("edges at start", lambda: _edges_at_start(rows))
-    order = rows.once("order", lambda: _orders(rows.duties))
+            np.zeros(0), none, none.astype(np.int8), none.astype(np.int8), none.astype(np.complex128), u_s, middle,
+            T_s, L_d, L_q,
+        )  # fmt: skip
+    edges, order = edges_at_start(rows), rows.once("order", lambda: _orders(rows.duties))
     ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, L_d, L_q))
     return Legs(u_dc, rows.duties, edges, order, ripple, u_s, middle, T_s, L_d, L_q)
 
 
-def _edges_at_start(rows: Rows) -> Real:
-    stays_high = rows.duties >= 1.0
+def edges_at_start(rows: Rows) -> NDArray[np.int8]:
+    """Where a leg rises (1) or falls (-1) at a period's start, (n, 3): before, it stood at the other rail."""
+    return rows.once("edges at start", lambda: _edges(rows.duties >= 1.0))
+
+
+def _edges(stays_high: NDArray[np.bool_]) -> NDArray[np.int8]:
     before = np.concatenate((stays_high[:1], stays_high[:-1]))
-    return (stays_high & ~before).astype(float) - (before & ~stays_high)
+    return (stays_high & ~before).astype(np.int8) - (before & ~stays_high)
 
 
 @kernel
@@ -126,13 +131,18 @@ def _all_by_dead_time(
 ) -> tuple[Three, Three]:  # fmt: skip
     """Vs that each leg loses at its rise and at its fall."""
     u_dc, by_rise, by_fall = legs.u_dc[k], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    near = _FAR * width + _MOVES * u_dc / min(legs.L_d, legs.L_q) * dead_time
+    far = True
     for leg in range(3):  # far from where a current changes sign
         start, end, rise = _phase(i_0, _axis(leg)), _phase(i_1, _axis(leg)), _rise(legs.duties[k, leg])
         away = (end - start) * rise + _phase(legs.ripple[k, leg], _axis(leg))
+        far = far and min(abs(start + away), abs(end - away)) > near
         if rise < 0.5 and start + away > 0.0:
             by_rise = _put(by_rise, leg, u_dc * min((1.0 - 2.0 * rise) * legs.T_s, dead_time))
         if rise > 0.0 and end - away < 0.0:
             by_fall = _put(by_fall, leg, -u_dc * min(2.0 * rise * legs.T_s, dead_time))
+    if far:
+        return by_rise, by_fall
     for _ in range(_PASSES):  # what one leg loses moves the others' currents
         was = by_rise[0] + by_fall[0], by_rise[1] + by_fall[1], by_rise[2] + by_fall[2]
         for leg in range(3):

@@ -25,6 +25,9 @@ AXES: Final = tuple(complex(math.cos(k * TURN / 3.0), math.sin(k * TURN / 3.0)) 
 """Directions of the phases a, b, c."""
 
 
+_OF_ANGLE_AND_BRIDGE: Final = (
+    "D", "rotor", "middle", "six", "turn", "duties", "moment of pulses", "size of pulses", "square of pulses"
+)
 _FOLLOWED: Final = 10  # periods that are not there
 
 
@@ -90,6 +93,24 @@ class Rows:
             self.kept[key] = make()
         return self.kept[key]
 
+    def prepare(self) -> None:
+        """Work out now what all models share."""
+        _ = self.D, self.rotor, self.middle, self.turn, self.i_s
+        if self.u_dc is not None:
+            _ = self.moment_of_pulses
+
+    def kept_of_angle_and_bridge(self) -> dict[str, Any]:
+        """What has been worked out and depends neither on the machine nor on currents."""
+        return {key: self.kept[key] for key in _OF_ANGLE_AND_BRIDGE if key in self.kept}
+
+    def pulses_turned(self, by: Vector | complex) -> dict[str, Any]:
+        """What has been worked out of pulses, in a frame where vectors of periods are `by` (of length 1) times it."""
+        powers = {"duties": 0, "moment of pulses": 1, "size of pulses": 0, "square of pulses": 2}
+        return {
+            key: self.kept[key] * by**power if power else self.kept[key]
+            for key, power in powers.items() if key in self.kept
+        }  # fmt: skip
+
     # --- time
 
     @property
@@ -123,7 +144,7 @@ class Rows:
     @property
     def middle(self) -> Vector:
         """exp(j theta_e) in the middle of each period."""
-        return self.rotor[:-1] * self.half
+        return self.once("middle", lambda: self.rotor[:-1] * self.half)
 
     @property
     def six(self) -> Vector:
@@ -369,7 +390,5 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
         np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, T * np.cumsum(i_d**2 + i_q**2),
         (float(t[0]), float(t[-1] - t[0])),
     )  # fmt: skip
-    _ = rows.D, rows.rotor, rows.turn, rows.i_s
-    if u_dc is not None:
-        _ = rows.duties
+    rows.prepare()
     return rows
