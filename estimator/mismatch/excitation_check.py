@@ -52,6 +52,12 @@ def not_borne_out(search: Search, choice: Choice) -> tuple[Choice, str]:
     lent = sum(len(rows) / max(ratio, 1.0) for ratio in over_noise.values())
     by_angle = max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
     axis, least = min(over_noise.items(), key=lambda item: item[1])
+    most = max(over_noise.values())
+    if choice and most < _WEAK:
+        return choice, (
+            f"currents change by no more than {number(math.sqrt(most), 2)} times their noise, and at one level of "
+            "current effects and the machine's parameters look alike"
+        )
     left = choice
     while left:
         worth = {one: min(_explained(search, left, one) / (_LENT * lent), _gained(search, left, one) / by_angle)
