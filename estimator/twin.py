@@ -64,6 +64,15 @@ class Slopes(NamedTuple):
     end_q: Vector
 
 
+class Course(NamedTuple):
+    """What currents are followed by."""
+
+    ideal: Model  # without the bridge's voltage error
+    lost: Lost
+    memory: Memory
+    slopes: Slopes
+
+
 def implied_voltage(rows: Rows, model: Model) -> Vector:
     """Voltage (V) of each period that the currents imply."""
     return rows.u - residual(rows, rows, model)
@@ -83,6 +92,21 @@ def free_run(rows: Rows, model: Model, window: int | None = None) -> Vector:
     """Currents (A) at samples, simulated from the measured one at the start of every window (periods) and run."""
     window = round(WINDOW / rows.T_s) if window is None else window
     return _simulated(rows, model, _starts(rows, window))
+
+
+def followed(rows: Rows, model: Model, share: float) -> Vector:
+    """Currents (A) at samples that follow the model, and by a `share` a period the measured ones: with less noise.
+
+    Each run starts from the measured ones. Effects are seen at these currents, so that noise is not driven by them.
+    """
+    truth = in_truth(rows, model)
+    starts = _starts(rows, len(rows) + 1)
+    course = _course(truth, _physics(model))
+    close, limit = _bounds(truth)
+    left = truth.u - _voltage(truth, course.ideal)
+    delta = _carried(left, course.slopes, starts, truth.i, truth.rotor, truth.half, course.memory, course.lost,
+                     0.1 * close, limit, share)  # fmt: skip
+    return rows.i + delta * truth.rotor * rows.rotor.conj()
 
 
 def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
@@ -139,20 +163,30 @@ def _slopes(rows: Rows, model: Model) -> Slopes:
     return Slopes(start_d, start_q, end_d, end_q)
 
 
-def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
-    """Currents that imply the recorded voltage; windows in which none are found are cut into shorter ones."""
+def _course(rows: Rows, model: Model) -> Course:
+    """Of a model without errors of measurement, around true currents."""
     ideal = _without(model, "inverter_voltage_error")
     lost = Lost(legs_of(rows), *map(float, model.effects.get("inverter_voltage_error", (0.0, 0.0, 1.0))))
     rise, corner = model.effects.get("ac_resistance", (0.0, 1.0))
     x, share, late = rung(rows.T_s, float(corner))
     memory = Memory(float(rise) * rows.machine.R_s / x, share, late)
-    slopes = _slopes(rows, _without(ideal, "ac_resistance"))
+    return Course(ideal, lost, memory, _slopes(rows, _without(ideal, "ac_resistance")))
+
+
+def _bounds(rows: Rows) -> tuple[float, float]:
+    """A change of currents (A) that is none, and the largest current."""
     size = np.abs(rows.i)
-    close, limit = _CLOSE * float(np.sqrt(np.mean(size**2))), _FARTHEST * max(float(np.max(size)), rows.i_rated)
+    return _CLOSE * float(np.sqrt(np.mean(size**2))), _FARTHEST * max(float(np.max(size)), rows.i_rated)
+
+
+def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
+    """Currents that imply the recorded voltage; windows in which none are found are cut into shorter ones."""
+    ideal, lost, memory, slopes = _course(rows, model)
+    close, limit = _bounds(rows)
     i, first, sweep = rows.i, np.flatnonzero(starts), 0
     while True:
         left = rows.u - _voltage(_with_currents(rows, i), ideal)
-        delta = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, 0.1 * close, limit)
+        delta = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, 0.1 * close, limit, 0.0)
         i, sweep = i + delta, sweep + 1
         moving = ~(np.maximum.reduceat(np.abs(delta), first) <= close)
         if not np.any(moving):
@@ -173,11 +207,12 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
 @kernel
 def _carried(
     left: Vector, slopes: Slopes, starts: Bools, i: Vector, rotor: Vector, half: Vector, memory: Memory, lost: Lost,
-    close: float, limit: float,
+    close: float, limit: float, forgotten: float,
 ) -> Vector:  # fmt: skip
     """Changes of currents (A) at samples that undo what is left of voltages (V), from none where a window starts.
 
-    The bridge's lost voltage is no part of what is left: it is solved for in each period.
+    The bridge's lost voltage is no part of what is left: it is solved for in each period. A share of the change is
+    `forgotten` each period.
     """
     delta = np.zeros(len(left) + 1, np.complex128)
     R, share, late = memory
@@ -196,6 +231,7 @@ def _carried(
             there = abs(i[k + 1] + delta[k + 1])
             if there > limit:
                 delta[k + 1] = (i[k + 1] + delta[k + 1]) * (limit / there) - i[k + 1]
+            delta[k + 1] *= 1.0 - forgotten
         i_0, i_1 = delta[k] * rotor[k], delta[k + 1] * rotor[k + 1]
         i_x += share * (i_0 - i_x) + late * (i_1 - i_0)
     return delta

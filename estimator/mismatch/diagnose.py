@@ -154,8 +154,9 @@ def _judged(
     doubts: list[Ambiguity] = []
     machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
     outside = _outside(machine_after, nominal, tolerance)
-    poorly, (faint, why) = poorly_told(search, choice, nominal, outside), not_borne_out(search, choice)
-    lacks = poorly is not None or bool(_blind(machine_after, nominal, tolerance))
+    blind = _blind(machine_after, nominal, tolerance)
+    poorly, (faint, why) = poorly_told(search, choice, nominal, outside), not_borne_out(search, choice, blind)
+    lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
     if faint and richer is not None:
         doubts.append(Ambiguity(tuple(name for name, _ in faint), why, richer, rivals=False))

@@ -41,22 +41,22 @@ def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Seque
     return None
 
 
-def not_borne_out(search: Search, choice: Choice) -> tuple[Choice, str]:
+def not_borne_out(search: Search, choice: Choice, blind: Sequence[str]) -> tuple[Choice, str]:
     """Effects that noise of the currents alone may look like, or an encoder's rounding; and why, in a sentence's part.
 
     Noise in a column shifts its coefficient by its share of the column's energy, and that leaves as much of the signal.
-    What leans on an effect that is not borne out is judged without it.
+    What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told.
     """
     over_noise = _over_noise(search)
     rows, noise = search.regression.rows, search.regression.noise
     lent = sum(len(rows) / max(ratio, 1.0) for ratio in over_noise.values())
     by_angle = max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
     axis, least = min(over_noise.items(), key=lambda item: item[1])
-    most = max(over_noise.values())
-    if choice and most < _WEAK:
+    untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
+    if choice and len(untold) > 1:
         return choice, (
-            f"currents change by no more than {number(math.sqrt(most), 2)} times their noise, and at one level of "
-            "current effects and the machine's parameters look alike"
+            f"this recording does not tell {' and '.join(untold)}, and at one level effects and the machine's "
+            "parameters look alike"
         )
     left = choice
     while left:

@@ -30,11 +30,14 @@ from estimator.mismatch.thinning import thinned
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
+from estimator.twin import followed
 
 ROUNDS: Final = 9
 POLISHED: Final = 6  # times a round
 _WHOLE: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
 _HALVINGS: Final = 3
+_FOLLOWED: Final = (0.02, 0.1, 0.4)  # a period, of what is between measured currents and those that follow the model
+_NOISY: Final = 1.5  # times the noise: what is between them is no more
 _AVERAGED: Final = 25  # periods to each side; slower than that is not noise
 
 
@@ -103,12 +106,7 @@ def _fitted(
                 model, smooth = beyond, clean
             else:
                 barred |= {name for name, seed in choice if seed >= 0}
-        there = polished(rows, smooth, model, nominal, tolerance, angle_step, noise, times)
-        if start is None and frozenset(model.effects) not in seen:
-            for other in _others(rows, there[0]):
-                far = polished(rows, smooth, other, nominal, tolerance, angle_step, noise, times)
-                there = min((there, far), key=lambda found: _left(rows, found[1], found[0], search))
-        model, smooth, z, noise, settled = there
+        model, smooth, z, noise, settled = polished(rows, smooth, model, nominal, tolerance, angle_step, noise, times)
         progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
@@ -165,7 +163,8 @@ def _close(search: Search, one: Model, other: Model) -> bool:
             change = getattr(other.machine, column.parameter) - getattr(one.machine, column.parameter)
         else:
             change = other.effects[column.owner][column.place] - one.effects[column.owner][column.place]
-        if abs(change) > max(0.1 * math.sqrt(max(float(fit.covariance[n, n]), 0.0)), 1e-4 * column.prior[1]):
+        least = (1e-2 if column.shape else 1e-4) * column.prior[1]
+        if abs(change) > max(0.1 * math.sqrt(max(float(fit.covariance[n, n]), 0.0)), least):
             return False
     return True
 
@@ -190,16 +189,6 @@ def _no_worse(rows: Rows, smooth: Rows, now: Model, towards: Model, search: Sear
 def _bends(model: Model) -> bool:
     """A shape moves by small steps, for which equations are no lines."""
     return any(p.shape and not p.discrete for name in model.effects for p in BY_NAME[name].parameters)
-
-
-def _others(rows: Rows, model: Model) -> list[Model]:
-    """The same set, from sizes far from those of the model."""
-    found: list[Model] = []
-    for name, sizes in model.effects.items():
-        others = BY_NAME[name].others
-        if others is not None:
-            found += [replace(model, effects={**model.effects, name: tuple(far)}) for far in others(rows, sizes)]
-    return found
 
 
 def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
@@ -259,6 +248,8 @@ def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, Noise
     Only what changes within a few periods, and no more than white noise makes of it, counts as noise.
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    if any(BY_NAME[name].steep for name in model.effects):
+        return _followed(rows, model)
     z = whitened(residual(rows, smooth, model), rows, filter_pole(model.machine, rows.T_s))
     noise = noise_of(z, zero_residual(rows, smooth, model), rows)
     w = min(_AVERAGED, max(1, len(z) // 4))
@@ -270,6 +261,29 @@ def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, Noise
     i = rows.i.copy()
     i[1:] += part_d * fast.real / m.L_d + 1j * part_q * fast.imag / m.L_q
     return replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), z, noise
+
+
+def _followed(rows: Rows, model: Model) -> tuple[Rows, Vector, Noise]:
+    """The same for effects that change more within the noise of currents than these do in a period.
+
+    Currents follow the model, as closely as it is true.
+    """
+    m = model.machine
+
+    def by(share: float) -> tuple[Rows, Vector, Noise]:
+        smooth = replace(rows, i=followed(rows, model, share), kept=rows.kept_of_angle_and_bridge())
+        z = whitened(residual(rows, smooth, model), rows, filter_pole(m, rows.T_s))
+        return smooth, z, noise_of(z, zero_residual(rows, smooth, model), rows)
+
+    *closer, last = _FOLLOWED
+    for share in closer:
+        smooth, z, noise = by(share)
+        off = smooth.i - rows.i
+        d, q = off.real * (m.L_d / noise[0]), off.imag * (m.L_q / noise[1])
+        loud = max(float(np.mean(d**2)), float(np.mean(q**2)))
+        if loud < _NOISY**2:
+            return smooth, z, noise
+    return by(last)
 
 
 def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:

@@ -6,6 +6,8 @@ D.-W. Chung, S.-K. Sul, "Analysis and compensation of current measurement error 
 IEEE Trans. Industry Applications 34(2), 1998, doi 10.1109/28.663477.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from estimator.physics.current_sensing import voltage_of_error
@@ -24,9 +26,16 @@ def error(rows: Rows, sizes: Sizes) -> Vector:
     return np.full(len(rows) + 1, complex(*sizes))
 
 
+def rated(share: float) -> Callable[[Rows], float]:
+    """A share of the rated current, A."""
+    return lambda rows: share * rows.i_rated
+
+
 EFFECT = Effect(
     "current_sensor_offset", "offsets of the current sensors",
-    tuple(Parameter(name, "A", lambda rows: 0.01 * rows.i_rated) for name in ("offset_alpha", "offset_beta")),
+    tuple(
+        Parameter(name, "A", rated(0.01), rated(-0.2), rated(0.2)) for name in ("offset_alpha", "offset_beta")
+    ),
     voltage,
     no_shapes,
     "voltage that stands still in the stationary frame: once per electrical turn in the rotor frame",

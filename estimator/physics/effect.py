@@ -45,7 +45,7 @@ class Effect:
     current_error: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, stationary frame; measured less true
     angle_error: Callable[[Rows, Sizes], Real | float] | None = None  # rad electrical at samples; measured less true
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
-    others: Callable[[Rows, Sizes], tuple[Sizes, ...]] | None = None  # far from these, but about as large a signal
+    steep: bool = False  # it changes more with a current than the noise of the current allows to see
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
 
     @property

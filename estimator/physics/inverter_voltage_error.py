@@ -27,14 +27,6 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return rows.stationary(lost)
 
 
-def _others(rows: Rows, sizes: Sizes) -> tuple[Sizes, ...]:
-    """All of it by dead time, and all of it by drops."""
-    dead_time, u_drop, width = sizes
-    per_time = bus(rows) / rows.T_s
-    lost = dead_time * per_time + u_drop
-    return (lost / per_time, 0.0, width), (0.0, lost, width)
-
-
 EFFECT = Effect(
     "inverter_voltage_error", "the inverter's voltage error",
     (
@@ -47,7 +39,7 @@ EFFECT = Effect(
     lambda rows: ((0.004 * rows.i_rated,), (0.03 * rows.i_rated,)),
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding resistance", "flux_harmonics"),
-    others=_others,
+    steep=True,
     missed=1e-3,
     remembers=lambda rows, _sizes: None if rows.u_dc is None else edges_at_start(rows),
 )  # fmt: skip
