@@ -1,54 +1,26 @@
-"""A recording and a machine file to a diagnosis, and the diagnosis as JSON: a pure function of both.
+"""A file and what is known of its machine to a diagnosis, and the diagnosis as JSON: a pure function of both.
 
 The JSON is described by `diagnosis.schema.json`. Knows nothing of terminals and HTTP.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from typing import Any, Final, cast
 
 from bench.diagnosed_machine import machine_text
-from bench.diagnosis_request import Request, Result, Tell, check_whole
-from bench.errors import RecordingError
-from bench.machine_file import Nominal
-from bench.recording import Summary, read_recording
+from bench.diagnosis_request import Request, Result, Tell
+from bench.formats import format_of
+from bench.formats.format import Diagnosed
 from bench.report import report
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.verdict import Before, Diagnosis
+from estimator.mismatch.verdict import Before, Fit
 
 MOST_ODDS: Final = 1e12  # beyond, a figure says no more than that
-_READING: Final = 0.05  # share of the work
-
-
-@dataclass(frozen=True, slots=True)
-class Diagnosed:
-    """A recording and what is said of it."""
-
-    recording: Summary
-    nominal: Nominal
-    diagnosis: Diagnosis
 
 
 def diagnose_recording(request: Request, tell: Tell = lambda share, phase: None) -> Diagnosed:
-    """Read and diagnose a recording. Raises ConfigError, RecordingError, and what `tell` raises to cancel."""
-    nominal = request.nominal
-    machine = check_whole(nominal)
-    tell(0.0, "reading")
-    recording = read_recording(
-        request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
-        theta_step=nominal.theta_step, u_dc=nominal.u_dc,
-    )
-
-    def on(share: float, phase: str) -> None:
-        tell(_READING + (1.0 - _READING) * share, phase)
-
-    try:
-        diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
-    except ValueError as error:
-        raise RecordingError(f"{request.file}: {error}") from error
-    remarks = (*recording.summary.remarks(), *diagnosis.remarks)
-    return Diagnosed(recording.summary, nominal, replace(diagnosis, remarks=remarks))
+    """Read and diagnose a file. Raises ConfigError, RecordingError, and what `tell` raises to cancel."""
+    return format_of(request).diagnose(request, tell)
 
 
 def work(request: Request, tell: Tell) -> Result:
@@ -81,16 +53,23 @@ def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
         "unexplained": said.unexplained,
         "detectable": said.detectable,
         "machine": {"before": said.machine_before, "after": said.machine_after},
-        "fit": None if fit is None else _fields(fit) | {
-            "one_step_rms_V": _fields(fit.one_step_rms_V),
-            "free_run_rms_A": _two(fit.free_run_rms_A),
-            "whiteness": _two(fit.whiteness),
-        },
+        "fit": None if fit is None else _fit(fit),
         "candidates": said.candidates,
         "remarks": said.remarks,
         "experiment": said.experiment,
         "recording": {"path": recording.path, "rows": recording.rows, "duration": recording.duration},
     })
+
+
+def _fit(fit: Fit) -> dict[str, Any]:
+    told = _fields(fit) | {
+        "one_step_rms_V": _fields(fit.one_step_rms_V),
+        "free_run_rms_A": _two(fit.free_run_rms_A),
+        "whiteness": _two(fit.whiteness),
+    }
+    if fit.leave_one_out is None:
+        del told["leave_one_out"]
+    return told
 
 
 def _fields(value: Any) -> dict[str, Any]:

@@ -14,7 +14,7 @@ def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
         _comment(diagnosis.sentence),
         "",
         "[machine]  # SI, per phase, peak dq",
-        *(_parameter(name, diagnosis.machine_after.get(name), nominal) for name in PARAMETERS),
+        *(line for name in PARAMETERS if (line := _parameter(name, diagnosis.machine_after.get(name), nominal))),
     ]
     if nominal.n_p is not None:
         lines.append(f"n_p = {nominal.n_p}")
@@ -31,14 +31,16 @@ def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
 
 
 def _parameter(name: str, found: Quantity | None, nominal: Nominal) -> str:
-    """A parameter after the diagnosis; the nominal one where that is none that a machine file may hold."""
-    unit, given = UNITS[name], nominal.given[name]
+    """A parameter after the diagnosis; the nominal one, or none, where that is none that a machine file may hold."""
+    unit, given = UNITS[name], nominal.given.get(name)
     low, high, _ = KEYS["machine"][name]
+    if found is not None and found.value is not None and low <= found.value <= high:
+        return _line(name, found.value, unit + (f", std {found.std:.2g}" if _finite(found.std) else ""))
+    if given is None:
+        return ""
     if found is None or found.value is None:
         return _line(name, given, f"{unit}, nominal: it could not be told")
-    if not low <= found.value <= high:
-        return _line(name, given, f"{unit}, nominal: the fit says {found.value:.3g}")
-    return _line(name, found.value, unit + (f", std {found.std:.2g}" if _finite(found.std) else ""))
+    return _line(name, given, f"{unit}, nominal: the fit says {found.value:.3g}")
 
 
 def _both(name: str, found: Quantity) -> list[tuple[str, float]]:

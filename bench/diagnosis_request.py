@@ -33,6 +33,7 @@ class Request:
     constants: Mapping[str, float] = field(default_factory=dict[str, float])
     align: Mapping[str, float] = field(default_factory=dict[str, float])
     report: bool = False
+    format: str = "recording"  # of `bench.formats`, or "auto"
 
 
 @dataclass(frozen=True, slots=True)

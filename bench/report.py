@@ -71,9 +71,10 @@ def report(diagnosis: Diagnosis, recording: Summary, nominal: Nominal) -> str:
 
 def _about(recording: Summary) -> str:
     period, unit = scaled(recording.T_s, "s")
+    of = "steady points" if math.isnan(recording.T_s) else f"control period {recording.T_s / period:.4g} {unit}"
+    length = f"{recording.duration:.4g} s, " if recording.duration > 0.0 else ""
     return (
-        f'<p class="muted">{escape(recording.path)}: {recording.used} of {recording.rows} rows used, '
-        f"{recording.duration:.4g} s, control period {recording.T_s / period:.4g} {unit}</p>"
+        f'<p class="muted">{escape(recording.path)}: {recording.used} of {recording.rows} rows used, {length}{of}</p>'
     )
 
 
@@ -124,6 +125,10 @@ def _sections(
         yield _section("By frequency", picture(
             "spectrum", figures.spectrum(traces), "Amplitude density of the residual. White noise is a level line.",
         ))
+    yield _section("Point by point", "".join(
+        picture(f"scatter-{k}", figures.scatter(shown), f"What is missed of {shown.y} at points that took no part in "
+                f"the fit, by {shown.x}.") for k, shown in enumerate(said.scatters)
+    ))
     if said.candidates:
         yield _section("What was considered", picture(
             "candidates", figures.odds(said.candidates), "Effects by their odds; those chosen are marked.",
@@ -144,18 +149,25 @@ def _fit(fit: Fit) -> str:
         cells = f'<td class="n before">{before}</td><td class="n after">{after}</td><td class="n">{floor}</td>'
         return f"<tr><td>{what}</td>{cells}</tr>"
 
-    def rms(what: str, value: Before, unit: str) -> str:
+    def both(what: str, value: Before, unit: str) -> str:
         cells = [quantity(v, unit, like=value.before) for v in (value.before, value.after, value.noise_floor)]
         return row(what, cells[0], cells[1], cells[2] if value.noise_floor is not None else "")
 
+    loo = fit.leave_one_out
+    whiteness = number(fit.whiteness.before), number(fit.whiteness.after)
     held_out = "stretches that took no part in the fit" if fit.held_out else "the rows it was fitted on"
+    if loo is not None:
+        held_out = f"rows that took no part in the fit: one {loo.left_out} at a time, {loo.groups} in all"
     explained = number(100 * fit.explained if math.isfinite(fit.explained) else None)
     return (
         '<table class="keep"><tr><th>Residual, rms</th><th class="n">before</th><th class="n">after</th>'
         '<th class="n">noise floor</th></tr>'
-        + rms("voltage, one step ahead", fit.one_step_rms_V, "V")
-        + rms("current, free run", fit.free_run_rms_A, "A")
-        + row("its power at low frequencies (white: 1)", number(fit.whiteness.before), number(fit.whiteness.after))
+        + both("voltage, one step ahead" if loo is None else "voltage", fit.one_step_rms_V, "V")
+        + (both("current, free run", fit.free_run_rms_A, "A") if loo is None else "")
+        + (row("its power at low frequencies (white: 1)", *whiteness) if loo is None else "")
+        + ("" if loo is None else "".join(
+            row(f"with {escape(words(name))}", "", quantity(rms, loo.unit)) for name, rms in loo.alternatives.items()
+        ))
         + f'</table><p class="muted">Judged on {held_out}; {explained} % of the mismatch\'s variance is explained.</p>'
     )
 

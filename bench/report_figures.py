@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.engineering import words
-from estimator.mismatch.verdict import Candidate, Map, Traces
+from estimator.mismatch.verdict import Candidate, Map, Scatter, Traces
 
 BEFORE: Final = "#c8571b"
 AFTER: Final = "#14708c"
@@ -38,6 +38,17 @@ def over_time(traces: Traces, noise_floor: float | None) -> Figure:
         ends = traces.t[[0, -1]]
         data.append(_line(ends, np.full(2, noise_floor), "noise floor", INK, width=1, dash="dot"))
     return _figure(data, 250, xaxis=_axis("time, s"), yaxis=_axis("residual, V rms", rangemode="tozero"))
+
+
+def scatter(shown: Scatter) -> Figure:
+    """Residuals point by point."""
+    marks = ((shown.before_V, "before", BEFORE, 5), (shown.after_V, "after", AFTER, 4))
+    data = [
+        _line(shown.of_x, values, name, colour, width=1.0)
+        | {"mode": "markers", "marker": {"color": colour, "size": size}}
+        for values, name, colour, size in marks
+    ]
+    return _figure(data, 240, xaxis=_axis(shown.x), yaxis=_axis(f"left out: {shown.y}, V", zeroline=True))
 
 
 def location(shown: Map) -> Figure:

@@ -170,7 +170,7 @@ def test_what_is_there_is_written_over_by_force_only(
         (["a.csv", "b.csv", "--nominal", "m.toml", "--json", "o.json"], "need a folder or a name with {stem}, got"),
         (["a.csv", "b/a.csv", "--nominal", "m.toml", "--json", "o"], "own, this is another output"),
         (["a.csv", "b.csv", "--nominal", "m.toml", "--json", "m.toml/x"], "cannot be written: Not a directory"),
-        (["a.csv"], "Missing option '--nominal'. (see --help)"),
+        (["a.csv", "--format", "x"], "--format: expected one of auto, "),
     ],
     ids=str,
 )

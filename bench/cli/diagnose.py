@@ -36,17 +36,18 @@ class Options:
     mapping: Mapping[str, str]
     constants: Mapping[str, float]
     align: Mapping[str, float]
+    format: str  # of `bench.formats`, or "auto"
     jobs: int | None  # processes; None: one per core
     force: bool
 
 
-def run(files: Sequence[Path], nominal: Path, outputs: Mapping[str, Path | None], options: Options) -> int:
+def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, Path | None], options: Options) -> int:
     """Diagnose recordings, print and write what is said of them; the exit code. Raises ConfigError before any work."""
     if options.jobs is not None and options.jobs < 1:
         raise ConfigError(f"--jobs: expected at least 1, got {options.jobs}")
     places = _places(files, outputs)
     _check(files, nominal, places, force=options.force)
-    shared = None if STEM in str(nominal) or nominal.is_dir() else load_machine(nominal)
+    shared = _shared(nominal)
     show = _Shown(len(files), machine=outputs.get("--machine") is not None)
     wanted = outputs.get("--report") is not None
     requests: list[Request] = []
@@ -54,7 +55,7 @@ def run(files: Sequence[Path], nominal: Path, outputs: Mapping[str, Path | None]
     outcomes: dict[int, Result | str] = {}
     for k, file in enumerate(files):
         try:
-            machine = shared if shared is not None else load_machine(_nominal_of(nominal, file))
+            machine = shared or (Nominal({}) if nominal is None else load_machine(_nominal_of(nominal, file)))
         except BenchError as error:
             outcomes[k] = str(error)
         else:
@@ -78,7 +79,7 @@ def run(files: Sequence[Path], nominal: Path, outputs: Mapping[str, Path | None]
 def stem_of(file: Path) -> str:
     """A recording's name without what its format adds to it."""
     name = file.name.removesuffix(".gz")
-    for suffix in (".csv", ".parquet", ".pq"):
+    for suffix in (".csv", ".parquet", ".pq", ".json"):
         name = name.removesuffix(suffix)
     return name
 
@@ -88,7 +89,14 @@ def _cores() -> int:
 
 
 def _request(file: Path, machine: Nominal, options: Options, *, report: bool) -> Request:
-    return Request(file, machine, options.trust, options.mapping, options.constants, options.align, report)
+    return Request(
+        file, machine, options.trust, options.mapping, options.constants, options.align, report, options.format
+    )
+
+
+def _shared(nominal: Path | None) -> Nominal | None:
+    """The machine of all recordings, where it is one."""
+    return None if nominal is None or STEM in str(nominal) or nominal.is_dir() else load_machine(nominal)
 
 
 def _nominal_of(nominal: Path, file: Path) -> Path:
@@ -119,11 +127,12 @@ def _places(files: Sequence[Path], outputs: Mapping[str, Path | None]) -> list[d
     return places
 
 
-def _check(files: Sequence[Path], nominal: Path, places: Sequence[Mapping[str, Path]], *, force: bool) -> None:
+def _check(files: Sequence[Path], nominal: Path | None, places: Sequence[Mapping[str, Path]], *, force: bool) -> None:
     """Refuse, before any work, what would overwrite a recording, a machine file, another output or a file."""
     taken = {file.resolve(): "a recording" for file in files}
-    taken |= {_nominal_of(nominal, file).resolve(): "its machine file" for file in files}
-    taken[nominal.resolve()] = "the machine file"
+    if nominal is not None:
+        taken |= {_nominal_of(nominal, file).resolve(): "its machine file" for file in files}
+        taken[nominal.resolve()] = "the machine file"
     for place in places:
         for option, path in place.items():
             if (whose := taken.get(path.resolve())) is not None:
@@ -275,15 +284,27 @@ def _findings(findings: Sequence[Mapping[str, Any]]) -> Table:
 
 def _before_and_after(content: Mapping[str, Any]) -> Table:
     fit = content["fit"]
-    table = Table(caption="held out" if fit["held_out"] else "on the rows of the fit")
+    loo = fit.get("leave_one_out")
+    table = Table(caption=_caption(fit, loo))
     for heading in ("", "before", "after", "noise floor"):
         table.add_column(heading, justify="left" if not heading else "right")
     voltage, current = fit["one_step_rms_V"], fit["free_run_rms_A"]
-    table.add_row("u, one step", *(quantity(value, "V", like=voltage["before"]) for value in voltage.values()))
-    table.add_row("i, free run", *(quantity(value, "A", like=current["before"]) for value in current.values()))
+    what = "u, one step" if loo is None else "u"
+    table.add_row(what, *(quantity(value, "V", like=voltage["before"]) for value in voltage.values()))
+    if current["before"] is not None:
+        table.add_row("i, free run", *(quantity(value, "A", like=current["before"]) for value in current.values()))
     before, after = content["machine"]["before"], content["machine"]["after"]
     for name in {**before, **after}:
         sizes = [machine.get(name) for machine in (before, after)]
         like = next((size["value"] for size in sizes[::-1] if size is not None), None)
         table.add_row(name, *("–" if s is None else quantity(s["value"], s["unit"], s["std"], like) for s in sizes))
     return table
+
+
+def _caption(fit: Mapping[str, Any], loo: Mapping[str, Any] | None) -> str:
+    """What the errors are of; and those of other models, where they were tried."""
+    if loo is None:
+        return "held out" if fit["held_out"] else "on the rows of the fit"
+    said = f"left out: one {loo['left_out']} at a time"
+    rms = {words(name): quantity(value, loo["unit"], like=loo["before"]) for name, value in loo["alternatives"].items()}
+    return "\n".join((said, *(f"with {name} {value}" for name, value in rms.items())))

@@ -185,11 +185,16 @@ def replay(
 
 @app.command()
 def diagnose(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings: CSV, CSV.gz or Parquet")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings, or tables of steady points")],
     nominal: Annotated[
-        Path,
-        typer.Option(metavar="MACHINE.toml", help="the machine; a folder, or a name with {stem}: one each, by name"),
-    ],
+        Path | None,
+        typer.Option(metavar="MACHINE.toml", help="the machine; a folder, or a name with {stem}: one each, by name; "
+                                                  "steady points and recordings at standstill do without"),
+    ] = None,
+    kind: Annotated[
+        str, typer.Option("--format", metavar="NAME", help="auto, recording, points, moteus-ld, lea-thermal, "
+                                                           "servo-sine or servo-pulses")
+    ] = "auto",
     trust: Annotated[
         list[str] | None, typer.Option(metavar="R_s=20%,...", help="how far off a nominal value may be (10 % each)")
     ] = None,
@@ -216,10 +221,11 @@ def diagnose(
     from bench.cli.diagnose import Options, run
     from bench.cli.options import pairs
     from bench.diagnosis_request import trust_of
+    from bench.formats import checked_format
 
     options = Options(
         trust_of(trust or ()), pairs("--map", mapping or (), str), pairs("--set", constants or (), float),
-        pairs("--align", align or (), float), jobs, force,
+        pairs("--align", align or (), float), checked_format(kind), jobs, force,
     )
     raise typer.Exit(run(files, nominal, {"--json": json_out, "--report": report, "--machine": machine}, options))
 

@@ -19,7 +19,12 @@ def sentence_of(diagnosis: Diagnosis) -> str:
     if diagnosis.findings:
         parts = [_finding(finding) for finding in diagnosis.findings]
         said.append("; ".join(parts))
-        if fit is not None:
+        if fit is not None and (loo := fit.leave_one_out) is not None:
+            said.append(
+                f"leaving out one {loo.left_out} at a time the error goes from {quantity(loo.before, loo.unit)} to "
+                f"{quantity(loo.after, loo.unit)}"
+            )
+        elif fit is not None:
             u, i = fit.one_step_rms_V, fit.free_run_rms_A
             said.append(
                 f"on stretches that took no part in the fit the one-step error goes from {quantity(u.before, 'V')} to "

@@ -116,6 +116,18 @@ class Before:
 
 
 @dataclass(frozen=True, slots=True)
+class LeaveOneOut:
+    """How well groups of rows are predicted by a fit to all others, each in its turn."""
+
+    left_out: str  # what is left out at a time, in words
+    groups: int
+    before: float  # rms, in `unit`
+    after: float
+    unit: str
+    alternatives: Mapping[str, float]  # rms of other models, by name
+
+
+@dataclass(frozen=True, slots=True)
 class Fit:
     """How well the model follows stretches that took no part in its fit."""
 
@@ -124,6 +136,7 @@ class Fit:
     free_run_rms_A: Before
     explained: float  # share of the mismatch's variance, 0 to 1
     whiteness: Before  # ratio of the residual's power below a tenth of the sampling rate to that of white noise
+    leave_one_out: LeaveOneOut | None = None  # where the fit is judged so
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +176,17 @@ class Traces:
     maps: tuple[Map, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Scatter:
+    """Residuals of rows left out over a quantity, for a picture."""
+
+    x: str  # quantity and unit, for an axis
+    y: str
+    of_x: Array
+    before_V: Array
+    after_V: Array
+
+
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The whole answer."""
@@ -180,3 +204,4 @@ class Diagnosis:
     remarks: tuple[str, ...]  # what is wrong with the recording, and what to record instead
     traces: Traces | None
     experiment: Experiment | None = None  # what to record instead, where this one does not tell the machine
+    scatters: tuple[Scatter, ...] = ()  # of steady points

@@ -51,6 +51,14 @@ def legs_of(rows: Rows) -> Legs:
     return Legs(u_dc, rows.duties, edges, order, ripple, u_s, middle, T_s, L_d, L_q)
 
 
+def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
+    """The legs before a motor that stands, none of them left at a rail."""
+    u_s = np.ascontiguousarray(2.0 / 3.0 * u_dc * (duties @ np.array(AXES)), np.complex128)
+    middle = np.ones(len(duties), np.complex128)
+    ripple = _ripples(u_dc, duties, u_s, middle, T_s, L, L)
+    return Legs(u_dc, duties, np.zeros(duties.shape, np.int8), _orders(duties), ripple, u_s, middle, T_s, L, L)
+
+
 def edges_at_start(rows: Rows) -> NDArray[np.int8]:
     """Where a leg rises (1) or falls (-1) at a period's start, (n, 3): before, it stood at the other rail."""
     return rows.once("edges at start", lambda: _edges(rows.duties >= 1.0))
@@ -67,6 +75,15 @@ def lost_voltages(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, widt
     lost = np.empty(len(legs.middle), np.complex128)
     for k in range(len(lost)):
         lost[k] = lost_voltage(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width)
+    return lost
+
+
+@kernel
+def lost_between(legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
+    """Lost voltage (V) of periods that need not join, from currents (A) at their ends; all in the stationary frame."""
+    lost = np.empty(len(begin), np.complex128)
+    for k in range(len(lost)):
+        lost[k] = lost_voltage(legs, k, begin[k], end[k], dead_time, u_drop, width)
     return lost
 
 

@@ -1,0 +1,38 @@
+"""Recordings of every control period: `bench.recording`."""
+
+from dataclasses import replace
+from typing import Final
+
+from bench.diagnosis_request import Request, Tell, check_whole
+from bench.errors import ConfigError, RecordingError
+from bench.formats.format import Diagnosed, Format
+from bench.recording import read_recording
+from estimator.mismatch.diagnose import diagnose
+
+_READING: Final = 0.05  # share of the work
+
+
+def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
+    """Read and diagnose a recording."""
+    nominal = request.nominal
+    if not nominal.given and nominal.n_p is None:
+        raise ConfigError(f"{request.file}: a recording needs its machine's data, expected --nominal MACHINE.toml")
+    machine = check_whole(nominal)
+    tell(0.0, "reading")
+    recording = read_recording(
+        request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
+        theta_step=nominal.theta_step, u_dc=nominal.u_dc,
+    )
+
+    def on(share: float, phase: str) -> None:
+        tell(_READING + (1.0 - _READING) * share, phase)
+
+    try:
+        diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
+    except ValueError as error:
+        raise RecordingError(f"{request.file}: {error}") from error
+    remarks = (*recording.summary.remarks(), *diagnosis.remarks)
+    return Diagnosed(recording.summary, nominal, replace(diagnosis, remarks=remarks))
+
+
+FORMAT: Final = Format("recording", lambda _path, _mapping: True, diagnose_recording)

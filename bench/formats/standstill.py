@@ -1,0 +1,58 @@
+"""What files of a standing servo have in common: named columns of numbers, no machine, no control period.
+
+Knows nothing of what they mean.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.diagnosis_request import Request
+from bench.errors import ConfigError, RecordingError
+from bench.recording import Summary
+from bench.table import column_names, read_parts
+
+_ROWS: Final = 65_536
+_MOST: Final = 5_000_000  # rows
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+def is_there(path: Path, columns: Sequence[str], mapping: Mapping[str, str]) -> bool:
+    """The file has all of these columns, or others mapped to them."""
+    return set(columns) <= {*column_names(path), *mapping}
+
+
+def read(request: Request, columns: Sequence[str]) -> Columns:
+    """Columns by the format's names. Raises ConfigError, RecordingError."""
+    for option, given in (("--set", request.constants), ("--align", request.align)):
+        if given:
+            raise ConfigError(f"{option} is none of this format's: expected columns {', '.join(columns)}")
+    if unknown := [name for name in request.mapping if name not in columns]:
+        raise ConfigError(f"--map: no quantity {unknown[0]!r} in this format, expected one of {', '.join(columns)}")
+    path, present = request.file, column_names(request.file)
+    names = {name: request.mapping.get(name, name) for name in columns}
+    if missing := [column for column in names.values() if column not in present]:
+        raise RecordingError(f"{path}: missing columns: {', '.join(missing)}; present: {', '.join(present[:30])}")
+    parts: list[Columns] = []
+    rows = 0
+    for part in read_parts(path, tuple(dict.fromkeys(names.values())), _ROWS):
+        parts.append(part)
+        rows += len(next(iter(part.values())))
+        if rows > _MOST:
+            raise RecordingError(f"{path}: expected at most {_MOST} rows, came more")
+    if not rows:
+        raise RecordingError(f"{path}: expected rows below the header, came none")
+    return {name: np.concatenate([part[column] for part in parts]) for name, column in names.items()}
+
+
+def summary_of(request: Request, columns: Sequence[str], T_s: float, rows: int, used: int) -> Summary:
+    """The account of the file."""
+    return Summary(
+        path=str(request.file), T_s=T_s, periods=1, rows=rows, used=used, runs=1, duration=rows * T_s,
+        left_out=rows - used, missing={}, unaligned=0, lost_rows=0, irregular_steps=0,
+        sources={name: f"column {request.mapping.get(name, name)}" for name in columns}, unused=(),
+    )  # fmt: skip
