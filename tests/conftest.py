@@ -107,9 +107,9 @@ def bench_up(*options: str) -> Generator[RunningBench]:
         yield RunningBench(url, bus, process)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def running_bench() -> Iterator[RunningBench]:
-    """One bench for all tests that only look, or put back what they change."""
+    """One bench for a module's tests that only look, or put back what they change."""
     with bench_up() as bench:
         yield bench
 

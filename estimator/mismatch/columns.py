@@ -94,13 +94,15 @@ def base_voltage(rows: Rows, machine: Machine) -> Vector:
 
 
 def in_truth(rows: Rows, model: Model) -> Rows:
-    """The rows without the model's errors of measurement: currents as they flow, the angle as it is."""
+    """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
     rows = with_machine(rows, model.machine)
     angle: Array | float = model.angle
     for name, sizes in model.effects.items():
-        angle_error = BY_NAME[name].angle_error
-        if angle_error is not None:
-            angle = angle + angle_error(rows, sizes)
+        effect = BY_NAME[name]
+        if effect.angle_error is not None:
+            angle = angle + effect.angle_error(rows, sizes)
+        if effect.misreads_voltage:
+            rows = rows.with_voltage(rows.u - effect.voltage(rows, sizes))
     error = current_error(rows, model)
     if isinstance(angle, float):
         turned = cmath.exp(1j * angle)

@@ -14,7 +14,7 @@ import numpy as np
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.angle_rounding import lent_energy
 from estimator.mismatch.columns import Array
-from estimator.mismatch.explain import Choice, Search
+from estimator.mismatch.explain import ENTRY, Choice, Search
 from estimator.mismatch.words import number
 
 _WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
@@ -66,14 +66,19 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str]) -> tuple
         if worth[weakest] > 1.0:
             break
         left = tuple(one for one in left if one != weakest)
-    if by_angle > _LENT * lent:
+    fit = search.fit(choice)
+    near = {one: distance for one in choice if (distance := search.distance(fit, one)) < ENTRY}
+    if len(left) == len(choice):
+        errors = math.sqrt(2.0 * min(near.values(), default=0.0))
+        why = f"what is found of it lies {number(errors, 2)} standard errors from none"
+    elif by_angle > _LENT * lent:
         why = "each period turns the rotor by nearly whole counts of its encoder, whose rounding may look like this"
     else:
         why = (
             f"i_{axis} changes by {number(math.sqrt(least), 2)} times its noise here, and noise of the currents alone "
             "may look like this"
         )
-    return tuple(one for one in choice if one not in left), why
+    return tuple(one for one in choice if one not in left or one in near), why
 
 
 def _gained(search: Search, choice: Choice, one: tuple[str, int]) -> float:

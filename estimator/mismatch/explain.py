@@ -145,6 +145,18 @@ class Search:
             self._scatters[fit.choice, one] = max(1.0, float(each @ weight / weight.sum()))
         return self._scatters[fit.choice, one]
 
+    def distance(self, fit: Fit, one: tuple[str, int]) -> float:
+        """Half the squared distance of an effect's sizes from none, in standard errors for noise as it scatters.
+
+        Of sizes that are held at a bound nothing is said: infinite.
+        """
+        at = [fit.places.index(j) for j in self.sizes_of(one)]
+        told = [n for n in at if fit.covariance[n, n] > 0.0]
+        if not told:
+            return math.inf
+        covariance, x = fit.covariance[np.ix_(told, told)], fit.value[told]
+        return 0.5 * float(x @ np.linalg.lstsq(covariance, x, rcond=1e-12)[0]) / self.scatter(fit, one)
+
     def parameter_scatter(self, fit: Fit) -> Array:
         """The same for every coefficient of a fit, each less what the others make of it."""
         grams, places = self.regression.gram, list(fit.places)

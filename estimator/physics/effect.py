@@ -44,6 +44,7 @@ class Effect:
     told: Callable[[Rows, Sizes], dict[str, tuple[float, str]]] | None = None  # value and unit of what users are told
     current_error: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, stationary frame; measured less true
     angle_error: Callable[[Rows, Sizes], Real | float] | None = None  # rad electrical at samples; measured less true
+    misreads_voltage: bool = False  # `voltage` is what the recorded one is too high by
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
     steep: bool = False  # it changes more with a current than the noise of the current allows to see
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
@@ -56,7 +57,7 @@ class Effect:
     @property
     def measures(self) -> bool:
         """It is an error of measurement, that recordings can be rid of; `voltage` is then what a small one adds."""
-        return self.current_error is not None or self.angle_error is not None
+        return self.current_error is not None or self.angle_error is not None or self.misreads_voltage
 
 
 def no_shapes(_rows: Rows) -> tuple[tuple[float, ...], ...]:

@@ -25,9 +25,8 @@ AXES: Final = tuple(complex(math.cos(k * TURN / 3.0), math.sin(k * TURN / 3.0)) 
 """Directions of the phases a, b, c."""
 
 
-_OF_ANGLE_AND_BRIDGE: Final = (
-    "D", "rotor", "middle", "six", "turn", "duties", "moment of pulses", "size of pulses", "square of pulses"
-)
+_OF_ANGLE: Final = ("D", "rotor", "middle", "six", "turn")
+_OF_ANGLE_AND_BRIDGE: Final = (*_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses")
 _FOLLOWED: Final = 10  # periods that are not there
 
 
@@ -102,6 +101,10 @@ class Rows:
     def kept_of_angle_and_bridge(self) -> dict[str, Any]:
         """What has been worked out and depends neither on the machine nor on currents."""
         return {key: self.kept[key] for key in _OF_ANGLE_AND_BRIDGE if key in self.kept}
+
+    def with_voltage(self, u: Vector) -> "Rows":
+        """The same rows with another voltage (V)."""
+        return replace(self, u=u, kept={key: self.kept[key] for key in (*_OF_ANGLE, "i_s") if key in self.kept})
 
     def pulses_turned(self, by: Vector | complex) -> dict[str, Any]:
         """What has been worked out of pulses, in a frame where vectors of periods are `by` (of length 1) times it."""

@@ -30,6 +30,7 @@ EFFECT = Effect(
     lambda _rows: ((1.0,), (-1.0,)),
     "an error in proportion to how fast the voltage changes",
     ("angle_offset",),
+    misreads_voltage=True,
     told=lambda _rows, p: {"periods": (p[0] * p[1], "1")},
     missed=5e-5,
 )
