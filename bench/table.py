@@ -8,7 +8,7 @@ wrong with a file is a RecordingError that says what was expected and what came.
 import csv
 import json
 import re
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +35,7 @@ NOTES: Final = b"pmsm-bench"  # key of the notes that a Parquet file of the benc
 HEAD = 1 << 16  # bytes in which a CSV's header must end
 BLOCK = 1 << 20  # bytes of CSV taken at a time
 MISSING = ("", "-", "NA", "N/A", "#N/A", "null", "NULL", "None", "-nan")  # besides nan
+ROWS = 1 << 16  # taken at a time where all are wanted
 SHOWN = 40  # characters of a cell or a name that a message shows
 
 # How pyarrow says that a line has not the header's number of cells; its rows count the header.
@@ -60,6 +61,20 @@ def read_parts(path: Path, columns: Sequence[str], rows: int) -> Generator[Part]
             raise RecordingError(f"{path}: expected one column {quoted(column)}, found {names.count(column)}")
     read = _parquet_parts if _kind(path) == "parquet" else _csv_parts
     yield from read(path, list(columns), rows)
+
+
+def read_whole(path: Path, columns: Mapping[str, str], most: int, too_many: str) -> dict[str, NDArray[np.float64]]:
+    """Whole columns by quantity. Raises RecordingError: `too_many` beyond so many rows, and where there are none."""
+    parts: list[Part] = []
+    rows = 0
+    for part in read_parts(path, tuple(dict.fromkeys(columns.values())), ROWS):
+        parts.append(part)
+        rows += len(next(iter(part.values())))
+        if rows > most:
+            raise RecordingError(f"{path}: {too_many}")
+    if not rows:
+        raise RecordingError(f"{path}: expected rows below the header, came none")
+    return {name: np.concatenate([part[column] for part in parts]) for name, column in columns.items()}
 
 
 def row_count(path: Path) -> int | None:

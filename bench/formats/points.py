@@ -18,14 +18,13 @@ from bench.diagnosis_request import Request, Tell
 from bench.errors import ConfigError, RecordingError, shown
 from bench.formats.format import Diagnosed, Format
 from bench.recording import Summary
-from bench.table import column_names, quoted, read_parts
+from bench.table import column_names, quoted, read_whole
 from estimator.mismatch.points.diagnose import diagnose_points, given_off
 from estimator.mismatch.points.table import Points, steady
 
 VOLTAGES_AND_CURRENTS: Final = ("u_d", "u_q", "i_d", "i_q")
 KNOWN: Final = (*VOLTAGES_AND_CURRENTS, "omega_e", "speed_rpm", "t")
 CONSTANTS: Final = ("n_p",)
-_ROWS: Final = 65_536
 _MOST: Final = 1_000_000  # rows
 _RAD_S: Final = math.pi / 30.0  # of 1 rpm
 
@@ -51,7 +50,8 @@ def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnos
             f"{request.file}: speed_rpm is mechanical, expected the pole pairs: n_p in --nominal MACHINE.toml, "
             "or --set n_p=..."
         )
-    cells = read_columns(request.file, columns)
+    too_many = f"expected at most {_MOST} steady points, came more: is it a recording?"
+    cells = read_whole(request.file, columns, _MOST, too_many)
     omega_e = cells["omega_e"] if "omega_e" in cells else cells["speed_rpm"] * _RAD_S * (n_p or 1)
     nominal = replace(request.nominal, n_p=n_p)
     rows = len(omega_e)
@@ -107,20 +107,6 @@ def columns_of(path: Path, mapping: Mapping[str, str]) -> dict[str, str]:
     if "omega_e" in found:
         found.pop("speed_rpm", None)
     return found
-
-
-def read_columns(path: Path, columns: Mapping[str, str]) -> dict[str, Column]:
-    """Columns by quantity. Raises RecordingError."""
-    parts: list[dict[str, Column]] = []
-    rows = 0
-    for part in read_parts(path, tuple(dict.fromkeys(columns.values())), _ROWS):
-        parts.append(part)
-        rows += len(next(iter(part.values())))
-        if rows > _MOST:
-            raise RecordingError(f"{path}: expected at most {_MOST} steady points, came more: is it a recording?")
-    if not rows:
-        raise RecordingError(f"{path}: expected rows below the header, came none")
-    return {name: np.concatenate([part[column] for part in parts]) for name, column in columns.items()}
 
 
 def _pole_pairs(request: Request) -> int | None:

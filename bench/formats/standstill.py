@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from bench.diagnosis_request import Request
 from bench.errors import ConfigError, RecordingError
 from bench.recording import Summary
-from bench.table import column_names, read_parts
+from bench.table import column_names, read_whole
 
-_ROWS: Final = 65_536
 _MOST: Final = 5_000_000  # rows
 
 Columns = dict[str, NDArray[np.float64]]
@@ -37,16 +36,7 @@ def read(request: Request, columns: Sequence[str]) -> Columns:
     names = {name: request.mapping.get(name, name) for name in columns}
     if missing := [column for column in names.values() if column not in present]:
         raise RecordingError(f"{path}: missing columns: {', '.join(missing)}; present: {', '.join(present[:30])}")
-    parts: list[Columns] = []
-    rows = 0
-    for part in read_parts(path, tuple(dict.fromkeys(names.values())), _ROWS):
-        parts.append(part)
-        rows += len(next(iter(part.values())))
-        if rows > _MOST:
-            raise RecordingError(f"{path}: expected at most {_MOST} rows, came more")
-    if not rows:
-        raise RecordingError(f"{path}: expected rows below the header, came none")
-    return {name: np.concatenate([part[column] for part in parts]) for name, column in names.items()}
+    return read_whole(path, names, _MOST, f"expected at most {_MOST} rows, came more")
 
 
 def summary_of(request: Request, columns: Sequence[str], T_s: float, rows: int, used: int) -> Summary:

@@ -36,6 +36,7 @@ from estimator.mismatch.verdict import (
     Rival,
     Unexplained,
     Verdict,
+    verdict_of,
 )  # fmt: skip
 from estimator.physics import convention_error
 from estimator.physics.effect import Effect
@@ -186,7 +187,8 @@ def _judged(
             doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer, rivals=False)], None
     elif outside and not findings and not doubts:
         doubts.extend(_scaled(machine_after, nominal, tolerance))
-    verdict = _verdict(findings, doubts, left, machine_after, outside, nominal, tolerance)
+    elsewhere = bool(outside) and not findings and not doubts
+    verdict = Verdict.UNEXPLAINED if elsewhere else verdict_of(findings, doubts, left, blind)
     if poorly is not None and not doubts and left is None:
         verdict, outside = Verdict.NOT_ENOUGH_EXCITATION, [poorly]
     return Diagnosis(
@@ -300,18 +302,6 @@ def _scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[
     )
     told = Experiment("measure the dc link's voltage with a meter, or R_s at the terminals, at standstill")
     return [Ambiguity(("dc_link_gain", "convention_error"), reason, told)]
-
-
-def _verdict(findings: Sequence[Finding], doubts: Sequence[Ambiguity], left: Unexplained | None,
-             after: Mapping[str, Quantity], outside: Sequence[str], nominal: Machine,
-             tolerance: Mapping[str, float]) -> Verdict:
-    if doubts:
-        return Verdict.AMBIGUOUS
-    if findings:
-        return Verdict.PARTLY_EXPLAINED if left is not None else Verdict.EXPLAINED
-    if left is not None or outside:
-        return Verdict.UNEXPLAINED
-    return Verdict.NOT_ENOUGH_EXCITATION if _blind(after, nominal, tolerance) else Verdict.NO_MISMATCH
 
 
 def _blind(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[str]:

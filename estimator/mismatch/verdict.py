@@ -3,7 +3,7 @@
 Knows nothing of how it was found.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -205,3 +205,16 @@ class Diagnosis:
     traces: Traces | None
     experiment: Experiment | None = None  # what to record instead, where this one does not tell the machine
     scatters: tuple[Scatter, ...] = ()  # of steady points
+
+
+def verdict_of(
+    findings: Sequence[Finding], doubts: Sequence[Ambiguity], left: Unexplained | None, blind: Sequence[str]
+) -> Verdict:
+    """The answer in a word. `blind`: what a recording does not tell of the machine."""
+    if doubts:
+        return Verdict.AMBIGUOUS
+    if findings:
+        return Verdict.EXPLAINED if left is None else Verdict.PARTLY_EXPLAINED
+    if left is not None:
+        return Verdict.UNEXPLAINED
+    return Verdict.NOT_ENOUGH_EXCITATION if blind else Verdict.NO_MISMATCH

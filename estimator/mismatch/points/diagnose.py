@@ -33,6 +33,7 @@ from estimator.mismatch.verdict import (
     Scatter,
     Unexplained,
     Verdict,
+    verdict_of,
 )
 from estimator.mismatch.verdict import Fit as Quality
 from estimator.mismatch.words import number
@@ -110,7 +111,7 @@ def _said(points: Points, search: Search, choice: Choice, remarks: list[str], n_
         remarks.append(f"these points do not tell {', '.join(untold)}")
         instead = Experiment("record steady points at several speeds with several levels of i_d and of i_q")
     diagnosis = Diagnosis(
-        _verdict(findings, doubts, left, untold), "", findings, tuple(doubts), left,
+        verdict_of(findings, doubts, left, untold), "", findings, tuple(doubts), left,
         judge.detectable(search, choice), machine_before, machine_after,
         quality(
             search, _rms(search, _error(search, before)), _rms(search, _error(search, after)), floor,
@@ -119,18 +120,6 @@ def _said(points: Points, search: Search, choice: Choice, remarks: list[str], n_
         judge.candidates(search, choice), tuple(remarks), None, instead, _scatters(search, before, after, coordinates),
     )  # fmt: skip
     return replace(diagnosis, sentence=sentence_of(diagnosis))
-
-
-def _verdict(
-    findings: Sequence[Finding], doubts: Sequence[Ambiguity], left: Unexplained | None, untold: Sequence[str]
-) -> Verdict:
-    if doubts:
-        return Verdict.AMBIGUOUS
-    if findings:
-        return Verdict.EXPLAINED if left is None else Verdict.PARTLY_EXPLAINED
-    if left is not None:
-        return Verdict.UNEXPLAINED
-    return Verdict.NOT_ENOUGH_EXCITATION if untold else Verdict.NO_MISMATCH
 
 
 def _wrong_way(names: Sequence[str], machine: Mapping[str, Quantity], remarks: Sequence[str]) -> Diagnosis:

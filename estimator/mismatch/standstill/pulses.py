@@ -16,7 +16,7 @@ from estimator.mismatch.doubt import SURE
 from estimator.mismatch.sentences import quantity, sentence_of
 from estimator.mismatch.standstill import pulse_fit as terms_of
 from estimator.mismatch.standstill.pulse_fit import Pulses, Terms, Train
-from estimator.mismatch.standstill.sweep import LOSS_AT_STANDSTILL, untold, verdict_of
+from estimator.mismatch.standstill.sweep import LOSS_AT_STANDSTILL, untold
 from estimator.mismatch.verdict import (
     Before,
     Candidate,
@@ -28,6 +28,7 @@ from estimator.mismatch.verdict import (
     Quantity,
     Rival,
     Unexplained,
+    verdict_of,
 )
 
 _TERMS: Final[Terms] = (terms_of.LOST, terms_of.RUNG, terms_of.SATURATION)

@@ -32,7 +32,7 @@ from estimator.mismatch.verdict import (
     Quantity,
     Rival,
     Unexplained,
-    Verdict,
+    verdict_of,
 )
 
 _EFFECT: Final = {
@@ -142,19 +142,6 @@ def untold(machine: Mapping[str, Quantity]) -> list[str]:
     """What to record instead, where a recording tells too little of the machine."""
     vague = [name for name in ("R_s", "L_d") if (machine[name].std or 0.0) > _TOLD * abs(machine[name].value or 0.0)]
     return [f"{' and '.join(vague)} not told within {quantity(_TOLD, '1')}: record larger currents"] if vague else []
-
-
-def verdict_of(
-    findings: Sequence[Finding], doubts: Sequence[Ambiguity], left: Unexplained | None, blind: Sequence[str]
-) -> Verdict:
-    """The answer in a word."""
-    if doubts:
-        return Verdict.AMBIGUOUS
-    if findings:
-        return Verdict.EXPLAINED if left is None else Verdict.PARTLY_EXPLAINED
-    if left is not None:
-        return Verdict.UNEXPLAINED
-    return Verdict.NOT_ENOUGH_EXCITATION if blind else Verdict.NO_MISMATCH
 
 
 def _blamed(tones: Tones, fit: terms_of.Fit) -> list[dict[str, float]]:
