@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow slow-computed slow-live browser test-vcan paper peers score-diagnosis bench-diagnose bench-estimator bench-links bench-plant bench-watch auto-window gallery clean
+.PHONY: run test lint types arrows fast slow slow-computed slow-live browser test-vcan paper peers prove prove-quick score-diagnosis bench-diagnose bench-estimator bench-links bench-plant bench-watch auto-window gallery clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -21,8 +21,8 @@ types: $(VENV)/.dev
 arrows: $(VENV)/.dev
 	$(BIN)/lint-imports --no-logo
 
-fast: $(VENV)/.dev
-	$(BIN)/pytest -m "not slow and not browser and not vcan and not peers"
+fast: $(VENV)/.dev # most of them wait for links and drives, so three at a time
+	$(BIN)/pytest --numprocesses 3 --dist loadfile -m "not slow and not browser and not vcan and not peers"
 
 slow: slow-computed slow-live ## tests that take long
 
@@ -49,6 +49,12 @@ peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-moto
 
 gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictures and a page in build/gallery
 	$(BIN)/python -m tests.gallery
+
+prove: $(VENV)/.dev ## the proof in full, on the evaluation population: page and JSON in build/proof, within an hour
+	$(BIN)/python -m tests.proof
+
+prove-quick: $(VENV)/.dev ## a part of it, on a development population: at most five minutes
+	$(BIN)/python -m tests.proof --quick
 
 score-diagnosis: $(VENV)/.dev ## the diagnosis on 500 concealed recordings of development seeds, beside an oracle: about an hour
 	$(BIN)/python -m tests.diagnosis

@@ -31,7 +31,7 @@ from estimator.mismatch.verdict import (
 from estimator.samples import Samples
 from tests.diagnosis.diagnosed import Said, diagnosed, loaded
 from tests.diagnosis.rows import Row, row_of
-from tests.diagnosis.score import bars, by_group, by_size, confusion
+from tests.diagnosis.score import Measure, bars, by_group, by_size, confusion
 from tests.diagnosis.truth import Truth, truth_of
 
 SEED = 1001
@@ -222,6 +222,13 @@ def test_a_defect_costs_its_recording_only(suite: Path) -> None:
     assert "ZeroDivisionError" in heard.error
 
 
+def test_a_bar_is_held_missed_or_not_judged() -> None:
+    assert [Measure("", hits, 100, at_least=0.97).held for hits in (97, 96)] == [True, False]
+    assert [Measure("", hits, 100, at_most=0.01).held for hits in (1, 2)] == [True, False]
+    assert Measure("", 0, 0, at_least=0.97).held is None
+    assert Measure("", 1, 1).held is None
+
+
 def test_tables_count_what_the_rows_say() -> None:
     told, other = answer("iron_loss"), answer("dead_time")
     rows = [
@@ -229,10 +236,10 @@ def test_tables_count_what_the_rows_say() -> None:
         scored(other, said(Verdict.NO_MISMATCH)),
         scored(answer("none"), said(Verdict.EXPLAINED, [finding("skin")])),
     ]
-    lines = bars(rows).splitlines()
-    assert [lines[1].split()[-2:], lines[4].split()[-2:]] == [["50.0%", "2"], ["100.0%", "1"]]
-    assert "iron_loss             1 right" in confusion(rows)
-    assert "dead_time             1 (no_mismatch)" in confusion(rows)
-    assert "dead_time                       1    0.0%  100.0%" in by_group(rows)
-    assert by_size(rows).splitlines()[-1].split() == ["above", "10", "2", "50.0%", "2", "50.0%"]
+    asked = bars(rows)
+    assert [asked[1][2:], asked[5][2:]] == [("50.0%", "2"), ("100.0%", "1")]
+    assert ("iron_loss", "1 right") in confusion(rows)
+    assert ("dead_time", "1 (no_mismatch)") in confusion(rows)
+    assert ("dead_time", "1", "0.0%", "100.0%") in [row[:4] for row in by_group(rows)]
+    assert by_size(rows)[-1] == ("above 10", "2", "50.0%", "2", "50.0%")
     assert {*STRANGERS}.isdisjoint(row.kind for row in rows)

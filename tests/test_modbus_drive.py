@@ -434,6 +434,7 @@ def test_a_unit_that_is_not_there_is_told_in_time(bench: Served) -> None:
         (f"modbus+rtu://socket://127.0.0.1:{free_port()}/1", "nothing serves Modbus on socket://127.0.0.1"),
         ("modbus+rtu://nothing://x/1", "nothing serves Modbus on nothing://x: invalid URL"),
     ],
+    ids=["port", "host", "device", "socket", "scheme"],
 )
 def test_a_line_that_is_not_there_is_one_sentence(url: str, sentence: str) -> None:
     with pytest.raises(ConnectError, match=sentence) as caught:

@@ -143,7 +143,7 @@ def test_a_stream_that_is_left_stops_and_can_be_begun_again(bench: Served, drive
     assert second[0].lost_before == gap // 10 > 0
 
 
-@pytest.mark.parametrize("url", [pty_url()])  # TCP keeps megabytes on the way
+@pytest.mark.parametrize("url", [pty_url()], ids=["pty"])  # TCP keeps megabytes on the way
 def test_a_client_that_does_not_read_does_not_hold_the_drive_up(bench: Served, drive: UartDrive) -> None:
     drive.write("stream_periods", 1.0)
     stream = drive.stream()

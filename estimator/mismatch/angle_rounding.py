@@ -20,7 +20,7 @@ _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long 
 _ENDS: Final = 4  # halves, that a mean needs to either side
 _STILL: Final = 1e-9  # rad in a period: no count
 _OFF: Final = 0.75  # counts, more than which no rounding is
-_BEAT: Final = 0.3  # share of the rounding's energy, that a smooth angle holds before it counts
+_BEAT: Final = 0.3  # share of the rounding's energy, which looks like movement where a smooth angle holds more of it
 _SAME: Final = 4.0  # standard deviations, by which a mean may differ from one over half its length
 
 
@@ -31,9 +31,11 @@ def unrounded(rows: Rows, step: float) -> Rows:
     off, variance = (each[at] for each in _rounding(theta, ends, step))
     smooth = rows.theta_e - off
     turned = np.exp(0.5j * (off[1:] + off[:-1]))
+    hidden, whole = _hidden(off, variance, step), step**2 / 12.0
     return replace(
         rows, theta_e=smooth, half=np.exp(0.5j * np.diff(smooth)), i=rows.i * np.exp(1j * off), u=rows.u * turned,
-        angle_error=math.sqrt(float(np.mean(variance))), angle_beat=_beat(off, variance, step),
+        angle_error=math.sqrt(max(float(np.mean(variance)), hidden * whole)),
+        angle_beat=math.sqrt(hidden * whole) if hidden > _BEAT else 0.0,
         kept=rows.pulses_turned(turned),
     )  # fmt: skip
 
@@ -54,16 +56,16 @@ def _energy_of(rows: Rows, angle_error: float) -> float:
     return float(np.sum(np.abs(per_angle) ** 2)) * angle_error**2
 
 
-def _beat(off: Real, variance: Real, step: float) -> float:
-    """Rms (rad) of the rounding that turning does not average out: each period turns by nearly whole counts.
+def _hidden(off: Real, variance: Real, step: float) -> float:
+    """Share of the rounding's energy that is still in the smooth angle: turning does not average all of it out.
 
-    A rounding error has a known size. What of it the smooth angle does not leave behind is still in that angle.
+    A rounding error has a known size. What of it the smooth angle does not leave behind is there still; most of it
+    where each period turns by nearly whole counts.
     """
     smoothed = variance < 0.5 * step**2 / 12.0
     if not smoothed.any():
         return 0.0
-    hidden = 1.0 - 12.0 * float(np.mean(off[smoothed] ** 2)) / step**2
-    return step / math.sqrt(12.0) * math.sqrt(hidden) if hidden > _BEAT else 0.0
+    return max(1.0 - 12.0 * float(np.mean(off[smoothed] ** 2)) / step**2, 0.0)
 
 
 def _step_of(rows: Rows) -> float:

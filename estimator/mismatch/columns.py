@@ -169,9 +169,11 @@ def zero_residual(rows: Rows, smooth: Rows, model: Model) -> Array | None:
     if rows.zero is None:
         return None
     left = rows.zero - model.zero
-    for effect in LIBRARY:
-        if effect.name in model.effects and effect.zero is not None:
-            left = left - effect.zero(smooth, model.effects[effect.name])
+    makes = [effect for effect in LIBRARY if effect.name in model.effects and effect.zero is not None]
+    truth = in_truth(smooth, model) if makes else smooth
+    for effect in makes:
+        assert effect.zero is not None
+        left = left - effect.zero(truth, model.effects[effect.name])
     return left
 
 

@@ -31,6 +31,7 @@ from estimator.mismatch.verdict import (
     Diagnosis,
     Experiment,
     Finding,
+    Fit,
     Place,
     Quantity,
     Rival,
@@ -51,6 +52,8 @@ _OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
 _NOTHING: Final = 0.03  # of the noise's power: no mismatch that matters
 _OUTSHINES: Final = 3.0  # times what is left unexplained, that a named effect has to explain
 _DELTA: Final = 1e-4  # of a size, for differences
+_HELPS: Final = 0.98  # of a free-running error without any effect, that effects leave at most
+_NO_HELP: Final = "on stretches that took no part in the fit the error does not fall with it"
 
 
 def _silent(_share: float, _phase: str) -> None:
@@ -156,7 +159,8 @@ def _judged(
     machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
     outside = _outside(machine_after, nominal, tolerance)
     blind = _blind(machine_after, nominal, tolerance)
-    poorly, (faint, why) = poorly_told(search, choice, nominal, outside), not_borne_out(search, choice, blind)
+    poorly = poorly_told(search, choice, nominal, outside)
+    faint, why = not_borne_out(search, choice, blind, _excess(found))
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
     if faint and richer is not None:
@@ -176,25 +180,37 @@ def _judged(
     progress(0.85, "simulating")
     held_out = _odd_stretches(len(rows))
     half = Search(replace(search.regression, gram=search.regression.gram[0::2]))
-    fit_before, fit_after = moved(half, ()), moved(half, choice)
-    runs = free_run(rows, fit_before), free_run(rows, fit_after)
-    fit = fit_quality(rows, fit_before, fit_after, runs, held_out, found.noise)
+    by_half = moved(half, ()), moved(half, choice)
+    runs = free_run(rows, by_half[0]), free_run(rows, by_half[1])
+    fit = fit_quality(rows, *by_half, runs, held_out, found.noise)
     pictures = traces(rows, r_before, r_after, *runs)
+    if findings and _no_help(fit):
+        richer = richer or experiment(rows, Model(nominal), found.noise, nominal, tolerance)
+        doubts.append(Ambiguity(tuple(finding.effect for finding in findings), _NO_HELP, richer, rivals=False))
+        findings = []
     if poorly is not None and richer is not None:
         why = f"{poorly}: what looks like it may be the machine's parameters, which this recording does not tell"
         findings = []
         if choice:
             doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer, rivals=False)], None
-    elif outside and not findings and not doubts:
+    elif len(outside) > 1:
         doubts.extend(_scaled(machine_after, nominal, tolerance))
-    elsewhere = bool(outside) and not findings and not doubts
-    verdict = Verdict.UNEXPLAINED if elsewhere else verdict_of(findings, doubts, left, blind)
+    verdict = verdict_of(findings, doubts, left, blind)
+    if outside and not doubts:  # effects do not explain the machine
+        verdict = Verdict.PARTLY_EXPLAINED if findings else Verdict.UNEXPLAINED
     if poorly is not None and not doubts and left is None:
         verdict, outside = Verdict.NOT_ENOUGH_EXCITATION, [poorly]
+    limits = detectable(search, choice, _excess(found), tolerance)
     return Diagnosis(
-        verdict, "", tuple(findings), tuple(doubts), left, detectable(search, choice), machine_before, machine_after,
-        fit, candidates(search, choice), tuple(outside), pictures, richer if lacks else None,
+        verdict, "", tuple(findings), tuple(doubts), left, limits, machine_before, machine_after, fit,
+        candidates(search, choice), tuple(outside), pictures, richer if lacks else None,
     )  # fmt: skip
+
+
+def _no_help(fit: Fit) -> bool:
+    """Neither error falls on stretches left out. That of one step alone says little: its volts rise with inductance."""
+    step, run = fit.one_step_rms_V, fit.free_run_rms_A
+    return step.after > step.before and run.after > _HELPS * run.before
 
 
 def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], left: Vector) -> Finding:
@@ -222,7 +238,7 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
     search, sizes = found.search, found.model.effects[effect.name]
     fit = search.fit(found.choice)
     at = {search.columns[j].place: n for n, j in enumerate(fit.places) if search.columns[j].owner == effect.name}
-    scatter = search.scatter(fit, one)
+    scatter, covariance = search.scatter(fit, one), search.free_covariance(found.choice)
 
     def values(p: Sequence[float]) -> dict[str, tuple[float, str]]:
         if effect.told is not None:
@@ -238,7 +254,7 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
             slopes[name][place] = (there[name][0] - here[name][0]) / h
     told: dict[str, Quantity] = {}
     for name, (value, unit) in here.items():
-        variance = float(slopes[name] @ fit.covariance @ slopes[name]) * scatter
+        variance = float(slopes[name] @ covariance @ slopes[name]) * scatter
         told[name] = Quantity(float(value), math.sqrt(variance) if variance > 0.0 else None, unit)
     return told
 
@@ -292,16 +308,28 @@ def _outside(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping
 
 
 def _scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[Ambiguity]:
-    """All voltages scaled alike, or another machine: what parameters outside their tolerance leave open."""
-    ratios = [float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS]
-    if max(ratios) - min(ratios) > 2.0 * max(tolerance.values()):
+    """What parameters outside their tolerance leave open: all voltages or currents scaled alike, or another machine.
+
+    A gain of all currents scales R_s, L_d and L_q alike, and leaves psi_f as it is.
+    """
+    ratios = {name: float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS}
+    apart = 2.0 * max(tolerance.values())
+    impedances = [ratios[name] for name in ("R_s", "L_d", "L_q")]
+    scaled: dict[str, tuple[str, str]] = {}  # by effect: what is read wrong, and what to measure it by
+    if max(ratios.values()) - min(ratios.values()) <= apart:
+        scaled["dc_link_gain"] = "the dc link may be read wrong", "the dc link's voltage with a meter"
+    if max(impedances) - min(impedances) <= apart and abs(ratios["psi_f"] - 1.0) <= tolerance["psi_f"]:
+        scaled["current_sensor_gain"] = "all currents may be read as much too high or too low", "a current by a probe"
+    if not scaled:
         return []
+    shown = ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items())
+    causes, measurements = zip(*scaled.values(), strict=True)
     reason = (
-        f"R_s, L_d, L_q and psi_f are all {np.mean(ratios):.2f} times their nominal values: the dc link may be read "
-        "wrong, or the machine is another one; a recording of voltages and currents alone cannot tell"
+        f"these parameters are so many times their nominal values: {shown}: {'; '.join(causes)}; or the machine is "
+        "another one. A recording of voltages and currents alone cannot tell"
     )
-    told = Experiment("measure the dc link's voltage with a meter, or R_s at the terminals, at standstill")
-    return [Ambiguity(("dc_link_gain", "convention_error"), reason, told)]
+    told = Experiment(f"measure {', '.join(measurements)}, or R_s at the terminals, at standstill")
+    return [Ambiguity((*scaled, "convention_error"), reason, told)]
 
 
 def _blind(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[str]:

@@ -3,13 +3,15 @@ have been seen. Knows nothing of how the set was found.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, cast
 
 import numpy as np
 
 from estimator.mismatch.columns import Array
-from estimator.mismatch.explain import ENTRY, Choice, Search
+from estimator.mismatch.excitation_check import least_borne_out
+from estimator.mismatch.explain import ENTRY, NEGLIGIBLE, Choice, Search
 from estimator.mismatch.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
 
@@ -83,10 +85,16 @@ def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
     return Ambiguity((one, rival.effect), reason, experiment)
 
 
-def detectable(search: Search, choice: Choice) -> dict[str, Quantity]:
-    """The smallest size of every effect that would have been seen at 99 % power, in its first parameter."""
+def detectable(
+    search: Search, choice: Choice, excess: float, tolerance: Mapping[str, float]
+) -> dict[str, Quantity]:
+    """The smallest size of every effect that would have been named at 99 % power, in its first parameter.
+
+    Whatever its shapes: the largest of them. `excess` is the energy over noise that is left unexplained.
+    """
     found: dict[str, Quantity] = {}
     taken = {name for name, _ in choice}
+    missed = search.missed(choice)
     for more in search.candidates():
         if more[0] in taken:
             continue
@@ -98,13 +106,15 @@ def detectable(search: Search, choice: Choice) -> dict[str, Quantity]:
                 continue
             std = math.sqrt(float(variance) * scatter)
             spread = max(column.prior[1] / std, 1.0)
-            size = std * (math.sqrt(2.0 * (ENTRY + math.log(spread))) + _POWER)
+            size = std * (math.sqrt(2.0 * (ENTRY + math.log(spread)) + missed / scatter) + _POWER)
+            size = max(size, least_borne_out(search, choice, more, place, excess), NEGLIGIBLE * column.prior[1])
             parameter = BY_NAME[more[0]].parameters[column.place]
             known = found.get(more[0])
-            if known is None or (known.value is not None and size < known.value):
+            if known is None or (known.value is not None and size > known.value):
                 found[more[0]] = Quantity(size, None, parameter.unit)
             break
-    return found
+    least = min(tolerance.values())  # of a gain of all voltages: one parameter lies outside, whatever the true ones are
+    return {**found, "dc_link_gain": Quantity(2.0 * least / (1.0 - least), None, "1")}
 
 
 def candidates(search: Search, choice: Choice) -> tuple[Candidate, ...]:

@@ -6,20 +6,23 @@ nothing of what is recorded instead.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, cast
 
 import numpy as np
 
 from estimator.machine import PARAMETERS, UNITS, Machine
-from estimator.mismatch.angle_rounding import lent_energy
+from estimator.mismatch.angle_rounding import hidden_energy, lent_energy
 from estimator.mismatch.columns import Array
 from estimator.mismatch.explain import ENTRY, Choice, Search
-from estimator.mismatch.words import number
+from estimator.mismatch.words import number, percent
 
 _WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
 _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
+_LEAST_ALIKE: Final = 0.02  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
+_APART: Final = 1e-3  # of its energy, that an effect must have beyond what the machine's parameters look like
+_BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -41,38 +44,52 @@ def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Seque
     return None
 
 
-def not_borne_out(search: Search, choice: Choice, blind: Sequence[str]) -> tuple[Choice, str]:
+def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: float) -> tuple[Choice, str]:
     """Effects that noise of the currents alone may look like, or an encoder's rounding; and why, in a sentence's part.
 
-    Noise in a column shifts its coefficient by its share of the column's energy, and that leaves as much of the signal.
-    What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told.
+    What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told,
+    `excess` is the energy over noise that is left unexplained.
     """
     over_noise = _over_noise(search)
-    rows, noise = search.regression.rows, search.regression.noise
-    lent = sum(len(rows) / max(ratio, 1.0) for ratio in over_noise.values())
-    by_angle = max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
-    axis, least = min(over_noise.items(), key=lambda item: item[1])
     untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
     if choice and len(untold) > 1:
         return choice, (
             f"this recording does not tell {' and '.join(untold)}, and at one level effects and the machine's "
             "parameters look alike"
         )
-    left = choice
+    by_angle, unexplained = _by_angle(search), _unexplained(search, excess)
+    left, weakest = choice, dict[str, float]()
     while left:
-        worth = {one: min(_explained(search, left, one) / (_LENT * lent), _gained(search, left, one) / by_angle)
-                 for one in left}  # fmt: skip
-        weakest = min(left, key=lambda one: worth[one])
-        if worth[weakest] > 1.0:
+        worths = {
+            one: {
+                "noise": _over_lent(search, _signal(search, left, one), over_noise),
+                "angle": _gained(search, left, one) / by_angle,
+                "rest": _gained(search, left, one) / unexplained,
+                "machine": _apart(search, _signal(search, left, one)) / _APART,
+            }
+            for one in left
+        }
+        one = min(left, key=lambda each: min(worths[each].values()))
+        if min(worths[one].values()) > 1.0:
             break
-        left = tuple(one for one in left if one != weakest)
+        weakest = worths[one]
+        left = tuple(other for other in left if other != one)
     fit = search.fit(choice)
     near = {one: distance for one in choice if (distance := search.distance(fit, one)) < ENTRY}
-    if len(left) == len(choice):
+    axis, least = min(over_noise.items(), key=lambda item: item[1])
+    cause = min(weakest, key=lambda name: weakest[name], default="size")
+    if cause == "size":
         errors = math.sqrt(2.0 * min(near.values(), default=0.0))
         why = f"what is found of it lies {number(errors, 2)} standard errors from none"
-    elif by_angle > _LENT * lent:
+    elif cause == "angle":
         why = "each period turns the rotor by nearly whole counts of its encoder, whose rounding may look like this"
+    elif cause == "machine":
+        why = (
+            "R_s, L_d, L_q and psi_f, within their tolerance, look like all but "
+            f"{percent(_APART * weakest[cause])} of its energy here"
+        )
+    elif cause == "rest":
+        why = "what it explains is little beside what is left of the voltage, which nothing explains"
     else:
         why = (
             f"i_{axis} changes by {number(math.sqrt(least), 2)} times its noise here, and noise of the currents alone "
@@ -81,19 +98,73 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str]) -> tuple
     return tuple(one for one in choice if one not in left or one in near), why
 
 
+def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, excess: float) -> float:
+    """The size (of the column at `place`) from which on an effect beside a set is borne out."""
+    fit = search.fit((*choice, one))
+    variance = float(fit.covariance[fit.places.index(place), fit.places.index(place)])
+    unit = np.zeros(len(search.columns))
+    unit[place] = 1.0
+    gained = max(_by_angle(search), _unexplained(search, excess)) * variance
+    if _apart(search, unit) < _APART:
+        return math.inf
+    return math.sqrt(max(gained, 1.0 / max(_over_lent(search, unit, _over_noise(search)), 1e-300)))
+
+
+def _by_angle(search: Search) -> float:
+    """Energy over noise that the angle's rounding may lend an effect."""
+    rows, noise = search.regression.rows, search.regression.noise
+    return max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
+
+
+def _unexplained(search: Search, excess: float) -> float:
+    """Energy over noise beside which an effect is too little: a part of what is left beyond the angle's rounding."""
+    rows, noise = search.regression.rows, search.regression.noise
+    return max(_BESIDE * (excess - hidden_energy(rows) / (noise[0] * noise[1])), 1e-300)
+
+
+def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:
+    """Coefficients of an effect's sizes in a set, zero for all others."""
+    fit = search.fit(choice)
+    signal = np.zeros(len(search.columns))
+    for j in search.sizes_of(one):
+        signal[j] = fit.value[fit.places.index(j)]
+    return signal
+
+
+def _over_lent(search: Search, signal: Array, over_noise: Mapping[str, float]) -> float:
+    """Energy of a signal, less what the machine's parameters make of it, over what noise of the currents may lend it.
+
+    Noise in an inductance's column makes the inductance low, by its share of the column's energy. That leaves as much
+    of the column, less what other parameters make of it; and of that, the part along the signal.
+    """
+    columns = {axis: PARAMETERS.index(f"L_{axis}") for axis in over_noise}
+    rest = [j for j in search.base if j not in columns.values()]
+    size, lent = _product(search, rest, signal, signal), 0.0
+    for axis, place in columns.items():
+        column = np.eye(len(signal))[place]
+        both = size * _product(search, rest, column, column)
+        alike = _product(search, rest, signal, column) ** 2 / both if both > 0.0 else 1.0
+        lent += max(min(alike, 1.0), _LEAST_ALIKE) * len(search.regression.rows) / max(over_noise[axis], 1.0)
+    return _product(search, search.base, signal, signal) / (_LENT * lent)
+
+
+def _apart(search: Search, signal: Array) -> float:
+    """Share of a signal's energy that the machine's parameters do not look like."""
+    parameters = [j for j in search.base if search.columns[j].parameter in PARAMETERS]
+    whole = float(signal @ search.gram[:-1, :-1] @ signal)
+    return _product(search, parameters, signal, signal) / whole if whole > 0.0 else 1.0
+
+
+def _product(search: Search, without: Sequence[int], x: Array, y: Array) -> float:
+    """Of two signals over the noise, less what some columns make of them."""
+    inner = search.gram[:-1, :-1]
+    A = inner[np.ix_(without, without)] + np.diag(search.weight[without])
+    return float(x @ inner @ y - (x @ inner[:, without]) @ cast(Array, np.linalg.solve(A, inner[without] @ y)))
+
+
 def _gained(search: Search, choice: Choice, one: tuple[str, int]) -> float:
     """Energy that nothing else of a set would explain, over that of the noise."""
     return search.fit(tuple(other for other in choice if other != one)).chi2 - search.fit(choice).chi2
-
-
-def _explained(search: Search, choice: Choice, one: tuple[str, int]) -> float:
-    """Energy of an effect's signal, less what the machine's parameters make of it, over that of the noise."""
-    fit, own, base = search.fit(choice), search.sizes_of(one), search.base
-    value = fit.value[[fit.places.index(j) for j in own]]
-    inner = search.gram[:-1, :-1]
-    A = inner[np.ix_(base, base)] + np.diag(search.weight[base])
-    across = inner[np.ix_(base, own)] @ value
-    return float(value @ inner[np.ix_(own, own)] @ value - across @ cast(Array, np.linalg.solve(A, across)))
 
 
 def _over_noise(search: Search) -> dict[str, float]:

@@ -40,6 +40,7 @@ DURATION: Final = 6.0  # s
 FEWEST, MOST = 3, 8  # holds
 STEP: Final = 0.1  # of rated current: steps around each level
 _SPEEDS: Final = (1.0, 0.5, 0.2)  # of the fastest
+_ASIDE: Final = 1.7  # times the rounding that beats: less than half a count of the encoder
 _I_D: Final = (0.0, -0.25, -0.5, 0.25)  # of rated current
 _I_Q: Final = (0.45, 0.7, 0.2, -0.4)
 _PERIODS: Final = STRETCHES * 600 // (len(_SPEEDS) * len(_I_D) * len(_I_Q))  # of each level
@@ -87,7 +88,7 @@ def _levels(rows: Rows) -> list[tuple[float, complex]]:
     rated = rows.i_rated
     side = math.copysign(1.0, float(np.median(rows.i.imag)) or 1.0)
     way = _way(rows)
-    fast = _fastest(rows)
+    fast = _fastest(rows) - _ASIDE * rows.angle_beat / rows.T_s
     return [
         (way * share * fast, complex(d, q * side) * rated) for share, d, q in product(_SPEEDS, _I_D, _I_Q)
     ]
@@ -235,6 +236,8 @@ def _said(
     new = _new_levels(rows, speeds, i_d, i_q)
     same = " at the same speed" if len(speeds) == 1 and not any("speed" in part for part in new) else ""
     levels = f"{' and '.join(new)}{same}" if new else "the same levels again"
+    if rows.angle_beat > 0.0:
+        levels += f", at {number(abs(run[0].speed_rpm), 4)} rpm, where encoder counts do not beat with the period"
     each = f"each with steps of {number(STEP * rows.i_rated, 2)} A around it"
     if pair is None:
         sentence = f"record {levels}, {each}, {DURATION:g} s in all: that would tell R_s, L_d, L_q and psi_f"
@@ -243,8 +246,9 @@ def _said(
         expected = math.inf if odds is None else odds
         if expected < math.exp(SURE):
             sentence = (
-                f"no level within {number(rows.i_rated, 2)} A and {number(abs(speeds[0]), 3)} rpm is expected to tell "
-                f"{one} from {other} (odds {expected:.1g}); record {levels}, {each}, for longer than {DURATION:g} s"
+                f"no level within {number(rows.i_rated, 2)} A and {number(_fastest(rows) * rpm, 3)} rpm is expected "
+                f"to tell {one} from {other} (odds {expected:.1g}); record {levels}, {each}, for longer than "
+                f"{DURATION:g} s"
             )
         else:
             sentence = (

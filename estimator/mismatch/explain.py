@@ -148,14 +148,26 @@ class Search:
     def distance(self, fit: Fit, one: tuple[str, int]) -> float:
         """Half the squared distance of an effect's sizes from none, in standard errors for noise as it scatters.
 
-        Of sizes that are held at a bound nothing is said: infinite.
+        At its shapes: a size that trades with one is uncertain, but not near none. Of sizes that are held at a bound
+        nothing is said: infinite.
         """
         at = [fit.places.index(j) for j in self.sizes_of(one)]
         told = [n for n in at if fit.covariance[n, n] > 0.0]
         if not told:
             return math.inf
-        covariance, x = fit.covariance[np.ix_(told, told)], fit.value[told]
-        return 0.5 * float(x @ np.linalg.lstsq(covariance, x, rcond=1e-12)[0]) / self.scatter(fit, one)
+        own = [n for n, j in enumerate(fit.places) if (self.columns[j].owner, self.columns[j].seed) == one]
+        shapes = [n for n in own if self.columns[fit.places[n]].shape and fit.covariance[n, n] > 0.0]
+        std = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-300))  # sizes may differ by many orders of magnitude
+        correlation, x = fit.covariance / np.outer(std, std), (fit.value / std)[told]
+        spread = correlation[np.ix_(told, told)]
+        if shapes:
+            across = correlation[np.ix_(shapes, told)]
+            spread = spread - across.T @ np.linalg.lstsq(correlation[np.ix_(shapes, shapes)], across, rcond=1e-12)[0]
+        return 0.5 * float(x @ np.linalg.lstsq(spread, x, rcond=1e-12)[0]) / self.scatter(fit, one)
+
+    def free_covariance(self, choice: Choice) -> Array:
+        """Of a set's coefficients, none of them held at a bound: how far each may be off, whatever was held."""
+        return self._unbounded(choice, self.places(tuple(sorted(choice))), {}, self.gram).covariance
 
     def parameter_scatter(self, fit: Fit) -> Array:
         """The same for every coefficient of a fit, each less what the others make of it."""

@@ -192,11 +192,15 @@ def _bends(model: Model) -> bool:
 
 
 def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
-    """Energy of the whitened residual over a search's noise, a period."""
+    """Energy of the whitened residual over a search's noise, a period.
+
+    As the error of a current, not of its flux linkage, which would be the smaller the smaller the inductances are.
+    """
     there, clean = with_machine(rows, model.machine), with_machine(smooth, model.machine)
-    noise = search.regression.noise
-    z = whitened(residual(there, clean, model), there, filter_pole(search.regression.model.machine, rows.T_s))
-    return float(np.mean(z.real**2) / noise[0] ** 2 + np.mean(z.imag**2) / noise[1] ** 2)
+    noise, before, m = search.regression.noise, search.regression.model.machine, model.machine
+    z = whitened(residual(there, clean, model), there, filter_pole(before, rows.T_s))
+    d, q = z.real * (before.L_d / (m.L_d * noise[0])), z.imag * (before.L_q / (m.L_q * noise[1]))
+    return float(np.mean(d * d) + np.mean(q * q))
 
 
 def _between(one: Model, other: Model) -> Model:
@@ -291,7 +295,7 @@ def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:
     if "magnet_flux_step" not in model.effects:
         return model
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
-    change, at = model.effects["magnet_flux_step"]
+    change, at, duration = model.effects["magnet_flux_step"]
     rho = filter_pole(model.machine, rows.T_s)
     z = whitened(residual(rows, smooth, model), rows, rho)
     flux = whitened(smooth.balance(np.full(len(rows) + 1, change * model.machine.psi_f)), rows, rho)
@@ -304,7 +308,7 @@ def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:
         return model
     place = k + best_later[0] + 1 if best_later[1] < best_sooner[1] else k - best_sooner[0] - 1
     time = float((rows.t[min(max(place, 1), len(rows))] - 0.5 * rows.T_s - rows.span[0]) / rows.span[1])
-    return replace(model, effects={**model.effects, "magnet_flux_step": (change, min(max(time, 0.01), 0.99))})
+    return replace(model, effects={**model.effects, "magnet_flux_step": (change, min(max(time, 0.01), 0.99), duration)})
 
 
 def _more(z: Vector, added: Vector) -> Array:

@@ -3,13 +3,12 @@
 import math
 
 from estimator.machine import UNITS
-from estimator.mismatch.verdict import Diagnosis, Finding, Verdict
+from estimator.mismatch.verdict import Diagnosis, Finding, Quantity, Verdict
 from estimator.physics import convention_error
 from estimator.physics.library import BY_NAME
 
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
-
-
+_COUNTS = ("periods", "phase")
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
 
 
@@ -34,13 +33,17 @@ def sentence_of(diagnosis: Diagnosis) -> str:
     for doubt in diagnosis.ambiguous:
         titles = [_title(name) for name in doubt.effects]
         are = "are" if len(titles) > 1 or _plural(titles[0]) else "is"
-        what = " from ".join(titles) if doubt.rivals else f"whether {' and '.join(titles)} {are} there"
+        what = f"whether {' and '.join(titles)} {are} there"
+        if doubt.rivals:
+            what = " from ".join(titles) if len(titles) < 3 else f"which it is of {', '.join(titles)}"
         said.append(f"cannot tell {what}: {doubt.reason}; {doubt.experiment.sentence}")
     if diagnosis.unexplained is not None:
         lead = "what is left has no name in the library" if diagnosis.findings else "none of the library's effects"
         said.append(f"{lead}: {diagnosis.unexplained.description}")
     elif diagnosis.verdict is Verdict.UNEXPLAINED:
         said.append("no effect is found, but " + "; ".join(diagnosis.remarks))
+    elif diagnosis.verdict is Verdict.PARTLY_EXPLAINED:
+        said.append("not all is explained: " + "; ".join(diagnosis.remarks))
     if diagnosis.verdict is Verdict.NO_MISMATCH:
         said.append("no mismatch: the machine's equations with fitted parameters leave nothing but noise; "
                     + _detectable(diagnosis))
@@ -64,10 +67,7 @@ def _plural(title: str) -> bool:
 
 
 def _finding(finding: Finding) -> str:
-    sizes = ", ".join(
-        f"{name.replace('_', ' ')} {quantity(q.value, q.unit)}" + (f" ± {quantity(q.std, q.unit)}" if q.std else "")
-        for name, q in finding.parameters.items() if q.value is not None
-    )
+    sizes = ", ".join(_size(name, q) for name, q in finding.parameters.items() if q.value is not None)
     hid = ", ".join(f"{change:+.3g} {UNITS[name]} of {name}" for name, change in finding.absorbed_as.items())
     if finding.effect == convention_error.NAME:
         return f"the recording follows {convention_error.TITLE}: {sizes}"
@@ -78,11 +78,36 @@ def _finding(finding: Finding) -> str:
     return f"{text}; it acts {finding.where.sentence}"
 
 
+def _size(name: str, told: Quantity) -> str:
+    """A size with its standard error, both of one kind: a count, a share or a quantity with a unit."""
+    value, std = told.value or 0.0, told.std or 0.0
+    if told.unit != "1":
+        said = [quantity(x, told.unit) for x in (value, std)]
+    elif name in _COUNTS:
+        said = [f"{x:.4g}" for x in (value, std)]
+    elif std > 0.0:
+        decimals = min(max(1 - math.floor(math.log10(100.0 * std)), 0), 6)
+        said = [f"{100.0 * value:.{decimals}f} %", f"{100.0 * std:.3g} %"]
+    else:
+        said = [f"{100.0 * value:.3g} %"]
+    return f"{name.replace('_', ' ')} {' ± '.join(said if std > 0.0 else said[:1])}"
+
+
 def _detectable(diagnosis: Diagnosis) -> str:
-    shown = [name for name in _FAMILIAR if name in diagnosis.detectable]
+    shown = [name for name in _FAMILIAR if math.isfinite(_limit(diagnosis, name))]
     parts = [f"{_title(name)} from {quantity(diagnosis.detectable[name].value, diagnosis.detectable[name].unit)}"
              for name in shown]
-    return "it would have shown " + ", ".join(parts) if parts else ""
+    if not parts:
+        return ""
+    return (
+        f"it would have shown {', '.join(parts)}, but not a gain of all voltages or of all currents, by which the "
+        "parameters are off then, within the nominal values' tolerance"
+    )
+
+
+def _limit(diagnosis: Diagnosis, name: str) -> float:
+    value = diagnosis.detectable[name].value if name in diagnosis.detectable else None
+    return math.inf if value is None else value
 
 
 def quantity(value: float | None, unit: str) -> str:

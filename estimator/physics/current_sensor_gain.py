@@ -10,7 +10,7 @@ doi 10.1109/28.663477.
 
 from estimator.physics.current_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import AXES, Real, Rows, Vector, by_phase
+from estimator.physics.rows import Real, Rows, Vector, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -19,7 +19,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 
 def zero(rows: Rows, sizes: Sizes) -> Real:
-    """Mean of the three channels' errors, A."""
+    """Mean of the three channels' errors, A, for true currents."""
     alpha, beta = sizes
     return 0.5 * (alpha * rows.i_s.real + beta * rows.i_s.imag)  # a third of the sum of gain_k i_k
 
@@ -27,13 +27,9 @@ def zero(rows: Rows, sizes: Sizes) -> Real:
 def error(rows: Rows, sizes: Sizes) -> Vector:
     """Vector of the channels' errors, A, for measured currents."""
     alpha, beta = sizes
-    # A matrix, as a number by which i_s and one by which its conjugate is multiplied
-    straight, mirrored = 0j, 0j
-    for axis in AXES:
-        gain = (complex(alpha, beta) * axis.conjugate()).real
-        straight += gain / (1.0 + gain) / 3.0
-        mirrored += gain / (1.0 + gain) / 3.0 * axis * axis
-    return straight * rows.i_s + mirrored * rows.i_s.conj()
+    # Clarke of gain_k i_k with a zero sum: i + c conj(i) is measured, of which this is what is not i
+    c = 0.5 * complex(alpha, -beta)
+    return (c * rows.i_s.conj() - abs(c) ** 2 * rows.i_s) / (1.0 - abs(c) ** 2)
 
 
 EFFECT = Effect(

@@ -21,6 +21,7 @@ from estimator.physics import (
     phase_resistance_imbalance,
     q_axis_saturation,
     voltage_delay,
+    voltage_offset,
     winding_resistance_drift,
 )  # fmt: skip
 from estimator.physics.effect import Effect
@@ -31,7 +32,8 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         inverter_voltage_error, d_axis_saturation, q_axis_saturation, cross_saturation, iron_loss,
         winding_resistance_drift, magnet_flux_drift, magnet_flux_step, flux_harmonics, inductance_harmonics,
         ac_resistance, phase_resistance_imbalance, current_sensor_offset, current_sensor_gain, angle_offset,
-        encoder_eccentricity, voltage_delay, interturn_short, current_sampling_skew,
+        encoder_eccentricity, voltage_delay, voltage_offset, interturn_short,
+        current_sampling_skew,
     )
 )
 

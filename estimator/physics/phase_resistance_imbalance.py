@@ -15,8 +15,8 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     alpha, beta = sizes
     i_s = rows.i_mean * rows.middle
-    # Clarke of excess_k i_k with a zero sum: the excesses' vector times the conjugate current, halved
-    return rows.stationary(0.5 * (alpha + 1j * beta) * i_s.conj())
+    # Clarke of excess_k i_k with a zero sum: the excesses' vector conjugate times the conjugate current, halved
+    return rows.stationary(0.5 * (alpha - 1j * beta) * i_s.conj())
 
 
 EFFECT = Effect(

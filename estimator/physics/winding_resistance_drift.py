@@ -1,11 +1,16 @@
 """The winding warms up: R_s rises within the recording.
 
-    R_s(t) = R_s (1 + rise h(t) / h(end))        dh/dt = |i|^2 - h / time_constant
+    R_s(t) = R_s ((1 + heating)^(h(t) / h(end)) - cooling (1 - exp(-t / time_constant)))
+    dh/dt = |i|^2 - h / time_constant
 
 Copper loss heats the winding, which cools to the housing with its time constant; copper gains 0.39 % of its resistance
-per kelvin. R_s is that at the start. J. R. Hendershot, T. J. E. Miller, "Design of Brushless Permanent-Magnet
+per kelvin. R_s is that at the start. The loss rises with R_s, so the warmer, the faster: a power of h is exact where
+nothing cools, and else as good as 1 + heating h / h(end) where that is small. Cooling is for a winding that is warmer
+than its housing when the recording begins. J. R. Hendershot, T. J. E. Miller, "Design of Brushless Permanent-Magnet
 Machines", 2010, chapter 15.
 """
+
+import math
 
 import numpy as np
 
@@ -15,7 +20,9 @@ from estimator.physics.rows import Real, Rows, Vector
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return sizes[0] * rows.machine.R_s * _course(rows, sizes)[:-1] * rows.i_mean
+    heating, _, cooling = sizes
+    late = np.expm1((rows.span[0] - rows.t[:-1]) / (sizes[1] * rows.span[1]))
+    return rows.machine.R_s * (np.expm1(np.log1p(heating) * _course(rows, sizes)[:-1]) + cooling * late) * rows.i_mean
 
 
 def _course(rows: Rows, sizes: Sizes) -> Real:
@@ -34,14 +41,17 @@ def _heated(rows: Rows, tau: float) -> Real:
 EFFECT = Effect(
     "winding_resistance_drift", "drift of the winding's resistance",
     (
-        Parameter("rise", "1", constant(0.1), constant(0.0), constant(1.0)),
+        Parameter("heating", "1", constant(0.1), constant(0.0), constant(1.0)),
         Parameter("time_constant", "1", constant(1.0), constant(0.1), constant(50.0), shape=True),
+        Parameter("cooling", "1", constant(0.05), constant(0.0), constant(1.0)),
     ),
     voltage,
     lambda _rows: ((0.5,), (5.0,)),
     "R_s that moves with time, as the losses so far",
     ("magnet_flux_drift", "ac_resistance"),
-    told=lambda rows, p: {"rise": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
+    told=lambda rows, p: {
+        "rise": (p[0] + p[2] * math.expm1(-1.0 / p[1]), "1"), "time_constant": (p[1] * rows.span[1], "s"),
+    },
     remembers=_course,
     missed=5e-4,
 )

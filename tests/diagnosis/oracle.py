@@ -19,7 +19,8 @@ The size that is run is made smaller until it is no more than three limits, so t
 What is assumed: shape and sign of the effect are known, its shape parameters too, and where in the recording it acts;
 the size alone is not. R_s, L_d, L_q and psi_f are unknown, normal about the data sheet's values with the deviation of a
 number anywhere within its tolerance (P; J: their effect on the innovations), so what looks like another motor of the
-series is no evidence. All else is known: bridge, dc link, shaft, and that there is no other effect. Noise is normal and
+series is no evidence. So is the angle, by half a count of the encoder: nobody knows how it rounds, nor aligns it more
+closely. All else is known: bridge, dc link, shaft, and that there is no other effect. Noise is normal and
 white: of the phase currents with the converter's rounding, of the encoder's counts and of the 16-bit counts of angle,
 currents and voltages. Rows that a recording lost are taken for there.
 
@@ -57,6 +58,7 @@ NEEDED: Final = (2.0 * 2.326348) ** 2  # signal energy over noise for 1 % false 
 _PARAMETERS: Final = ("R_s", "L_d", "L_q", "psi_f")
 _PRIOR: Final = TOLERANCE / math.sqrt(3.0)  # deviation of a number anywhere within the tolerance
 _STEP: Final = 1e-4  # of a parameter, for a derivative
+_TURN: Final = 1e-4  # rad, likewise
 _RPM: Final = 2.0 * math.pi / 60.0  # rad/s
 _FITS: Final = 6  # of the parameters at most, each about the one before
 _SETTLED: Final = 1e-3  # of the energy, by which a fit still changes it
@@ -99,7 +101,7 @@ class Oracle:
     def _limit(self, name: str, x: float) -> float:
         """By the energy that no machine of the series takes away, its parameters in deviations from the true ones."""
         columns, energy = self.with_size(name, x), math.inf
-        off: Array = np.zeros(len(_PARAMETERS))
+        off: Array = np.zeros(len(_PARAMETERS) + 1)
         for _ in range(_FITS):
             errors, J = whitened(columns, self.scenario, off)
             signal, before = errors - self._errors - off @ J, energy
@@ -146,7 +148,7 @@ def noise_of(scenario: Scenario) -> Noise:
     """What is known of the noise."""
     drive, full = scenario.drive, full_scales(scenario)
     adc = drive.adc_full / 2.0 ** (drive.adc_bits - 1) if drive.adc_bits else 0.0
-    count = 2.0 * math.pi / drive.encoder_counts * scenario.motor.n_p if drive.encoder_counts else 0.0
+    count = count_of(scenario)
     told = {name: count_size(channel_signal(name), full) for name in ("i_d", "u_d", "theta_e")}
     phase = drive.noise_i**2 + _ROUNDED * adc**2  # 2/3 of it on each axis
     return Noise(
@@ -157,16 +159,33 @@ def noise_of(scenario: Scenario) -> Noise:
 
 
 def whitened(columns: Mapping[str, Column], scenario: Scenario, off: Array | None = None) -> tuple[Array, Array]:
-    """White innovations of a machine (m), and their change by a deviation of each parameter: J' (4 x m).
+    """White innovations of a machine (m), and their change by a deviation of each parameter and of the angle (5 x m).
 
-    The machine is the true one, or `off` by so many deviations in each parameter.
+    The machine is the true one, or `off` by so many deviations in each.
     """
     true = np.array([getattr(scenario.motor, name) for name in _PARAMETERS])
-    told = true * (1.0 + _PRIOR * (np.zeros(len(true)) if off is None else off))
+    away = np.zeros(len(true) + 1) if off is None else off
+    told = true * (1.0 + _PRIOR * away[:-1])
     machines = np.vstack([true, told, told + _STEP * np.diag(true)])
-    rows = np.array([columns[name] for name in ("theta_e", "i_d", "i_q", "u_d", "u_q", "u_dc")])
-    errors = innovations(rows, scenario.drive.T_s, machines, noise_of(scenario))
-    return errors[1], (errors[2:] - errors[1]) * (_PRIOR / _STEP)
+    half = 0.5 * count_of(scenario)
+
+    def seen(machines: Array, angle: float) -> Array:
+        rows = [columns["theta_e"]]
+        for d, q in (("i_d", "i_q"), ("u_d", "u_q")):
+            vector = (columns[d] + 1j * columns[q]) * np.exp(-1j * angle)
+            rows += [vector.real, vector.imag]
+        return innovations(np.array([*rows, columns["u_dc"]]), scenario.drive.T_s, machines, noise_of(scenario))
+
+    errors = seen(machines, half * float(away[-1]))
+    by_machine = (errors[2:] - errors[1]) * (_PRIOR / _STEP)
+    turned = seen(machines[:2], half * float(away[-1]) + _TURN)
+    return errors[1], np.vstack([by_machine, (turned[1] - errors[1]) * (half / _TURN)])
+
+
+def count_of(scenario: Scenario) -> float:
+    """The encoder's count as an electrical angle, rad."""
+    counts = scenario.drive.encoder_counts
+    return 2.0 * math.pi / counts * scenario.motor.n_p if counts else 0.0
 
 
 def weights(signal: Array, change: Array) -> Array:

@@ -133,7 +133,8 @@ def _flux(thermal: Thermal, temperature: float) -> float:
 
 def _step(scenario: Scenario, _periods: int) -> Sizes:
     step = scenario.effects.demagnetisation
-    return {"change": Size(-step.share, step.share, "1"), "time": Size(step.time, step.time, "s")}
+    middle = step.time + 0.5 * step.duration
+    return {"change": Size(-step.share, step.share, "1"), "time": Size(middle, middle, "s")}
 
 
 def _flux_harmonics(scenario: Scenario, _periods: int) -> Sizes:

@@ -1,0 +1,39 @@
+"""What a finding's sizes read like: value and standard error of one kind, no more digits than they bear."""
+
+from dataclasses import replace
+
+import pytest
+
+from estimator.mismatch.sentences import sentence_of
+from estimator.mismatch.verdict import Ambiguity, Diagnosis, Experiment, Quantity, Verdict
+from tests.diagnoses import EXPLAINED
+
+
+def with_size(name: str, told: Quantity) -> Diagnosis:
+    return replace(EXPLAINED, findings=(replace(EXPLAINED.findings[0], parameters={name: told}),))
+
+
+@pytest.mark.parametrize(
+    ("name", "told", "said"),
+    [
+        ("gain_b", Quantity(1.0131, 1.4e-5, "1"), "gain b 101.3100 % ± 0.0014 %"),
+        ("L_q_drop", Quantity(0.256, 0.0179, "1"), "L q drop 25.6 % ± 1.79 %"),
+        ("d_6", Quantity(-0.0313, None, "1"), "d 6 -3.13 %"),
+        ("periods", Quantity(1.0, 3e-4, "1"), "periods 1 ± 0.0003"),
+        ("dead_time", Quantity(2e-6, 3e-8, "s"), "dead time 2 us ± 30 ns"),
+        ("dead_time", Quantity(0.0, 5e-9, "s"), "dead time 0 s ± 5 ns"),
+    ],
+)
+def test_a_size_and_its_error_are_of_one_kind(name: str, told: Quantity, said: str) -> None:
+    assert f"left out: {said}; it hid" in sentence_of(with_size(name, told))
+
+
+def test_what_is_beyond_tolerance_is_said_beside_what_is_found() -> None:
+    partly = replace(EXPLAINED, verdict=Verdict.PARTLY_EXPLAINED, remarks=("R_s lies 25% from its nominal",))
+    assert "Not all is explained: R_s lies 25% from its nominal." in sentence_of(partly)
+
+
+def test_three_that_are_not_told_apart_are_named_in_one_sentence() -> None:
+    doubt = Ambiguity(("iron_loss", "angle_offset", "ac_resistance"), "why", Experiment("what to do"))
+    text = sentence_of(replace(EXPLAINED, ambiguous=(doubt,)))
+    assert "Cannot tell which it is of iron loss, an offset of the angle, a resistance that rises with " in text
