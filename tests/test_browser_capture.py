@@ -89,6 +89,19 @@ def test_a_capture_waits_for_a_level_and_is_cancelled(page: Chrome, running_benc
     assert not shown(page, "capture-file")
 
 
+def test_what_was_said_before_a_capture_ended_does_not_undo_its_end(page: Chrome, running_bench: RunningBench) -> None:
+    fill(page, "capture-length", "500")
+    click(page, "capture-start")
+    until(page, lambda: words(page).startswith("Done, 500 of 500 samples"), "the end")
+    late = httpx.get(f"{running_bench.url}{CAPTURES}/latest").json() | {"state": "uploading", "file": None}
+    script = """const [late, done] = arguments;
+        const panel = document.querySelector("script[type=module]").src.replace("main.js", "capture_panel.js");
+        import(panel).then(({showCapture}) => {
+          showCapture(late, 1e-4, true); done(document.getElementById("capture-words").textContent);
+        });"""
+    assert page.execute_async_script(script, late).startswith("Done, 500 of 500 samples")  # type: ignore[no-untyped-call]
+
+
 def test_a_capture_is_triggered_by_the_operator(page: Chrome) -> None:
     choose(page, "capture-trigger", "when I press Trigger now")
     fill(page, "capture-length", "500")

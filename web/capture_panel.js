@@ -65,9 +65,15 @@ export function showCapture(capture, period, connected) {
     T_s = period;
     fillFields();
   }
-  const older = capture !== null && latest !== null && Date.parse(capture.asked) < Date.parse(latest.asked);
-  if (!older) latest = capture;
+  if (!overtaken(capture)) latest = capture;
   fillState(connected);
+}
+
+/** Whether the answer to a button said later than this what the drive's capture is. @param {Capture | null} capture */
+function overtaken(capture) {
+  if (capture === null || latest === null) return false;
+  if (capture.id !== latest.id) return Date.parse(capture.asked) < Date.parse(latest.asked);
+  return UNDER_WAY.includes(capture.state) && !UNDER_WAY.includes(latest.state); // what has ended stays so
 }
 
 /** What goes with the fields as they are. */
