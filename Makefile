@@ -22,6 +22,7 @@ arrows: $(VENV)/.dev
 	$(BIN)/lint-imports --no-logo
 
 fast: $(VENV)/.dev # most of them wait for links and drives, so three at a time
+	$(BIN)/python -m tests.compiled
 	$(BIN)/pytest --numprocesses 3 --dist loadfile -m "not slow and not browser and not vcan and not peers"
 
 slow: slow-computed slow-live ## tests that take long
@@ -32,7 +33,7 @@ slow-computed: $(VENV)/.dev ## those that wait for nothing, and for which nothin
 	$(BIN)/pytest -m slow $(COMPUTED)
 
 slow-live: $(VENV)/.dev
-	$(BIN)/pytest -m slow $(addprefix --ignore=,$(COMPUTED))
+	$(BIN)/pytest --numprocesses 2 --dist loadfile -m slow $(addprefix --ignore=,$(COMPUTED))
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser

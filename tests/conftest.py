@@ -28,7 +28,7 @@ os.environ["XDG_DATA_HOME"] = _DATA.name
 settings.register_profile("bench", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("bench")
 
-READY = 120.0  # s, the first start compiles
+READY = 240.0  # s, the first start compiles
 COMMAND = [sys.executable, "-m", "bench.cli.main"]
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -26,7 +26,7 @@ from tests.conftest import bench_up
 
 CHROMIUM = Path("/usr/bin/chromium")
 CHROMEDRIVER = Path("/usr/bin/chromedriver")
-PATIENCE_S = 20.0
+PATIENCE_S = 45.0
 
 # What the emulated motor can be, with room for temperature and saturation: SI minimum and maximum.
 SANE = {"R_s": (0.5, 2.0), "L_d": (2e-3, 8e-3), "L_q": (3e-3, 12e-3), "psi_f": (0.06, 0.24)}

@@ -245,7 +245,7 @@ def test_a_user_sets_the_tuning_and_a_slower_one_is_calmer_and_lags() -> None:
     drive = VirtualDrive(PAPER)
     samples = streamed(drive, 4000)
     states = {"fast": started(fast), "slow": started(slow)}
-    spread = {name: np.std(track(state, samples, 10)["R_s"]) for name, state in states.items()}
+    spread = {name: np.std(track(state, samples, 50)["R_s"]) for name, state in states.items()}
     assert spread["slow"] < 0.2 * spread["fast"]
     drive.set_temperature(70.0)
     drive.run(20)

@@ -20,7 +20,7 @@ TRUTH = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}  # ohm, H
 DRIVE = "/api/drives/emulated"
 
 
-def until(client: httpx.Client, path: str, happened: Callable[[Any], object], within: float = 15.0) -> Any:
+def until(client: httpx.Client, path: str, happened: Callable[[Any], object], within: float = 45.0) -> Any:
     """What a route says once that has happened; fails when it does not."""
     deadline = time.monotonic() + within
     while not happened(said := client.get(path).json()):

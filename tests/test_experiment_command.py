@@ -85,15 +85,14 @@ def written(folder: Path, plan: dict[str, Any]) -> str:
     return "d.json"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "name"),
     [
         pytest.param("[effects.inverter]\ndead_time = 2e-6", "inverter_voltage_error", id="dead time"),
-        pytest.param("[effects.iron_loss]\nR_c = 60.0", "iron_loss", id="iron loss", marks=pytest.mark.slow),
-        pytest.param("[effects.angle_sensing]\noffset = 0.02", "angle_offset", id="angle", marks=pytest.mark.slow),
-        pytest.param(
-            "[effects.saturation]\nL_q_drop = 0.3", "q_axis_saturation", id="saturation", marks=pytest.mark.slow
-        ),
+        pytest.param("[effects.iron_loss]\nR_c = 60.0", "iron_loss", id="iron loss"),
+        pytest.param("[effects.angle_sensing]\noffset = 0.02", "angle_offset", id="angle"),
+        pytest.param("[effects.saturation]\nL_q_drop = 0.3", "q_axis_saturation", id="saturation"),
     ],
 )
 def test_what_one_level_cannot_tell_the_experiment_does(effect: str, name: str, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
-from estimator.physics.rows import Real, Rows
+from estimator.physics.rows import Real, Rows, Vector
 
 _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
 _ENDS: Final = 4  # halves, that a mean needs to either side
@@ -31,29 +31,51 @@ def unrounded(rows: Rows, step: float) -> Rows:
     off, variance = (each[at] for each in _rounding(theta, ends, step))
     smooth = rows.theta_e - off
     turned = np.exp(0.5j * (off[1:] + off[:-1]))
-    hidden, whole = _hidden(off, variance, step), step**2 / 12.0
     return replace(
         rows, theta_e=smooth, half=np.exp(0.5j * np.diff(smooth)), i=rows.i * np.exp(1j * off), u=rows.u * turned,
-        angle_error=math.sqrt(max(float(np.mean(variance)), hidden * whole)),
-        angle_beat=math.sqrt(hidden * whole) if hidden > _BEAT else 0.0,
+        angle_step=step, angle_error=math.sqrt(float(np.mean(variance))),
+        angle_hidden=math.sqrt(_hidden(off, variance, step) * step**2 / 12.0),
         kept=rows.pulses_turned(turned),
     )  # fmt: skip
 
 
+def beat_of(rows: Rows) -> float:
+    """Angle (rad, rms) that rounding leaves for so long that it looks like movement; zero where it averages out."""
+    return rows.angle_hidden if rows.angle_hidden**2 > _BEAT * rows.angle_step**2 / 12.0 else 0.0
+
+
 def hidden_energy(rows: Rows) -> float:
     """What is left of the rounding in the flux error (Vs^2, summed over periods): it cannot be told from movement."""
-    return _energy_of(rows, rows.angle_error)
+    fast = rows.angle_error**2 * float(np.sum(np.abs(_per_angle(rows)) ** 2))
+    return max(fast, rows.angle_hidden**2 * _of_slow(rows))
 
 
 def lent_energy(rows: Rows) -> float:
     """What the rounding lends effects of the flux error (Vs^2, summed over periods), where it does not average out."""
-    return _energy_of(rows, rows.angle_beat)
+    return beat_of(rows) ** 2 * float(np.sum(np.abs(_per_angle(rows)) ** 2))
 
 
-def _energy_of(rows: Rows, angle_error: float) -> float:
+def _per_angle(rows: Rows) -> Vector:
+    """Flux error (Vs/rad) of an angle, at samples."""
     m, i = rows.machine, rows.i
-    per_angle = 1j * m.psi_f + (m.L_d - m.L_q) * (i.imag + 1j * i.real)  # Vs/rad
-    return float(np.sum(np.abs(per_angle) ** 2)) * angle_error**2
+    return 1j * m.psi_f + (m.L_d - m.L_q) * (i.imag + 1j * i.real)
+
+
+def _of_slow(rows: Rows) -> float:
+    """Energy of the flux error (Vs^2/rad^2, summed over periods) of an angle that is wrong for some time.
+
+    It makes a flux error at once, and in each period that it stays it makes one by turning, of which R_s loses some.
+    """
+    m, D = rows.machine, rows.D
+    counts = D / max(rows.angle_step, 1e-300)
+    beat = TURN * np.abs(counts - np.rint(counts))  # rad in a period
+    slow = beat < TURN / (2 * _HALVES[-1] + 1)
+    energy = np.abs(_per_angle(rows)[1:]) ** 2
+    if not slow.any():
+        return float(np.sum(energy))
+    lost = rows.T_s * m.R_s / math.sqrt(m.L_d * m.L_q)  # of a flux error, in a period
+    grown = (D**2 + beat**2 + lost**2) / (beat**2 + lost**2)
+    return float(np.mean((energy * grown)[slow])) * len(rows)
 
 
 def _hidden(off: Real, variance: Real, step: float) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 
 from estimator.flux_balance import TURN
 from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.angle_rounding import beat_of
 from estimator.mismatch.columns import (
     STRETCHES,
     Array,
@@ -88,7 +89,7 @@ def _levels(rows: Rows) -> list[tuple[float, complex]]:
     rated = rows.i_rated
     side = math.copysign(1.0, float(np.median(rows.i.imag)) or 1.0)
     way = _way(rows)
-    fast = _fastest(rows) - _ASIDE * rows.angle_beat / rows.T_s
+    fast = _fastest(rows) - _ASIDE * beat_of(rows) / rows.T_s
     return [
         (way * share * fast, complex(d, q * side) * rated) for share, d, q in product(_SPEEDS, _I_D, _I_Q)
     ]
@@ -236,7 +237,7 @@ def _said(
     new = _new_levels(rows, speeds, i_d, i_q)
     same = " at the same speed" if len(speeds) == 1 and not any("speed" in part for part in new) else ""
     levels = f"{' and '.join(new)}{same}" if new else "the same levels again"
-    if rows.angle_beat > 0.0:
+    if beat_of(rows) > 0.0:
         levels += f", at {number(abs(run[0].speed_rpm), 4)} rpm, where encoder counts do not beat with the period"
     each = f"each with steps of {number(STEP * rows.i_rated, 2)} A around it"
     if pair is None:

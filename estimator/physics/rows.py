@@ -63,8 +63,9 @@ class Rows:
     zero: Real | None  # A, mean of the three measured phase currents at samples, where they are known
     heat: Real  # A^2 s, integral of the squared current up to each sample
     span: tuple[float, float]  # s, start and length of the recording
-    angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves at samples
-    angle_beat: float = 0.0  # rad, rms, that its rounding leaves for so long that it looks like movement
+    angle_step: float = 0.0  # rad, resolution of the angle, where it has one
+    angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves where turning averages it
+    angle_hidden: float = 0.0  # rad, rms, of what no averaging shows: it looks like movement
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
     def __len__(self) -> int:
