@@ -21,6 +21,7 @@ _ENDS: Final = 4  # halves, that a mean needs to either side
 _STILL: Final = 1e-9  # rad in a period: no count
 _OFF: Final = 0.75  # counts, more than which no rounding is
 _BEAT: Final = 0.3  # share of the rounding's energy, which looks like movement where a smooth angle holds more of it
+_ALIKE: Final = 2.5  # times what a mean of independent errors leaves: those of neighbouring periods are alike
 _SAME: Final = 4.0  # standard deviations, by which a mean may differ from one over half its length
 
 
@@ -46,8 +47,8 @@ def beat_of(rows: Rows) -> float:
 
 def hidden_energy(rows: Rows) -> float:
     """What is left of the rounding in the flux error (Vs^2, summed over periods): it cannot be told from movement."""
-    fast = rows.angle_error**2 * float(np.sum(np.abs(_per_angle(rows)) ** 2))
-    return max(fast, rows.angle_hidden**2 * _of_slow(rows))
+    left = max(_ALIKE * rows.angle_error**2, rows.angle_hidden**2)
+    return left * float(np.sum(np.abs(_per_angle(rows)) ** 2))
 
 
 def lent_energy(rows: Rows) -> float:
@@ -59,23 +60,6 @@ def _per_angle(rows: Rows) -> Vector:
     """Flux error (Vs/rad) of an angle, at samples."""
     m, i = rows.machine, rows.i
     return 1j * m.psi_f + (m.L_d - m.L_q) * (i.imag + 1j * i.real)
-
-
-def _of_slow(rows: Rows) -> float:
-    """Energy of the flux error (Vs^2/rad^2, summed over periods) of an angle that is wrong for some time.
-
-    It makes a flux error at once, and in each period that it stays it makes one by turning, of which R_s loses some.
-    """
-    m, D = rows.machine, rows.D
-    counts = D / max(rows.angle_step, 1e-300)
-    beat = TURN * np.abs(counts - np.rint(counts))  # rad in a period
-    slow = beat < TURN / (2 * _HALVES[-1] + 1)
-    energy = np.abs(_per_angle(rows)[1:]) ** 2
-    if not slow.any():
-        return float(np.sum(energy))
-    lost = rows.T_s * m.R_s / math.sqrt(m.L_d * m.L_q)  # of a flux error, in a period
-    grown = (D**2 + beat**2 + lost**2) / (beat**2 + lost**2)
-    return float(np.mean((energy * grown)[slow])) * len(rows)
 
 
 def _hidden(off: Real, variance: Real, step: float) -> float:
