@@ -33,7 +33,7 @@ slow-computed: $(VENV)/.dev ## those that wait for nothing, and for which nothin
 	$(BIN)/pytest -m slow $(COMPUTED)
 
 slow-live: $(VENV)/.dev
-	$(BIN)/pytest --numprocesses 2 --dist loadfile -m slow $(addprefix --ignore=,$(COMPUTED))
+	$(BIN)/pytest -m slow $(addprefix --ignore=,$(COMPUTED))
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser
