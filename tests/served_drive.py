@@ -25,7 +25,7 @@ from emulator.uart_server import UartServer
 from emulator.virtual_drive import StreamRows, VirtualDrive
 from tests.conftest import bus_url, free_port
 
-PATIENCE = 45.0  # s
+PATIENCE = 15.0  # s
 READY = 120.0  # s, the first start compiles
 _BURST = 97  # control periods; a row is under way at the end of nearly every burst
 _BEHIND = 16384  # bytes of rows that a client may be behind

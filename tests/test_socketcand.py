@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from emulator.socketcand import SETTLE, BusError, Frame, SocketcandServer, parse_send
 
-PATIENCE = 30.0  # s
+PATIENCE = 10.0  # s
 
 
 @pytest.fixture
