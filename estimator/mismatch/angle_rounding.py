@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
-from estimator.physics.rows import Real, Rows, Vector
+from estimator.physics.rows import Real, Rows
 
 _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
 _ENDS: Final = 4  # halves, that a mean needs to either side
@@ -47,19 +47,19 @@ def beat_of(rows: Rows) -> float:
 
 def hidden_energy(rows: Rows) -> float:
     """What is left of the rounding in the flux error (Vs^2, summed over periods): it cannot be told from movement."""
-    left = max(_ALIKE * rows.angle_error**2, rows.angle_hidden**2)
-    return left * float(np.sum(np.abs(_per_angle(rows)) ** 2))
+    return _energy_of(rows, max(_ALIKE * rows.angle_error**2, rows.angle_hidden**2))
 
 
 def lent_energy(rows: Rows) -> float:
     """What the rounding lends effects of the flux error (Vs^2, summed over periods), where it does not average out."""
-    return beat_of(rows) ** 2 * float(np.sum(np.abs(_per_angle(rows)) ** 2))
+    return _energy_of(rows, beat_of(rows) ** 2)
 
 
-def _per_angle(rows: Rows) -> Vector:
-    """Flux error (Vs/rad) of an angle, at samples."""
+def _energy_of(rows: Rows, square: float) -> float:
+    """Of the flux error by an angle error of a mean square (rad^2)."""
     m, i = rows.machine, rows.i
-    return 1j * m.psi_f + (m.L_d - m.L_q) * (i.imag + 1j * i.real)
+    per_angle = 1j * m.psi_f + (m.L_d - m.L_q) * (i.imag + 1j * i.real)  # Vs/rad
+    return float(np.sum(np.abs(per_angle) ** 2)) * square
 
 
 def _hidden(off: Real, variance: Real, step: float) -> float:
