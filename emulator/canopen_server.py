@@ -154,16 +154,16 @@ class CanopenNode:
         first = int(np.searchsorted(rows.row_tick, self._begins))
         if first == len(rows):
             return []
-        tpdos = self._objects.communication.tpdos
+        slow = {k for k in range(first, len(rows)) if (self._rows_sent + k - first) % od.SLOW_ROWS == 0}
+        self._rows_sent += len(rows) - first
         sent = [
             (number, tpdo.cob_id & 0x7FF, payloads(tpdo, rows, self._objects.full, self._drive.read))
-            for number, tpdo in enumerate(tpdos) if tpdo.valid and tpdo.on_event
+            for number, tpdo in enumerate(self._objects.communication.tpdos)
+            if tpdo.valid and tpdo.on_event and (slow or number < od.ROW_TPDOS)
         ]
         frames: list[Frame] = []
         for k in range(first, len(rows)):
-            self._rows_sent += 1
-            slow_too = self._rows_sent % od.SLOW_ROWS == 1
-            frames += [(cob_id, data[k]) for number, cob_id, data in sent if number < od.ROW_TPDOS or slow_too]
+            frames += [(cob_id, data[k]) for number, cob_id, data in sent if number < od.ROW_TPDOS or k in slow]
         return frames
 
     def _recovery(self, now: float) -> list[Frame]:

@@ -23,7 +23,9 @@ _EXTENDED: Final = 1 << 29  # bit of a COB-ID: a 29-bit identifier
 _RESTRICTED: Final = (  # identifiers that no PDO may have (CiA 301, table 40)
     (0x000, 0x080), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF),
 )
-_ROW_SIGNALS: Final = frozenset(signal.name for layout in od.TPDO_LAYOUT[: od.ROW_TPDOS] for signal in layout)
+_MEASURED: Final = frozenset(  # with each row
+    signal.name for layout in od.TPDO_LAYOUT[: od.ROW_TPDOS] for signal in layout if signal.name != "row_tick"
+)
 
 
 @dataclass(slots=True)
@@ -113,9 +115,13 @@ class Tpdo:
 
 def payloads(tpdo: Tpdo, rows: StreamRows, full: FullScales, read: Callable[[str], float]) -> list[bytes]:
     """What a TPDO carries with each row; what is no column of the rows is as the drive reads it now."""
-    packed = np.empty(len(rows), [(f"{k}", s.type.struct_format) for k, s in enumerate(tpdo.signals)])
-    for k, signal in enumerate(tpdo.signals):
-        packed[f"{k}"] = _column(signal, rows, full, read).view(packed.dtype[k])
+    signals = tpdo.signals
+    packed = np.empty(len(rows), [(f"{k}", s.type.struct_format) for k, s in enumerate(signals)])
+    measured = [signal.name for signal in signals if signal.name in _MEASURED]
+    counts = iter(si_to_counts([getattr(rows, name) for name in measured], measured, full).T if measured else ())
+    for k, signal in enumerate(signals):
+        column = next(counts) if signal.name in _MEASURED else _column(signal, rows, full, read)
+        packed[f"{k}"] = column.view(packed.dtype[k])
     data, size = packed.tobytes(), packed.dtype.itemsize
     return [data[k : k + size] for k in range(0, len(data), size)]
 
@@ -130,8 +136,6 @@ def _column(
 ) -> "NDArray[np.uint16 | np.int16 | np.uint32]":
     if signal.name == "row_tick":
         return (rows.row_tick & 0xFFFF).astype("<u2")
-    if signal.name in _ROW_SIGNALS:
-        return si_to_counts([getattr(rows, signal.name)], [signal.name], full)[:, 0]
     one = np.frombuffer(encode_held(signal, read(signal.name), full), signal.type.struct_format)
     return np.repeat(one, len(rows))
 

@@ -119,7 +119,7 @@ class VirtualDrive:
         self._next_temperature: float | None = None
         self._readable = self._constants() | dict.fromkeys(stream.COLUMNS, 0.0) | {"row_tick": 0.0}
         self._readable |= {s.name: max(0.0, s.minimum or 0.0) for s in SIGNALS if s.access == "rw"}
-        self._publish()
+        self._publish(self.truth)
         self._delivered = {name: self._readable[name] for name in _PARAMETERS}
         self._stored = dict(self._delivered)
 
@@ -287,10 +287,11 @@ class VirtualDrive:
         recording = self._record_for_capture(periods, recording)
         tick = self.tick
         rows = self._simulate(periods, recording)
-        self._protect()
+        truth = self.truth
+        self._protect(truth)
         with self._lock:
             self._recorder.take(tick, recording)
-        self._publish(rows)
+        self._publish(truth, rows)
         return rows
 
     def _record_for_capture(self, periods: int, recording: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -298,7 +299,7 @@ class VirtualDrive:
             return recording
         return np.empty((periods, len(RECORDED)))
 
-    def _protect(self) -> None:
+    def _protect(self, truth: Truth) -> None:
         """Go into fault where the simulation tripped, the winding is too hot, or nobody was heard for too long."""
         operation, heard = self._operation, self._heard
         self._heard = False
@@ -306,7 +307,7 @@ class VirtualDrive:
             operation.heard = self.tick
         if self._state.firmware.trip != NO_TRIP:
             operation.fault(_TRIPS[self._state.firmware.trip])
-        if operation.powered and self.truth.temp_winding > self.scenario.drive.temperature_trip:
+        if operation.powered and truth.temp_winding > self.scenario.drive.temperature_trip:
             operation.fault(OVERTEMPERATURE_MOTOR)
         operation.watch(self.tick, round(self._readable["watchdog_time"] / self.T_s))
 
@@ -329,6 +330,8 @@ class VirtualDrive:
         elif temperature is not None:
             now, bench = self._state.tick * self.T_s, self._bench
             self._bench = bench._replace(course=continued(bench.course, now, bench.plant.machine, temperature))
+        if not written:
+            return
         values: dict[str, Any] = {name: self._readable[name] for name in Settings._fields}
         values |= {name: int(values[name]) for name in _WHOLE if name in values}
         self._settings = Settings(**values)
@@ -370,7 +373,7 @@ class VirtualDrive:
         armed = {"capture_state": float(ARMED)} if ("capture_command", 1.0) in self._written else {}
         return self._readable | {name: value for name, value in self._written if name != _RESET} | armed
 
-    def _publish(self, rows: StreamRows | None = None) -> None:
+    def _publish(self, truth: Truth, rows: StreamRows | None = None) -> None:
         """Make the present readable: settings, tick, temperature, the latest row."""
         latest = {name: float(value) for name, value in self._settings._asdict().items()}
         latest["tick"] = float(self.tick & 0xFFFF_FFFF)
@@ -381,7 +384,6 @@ class VirtualDrive:
         latest["capture_count"] = float(self._recorder.count)
         latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
         latest["capture_number"] = float(self._recorder.number)
-        truth = self.truth
         latest["temp_winding"], latest["temp_magnet"] = truth.temp_winding, truth.temp_magnet
         if rows:
             latest |= {name: float(getattr(rows, name)[-1]) for name in stream.COLUMNS}

@@ -95,14 +95,11 @@ def counts_to_si(counts: NDArray[np.integer[Any]], names: Sequence[str], full: F
 
 def si_to_counts(columns: Sequence[NDArray[np.float64]], names: Sequence[str], full: FullScales) -> NDArray[np.int16]:
     """Columns in SI to counts (n, len(names)), as a drive sends them; an angle's unsigned count as its 16 bits."""
-    counts = np.empty((len(columns[0]), len(names)), np.int16)
-    for k, (column, name) in enumerate(zip(columns, names, strict=True)):
-        signal = channel_signal(name)
-        whole = np.round(column / count_size(signal, full))
-        if signal.full_scale:
-            whole = np.where(np.isnan(whole), NOT_KNOWN, np.clip(whole, NOT_KNOWN + 1, 0x7FFF))
-        counts[:, k] = whole.astype(np.int64).astype(np.uint16).view(np.int16)
-    return counts
+    signals = [channel_signal(name) for name in names]
+    measured = np.array([signal.full_scale is not None for signal in signals])
+    whole = np.round(np.column_stack(columns) / [count_size(signal, full) for signal in signals])
+    held = np.where(np.isnan(whole), NOT_KNOWN, np.clip(whole, NOT_KNOWN + 1, 0x7FFF))
+    return np.where(measured, held, whole).astype(np.int64).astype(np.uint16).view(np.int16)
 
 
 def channel_signal(name: str) -> Signal:
