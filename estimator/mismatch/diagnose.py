@@ -16,7 +16,7 @@ from estimator.mismatch.angle_rounding import unrounded
 from estimator.mismatch.columns import STRETCHES, Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
-from estimator.mismatch.excitation_check import not_borne_out, poorly_told
+from estimator.mismatch.excitation_check import attenuated, not_borne_out, poorly_told
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, fitted, moved, without
@@ -260,14 +260,14 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
 
 
 def _parameters(search: Search, choice: Choice) -> dict[str, Quantity]:
+    """R_s, L_d, L_q, psi_f of a fit; their intervals take in what noise of the currents may have made of them."""
     fit = search.fit(choice)
-    scatter = search.parameter_scatter(fit)
+    variance = np.maximum(fit.covariance.diagonal(), 0.0) * search.parameter_scatter(fit)
+    variance = variance[: len(PARAMETERS)] + np.sum(attenuated(search, choice) ** 2, axis=0)
     return {
-        name: Quantity(
-            float(fit.value[k]), math.sqrt(max(float(fit.covariance[k, k]), 0.0) * float(scatter[k])), UNITS[name]
-        )
+        name: Quantity(float(fit.value[k]), math.sqrt(float(variance[k])), UNITS[name])
         for k, name in enumerate(PARAMETERS)
-    }  # fmt: skip
+    }
 
 
 def _odds(log_odds: float) -> float:
