@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast slow slow-computed slow-live browser test-vcan paper peers prove prove-quick score-diagnosis bench-diagnose bench-estimator bench-links bench-plant bench-watch auto-window gallery clean
+.PHONY: run test lint types arrows fast fast-computed fast-live slow slow-computed slow-live browser test-vcan paper peers prove prove-quick score-diagnosis bench-diagnose bench-estimator bench-links bench-plant bench-watch auto-window gallery clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -21,19 +21,24 @@ types: $(VENV)/.dev
 arrows: $(VENV)/.dev
 	$(BIN)/lint-imports --no-logo
 
-fast: $(VENV)/.dev # most of them wait for links and drives, so three at a time
+fast: fast-computed fast-live
+
+OTHERS := not browser and not vcan and not peers
+
+fast-computed: $(VENV)/.dev
 	$(BIN)/python -m tests.compiled
-	$(BIN)/pytest --numprocesses 3 --dist loadfile -m "not slow and not browser and not vcan and not peers"
+	$(BIN)/pytest --numprocesses 2 --dist loadfile -m "not slow and not live and $(OTHERS)"
+
+fast-live: $(VENV)/.dev # wait for links, drives and services, which must not wait for work of others
+	$(BIN)/pytest --numprocesses 2 --dist loadfile -m "not slow and live and $(OTHERS)"
 
 slow: slow-computed slow-live ## tests that take long
 
-COMPUTED := $(patsubst %,tests/test_%.py,auto_window conceal detect diagnosis_effects diagnosis_oracle equations estimator_accuracy thinning window_ls)
-
-slow-computed: $(VENV)/.dev ## those that wait for nothing, and for which nothing waits
-	$(BIN)/pytest -m slow $(COMPUTED)
+slow-computed: $(VENV)/.dev
+	$(BIN)/pytest -m "slow and not live and $(OTHERS)"
 
 slow-live: $(VENV)/.dev
-	$(BIN)/pytest -m slow $(addprefix --ignore=,$(COMPUTED))
+	$(BIN)/pytest -m "slow and live and $(OTHERS)"
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser

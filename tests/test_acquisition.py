@@ -17,6 +17,8 @@ from tests.conftest import bus_url, free_port
 from tests.relay import relayed
 from tests.served_drive import emulator, ready, served, tcp_url, until
 
+pytestmark = pytest.mark.live
+
 SOON = timedelta(seconds=5)
 
 

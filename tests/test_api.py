@@ -12,6 +12,8 @@ import pytest
 from tests.conftest import RunningBench
 from tests.served_drive import until
 
+pytestmark = pytest.mark.live
+
 KEYS = "length, periods_per_row, estimated, held, method, longest, forgetting_factor or ekf"
 DRIVE = "/api/drives/emulated"
 WINDOW = f"{DRIVE}/window"

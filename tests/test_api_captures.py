@@ -12,6 +12,8 @@ from tests.conftest import RunningBench
 from tests.served_drive import until
 from tests.test_api import problem
 
+pytestmark = pytest.mark.live
+
 DRIVE = "/api/drives/emulated"
 CAPTURES = f"{DRIVE}/captures"
 LATEST = f"{CAPTURES}/latest"

@@ -28,6 +28,8 @@ from bench.window import Window
 from tests.conftest import READY, RunningBench, bench_up
 from tests.served_drive import until
 
+pytestmark = pytest.mark.live
+
 validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]
 ROUTES = {
     ("get", "/api/drives"), ("get", "/api/drives/{name}"), ("get", "/api/drives/{name}/estimates"),

@@ -13,6 +13,8 @@ from tests.driving import driving
 from tests.falling_bus import troubles
 from tests.served_drive import first_blocks, listening, until
 
+pytestmark = pytest.mark.live
+
 
 @pytest.fixture
 def channel() -> Iterator[str]:

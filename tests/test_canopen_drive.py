@@ -23,6 +23,8 @@ from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
 from tests.served_drive import PATIENCE, in_threads, served, tcp_url, virtual_url
 
+pytestmark = pytest.mark.live
+
 
 @dataclass(frozen=True)
 class Place:

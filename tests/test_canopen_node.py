@@ -21,6 +21,8 @@ from emulator.socketcand import BusError
 from emulator.virtual_drive import VirtualDrive
 from tests.served_drive import PATIENCE, until, virtual_url
 
+pytestmark = pytest.mark.live
+
 
 class Wire:
     """A node and the bare frames between it and a tester."""

@@ -23,6 +23,8 @@ from emulator.virtual_drive import VirtualDrive
 from tests.library_client import data_sheet, library_client
 from tests.served_drive import PATIENCE, Served, first_blocks, served, until, virtual_url
 
+pytestmark = pytest.mark.live
+
 
 @pytest.fixture(scope="module")
 def bench() -> Iterator[Served]:

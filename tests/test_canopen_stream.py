@@ -28,6 +28,8 @@ from tests.served_drive import (
     virtual_url,
 )
 
+pytestmark = pytest.mark.live
+
 URLS = {"virtual": virtual_url, "socketcand": tcp_url}
 COLUMNS = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean", "u_dc")
 

@@ -25,6 +25,8 @@ from tests.test_cli import pmsm_bench, refused
 from tests.test_end_to_end import TRUTH, within
 from tests.transports import modbus_tcp_url, pty_url
 
+pytestmark = pytest.mark.live
+
 BUSES: Mapping[str, Callable[[], str]] = {"canopen": tcp_url, "modbus": modbus_tcp_url, "uart": pty_url}
 LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: crossed by the drive, and in the recording
 NEVER = ("--trigger", "i_q<-23", "--timeout", "0.1")

@@ -35,6 +35,8 @@ from tests.relay import relayed
 from tests.served_drive import PATIENCE, Served, served, tcp_url, until
 from tests.transports import modbus_tcp_url
 
+pytestmark = pytest.mark.live
+
 NEVER = {"trigger": "i_q > 23"}
 LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: what has crossed it has done so in the recording too
 

@@ -20,6 +20,8 @@ from bench.cli.main import main
 from drivers.wire.canopen_od import eds
 from tests.conftest import COMMAND, RunningBench, bus_url, command, free_port
 
+pytestmark = pytest.mark.live
+
 SUBCOMMANDS = ("serve", "emulate", "up", "eds", "estimates", "capture", "experiment", "replay")
 
 

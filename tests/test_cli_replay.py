@@ -19,6 +19,8 @@ from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
 from tests.conftest import COMMAND
 
+pytestmark = pytest.mark.live
+
 pa: Any = pyarrow  # comes without types
 pq: Any = pyarrow.parquet
 

@@ -21,6 +21,8 @@ from emulator.scenarios import PAPER
 from tests.served_drive import Listening, first_blocks, in_threads, joined, listening, until
 from tests.transports import TRANSPORTS, ServedProcess, Transport
 
+pytestmark = pytest.mark.live
+
 STREAMED = 1.0  # s
 LOST_WITHIN = 3.0  # s
 WATCHDOG = 0.3  # s

@@ -14,7 +14,9 @@ from tests.served_drive import first_blocks, listening, served
 from tests.transports import modbus_pty_url, pty_url
 
 # pyserial 3.5 names its thread by methods that Python deprecates
-pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")
+pytestmark = [
+    pytest.mark.live, pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")
+]
 
 
 @dataclass(frozen=True)

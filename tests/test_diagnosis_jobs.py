@@ -27,6 +27,8 @@ from tests.served_drive import until
 from tests.test_api import problem
 from tests.test_worker import alive, children
 
+pytestmark = pytest.mark.live
+
 pa: Any = pyarrow  # comes without types
 pq: Any = pyarrow.parquet
 validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]

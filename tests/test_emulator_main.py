@@ -14,6 +14,8 @@ from drivers.drive import Drive
 from tests.served_drive import READY, emulator, ready, tcp_url
 from tests.transports import modbus_tcp_url, serial_socket_url
 
+pytestmark = pytest.mark.live
+
 SMALL = """
 [motor]
 R_s = 0.5

@@ -12,6 +12,8 @@ from emulator.terminal import Terminal
 from tests.served_drive import emulator, ready
 from tests.transports import modbus_pty_url, pty_url
 
+pytestmark = pytest.mark.live
+
 
 @pytest.mark.parametrize("new_url", [pty_url, modbus_pty_url])
 def test_a_line_in_use_is_refused_and_stays_with_whom_it_is_until_that_one_is_killed(

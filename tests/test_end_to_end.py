@@ -16,6 +16,8 @@ import pytest
 from tests.conftest import RunningBench, bench_up, bus_url, command, free_port, wait_for_answer
 from tests.served_drive import emulator, ready
 
+pytestmark = pytest.mark.live
+
 TRUTH = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}  # ohm, H, H, Vs
 DRIVE = "/api/drives/emulated"
 

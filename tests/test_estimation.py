@@ -23,6 +23,8 @@ from estimator.estimate import Status
 from estimator.machine import PARAMETERS
 from tests.served_drive import until
 
+pytestmark = pytest.mark.live
+
 TRUTH = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
 WINDOW = Window(length=600, held=TRUTH)
 

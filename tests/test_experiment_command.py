@@ -17,6 +17,8 @@ from drivers.wire.cia402 import State
 from tests.conftest import COMMAND, command, free_port, wait_for_answer
 from tests.served_drive import emulator, ready, tcp_url, until
 
+pytestmark = pytest.mark.live
+
 MACHINE = """[machine]
 R_s = 0.95
 L_d = 4.1e-3

@@ -22,6 +22,8 @@ from drivers.wire.cia402 import State
 from emulator.scenarios import PAPER, Excitation, Run
 from tests.served_drive import Served, served, tcp_url, until, virtual_url
 
+pytestmark = pytest.mark.live
+
 Told = dict[str, Any]
 HOLDS = (Hold(1200.0, 0.0, 1.0, 0.2), Hold(1200.0, -1.5, 1.0, 0.2), Hold(1200.0, -1.5, -2.0, 0.2))
 PLAN = Plan(HOLDS, 0.3)

@@ -8,6 +8,8 @@ from bench.errors import ConflictError
 from bench.lease import Leases
 from tests.served_drive import until
 
+pytestmark = pytest.mark.live
+
 
 def test_one_writes_and_the_other_is_told_who_and_until_when() -> None:
     leases = Leases()

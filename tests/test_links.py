@@ -21,6 +21,8 @@ from tests.driving import driving
 from tests.served_drive import Listening, emulator, joined, listening, ready, tcp_url, until
 from tests.transports import modbus_pty_url, modbus_socket_url, modbus_tcp_url, pty_url, serial_socket_url
 
+pytestmark = pytest.mark.live
+
 NEW_URLS = {
     "canopen": tcp_url, "modbus-tcp": modbus_tcp_url, "modbus-pty": modbus_pty_url, "modbus-socket": modbus_socket_url,
     "uart-pty": pty_url, "uart-socket": serial_socket_url,

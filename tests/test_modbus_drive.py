@@ -35,6 +35,8 @@ from tests.conftest import free_port
 from tests.served_drive import PATIENCE, Listening, Served, first_blocks, in_threads, joined, listening, served, until
 from tests.served_modbus import ALL_URLS, URLS, Disturbed, path_of, pty_url, tcp_url
 
+pytestmark = pytest.mark.live
+
 COLUMNS = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean", "u_dc")
 
 

@@ -22,6 +22,8 @@ from emulator.virtual_drive import VirtualDrive
 from tests.served_drive import Served, served, until
 from tests.served_modbus import ALL_URLS, Disturbed, line_to, path_of, pty_url, tcp_url
 
+pytestmark = pytest.mark.live
+
 LAYOUT = layout_id().to_bytes(4, "big").hex(" ")
 
 # Function code and data of requests and answers, by hand from the Application Protocol Specification V1.1b3

@@ -13,6 +13,8 @@ from drivers.wire.cia402 import OVERTEMPERATURE_MOTOR, State
 from emulator.scenarios import PAPER
 from tests.served_drive import Served, served, until, virtual_url
 
+pytestmark = pytest.mark.live
+
 WORDS = {  # control words that lead from operation to a state
     State.SWITCH_ON_DISABLED: (0x00,), State.READY_TO_SWITCH_ON: (0x06,), State.SWITCHED_ON: (0x07,),
     State.OPERATION_ENABLED: (), State.QUICK_STOP_ACTIVE: (0x02,),

@@ -57,6 +57,7 @@ def test_what_was_missed_is_printed_as_missed() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.live
 def test_two_cases_are_found_by_what_the_bench_does_on_the_drive(tmp_path: Path) -> None:
     proof = prove(Settings(seed=1200, quick=True, jobs=2, folder=tmp_path))
     assert all(bar.held for bar in proof.bars), proof

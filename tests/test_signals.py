@@ -10,6 +10,8 @@ from tests.conftest import COMMAND, RunningBench
 from tests.served_drive import until
 from tests.test_api import problem
 
+pytestmark = pytest.mark.live
+
 DRIVE = "/api/drives/emulated"
 SIGNALS = f"{DRIVE}/signals"
 

@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 
 from emulator.socketcand import SETTLE, BusError, Frame, SocketcandServer, parse_send
 
+pytestmark = pytest.mark.live
+
 PATIENCE = 10.0  # s
 
 

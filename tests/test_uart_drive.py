@@ -47,6 +47,8 @@ from tests.served_drive import (
 )
 from tests.transports import pty_url, serial_socket_url
 
+pytestmark = pytest.mark.live
+
 URLS = {"pty": pty_url, "socket": serial_socket_url}
 
 

@@ -29,6 +29,8 @@ from tests.samples import streamed
 from tests.served_drive import served, tcp_url, until
 from tests.test_detect import estimates_of, paper
 
+pytestmark = pytest.mark.live
+
 START = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
 HELD = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
 WINDOW = Window(length=1000, held=HELD)

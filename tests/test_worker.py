@@ -12,6 +12,8 @@ import pytest
 from bench.worker import Done, Failed, Heard, Progress, Worker, each
 from tests.served_drive import until
 
+pytestmark = pytest.mark.live
+
 WORK = "tests.working:work"
 LINGER = """
 import sys
