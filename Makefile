@@ -29,8 +29,10 @@ fast-computed: $(VENV)/.dev
 	$(BIN)/python -m tests.compiled
 	$(BIN)/pytest --numprocesses 2 --dist loadfile -m "not slow and not live and $(OTHERS)"
 
-fast-live: $(VENV)/.dev # wait for links, drives and services, which must not wait for work of others
-	$(BIN)/pytest --numprocesses 2 --dist loadfile -m "not slow and live and $(OTHERS)"
+LIVE := -o cache_dir=.pytest_cache/live -m "not slow and live and $(OTHERS)"
+
+fast-live: $(VENV)/.dev # wait for links, drives and services: what others hold up for too long is tried once more alone
+	$(BIN)/pytest --numprocesses 2 --dist loadfile $(LIVE) || $(BIN)/pytest --last-failed --last-failed-no-failures none $(LIVE)
 
 slow: slow-computed slow-live ## tests that take long
 

@@ -132,7 +132,7 @@ def ready(process: "subprocess.Popen[str]") -> str:
     return line
 
 
-def until(happened: Callable[[], bool], what: str, patience: float = PATIENCE) -> None:
+def until(happened: Callable[[], bool], what: str, patience: float = 60.0) -> None:
     """Return when it has happened; fail when it does not within so many s."""
     deadline = time.monotonic() + patience
     while not happened():

@@ -91,7 +91,8 @@ def test_without_a_body_a_capture_is_as_usual(client: httpx.Client) -> None:
 
 
 def test_a_trigger_that_never_comes_fails_with_a_sentence(client: httpx.Client) -> None:
-    client.post(CAPTURES, json={"trigger": {"signal": "i_q", "level": -23.0, "edge": "falling"}, "timeout_s": 0.1})
+    trigger = {"signal": "i_q", "level": -23.0, "edge": "falling"}
+    client.post(CAPTURES, json={"trigger": trigger, "timeout_s": 0.1}).raise_for_status()
     failed = ended(client, LATEST)
     assert (failed["state"], failed["progress"]) == ("failed", 0.0)
     assert failed["reason"] == "the trigger, i_q falling through -23, has not come within 0.1 s"

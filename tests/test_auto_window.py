@@ -23,8 +23,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("m", [1, 10])
 def test_a_warming_motor_is_followed_within_10_per_cent_of_the_best_fixed_window(m: int) -> None:
-    every = pooled([errors_of(MOTIONS["warming 1 s"], seed, m=m, every=30) for seed in SEEDS])
-    # Over 40 seeds the bar is 1.10; 4 seeds at every third time scatter by about 0.1
+    every = pooled([errors_of(MOTIONS["warming 1 s"], seed, m=m, every=60 if m == 1 else 30) for seed in SEEDS])
+    # Over 40 seeds the bar is 1.10; 4 seeds at few of the times scatter by about 0.1
     assert np.all(every.to_best < 1.2), every.to_best
 
 

@@ -95,7 +95,7 @@ def test_values_are_right_or_told_to_be_missing_while_frames_are_lost(bench: Ser
     assert answered >= 20
 
 
-@pytest.mark.parametrize("texts", [("lose=0.001", "double=0.001"), ("late=0.002",)], ids=" ".join)
+@pytest.mark.parametrize("texts", [("lose=0.001", "double=0.001"), ("late=0.0003",)], ids=" ".join)
 def test_a_recording_is_whole_although_segments_are_lost_repeated_or_late(
     bench: Served, drive: CanopenDrive, texts: tuple[str, ...]
 ) -> None:

@@ -81,7 +81,7 @@ def test_where_the_model_is_whole_only_noise_is_left(name: str) -> None:
 @pytest.mark.parametrize("name", ["paper", "50 W hobby", "50 kW traction", "paper, free shaft"])
 def test_an_hour_of_windows_without_an_effect_gives_no_false_alarm(name: str) -> None:
     # A tail that falls like this stays below 6 for 3600 windows
-    significance = np.array([judged(samples).significance for samples in windows(SCENARIOS[name], 100)])
+    significance = np.array([judged(samples).significance for samples in windows(SCENARIOS[name], 50)])
     assert significance.max() < 4.5
     assert np.mean(significance > 3.0) < 0.05
 

@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 
 import jsonschema
@@ -39,6 +40,11 @@ def within(found: Quantity, true: float, least: float = 0.0) -> bool:
     return abs(found.value - true) <= max(3.0 * found.std, least * true)
 
 
+@cache
+def dead_time_found() -> Diagnosis:
+    return diagnose_sweep(sweep(inverter=Inverter(dead_time=DEAD_TIME)))
+
+
 def test_nothing_is_named_where_nothing_is_left_out() -> None:
     said = diagnose_sweep(sweep())
     assert (said.verdict, named(said), said.ambiguous) == (Verdict.NO_MISMATCH, set(), ())
@@ -47,7 +53,7 @@ def test_nothing_is_named_where_nothing_is_left_out() -> None:
 
 
 def test_dead_time_is_told_from_resistance_by_the_third_harmonic() -> None:
-    said = diagnose_sweep(sweep(inverter=Inverter(dead_time=DEAD_TIME)))
+    said = dead_time_found()
     assert named(said) == {"inverter_voltage_error"}
     assert said.verdict in (Verdict.EXPLAINED, Verdict.PARTLY_EXPLAINED)
     assert within(size(said, "inverter_voltage_error", "u_lost"), DEAD_TIME / T * U_DC, 0.05)
@@ -155,7 +161,7 @@ def test_a_sweeps_file_says_the_same(tmp_path: Path) -> None:
     tones = sweep(inverter=Inverter(dead_time=DEAD_TIME))
     diagnosed = diagnose_recording(Request(written(tmp_path / "sine.csv", tones), Nominal({}), format="auto"))
     there, here = (
-        size(said, "inverter_voltage_error", "u_lost").value for said in (diagnosed.diagnosis, diagnose_sweep(tones))
+        size(said, "inverter_voltage_error", "u_lost").value for said in (diagnosed.diagnosis, dead_time_found())
     )
     assert there == pytest.approx(here, rel=1e-3)
     jsonschema.validate(as_json(diagnosed), schema())
