@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from emulator.conceal.recording import Choice, drawn
+from emulator.physics.saturation import Saturation
+from emulator.scenarios import Scenario
 from emulator.virtual_drive import VirtualDrive
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.columns import Model, filter_pole, regression, residual, whitened
@@ -28,10 +30,13 @@ MISSED = {  # per mille of rated current; 0.1 where not told
 CLASSES = sorted(set(EFFECT) - {"dc_link_gain", "demagnetisation", "winding_heat"})
 
 
-def rows_without_noise(kind: str, motor: str) -> Rows:
-    """A recording of an effect by ideal sensors, and the machine that it has."""
-    concealed, _ = drawn(Choice(1200, (kind,), (0.5, 1.0), (motor,), 0.2), 1)
-    scenario = concealed.scenario
+def with_effect(kind: str, motor: str) -> Scenario:
+    """What a recording of one effect is made of."""
+    return drawn(Choice(1200, (kind,), (0.5, 1.0), (motor,), 0.2), 1)[0].scenario
+
+
+def rows_without_noise(scenario: Scenario) -> Rows:
+    """A recording by ideal sensors, and the machine that it has."""
     drive = replace(scenario.drive, noise_i=0.0, adc_bits=0, encoder_counts=0, timer_counts=0)
     timing = scenario.effects.timing._replace(lost=0.0)
     ideal = replace(scenario, drive=drive, effects=scenario.effects._replace(timing=timing))
@@ -46,28 +51,43 @@ def rows_without_noise(kind: str, motor: str) -> Rows:
     return settled(rows_of([samples], machine, m.i_rated))
 
 
+def left_of(rows: Rows, model: Model) -> float:
+    """What a model leaves, rms of the current's error, per mille of rated current."""
+    m = rows.machine
+    z = whitened(residual(rows, rows, model), rows, filter_pole(m, rows.T_s))
+    i = z.real / m.L_d + 1j * z.imag / m.L_q
+    return 1e3 * float(np.sqrt(np.mean(np.abs(i) ** 2) / 2.0)) / rows.i_rated
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("motor", MOTORS)
 @pytest.mark.parametrize("kind", ["none", *CLASSES])
 def test_an_equation_misses_little_of_its_effect(kind: str, motor: str) -> None:
-    rows = rows_without_noise(kind, motor)
+    rows = rows_without_noise(with_effect(kind, motor))
     machine, model = rows.machine, Model(rows.machine)
     noise = NOISE * rows.i_rated * machine.L_d, NOISE * rows.i_rated * machine.L_q, 1e-3
     library = () if kind == "none" else (BY_NAME[EFFECT[kind]],)
-
-    def left(model: Model) -> float:
-        z = whitened(residual(rows, rows, model), rows, filter_pole(machine, rows.T_s))
-        i = z.real / machine.L_d + 1j * z.imag / machine.L_q
-        return 1e3 * float(np.sqrt(np.mean(np.abs(i) ** 2) / 2.0)) / rows.i_rated
-
-    before = left(model)
+    before = left_of(rows, model)
     fits = [before]
     for _ in range(8):
         search = Search(regression(rows, rows, model, machine, TOLERANCE, 1e-6, noise, library))
         present = tuple((name, -1) for name in model.effects)
         choice = present or tuple(sorted(search.candidates(), key=lambda one: -search.fit((one,)).log_evidence)[:1])
         model = moved(search, choice)
-        fits.append(left(model))
+        fits.append(left_of(rows, model))
     print(f"{motor} {kind}: {before:.3g} per mille of rated current, {min(fits):.3g} with the effect")
     assert min(fits) < MISSED.get(kind, 0.1)
     assert kind == "none" or before > 10.0 * min(fits)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motor", MOTORS)
+def test_saturations_act_together_as_one_curve_does(motor: str) -> None:
+    scenario = with_effect("none", motor)
+    drops = Saturation(L_q_drop=0.25, cross_drop=0.2)
+    rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(saturation=drops)))
+    both = Model(rows.machine, {"q_axis_saturation": (0.25,), "cross_saturation": (0.2,)})
+    without = left_of(rows, Model(rows.machine))
+    print(f"{motor}: {without:.3g} per mille of rated current, {left_of(rows, both):.3g} with both")
+    assert left_of(rows, both) < 0.1
+    assert without > 5.0

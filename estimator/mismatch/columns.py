@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.whitening import whiten, whiten_into
 from estimator.physics.angle_sensing import voltage_of_error
-from estimator.physics.effect import Effect, Parameter
+from estimator.physics.effect import Effect, Parameter, Sizes, Together
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
 
@@ -148,9 +148,21 @@ def effects_voltage(truth: Rows, model: Model) -> Vector:
     """Voltage (V) that the model's effects add, but for its errors of measurement, which `in_truth` takes off."""
     total = np.zeros(len(truth), np.complex128)
     for name, sizes in model.effects.items():
-        if not BY_NAME[name].measures:
+        if not BY_NAME[name].measures and BY_NAME[name].together is None:
             total += BY_NAME[name].voltage(truth, sizes)
+    for together, several in _sharing(model).items():
+        total += together(truth, several)
     return total
+
+
+def _sharing(model: Model) -> dict[Together, dict[str, Sizes]]:
+    """Effects of the model whose voltages do not add up, by the function that they share."""
+    found: dict[Together, dict[str, Sizes]] = {}
+    for name, sizes in model.effects.items():
+        together = BY_NAME[name].together
+        if together is not None:
+            found.setdefault(together, {})[name] = sizes
+    return found
 
 
 def residual(rows: Rows, smooth: Rows, model: Model) -> Vector:
@@ -214,7 +226,7 @@ def regression(
             part = truth[cut]
             size = (P + 1) * len(part)
             v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
-            _fill(part, columns, steps, v)
+            _fill(part, model, columns, steps, v)
             v[P] = r[cut]
             there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
             flat = m[: len(there)].reshape(len(there), 2 * len(part))
@@ -326,20 +338,27 @@ def _step(rows: Rows, model: Model, column: Column) -> _Step:
     return _Step(effect, tuple(value + h * (k == column.place) for k, value in enumerate(at)), at, h)
 
 
-def _fill(rows: Rows, columns: Sequence[Column], steps: Sequence[_Step | None], v: NDArray[np.complex128]) -> None:
+def _fill(
+    rows: Rows, model: Model, columns: Sequence[Column], steps: Sequence[_Step | None], v: NDArray[np.complex128]
+) -> None:
     """Write the columns' voltages."""
-    present: dict[str, Vector] = {}
+    present: dict[object, Vector] = {}
+    sharing = _sharing(model)
     for j, (column, step) in enumerate(zip(columns, steps, strict=True)):
         if step is None:
             v[j] = 0.0 if column.parameter == "zero" else _voltage_per_unit(rows, column.parameter)
             continue
-        effect = step.effect
-        if step.since is None:
-            np.multiply(effect.voltage(rows, step.to), 1.0 / step.h, out=v[j])
-            continue
-        if effect.name not in present:
-            present[effect.name] = effect.voltage(rows, step.since)
-        np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
+        effect, together = step.effect, step.effect.together
+        if together is not None and together in sharing:  # beside the others of them
+            if together not in present:
+                present[together] = together(rows, sharing[together])
+            np.subtract(together(rows, sharing[together] | {effect.name: step.to}), present[together], out=v[j])
+        elif step.since is None:
+            v[j] = effect.voltage(rows, step.to)
+        else:
+            if effect.name not in present:
+                present[effect.name] = effect.voltage(rows, step.since)
+            np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
         v[j] *= 1.0 / step.h
 
 

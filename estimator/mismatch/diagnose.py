@@ -35,6 +35,7 @@ from estimator.mismatch.verdict import (
     Place,
     Quantity,
     Rival,
+    Traces,
     Unexplained,
     Verdict,
     verdict_of,
@@ -87,7 +88,7 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     if left is not None and (dropped := _outshone(found)):
         found = without(found, dropped, nominal, tolerance, step)
         left = describe(rows, found.z, found.noise[:2])
-    diagnosis = _judged(rows, nominal, tolerance, found, left, progress)
+    diagnosis = _judged(rows, nominal, tolerance, step, found, left, progress)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
     diagnosis = replace(diagnosis, remarks=(*checks.remarks, *diagnosis.remarks))
@@ -147,13 +148,11 @@ def _outshone(found: Fitted) -> list[str]:
 
 
 def _judged(
-    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], found: Fitted, left: Unexplained | None,
-    progress: Callable[[float, str], None],
+    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, found: Fitted,
+    left: Unexplained | None, progress: Callable[[float, str], None],
 ) -> Diagnosis:  # fmt: skip
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
-    before = moved(search, ())
-    r_before, r_after = residual(rows, rows, before), residual(rows, found.smooth, model)
     findings: list[Finding] = []
     doubts: list[Ambiguity] = []
     machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
@@ -161,6 +160,13 @@ def _judged(
     blind = _blind(machine_after, nominal, tolerance)
     poorly = poorly_told(search, choice, nominal, outside)
     faint, why = not_borne_out(search, choice, blind, _excess(found))
+    progress(0.75, "simulating")
+    r_after = residual(rows, found.smooth, model)
+    fit, pictures = _shown(rows, found, r_after)
+    if choice and set(faint) == set(choice) and _no_help(fit):
+        found = without(found, [name for name, _ in choice], nominal, tolerance, step)
+        return _judged(rows, nominal, tolerance, step, found, _left(rows, found), progress)
+    progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
     if faint and richer is not None:
@@ -177,13 +183,6 @@ def _judged(
             continue
         findings.append(_finding(rows, found, one, others, r_after))
     doubts = _once(doubts)
-    progress(0.85, "simulating")
-    held_out = _odd_stretches(len(rows))
-    half = Search(replace(search.regression, gram=search.regression.gram[0::2]))
-    by_half = moved(half, ()), moved(half, choice)
-    runs = free_run(rows, by_half[0]), free_run(rows, by_half[1])
-    fit = fit_quality(rows, *by_half, runs, held_out, found.noise)
-    pictures = traces(rows, r_before, r_after, *runs)
     if findings and _no_help(fit):
         richer = richer or experiment(rows, Model(nominal), found.noise, nominal, tolerance)
         doubts.append(Ambiguity(tuple(finding.effect for finding in findings), _NO_HELP, richer, rivals=False))
@@ -205,6 +204,16 @@ def _judged(
         verdict, "", tuple(findings), tuple(doubts), left, limits, machine_before, machine_after, fit,
         candidates(search, choice), tuple(outside), pictures, richer if lacks else None,
     )  # fmt: skip
+
+
+def _shown(rows: Rows, found: Fitted, left: Vector) -> tuple[Fit, Traces]:
+    """How well the model follows, by what every other stretch makes of it, and pictures of it."""
+    search, choice = found.search, found.choice
+    half = search.of_half()
+    by_half = moved(half, ()), moved(half, choice)
+    runs = free_run(rows, by_half[0]), free_run(rows, by_half[1])
+    fit = fit_quality(rows, *by_half, runs, _odd_stretches(len(rows)), found.noise)
+    return fit, traces(rows, residual(rows, rows, moved(search, ())), left, *runs)
 
 
 def _no_help(fit: Fit) -> bool:

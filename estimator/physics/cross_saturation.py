@@ -7,7 +7,7 @@ not be told from its mirror image.
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
-from estimator.physics.saturation import added_voltage
+from estimator.physics.saturation import added_voltage, together
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -23,5 +23,6 @@ EFFECT = Effect(
     no_shapes,
     "psi_d that falls with i_q squared, L_q that falls with i_d",
     ("q_axis_saturation", "d_axis_saturation"),
+    together=together,
     missed=3e-5,
 )

@@ -6,7 +6,7 @@ current than at no current. Without the magnets' flux in psi_d a drop could not 
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
-from estimator.physics.saturation import added_voltage
+from estimator.physics.saturation import added_voltage, together
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -22,5 +22,6 @@ EFFECT = Effect(
     no_shapes,
     "L_d falls as i_d rises, in proportion to speed on the q axis and to the change of i_d on the d axis",
     ("magnet_flux_drift", "cross_saturation"),
+    together=together,
     missed=3e-5,
 )

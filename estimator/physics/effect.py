@@ -1,7 +1,7 @@
 """The shape that every effect of the library has."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,6 +9,9 @@ from estimator.physics.rows import Real, Rows, Vector
 
 Sizes = Sequence[float]
 """Values of an effect's parameters, in their order."""
+
+Together = Callable[[Rows, Mapping[str, Sizes]], Vector]
+"""Voltage, V of each period, that several effects add, by their names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,8 @@ class Effect:
     """A piece of physics that may have been left out of a machine's model.
 
     `voltage(rows, sizes)` is what it adds, in V of each period in the rotor frame, to the voltage that the currents and
-    the rotor's turning imply; linear in its sizes, or nearly so, at given shapes. `zero(rows, sizes)` is what it makes
+    the rotor's turning imply; linear in its sizes, or nearly so, at given shapes. Effects whose voltages do not add up
+    share a function `together`. `zero(rows, sizes)` is what it makes
     of the mean of the three measured phase currents, A at samples.
     """
 
@@ -45,6 +49,7 @@ class Effect:
     current_error: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, stationary frame; measured less true
     angle_error: Callable[[Rows, Sizes], Real | float] | None = None  # rad electrical at samples; measured less true
     misreads_voltage: bool = False  # `voltage` is what the recorded one is too high by
+    together: Together | None = None  # `voltage` of all effects that share this
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
     steep: bool = False  # it changes more with a current than the noise of the current allows to see
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one

@@ -7,13 +7,17 @@ in dynamic models of synchronous reluctance motors", ICEM 2012, exponents S = T 
 U = V = 0. L_d and L_q are those at no current; a drop is the share by which an inductance is lower at rated current.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from estimator.kernel import kernel
 from estimator.machine import Machine
+from estimator.physics.effect import Sizes
 from estimator.physics.rows import Real, Rows, Stiffness, Vector
+
+_DROPS: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation")
 
 
 class Curve(NamedTuple):
@@ -101,3 +105,9 @@ def added_voltage(rows: Rows, drops: tuple[float, float, float]) -> Vector:
     if rows.u_dc is not None:
         more = more + mean_of_ripple(curve, rows, psi)
     return rows.balance(psi - rows.flux(rows.i)) + rows.machine.R_s * more
+
+
+def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
+    """What several of the three add, V: on one curve, which is not the sum of what each adds."""
+    d, q, cross = (effects[name][0] if name in effects else 0.0 for name in _DROPS)
+    return added_voltage(rows, (d, q, cross))
