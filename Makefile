@@ -29,10 +29,11 @@ fast-computed: $(VENV)/.dev
 	$(BIN)/python -m tests.compiled
 	$(BIN)/pytest --numprocesses 2 --dist loadfile -m "not slow and not live and $(OTHERS)"
 
-LIVE := -o cache_dir=.pytest_cache/live -m "not slow and live and $(OTHERS)"
+LIVE = $(BIN)/pytest -o cache_dir=.pytest_cache/live -m "$(1) and live and $(OTHERS)"
+AGAIN := --last-failed --last-failed-no-failures none
 
 fast-live: $(VENV)/.dev # wait for links, drives and services: what others hold up for too long is tried once more alone
-	$(BIN)/pytest --numprocesses 2 --dist loadfile $(LIVE) || $(BIN)/pytest --last-failed --last-failed-no-failures none $(LIVE)
+	$(call LIVE,not slow) --numprocesses 2 --dist loadfile || $(call LIVE,not slow) $(AGAIN)
 
 slow: slow-computed slow-live ## tests that take long
 
@@ -40,7 +41,7 @@ slow-computed: $(VENV)/.dev
 	$(BIN)/pytest -m "slow and not live and $(OTHERS)"
 
 slow-live: $(VENV)/.dev
-	$(BIN)/pytest -m "slow and live and $(OTHERS)"
+	$(call LIVE,slow) || $(call LIVE,slow) $(AGAIN)
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser

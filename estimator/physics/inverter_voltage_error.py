@@ -40,7 +40,7 @@ EFFECT = Effect(
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding resistance", "flux_harmonics"),
     steep=True,
-    missed=1e-3,
+    missed=5e-4,
     remembers=lambda rows, _sizes: None if rows.u_dc is None else edges_at_start(rows),
 )  # fmt: skip
 
