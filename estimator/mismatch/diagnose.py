@@ -209,7 +209,7 @@ def _judged(
 def _shown(rows: Rows, found: Fitted, left: Vector) -> tuple[Fit, Traces]:
     """How well the model follows, by what every other stretch makes of it, and pictures of it."""
     search, choice = found.search, found.choice
-    half = search.of_half()
+    half = Search(replace(search.regression, gram=search.regression.gram[0::2]))
     by_half = moved(half, ()), moved(half, choice)
     runs = free_run(rows, by_half[0]), free_run(rows, by_half[1])
     fit = fit_quality(rows, *by_half, runs, _odd_stretches(len(rows)), found.noise)

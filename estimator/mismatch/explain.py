@@ -7,7 +7,7 @@ unexplained does not lend its energy to a name.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, cast
 
 import numpy as np
@@ -52,10 +52,6 @@ class Search:
         self.barred: set[str] = set()
         self._fits: dict[Choice, Fit] = {}
         self._scatters: dict[tuple[Choice, tuple[str, int]], float] = {}
-
-    def of_half(self) -> "Search":
-        """The same over every other stretch of the recording."""
-        return Search(replace(self.regression, gram=self.regression.gram[0::2]))
 
     def candidates(self) -> list[tuple[str, int]]:
         """All effects with all their shapes."""

@@ -39,9 +39,7 @@ from estimator.mismatch.columns import (
 from estimator.mismatch.verdict import Quantity
 from estimator.mismatch.whitening import whiten
 from estimator.physics.rows import Real, Rows, Stiffness, Vector
-
-SATURATION: Final = frozenset({"d_axis_saturation", "q_axis_saturation", "cross_saturation"})
-"""Effects in whose place the map stands."""
+from estimator.physics.saturation import EFFECTS
 
 _CELL: Final = 0.25  # of the rated current: size of the spline's cells
 _PASSES: Final = 3  # of fit and mean current
@@ -147,7 +145,7 @@ class FluxMap:
 
 def fitted_map(rows: Rows, model: Model) -> FluxMap:
     """The map in the place of a model's saturation; its other effects stay as they are."""
-    kept = {name: sizes for name, sizes in model.effects.items() if name not in SATURATION}
+    kept = {name: sizes for name, sizes in model.effects.items() if name not in EFFECTS}
     others = Model(model.machine, kept, model.angle, model.zero)
     truth = in_truth(rows, others)
     rest = truth.u - effects_voltage(truth, others)

@@ -7,13 +7,12 @@ not be told from its mirror image.
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
-from estimator.physics.saturation import added_voltage, together
+from estimator.physics.saturation import together
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    (drop,) = sizes
-    return added_voltage(rows, (0.0, 0.0, drop))
+    return together(rows, {"cross_saturation": sizes})
 
 
 EFFECT = Effect(

@@ -6,13 +6,12 @@ current than at no current. Without the magnets' flux in psi_d a drop could not 
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows, Vector
-from estimator.physics.saturation import added_voltage, together
+from estimator.physics.saturation import together
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    (drop,) = sizes
-    return added_voltage(rows, (drop, 0.0, 0.0))
+    return together(rows, {"d_axis_saturation": sizes})
 
 
 EFFECT = Effect(

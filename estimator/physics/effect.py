@@ -33,8 +33,8 @@ class Effect:
 
     `voltage(rows, sizes)` is what it adds, in V of each period in the rotor frame, to the voltage that the currents and
     the rotor's turning imply; linear in its sizes, or nearly so, at given shapes. Effects whose voltages do not add up
-    share a function `together`. `zero(rows, sizes)` is what it makes
-    of the mean of the three measured phase currents, A at samples.
+    share a function `together`. `zero(rows, sizes)` is what it makes of the mean of the three measured phase currents,
+    A at samples.
     """
 
     name: str

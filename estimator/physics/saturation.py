@@ -17,7 +17,8 @@ from estimator.machine import Machine
 from estimator.physics.effect import Sizes
 from estimator.physics.rows import Real, Rows, Stiffness, Vector
 
-_DROPS: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation")
+EFFECTS: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation")
+"""The three, in the order of `curve_of`."""
 
 
 class Curve(NamedTuple):
@@ -96,18 +97,13 @@ def mean_of_ripple(curve: Curve, rows: Rows, psi: Vector) -> Vector:
     return on_d + 1j * (c * q * d_d + 2.0 * c * d * d_q + 3.0 * a_q * q * q_q)
 
 
-def added_voltage(rows: Rows, drops: tuple[float, float, float]) -> Vector:
-    """What saturation adds to the voltage of constant inductances, V."""
-    curve = curve_of(rows.machine, rows.i_rated, drops)
+def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
+    """What one or several of the three add to the voltage of constant inductances, V: not the sum of what each adds."""
+    d, q, cross = (effects[name][0] if name in effects else 0.0 for name in EFFECTS)
+    curve = curve_of(rows.machine, rows.i_rated, (d, q, cross))
     psi = flux_of(curve, rows.machine, rows.i)
     g = stiffness(curve, psi)
     more = rows.mean_current(psi, g) - rows.i_mean
     if rows.u_dc is not None:
         more = more + mean_of_ripple(curve, rows, psi)
     return rows.balance(psi - rows.flux(rows.i)) + rows.machine.R_s * more
-
-
-def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
-    """What several of the three add, V: on one curve, which is not the sum of what each adds."""
-    d, q, cross = (effects[name][0] if name in effects else 0.0 for name in _DROPS)
-    return added_voltage(rows, (d, q, cross))

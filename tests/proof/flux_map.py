@@ -19,10 +19,10 @@ from emulator.scenarios import Excitation, Run, Scenario, drive_for
 from estimator.machine import Machine
 from estimator.mismatch.columns import Model
 from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.flux_map_fit import SATURATION, fitted_map
+from estimator.mismatch.flux_map_fit import fitted_map
 from estimator.mismatch.verdict import Diagnosis
 from estimator.physics.rows import rows_of
-from estimator.physics.saturation import curve_of, flux_of
+from estimator.physics.saturation import EFFECTS, curve_of, flux_of
 from estimator.samples import Samples
 from tests.conftest import SHARED
 from tests.proof.proof import Bar, Proof, Settings, Table
@@ -70,7 +70,7 @@ def prove(settings: Settings) -> Proof:
     by_free = missed(psi, free.flux(points), points)
     departs = ", ".join(f"{share:.1%} are {name}" for name, share in free.departures().items())
     named = sorted(finding.effect for finding in said.findings)
-    right = named == sorted(SATURATION) and said.verdict.value == "explained"
+    right = named == sorted(EFFECTS) and said.verdict.value == "explained"
     i_d, i_q = (f"{x.min():.3g} to {x.max():.3g} A" for x in (samples.i_d, samples.i_q))
     bars = (
         Bar("saturation of both axes and cross-saturation are named, and nothing else", "all three",
