@@ -112,6 +112,7 @@ class VirtualDrive:
         self._operation = Operation(State.OPERATION_ENABLED if drive.enabled else State.SWITCH_ON_DISABLED)
         self._reset_at = 0  # tick since power-on of the latest reset
         self.resets = 0  # so many there have been
+        self._resetting = False
         self._lock = threading.Lock()  # guards what follows
         self._recorder = Recorder({name: self._constants()[name] for name in FULL_SCALES})
         self._written: list[tuple[str, float]] = []
@@ -354,7 +355,7 @@ class VirtualDrive:
     def _restart(self) -> None:
         self._readable |= self._stored
         self._reset_at = self._state.tick
-        self.resets += 1
+        self._resetting = True
         enabled = self.scenario.drive.enabled
         self._operation = Operation(State.OPERATION_ENABLED if enabled else State.SWITCH_ON_DISABLED)
         self._recorder = Recorder(self._recorder.full)
@@ -390,6 +391,8 @@ class VirtualDrive:
             latest["row_tick"] = float(rows.row_tick[-1] & 0xFFFF)
         with self._lock:
             self._readable.update(latest)
+            self.resets += self._resetting  # now that all of it can be read
+            self._resetting = False
 
     def _constants(self) -> dict[str, float]:
         drive = self.scenario.drive

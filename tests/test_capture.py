@@ -18,6 +18,8 @@ from tests.conftest import bus_url, free_port
 from tests.relay import Relay, relayed
 from tests.served_drive import Served, served, until
 
+pytestmark = pytest.mark.live
+
 FULL = {"i_full": PAPER.drive.i_full, "u_full": PAPER.drive.u_full, "omega_full": PAPER.drive.omega_full}
 LEVEL = 2730.5 * FULL["i_full"] / 32768.0  # A, between two counts: crossed by the drive, and in the recording
 
