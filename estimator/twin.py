@@ -270,8 +270,8 @@ def _solution_with_lost(
 
 @kernel
 def _lost(lost: Lost, k: int, i_0: complex, i_1: complex) -> complex:
-    """In the rotor frame."""
-    v = lost_voltage(lost.legs, k, i_0, i_1, lost.dead_time, lost.u_drop, lost.width)
+    """In the rotor frame; simulated currents are known."""
+    v = lost_voltage(lost.legs, k, i_0, i_1, lost.dead_time, lost.u_drop, lost.width, 0.0)
     return v * lost.legs.middle[k].conjugate()
 
 

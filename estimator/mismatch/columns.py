@@ -227,6 +227,8 @@ def regression(
             size = (P + 1) * len(part)
             v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
             _fill(part, model, columns, steps, v)
+            if not more:
+                _add_to_inductances(part, model, columns, v)
             v[P] = r[cut]
             there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
             flat = m[: len(there)].reshape(len(there), 2 * len(part))
@@ -360,6 +362,20 @@ def _fill(
                 present[effect.name] = effect.voltage(rows, step.since)
             np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
         v[j] *= 1.0 / step.h
+
+
+def _add_to_inductances(rows: Rows, model: Model, columns: Sequence[Column], v: NDArray[np.complex128]) -> None:
+    """What effects that follow the ripple of currents change by with the inductances."""
+    for name, sizes in model.effects.items():
+        effect = BY_NAME[name]
+        if not effect.steep:
+            continue
+        present = effect.voltage(rows, sizes)
+        for j, column in enumerate(columns):
+            if column.parameter in ("L_d", "L_q") and column.owner == "machine":
+                h = _STEP * getattr(rows.machine, column.parameter)
+                other = replace(rows.machine, **{column.parameter: getattr(rows.machine, column.parameter) + h})
+                v[j] += (effect.voltage(with_machine(rows, other), sizes) - present) / h
 
 
 def _add_zero_channel(

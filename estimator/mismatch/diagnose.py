@@ -155,9 +155,10 @@ def _judged(
     rows = with_machine(rows, model.machine)
     findings: list[Finding] = []
     doubts: list[Ambiguity] = []
-    machine_before, machine_after = _parameters(search, ()), _parameters(search, choice)
+    lent = _excess(found) if left is not None else 0.0
+    machine_before, machine_after = _parameters(search, ()), _parameters(search, choice, lent)
     outside = _outside(machine_after, nominal, tolerance)
-    blind = _blind(machine_after, nominal, tolerance)
+    blind = _blind(_parameters(search, choice), nominal, tolerance)
     poorly = poorly_told(search, choice, nominal, outside)
     faint, why = not_borne_out(search, choice, blind, _excess(found))
     progress(0.75, "simulating")
@@ -268,10 +269,13 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
     return told
 
 
-def _parameters(search: Search, choice: Choice) -> dict[str, Quantity]:
-    """R_s, L_d, L_q, psi_f of a fit; their intervals take in what noise of the currents may have made of them."""
+def _parameters(search: Search, choice: Choice, lent: float = 0.0) -> dict[str, Quantity]:
+    """R_s, L_d, L_q, psi_f of a fit; their intervals take in what noise of the currents may have made of them.
+
+    `lent`: energy over noise that what has no name may have lent to a parameter: as much as it left.
+    """
     fit = search.fit(choice)
-    variance = np.maximum(fit.covariance.diagonal(), 0.0) * search.parameter_scatter(fit)
+    variance = np.maximum(fit.covariance.diagonal(), 0.0) * (search.parameter_scatter(fit) + lent)
     variance = variance[: len(PARAMETERS)] + np.sum(attenuated(search, choice) ** 2, axis=0)
     return {
         name: Quantity(float(fit.value[k]), math.sqrt(float(variance[k])), UNITS[name])

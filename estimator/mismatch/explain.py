@@ -22,6 +22,8 @@ ENTRY: Final = 9.0  # log-odds that an effect must bring
 MOST: Final = 6  # effects
 NEGLIGIBLE: Final = 0.03  # of a typical size
 TRIED: Final = 6  # likeliest ones, of which one may be added
+_ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
+_NOISE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +120,7 @@ class Search:
             return -math.inf
         fitted = 0.5 * (without.chi2 - with_it.chi2)
         complexity = with_it.log_evidence - without.log_evidence - fitted
-        return (fitted - 0.5 * self.missed(choice)) / self.scatter(with_it, more) + complexity
+        return (fitted - 0.5 * self._lent(choice)) / self.scatter(with_it, more) + complexity
 
     def _negligible(self, fit: Fit, one: tuple[str, int]) -> bool:
         """All of an effect's sizes are too small to matter to anybody."""
@@ -185,6 +187,11 @@ class Search:
             explained = self.fit(tuple(c for c in choice if c != one)).chi2 - full
             total += BY_NAME[one[0]].missed * max(explained, 0.0)
         return total
+
+    def _lent(self, choice: Choice) -> float:
+        """What of chi square the equations of a set's effects may lend another: no one looks like half of all left."""
+        left = self.fit(choice).chi2 - self.regression.count
+        return min(self.missed(choice), _ALIKE * max(left, _NOISE * self.regression.count))
 
     def best(self, start: Choice = ()) -> Choice:
         """A set with at most one effect more, that nothing taken away or exchanged makes better."""

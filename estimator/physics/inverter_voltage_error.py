@@ -6,25 +6,28 @@ crossings
 
     u_k = d_k u_dc - sign(i_k) (dead_time / T_s u_dc + u_drop)
 
-Near them the current's ripple has both signs within a period; it follows from the duties and the inductances. What
-switches do around zero current makes the sign pass softly, i / sqrt(i^2 + zero_crossing_width^2). S.-G. Jeong,
-M.-H. Park, "The analysis and compensation of dead-time effects in PWM inverters", IEEE Trans. Industrial Electronics
-38(2), 1991; R. B. Sepe, J. H. Lang, "Inverter nonlinearities and discrete-time vector current control", IEEE Trans.
-Industry Applications, 1994.
+Near them the current's ripple has both signs within a period, and comes to zero and stays there within a dead time: the
+period is followed from edge to edge. Currents are known within zero_crossing_width, over which a dead time's loss is
+averaged; drops pass softly, i / sqrt(i^2 + zero_crossing_width^2). S.-G. Jeong, M.-H. Park, "The analysis and
+compensation of dead-time effects in PWM inverters", IEEE Trans. Industrial Electronics 38(2), 1991; R. B. Sepe, J. H.
+Lang, "Inverter nonlinearities and discrete-time vector current control", IEEE Trans. Industry Applications, 1994.
 """
 
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes
-from estimator.physics.lost_voltage import edges_at_start, legs_of, lost_voltages
+from estimator.physics.lost_voltage import edges_at_start, legs_of, lost_by_dead_time, lost_by_drops
 from estimator.physics.rows import Rows, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Lost voltage, V."""
     dead_time, u_drop, width = sizes
-    lost = lost_voltages(legs_of(rows), rows.i_s, float(dead_time), float(u_drop), float(width))
-    return rows.stationary(lost)
+    legs, dead_time, width = legs_of(rows), float(dead_time), float(width)
+    by_dead_time = rows.once(
+        f"lost in {dead_time!r} s, by {width!r} A", lambda: lost_by_dead_time(legs, rows.i_s, dead_time, width)
+    )
+    return rows.stationary(by_dead_time + lost_by_drops(legs, rows.i_s, dead_time, float(u_drop), width))
 
 
 EFFECT = Effect(
@@ -32,15 +35,15 @@ EFFECT = Effect(
     (
         Parameter("dead_time", "s", lambda rows: 0.01 * rows.T_s, lambda _: 0.0, lambda rows: 0.06 * rows.T_s),
         Parameter("u_drop", "V", lambda rows: 0.003 * bus(rows), lambda _: 0.0, lambda rows: 0.03 * bus(rows)),
-        Parameter("zero_crossing_width", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 1e-3 * rows.i_rated,
+        Parameter("zero_crossing_width", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 3e-4 * rows.i_rated,
                   lambda rows: 0.2 * rows.i_rated, shape=True),
     ),
     voltage,
-    lambda rows: ((0.004 * rows.i_rated,), (0.03 * rows.i_rated,)),
+    lambda rows: ((0.001 * rows.i_rated,), (0.01 * rows.i_rated,)),
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding resistance", "flux_harmonics"),
     steep=True,
-    missed=5e-4,
+    missed=1e-4,
     remembers=lambda rows, _sizes: None if rows.u_dc is None else edges_at_start(rows),
 )  # fmt: skip
 

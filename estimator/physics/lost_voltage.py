@@ -1,6 +1,8 @@
 """Voltage that a bridge's legs lose in one control period, from the currents at its ends.
 
-The equations of `inverter_voltage_error`, period by period, so that a simulation can ask for one.
+The equations of `inverter_voltage_error`, period by period, so that a simulation can ask for one. Where a current is
+near zero at an edge, the period is followed from edge to edge: both switches of a leg are off for the dead time, its
+current flows on through a diode until it is zero, and then the leg floats. Derived here.
 """
 
 import math
@@ -13,12 +15,38 @@ from estimator.kernel import kernel
 from estimator.physics.rows import AXES, Real, Rows, Vector
 
 _A, _B, _C = AXES
-Three = tuple[float, float, float]
-_PASSES = 8
-_STEPS = 12
-_FAR = math.sqrt(3.0)  # Gauss-Hermite's nodes, of a normal spread
-_MOVES = 4.0  # times u_dc / L: currents move no faster while legs are dead
-_CLOSE = 1e-4  # of what a dead time can lose
+_NONE = 2  # of a leg's switches is on
+_MOVES = 2.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
+_NARROW = 0.03  # times the same: a spread of currents that does not matter
+_SHOTS = 6  # at a period's end
+_CLOSE = 1e-4  # of what a dead time can lose: near enough
+_DRAWN = 1.0  # of what the end says at best, to what the machine's parameters say
+_CHANGES = 4  # of sign between two edges at most
+_SETTLES = 8  # passes over legs that float together
+_SHORT = 0.05  # of a period, in which the resistive drop hardly changes
+
+
+class Room(NamedTuple):
+    """Room to work in, for a period."""
+
+    moments: Real  # (17,) s, where switches change
+    switches: NDArray[np.int8]  # (16, 3): of each leg between them, 0 the lower, 1 the upper, 2 none
+    high: Real  # (3,) what share of the link's voltage each leg has
+    by: Vector  # (3,) A/s, that each leg drives while it is high
+    zero: NDArray[np.bool_]  # (3,) its current has come to zero
+
+
+class Period(NamedTuple):
+    """What drives the current in one control period."""
+
+    u_dc: float  # V
+    T_s: float  # s
+    R_s: float  # ohm
+    L_d: float  # H
+    L_q: float  # H
+    psi_f: float  # Vs
+    D: float  # rad, electrical, by which the rotor turns
+    middle: complex  # exp(j theta_e) in the middle
 
 
 class Legs(NamedTuple):
@@ -29,26 +57,36 @@ class Legs(NamedTuple):
     edges: NDArray[np.int8]  # (n, 3): 1 where a leg rises at the period's start, -1 where it falls
     order: NDArray[np.int8]  # (n, 3): the legs as they rise
     ripple: Vector  # (n, 3): A, stationary, when each leg rises
-    u_s: Vector  # V, stationary
     middle: Vector  # exp(j theta_e) in the middle
     T_s: float  # s
+    R_s: float  # ohm
     L_d: float  # H
     L_q: float  # H
+    psi_f: float  # Vs
+    D: Real  # rad, electrical, by which the rotor turns in each period
+    room: Room
+
+
+def _room() -> Room:
+    moments, switches, by = np.empty(17), np.empty((16, 3), np.int8), np.empty(3, np.complex128)
+    return Room(moments, switches, np.empty(3), by, np.zeros(3, np.bool_))
 
 
 def legs_of(rows: Rows) -> Legs:
     """The legs of a recording's periods."""
     u_dc, middle, T_s = rows.u_dc, rows.middle, rows.T_s
-    L_d, L_q, u_s = float(rows.machine.L_d), float(rows.machine.L_q), rows.u * middle
+    m = rows.machine
+    R_s, L_d, L_q, psi_f = float(m.R_s), float(m.L_d), float(m.L_q), float(m.psi_f)
+    u_s = rows.u * middle
     if u_dc is None:
         none = np.zeros((0, 3))
         return Legs(
-            np.zeros(0), none, none.astype(np.int8), none.astype(np.int8), none.astype(np.complex128), u_s, middle,
-            T_s, L_d, L_q,
+            np.zeros(0), none, none.astype(np.int8), none.astype(np.int8), none.astype(np.complex128), middle,
+            T_s, R_s, L_d, L_q, psi_f, rows.D, _room(),
         )  # fmt: skip
     edges, order = edges_at_start(rows), rows.once("order", lambda: _orders(rows.duties))
     ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, L_d, L_q))
-    return Legs(u_dc, rows.duties, edges, order, ripple, u_s, middle, T_s, L_d, L_q)
+    return Legs(u_dc, rows.duties, edges, order, ripple, middle, T_s, R_s, L_d, L_q, psi_f, rows.D, _room())
 
 
 def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
@@ -56,7 +94,8 @@ def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
     u_s = np.ascontiguousarray(2.0 / 3.0 * u_dc * (duties @ np.array(AXES)), np.complex128)
     middle = np.ones(len(duties), np.complex128)
     ripple = _ripples(u_dc, duties, u_s, middle, T_s, L, L)
-    return Legs(u_dc, duties, np.zeros(duties.shape, np.int8), _orders(duties), ripple, u_s, middle, T_s, L, L)
+    edges, D = np.zeros(duties.shape, np.int8), np.zeros(len(duties))
+    return Legs(u_dc, duties, edges, _orders(duties), ripple, middle, T_s, 0.0, L, L, 0.0, D, _room())
 
 
 def edges_at_start(rows: Rows) -> NDArray[np.int8]:
@@ -70,11 +109,21 @@ def _edges(stays_high: NDArray[np.bool_]) -> NDArray[np.int8]:
 
 
 @kernel
-def lost_voltages(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
-    """Lost voltage (V) of each period, from currents (A) at samples; both in the stationary frame."""
+def lost_by_dead_time(legs: Legs, i_s: Vector, dead_time: float, spread: float) -> Vector:
+    """Voltage (V) that dead times lose in each period, from currents (A) at samples; both in the stationary frame."""
+    lost = np.zeros(len(legs.middle), np.complex128)
+    if len(legs.u_dc) > 0 and dead_time != 0.0:
+        for k in range(len(lost)):
+            lost[k] = _by_dead_time(legs, k, i_s[k], i_s[k + 1], dead_time, spread)
+    return lost
+
+
+@kernel
+def lost_by_drops(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
+    """The same by drops, and by the dead time of legs that leave a rail."""
     lost = np.empty(len(legs.middle), np.complex128)
     for k in range(len(lost)):
-        lost[k] = lost_voltage(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width)
+        lost[k] = _by_drops(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width)
     return lost
 
 
@@ -83,15 +132,29 @@ def lost_between(legs: Legs, begin: Vector, end: Vector, dead_time: float, u_dro
     """Lost voltage (V) of periods that need not join, from currents (A) at their ends; all in the stationary frame."""
     lost = np.empty(len(begin), np.complex128)
     for k in range(len(lost)):
-        lost[k] = lost_voltage(legs, k, begin[k], end[k], dead_time, u_drop, width)
+        lost[k] = lost_voltage(legs, k, begin[k], end[k], dead_time, u_drop, width, width)
     return lost
 
 
 @kernel
 def lost_voltage(
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float, spread: float
+) -> complex:
+    """Lost voltage (V) of period k, from the currents (A) at its ends; both in the stationary frame.
+
+    Currents pass zero within `width` for drops; they are known within `spread` for dead times.
+    """
+    lost = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, width)
+    if dead_time != 0.0 and len(legs.u_dc) > 0:
+        lost += _by_dead_time(legs, k, i_0, i_1, dead_time, spread)
+    return lost
+
+
+@kernel
+def _by_drops(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float
 ) -> complex:
-    """Lost voltage (V) of period k, from the currents (A) at its ends; both in the stationary frame."""
+    """Lost voltage (V, stationary) of drops, and of the dead time of legs that leave a rail."""
     axes = (_A, _B, _C)
     lost = 0j
     if len(legs.u_dc) == 0:
@@ -99,28 +162,25 @@ def lost_voltage(
             start, end = _phase(i_0, axis), _phase(i_1, axis)
             lost += axis * u_drop * 0.5 * (start / _soft(start, width) + end / _soft(end, width))
         return 2.0 / 3.0 * lost
-    u_dc = legs.u_dc[k]
-    by_rise, by_fall = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if dead_time != 0.0:
-        by_rise, by_fall = _all_by_dead_time(legs, k, i_0, i_1, dead_time, width)
+    u_dc, bow_s = legs.u_dc[k], _bow(legs.psi_f, legs.L_d, legs.D[k], legs.middle[k])
     for leg in range(3):
         axis = axes[leg]
         start, end = _phase(i_0, axis), _phase(i_1, axis)
-        slope = end - start
-        volts = (by_rise[leg] + by_fall[leg]) / legs.T_s
+        slope, volts = end - start, 0.0
         edge = legs.edges[k, leg]
         if edge != 0.0:  # a leg that leaves a rail has an edge at the period's start
             volts += u_dc / legs.T_s * 0.5 * dead_time * (edge + start / _soft(start, width))
         if u_drop != 0.0:
             # Mean of the sign over the period, piece by piece between the edges, from both ends to the middle
-            total, early = 0.0, 0.0
+            total, early, bow = 0.0, 0.0, _phase(bow_s, axis)
             was_up, was_down, soft_was_up, soft_was_down = start, end, _soft(start, width), _soft(end, width)
             for part in range(4):
                 late, away = 0.5, 0.0
                 if part < 3:
                     other = legs.order[k, part]
                     late, away = _rise(legs.duties[k, other]), _phase(legs.ripple[k, other], axis)
-                up, down = start + slope * late + away, end - slope * late - away
+                bowed = bow * 4.0 * late * (1.0 - late)
+                up, down = start + slope * late + away + bowed, end - slope * late - away + bowed
                 soft_up, soft_down = _soft(up, width), _soft(down, width)
                 mean = (was_up + up) / (soft_was_up + soft_up) + (was_down + down) / (soft_was_down + soft_down)
                 total += (late - early) * mean
@@ -131,138 +191,212 @@ def lost_voltage(
 
 
 @kernel
-def _put(three: Three, place: int, value: float) -> Three:
-    a, b, c = three
-    return value if place == 0 else a, value if place == 1 else b, value if place == 2 else c
-
-
-@kernel
-def _farthest(was: Three, rise: Three, fall: Three) -> float:
-    a, b, c = rise[0] + fall[0] - was[0], rise[1] + fall[1] - was[1], rise[2] + fall[2] - was[2]
-    return max(abs(a), abs(b), abs(c))
-
-
-@kernel
-def _all_by_dead_time(
-    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, width: float
-) -> tuple[Three, Three]:  # fmt: skip
-    """Vs that each leg loses at its rise and at its fall."""
-    u_dc, by_rise, by_fall = legs.u_dc[k], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    near = _FAR * width + _MOVES * u_dc / min(legs.L_d, legs.L_q) * dead_time
-    far = True
-    for leg in range(3):  # far from where a current changes sign
-        start, end, rise = _phase(i_0, _axis(leg)), _phase(i_1, _axis(leg)), _rise(legs.duties[k, leg])
-        away = (end - start) * rise + _phase(legs.ripple[k, leg], _axis(leg))
-        far = far and min(abs(start + away), abs(end - away)) > near
+def _by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, spread: float) -> complex:
+    """Lost voltage (V, stationary) of the dead times alone."""
+    u_dc, T_s, lost, nearest, closest = legs.u_dc[k], legs.T_s, 0j, 0, math.inf
+    moves = u_dc / min(legs.L_d, legs.L_q) * dead_time  # A
+    bow = _bow(legs.psi_f, legs.L_d, legs.D[k], legs.middle[k])
+    damping = legs.R_s * T_s * (0.5 / legs.L_d + 0.5 / legs.L_q)
+    for leg in range(3):
+        axis, rise = _axis(leg), _rise(legs.duties[k, leg])
+        bowed = _phase(bow, axis) * 4.0 * rise * (1.0 - rise)
+        start, end = _phase(i_0, axis) + bowed, _phase(i_1, axis) + bowed
+        away = (end - start) * rise + _phase(legs.ripple[k, leg], axis)
+        close = min(abs(start + away), abs(end - away))
+        if close < closest:
+            nearest, closest = leg, close
         if rise < 0.5 and start + away > 0.0:
-            by_rise = _put(by_rise, leg, u_dc * min((1.0 - 2.0 * rise) * legs.T_s, dead_time))
+            lost += 2.0 / 3.0 * axis * u_dc * min(1.0 - 2.0 * rise, dead_time / T_s) * _weight(damping, rise)
         if rise > 0.0 and end - away < 0.0:
-            by_fall = _put(by_fall, leg, -u_dc * min(2.0 * rise * legs.T_s, dead_time))
-    if far:
-        return by_rise, by_fall
-    for _ in range(_PASSES):  # what one leg loses moves the others' currents
-        was = by_rise[0] + by_fall[0], by_rise[1] + by_fall[1], by_rise[2] + by_fall[2]
-        for leg in range(3):
-            at_rise, at_fall = _by_dead_time(legs, k, i_0, i_1, dead_time, width, by_rise, by_fall, leg)
-            by_rise, by_fall = _put(by_rise, leg, at_rise), _put(by_fall, leg, at_fall)
-        if _farthest(was, by_rise, by_fall) < _CLOSE * u_dc * dead_time:
+            lost -= 2.0 / 3.0 * axis * u_dc * min(2.0 * rise, dead_time / T_s) * _weight(damping, 1.0 - rise)
+    if closest > _MOVES * moves + spread:
+        return lost
+    if spread < _NARROW * moves:
+        return _between_edges(legs, k, i_0, i_1, dead_time)
+    # Currents spread, as noise makes them: the mean of two that have this spread
+    off = spread * _axis(nearest)
+    lower = _between_edges(legs, k, i_0 - off, i_1 - off, dead_time)
+    return 0.5 * (lower + _between_edges(legs, k, i_0 + off, i_1 + off, dead_time))
+
+
+@kernel
+def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float) -> complex:
+    """Lost voltage (V, stationary) of a period that takes the current from one end to the other.
+
+    By the machine's parameters, and as much beside them (one constant voltage) as lets it end where it does: of that
+    the end often says little, so it is drawn towards none. Newton's method: the course is nearly straight from one
+    change of sign to the next.
+    """
+    u_dc, T_s, duties, room = legs.u_dc[k], legs.T_s, legs.duties[k], legs.room
+    period = Period(u_dc, T_s, legs.R_s, legs.L_d, legs.L_q, legs.psi_f, legs.D[k], legs.middle[k])
+    pieces, ideal = _cut(duties, dead_time, T_s, room), 0j
+    for leg in range(3):
+        ideal += u_dc * min(max(duties[leg], 0.0), 1.0) * _axis(leg)
+    lost, beside, least, close = 0j, 0j, _DRAWN * T_s**2, _CLOSE * u_dc / min(legs.L_d, legs.L_q) * dead_time
+    for _ in range(_SHOTS):
+        end, by_real, by_imag, held = _course(period, i_0, beside, pieces, room)
+        lost = ideal - u_dc * held
+        off = i_1 - end
+        x = _phase(by_real, off) - least * beside.real
+        y = _phase(by_imag, off) - least * beside.imag
+        xx, yy, xy = _phase(by_real, by_real) + least, _phase(by_imag, by_imag) + least, _phase(by_real, by_imag)
+        step = complex(x * yy - y * xy, y * xx - x * xy) / (xx * yy - xy * xy)
+        if abs(step) * T_s < close:
             break
-    return by_rise, by_fall
+        beside += step
+    return 2.0 / 3.0 * lost
+
+
+@kernel
+def _cut(duties: Real, dead_time: float, T_s: float, room: Room) -> int:
+    """Cut a period where switches change, into so many pieces: their `moments`, and which switch of each leg is on."""
+    at, count = room.moments, 1
+    at[0] = 0.0
+    for leg in range(3):
+        if not 0.0 < duties[leg] < 1.0:
+            continue
+        rise = _rise(duties[leg]) * T_s
+        fall = T_s - rise
+        for edge in (fall + dead_time - T_s, rise, rise + dead_time, fall, fall + dead_time):
+            if 0.0 < edge < T_s:
+                place = count
+                while at[place - 1] > edge:
+                    at[place] = at[place - 1]
+                    place -= 1
+                at[place] = edge
+                count += 1
+    at[count] = T_s
+    for piece in range(count):
+        for leg in range(3):
+            room.switches[piece, leg] = _switch(0.5 * (at[piece] + at[piece + 1]), duties[leg], dead_time, T_s)
+    return count
+
+
+@kernel
+def _switch(t: float, duty: float, dead_time: float, T_s: float) -> int:
+    """0 where a leg's lower switch is on at t, 1 its upper one, 2 none: a dead time."""
+    if not 0.0 < duty < 1.0:
+        return 1 if duty >= 1.0 else 0
+    rise = _rise(duty) * T_s
+    fall = T_s - rise
+    if rise <= t < fall:
+        return 2 if t < rise + dead_time else 1
+    # The dead time of the fall may go on in the next period, whose begin is like this one's
+    return 2 if t < (fall + dead_time if t >= fall else fall + dead_time - T_s) else 0
+
+
+@kernel
+def _course(
+    period: Period, i: complex, beside: complex, pieces: int, room: Room
+) -> tuple[complex, complex, complex, complex]:  # fmt: skip
+    """The current (A, stationary) at a period's end, its slopes by the real and imaginary part of `beside` (s), and
+    how high the legs are held on average, along their axes and by `_weight`.
+
+    In a dead time a current out of the leg flows on through the lower diode, one into it through the upper, and where
+    it has come to zero the leg floats on the voltage that keeps it there. beside: A/s that the current falls beside
+    what the machine's parameters say.
+    """
+    T_s, high, by, zero = period.T_s, room.high, room.by, room.zero
+    alike, apart = 0.5 / period.L_d + 0.5 / period.L_q, 0.5 / period.L_d - 0.5 / period.L_q  # of its mirror
+    by_real, by_imag, held = 0j, 0j, 0j
+    was, crossed, crossed_real, crossed_imag = 0j, False, 0.0, 0.0
+    zero[0], zero[1], zero[2] = False, False, False
+    for piece in range(pieces):
+        t, until = room.moments[piece], room.moments[piece + 1]
+        turned = period.D * (0.5 * (t + until) / T_s - 0.5)
+        rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
+        twice = apart * rotor * rotor
+        for leg in range(3):
+            zero[leg] = zero[leg] and room.switches[piece, leg] == _NONE
+            by[leg] = 2.0 / 3.0 * period.u_dc * (alike * _axis(leg) + twice * _axis(leg).conjugate())
+        for _ in range(_CHANGES):
+            if until <= t:
+                break
+            for leg in range(3):
+                switch = room.switches[piece, leg]
+                high[leg] = float(switch) if switch != _NONE else 0.0 if _phase(i, _axis(leg)) > 0.0 else 1.0
+            rate = _rate(period, rotor, alike, twice, i, beside, until - t, high, by, zero)
+            more_real, more_imag = -1.0 + 0j, -1j
+            floats = int(zero[0]) + int(zero[1]) + int(zero[2])
+            if floats == 1:
+                leg = 0 if zero[0] else 1 if zero[1] else 2
+                own = by[leg] / _phase(by[leg], _axis(leg))
+                more_real += own * _axis(leg).real
+                more_imag += own * _axis(leg).imag
+            elif floats > 1:
+                rate, more_real, more_imag = 0j, 0j, 0j
+            if crossed:  # when that is, shifts too
+                by_real += (was - rate) * crossed_real
+                by_imag += (was - rate) * crossed_imag
+            span, first = until - t, -1
+            for leg in range(3):
+                current, fall = _phase(i, _axis(leg)), -_phase(rate, _axis(leg))
+                free = room.switches[piece, leg] == _NONE and not zero[leg]
+                if free and current * fall > 0.0 and current / fall < span:
+                    span, first = current / fall, leg
+            weight = span * _weight(period.R_s * T_s * alike, (t + 0.5 * span) / T_s)
+            held += (high[0] * _A + high[1] * _B + high[2] * _C) * weight
+            i += rate * span
+            by_real += more_real * span
+            by_imag += more_imag * span
+            t, crossed = t + span, first >= 0
+            if not crossed:
+                break
+            was, zero[first], fall = rate, True, -_phase(rate, _axis(first))
+            crossed_real, crossed_imag = _phase(by_real, _axis(first)) / fall, _phase(by_imag, _axis(first)) / fall
+    return i, by_real, by_imag, held / T_s
+
+
+@kernel
+def _rate(
+    period: Period, rotor: complex, alike: float, twice: complex, i: complex, beside: complex, span: float,
+    high: Real, by: Vector, zero: NDArray[np.bool_],
+) -> complex:  # fmt: skip
+    """How fast the current (A, stationary) changes on average over a span (s), A/s.
+
+    Legs that float are set so that their currents stay zero; those that a rail would hold, float no more.
+    """
+    speed, rate, at = period.D / period.T_s, 0j, i
+    for again in range(2):  # the second time by the current in the middle
+        induced = 1j * speed * rotor * (period.psi_f + (period.L_d - period.L_q) * rotor * at.conjugate())
+        against = period.R_s * at + induced
+        falls = alike * against + twice * against.conjugate() + beside
+        if zero[0] or zero[1] or zero[2]:
+            for leg in range(3):
+                high[leg] = 0.5 if zero[leg] else high[leg]
+            for _ in range(_SETTLES if int(zero[0]) + int(zero[1]) + int(zero[2]) > 1 else 1):
+                for leg in range(3):
+                    if zero[leg]:
+                        rate = high[0] * by[0] + high[1] * by[1] + high[2] * by[2] - falls
+                        more = -_phase(rate, _axis(leg)) / _phase(by[leg], _axis(leg))
+                        high[leg] = min(max(high[leg] + more, 0.0), 1.0)
+            for leg in range(3):
+                zero[leg] = zero[leg] and 0.0 < high[leg] < 1.0
+        rate = high[0] * by[0] + high[1] * by[1] + high[2] * by[2] - falls
+        if again or span < _SHORT * period.T_s:
+            break
+        at = i + 0.5 * span * rate
+    return rate
+
+
+@kernel
+def _weight(damping: float, part: float) -> float:
+    """What a voltage lost after that part of a period counts as, for who knows the currents at both ends.
+
+    One lost early lowers the current for longer, and by that the winding's resistive drop. damping: R_s T_s / L.
+    """
+    return 1.0 - damping * (0.5 - part)
+
+
+@kernel
+def _bow(psi_f: float, L_d: float, D: float, middle: complex) -> complex:
+    """What the current (A, stationary) is beside a straight line in the middle of a period: its magnets turn."""
+    return -0.125 * psi_f / L_d * D * D * middle
 
 
 @kernel
 def _axis(leg: int) -> complex:
     return _A if leg == 0 else _B if leg == 1 else _C
-
-
-@kernel
-def _by_dead_time(
-    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, width: float, by_rise: Three, by_fall: Three,
-    leg: int,
-) -> tuple[float, float]:  # fmt: skip
-    """Vs that a leg loses at its rise and at its fall, where the others lose what is known of them.
-
-    Both switches are off. A current out of the leg flows on through the lower diode, one into it through the upper, and
-    where it has come to zero the leg floats on the voltage that keeps it there. The loss moves the current, from both
-    ends of the period to the edges: it is the one that follows from itself.
-    """
-    u_dc, T_s, rise = legs.u_dc[k], legs.T_s, _rise(legs.duties[k, leg])
-    on, off = (1.0 - 2.0 * rise) * T_s, 2.0 * rise * T_s  # a pulse shorter than the dead time is lost whole
-    if on <= 0.0 or off <= 0.0:
-        return 0.0, 0.0
-    axis = _axis(leg)
-    start, end = _phase(i_0, axis), _phase(i_1, axis)
-    slope = end - start
-    away = slope * rise + _phase(legs.ripple[k, leg], axis)
-    at_rise, at_fall, own = start + away, end - away, 0.0
-    without_pulses = _driven(legs.u_s[k], legs.middle[k], legs.L_d, legs.L_q)
-    low = slope / T_s - _phase(without_pulses, axis)  # A/s at the rise, with this leg low
-    low_at_fall = low
-    for other in range(3):
-        rate = _phase(_driven(2.0 / 3.0 * _axis(other), legs.middle[k], legs.L_d, legs.L_q), axis)  # A/s per V
-        if other == leg:
-            own = rate
-            continue
-        lost = by_rise[other] + by_fall[other]
-        apart = (rise - _rise(legs.duties[k, other])) * T_s  # s, since the other was told to rise, at the rise
-        risen = min(by_rise[other], u_dc * max(apart, 0.0))
-        fallen = max(by_fall[other], u_dc * min(apart, 0.0))
-        at_rise += rate * (lost * rise - risen)
-        at_fall += rate * (lost * (1.0 - rise) - by_rise[other] - fallen)
-        # For which part of the dead time the other is high
-        low += rate * (lost / T_s + u_dc * _share(apart + dead_time - by_rise[other] / u_dc, dead_time))
-        low_at_fall += rate * (lost / T_s + u_dc * _share(apart - by_fall[other] / u_dc, dead_time))
-    dead, dead_at_fall = min(on, dead_time), min(off, dead_time)
-    least, most = -u_dc * dead_at_fall, u_dc * dead
-    lost, risen, fallen = by_rise[leg] + by_fall[leg], 0.0, 0.0
-    for _ in range(_STEPS):
-        i, j = at_rise + own * rise * lost, own * lost / T_s
-        risen = u_dc * (dead - _held_high(i, width, low + j, low + j + own * u_dc, dead))
-        i = at_fall + own * ((1.0 - rise) * lost - risen)
-        fallen = -u_dc * _held_high(i, width, low_at_fall + j, low_at_fall + j + own * u_dc, dead_at_fall)
-        more = risen + fallen - lost
-        if abs(more) < _CLOSE * u_dc * dead_time:
-            break
-        if more > 0.0:
-            least = lost
-        else:
-            most = lost
-        # Between the rails' currents a loss is in proportion to the current
-        by_i = rise if 0.0 < risen < u_dc * dead else 0.0
-        by_both = 1.0 - by_i - (1.0 - rise - by_i if -u_dc * dead_at_fall < fallen < 0.0 else 0.0)
-        lost += more / by_both
-        if not least < lost < most:
-            lost = 0.5 * (least + most)
-    return risen, fallen
-
-
-@kernel
-def _share(time: float, whole: float) -> float:
-    return min(max(time / whole, 0.0), 1.0)
-
-
-@kernel
-def _held_high(i: float, width: float, low: float, high: float, dead: float) -> float:
-    """Mean of `_high_for` over currents that spread by `width` (A), as noise and the legs' capacitance make them."""
-    if abs(i) > _FAR * width + dead * max(abs(low), abs(high)):
-        return _high_for(i, low, high, dead)
-    away = _FAR * width
-    ends = _high_for(i - away, low, high, dead) + _high_for(i + away, low, high, dead)
-    return (4.0 * _high_for(i, low, high, dead) + ends) / 6.0
-
-
-@kernel
-def _high_for(i: float, low: float, high: float, dead: float) -> float:
-    """Time (s) of a dead time in which a leg is high, or floats so far above low; its current i (A) at the begin.
-
-    low, high: di/dt (A/s) with the leg at either rail.
-    """
-    floats = min(max(-low / (high - low), 0.0), 1.0)
-    if i > 0.0:
-        to_zero = i / -low if low < 0.0 else dead
-        return max(dead - to_zero, 0.0) * floats
-    to_zero = min(-i / high, dead) if high > 0.0 else dead
-    return to_zero + (dead - to_zero) * floats
 
 
 @kernel
@@ -318,3 +452,4 @@ def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, 
             )
             ripple[k, leg] = _driven(area * T_s, middle[k], L_d, L_q)
     return ripple
+
