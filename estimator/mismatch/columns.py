@@ -8,7 +8,7 @@ absolute; those of shapes count from the present value. Knows nothing of what is
 
 import cmath
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
@@ -29,6 +29,7 @@ Noise = tuple[float, float, float]
 
 STRETCHES: Final = 48
 _STEP: Final = 0.03  # of a typical size, for differences
+_NEAR: Final = 1e-3  # the same, where a little changes much
 _PART: Final = 1536  # periods at once, whose columns stay near the processor
 _SMALL_ANGLE: Final = 1e-4  # rad
 _FARTHEST: Final = (0.3, 3.0)  # of nominal values
@@ -42,6 +43,10 @@ class Model:
     effects: dict[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
     angle: float = 0.0  # rad, within the angle's resolution
     zero: float = 0.0  # A, mean of the three current channels' offsets
+
+
+Follow = Callable[[Model], Rows]
+"""Rows with currents that follow a model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,21 +203,24 @@ def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
 
 def regression(
     rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    noise: Noise | None = None, library: Sequence[Effect] = LIBRARY, *, more: bool = True,
+    noise: Noise | None = None, library: Sequence[Effect] = LIBRARY,
+    follow: Follow | None = None,
 ) -> Regression:  # fmt: skip
-    """Sums of all columns; of the present model alone without `more`.
+    """Sums of all columns; of the present model alone without a library.
 
-    `smooth` has currents with less noise, for what must not be correlated with it.
+    `smooth` has currents with less noise, for what must not be correlated with it; `follow` says how they would be
+    by another model.
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     truth = in_truth(smooth, model)
-    columns = _columns(smooth, model, nominal, tolerance, angle_step, library, more)
+    columns = _columns(smooth, model, nominal, tolerance, angle_step, library)
     steps = _steps(truth, model, columns)
     rho = filter_pole(model.machine, rows.T_s)
     r, zero = _left_over(rows, in_truth(rows, model), truth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(whitened(r, rows, rho), zero, rows)
     prepared(truth, steps)
+    following = {} if follow is None else _following(truth, model, columns, follow)
     r, rotor = r * frame_of(rows, truth).conj(), rows.rotor[1:]
     P = len(columns)
     n = len(rows)
@@ -227,8 +235,8 @@ def regression(
             size = (P + 1) * len(part)
             v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
             _fill(part, model, columns, steps, v)
-            if not more:
-                _add_to_inductances(part, model, columns, v)
+            for j, added in following.items():
+                v[j] += added[cut]
             v[P] = r[cut]
             there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
             flat = m[: len(there)].reshape(len(there), 2 * len(part))
@@ -277,7 +285,7 @@ def _at(effect: Effect, shapes: Sequence[float], sizes: dict[int, float]) -> tup
 
 def _columns(
     rows: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    library: Sequence[Effect], more: bool,
+    library: Sequence[Effect],
 ) -> tuple[Column, ...]:  # fmt: skip
     found: list[Column] = []
     for k, name in enumerate(PARAMETERS):
@@ -288,16 +296,16 @@ def _columns(
     found.append(Column("machine", "angle", 4, -1, (0.0, max(0.5 * angle_step, 1e-6)), model.angle, (-reach, reach)))
     if rows.zero is not None:
         found.append(Column("machine", "zero", 5, -1, (0.0, rows.i_rated), model.zero, (-math.inf, math.inf)))
-    for effect in library if more else [BY_NAME[name] for name in model.effects]:
+    for effect in library or [BY_NAME[name] for name in model.effects]:
         if effect.name in model.effects:
             found.extend(_own_columns(effect, rows, model.effects[effect.name]))
             if not any(parameter.shape for parameter in effect.parameters):
                 continue  # it has no other shape
-        for seed, _ in enumerate(effect.shapes(rows) if more else ()):
+        for seed, _ in enumerate(effect.shapes(rows) if library else ()):
             for k in effect.sizes:
                 parameter = effect.parameters[k]
                 prior = (0.0, parameter.typical(rows))
-                found.append(Column(effect.name, parameter.name, k, seed, prior, 0.0, _bounds(parameter, rows)))
+                found.append(Column(effect.name, parameter.name, k, seed, prior, 0.0, plausible(parameter, rows)))
     return tuple(found)
 
 
@@ -307,7 +315,7 @@ def _own_columns(effect: Effect, rows: Rows, present: Sequence[float]) -> list[C
     for k, parameter in enumerate(effect.parameters):
         if parameter.discrete:
             continue
-        prior, (low, high) = (0.0, parameter.typical(rows)), _bounds(parameter, rows)
+        prior, (low, high) = (0.0, parameter.typical(rows)), plausible(parameter, rows)
         if parameter.shape:
             low, high = max(low - present[k], -0.5 * abs(present[k])), min(high - present[k], abs(present[k]))
         offset = 0.0 if parameter.shape else present[k]
@@ -315,7 +323,7 @@ def _own_columns(effect: Effect, rows: Rows, present: Sequence[float]) -> list[C
     return found
 
 
-def _bounds(parameter: Parameter, rows: Rows) -> tuple[float, float]:
+def plausible(parameter: Parameter, rows: Rows) -> tuple[float, float]:
     return (
         -math.inf if parameter.low is None else parameter.low(rows),
         math.inf if parameter.high is None else parameter.high(rows),
@@ -364,18 +372,28 @@ def _fill(
         v[j] *= 1.0 / step.h
 
 
-def _add_to_inductances(rows: Rows, model: Model, columns: Sequence[Column], v: NDArray[np.complex128]) -> None:
-    """What effects that follow the ripple of currents change by with the inductances."""
-    for name, sizes in model.effects.items():
-        effect = BY_NAME[name]
-        if not effect.steep:
+def _following(rows: Rows, model: Model, columns: Sequence[Column], follow: Follow) -> dict[int, Vector]:
+    """What the voltage of effects that see each change of current changes by, a unit of a column's parameter.
+
+    The currents that follow a model change with it, and the inductances the ripple.
+    """
+    steep = {name: sizes for name, sizes in model.effects.items() if BY_NAME[name].steep}
+    present, found = effects_voltage(rows, replace(model, effects=steep)), dict[int, Vector]()
+    for j, column in enumerate(columns):
+        h = _NEAR * column.prior[1]
+        if column.owner == "machine":
+            if column.parameter not in PARAMETERS:
+                continue
+            machine = replace(model.machine, **{column.parameter: getattr(model.machine, column.parameter) + h})
+            other = replace(model, machine=machine)
+        elif column.seed < 0 and not column.shape:
+            sizes = tuple(x + h * (k == column.place) for k, x in enumerate(model.effects[column.owner]))
+            other = replace(model, effects={**model.effects, column.owner: sizes})
+        else:
             continue
-        present = effect.voltage(rows, sizes)
-        for j, column in enumerate(columns):
-            if column.parameter in ("L_d", "L_q") and column.owner == "machine":
-                h = _STEP * getattr(rows.machine, column.parameter)
-                other = replace(rows.machine, **{column.parameter: getattr(rows.machine, column.parameter) + h})
-                v[j] += (effect.voltage(with_machine(rows, other), sizes) - present) / h
+        there = in_truth(follow(other), other)
+        found[j] = (effects_voltage(there, Model(other.machine, steep)) - present) / h
+    return found
 
 
 def _add_zero_channel(

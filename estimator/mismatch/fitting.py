@@ -8,13 +8,15 @@ words.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from functools import partial
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.columns import (
     Array,
+    Follow,
     Model,
     Noise,
     filter_pole,
@@ -35,10 +37,23 @@ from estimator.twin import followed
 ROUNDS: Final = 9
 POLISHED: Final = 6  # times a round
 _WHOLE: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
+_FEW: Final = (8_000, 16)  # periods and blocks of them, that find what costs much to follow
+_FIND: Final = 2  # times as often as all rows
+_STILL: Final = 0.1  # standard errors: a step that does not matter
+_NEARLY: Final = 2.0  # the same where it leads to the end
 _HALVINGS: Final = 3
 _FOLLOWED: Final = (0.02, 0.1, 0.4)  # a period, of what is between measured currents and those that follow the model
 _NOISY: Final = 1.5  # times the noise: what is between them is no more
 _AVERAGED: Final = 25  # periods to each side; slower than that is not noise
+
+
+class Clean(NamedTuple):
+    """Rows with less noise of their currents, by a model."""
+
+    rows: Rows
+    z: Vector  # Vs, whitened residual
+    noise: Noise | None  # None where no model has told it yet
+    follow: Follow | None = None  # the same by another model, where the currents follow it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,17 +94,16 @@ def _fitted(
     rows: Rows, start: Model | None, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     progress: Callable[[float], None], library: Sequence[Effect],
 ) -> Fitted:  # fmt: skip
-    model, smooth, z, settled = start or Model(nominal), rows, np.zeros(0, np.complex128), False
-    noise: Noise | None = None
+    model, clean, settled = start or Model(nominal), _raw(rows), False
     seen: list[frozenset[str]] = []
     rounds, times = (ROUNDS, POLISHED) if start is None else _WHOLE
     if start is not None:
-        model, smooth, z, noise, settled = polished(rows, smooth, start, nominal, tolerance, angle_step, noise, times)
+        model, clean, settled = polished(rows, clean, start, nominal, tolerance, angle_step, times)
         seen.append(frozenset(model.effects))
     last: Search | None = None
     barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
     for n in range(rounds):
-        search = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
+        search = _search(rows, clean, model, nominal, tolerance, angle_step, library)
         search.barred |= barred
         present = tuple((name, -1) for name in model.effects)
         choice = search.best(present)
@@ -97,29 +111,44 @@ def _fitted(
             last = search
             break
         towards = moved(search, choice)
-        better = _no_worse(rows, smooth, model, towards, search)
+        better = _no_worse(rows, clean, model, towards, search)
         if better is not None:
             model = better
         elif any(seed >= 0 for _, seed in choice):  # beyond the bend it may be better still
-            beyond, clean, *_ = polished(rows, smooth, towards, nominal, tolerance, angle_step, noise, times)
-            if _left(rows, clean, beyond, search) < search.regression.left:
-                model, smooth = beyond, clean
+            beyond, cleaner, _ = polished(rows, clean, towards, nominal, tolerance, angle_step, times)
+            if _left(rows, cleaner.rows, beyond, search) < search.regression.left:
+                model, clean = beyond, cleaner
             else:
                 barred |= {name for name, seed in choice if seed >= 0}
-        model, smooth, z, noise, settled = polished(rows, smooth, model, nominal, tolerance, angle_step, noise, times)
+        model, clean, settled = polished(rows, clean, model, nominal, tolerance, angle_step, times)
         progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
             break
     if last is None:
-        last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
+        last = _search(rows, clean, model, nominal, tolerance, angle_step, library)
     needed = last.without_needless(tuple((name, -1) for name in model.effects))
     if len(needed) < len(model.effects):
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
-        model, smooth, z, noise, _ = polished(rows, smooth, kept, nominal, tolerance, angle_step, noise, times)
-        last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, library))
-    assert noise is not None
-    return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth)
+        model, clean, _ = polished(rows, clean, kept, nominal, tolerance, angle_step, times)
+        last = _search(rows, clean, model, nominal, tolerance, angle_step, library)
+    assert clean.noise is not None
+    return Fitted(model, last, tuple((name, -1) for name in model.effects), clean.z, clean.noise, clean.rows)
+
+
+def _raw(rows: Rows) -> Clean:
+    return Clean(rows, np.zeros(0, np.complex128), None)
+
+
+def _search(
+    rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
+    library: Sequence[Effect] = LIBRARY,
+) -> Search:  # fmt: skip
+    """Of all effects, or, to polish them, of the model's alone."""
+    follow = None if library else clean.follow
+    return Search(
+        regression(rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow)
+    )
 
 
 def without(
@@ -128,33 +157,54 @@ def without(
     """The best model without some of its effects."""
     rows = found.search.regression.rows
     kept = {name: sizes for name, sizes in found.model.effects.items() if name not in dropped}
-    start = replace(found.model, effects=kept)
-    model, smooth, z, noise, _ = polished(rows, found.smooth, start, nominal, tolerance, angle_step, found.noise)
-    last = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise))
-    return Fitted(model, last, tuple((name, -1) for name in model.effects), z, noise, smooth)
+    start, clean = replace(found.model, effects=kept), Clean(found.smooth, found.z, found.noise)
+    model, clean, _ = polished(rows, clean, start, nominal, tolerance, angle_step)
+    last = _search(rows, clean, model, nominal, tolerance, angle_step)
+    assert clean.noise is not None
+    return Fitted(model, last, tuple((name, -1) for name in model.effects), clean.z, clean.noise, clean.rows)
 
 
 def polished(
-    rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    noise: Noise | None, times: int = POLISHED,
-) -> tuple[Model, Rows, Vector, Noise, bool]:  # fmt: skip
-    """A set's best model; rows with less noise, whitened residual and noise by it; whether it moves no more."""
+    rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
+    times: int = POLISHED,
+) -> tuple[Model, Clean, bool]:
+    """A set's best model, rows cleaned by it, and whether it moves no more."""
+    if _steep(model):
+        part = thinned(rows, *_FEW)
+        if part is not rows:
+            model, *_ = _polished(part, _raw(part), model, nominal, tolerance, angle_step, _FIND * times)
+    return _polished(rows, clean, model, nominal, tolerance, angle_step, times)
+
+
+def _polished(
+    rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
+    times: int,
+) -> tuple[Model, Clean, bool]:  # fmt: skip
     settled = False
     for _ in range(times):
-        model = with_step_in_place(rows, smooth, model)
-        smooth, z, noise = cleaned(rows, smooth, model)
-        own = Search(regression(rows, smooth, model, nominal, tolerance, angle_step, noise, (), more=False))
-        better = _no_worse(rows, smooth, model, moved(own, tuple((name, -1) for name in model.effects)), own)
-        settled = better is not None and _close(own, model, better)
-        if better is None or settled:
-            return model, smooth, z, noise, settled
+        model = with_step_in_place(rows, clean.rows, model)
+        clean = cleaned(rows, clean.rows, model)
+        own = _search(rows, clean, model, nominal, tolerance, angle_step, ())
+        better = _no_worse(rows, clean, model, moved(own, tuple((name, -1) for name in model.effects)), own)
+        if better is None:
+            return model, clean, settled
+        settled = _close(own, model, better, _STILL if clean.follow is None else _NEARLY)
+        if settled and clean.follow is None:
+            return model, clean, settled
         model = better
-    return model, *cleaned(rows, smooth, model), settled
+        if settled:
+            break
+    return model, cleaned(rows, clean.rows, model), settled
 
 
-def _close(search: Search, one: Model, other: Model) -> bool:
-    """No size has moved by more than a tenth of its standard error, or a thousandth of what is typical."""
-    fit = search.fit(tuple((name, -1) for name in one.effects))
+def _steep(model: Model) -> bool:
+    return any(BY_NAME[name].steep for name in model.effects)
+
+
+def _close(search: Search, one: Model, other: Model, most: float) -> bool:
+    """No size has moved by more than so many of its standard errors, or a thousandth of what is typical."""
+    choice = tuple((name, -1) for name in one.effects)
+    fit, covariance = search.fit(choice), search.free_covariance(choice)
     for n, place in enumerate(fit.places):
         column = search.columns[place]
         if column.owner == "machine":
@@ -164,19 +214,19 @@ def _close(search: Search, one: Model, other: Model) -> bool:
         else:
             change = other.effects[column.owner][column.place] - one.effects[column.owner][column.place]
         least = (1e-2 if column.shape else 1e-4) * column.prior[1]
-        if abs(change) > max(0.1 * math.sqrt(max(float(fit.covariance[n, n]), 0.0)), least):
+        if abs(change) > max(most * math.sqrt(max(float(covariance[n, n]), 0.0)), least):
             return False
     return True
 
 
-def _no_worse(rows: Rows, smooth: Rows, now: Model, towards: Model, search: Search) -> Model | None:
+def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Search) -> Model | None:
     """The model, or one on the way to it, that leaves no more of the voltage than there was: equations are not lines.
 
     None where there is none.
     """
     model, best = towards, (math.inf, towards)
     for _ in range(_HALVINGS):
-        left = _left(rows, smooth, model, search)
+        left = _left(rows, clean.rows if clean.follow is None else clean.follow(model), model, search)
         if left >= best[0]:
             break
         best = left, model
@@ -246,13 +296,13 @@ def moved(search: Search, choice: Choice) -> Model:
     )  # fmt: skip
 
 
-def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, Noise]:
-    """Rows with less noise of their currents; the whitened residual, and how much of it is white noise.
+def cleaned(rows: Rows, smooth: Rows, model: Model) -> Clean:
+    """Rows with less noise of their currents than these, and how much of it is white noise.
 
     Only what changes within a few periods, and no more than white noise makes of it, counts as noise.
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
-    if any(BY_NAME[name].steep for name in model.effects):
+    if _steep(model):
         return _followed(rows, model)
     z = whitened(residual(rows, smooth, model), rows, filter_pole(model.machine, rows.T_s))
     noise = noise_of(z, zero_residual(rows, smooth, model), rows)
@@ -264,30 +314,37 @@ def cleaned(rows: Rows, smooth: Rows, model: Model) -> tuple[Rows, Vector, Noise
     part_q = min(1.0, noise[1] ** 2 / max(float(np.mean(fast.imag**2)), 1e-300))
     i = rows.i.copy()
     i[1:] += part_d * fast.real / m.L_d + 1j * part_q * fast.imag / m.L_q
-    return replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), z, noise
+    return Clean(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), z, noise)
 
 
-def _followed(rows: Rows, model: Model) -> tuple[Rows, Vector, Noise]:
+def _followed(rows: Rows, model: Model) -> Clean:
     """The same for effects that change more within the noise of currents than these do in a period.
 
     Currents follow the model, as closely as it is true.
     """
     m = model.machine
 
-    def by(share: float) -> tuple[Rows, Vector, Noise]:
-        smooth = replace(rows, i=followed(rows, model, share), kept=rows.kept_of_angle_and_bridge())
+    def by(share: float) -> tuple[Clean, Noise]:
+        follow = partial(_following, rows, share)
+        smooth = follow(model)
         z = whitened(residual(rows, smooth, model), rows, filter_pole(m, rows.T_s))
-        return smooth, z, noise_of(z, zero_residual(rows, smooth, model), rows)
+        noise = noise_of(z, zero_residual(rows, smooth, model), rows)
+        return Clean(smooth, z, noise, follow), noise
 
     *closer, last = _FOLLOWED
     for share in closer:
-        smooth, z, noise = by(share)
-        off = smooth.i - rows.i
+        clean, noise = by(share)
+        off = clean.rows.i - rows.i
         d, q = off.real * (m.L_d / noise[0]), off.imag * (m.L_q / noise[1])
         loud = max(float(np.mean(d**2)), float(np.mean(q**2)))
         if loud < _NOISY**2:
-            return smooth, z, noise
-    return by(last)
+            return clean
+    return by(last)[0]
+
+
+def _following(rows: Rows, share: float, model: Model) -> Rows:
+    there = with_machine(rows, model.machine)
+    return replace(there, i=followed(there, model, share), kept=there.kept_of_angle_and_bridge())
 
 
 def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:

@@ -29,18 +29,18 @@ def settled(rows: Rows) -> Rows:
     return replace(rows, joined=joined)
 
 
-def thinned(rows: Rows, most: int = MOST) -> Rows:
+def thinned(rows: Rows, most: int = MOST, blocks: int = BLOCKS) -> Rows:
     """So many periods of them, in blocks that are not `joined`; the rows themselves where they are not many more.
 
     The first periods of a block are not `joined` either. Each block lies elsewhere in its part of the recording, so
     that what is commanded again and again is seen all over.
     """
-    n, length = len(rows), most // BLOCKS
+    n, length = len(rows), most // blocks
     if n <= _WORTH * most:
         return rows
-    part = (n - length) / (BLOCKS - 1)
-    late = np.arange(BLOCKS) * _GOLDEN % 1.0 * (1.0 - length / part)
-    starts = np.rint((np.arange(BLOCKS) + late) * part).astype(int)
+    part = (n - length) / (blocks - 1)
+    late = np.arange(blocks) * _GOLDEN % 1.0 * (1.0 - length / part)
+    starts = np.rint((np.arange(blocks) + late) * part).astype(int)
     starts[-1] = n - length
     samples = (starts[:, None] + np.arange(length + 1)).ravel()
     seam = np.zeros(len(samples) - 1, np.bool_)

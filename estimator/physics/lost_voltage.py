@@ -18,22 +18,27 @@ _A, _B, _C = AXES
 _NONE = 2  # of a leg's switches is on
 _MOVES = 2.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
 _NARROW = 0.03  # times the same: a spread of currents that does not matter
+_NEARER = 1.0 - 1e-6  # as near: of two legs alike, the first
 _SHOTS = 6  # at a period's end
-_CLOSE = 1e-4  # of what a dead time can lose: near enough
+_CLOSE = 0.003  # times the same: where the last shot may end
 _DRAWN = 1.0  # of what the end says at best, to what the machine's parameters say
 _CHANGES = 4  # of sign between two edges at most
 _SETTLES = 8  # passes over legs that float together
+_ROUNDING = 1e-12  # of what the link's voltage makes of a current in a period
 _SHORT = 0.05  # of a period, in which the resistive drop hardly changes
 
 
 class Room(NamedTuple):
     """Room to work in, for a period."""
 
-    moments: Real  # (17,) s, where switches change
-    switches: NDArray[np.int8]  # (16, 3): of each leg between them, 0 the lower, 1 the upper, 2 none
+    out: NDArray[np.int8]  # (3, 2): of each leg as it rises and falls, 1 where its current surely flows out, -1 into it
+    first: NDArray[np.int8]  # (3,): of each leg's switches on at the begin, 0 the lower, 1 the upper, 2 none
+    moments: Real  # (15,) s, where switches change, in order
+    whose: NDArray[np.int8]  # (15,): the leg
+    to: NDArray[np.int8]  # (15,)
     high: Real  # (3,) what share of the link's voltage each leg has
-    by: Vector  # (3,) A/s, that each leg drives while it is high
-    zero: NDArray[np.bool_]  # (3,) its current has come to zero
+    free: NDArray[np.bool_]  # (3,) none of its switches is on
+    zero: NDArray[np.bool_]  # (3,) nor is a diode: its current has come to zero
 
 
 class Period(NamedTuple):
@@ -68,8 +73,9 @@ class Legs(NamedTuple):
 
 
 def _room() -> Room:
-    moments, switches, by = np.empty(17), np.empty((16, 3), np.int8), np.empty(3, np.complex128)
-    return Room(moments, switches, np.empty(3), by, np.zeros(3, np.bool_))
+    legs, changes, flags = np.empty(3, np.int8), np.empty(15, np.int8), np.zeros(3, np.bool_)
+    out, moments = np.zeros((3, 2), np.int8), np.empty(15)
+    return Room(out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy())
 
 
 def legs_of(rows: Rows) -> Legs:
@@ -193,8 +199,9 @@ def _by_drops(
 @kernel
 def _by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, spread: float) -> complex:
     """Lost voltage (V, stationary) of the dead times alone."""
-    u_dc, T_s, lost, nearest, closest = legs.u_dc[k], legs.T_s, 0j, 0, math.inf
+    u_dc, T_s, room, lost, nearest, closest = legs.u_dc[k], legs.T_s, legs.room, 0j, 0, math.inf
     moves = u_dc / min(legs.L_d, legs.L_q) * dead_time  # A
+    near = _MOVES * moves + spread
     bow = _bow(legs.psi_f, legs.L_d, legs.D[k], legs.middle[k])
     damping = legs.R_s * T_s * (0.5 / legs.L_d + 0.5 / legs.L_q)
     for leg in range(3):
@@ -202,181 +209,209 @@ def _by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: flo
         bowed = _phase(bow, axis) * 4.0 * rise * (1.0 - rise)
         start, end = _phase(i_0, axis) + bowed, _phase(i_1, axis) + bowed
         away = (end - start) * rise + _phase(legs.ripple[k, leg], axis)
-        close = min(abs(start + away), abs(end - away))
-        if close < closest:
+        at_rise, at_fall = start + away, end - away
+        close = min(abs(at_rise), abs(at_fall))
+        if close < _NEARER * closest:
             nearest, closest = leg, close
-        if rise < 0.5 and start + away > 0.0:
+        room.out[leg, 0] = 0 if abs(at_rise) < near else 1 if at_rise > 0.0 else -1
+        room.out[leg, 1] = 0 if abs(at_fall) < near else 1 if at_fall > 0.0 else -1
+        if rise < 0.5 and at_rise > 0.0:
             lost += 2.0 / 3.0 * axis * u_dc * min(1.0 - 2.0 * rise, dead_time / T_s) * _weight(damping, rise)
-        if rise > 0.0 and end - away < 0.0:
+        if rise > 0.0 and at_fall < 0.0:
             lost -= 2.0 / 3.0 * axis * u_dc * min(2.0 * rise, dead_time / T_s) * _weight(damping, 1.0 - rise)
-    if closest > _MOVES * moves + spread:
+    if closest >= near:
         return lost
+    changes = _cut(legs.duties[k], dead_time, T_s, room)
     if spread < _NARROW * moves:
-        return _between_edges(legs, k, i_0, i_1, dead_time)
+        return _between_edges(legs, k, i_0, i_1, changes, moves)
     # Currents spread, as noise makes them: the mean of two that have this spread
     off = spread * _axis(nearest)
-    lower = _between_edges(legs, k, i_0 - off, i_1 - off, dead_time)
-    return 0.5 * (lower + _between_edges(legs, k, i_0 + off, i_1 + off, dead_time))
+    lower = _between_edges(legs, k, i_0 - off, i_1 - off, changes, moves)
+    return 0.5 * (lower + _between_edges(legs, k, i_0 + off, i_1 + off, changes, moves))
 
 
 @kernel
-def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float) -> complex:
+def _cut(duties: Real, dead_time: float, T_s: float, room: Room) -> int:
+    """Put in order where switches change, and say how often.
+
+    Of a leg whose current surely flows out, the diode that goes on is the lower one, as if its lower switch were on;
+    into it, the upper one.
+    """
+    count = 0
+    for leg in range(3):
+        duty = duties[leg]
+        room.first[leg] = 1 if duty >= 1.0 else 0
+        if not 0.0 < duty < 1.0:
+            continue
+        rise, at_rise, at_fall = _rise(duty) * T_s, room.out[leg, 0], room.out[leg, 1]
+        fall = T_s - rise
+        over = fall + dead_time - T_s  # a dead time that goes on into the next period, whose begin is like this one's
+        if over > 0.0 and at_fall <= 0:
+            room.first[leg] = _NONE if at_fall == 0 else 1
+            if over < rise:
+                count = _put(room, count, over, leg, 0)
+        if at_rise == 0:
+            count = _put(room, count, rise, leg, _NONE)
+        if at_rise < 0:
+            count = _put(room, count, rise, leg, 1)
+        elif rise + dead_time < fall:
+            count = _put(room, count, rise + dead_time, leg, 1)
+        if at_fall == 0:
+            count = _put(room, count, fall, leg, _NONE)
+        if at_fall > 0:
+            count = _put(room, count, fall, leg, 0)
+        elif over < 0.0:
+            count = _put(room, count, fall + dead_time, leg, 0)
+    return count
+
+
+@kernel
+def _put(room: Room, count: int, t: float, leg: int, to: int) -> int:
+    place = count
+    while place > 0 and room.moments[place - 1] > t:
+        room.moments[place], room.whose[place] = room.moments[place - 1], room.whose[place - 1]
+        room.to[place] = room.to[place - 1]
+        place -= 1
+    room.moments[place], room.whose[place], room.to[place] = t, leg, to
+    return count + 1
+
+
+@kernel
+def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, changes: int, moves: float) -> complex:
     """Lost voltage (V, stationary) of a period that takes the current from one end to the other.
 
     By the machine's parameters, and as much beside them (one constant voltage) as lets it end where it does: of that
     the end often says little, so it is drawn towards none. Newton's method: the course is nearly straight from one
     change of sign to the next.
     """
-    u_dc, T_s, duties, room = legs.u_dc[k], legs.T_s, legs.duties[k], legs.room
+    u_dc, T_s, duties = legs.u_dc[k], legs.T_s, legs.duties[k]
     period = Period(u_dc, T_s, legs.R_s, legs.L_d, legs.L_q, legs.psi_f, legs.D[k], legs.middle[k])
-    pieces, ideal = _cut(duties, dead_time, T_s, room), 0j
+    held, ideal, beside, least = 0j, 0j, 0j, _DRAWN * T_s**2
     for leg in range(3):
-        ideal += u_dc * min(max(duties[leg], 0.0), 1.0) * _axis(leg)
-    lost, beside, least, close = 0j, 0j, _DRAWN * T_s**2, _CLOSE * u_dc / min(legs.L_d, legs.L_q) * dead_time
+        ideal += min(max(duties[leg], 0.0), 1.0) * _axis(leg)
     for _ in range(_SHOTS):
-        end, by_real, by_imag, held = _course(period, i_0, beside, pieces, room)
-        lost = ideal - u_dc * held
+        end, by_real, by_imag, held, held_real, held_imag = _course(period, i_0, beside, changes, legs.room)
         off = i_1 - end
         x = _phase(by_real, off) - least * beside.real
         y = _phase(by_imag, off) - least * beside.imag
         xx, yy, xy = _phase(by_real, by_real) + least, _phase(by_imag, by_imag) + least, _phase(by_real, by_imag)
         step = complex(x * yy - y * xy, y * xx - x * xy) / (xx * yy - xy * xy)
-        if abs(step) * T_s < close:
-            break
         beside += step
-    return 2.0 / 3.0 * lost
+        if abs(step) * T_s < _CLOSE * moves:
+            held += held_real * step.real + held_imag * step.imag
+            break
+    return 2.0 / 3.0 * u_dc * (ideal - held)
 
 
 @kernel
-def _cut(duties: Real, dead_time: float, T_s: float, room: Room) -> int:
-    """Cut a period where switches change, into so many pieces: their `moments`, and which switch of each leg is on."""
-    at, count = room.moments, 1
-    at[0] = 0.0
-    for leg in range(3):
-        if not 0.0 < duties[leg] < 1.0:
-            continue
-        rise = _rise(duties[leg]) * T_s
-        fall = T_s - rise
-        for edge in (fall + dead_time - T_s, rise, rise + dead_time, fall, fall + dead_time):
-            if 0.0 < edge < T_s:
-                place = count
-                while at[place - 1] > edge:
-                    at[place] = at[place - 1]
-                    place -= 1
-                at[place] = edge
-                count += 1
-    at[count] = T_s
-    for piece in range(count):
-        for leg in range(3):
-            room.switches[piece, leg] = _switch(0.5 * (at[piece] + at[piece + 1]), duties[leg], dead_time, T_s)
-    return count
-
-
-@kernel
-def _switch(t: float, duty: float, dead_time: float, T_s: float) -> int:
-    """0 where a leg's lower switch is on at t, 1 its upper one, 2 none: a dead time."""
-    if not 0.0 < duty < 1.0:
-        return 1 if duty >= 1.0 else 0
-    rise = _rise(duty) * T_s
-    fall = T_s - rise
-    if rise <= t < fall:
-        return 2 if t < rise + dead_time else 1
-    # The dead time of the fall may go on in the next period, whose begin is like this one's
-    return 2 if t < (fall + dead_time if t >= fall else fall + dead_time - T_s) else 0
-
-
-@kernel
-def _course(
-    period: Period, i: complex, beside: complex, pieces: int, room: Room
-) -> tuple[complex, complex, complex, complex]:  # fmt: skip
-    """The current (A, stationary) at a period's end, its slopes by the real and imaginary part of `beside` (s), and
-    how high the legs are held on average, along their axes and by `_weight`.
+def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes twice as long
+    period: Period, i: complex, beside: complex, changes: int, room: Room
+) -> tuple[complex, complex, complex, complex, complex, complex]:  # fmt: skip
+    """The current (A, stationary) at a period's end, its slopes by the real and imaginary part of `beside` (s), how
+    high the legs are held on average, along their axes and by `_weight`, and its slopes (s/A).
 
     In a dead time a current out of the leg flows on through the lower diode, one into it through the upper, and where
     it has come to zero the leg floats on the voltage that keeps it there. beside: A/s that the current falls beside
     what the machine's parameters say.
     """
-    T_s, high, by, zero = period.T_s, room.high, room.by, room.zero
+    T_s, high, free, zero = period.T_s, room.high, room.free, room.zero
     alike, apart = 0.5 / period.L_d + 0.5 / period.L_q, 0.5 / period.L_d - 0.5 / period.L_q  # of its mirror
-    by_real, by_imag, held = 0j, 0j, 0j
-    was, crossed, crossed_real, crossed_imag = 0j, False, 0.0, 0.0
-    zero[0], zero[1], zero[2] = False, False, False
-    for piece in range(pieces):
-        t, until = room.moments[piece], room.moments[piece + 1]
-        turned = period.D * (0.5 * (t + until) / T_s - 0.5)
-        rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
-        twice = apart * rotor * rotor
-        for leg in range(3):
-            zero[leg] = zero[leg] and room.switches[piece, leg] == _NONE
-            by[leg] = 2.0 / 3.0 * period.u_dc * (alike * _axis(leg) + twice * _axis(leg).conjugate())
-        for _ in range(_CHANGES):
-            if until <= t:
-                break
-            for leg in range(3):
-                switch = room.switches[piece, leg]
-                high[leg] = float(switch) if switch != _NONE else 0.0 if _phase(i, _axis(leg)) > 0.0 else 1.0
-            rate = _rate(period, rotor, alike, twice, i, beside, until - t, high, by, zero)
-            more_real, more_imag = -1.0 + 0j, -1j
-            floats = int(zero[0]) + int(zero[1]) + int(zero[2])
-            if floats == 1:
-                leg = 0 if zero[0] else 1 if zero[1] else 2
-                own = by[leg] / _phase(by[leg], _axis(leg))
-                more_real += own * _axis(leg).real
-                more_imag += own * _axis(leg).imag
-            elif floats > 1:
-                rate, more_real, more_imag = 0j, 0j, 0j
-            if crossed:  # when that is, shifts too
-                by_real += (was - rate) * crossed_real
-                by_imag += (was - rate) * crossed_imag
-            span, first = until - t, -1
-            for leg in range(3):
-                current, fall = _phase(i, _axis(leg)), -_phase(rate, _axis(leg))
-                free = room.switches[piece, leg] == _NONE and not zero[leg]
-                if free and current * fall > 0.0 and current / fall < span:
-                    span, first = current / fall, leg
-            weight = span * _weight(period.R_s * T_s * alike, (t + 0.5 * span) / T_s)
-            held += (high[0] * _A + high[1] * _B + high[2] * _C) * weight
-            i += rate * span
-            by_real += more_real * span
-            by_imag += more_imag * span
-            t, crossed = t + span, first >= 0
-            if not crossed:
-                break
-            was, zero[first], fall = rate, True, -_phase(rate, _axis(first))
-            crossed_real, crossed_imag = _phase(by_real, _axis(first)) / fall, _phase(by_imag, _axis(first)) / fall
-    return i, by_real, by_imag, held / T_s
+    full, damping, loose = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0
+    by_real, by_imag, held, held_real, held_imag, t = 0j, 0j, 0j, 0j, 0j, 0.0
+    none = _ROUNDING * full * alike * T_s
+    for leg in range(3):
+        to = room.first[leg]
+        free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
+        loose += to == _NONE
+    for change in range(changes + 1):
+        until = room.moments[change] if change < changes else T_s
+        if until > t:
+            turned = period.D * (0.5 * (t + until) / T_s - 0.5)
+            rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
+            twice = apart * rotor * rotor
+            was, was_held, crossed, crossed_real, crossed_imag = 0j, 0j, False, 0.0, 0.0
+            for _ in range(_CHANGES):
+                span, first, floats = until - t, -1, 0
+                falls = _falls(period, rotor, alike, twice, i) + beside
+                more_real, more_imag, level_real, level_imag = -1.0 + 0j, -1j, 0j, 0j
+                if loose > 0:
+                    for leg in range(3):
+                        if free[leg]:
+                            current = _phase(i, _axis(leg))
+                            high[leg], zero[leg] = 0.0 if current > 0.0 else 1.0, zero[leg] or abs(current) < none
+                            floats += zero[leg]
+                    if floats > 0:
+                        _float(high, zero, full, alike, twice, falls)
+                        floats = int(zero[0]) + int(zero[1]) + int(zero[2])
+                level = high[0] * _A + high[1] * _B + high[2] * _C
+                rate = full * (alike * level + twice * level.conjugate()) - falls
+                if span > _SHORT * T_s:  # by the current in the middle
+                    rate += falls - beside - _falls(period, rotor, alike, twice, i + 0.5 * span * rate)
+                if loose > 0:
+                    if floats == 1:
+                        axis = _axis(0 if zero[0] else 1 if zero[1] else 2)
+                        drives = alike * axis + twice * axis.conjugate()
+                        own = drives / _phase(drives, axis)
+                        more_real += own * axis.real
+                        more_imag += own * axis.imag
+                        lifts = axis / (full * _phase(drives, axis))
+                        level_real, level_imag = lifts * axis.real, lifts * axis.imag
+                    elif floats > 1:
+                        rate, more_real, more_imag = 0j, 0j, 0j
+                    if crossed:  # when that is, shifts too
+                        by_real += (was - rate) * crossed_real
+                        by_imag += (was - rate) * crossed_imag
+                        held_real += (was_held - level) * crossed_real
+                        held_imag += (was_held - level) * crossed_imag
+                    for leg in range(3):
+                        if free[leg] and not zero[leg]:
+                            current, fall = _phase(i, _axis(leg)), -_phase(rate, _axis(leg))
+                            if current * fall > 0.0 and current / fall < span:
+                                span, first = current / fall, leg
+                held += level * (span * _weight(damping, (t + 0.5 * span) / T_s))
+                held_real += level_real * span
+                held_imag += level_imag * span
+                i += rate * span
+                by_real += more_real * span
+                by_imag += more_imag * span
+                t, crossed = t + span, first >= 0
+                if not crossed:
+                    break
+                was, was_held, zero[first], fall = rate, level, True, -_phase(rate, _axis(first))
+                crossed_real, crossed_imag = _phase(by_real, _axis(first)) / fall, _phase(by_imag, _axis(first)) / fall
+            t = until
+        if change < changes:
+            leg, to = room.whose[change], room.to[change]
+            loose += int(to == _NONE) - int(free[leg])
+            free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
+    return i, by_real, by_imag, held / T_s, held_real / T_s, held_imag / T_s
 
 
 @kernel
-def _rate(
-    period: Period, rotor: complex, alike: float, twice: complex, i: complex, beside: complex, span: float,
-    high: Real, by: Vector, zero: NDArray[np.bool_],
-) -> complex:  # fmt: skip
-    """How fast the current (A, stationary) changes on average over a span (s), A/s.
+def _falls(period: Period, rotor: complex, alike: float, twice: complex, i: complex) -> complex:
+    """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s."""
+    induced = 1j * (period.D / period.T_s) * rotor
+    induced *= period.psi_f + (period.L_d - period.L_q) * rotor * i.conjugate()
+    against = period.R_s * i + induced
+    return alike * against + twice * against.conjugate()
 
-    Legs that float are set so that their currents stay zero; those that a rail would hold, float no more.
-    """
-    speed, rate, at = period.D / period.T_s, 0j, i
-    for again in range(2):  # the second time by the current in the middle
-        induced = 1j * speed * rotor * (period.psi_f + (period.L_d - period.L_q) * rotor * at.conjugate())
-        against = period.R_s * at + induced
-        falls = alike * against + twice * against.conjugate() + beside
-        if zero[0] or zero[1] or zero[2]:
-            for leg in range(3):
-                high[leg] = 0.5 if zero[leg] else high[leg]
-            for _ in range(_SETTLES if int(zero[0]) + int(zero[1]) + int(zero[2]) > 1 else 1):
-                for leg in range(3):
-                    if zero[leg]:
-                        rate = high[0] * by[0] + high[1] * by[1] + high[2] * by[2] - falls
-                        more = -_phase(rate, _axis(leg)) / _phase(by[leg], _axis(leg))
-                        high[leg] = min(max(high[leg] + more, 0.0), 1.0)
-            for leg in range(3):
-                zero[leg] = zero[leg] and 0.0 < high[leg] < 1.0
-        rate = high[0] * by[0] + high[1] * by[1] + high[2] * by[2] - falls
-        if again or span < _SHORT * period.T_s:
-            break
-        at = i + 0.5 * span * rate
-    return rate
+
+@kernel
+def _float(
+    high: Real, zero: NDArray[np.bool_], full: float, alike: float, twice: complex, falls: complex
+) -> None:  # fmt: skip
+    """Set legs that float so that their currents stay zero; those that a rail would hold, float no more."""
+    for leg in range(3):
+        high[leg] = 0.5 if zero[leg] else high[leg]
+    for _ in range(_SETTLES if int(zero[0]) + int(zero[1]) + int(zero[2]) > 1 else 1):
+        for leg in range(3):
+            if zero[leg]:
+                axis, level = _axis(leg), high[0] * _A + high[1] * _B + high[2] * _C
+                rate = full * (alike * level + twice * level.conjugate()) - falls
+                drives = full * (alike * axis + twice * axis.conjugate())
+                high[leg] = min(max(high[leg] - _phase(rate, axis) / _phase(drives, axis), 0.0), 1.0)
+    for leg in range(3):
+        zero[leg] = zero[leg] and 0.0 < high[leg] < 1.0
 
 
 @kernel
