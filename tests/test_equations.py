@@ -24,7 +24,7 @@ TOLERANCE = dict.fromkeys(PARAMETERS, 0.3)
 NOISE = 5e-4  # of rated current, that the fit weighs rows by
 MOTORS = ("servo_4nm", "mini_cheetah")  # whose current settles in 29 and in 3 control periods
 MISSED = {  # per mille of rated current; 0.1 where not told
-    "dead_time": 12.0, "drops": 2.5, "flux_harmonics": 0.3, "inductance_harmonics": 0.4, "current_skew": 0.15,
+    "dead_time": 1.0, "drops": 2.5, "flux_harmonics": 0.3, "inductance_harmonics": 0.4, "current_skew": 0.15,
     "imbalance": 0.2, "magnet_heat": 4.0,
 }  # fmt: skip
 CLASSES = sorted(set(EFFECT) - {"dc_link_gain", "demagnetisation", "winding_heat"})
