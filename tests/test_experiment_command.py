@@ -124,8 +124,12 @@ def test_ctrl_c_stops_the_drive_and_leaves_no_file(url: str, tmp_path: Path) -> 
         [*COMMAND, "experiment", asked, "--drive", url], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     with connect(url) as drive:
-        until(lambda: drive.read("i_q_step") == pytest.approx(0.3), "it does not begin")
-        until(lambda: operation.state(drive) is State.OPERATION_ENABLED, "it does not begin")
+
+        def begun() -> bool:
+            assert process.poll() is None, process.communicate()[1].decode()
+            return drive.read("i_q_step") == pytest.approx(0.3) and operation.state(drive) is State.OPERATION_ENABLED
+
+        until(begun, "it does not begin")
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=30.0)
     assert (process.returncode, error) == (130, b"")
