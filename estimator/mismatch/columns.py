@@ -203,8 +203,7 @@ def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
 
 def regression(
     rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    noise: Noise | None = None, library: Sequence[Effect] = LIBRARY,
-    follow: Follow | None = None,
+    noise: Noise | None = None, library: Sequence[Effect] = LIBRARY, follow: Follow | None = None,
 ) -> Regression:  # fmt: skip
     """Sums of all columns; of the present model alone without a library.
 
@@ -305,7 +304,7 @@ def _columns(
             for k in effect.sizes:
                 parameter = effect.parameters[k]
                 prior = (0.0, parameter.typical(rows))
-                found.append(Column(effect.name, parameter.name, k, seed, prior, 0.0, plausible(parameter, rows)))
+                found.append(Column(effect.name, parameter.name, k, seed, prior, 0.0, _bounds(parameter, rows)))
     return tuple(found)
 
 
@@ -315,7 +314,7 @@ def _own_columns(effect: Effect, rows: Rows, present: Sequence[float]) -> list[C
     for k, parameter in enumerate(effect.parameters):
         if parameter.discrete:
             continue
-        prior, (low, high) = (0.0, parameter.typical(rows)), plausible(parameter, rows)
+        prior, (low, high) = (0.0, parameter.typical(rows)), _bounds(parameter, rows)
         if parameter.shape:
             low, high = max(low - present[k], -0.5 * abs(present[k])), min(high - present[k], abs(present[k]))
         offset = 0.0 if parameter.shape else present[k]
@@ -323,7 +322,7 @@ def _own_columns(effect: Effect, rows: Rows, present: Sequence[float]) -> list[C
     return found
 
 
-def plausible(parameter: Parameter, rows: Rows) -> tuple[float, float]:
+def _bounds(parameter: Parameter, rows: Rows) -> tuple[float, float]:
     return (
         -math.inf if parameter.low is None else parameter.low(rows),
         math.inf if parameter.high is None else parameter.high(rows),

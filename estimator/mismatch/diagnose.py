@@ -155,12 +155,13 @@ def _judged(
     rows = with_machine(rows, model.machine)
     findings: list[Finding] = []
     doubts: list[Ambiguity] = []
-    lent = _excess(found) if left is not None else 0.0
+    excess = _excess(found)
+    lent = excess if left is not None else 0.0
     machine_before, machine_after = _parameters(search, ()), _parameters(search, choice, lent)
     outside = _outside(machine_after, nominal, tolerance)
     blind = _blind(_parameters(search, choice), nominal, tolerance)
     poorly = poorly_told(search, choice, nominal, outside)
-    faint, why = not_borne_out(search, choice, blind, _excess(found))
+    faint, why = not_borne_out(search, choice, blind, excess)
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
     fit, pictures = _shown(rows, found, r_after)

@@ -146,9 +146,7 @@ def _search(
 ) -> Search:  # fmt: skip
     """Of all effects, or, to polish them, of the model's alone."""
     follow = None if library else clean.follow
-    return Search(
-        regression(rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow)
-    )
+    return Search(regression(rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow))
 
 
 def without(
