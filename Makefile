@@ -38,7 +38,7 @@ fast-live: $(VENV)/.dev # wait for links, drives and services: what others hold 
 slow: slow-computed slow-live ## tests that take long
 
 slow-computed: $(VENV)/.dev
-	$(BIN)/pytest -m "slow and not live and $(OTHERS)"
+	$(BIN)/pytest --numprocesses 2 --dist worksteal -m "slow and not live and $(OTHERS)"
 
 slow-live: $(VENV)/.dev
 	$(call LIVE,slow) || $(call LIVE,slow) $(AGAIN)

@@ -21,7 +21,7 @@ from estimator.kernel import kernel
 from estimator.mismatch.columns import Model, base_voltage, current_error, effects_voltage, in_truth, residual
 from estimator.physics.ac_resistance import rung
 from estimator.physics.library import BY_NAME
-from estimator.physics.lost_voltage import Legs, legs_of, lost_voltage
+from estimator.physics.lost_voltage import SHOTS, Legs, legs_of, lost_so_far
 from estimator.physics.rows import Rows, Vector
 
 Bools = NDArray[np.bool_]
@@ -32,9 +32,10 @@ _TRIES: Final = 8  # sweeps with the same windows
 _PARTS: Final = 10  # that a window is cut into then, where they still change currents
 _FARTHEST: Final = 10.0  # of the largest current measured, or rated: as far as a simulated one goes
 _CLOSE: Final = 1e-4  # of the rms current: a change of currents that ends the sweeps
+_END: Final = 1e-3  # of that: a step of Newton's method that is the last, so that what currents change by can be told
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
 _ROUNDS: Final = 20  # of Newton's method in a period
-_HALVINGS: Final = 8  # of a step of it that leads away
+_WHOLE: Final = 5  # of them with whole steps
 _OF_INPUTS: Final = ("D", "rotor", "duties", "six", "turn", "edges at start", "order", "ripple")  # not of currents
 
 
@@ -94,19 +95,20 @@ def free_run(rows: Rows, model: Model, window: int | None = None) -> Vector:
     return _simulated(rows, model, _starts(rows, window))
 
 
-def followed(rows: Rows, model: Model, share: float) -> Vector:
+def followed(rows: Rows, model: Model, share: float) -> tuple[Vector, Vector]:
     """Currents (A) at samples that follow the model, and by a `share` a period the measured ones: with less noise.
 
-    Each run starts from the measured ones. Effects are seen at these currents, so that noise is not driven by them.
+    And the voltage (V, true rotor frame) that the bridge loses meanwhile, for currents that are known. Each run starts
+    from the measured ones. Effects are seen at these currents, so that noise is not driven by them.
     """
     truth = in_truth(rows, model)
     starts = _starts(rows, len(rows) + 1)
     course = _course(truth, _physics(model))
     close, limit = _bounds(truth)
     left = truth.u - _voltage(truth, course.ideal)
-    delta = _carried(left, course.slopes, starts, truth.i, truth.rotor, truth.half, course.memory, course.lost,
-                     0.1 * close, limit, share)  # fmt: skip
-    return rows.i + delta * truth.rotor * rows.rotor.conj()
+    delta, lost = _carried(left, course.slopes, starts, truth.i, truth.rotor, truth.half, course.memory, course.lost,
+                           _END * close, limit, share)  # fmt: skip
+    return rows.i + delta * truth.rotor * rows.rotor.conj(), lost
 
 
 def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
@@ -186,7 +188,7 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
     i, first, sweep = rows.i, np.flatnonzero(starts), 0
     while True:
         left = rows.u - _voltage(_with_currents(rows, i), ideal)
-        delta = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, 0.1 * close, limit, 0.0)
+        delta, _ = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, _END * close, limit, 0.0)
         i, sweep = i + delta, sweep + 1
         moving = ~(np.maximum.reduceat(np.abs(delta), first) <= close)
         if not np.any(moving):
@@ -208,13 +210,13 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
 def _carried(
     left: Vector, slopes: Slopes, starts: Bools, i: Vector, rotor: Vector, half: Vector, memory: Memory, lost: Lost,
     close: float, limit: float, forgotten: float,
-) -> Vector:  # fmt: skip
+) -> tuple[Vector, Vector]:  # fmt: skip
     """Changes of currents (A) at samples that undo what is left of voltages (V), from none where a window starts.
 
-    The bridge's lost voltage is no part of what is left: it is solved for in each period. A share of the change is
-    `forgotten` each period.
+    The bridge's lost voltage (V) is no part of what is left: it is solved for in each period, and comes with them. A
+    share of the change is `forgotten` each period.
     """
-    delta = np.zeros(len(left) + 1, np.complex128)
+    delta, lost_there = np.zeros(len(left) + 1, np.complex128), np.zeros(len(left), np.complex128)
     R, share, late = memory
     i_x = 0j
     for k in range(len(left)):
@@ -227,52 +229,42 @@ def _carried(
                 delta[k + 1] = _solution(d, q, v)
             else:
                 i_0, i_1 = (i[k] + delta[k]) * rotor[k], i[k + 1] * rotor[k + 1]
-                delta[k + 1] = _solution_with_lost(d, q, v, lost, k, i_0, i_1, rotor[k + 1], delta[k], close)
+                delta[k + 1], lost_there[k] = _solution_with_lost(
+                    d, q, v, lost, k, i_0, i_1, rotor[k + 1], delta[k], close
+                )
             there = abs(i[k + 1] + delta[k + 1])
             if there > limit:
                 delta[k + 1] = (i[k + 1] + delta[k + 1]) * (limit / there) - i[k + 1]
             delta[k + 1] *= 1.0 - forgotten
         i_0, i_1 = delta[k] * rotor[k], delta[k + 1] * rotor[k + 1]
         i_x += share * (i_0 - i_x) + late * (i_1 - i_0)
-    return delta
+    return delta, lost_there
 
 
 @kernel
 def _solution_with_lost(
     d: complex, q: complex, v: complex, lost: Lost, k: int, i_0: complex, i_1: complex, rotor: complex, x: complex,
     close: float,
-) -> complex:  # fmt: skip
-    """x of d Re x + q Im x + the lost voltage where a period that starts with i_0 ends with i_1 + x rotor = v.
+) -> tuple[complex, complex]:  # fmt: skip
+    """x of d Re x + q Im x + the lost voltage where a period that starts with i_0 ends with i_1 + x rotor = v; and it.
 
-    Newton's method, halving steps that lead away: lost voltage changes fast where a phase current changes sign.
+    Newton's method; steps that go on for long are halved: lost voltage changes fast where a phase current changes sign.
     """
-    d_lost, q_lost, h = 0j, 0j, 1e-2 * lost.width
-    here = _lost(lost, k, i_0, i_1 + x * rotor)
-    off = d * x.real + q * x.imag + here - v
-    for _ in range(_ROUNDS):
-        step = -_solution(d + d_lost, q + q_lost, off)
-        if abs(step) < close:
-            return x + step
-        was, there = abs(off), x
-        for _ in range(_HALVINGS):
-            there = x + step
-            here = _lost(lost, k, i_0, i_1 + there * rotor)
-            off = d * there.real + q * there.imag + here - v
-            if abs(off) < was:
-                break
-            step *= 0.5
-        x = there
-        if abs(_solution(d, q, off)) > close:
-            d_lost = (_lost(lost, k, i_0, i_1 + (x + h) * rotor) - here) / h
-            q_lost = (_lost(lost, k, i_0, i_1 + (x + 1j * h) * rotor) - here) / h
-    return x
-
-
-@kernel
-def _lost(lost: Lost, k: int, i_0: complex, i_1: complex) -> complex:
-    """In the rotor frame; simulated currents are known."""
-    v = lost_voltage(lost.legs, k, i_0, i_1, lost.dead_time, lost.u_drop, lost.width, 0.0)
-    return v * lost.legs.middle[k].conjugate()
+    legs, dead_time, u_drop, width = lost
+    back, beside, here = legs.middle[k].conjugate(), 0j, 0j
+    for n in range(_ROUNDS):
+        end = i_1 + x * rotor
+        here, by_real, by_imag, beside, settled = lost_so_far(
+            legs, k, i_0, end, dead_time, u_drop, width, beside, n > 0, 1 if n < _WHOLE else SHOTS
+        )
+        d_lost, q_lost = by_real * rotor.real + by_imag * rotor.imag, by_imag * rotor.real - by_real * rotor.imag
+        off = d * x.real + q * x.imag + here * back - v
+        step = _solution(d + d_lost * back, q + q_lost * back, off)
+        x -= step if n < _WHOLE else 0.5 * step
+        if settled and abs(step) < close:
+            here += by_real * (-step * rotor).real + by_imag * (-step * rotor).imag
+            break
+    return x, here * back
 
 
 @kernel

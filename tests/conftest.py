@@ -18,6 +18,7 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, settings
 
+os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")  # tests run side by side, a core each
 # A shell starts what it runs in the background with Ctrl-C ignored, nohup with a closed terminal; children inherit that
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)

@@ -45,8 +45,8 @@ class Model:
     zero: float = 0.0  # A, mean of the three current channels' offsets
 
 
-Follow = Callable[[Model], Rows]
-"""Rows with currents that follow a model."""
+Follow = Callable[[Model], tuple[Rows, Vector]]
+"""Rows with currents that follow a model, and the voltage (V, true rotor frame) that the bridge loses meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +219,7 @@ def regression(
     if noise is None:
         noise = noise_of(whitened(r, rows, rho), zero, rows)
     prepared(truth, steps)
-    following = {} if follow is None else _following(truth, model, columns, follow)
+    following = {} if follow is None else _following(model, columns, follow)
     r, rotor = r * frame_of(rows, truth).conj(), rows.rotor[1:]
     P = len(columns)
     n = len(rows)
@@ -234,8 +234,11 @@ def regression(
             size = (P + 1) * len(part)
             v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
             _fill(part, model, columns, steps, v)
-            for j, added in following.items():
-                v[j] += added[cut]
+            for j, change in following.items():
+                if columns[j].owner == "machine" or not BY_NAME[columns[j].owner].steep:
+                    v[j] += change[cut]
+                else:  # that of its size is in it
+                    v[j] = change[cut]
             v[P] = r[cut]
             there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
             flat = m[: len(there)].reshape(len(there), 2 * len(part))
@@ -371,13 +374,9 @@ def _fill(
         v[j] *= 1.0 / step.h
 
 
-def _following(rows: Rows, model: Model, columns: Sequence[Column], follow: Follow) -> dict[int, Vector]:
-    """What the voltage of effects that see each change of current changes by, a unit of a column's parameter.
-
-    The currents that follow a model change with it, and the inductances the ripple.
-    """
-    steep = {name: sizes for name, sizes in model.effects.items() if BY_NAME[name].steep}
-    present, found = effects_voltage(rows, replace(model, effects=steep)), dict[int, Vector]()
+def _following(model: Model, columns: Sequence[Column], follow: Follow) -> dict[int, Vector]:
+    """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow."""
+    (_, present), found = follow(model), dict[int, Vector]()
     for j, column in enumerate(columns):
         h = _NEAR * column.prior[1]
         if column.owner == "machine":
@@ -390,8 +389,7 @@ def _following(rows: Rows, model: Model, columns: Sequence[Column], follow: Foll
             other = replace(model, effects={**model.effects, column.owner: sizes})
         else:
             continue
-        there = in_truth(follow(other), other)
-        found[j] = (effects_voltage(there, Model(other.machine, steep)) - present) / h
+        found[j] = (follow(other)[1] - present) / h
     return found
 
 

@@ -224,7 +224,7 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
     """
     model, best = towards, (math.inf, towards)
     for _ in range(_HALVINGS):
-        left = _left(rows, clean.rows if clean.follow is None else clean.follow(model), model, search)
+        left = _left(rows, clean.rows if clean.follow is None else clean.follow(model)[0], model, search)
         if left >= best[0]:
             break
         best = left, model
@@ -324,7 +324,7 @@ def _followed(rows: Rows, model: Model) -> Clean:
 
     def by(share: float) -> tuple[Clean, Noise]:
         follow = partial(_following, rows, share)
-        smooth = follow(model)
+        smooth, _ = follow(model)
         z = whitened(residual(rows, smooth, model), rows, filter_pole(m, rows.T_s))
         noise = noise_of(z, zero_residual(rows, smooth, model), rows)
         return Clean(smooth, z, noise, follow), noise
@@ -340,9 +340,10 @@ def _followed(rows: Rows, model: Model) -> Clean:
     return by(last)[0]
 
 
-def _following(rows: Rows, share: float, model: Model) -> Rows:
+def _following(rows: Rows, share: float, model: Model) -> tuple[Rows, Vector]:
     there = with_machine(rows, model.machine)
-    return replace(there, i=followed(there, model, share), kept=there.kept_of_angle_and_bridge())
+    i, lost = followed(there, model, share)
+    return replace(there, i=i, kept=there.kept_of_angle_and_bridge()), lost
 
 
 def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:

@@ -1,0 +1,290 @@
+"""The course of one control period: currents followed from edge to edge through the bridge's dead times.
+
+Both switches of a leg are off for the dead time, its current flows on through a diode until it is zero, and then the
+leg floats. Derived here.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.kernel import kernel
+from estimator.physics.rows import AXES, Real
+
+A, B, C = AXES
+_NONE = 2  # of a leg's switches is on
+_DRAWN = 1.0  # of what the end says at best, to what the machine's parameters say
+_CHANGES = 4  # of sign between two edges at most
+_SETTLES = 8  # passes over legs that float together
+_ROUNDING = 1e-12  # of what the link's voltage makes of a current in a period
+_SHORT = 0.05  # of a period, in which the resistive drop hardly changes
+
+
+class Room(NamedTuple):
+    """Room to work in, for a period."""
+
+    out: NDArray[np.int8]  # (3, 2): of each leg as it rises and falls, 1 where its current surely flows out, -1 into it
+    first: NDArray[np.int8]  # (3,): of each leg's switches on at the begin, 0 the lower, 1 the upper, 2 none
+    moments: Real  # (15,) s, where switches change, in order
+    whose: NDArray[np.int8]  # (15,): the leg
+    to: NDArray[np.int8]  # (15,)
+    high: Real  # (3,) what share of the link's voltage each leg has
+    free: NDArray[np.bool_]  # (3,) none of its switches is on
+    zero: NDArray[np.bool_]  # (3,) nor is a diode: its current has come to zero
+
+
+class Period(NamedTuple):
+    """What drives the current in one control period."""
+
+    u_dc: float  # V
+    T_s: float  # s
+    R_s: float  # ohm
+    L_d: float  # H
+    L_q: float  # H
+    psi_f: float  # Vs
+    D: float  # rad, electrical, by which the rotor turns
+    middle: complex  # exp(j theta_e) in the middle
+
+
+def empty_room() -> Room:
+    legs, changes, flags = np.empty(3, np.int8), np.empty(15, np.int8), np.zeros(3, np.bool_)
+    out, moments = np.zeros((3, 2), np.int8), np.empty(15)
+    return Room(out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy())
+
+
+@kernel
+def cut(duties: Real, dead_time: float, T_s: float, room: Room) -> int:
+    """Put in order where switches change, and say how often.
+
+    Of a leg whose current surely flows out, the diode that goes on is the lower one, as if its lower switch were on;
+    into it, the upper one.
+    """
+    count = 0
+    for leg in range(3):
+        duty = duties[leg]
+        room.first[leg] = 1 if duty >= 1.0 else 0
+        if not 0.0 < duty < 1.0:
+            continue
+        rise, at_rise, at_fall = rise_of(duty) * T_s, room.out[leg, 0], room.out[leg, 1]
+        fall = T_s - rise
+        over = fall + dead_time - T_s  # a dead time that goes on into the next period, whose begin is like this one's
+        if over > 0.0 and at_fall <= 0:
+            room.first[leg] = _NONE if at_fall == 0 else 1
+            if over < rise:
+                count = _put(room, count, over, leg, 0)
+        if at_rise == 0:
+            count = _put(room, count, rise, leg, _NONE)
+        if at_rise < 0:
+            count = _put(room, count, rise, leg, 1)
+        elif rise + dead_time < fall:
+            count = _put(room, count, rise + dead_time, leg, 1)
+        if at_fall == 0:
+            count = _put(room, count, fall, leg, _NONE)
+        if at_fall > 0:
+            count = _put(room, count, fall, leg, 0)
+        elif over < 0.0:
+            count = _put(room, count, fall + dead_time, leg, 0)
+    return count
+
+
+@kernel
+def _put(room: Room, count: int, t: float, leg: int, to: int) -> int:
+    place = count
+    while place > 0 and room.moments[place - 1] > t:
+        room.moments[place], room.whose[place] = room.moments[place - 1], room.whose[place - 1]
+        room.to[place] = room.to[place - 1]
+        place -= 1
+    room.moments[place], room.whose[place], room.to[place] = t, leg, to
+    return count + 1
+
+
+class Shot(NamedTuple):
+    """A period that takes the current to an end, nearly."""
+
+    held: complex  # how high the legs are held on average, along their axes
+    held_real: complex  # 1/A, its slope by the real part of the current (stationary) at the end
+    held_imag: complex  # 1/A
+    beside: complex  # A/s that the current falls beside what the machine's parameters say
+    step: complex  # A/s, by which that has changed at last
+    longest: float  # A/s, that such a change may be
+
+
+@kernel
+def settled(
+    period: Period, i_0: complex, i_1: complex, beside: complex, shots: int, close: float, changes: int, room: Room
+) -> Shot:  # fmt: skip
+    """The course that takes the current (A, stationary) from one end to the other, after so many shots at most.
+
+    By the machine's parameters, and as much beside them (one constant voltage) as lets it end where it does: of that
+    the end often says little, so it is drawn towards none. close: A, by which the last shot may move the end.
+    """
+    last = Shot(0j, 0j, 0j, beside, 0j, math.inf)
+    for _ in range(shots):
+        last = _shot(period, i_0, i_1, last, changes, room)
+        if abs(last.step) * period.T_s < close:
+            break
+    return last
+
+
+@kernel
+def _shot(period: Period, i_0: complex, i_1: complex, last: Shot, changes: int, room: Room) -> Shot:
+    """A step of Newton's method. The course is nearly straight from one change of sign to the next: what is sought
+    may lie where it bends, so from the first step that leads back on they halve.
+    """
+    end, by_real, by_imag, held, held_real, held_imag = _course(period, i_0, last.beside, changes, room)
+    off, least = i_1 - end, _DRAWN * period.T_s**2
+    xx, yy, xy = phase(by_real, by_real) + least, phase(by_imag, by_imag) + least, phase(by_real, by_imag)
+    det = xx * yy - xy * xy
+    x, y = phase(by_real, off) - least * last.beside.real, phase(by_imag, off) - least * last.beside.imag
+    step, longest = complex(x * yy - y * xy, y * xx - x * xy) / det, last.longest
+    if phase(step, last.step) < 0.0:
+        longest = min(longest, abs(last.step))
+    if longest < math.inf:
+        longest *= 0.5
+        if abs(step) > longest:
+            step *= longest / abs(step)
+    x, y = by_real.real, by_imag.real
+    along_real = (held_real * (x * yy - y * xy) + held_imag * (y * xx - x * xy)) / det
+    x, y = by_real.imag, by_imag.imag
+    along_imag = (held_real * (x * yy - y * xy) + held_imag * (y * xx - x * xy)) / det
+    held += held_real * step.real + held_imag * step.imag
+    return Shot(held, along_real, along_imag, last.beside + step, step, longest)
+
+
+@kernel
+def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes twice as long
+    period: Period, i: complex, beside: complex, changes: int, room: Room
+) -> tuple[complex, complex, complex, complex, complex, complex]:  # fmt: skip
+    """The current (A, stationary) at a period's end, its slopes by the real and imaginary part of `beside` (s), how
+    high the legs are held on average, along their axes and by `weight`, and its slopes (s/A).
+
+    In a dead time a current out of the leg flows on through the lower diode, one into it through the upper, and where
+    it has come to zero the leg floats on the voltage that keeps it there. beside: A/s that the current falls beside
+    what the machine's parameters say.
+    """
+    T_s, high, free, zero = period.T_s, room.high, room.free, room.zero
+    alike, apart = 0.5 / period.L_d + 0.5 / period.L_q, 0.5 / period.L_d - 0.5 / period.L_q  # of its mirror
+    full, damping, loose = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0
+    by_real, by_imag, held, held_real, held_imag, t = 0j, 0j, 0j, 0j, 0j, 0.0
+    none = _ROUNDING * full * alike * T_s
+    for leg in range(3):
+        to = room.first[leg]
+        free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
+        loose += to == _NONE
+    for change in range(changes + 1):
+        until = room.moments[change] if change < changes else T_s
+        if until > t:
+            turned = period.D * (0.5 * (t + until) / T_s - 0.5)
+            rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
+            twice = apart * rotor * rotor
+            was, was_held, crossed, crossed_real, crossed_imag = 0j, 0j, False, 0.0, 0.0
+            for n in range(_CHANGES + 1):
+                span, first, floats = until - t, -1, 0
+                falls = _falls(period, rotor, alike, twice, i) + beside
+                more_real, more_imag, level_real, level_imag = -1.0 + 0j, -1j, 0j, 0j
+                if loose > 0:
+                    for leg in range(3):
+                        if free[leg]:
+                            current = phase(i, axis_of(leg))
+                            high[leg], zero[leg] = 0.0 if current > 0.0 else 1.0, zero[leg] or abs(current) < none
+                            floats += zero[leg]
+                    if floats > 0:
+                        _float(high, zero, full, alike, twice, falls)
+                        floats = int(zero[0]) + int(zero[1]) + int(zero[2])
+                level = high[0] * A + high[1] * B + high[2] * C
+                rate = full * (alike * level + twice * level.conjugate()) - falls
+                if span > _SHORT * T_s:  # by the current in the middle
+                    rate += falls - beside - _falls(period, rotor, alike, twice, i + 0.5 * span * rate)
+                if loose > 0:
+                    if floats == 1:
+                        axis = axis_of(0 if zero[0] else 1 if zero[1] else 2)
+                        drives = alike * axis + twice * axis.conjugate()
+                        own = drives / phase(drives, axis)
+                        more_real += own * axis.real
+                        more_imag += own * axis.imag
+                        lifts = axis / (full * phase(drives, axis))
+                        level_real, level_imag = lifts * axis.real, lifts * axis.imag
+                    elif floats > 1:
+                        rate, more_real, more_imag = 0j, 0j, 0j
+                    if crossed:  # when that is, shifts too
+                        by_real += (was - rate) * crossed_real
+                        by_imag += (was - rate) * crossed_imag
+                        held_real += (was_held - level) * crossed_real
+                        held_imag += (was_held - level) * crossed_imag
+                    for leg in range(3):
+                        if free[leg] and not zero[leg]:
+                            current, fall = phase(i, axis_of(leg)), -phase(rate, axis_of(leg))
+                            if current * fall > 0.0 and current / fall < span and abs(current) >= none and n < _CHANGES:
+                                span, first = current / fall, leg
+                held += level * (span * weight(damping, (t + 0.5 * span) / T_s))
+                held_real += level_real * span
+                held_imag += level_imag * span
+                i += rate * span
+                by_real += more_real * span
+                by_imag += more_imag * span
+                t, crossed = t + span, first >= 0
+                if not crossed:
+                    break
+                was, was_held, zero[first], fall = rate, level, True, -phase(rate, axis_of(first))
+                crossed_real = phase(by_real, axis_of(first)) / fall
+                crossed_imag = phase(by_imag, axis_of(first)) / fall
+            t = until
+        if change < changes:
+            leg, to = room.whose[change], room.to[change]
+            loose += int(to == _NONE) - int(free[leg])
+            free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
+    return i, by_real, by_imag, held / T_s, held_real / T_s, held_imag / T_s
+
+
+@kernel
+def _falls(period: Period, rotor: complex, alike: float, twice: complex, i: complex) -> complex:
+    """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s."""
+    induced = 1j * (period.D / period.T_s) * rotor
+    induced *= period.psi_f + (period.L_d - period.L_q) * rotor * i.conjugate()
+    against = period.R_s * i + induced
+    return alike * against + twice * against.conjugate()
+
+
+@kernel
+def _float(
+    high: Real, zero: NDArray[np.bool_], full: float, alike: float, twice: complex, falls: complex
+) -> None:  # fmt: skip
+    """Set legs that float so that their currents stay zero; those that a rail would hold, float no more."""
+    for leg in range(3):
+        high[leg] = 0.5 if zero[leg] else high[leg]
+    for _ in range(_SETTLES if int(zero[0]) + int(zero[1]) + int(zero[2]) > 1 else 1):
+        for leg in range(3):
+            if zero[leg]:
+                axis, level = axis_of(leg), high[0] * A + high[1] * B + high[2] * C
+                rate = full * (alike * level + twice * level.conjugate()) - falls
+                drives = full * (alike * axis + twice * axis.conjugate())
+                high[leg] = min(max(high[leg] - phase(rate, axis) / phase(drives, axis), 0.0), 1.0)
+    for leg in range(3):
+        zero[leg] = zero[leg] and 0.0 < high[leg] < 1.0
+
+
+@kernel
+def weight(damping: float, part: float) -> float:
+    """What a voltage lost after that part of a period counts as, for who knows the currents at both ends.
+
+    One lost early lowers the current for longer, and by that the winding's resistive drop. damping: R_s T_s / L.
+    """
+    return 1.0 - damping * (0.5 - part)
+
+
+@kernel
+def axis_of(leg: int) -> complex:
+    return A if leg == 0 else B if leg == 1 else C
+
+
+@kernel
+def phase(i: complex, axis: complex) -> float:
+    return i.real * axis.real + i.imag * axis.imag
+
+
+@kernel
+def rise_of(duty: float) -> float:
+    """When a leg rises, as a share of the period; it falls at 1 less that."""
+    return 0.5 * (1.0 - duty)
