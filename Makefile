@@ -99,4 +99,4 @@ auto-window: $(VENV)/.dev ## windows chosen by the data beside fixed ones, 40 se
 	$(BIN)/python -m tests.auto_window
 
 clean: ## remove what make made
-	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -16,11 +16,16 @@ def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
         "[machine]  # SI, per phase, peak dq",
         *(line for name in PARAMETERS if (line := _parameter(name, diagnosis.machine_after.get(name), nominal))),
     ]
-    if nominal.n_p is not None:
-        lines.append(f"n_p = {nominal.n_p}")
+    n_p, T_s = diagnosis.pole_pairs or nominal.n_p, nominal.T_s
+    for finding in diagnosis.findings:  # a convention that the file was written by, and these values with it
+        scale = finding.parameters.get("T_s_scale")
+        if T_s is not None and scale is not None and scale.value:
+            T_s /= scale.value
+    if n_p is not None:
+        lines.append(f"n_p = {n_p}" + ("" if n_p == nominal.n_p else f"  # {nominal.n_p} were given"))
     if nominal.i_rated is not None:
         lines.append(_line("i_rated", nominal.i_rated, "A"))
-    drive = {"T_s": (nominal.T_s, "s"), "u_dc": (nominal.u_dc, "V"), "encoder_counts": (nominal.encoder_counts, "")}
+    drive = {"T_s": (T_s, "s"), "u_dc": (nominal.u_dc, "V"), "encoder_counts": (nominal.encoder_counts, "")}
     if known := [_line(name, value, unit) for name, (value, unit) in drive.items() if value is not None]:
         lines += ["", "[drive]", *known]
     for finding in diagnosis.findings:

@@ -1,7 +1,7 @@
 """Diagnoses of the service's recordings: asked for, worked on one at a time in a process, watched, cancelled.
 
 The process lives as long as its job; nothing of the service waits for it. Of each recording there is the latest
-diagnosis, until the service ends. Knows nothing of HTTP.
+diagnosis, of the last twenty, until the service ends or another is asked for. Knows nothing of HTTP.
 """
 
 import threading

@@ -7,5 +7,6 @@
 * `sums` - what a solution needs of a window; `fit` - from sums to numbers; `excitation` - what a window can tell;
   `solve` - from numbers to sentences; `estimate` - value, standard error, unit, status
 * `twin` - the simulation: currents of a machine with effects from a recording's voltages, speed and angle
+* `mismatch` - from a recording to a diagnosis: what was left out, where, how big; `physics` - the effects, a file each
 * `kernel` - compilation, cached by the content of this room
 """

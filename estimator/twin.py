@@ -21,8 +21,8 @@ from estimator.kernel import kernel
 from estimator.mismatch.columns import Model, base_voltage, current_error, effects_voltage, in_truth, residual
 from estimator.physics.ac_resistance import rung
 from estimator.physics.library import BY_NAME
-from estimator.physics.lost_voltage import SHOTS, Legs, legs_of, lost_so_far
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.lost_voltage import SHOTS, Legs, legs_of, lost_after
+from estimator.physics.rows import OF_ANGLE_AND_BRIDGE, Rows, Vector
 
 Bools = NDArray[np.bool_]
 
@@ -36,7 +36,7 @@ _END: Final = 1e-3  # of that: a step of Newton's method that is the last, so th
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
 _ROUNDS: Final = 20  # of Newton's method in a period
 _WHOLE: Final = 5  # of them with whole steps
-_OF_INPUTS: Final = ("D", "rotor", "duties", "six", "turn", "edges at start", "order", "ripple")  # not of currents
+_OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, "ripple")  # not of currents
 
 
 class Lost(NamedTuple):
@@ -254,15 +254,18 @@ def _solution_with_lost(
     back, beside, here = legs.middle[k].conjugate(), 0j, 0j
     for n in range(_ROUNDS):
         end = i_1 + x * rotor
-        here, by_real, by_imag, beside, settled = lost_so_far(
-            legs, k, i_0, end, dead_time, u_drop, width, beside, n > 0, 1 if n < _WHOLE else SHOTS
+        shots = 1 if n < _WHOLE else SHOTS
+        here, by_real, by_imag, beside, settled = lost_after(
+            legs, k, i_0, end, dead_time, u_drop, width, beside, n > 0, shots
         )
         d_lost, q_lost = by_real * rotor.real + by_imag * rotor.imag, by_imag * rotor.real - by_real * rotor.imag
         off = d * x.real + q * x.imag + here * back - v
         step = _solution(d + d_lost * back, q + q_lost * back, off)
-        x -= step if n < _WHOLE else 0.5 * step
+        if n >= _WHOLE:
+            step *= 0.5
+        x -= step
+        here += by_real * (-step * rotor).real + by_imag * (-step * rotor).imag
         if settled and abs(step) < close:
-            here += by_real * (-step * rotor).real + by_imag * (-step * rotor).imag
             break
     return x, here * back
 

@@ -18,6 +18,8 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.real_data import REAL_DATA
+
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")  # tests run side by side, a core each
 # A shell starts what it runs in the background with Ctrl-C ignored, nohup with a closed terminal; children inherit that
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -31,7 +33,6 @@ settings.load_profile("bench")
 
 READY = 240.0  # s, the first start compiles
 COMMAND = [sys.executable, "-m", "bench.cli.main"]
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 @dataclass(frozen=True)
@@ -118,9 +119,9 @@ def running_bench() -> Iterator[RunningBench]:
 @pytest.fixture
 def shared_recordings() -> Path:
     """The folder of real recordings; skips where it is absent."""
-    if not SHARED.is_dir():
-        pytest.skip(f"real recordings are not at {SHARED}")
-    return SHARED
+    if not REAL_DATA.is_dir():
+        pytest.skip(f"real recordings are not at {REAL_DATA}")
+    return REAL_DATA
 
 
 @pytest.fixture(autouse=True)

@@ -127,7 +127,7 @@ def test_many_recordings_are_many_diagnoses_told_in_their_order_and_a_bad_one_st
             f"suite/{name}.csv.gz" for name in ("explained1", "no_mismatch", "explained2", "nothing_told")
         ]
         assert said.out.splitlines()[-1] == (
-            "7 recordings: 3 bad input, 2 explained, 1 no mismatch, 1 not enough excitation"
+            "7 recordings: 3 refused, 2 explained, 1 no mismatch, 1 not enough excitation"
         )
         assert "no machine file: nothing could be fitted" in said.out
         refused, died, lacks = said.err.splitlines()
@@ -213,7 +213,7 @@ def test_on_a_terminal_a_bar_is_below_what_is_said_and_gone_at_the_end(folder: P
     assert "0/3" in shown.decode()
     for line in ("explained.csv: explained", "pmsm-bench: refused.csv: expected another name"):
         assert line in lines
-    assert lines[-2] == "3 recordings: 1 explained, 1 bad input, 1 no mismatch"
+    assert lines[-2] == "3 recordings: 1 explained, 1 refused, 1 no mismatch"
 
 
 def test_ctrl_c_ends_it_with_its_processes_and_leaves_whole_files(folder: Path) -> None:

@@ -19,7 +19,7 @@ from bench.machine_file import Nominal, load_machine
 from emulator.physics.legs import Inverter
 from estimator.mismatch.points.no_load import NoLoad
 from estimator.mismatch.points.table import Points
-from tests.conftest import SHARED
+from tests.real_data import REAL_DATA
 from tests.steady_points import operating_points, steady_points, without_load
 from tests.test_cli_replay import pmsm_bench
 
@@ -193,9 +193,9 @@ def test_options_that_no_format_takes_are_refused(tmp_path: Path) -> None:
 def test_real_files_go_by_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    files = sorted((SHARED / "moteus_ld").glob("*.json"))
+    files = sorted((REAL_DATA / "moteus_ld").glob("*.json"))
     if not files:
-        pytest.skip(f"{SHARED} is not here")
+        pytest.skip(f"{REAL_DATA} is not here")
     code = pmsm_bench("diagnose", *map(str, files), "--json", str(tmp_path), monkeypatch=monkeypatch)
     assert code == 1  # not all are settled
     assert f"{len(files)} recordings:" in capsys.readouterr().out

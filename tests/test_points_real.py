@@ -9,10 +9,10 @@ from bench.diagnose import diagnose_recording
 from bench.diagnosis_request import Request
 from bench.machine_file import Nominal
 from estimator.mismatch.verdict import Diagnosis, Verdict
-from tests.conftest import SHARED
+from tests.real_data import REAL_DATA
 
-MOTEUS = {name: SHARED / "moteus_ld" / f"ld_{name}.json" for name in ("be8108", "custom", "mj5208", "spindle")}
-THERMAL = SHARED / "lea_thermal" / "session60.csv"
+MOTEUS = {name: REAL_DATA / "moteus_ld" / f"ld_{name}.json" for name in ("be8108", "custom", "mj5208", "spindle")}
+THERMAL = REAL_DATA / "lea_thermal" / "session60.csv"
 
 
 def said_of(path: Path) -> Diagnosis:

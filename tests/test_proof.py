@@ -215,7 +215,7 @@ def test_the_quick_proof_never_touches_the_evaluation_population() -> None:
 
 
 def test_real_proof_without_files_says_where_they_can_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(real, "SHARED", tmp_path)
+    monkeypatch.setattr(real, "REAL_DATA", tmp_path)
     nothing = real.prove(Settings(SEED, True, 1, tmp_path))
     assert "mjbots/moteus at db1a762" in nothing.missing
     assert "session60.csv" in nothing.missing

@@ -11,7 +11,7 @@ QUICK = Settings(seed=1200, quick=True, jobs=1, folder=Path())
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not flux_map.FILE.exists(), reason="the measured map is not in ../shared/data")
+@pytest.mark.skipif(not flux_map.FILE.exists(), reason=f"{flux_map.FILE} is not here")
 def test_the_measured_map_is_recovered_and_nothing_wrong_is_named() -> None:
     proof = flux_map.prove(QUICK)
     held = {bar.what: bar.held for bar in proof.bars}

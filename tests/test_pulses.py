@@ -14,10 +14,11 @@ from emulator.physics.legs import Inverter
 from emulator.physics.skin import Skin
 from estimator.mismatch.standstill.pulses import diagnose_pulses
 from estimator.mismatch.verdict import Verdict
+from tests.real_data import REAL_DATA
 from tests.standstill_runs import SALIENT, U_DC, pulses
 from tests.test_sweep import named, size, within
 
-REAL = Path("../shared/data/servo_standstill/voltage_pulses.csv.gz")
+REAL = REAL_DATA / "servo_standstill" / "voltage_pulses.csv.gz"
 
 
 def test_saliency_pole_pairs_and_resistance_are_told_and_nothing_is_named() -> None:

@@ -18,13 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from bench.errors import ConfigError, RecordingError
 from bench.recording import Recording, open_recording, read_recording
 from estimator.samples import Samples
+from tests.real_data import REAL_DATA
 
 pa: Any = pyarrow
 pq: Any = pyarrow.parquet
 
 T_S = 1e-4  # s
 COLUMNS = ("t", "u_d", "u_q", "i_d", "i_q", "omega_e", "theta_e")
-SERVO = Path(__file__).parents[1] / "../shared/data/servo_standstill/current_steps.csv"
+SERVO = REAL_DATA / "servo_standstill" / "current_steps.csv"
 
 Table = dict[str, NDArray[np.float64]]
 
@@ -617,7 +618,7 @@ def test_any_bytes_are_a_recording_or_a_sentence(tmp_path_factory: pytest.TempPa
 @pytest.fixture
 def servo() -> Path:
     if not SERVO.is_file():
-        pytest.skip("the real recordings are not here: ../shared/data/servo_standstill is absent")
+        pytest.skip(f"the real recordings are not here: {SERVO} is absent")
     return SERVO
 
 

@@ -20,9 +20,10 @@ from emulator.physics.skin import Skin
 from estimator.mismatch.standstill.sweep import diagnose_sweep
 from estimator.mismatch.standstill.tones import Tone
 from estimator.mismatch.verdict import Diagnosis, Quantity, Verdict
+from tests.real_data import REAL_DATA
 from tests.standstill_runs import SERVO, U_DC, T, sweep
 
-REAL = Path("../shared/data/servo_standstill/sine_identification.csv")
+REAL = REAL_DATA / "servo_standstill" / "sine_identification.csv"
 DEAD_TIME = 1e-6  # s
 
 

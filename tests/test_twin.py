@@ -227,5 +227,5 @@ def test_what_noise_alone_leaves_is_at_its_floors_and_white(noisy: Rows) -> None
 
 
 def test_a_fit_is_not_judged_by_less_than_a_stretch(noisy: Rows) -> None:
-    with pytest.raises(ValueError, match="at least 64 periods"):
-        fit_quality(noisy, PLAIN, PLAIN, (noisy.i, noisy.i), np.arange(len(noisy)) < 50, (1e-4, 1e-4, 0.01))
+    with pytest.raises(ValueError, match="at least 16 periods"):
+        fit_quality(noisy, PLAIN, PLAIN, (noisy.i, noisy.i), np.arange(len(noisy)) < 12, (1e-4, 1e-4, 0.01))

@@ -24,7 +24,7 @@ from bench.worker import Progress as Under
 
 STEM: Final = "{stem}"
 OPEN: Final = 1  # exit code: a verdict that leaves something open
-BAD: Final = 2  # exit code: a recording without a verdict
+BAD: Final = 2  # exit code: a recording without a verdict, or without its files
 _SUFFIXES: Final = {"--json": ".json", "--report": ".html", "--machine": ".toml"}
 
 
@@ -230,7 +230,7 @@ class _Shown:
             file, outcome = files[self._next], outcomes[self._next]
             self._next += 1
             if isinstance(outcome, str):
-                self._verdicts["bad input"] += 1
+                self._verdicts["refused"] += 1
                 bar.refuse(outcome if outcome.startswith(str(file)) else f"{file}: {outcome}")
                 continue
             self._verdicts[outcome.content["verdict"]] += 1
@@ -247,7 +247,7 @@ class _Shown:
         if self._total > 1:
             counts = ", ".join(f"{count} {words(verdict)}" for verdict, count in self._verdicts.most_common())
             self._say(f"{self._total} recordings: {counts}")
-        if self._verdicts["bad input"]:
+        if self._verdicts["refused"]:
             return BAD
         return 0 if set(self._verdicts) <= set(SETTLED) else OPEN
 

@@ -1,5 +1,5 @@
-"""`pmsm-bench`: one console script. Every refusal is one sentence on standard error and exit code 2; output that
-cannot be written, 1."""
+"""`pmsm-bench`: one console script. Every refusal is one sentence on standard error and exit code 2; standard output
+that cannot be written, 1."""
 
 import errno
 import os
@@ -216,7 +216,8 @@ def diagnose(
 ) -> None:
     """Say what physics recordings show that a machine's data leave out: where, what, how big, how sure.
 
-    Exit code: 0, every verdict is no mismatch or explained; 1, one leaves something open; 2, bad input.
+    Exit code: 0, every verdict is no mismatch or explained; 1, one leaves something open; 2, a file cannot be
+    read, diagnosed or written.
     """
     from bench.cli.diagnose import Options, run
     from bench.cli.options import pairs

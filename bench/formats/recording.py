@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from bench.diagnosis_request import Request, Tell, check_whole
 from bench.errors import ConfigError, RecordingError
 from bench.formats.format import Diagnosed, Format
@@ -29,6 +31,8 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
 
     try:
         diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
+    except np.linalg.LinAlgError:  # ours, not the file's
+        raise
     except ValueError as error:
         raise RecordingError(f"{request.file}: {error}") from error
     remarks = (*recording.summary.remarks(), *diagnosis.remarks)

@@ -8,7 +8,7 @@ absolute; those of shapes count from the present value. Knows nothing of what is
 
 import cmath
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
@@ -207,8 +207,8 @@ def regression(
 ) -> Regression:  # fmt: skip
     """Sums of all columns; of the present model alone without a library.
 
-    `smooth` has currents with less noise, for what must not be correlated with it; `follow` says how they would be
-    by another model.
+    `smooth` has currents with less noise, for what must not be correlated with it; `follow` says what they and the
+    voltage that the bridge loses would be by another model.
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     truth = in_truth(smooth, model)
@@ -219,7 +219,8 @@ def regression(
     if noise is None:
         noise = noise_of(whitened(r, rows, rho), zero, rows)
     prepared(truth, steps)
-    following = {} if follow is None else _following(model, columns, follow)
+    lost = {} if follow is None else _lost_slopes(model, columns, follow)
+    bridges = {j for j in lost if columns[j].owner != "machine" and BY_NAME[columns[j].owner].steep}
     r, rotor = r * frame_of(rows, truth).conj(), rows.rotor[1:]
     P = len(columns)
     n = len(rows)
@@ -233,12 +234,9 @@ def regression(
             part = truth[cut]
             size = (P + 1) * len(part)
             v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
-            _fill(part, model, columns, steps, v)
-            for j, change in following.items():
-                if columns[j].owner == "machine" or not BY_NAME[columns[j].owner].steep:
-                    v[j] += change[cut]
-                else:  # that of its size is in it
-                    v[j] = change[cut]
+            _fill(part, model, columns, steps, v, bridges)
+            for j, slope in lost.items():
+                v[j] = slope[cut] if j in bridges else v[j] + slope[cut]
             v[P] = r[cut]
             there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
             flat = m[: len(there)].reshape(len(there), 2 * len(part))
@@ -351,12 +349,15 @@ def _step(rows: Rows, model: Model, column: Column) -> _Step:
 
 
 def _fill(
-    rows: Rows, model: Model, columns: Sequence[Column], steps: Sequence[_Step | None], v: NDArray[np.complex128]
-) -> None:
-    """Write the columns' voltages."""
+    rows: Rows, model: Model, columns: Sequence[Column], steps: Sequence[_Step | None], v: NDArray[np.complex128],
+    others: Set[int],
+) -> None:  # fmt: skip
+    """Write the columns' voltages, but those of some others."""
     present: dict[object, Vector] = {}
     sharing = _sharing(model)
     for j, (column, step) in enumerate(zip(columns, steps, strict=True)):
+        if j in others:
+            continue
         if step is None:
             v[j] = 0.0 if column.parameter == "zero" else _voltage_per_unit(rows, column.parameter)
             continue
@@ -374,8 +375,11 @@ def _fill(
         v[j] *= 1.0 / step.h
 
 
-def _following(model: Model, columns: Sequence[Column], follow: Follow) -> dict[int, Vector]:
-    """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow."""
+def _lost_slopes(model: Model, columns: Sequence[Column], follow: Follow) -> dict[int, Vector]:
+    """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow.
+
+    Of the machine's parameters and of sizes. These currents are known, so that no spread of them smooths it.
+    """
     (_, present), found = follow(model), dict[int, Vector]()
     for j, column in enumerate(columns):
         h = _NEAR * column.prior[1]

@@ -121,7 +121,7 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
         verdict = Verdict.PARTLY_EXPLAINED
     return replace(
         diagnosis, verdict=verdict, findings=(finding, *diagnosis.findings),
-        remarks=(suspicion.sentence, *diagnosis.remarks),
+        remarks=(suspicion.sentence, *diagnosis.remarks), pole_pairs=suspicion.machine.n_p,
     )  # fmt: skip
 
 
@@ -209,7 +209,10 @@ def _judged(
 
 
 def _shown(rows: Rows, found: Fitted, left: Vector) -> tuple[Fit, Traces]:
-    """How well the model follows, by what every other stretch makes of it, and pictures of it."""
+    """How well the model follows, by what every other stretch makes of it, and pictures of it.
+
+    Parameters and sizes are solved on half of the stretches; which effects there are and their shapes, on all.
+    """
     search, choice = found.search, found.choice
     half = Search(replace(search.regression, gram=search.regression.gram[0::2]))
     by_half = moved(half, ()), moved(half, choice)
@@ -231,10 +234,10 @@ def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[D
     smooth = with_machine(found.smooth, model.machine)
     others_only = replace(model, effects={name: p for name, p in model.effects.items() if name != one[0]})
     signal = whitened(residual(rows, smooth, others_only) - left, rows, filter_pole(model.machine, rows.T_s))
-    full, without = search.fit(choice), search.fit(rest)
+    full, other = search.fit(choice), search.fit(rest)
     absorbed: dict[str, float] = {}
     for k, name in enumerate(PARAMETERS):
-        moved_by = float(without.value[k] - full.value[k])
+        moved_by = float(other.value[k] - full.value[k])
         if abs(moved_by) > 2.0 * math.sqrt(max(float(full.covariance[k, k]), 0.0)):
             absorbed[name] = moved_by
     against_next = min([doubt.log_odds for doubt in others] + [search.gain(rest, one)])

@@ -27,7 +27,7 @@ from estimator.mismatch.columns import (
     with_machine,
     zero_residual,
 )  # fmt: skip
-from estimator.mismatch.explain import Choice, Fit, Search
+from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.thinning import thinned
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -53,7 +53,7 @@ class Clean(NamedTuple):
     rows: Rows
     z: Vector  # Vs, whitened residual
     noise: Noise | None  # None where no model has told it yet
-    follow: Follow | None = None  # the same by another model, where the currents follow it
+    follow: Follow | None = None  # rows and lost voltage by another model, where currents follow it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,11 +66,6 @@ class Fitted:
     z: Vector  # Vs, whitened residual
     noise: Noise
     smooth: Rows
-
-    @property
-    def fit(self) -> Fit:
-        """The last round's coefficients."""
-        return self.search.fit(self.choice)
 
 
 def fitted(
@@ -341,6 +336,7 @@ def _followed(rows: Rows, model: Model) -> Clean:
 
 
 def _following(rows: Rows, share: float, model: Model) -> tuple[Rows, Vector]:
+    """Rows with currents that follow the model, and the voltage (V) that the bridge loses. See `followed`."""
     there = with_machine(rows, model.machine)
     i, lost = followed(there, model, share)
     return replace(there, i=i, kept=there.kept_of_angle_and_bridge()), lost

@@ -77,6 +77,11 @@ def _columns(runs: Sequence[Samples]) -> Iterator[_Wrong]:
         if bad:
             yield _Wrong(f"{name} is not a number in {bad} of {rows} rows, expected one in every row: leave such rows "
                          "out, as a gap", True)
+    links = [run.u_dc for run in runs if run.u_dc is not None]
+    bad = sum(int(np.count_nonzero(~((u_dc > 0.0) & np.isfinite(u_dc)))) for u_dc in links)
+    if bad:
+        yield _Wrong(f"u_dc is not above 0 V in {bad} of {rows} rows, expected the dc link's voltage in every row: "
+                     "leave such rows out, as a gap, or the column", True)
 
 
 def _whole(runs: Sequence[Samples], name: str) -> Array | None:
@@ -155,7 +160,7 @@ def _saturated(runs: Sequence[Samples]) -> Iterator[_Wrong]:
     if u_dc is None:
         return
     u = np.concatenate([np.hypot(run.u_d, run.u_q) for run in runs])
-    share = float(np.mean(u > 0.995 * u_dc / _LINE)) if np.all(u_dc > 0.0) else 0.0
+    share = float(np.mean(u > 0.995 * u_dc / _LINE))
     if share > _SATURATED:
         yield _Wrong(f"the voltage is at its limit, u_dc/sqrt(3), in {share:.0%} of the rows, expected below it: what "
                      "is recorded may not be what acted; record at a lower speed or with a higher dc link")

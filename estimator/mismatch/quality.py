@@ -22,7 +22,7 @@ from estimator.twin import WINDOW, implied_voltage
 
 Bools = NDArray[np.bool_]
 
-_SEGMENT: Final = 64  # periods, of spectra
+_SEGMENTS: Final = (64, 32, 16)  # periods, of spectra: the longest that there are
 _LOW: Final = 0.1  # of the sampling rate
 _HIGH: Final = 0.25
 
@@ -35,7 +35,7 @@ def fit_quality(
 
     `noise` is that of the whitened residual (Vs on d, Vs on q, A).
 
-    Raises ValueError where no stretch of 64 periods is held out.
+    Raises ValueError where no stretch of 16 periods is held out.
     """
     used = held_out & rows.joined
     both = [_measured(rows, model, i, used, after, noise) for model, i in zip((before, after), runs, strict=True)]
@@ -68,12 +68,18 @@ def _rms(x: Vector) -> float:
 
 def _low_over_white(z: Vector, used: Bools) -> float:
     """Power below a tenth of the sampling rate, over that of white noise of the power above a quarter of it."""
-    whole = len(z) // _SEGMENT * _SEGMENT
-    complete = np.all(used[:whole].reshape(-1, _SEGMENT), axis=1)
-    if not np.any(complete):
-        raise ValueError(f"expected stretches of at least {_SEGMENT} periods to judge by, came none")
-    parts: Vector = z[:whole].reshape(-1, _SEGMENT)[complete] * np.hanning(_SEGMENT)
-    frequency = np.abs(np.fft.fftfreq(_SEGMENT))
+    edges = np.flatnonzero(np.diff(used.astype(np.int8), prepend=0, append=0))
+    stretches = [z[a:b] for a, b in zip(edges[0::2], edges[1::2], strict=True)]
+    longest = max(map(len, stretches), default=0)
+    size = next((size for size in _SEGMENTS if size <= longest), 0)
+    if not size:
+        raise ValueError(
+            f"expected stretches of at least {_SEGMENTS[-1]} periods without a gap to judge by, the longest has "
+            f"{longest}; record longer, or over a faster link"
+        )
+    whole = [stretch[: len(stretch) // size * size].reshape(-1, size) for stretch in stretches]
+    parts: Vector = np.concatenate(whole) * np.hanning(size)
+    frequency = np.abs(np.fft.fftfreq(size))
 
     def ratio(x: Real) -> float:
         power: Real = np.mean(np.abs(np.fft.fft(x, axis=1)) ** 2, axis=0)

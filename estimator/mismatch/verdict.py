@@ -205,6 +205,7 @@ class Diagnosis:
     traces: Traces | None
     experiment: Experiment | None = None  # what to record instead, where this one does not tell the machine
     scatters: tuple[Scatter, ...] = ()  # of steady points
+    pole_pairs: int | None = None  # where the nominal ones are wrong
 
 
 def verdict_of(

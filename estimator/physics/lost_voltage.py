@@ -18,11 +18,11 @@ from estimator.physics.period_course import (
     Period,
     Room,
     axis_of,
+    course_between,
     cut,
     empty_room,
     phase,
     rise_of,
-    settled,
     weight,
 )  # fmt: skip
 from estimator.physics.rows import AXES, Real, Rows, Vector
@@ -70,7 +70,7 @@ def legs_of(rows: Rows) -> Legs:
 
 
 def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
-    """The legs before a motor that stands, none of them left at a rail."""
+    """The legs before a motor that stands, taken as leaving no rail at a period's start."""
     u_s = np.ascontiguousarray(2.0 / 3.0 * u_dc * (duties @ np.array(AXES)), np.complex128)
     middle = np.ones(len(duties), np.complex128)
     ripple = _ripples(u_dc, duties, u_s, middle, T_s, L, L)
@@ -118,33 +118,42 @@ def lost_between(legs: Legs, begin: Vector, end: Vector, dead_time: float, u_dro
     return lost
 
 
-@kernel
-def lost_so_far(
-    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float,
-    beside: complex, again: bool, shots: int,
-) -> tuple[complex, complex, complex, complex, bool]:  # fmt: skip
-    """Lost voltage (V) of period k for currents that are known, after so many shots more at the end; its slopes (ohm).
+class Loss(NamedTuple):
+    """What a period loses, all in the stationary frame."""
 
-    Slopes by the end's real and imaginary part, of drops only when it is asked for `again`; the next shot's `beside`
-    (A/s, 0 for the first), and whether it has settled. All in the stationary frame.
+    volts: complex  # V
+    by_real: complex  # ohm, its slope by the real part of the current at the end
+    by_imag: complex  # ohm
+    beside: complex  # A/s, to go on from
+    settled: bool  # another shot would change nothing
+
+
+@kernel
+def lost_after(
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float,
+    beside: complex, drops_slopes: bool, shots: int,
+) -> Loss:  # fmt: skip
+    """What period k loses for currents (A) that are known, after so many shots more at the end.
+
+    beside: 0 for the first, then that of the last. Slopes of drops are 0 where they are not asked for.
     """
-    lost, h = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, width), 1e-2 * width
-    by_real, by_imag, over = 0j, 0j, True
-    if again and u_drop != 0.0:
-        by_real = (_by_drops(legs, k, i_0, i_1 + h, dead_time, u_drop, width) - lost) / h
-        by_imag = (_by_drops(legs, k, i_0, i_1 + 1j * h, dead_time, u_drop, width) - lost) / h
+    volts, h = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, width), 1e-2 * width
+    by_real, by_imag, settled = 0j, 0j, True
+    if drops_slopes and u_drop != 0.0:
+        by_real = (_by_drops(legs, k, i_0, i_1 + h, dead_time, u_drop, width) - volts) / h
+        by_imag = (_by_drops(legs, k, i_0, i_1 + 1j * h, dead_time, u_drop, width) - volts) / h
     if dead_time != 0.0 and len(legs.u_dc) > 0:
         far, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, 0.0)
         if nearest < 0:
-            lost += far
+            volts += far
         else:
             close, full = _CLOSE * _moves(legs, k, dead_time), 2.0 / 3.0 * legs.u_dc[k]
-            last = settled(_period(legs, k), i_0, i_1, beside, shots, close, changes, legs.room)
-            lost += full * (_ideal(legs, k) - last.held)
+            last = course_between(_period(legs, k), i_0, i_1, beside, shots, close, changes, legs.room)
+            volts += full * (_ideal(legs, k) - last.held)
             by_real -= full * last.held_real
             by_imag -= full * last.held_imag
-            beside, over = last.beside, abs(last.step) * legs.T_s < close
-    return lost, by_real, by_imag, beside, over
+            beside, settled = last.beside, abs(last.step) * legs.T_s < close
+    return Loss(volts, by_real, by_imag, beside, settled)
 
 
 @kernel
@@ -242,7 +251,7 @@ def _moves(legs: Legs, k: int, dead_time: float) -> float:
 @kernel
 def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, changes: int, moves: float) -> complex:
     """Lost voltage (V, stationary) of a period that takes the current from one end to the other."""
-    last = settled(_period(legs, k), i_0, i_1, 0j, SHOTS, _CLOSE * moves, changes, legs.room)
+    last = course_between(_period(legs, k), i_0, i_1, 0j, SHOTS, _CLOSE * moves, changes, legs.room)
     return 2.0 / 3.0 * legs.u_dc[k] * (_ideal(legs, k) - last.held)
 
 

@@ -112,7 +112,7 @@ class Shot(NamedTuple):
 
 
 @kernel
-def settled(
+def course_between(
     period: Period, i_0: complex, i_1: complex, beside: complex, shots: int, close: float, changes: int, room: Room
 ) -> Shot:  # fmt: skip
     """The course that takes the current (A, stationary) from one end to the other, after so many shots at most.
@@ -158,7 +158,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     period: Period, i: complex, beside: complex, changes: int, room: Room
 ) -> tuple[complex, complex, complex, complex, complex, complex]:  # fmt: skip
     """The current (A, stationary) at a period's end, its slopes by the real and imaginary part of `beside` (s), how
-    high the legs are held on average, along their axes and by `weight`, and its slopes (s/A).
+    high the legs are held on average, along their axes and by `weight`, and its slopes without weights (s/A).
 
     In a dead time a current out of the leg flows on through the lower diode, one into it through the upper, and where
     it has come to zero the leg floats on the voltage that keeps it there. beside: A/s that the current falls beside

@@ -26,7 +26,10 @@ AXES: Final = tuple(complex(math.cos(k * TURN / 3.0), math.sin(k * TURN / 3.0)) 
 
 
 _OF_ANGLE: Final = ("D", "rotor", "middle", "six", "turn")
-_OF_ANGLE_AND_BRIDGE: Final = (*_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses")
+OF_ANGLE_AND_BRIDGE: Final = (
+    *_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses", "edges at start", "order",
+)  # fmt: skip
+"""What is worked out `once` and depends neither on the machine nor on currents."""
 _FOLLOWED: Final = 10  # periods that are not there
 
 
@@ -101,7 +104,7 @@ class Rows:
 
     def kept_of_angle_and_bridge(self) -> dict[str, Any]:
         """What has been worked out and depends neither on the machine nor on currents."""
-        return {key: self.kept[key] for key in _OF_ANGLE_AND_BRIDGE if key in self.kept}
+        return {key: self.kept[key] for key in OF_ANGLE_AND_BRIDGE if key in self.kept}
 
     def with_voltage(self, u: Vector) -> "Rows":
         """The same rows with another voltage (V)."""

@@ -2,6 +2,6 @@
 
 `score` diagnoses a suite and compares with its answers; `oracle` says what could have been seen at best.
 
-Seeds of suites: 1000 to 1999 for development, 2000 to 2999 for evaluation. What is reported comes from evaluation
-seeds; nothing is ever tuned on them, and a recording of theirs that was looked into counts as development from then on.
+Seeds of suites: 2000 to 2999 are for evaluation (`tests/proof/PROTOCOL.md`), all others for development; nothing is
+ever tuned on an evaluation seed, and one that was looked into counts as development from then on.
 """

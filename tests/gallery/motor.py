@@ -40,8 +40,9 @@ from tests.effect_runs import (
     with_effects,
 )
 from tests.gallery.picture import IDEAL, A, D, Picture, Q, bars, degrees, dq, label
+from tests.real_data import REAL_DATA
 
-_MAP: Final = Path(__file__).resolve().parents[3] / "shared" / "data" / "baldor_flux_map" / "baldor_400rpm_map.npz"
+_MAP: Final = REAL_DATA / "baldor_flux_map" / "baldor_400rpm_map.npz"
 _COLOURS: Final = ("C4", "C0", "C2", "C1", "C3")
 
 

@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         outcomes.append(run(name, settings))
         seconds[name] = round(time.monotonic() - begun, 1)
         print(f"{text(outcomes[-1])}\n  {seconds[name]:.0f} s\n", flush=True)
-    written(outcomes, settings, seconds)
+        written(outcomes, settings, seconds)  # a proof that is cut short leaves what it has
     total = sum(seconds.values())
     count = sum(bar.held is not None for each in outcomes if each.proof for bar in each.proof.bars)
     failed = sum(each.proof is None for each in outcomes)

@@ -24,10 +24,10 @@ from estimator.mismatch.verdict import Diagnosis
 from estimator.physics.rows import rows_of
 from estimator.physics.saturation import EFFECTS, curve_of, flux_of
 from estimator.samples import Samples
-from tests.conftest import SHARED
 from tests.proof.proof import Bar, Proof, Settings, Table
+from tests.real_data import REAL_DATA
 
-FILE: Final = SHARED / "baldor_flux_map" / "baldor_400rpm_map.npz"
+FILE: Final = REAL_DATA / "baldor_flux_map" / "baldor_400rpm_map.npz"
 BAR: Final = 0.02  # of the rms flux linkage
 _BALDOR: Final = MOTORS["baldor_ecs101m"]
 _SECONDS: Final = 12.0

@@ -17,8 +17,8 @@ from bench.diagnosis_request import Request
 from bench.engineering import quantity, words
 from bench.machine_file import Nominal
 from estimator.mismatch.verdict import Diagnosis, LeaveOneOut, Quantity
-from tests.conftest import SHARED
 from tests.proof.proof import Bar, Proof, Settings, Table
+from tests.real_data import REAL_DATA
 
 go: Any = plotly.graph_objects  # comes without types
 
@@ -45,9 +45,9 @@ _FILES: Final[Mapping[str, tuple[str, ...]]] = {
 def prove(settings: Settings) -> Proof:
     """Diagnose what is there; the rest is told as missing."""
     del settings  # nothing here is drawn
-    absent = [name for names in _FILES.values() for name in names if not (SHARED / name).is_file()]
+    absent = [name for names in _FILES.values() for name in names if not (REAL_DATA / name).is_file()]
     said = {
-        name: said_of(SHARED / name, kind) for kind, names in _FILES.items() for name in names if name not in absent
+        name: said_of(REAL_DATA / name, kind) for kind, names in _FILES.items() for name in names if name not in absent
     }
     moteus = {Path(name).stem.removeprefix("ld_"): said[name] for name in _FILES["moteus-ld"] if name in said}
     sine, pulses, thermal = (said.get(_FILES[kind][0]) for kind in ("servo-sine", "servo-pulses", "lea-thermal"))
@@ -82,8 +82,8 @@ def missing(absent: Sequence[str]) -> str:
     folders = dict.fromkeys(Path(name).parts[0] for name in absent)
     sources = "; ".join(f"{folder}: {_SOURCES[folder]}" for folder in folders)
     return (
-        f"not here: {', '.join(absent)}. They go into the folders of these names in shared/data beside the "
-        f"repository's folder, from public repositories: {sources}"
+        f"not here: {', '.join(absent)}. They go into folders of these names in {REAL_DATA} (PMSM_BENCH_DATA names "
+        f"another place), from public repositories: {sources}"
     )
 
 
@@ -169,7 +169,7 @@ def _witnessed(thermal: Diagnosis, what: str) -> Bar:
     if number is None:
         return Bar(f"thermal bench: {what}", asked, "nothing said of it", False)
     value, std = (float(each) for each in number.groups())
-    warmer = _warmer(SHARED / _FILES["lea-thermal"][0])
+    warmer = _warmer(REAL_DATA / _FILES["lea-thermal"][0])
     true = 100.0 * _NDFEB * warmer
     figure = f"{value:+.2f} % ± {std:.2f} %; by {warmer:+.1f} K of the magnets {true:+.2f} %"
     return Bar(f"thermal bench: {what}", asked, figure, abs(value - true) <= 2.0 * std)
