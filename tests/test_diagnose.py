@@ -230,6 +230,19 @@ def test_a_parameter_that_was_not_told_stays_nominal_and_says_so(tmp_path: Path)
     assert loaded(machine_text(NOTHING_TOLD, NOMINAL, "x"), tmp_path) == NOMINAL
 
 
+def test_a_convention_that_was_undone_is_undone_in_the_machine_file(tmp_path: Path) -> None:
+    """Pole pairs and the control period are those that the parameters were found with."""
+    assert NOMINAL.n_p is not None
+    assert NOMINAL.T_s is not None
+    scale = {"T_s_scale": Quantity(2.0, None, "")}
+    halved = replace(EXPLAINED.findings[0], effect="convention_error", parameters=scale)
+    said = replace(EXPLAINED, findings=(halved,), pole_pairs=2 * NOMINAL.n_p)
+    text = machine_text(said, NOMINAL, "x")
+    machine = loaded(text, tmp_path)
+    assert (machine.n_p, machine.T_s) == (2 * NOMINAL.n_p, pytest.approx(0.5 * NOMINAL.T_s))
+    assert f"# {NOMINAL.n_p} were given" in text
+
+
 # --- numbers for people
 
 

@@ -6,10 +6,11 @@ import pytest
 
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
-from estimator.machine import PARAMETERS
+from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.physics.library import BY_NAME, LIBRARY
+from estimator.samples import Samples
 from tests.diagnosis.diagnosed import loaded
 from tests.diagnosis.truth import EFFECT
 
@@ -22,12 +23,15 @@ CLASSES = (
 """Some of each kind; `make score-diagnosis` has them all."""
 
 
-def diagnosis_of(kind: str, folder: Path) -> Diagnosis:
-    """Of a recording of 3 s that conceals a class, in the upper third of its sizes."""
+def recorded(kind: str, folder: Path) -> tuple[list[Samples], Machine]:
+    """3 s that conceal a class, in the upper third of its sizes, and the nominal machine."""
     choice = Choice(SEED, (kind,), (0.7, 1.0), MOTORS, 3.0)
     make(Suite(choice, 1, folder / "out", folder / "answers", workers=1), lambda _count: None)
-    runs, nominal = loaded(folder / "out", "0001")
-    return diagnose(runs, nominal)
+    return loaded(folder / "out", "0001")
+
+
+def diagnosis_of(kind: str, folder: Path) -> Diagnosis:
+    return diagnose(*recorded(kind, folder))
 
 
 def test_every_effect_says_what_it_is() -> None:
@@ -55,6 +59,15 @@ def test_a_concealed_effect_is_named_and_nothing_else(kind: str, tmp_path: Path)
 def test_where_nothing_is_concealed_nothing_is_named(tmp_path: Path) -> None:
     diagnosis = diagnosis_of("none", tmp_path)
     assert diagnosis.findings == ()
+    assert diagnosis.verdict in (Verdict.NO_MISMATCH, Verdict.NOT_ENOUGH_EXCITATION)
+
+
+@pytest.mark.slow
+def test_as_few_rows_as_can_be_are_judged(tmp_path: Path) -> None:
+    (run, *_), nominal = recorded("none", tmp_path)
+    diagnosis = diagnose([run[:2400]], nominal)
+    assert diagnosis.findings == ()
+    assert diagnosis.fit is not None
     assert diagnosis.verdict in (Verdict.NO_MISMATCH, Verdict.NOT_ENOUGH_EXCITATION)
 
 

@@ -53,6 +53,17 @@ def test_a_value_that_is_no_number_is_told_by_its_column(column: str) -> None:
     assert f"{column} is not a number in 2 of {len(run)} rows" in said
 
 
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_a_dc_link_without_voltage_ends_the_diagnosis(value: float) -> None:
+    (run, *_), nominal = recording("none", 1)
+    assert run.u_dc is not None
+    once = run.u_dc.copy()
+    once[9] = value
+    for u_dc, count in ((once, 1), (np.full(len(run), value), len(run))):
+        said = only([replace(run, u_dc=u_dc)], nominal, stop=True)
+        assert f"u_dc is not above 0 V in {count} of {len(run)} rows" in said
+
+
 @pytest.mark.parametrize("number", NUMBERS)
 def test_columns_that_hold_one_value_are_told(number: int) -> None:
     runs, nominal = recording("none", number)
