@@ -68,7 +68,7 @@ prove-quick: $(VENV)/.dev ## a part of it, on a development population: at most 
 score-diagnosis: $(VENV)/.dev ## the diagnosis on 500 concealed recordings of development seeds, beside an oracle: about an hour
 	$(BIN)/python -m tests.diagnosis
 
-bench-diagnose: $(VENV)/.dev ## how long a diagnosis of 6 s and of 60 s takes on one core, and its memory
+bench-diagnose: $(VENV)/.dev ## how long diagnoses of 6 s and of 60 s take on one core, and their memory
 	$(BIN)/python -m tests.bench_diagnose
 
 $(VENV)/.run: pyproject.toml .ci/constraints.txt
