@@ -32,7 +32,7 @@ _TRIES: Final = 8  # sweeps with the same windows
 _PARTS: Final = 10  # that a window is cut into then, where they still change currents
 _FARTHEST: Final = 10.0  # of the largest current measured, or rated: as far as a simulated one goes
 _CLOSE: Final = 1e-4  # of the rms current: a change of currents that ends the sweeps
-_END: Final = 1e-3  # of that: a step of Newton's method that is the last, so that what currents change by can be told
+_END: Final = 1e-2  # of that: a step of Newton's method that is the last, so that what currents change by can be told
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
 _ROUNDS: Final = 20  # of Newton's method in a period
 _WHOLE: Final = 5  # of them with whole steps
@@ -256,7 +256,7 @@ def _solution_with_lost(
         end = i_1 + x * rotor
         shots = 1 if n < _WHOLE else SHOTS
         here, by_real, by_imag, beside, settled = lost_after(
-            legs, k, i_0, end, dead_time, u_drop, width, beside, n > 0, shots
+            legs, k, i_0, end, dead_time, u_drop, width, beside, shots
         )
         d_lost, q_lost = by_real * rotor.real + by_imag * rotor.imag, by_imag * rotor.real - by_real * rotor.imag
         off = d * x.real + q * x.imag + here * back - v

@@ -19,9 +19,9 @@ def _estimator() -> None:
 def main() -> None:
     """The emulator's kernels beside the estimator's; then those of the diagnosis, which takes a recording."""
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        for started in (pool.submit(conceal, 1.0, Path(folder)), pool.submit(_estimator)):
+        for started in (pool.submit(conceal, "two", 1.0, Path(folder)), pool.submit(_estimator)):
             started.result()
-        seconds(1.0, Path(folder))
+        seconds("two", 1.0, Path(folder))
 
 
 if __name__ == "__main__":

@@ -47,6 +47,8 @@ class Model:
 
 Follow = Callable[[Model], tuple[Rows, Vector]]
 """Rows with currents that follow a model, and the voltage (V, true rotor frame) that the bridge loses meanwhile."""
+Slopes = dict[tuple[str, int], Vector]
+"""What that voltage changes by, by owner and place of a column: volts a unit of its parameter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,11 +206,13 @@ def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
 def regression(
     rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     noise: Noise | None = None, library: Sequence[Effect] = LIBRARY, follow: Follow | None = None,
+    slopes: Slopes | None = None,
 ) -> Regression:  # fmt: skip
     """Sums of all columns; of the present model alone without a library.
 
     `smooth` has currents with less noise, for what must not be correlated with it; `follow` says what they and the
-    voltage that the bridge loses would be by another model.
+    voltage that the bridge loses would be by another model; `slopes` of that voltage are worked out where they are not
+    known.
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     truth = in_truth(smooth, model)
@@ -219,7 +223,7 @@ def regression(
     if noise is None:
         noise = noise_of(whitened(r, rows, rho), zero, rows)
     prepared(truth, steps)
-    lost = {} if follow is None else _lost_slopes(model, columns, follow)
+    lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes)
     bridges = {j for j in lost if columns[j].owner != "machine" and BY_NAME[columns[j].owner].steep}
     r, rotor = r * frame_of(rows, truth).conj(), rows.rotor[1:]
     P = len(columns)
@@ -375,14 +379,17 @@ def _fill(
         v[j] *= 1.0 / step.h
 
 
-def _lost_slopes(model: Model, columns: Sequence[Column], follow: Follow) -> dict[int, Vector]:
+def _lost_slopes(model: Model, columns: Sequence[Column], follow: Follow, known: Slopes) -> dict[int, Vector]:
     """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow.
 
     Of the machine's parameters and of sizes. These currents are known, so that no spread of them smooths it.
     """
-    (_, present), found = follow(model), dict[int, Vector]()
+    present, found = None, dict[int, Vector]()
     for j, column in enumerate(columns):
-        h = _NEAR * column.prior[1]
+        h, of = _NEAR * column.prior[1], (column.owner, column.place)
+        if of in known:
+            found[j] = known[of]
+            continue
         if column.owner == "machine":
             if column.parameter not in PARAMETERS:
                 continue
@@ -393,7 +400,9 @@ def _lost_slopes(model: Model, columns: Sequence[Column], follow: Follow) -> dic
             other = replace(model, effects={**model.effects, column.owner: sizes})
         else:
             continue
-        found[j] = (follow(other)[1] - present) / h
+        if present is None:
+            present = follow(model)[1]
+        found[j] = known[of] = (follow(other)[1] - present) / h
     return found
 
 

@@ -19,6 +19,7 @@ from estimator.mismatch.columns import (
     Follow,
     Model,
     Noise,
+    Slopes,
     filter_pole,
     noise_of,
     regression,
@@ -39,6 +40,7 @@ POLISHED: Final = 6  # times a round
 _WHOLE: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
 _FEW: Final = (8_000, 16)  # periods and blocks of them, that find what costs much to follow
 _FIND: Final = 2  # times as often as all rows
+_LASTS: Final = 4  # steps, that slopes of what the bridge loses serve
 _STILL: Final = 0.1  # standard errors: a step that does not matter
 _NEARLY: Final = 2.0  # the same where it leads to the end
 _HALVINGS: Final = 3
@@ -137,11 +139,13 @@ def _raw(rows: Rows) -> Clean:
 
 def _search(
     rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    library: Sequence[Effect] = LIBRARY,
+    library: Sequence[Effect] = LIBRARY, slopes: Slopes | None = None,
 ) -> Search:  # fmt: skip
     """Of all effects, or, to polish them, of the model's alone."""
     follow = None if library else clean.follow
-    return Search(regression(rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow))
+    return Search(
+        regression(rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow, slopes)
+    )
 
 
 def without(
@@ -173,11 +177,13 @@ def _polished(
     rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     times: int,
 ) -> tuple[Model, Clean, bool]:  # fmt: skip
-    settled = False
-    for _ in range(times):
+    settled, slopes = False, Slopes()
+    for n in range(times):
         model = with_step_in_place(rows, clean.rows, model)
         clean = cleaned(rows, clean.rows, model)
-        own = _search(rows, clean, model, nominal, tolerance, angle_step, ())
+        if n % _LASTS == 0:
+            slopes.clear()
+        own = _search(rows, clean, model, nominal, tolerance, angle_step, (), slopes)
         better = _no_worse(rows, clean, model, moved(own, tuple((name, -1) for name in model.effects)), own)
         if better is None:
             return model, clean, settled

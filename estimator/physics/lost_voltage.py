@@ -27,7 +27,7 @@ from estimator.physics.period_course import (
 )  # fmt: skip
 from estimator.physics.rows import AXES, Real, Rows, Vector
 
-_MOVES = 2.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
+_MOVES = 1.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
 _NARROW = 0.03  # times the same: a spread of currents that does not matter
 _CLOSE = 0.003  # times the same: where the last shot may end
 SHOTS: Final = 12  # at a period's end, where it lies in a bend
@@ -103,7 +103,7 @@ def lost_by_drops(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, widt
     """The same by drops, and by the dead time of legs that leave a rail."""
     lost = np.empty(len(legs.middle), np.complex128)
     for k in range(len(lost)):
-        lost[k] = _by_drops(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width)
+        lost[k], _, _ = _by_drops(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width)
     return lost
 
 
@@ -112,7 +112,7 @@ def lost_between(legs: Legs, begin: Vector, end: Vector, dead_time: float, u_dro
     """Lost voltage (V) of periods that need not join, from currents (A) at their ends; all in the stationary frame."""
     lost = np.empty(len(begin), np.complex128)
     for k in range(len(lost)):
-        lost[k] = _by_drops(legs, k, begin[k], end[k], dead_time, u_drop, width)
+        lost[k], _, _ = _by_drops(legs, k, begin[k], end[k], dead_time, u_drop, width)
         if dead_time != 0.0 and len(legs.u_dc) > 0:
             lost[k] += _by_dead_time(legs, k, begin[k], end[k], dead_time, width)
     return lost
@@ -131,17 +131,14 @@ class Loss(NamedTuple):
 @kernel
 def lost_after(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float,
-    beside: complex, drops_slopes: bool, shots: int,
+    beside: complex, shots: int,
 ) -> Loss:  # fmt: skip
     """What period k loses for currents (A) that are known, after so many shots more at the end.
 
-    beside: 0 for the first, then that of the last. Slopes of drops are 0 where they are not asked for.
+    beside: 0 for the first, then that of the last.
     """
-    volts, h = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, width), 1e-2 * width
-    by_real, by_imag, settled = 0j, 0j, True
-    if drops_slopes and u_drop != 0.0:
-        by_real = (_by_drops(legs, k, i_0, i_1 + h, dead_time, u_drop, width) - volts) / h
-        by_imag = (_by_drops(legs, k, i_0, i_1 + 1j * h, dead_time, u_drop, width) - volts) / h
+    volts, by_real, by_imag = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, width)
+    settled = True
     if dead_time != 0.0 and len(legs.u_dc) > 0:
         far, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, 0.0)
         if nearest < 0:
@@ -159,27 +156,26 @@ def lost_after(
 @kernel
 def _by_drops(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float
-) -> complex:
-    """Lost voltage (V, stationary) of drops, and of the dead time of legs that leave a rail."""
-    axes = (A, B, C)
-    lost = 0j
-    if len(legs.u_dc) == 0:
-        for axis in axes:
-            start, end = phase(i_0, axis), phase(i_1, axis)
-            lost += axis * u_drop * 0.5 * (start / _soft(start, width) + end / _soft(end, width))
-        return 2.0 / 3.0 * lost
-    u_dc, bow_s = legs.u_dc[k], _bow(legs.psi_f, legs.L_d, legs.D[k], legs.middle[k])
+) -> tuple[complex, complex, complex]:  # fmt: skip
+    """Lost voltage (V, stationary) of drops, and of the dead time of legs that leave a rail; its slopes (ohm).
+
+    Slopes by the real and imaginary part of the current at the end.
+    """
+    axes, lost, by_real, by_imag = (A, B, C), 0j, 0j, 0j
+    known = len(legs.u_dc) > 0
+    u_dc = legs.u_dc[k] if known else 0.0
+    bow_s = _bow(legs.psi_f, legs.L_d, legs.D[k], legs.middle[k]) if known else 0j
     for leg in range(3):
         axis = axes[leg]
-        start, end = phase(i_0, axis), phase(i_1, axis)
-        slope, volts = end - start, 0.0
-        edge = legs.edges[k, leg]
-        if edge != 0.0:  # a leg that leaves a rail has an edge at the period's start
-            volts += u_dc / legs.T_s * 0.5 * dead_time * (edge + start / _soft(start, width))
-        if u_drop != 0.0:
+        start, end, volts, by_end = phase(i_0, axis), phase(i_1, axis), 0.0, 0.0
+        soft_start, soft_end = _soft(start, width), _soft(end, width)
+        if not known:
+            volts = 0.5 * (start / soft_start + end / soft_end)
+            by_end = 0.5 * width * width / (soft_end * soft_end * soft_end)
+        elif u_drop != 0.0:
             # Mean of the sign over the period, piece by piece between the edges, from both ends to the middle
-            total, early, bow = 0.0, 0.0, phase(bow_s, axis)
-            was_up, was_down, soft_was_up, soft_was_down = start, end, _soft(start, width), _soft(end, width)
+            slope, early, bow = end - start, 0.0, phase(bow_s, axis)
+            was_up, was_down, soft_was_up, soft_was_down = start, end, soft_start, soft_end
             for part in range(4):
                 late, away = 0.5, 0.0
                 if part < 3:
@@ -188,12 +184,22 @@ def _by_drops(
                 bowed = bow * 4.0 * late * (1.0 - late)
                 up, down = start + slope * late + away + bowed, end - slope * late - away + bowed
                 soft_up, soft_down = _soft(up, width), _soft(down, width)
-                mean = (was_up + up) / (soft_was_up + soft_up) + (was_down + down) / (soft_was_down + soft_down)
-                total += (late - early) * mean
+                over_up, over_down = 1.0 / (soft_was_up + soft_up), 1.0 / (soft_was_down + soft_down)
+                mean_up, mean_down = (was_up + up) * over_up, (was_down + down) * over_down
+                volts += (late - early) * (mean_up + mean_down)
+                # of neither where the other end is: the ends move by the share of the period that is behind them
+                by_up = early * (1.0 - mean_up * was_up / soft_was_up) + late * (1.0 - mean_up * up / soft_up)
+                by_down = (1.0 - early) * (1.0 - mean_down * was_down / soft_was_down)
+                by_down += (1.0 - late) * (1.0 - mean_down * down / soft_down)
+                by_end += (late - early) * (by_up * over_up + by_down * over_down)
                 early, was_up, was_down, soft_was_up, soft_was_down = late, up, down, soft_up, soft_down
-            volts += u_drop * total
-        lost += axis * volts
-    return 2.0 / 3.0 * lost
+        lost += axis * (u_drop * volts)
+        by_real += axis * (u_drop * by_end * axis.real)
+        by_imag += axis * (u_drop * by_end * axis.imag)
+        edge = legs.edges[k, leg] if known else 0
+        if edge != 0:  # a leg that leaves a rail has an edge at the period's start
+            lost += axis * (u_dc / legs.T_s * 0.5 * dead_time * (edge + start / soft_start))
+    return 2.0 / 3.0 * lost, 2.0 / 3.0 * by_real, 2.0 / 3.0 * by_imag
 
 
 @kernel
