@@ -59,13 +59,13 @@ peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-moto
 gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictures and a page in build/gallery
 	$(BIN)/python -m tests.gallery
 
-prove: $(VENV)/.dev ## the proof in full, on the evaluation population: page and JSON in build/proof, within an hour
+prove: $(VENV)/.dev ## the proof in full, on the evaluation population: page and JSON in build/proof; takes hours
 	$(BIN)/python -m tests.proof
 
-prove-quick: $(VENV)/.dev ## a part of it, on a development population: at most five minutes
+prove-quick: $(VENV)/.dev ## a part of it, on a development population: five minutes or so
 	$(BIN)/python -m tests.proof --quick
 
-score-diagnosis: $(VENV)/.dev ## the diagnosis on 500 concealed recordings of development seeds, beside an oracle: about an hour
+score-diagnosis: $(VENV)/.dev ## the diagnosis on 500 concealed recordings of development seeds, beside an oracle: an hour or more
 	$(BIN)/python -m tests.diagnosis
 
 bench-diagnose: $(VENV)/.dev ## how long diagnoses of 6 s and of 60 s take on one core, and their memory
