@@ -70,7 +70,7 @@ def sources() -> dict[str, str]:
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser("python -m tests.proof", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="a part of it, on a development seed, in five minutes or so")
+    parser.add_argument("--quick", action="store_true", help="a part of it, on a development seed, in minutes")
     parser.add_argument("--seed", type=int, help=f"of the population (default {SEED}, with --quick {QUICK_SEED})")
     parts = ", ".join(PARTS)
     parser.add_argument("--only", nargs="+", default=PARTS, choices=PARTS, metavar="NAME", help=parts)
