@@ -98,13 +98,14 @@ def fraction(axis: Axis, levels: int = LEVELS) -> float:
 
 def _peaks() -> NDArray[np.float64]:
     """Highest value of the sum of 1 to `MOST_SINES` sines of amplitude 1, odd and even harmonics."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 16384, endpoint=False)
+    points = 16384
     peaks = np.empty((2, MOST_SINES))
     for first in (1, 2):
         for count in range(1, MOST_SINES + 1):
-            n = np.arange(1, count + 1)[:, None]
-            sines = np.cos((first + 2 * (n - 1)) * angle - np.pi * n**2 / count)
-            peaks[first - 1, count - 1] = np.abs(sines.sum(axis=0)).max()
+            n = np.arange(1, count + 1)
+            spectrum = np.zeros(points // 2 + 1, np.complex128)
+            spectrum[first + 2 * (n - 1)] = 0.5 * points * np.exp(-1j * np.pi * n**2 / count)
+            peaks[first - 1, count - 1] = np.abs(np.fft.irfft(spectrum)).max()
     return peaks
 
 

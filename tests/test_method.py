@@ -45,6 +45,7 @@ def values(running: Running) -> list[float | None]:
     return [estimate.value for estimate in method.estimate(running).estimates.values()]
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(cuts=st.lists(st.integers(1, 899), max_size=6, unique=True).map(sorted), window=st.sampled_from([WLS, RLS, EKF]))
 def test_every_method_says_the_same_however_the_stream_is_cut(cuts: list[int], window: Window) -> None:

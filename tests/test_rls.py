@@ -205,6 +205,7 @@ def test_on_the_emulated_drive_every_parameter_is_close(noise: bool, bound: floa
     assert found / truth - 1.0 == pytest.approx(0.0, abs=bound)
 
 
+@pytest.mark.slow
 def test_standard_errors_with_forgetting_are_those_of_its_effective_memory() -> None:
     drive = VirtualDrive(PAPER)
     truth = np.array([truth_of(drive)[name] for name in PARAMETERS])

@@ -157,7 +157,8 @@ def _judged(
     doubts: list[Ambiguity] = []
     excess = _excess(found)
     lent = excess if left is not None else 0.0
-    machine_before, machine_after = _parameters(search, ()), _parameters(search, choice, lent)
+    machine_before = _parameters(search, ())
+    machine_after = _parameters(search, choice, lent, _scaled_by(found.smooth, model))
     outside = _outside(machine_after, nominal, tolerance)
     blind = _blind(_parameters(search, choice), nominal, tolerance)
     poorly = poorly_told(search, choice, nominal, outside)
@@ -252,7 +253,7 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
     search, sizes = found.search, found.model.effects[effect.name]
     fit = search.fit(found.choice)
     at = {search.columns[j].place: n for n, j in enumerate(fit.places) if search.columns[j].owner == effect.name}
-    scatter, covariance = search.scatter(fit, one), search.free_covariance(found.choice)
+    covariance = search.free_covariance(found.choice) * search.scatter(fit, one) + search.form_covariance(found.choice)
 
     def values(p: Sequence[float]) -> dict[str, tuple[float, str]]:
         if effect.told is not None:
@@ -268,19 +269,27 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
             slopes[name][place] = (there[name][0] - here[name][0]) / h
     told: dict[str, Quantity] = {}
     for name, (value, unit) in here.items():
-        variance = float(slopes[name] @ covariance @ slopes[name]) * scatter
+        variance = float(slopes[name] @ covariance @ slopes[name])
         told[name] = Quantity(float(value), math.sqrt(variance) if variance > 0.0 else None, unit)
     return told
 
 
-def _parameters(search: Search, choice: Choice, lent: float = 0.0) -> dict[str, Quantity]:
+def _scaled_by(rows: Rows, model: Model) -> float:
+    """Share by which effects may scale all voltages without a trace."""
+    scales = [(BY_NAME[name].scales, sizes) for name, sizes in model.effects.items()]
+    return math.hypot(*(scale(rows, sizes) for scale, sizes in scales if scale is not None))
+
+
+def _parameters(search: Search, choice: Choice, lent: float = 0.0, scaled: float = 0.0) -> dict[str, Quantity]:
     """R_s, L_d, L_q, psi_f of a fit; their intervals take in what noise of the currents may have made of them.
 
-    `lent`: energy over noise that what has no name may have lent to a parameter: as much as it left.
+    And what equations of effects miss. `lent`: energy over noise that what has no name may have lent to a parameter: as
+    much as it left. `scaled`: share by which all voltages may be scaled.
     """
     fit = search.fit(choice)
     variance = np.maximum(fit.covariance.diagonal(), 0.0) * (search.parameter_scatter(fit) + lent)
-    variance = variance[: len(PARAMETERS)] + np.sum(attenuated(search, choice) ** 2, axis=0)
+    variance = (variance + search.form_covariance(choice).diagonal())[: len(PARAMETERS)]
+    variance += np.sum(attenuated(search, choice) ** 2, axis=0) + (scaled * fit.value[: len(PARAMETERS)]) ** 2
     return {
         name: Quantity(float(fit.value[k]), math.sqrt(float(variance[k])), UNITS[name])
         for k, name in enumerate(PARAMETERS)

@@ -23,6 +23,7 @@ MOST: Final = 6  # effects
 NEGLIGIBLE: Final = 0.03  # of a typical size
 TRIED: Final = 6  # likeliest ones, of which one may be added
 _ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
+_FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
 _NOISE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
 
 
@@ -178,6 +179,21 @@ class Search:
         spread = score.T @ score
         robust = np.diag(fit.covariance @ spread @ fit.covariance)
         return np.maximum(1.0, robust / np.maximum(np.diag(fit.covariance), 1e-300))
+
+    def form_covariance(self, choice: Choice) -> Array:
+        """Of a set's coefficients, by what equations miss: each size may be off by as much as its effect's equation.
+
+        Whatever else trades with that size is off with it.
+        """
+        fit, covariance = self.fit(choice), self.free_covariance(choice)
+        total = np.zeros_like(covariance)
+        for n, place in enumerate(fit.places):
+            column = self.columns[place]
+            if column.owner != "machine" and not column.shape:
+                off = _FORM * math.sqrt(BY_NAME[column.owner].missed) * float(fit.value[n])
+                along = covariance[:, n] * (off / covariance[n, n])
+                total += np.outer(along, along)
+        return total
 
     def missed(self, choice: Choice) -> float:
         """What the equations of a set's effects may leave of them, as a part of chi square."""

@@ -6,6 +6,7 @@ words.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -68,6 +69,27 @@ class Fitted:
     z: Vector  # Vs, whitened residual
     noise: Noise
     smooth: Rows
+
+
+class _Following:
+    """Rows with currents that follow a model, and the voltage (V) that the bridge loses. See `followed`.
+
+    The last two are kept: a step that was tried is taken, and then looked around from.
+    """
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows = rows
+        self._last: deque[tuple[float, Model, tuple[Rows, Vector]]] = deque(maxlen=2)
+
+    def __call__(self, share: float, model: Model) -> tuple[Rows, Vector]:
+        for at, of, found in self._last:
+            if (at, of) == (share, model):
+                return found
+        there = with_machine(self._rows, model.machine)
+        i, lost = followed(there, model, share)
+        found = replace(there, i=i, kept=there.kept_of_angle_and_bridge()), lost
+        self._last.append((share, model, found))
+        return found
 
 
 def fitted(
@@ -177,10 +199,10 @@ def _polished(
     rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     times: int,
 ) -> tuple[Model, Clean, bool]:  # fmt: skip
-    settled, slopes = False, Slopes()
+    settled, slopes, following = False, Slopes(), _Following(rows)
     for n in range(times):
         model = with_step_in_place(rows, clean.rows, model)
-        clean = cleaned(rows, clean.rows, model)
+        clean = cleaned(rows, clean.rows, model, following)
         if n % _LASTS == 0:
             slopes.clear()
         own = _search(rows, clean, model, nominal, tolerance, angle_step, (), slopes)
@@ -193,7 +215,7 @@ def _polished(
         model = better
         if settled:
             break
-    return model, cleaned(rows, clean.rows, model), settled
+    return model, cleaned(rows, clean.rows, model, following), settled
 
 
 def _steep(model: Model) -> bool:
@@ -295,14 +317,14 @@ def moved(search: Search, choice: Choice) -> Model:
     )  # fmt: skip
 
 
-def cleaned(rows: Rows, smooth: Rows, model: Model) -> Clean:
+def cleaned(rows: Rows, smooth: Rows, model: Model, following: _Following) -> Clean:
     """Rows with less noise of their currents than these, and how much of it is white noise.
 
     Only what changes within a few periods, and no more than white noise makes of it, counts as noise.
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     if _steep(model):
-        return _followed(rows, model)
+        return _followed(rows, model, following)
     z = whitened(residual(rows, smooth, model), rows, filter_pole(model.machine, rows.T_s))
     noise = noise_of(z, zero_residual(rows, smooth, model), rows)
     w = min(_AVERAGED, max(1, len(z) // 4))
@@ -316,7 +338,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model) -> Clean:
     return Clean(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), z, noise)
 
 
-def _followed(rows: Rows, model: Model) -> Clean:
+def _followed(rows: Rows, model: Model, following: _Following) -> Clean:
     """The same for effects that change more within the noise of currents than these do in a period.
 
     Currents follow the model, as closely as it is true.
@@ -324,7 +346,7 @@ def _followed(rows: Rows, model: Model) -> Clean:
     m = model.machine
 
     def by(share: float) -> tuple[Clean, Noise]:
-        follow = partial(_following, rows, share)
+        follow = partial(following, share)
         smooth, _ = follow(model)
         z = whitened(residual(rows, smooth, model), rows, filter_pole(m, rows.T_s))
         noise = noise_of(z, zero_residual(rows, smooth, model), rows)
@@ -339,13 +361,6 @@ def _followed(rows: Rows, model: Model) -> Clean:
         if loud < _NOISY**2:
             return clean
     return by(last)[0]
-
-
-def _following(rows: Rows, share: float, model: Model) -> tuple[Rows, Vector]:
-    """Rows with currents that follow the model, and the voltage (V) that the bridge loses. See `followed`."""
-    there = with_machine(rows, model.machine)
-    i, lost = followed(there, model, share)
-    return replace(there, i=i, kept=there.kept_of_angle_and_bridge()), lost
 
 
 def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:

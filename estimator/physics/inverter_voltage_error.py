@@ -6,6 +6,10 @@ crossings
 
     u_k = d_k u_dc - sign(i_k) (dead_time / T_s u_dc + u_drop)
 
+u_drop is the mean of what transistor and diode drop. What the diode drops more than the transistor raises all voltages
+by its share of u_dc, as a dc link that is higher than measured: a recording does not tell, so that all parameters are
+uncertain by that.
+
 Near them the current's ripple has both signs within a period, and comes to zero and stays there within a dead time: the
 period is followed from edge to edge. Currents are known within zero_crossing_width, over which a dead time's loss is
 averaged; drops pass softly, i / sqrt(i^2 + zero_crossing_width^2). S.-G. Jeong, M.-H. Park, "The analysis and
@@ -19,6 +23,8 @@ from estimator.physics.effect import Effect, Parameter, Sizes
 from estimator.physics.lost_voltage import edges_at_start, legs_of, lost_by_dead_time, lost_by_drops
 from estimator.physics.rows import Rows, Vector
 
+_UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transistor's
+
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Lost voltage, V."""
@@ -28,6 +34,15 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
         f"lost in {dead_time!r} s, by {width!r} A", lambda: lost_by_dead_time(legs, rows.i_s, dead_time, width)
     )
     return rows.stationary(by_dead_time + lost_by_drops(legs, rows.i_s, dead_time, float(u_drop), width))
+
+
+def bus(rows: Rows) -> float:
+    """The dc link's voltage, V, or one that suits the recording where it is not known."""
+    return float(np.mean(rows.u_dc)) if rows.u_dc is not None else 2.0 * float(np.max(np.abs(rows.u), initial=1e-3))
+
+
+def _scales(rows: Rows, sizes: Sizes) -> float:
+    return _UNLIKE * sizes[1] / bus(rows)
 
 
 EFFECT = Effect(
@@ -45,9 +60,5 @@ EFFECT = Effect(
     steep=True,
     missed=1e-4,
     remembers=lambda rows, _sizes: None if rows.u_dc is None else edges_at_start(rows),
+    scales=_scales,
 )  # fmt: skip
-
-
-def bus(rows: Rows) -> float:
-    """The dc link's voltage, V, or one that suits the recording where it is not known."""
-    return float(np.mean(rows.u_dc)) if rows.u_dc is not None else 2.0 * float(np.max(np.abs(rows.u), initial=1e-3))
