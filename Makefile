@@ -44,7 +44,7 @@ slow-live: $(VENV)/.dev
 	$(call LIVE,slow) || $(call LIVE,slow) $(AGAIN)
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
-	$(BIN)/pytest --numprocesses 2 --dist loadfile -m browser
+	$(BIN)/pytest -m browser
 
 test-vcan: $(VENV)/.dev ## CANopen over SocketCAN, in an emulated machine (Debian: qemu-system-x86, busybox-static, can-utils)
 	$(BIN)/python -m tests.vcan

@@ -174,6 +174,7 @@ def test_the_page_shows_every_route_and_every_shape(page: Page, document: dict[s
             assert told.get("description", "") in page.text
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
 def test_the_commands_of_the_page_work_as_they_stand(tmp_path: Path) -> None:
     with bench_up() as bench:  # of its own: an experiment stops the drive

@@ -11,16 +11,19 @@ from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.samples import Samples
-from tests.diagnosis.diagnosed import loaded
-from tests.diagnosis.truth import EFFECT
+from tests.diagnosis.diagnosed import Said, loaded
+from tests.diagnosis.oracle import answers_in
+from tests.diagnosis.rows import row_of
+from tests.diagnosis.truth import EFFECT, truth_of
 
 SEED = 1907  # a run of several speeds and levels
 MOTORS = ("beckhoff_am8141", "servo_4nm", "aalto_2k2", "hbl48zl400", "baldor_ecs101m")
 CLASSES = (
-    "dead_time", "saturation_q", "iron_loss", "winding_heat", "demagnetisation", "skin", "current_gain",
-    "eccentric_once",
+    "dead_time", "drops", "magnet_heat", "saturation_q", "iron_loss", "winding_heat", "demagnetisation", "skin",
+    "current_gain", "eccentric_once",
 )
 """Some of each kind; `make score-diagnosis` has them all."""
+FARTHEST = 3.0  # standard errors, of any of four parameters of ten recordings
 
 
 def recorded(kind: str, folder: Path) -> tuple[list[Samples], Machine]:
@@ -51,8 +54,11 @@ def test_a_concealed_effect_is_named_and_nothing_else(kind: str, tmp_path: Path)
     assert [finding.effect for finding in diagnosis.findings] == [EFFECT[kind]]
     assert diagnosis.fit is not None
     assert diagnosis.fit.free_run_rms_A.after < diagnosis.fit.free_run_rms_A.before
-    for name in PARAMETERS:
-        assert diagnosis.machine_after[name].std is not None
+    (answer,) = answers_in(tmp_path / "answers")
+    row = row_of(kind, truth_of(answer), {}, Said(diagnosis, "", 0.0))
+    assert set(row.deviations) == set(PARAMETERS)
+    assert all(off < FARTHEST for off in row.deviations.values()), row.deviations
+    assert all(size.right for size in row.sizes.values()), row.sizes
 
 
 @pytest.mark.slow

@@ -248,7 +248,7 @@ def test_a_body_that_cannot_be_is_422(recording: tuple[httpx.Client, str], body:
     assert client.get(address).status_code == 404
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGKILL])
 def test_a_service_that_ends_in_the_middle_of_a_diagnosis_leaves_no_process(number: signal.Signals) -> None:
     folder = captures_folder()
     folder.mkdir(parents=True, exist_ok=True)

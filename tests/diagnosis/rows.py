@@ -48,6 +48,7 @@ class Row:
     sizes: Mapping[str, SizeScore]  # "effect.parameter"
     before: Mapping[str, float | None]  # machine, relative error
     after: Mapping[str, float | None]
+    deviations: Mapping[str, float]  # errors after, in standard errors
     residual: float | None  # held out, over the noise floor
     stranger: str  # "right", "elsewhere": unexplained without a name, "forced": into a name, "missed"; or ""
     region: str  # where the unexplained is said to be
@@ -83,6 +84,7 @@ def row_of(recording: str, truth: Truth, over_limit: Mapping[str, float], said: 
         sizes=_sizes(found, truth),
         before=_off(found.machine_before if found else {}, truth.machine),
         after=_off(found.machine_after if found else {}, truth.machine),
+        deviations=_deviations(found.machine_after if found else {}, truth.machine),
         residual=_residual(found),
         stranger=_stranger(found, truth) if truth.stranger else "",
         region=_told(found.unexplained) if found and found.unexplained else "",
@@ -129,6 +131,12 @@ def _off(told: Mapping[str, Quantity], machine: Mapping[str, float]) -> dict[str
         value = told[name].value if name in told else None
         errors[name] = None if value is None else value / true - 1.0
     return errors
+
+
+def _deviations(told: Mapping[str, Quantity], machine: Mapping[str, float]) -> dict[str, float]:
+    """Errors in standard errors, where both are said."""
+    known = {name: (told[name].value, told[name].std) for name in machine if name in told}
+    return {name: abs(value - machine[name]) / std for name, (value, std) in known.items() if value is not None and std}
 
 
 def _residual(found: Diagnosis | None) -> float | None:

@@ -22,7 +22,7 @@ from typing import Any, Final
 from emulator.conceal.populations import POPULATIONS
 from tests.diagnosis.diagnosed import Said, diagnosed, named
 from tests.diagnosis.oracle import answers_in, limits
-from tests.diagnosis.rows import FLOOR, MACHINE, PLAIN, Row, as_json, row_of
+from tests.diagnosis.rows import DEVIATIONS, FLOOR, MACHINE, PLAIN, Row, as_json, row_of
 from tests.diagnosis.truth import EFFECT, truth_of
 
 FUNCTION: Final = "estimator.mismatch.diagnose:diagnose"
@@ -79,6 +79,8 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
     machines = [row for row in exact if None not in row.after.values()]
     residuals = [row.residual for row in exact if row.residual is not None]
     told = [ratio for row in rows for ratio in row.detectable.values()]
+    deviations = [off for row in exact for off in row.deviations.values()]
+    size_deviations = [abs(size.value - size.true) / size.std for size in sizes if size.value is not None and size.std]
     return [
         _measure(f"one effect of {PLAIN:g} limits or more: named, nothing else", _exact, one, at_least=0.97),
         _measure(f"one effect of {SEEN:g} of the oracle's limits or more: named", _named, seen, at_least=0.99),
@@ -94,6 +96,8 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         _measure("  of these, told at all", lambda size: size.value is not None, sizes),
         _measure(f"machine after within {MACHINE:.1%}, all four, exact sets", _machine_right, machines, at_least=1.0),
         _measure("  before", lambda row: all(abs(off or 0.0) <= MACHINE for off in row.before.values()), machines),
+        _measure(f"intervals of these, true values within {DEVIATIONS:g} standard errors", _held, deviations),
+        _measure(f"intervals of sizes, true values within {DEVIATIONS:g} standard errors", _held, size_deviations),
         _measure("held-out residual within 5 % of the floor, exact sets", lambda ratio: ratio <= FLOOR, residuals,
                  at_least=1.0),
         _measure("detection limits that are told, at most twice the oracle's", lambda ratio: ratio <= 2.0, told,
@@ -226,6 +230,10 @@ def _named(row: Row) -> bool:
 
 def _machine_right(row: Row) -> bool:
     return all(off is not None and abs(off) <= MACHINE for off in row.after.values())
+
+
+def _held(deviation: float) -> bool:
+    return deviation <= DEVIATIONS
 
 
 def _of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
