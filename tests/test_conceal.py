@@ -383,7 +383,10 @@ def many(folder: Path) -> Generator["subprocess.Popen[str]"]:
             process.communicate()
 
 
-@pytest.mark.parametrize("how", ["Ctrl-C", "SIGTERM", "a process killed"])
+@pytest.mark.parametrize(
+    "how",
+    ["Ctrl-C", *(pytest.param(how, marks=pytest.mark.slow) for how in ("SIGTERM", "a process killed"))],
+)
 def test_an_end_before_the_end_leaves_whole_recordings_with_their_answers(tmp_path: Path, how: str) -> None:
     with many(tmp_path) as process:
         if how == "Ctrl-C":  # which a terminal sends to all

@@ -158,6 +158,7 @@ def written(path: Path, tones: Sequence[Tone]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_sweeps_file_says_the_same(tmp_path: Path) -> None:
     tones = sweep(inverter=Inverter(dead_time=DEAD_TIME))
     diagnosed = diagnose_recording(Request(written(tmp_path / "sine.csv", tones), Nominal({}), format="auto"))
@@ -185,6 +186,7 @@ def test_a_recording_of_every_period_asks_for_its_machine(tmp_path: Path) -> Non
 # --- a real servo
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not here")
 def test_a_real_sweep_follows_on_frequencies_left_out() -> None:
     diagnosed = diagnose_recording(Request(REAL, Nominal({}), format="auto"))
