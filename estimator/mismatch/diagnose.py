@@ -290,8 +290,9 @@ def _parameters(search: Search, choice: Choice, lent: float = 0.0, scaled: float
     variance = np.maximum(fit.covariance.diagonal(), 0.0) * (search.parameter_scatter(fit) + lent)
     variance = (variance + search.form_covariance(choice).diagonal())[: len(PARAMETERS)]
     variance += np.sum(attenuated(search, choice) ** 2, axis=0) + (scaled * fit.value[: len(PARAMETERS)]) ** 2
+    held = fit.covariance.diagonal() <= 0.0  # at a bound, which says nothing of how far off it is
     return {
-        name: Quantity(float(fit.value[k]), math.sqrt(float(variance[k])), UNITS[name])
+        name: Quantity(float(fit.value[k]), None if held[k] else math.sqrt(float(variance[k])), UNITS[name])
         for k, name in enumerate(PARAMETERS)
     }
 
@@ -322,9 +323,8 @@ def _outside(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping
     """Sentences on parameters that lie outside their tolerance."""
     said: list[str] = []
     for name, quantity in after.items():
-        given, value, std = getattr(nominal, name), quantity.value, quantity.std
+        given, value, std = getattr(nominal, name), quantity.value, quantity.std or 0.0
         assert value is not None
-        assert std is not None
         if abs(value - given) > tolerance[name] * given + _OUTSIDE * std:
             said.append(
                 f"{name} = {value:.4g} {quantity.unit} lies {abs(value / given - 1.0):.0%} from its nominal "
