@@ -286,7 +286,7 @@ def test_the_same_classifier_finds_a_leak_that_is_planted(suite: Path, tmp_path:
 @pytest.mark.slow
 def test_nothing_outside_the_signals_tells_one_effect_from_another(tmp_path: Path) -> None:
     made(
-        "--count", "900", "--seed", "5", "--out", tmp_path / "out", "--answers", tmp_path / "answers",
+        "--count", "1500", "--seed", "5", "--out", tmp_path / "out", "--answers", tmp_path / "answers",
         "--length", str(SHORTEST), "--class", *POPULATIONS, "none",
     )  # fmt: skip
     answers = answers_in(tmp_path / "answers")

@@ -103,7 +103,7 @@ def test_intervals_are_honest_over_a_thousand_windows(name: str) -> None:
     runs = 1000
     inside = dict.fromkeys(PARAMETERS, 0)
     for _ in range(runs):
-        for parameter, e in found(streamed(drive, 401)).estimates.items():
+        for parameter, e in found(streamed(drive, 1001)).estimates.items():
             assert e.value is not None and e.std is not None
             inside[parameter] += abs(e.value - truth[parameter]) < 1.96 * e.std
     print(name, {parameter: count / runs for parameter, count in inside.items()})

@@ -60,17 +60,17 @@ def diagnosed(
 
 def _warm_up(function: str, folder: Path, name: str) -> None:
     """Compile, so that no recording's time has it in it: by the first rows of one."""
-    try:
-        runs, machine = loaded(folder, name)
-        named(function)([runs[0][:_WARM]], machine)
-    except Exception:  # noqa: BLE001 - it will be said of the recording itself
-        return
+    _one(function, folder, name, _WARM)
 
 
-def _one(function: str, folder: Path, name: str) -> Said:
+def _one(function: str, folder: Path, name: str, most: int | None = None) -> Said:
+    """What is said of a recording, or of so many of its first rows."""
     diagnose, begun = named(function), time.perf_counter()
     try:
-        found = diagnose(*loaded(folder, name))
+        runs, machine = loaded(folder, name)
+        if most is not None:
+            runs = [run[:most] for run in runs[: 1 + most // len(runs[0])]]
+        found = diagnose(runs, machine)
     except ValueError as error:
         return Said(None, str(error), time.perf_counter() - begun)
     except Exception:  # noqa: BLE001 - a defect costs its recording, not the whole score
