@@ -1,10 +1,11 @@
 """A diagnosis as a machine file: the parameters after it, the drive as it was, the effects found, with their units."""
 
 import math
+from collections.abc import Iterable
 
 from bench.machine_file import KEYS, Nominal
 from estimator.machine import PARAMETERS, UNITS
-from estimator.mismatch.verdict import Diagnosis, Quantity
+from estimator.mismatch.verdict import Diagnosis, FluxTable, Quantity
 
 
 def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
@@ -32,7 +33,25 @@ def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
         lines += ["", f"[effects.{finding.effect}]"]
         for name, found in finding.parameters.items():
             lines += [_line(key, value, found.unit) for key, value in _both(name, found)]
+    if diagnosis.flux_map is not None:
+        lines += ["", *_flux_map(diagnosis.flux_map)]
     return "\n".join(lines) + "\n"
+
+
+def _flux_map(told: FluxTable) -> list[str]:
+    def row(values: Iterable[float]) -> str:
+        return "[" + ", ".join(f"{value:.7g}" for value in values) + "]"
+
+    def table(rows: Iterable[Iterable[float]]) -> str:
+        return "[\n" + "".join(f"    {row(values)},\n" for values in rows) + "]"
+
+    return [
+        "[flux_map]  # Vs at A: a row for each i_d, a column for each i_q; nan where the recording has not been",
+        f"i_d = {row(told.i_d)}",
+        f"i_q = {row(told.i_q)}",
+        f"psi_d = {table(told.psi_d)}",
+        f"psi_q = {table(told.psi_q)}",
+    ]
 
 
 def _parameter(name: str, found: Quantity | None, nominal: Nominal) -> str:

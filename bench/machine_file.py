@@ -15,7 +15,8 @@
     dead_time = 2e-6
     dead_time_std = 3e-8    # standard error
 
-Every key may be left out: what is not known is not written, and nothing is assumed in its place.
+Every key may be left out: what is not known is not written, and nothing is assumed in its place. A table [flux_map], as
+a diagnosis writes it, is for other tools and is not read.
 """
 
 import math
@@ -93,10 +94,12 @@ def nominal_of(content: Mapping[str, object], path: str | Path) -> Nominal:
 
 def _tables(content: Mapping[str, object], path: str | Path) -> dict[str, dict[str, float]]:
     for key in content:
-        if key not in KEYS and key != "effects":
+        if key not in KEYS and key not in ("effects", "flux_map"):
             raise ConfigError(
-                f"{path}: unknown entry {shown(key)}, expected the tables [machine] and [drive], and [effects.NAME]"
+                f"{path}: unknown entry {shown(key)}, expected the tables [machine] and [drive], [effects.NAME] and "
+                "[flux_map]"
             )
+    _expect_table(content.get("flux_map", {}), "flux_map", path)
     if "machine" not in content:
         raise ConfigError(f"{path}: the table [machine] is missing, expected it with any of "
                           + ", ".join(KEYS["machine"]))

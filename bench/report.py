@@ -95,6 +95,11 @@ def _sections(
         yield _fit(said.fit)
     if said.findings:
         yield _section("What was left out", _findings(said.findings))
+    if said.flux_map is not None:
+        yield _section("Flux linkages", picture(
+            "flux-map", figures.flux_map(said.flux_map),
+            "By the currents, where the recording has been. All numbers and their standard errors are in the JSON.",
+        ))
     if said.unexplained is not None:
         left = said.unexplained
         told = f"{escape(left.description)}: {quantity(left.rms_V, 'V')} rms"

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.engineering import words
-from estimator.mismatch.verdict import Candidate, Map, Scatter, Traces
+from estimator.mismatch.verdict import Candidate, FluxTable, Map, Scatter, Traces
 
 BEFORE: Final = "#c8571b"
 AFTER: Final = "#14708c"
 QUIET: Final = "#8a8f98"
 INK: Final = "#22262e"
 _LINES: Final = "#e4e6ea"
+_SHADES: Final = ("#262d4d", "#4d5678", "#14708c", "#3f9c8f", "#a87b2d", "#c8571b")  # of levels, one after the other
 _MAP: Final = [[0.0, "#f7f8fa"], [0.35, "#c9cedb"], [0.7, "#6d7795"], [1.0, "#262d4d"]]
 WIDTH: Final = 680  # px: an A4 page between its margins
 _MOST_LOG_ODDS: Final = 12.0
@@ -71,6 +72,30 @@ def location(shown: Map) -> Figure:
                    "colorbar": {"title": {"text": "V rms", "side": "right"}, "thickness": 10, "outlinewidth": 0}},
         annotations=[_caption("before", BEFORE, 0.23), _caption("after", AFTER, 0.77)], showlegend=False,
         margin={"l": 58, "r": 10, "t": 26, "b": 42},
+    )  # fmt: skip
+
+
+def flux_map(told: FluxTable) -> Figure:
+    """Flux linkages, each over its own axis' current at some currents of the other."""
+    side = told.i_q >= 0.0  # the map is the same for either sign
+    panels = (told.i_d, told.psi_d[:, side], told.i_q[side], ""), (told.i_q, told.psi_q.T, told.i_d, "2")
+    data: list[dict[str, Any]] = []
+    for x, psi, others, place in panels:
+        on = {"xaxis": f"x{place}", "yaxis": f"y{place}", "showlegend": False}
+        at = np.flatnonzero(np.isfinite(psi).sum(axis=0) > 1)
+        at = at[:: max(1, -(-len(at) // len(_SHADES)))]
+        for colour, k in zip(_SHADES, at, strict=False):
+            level, end = f"{round(float(others[k]), 6) + 0.0:.3g} A", np.flatnonzero(np.isfinite(psi[:, k]))[-1:]
+            data.append(_line(x, psi[:, k], level, colour, width=1.6) | on)
+            if k in at[[0, -1]]:
+                data.append(_line(x[end], psi[end, k], level, colour, width=1.0) | on | {
+                    "mode": "text", "text": [level], "textposition": "middle right", "cliponaxis": False,
+                    "textfont": {"color": colour, "size": 10},
+                })  # fmt: skip
+    return _figure(
+        data, 300, xaxis=_axis("i_d, A, at some i_q", domain=[0.0, 0.44]),
+        xaxis2=_axis("i_q, A, at some i_d", domain=[0.56, 0.96]),
+        yaxis=_axis("psi_d, Vs"), yaxis2=_axis("psi_q, Vs", anchor="x2"),
     )  # fmt: skip
 
 

@@ -18,11 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.kernel import kernel
-from estimator.mismatch.columns import Model, base_voltage, current_error, effects_voltage, in_truth, residual
+from estimator.mismatch.columns import (
+    Model,
+    base_voltage,
+    current_error,
+    effects_voltage,
+    in_truth,
+    on_local_lines,
+    residual,
+)
 from estimator.physics.ac_resistance import rung
+from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.library import BY_NAME
 from estimator.physics.lost_voltage import SHOTS, Legs, legs_of, lost_after
-from estimator.physics.rows import OF_ANGLE_AND_BRIDGE, Rows, Vector
+from estimator.physics.rows import LOCAL, OF_ANGLE_AND_BRIDGE, Rows, Vector
+from estimator.response import Memory, Response, Slopes, solution
 
 Bools = NDArray[np.bool_]
 
@@ -34,9 +44,10 @@ _FARTHEST: Final = 10.0  # of the largest current measured, or rated: as far as 
 _CLOSE: Final = 1e-4  # of the rms current: a change of currents that ends the sweeps
 _END: Final = 1e-2  # of that: a step of Newton's method that is the last, so that what currents change by can be told
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
+_SHORT: Final = 1e-4  # of the period, and of the dc link's voltage: the same of dead time and drop
 _ROUNDS: Final = 20  # of Newton's method in a period
 _WHOLE: Final = 5  # of them with whole steps
-_OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, "ripple")  # not of currents
+_OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, *LOCAL, "ripple")  # of the measured currents at most
 
 
 class Lost(NamedTuple):
@@ -46,23 +57,6 @@ class Lost(NamedTuple):
     dead_time: float  # s
     u_drop: float  # V
     width: float  # A
-
-
-class Memory(NamedTuple):
-    """A resistance (ohm) to what a current has changed lately, and the share that is forgotten in a period."""
-
-    R: float
-    share: float
-    late: float  # and of what the current changes within the period
-
-
-class Slopes(NamedTuple):
-    """How each period's voltage changes with the current (ohm) at its start and its end, along d and q."""
-
-    start_d: Vector
-    start_q: Vector
-    end_d: Vector
-    end_q: Vector
 
 
 class Course(NamedTuple):
@@ -111,6 +105,43 @@ def followed(rows: Rows, model: Model, share: float) -> tuple[Vector, Vector]:
     return rows.i + delta * truth.rotor * rows.rotor.conj(), lost
 
 
+def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
+    """At currents (A) that follow a model. See `followed`."""
+    truth = in_truth(rows, model)
+    course = _course(truth, _physics(model))
+    i_s = i * rows.rotor
+    legs, dead_time, u_drop, width = course.lost
+    steps = _SPAN * rows.i_rated, _SHORT * rows.T_s, _SHORT * bus(rows)
+    found = _lost_around(legs, i_s, dead_time, u_drop, width, *steps)
+    back = truth.middle.conj()
+    return Response(
+        course.slopes, (found[0], found[1]), (found[2], found[3]), (found[4] * back, found[5] * back),
+        _starts(rows, len(rows) + 1), truth.rotor, truth.half, course.memory, share,
+    )  # fmt: skip
+
+
+@kernel
+def _lost_around(
+    legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float, span: float, time: float, volts: float
+) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
+    """Slopes of the lost voltage (V, stationary) by the currents at start and end, dead time and drop."""
+    n = len(i_s) - 1
+    found = (
+        np.empty(n, np.complex128), np.empty(n, np.complex128), np.empty(n, np.complex128),
+        np.empty(n, np.complex128), np.empty(n, np.complex128), np.empty(n, np.complex128),
+    )  # fmt: skip
+    for k in range(n):
+        here = lost_after(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width, 0j, SHOTS)
+        right = lost_after(legs, k, i_s[k] + span, i_s[k + 1], dead_time, u_drop, width, 0j, SHOTS).volts
+        up = lost_after(legs, k, i_s[k] + 1j * span, i_s[k + 1], dead_time, u_drop, width, 0j, SHOTS).volts
+        later = lost_after(legs, k, i_s[k], i_s[k + 1], dead_time + time, u_drop, width, 0j, SHOTS).volts
+        more = lost_after(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop + volts, width, 0j, SHOTS).volts
+        found[0][k], found[1][k] = (right - here.volts) / span, (up - here.volts) / span
+        found[2][k], found[3][k] = here.by_real, here.by_imag
+        found[4][k], found[5][k] = (later - here.volts) / time, (more - here.volts) / volts
+    return found
+
+
 def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
     """Measured currents: those of the machine with its effects, and the errors of measurement on top."""
     truth = in_truth(rows, model)
@@ -125,7 +156,7 @@ def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
 def _physics(model: Model) -> Model:
     """The model without its errors of measurement."""
     kept = {name: sizes for name, sizes in model.effects.items() if not BY_NAME[name].measures}
-    return Model(model.machine, kept)
+    return Model(model.machine, kept, bend=model.bend)
 
 
 def _starts(rows: Rows, window: int, offset: int = 0) -> Bools:
@@ -142,7 +173,7 @@ def _with_currents(rows: Rows, i: Vector) -> Rows:
 
 def _voltage(truth: Rows, model: Model) -> Vector:
     """Voltage (V) that true currents imply."""
-    return base_voltage(truth, model.machine) + effects_voltage(truth, model)
+    return base_voltage(truth, model) + effects_voltage(truth, model)
 
 
 def _without(model: Model, *names: str) -> Model:
@@ -190,6 +221,7 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
         left = rows.u - _voltage(_with_currents(rows, i), ideal)
         delta, _ = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, _END * close, limit, 0.0)
         i, sweep = i + delta, sweep + 1
+        lost = lost._replace(legs=legs_of(on_local_lines(_with_currents(rows, i), model)))
         moving = ~(np.maximum.reduceat(np.abs(delta), first) <= close)
         if not np.any(moving):
             return i
@@ -226,7 +258,7 @@ def _carried(
             v -= R * ((share - late) * before * delta[k] - share * (rotor[k] * after).conjugate() * i_x)
             d, q = slopes.end_d[k] + R * late * after, slopes.end_q[k] + 1j * R * late * after
             if lost.dead_time == 0.0 and lost.u_drop == 0.0:
-                delta[k + 1] = _solution(d, q, v)
+                delta[k + 1] = solution(d, q, v)
             else:
                 i_0, i_1 = (i[k] + delta[k]) * rotor[k], i[k + 1] * rotor[k + 1]
                 delta[k + 1], lost_there[k] = _solution_with_lost(
@@ -260,7 +292,7 @@ def _solution_with_lost(
         )
         d_lost, q_lost = by_real * rotor.real + by_imag * rotor.imag, by_imag * rotor.real - by_real * rotor.imag
         off = d * x.real + q * x.imag + here * back - v
-        step = _solution(d + d_lost * back, q + q_lost * back, off)
+        step = solution(d + d_lost * back, q + q_lost * back, off)
         if n >= _WHOLE:
             step *= 0.5
         x -= step
@@ -268,10 +300,3 @@ def _solution_with_lost(
         if settled and abs(step) < close:
             break
     return x, here * back
-
-
-@kernel
-def _solution(d: complex, q: complex, v: complex) -> complex:
-    """x of d Re x + q Im x = v."""
-    det = d.real * q.imag - d.imag * q.real
-    return complex((v.real * q.imag - v.imag * q.real) / det, (d.real * v.imag - d.imag * v.real) / det)

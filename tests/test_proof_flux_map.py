@@ -12,12 +12,10 @@ QUICK = Settings(seed=1200, quick=True, jobs=1, folder=Path())
 
 @pytest.mark.slow
 @pytest.mark.skipif(not flux_map.FILE.exists(), reason=f"{flux_map.FILE} is not here")
-def test_the_measured_map_is_recovered_and_nothing_wrong_is_named() -> None:
+def test_the_measured_map_is_recovered_and_its_saturations_named() -> None:
     proof = flux_map.prove(QUICK)
-    held = {bar.what: bar.held for bar in proof.bars}
-    assert held["rms error of the flux linkage by a free map"], proof
-    assert held["its largest error"], proof
-    assert "explained" not in proof.bars[0].figure.split(), proof
+    assert len(proof.bars) == 3
+    assert all(bar.held for bar in proof.bars), proof
 
 
 def test_without_the_map_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -163,7 +163,7 @@ def test_a_step_implies_the_recorded_voltage_from_the_measured_current(everythin
         i = everything.i.copy()
         i[first + 1 :: 2] = step[first::2]
         off = (implied_voltage(replace(everything, i=i, kept={}), model) - everything.u)[first::2]
-        assert np.max(np.abs(off)) < 1e-4 * RATED * TRUTH.L_q / T_S
+    assert np.max(np.abs(off)) < 1e-4 * RATED * TRUTH.L_q / T_S
 
 
 def test_the_windows_length_changes_a_noiseless_run_by_little(clean: Rows) -> None:

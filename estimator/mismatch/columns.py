@@ -20,14 +20,20 @@ from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.whitening import whiten, whiten_into
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes, Together
+from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
+from estimator.physics.saturation import EFFECTS as SATURATIONS
+from estimator.physics.saturation import saturated
+from estimator.response import Response, answer
 
 Array = NDArray[np.float64]
 Noise = tuple[float, float, float]
 """White noise of the whitened residual: Vs on d, Vs on q, A of the three phase currents' mean."""
 
 STRETCHES: Final = 48
+BENDS: Final = 6
+"""Place of the first of a flux map's shapes among the machine's columns; they are the last."""
 _STEP: Final = 0.03  # of a typical size, for differences
 _NEAR: Final = 1e-3  # the same, where a little changes much
 _PART: Final = 1536  # periods at once, whose columns stay near the processor
@@ -43,6 +49,7 @@ class Model:
     effects: dict[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
     angle: float = 0.0  # rad, within the angle's resolution
     zero: float = 0.0  # A, mean of the three current channels' offsets
+    bend: Bend | None = None  # of the flux linkage, in the place of effects of saturation
 
 
 Follow = Callable[[Model], tuple[Rows, Vector]]
@@ -94,14 +101,27 @@ def filter_pole(machine: Machine, T_s: float) -> float:
     return min(float(np.exp(-machine.R_s * T_s / (0.5 * (machine.L_d + machine.L_q)))), 0.99)
 
 
-def base_voltage(rows: Rows, machine: Machine) -> Vector:
-    """Voltage (V) of a machine without effects."""
-    at = with_machine(rows, machine)
-    return machine.R_s * at.i_mean + at.balance(at.flux(at.i))
+def base_voltage(rows: Rows, model: Model) -> Vector:
+    """Voltage (V) of a machine without effects, but for its flux map's bend."""
+    at = with_machine(rows, model.machine)
+    v = model.machine.R_s * at.i_mean + at.balance(at.flux(at.i))
+    return v if model.bend is None else v + model.bend.voltage(at)
 
 
 def in_truth(rows: Rows, model: Model) -> Rows:
     """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
+    return on_local_lines(_without_errors(rows, model), model)
+
+
+def on_local_lines(truth: Rows, model: Model) -> Rows:
+    """The rows with the straight lines that a saturating machine follows at these currents for a while."""
+    if model.bend is not None:
+        return truth.with_local_line(*model.bend.bent(truth))
+    saturations = {name: sizes for name, sizes in model.effects.items() if name in SATURATIONS}
+    return truth.with_local_line(*saturated(truth, saturations)) if saturations else truth
+
+
+def _without_errors(rows: Rows, model: Model) -> Rows:
     rows = with_machine(rows, model.machine)
     angle: Array | float = model.angle
     for name, sizes in model.effects.items():
@@ -179,7 +199,7 @@ def residual(rows: Rows, smooth: Rows, model: Model) -> Vector:
 
 
 def _left_over(rows: Rows, truth: Rows, clean: Rows, model: Model) -> Vector:
-    left = truth.u - base_voltage(truth, model.machine) - effects_voltage(clean, model)
+    left = truth.u - base_voltage(truth, model) - effects_voltage(clean, model)
     return left * frame_of(rows, truth)
 
 
@@ -203,27 +223,43 @@ def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
     return z[0]
 
 
+def flux_errors(v: Vector, rows: Rows, model: Model, rho: float | None = None) -> Vector:
+    """What is left of a voltage (V), whitened, Vs.
+
+    Beside a flux map's bend: of its straight lines, at which noise of the currents is alike at every current.
+    """
+    z = whitened(v, rows, filter_pole(model.machine, rows.T_s) if rho is None else rho)
+    if model.bend is None:
+        return z
+    i = model.bend.stiffness(model.machine, rows.i[1:])(z)
+    return model.machine.L_d * i.real + 1j * model.machine.L_q * i.imag
+
+
 def regression(
     rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     noise: Noise | None = None, library: Sequence[Effect] = LIBRARY, follow: Follow | None = None,
-    slopes: Slopes | None = None,
+    slopes: Slopes | None = None, response: Response | None = None,
 ) -> Regression:  # fmt: skip
     """Sums of all columns; of the present model alone without a library.
 
     `smooth` has currents with less noise, for what must not be correlated with it; `follow` says what they and the
     voltage that the bridge loses would be by another model; `slopes` of that voltage are worked out where they are not
-    known.
+    known. `response` says the same of small changes, for all columns at once.
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     truth = in_truth(smooth, model)
+    if model.bend is not None:
+        library = [effect for effect in library if effect.name not in SATURATIONS]
     columns = _columns(smooth, model, nominal, tolerance, angle_step, library)
     steps = _steps(truth, model, columns)
     rho = filter_pole(model.machine, rows.T_s)
     r, zero = _left_over(rows, in_truth(rows, model), truth, model), zero_residual(rows, smooth, model)
     if noise is None:
-        noise = noise_of(whitened(r, rows, rho), zero, rows)
+        noise = noise_of(flux_errors(r, rows, model), zero, rows)
+    straighten = None if model.bend is None else _straightening(rows, model, model.bend, noise)
     prepared(truth, steps)
-    lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes)
+    lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, response)
+    answering, answers = _answering(columns), np.zeros((len(columns), 2), np.complex128)
     bridges = {j for j in lost if columns[j].owner != "machine" and BY_NAME[columns[j].owner].steep}
     r, rotor = r * frame_of(rows, truth).conj(), rows.rotor[1:]
     P = len(columns)
@@ -241,8 +277,12 @@ def regression(
             _fill(part, model, columns, steps, v, bridges)
             for j, slope in lost.items():
                 v[j] = slope[cut] if j in bridges else v[j] + slope[cut]
+            if response is not None:
+                answer(v, answering, response.within(cut), answers)
             v[P] = r[cut]
             there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
+            if straighten is not None:
+                m[: len(there)] = np.einsum("xyn,cyn->cxn", straighten[:, :, cut], m[: len(there)])
             flat = m[: len(there)].reshape(len(there), 2 * len(part))
             gram[s, there[:, None], there] += flat @ flat.T
     left = float(gram[:, P, P].sum()) / n
@@ -255,6 +295,16 @@ def regression(
     gram = change @ gram @ change.T
     count = 2 * int(rows.joined.sum()) + (0 if zero is None else n)
     return Regression(columns, gram, count, noise, rows, smooth, model, left)
+
+
+def _straightening(rows: Rows, model: Model, bend: Bend, noise: Noise) -> Array:
+    """What makes flux errors over their noise those of a map's straight lines, (2, 2, n). See `flux_errors`."""
+    m, g = model.machine, bend.stiffness(model.machine, rows.i[1:])
+    across = noise[1] / noise[0]
+    return np.array([
+        [m.L_d * (g.a + g.b.real), m.L_d * across * g.b.imag],
+        [m.L_q / across * g.b.imag, m.L_q * (g.a - g.b.real)],
+    ])
 
 
 def prepared(rows: Rows, steps: Sequence[_Step | None]) -> None:
@@ -294,12 +344,17 @@ def _columns(
     found: list[Column] = []
     for k, name in enumerate(PARAMETERS):
         given = getattr(nominal, name)
-        prior, bounds = (given, tolerance[name] * given), (_FARTHEST[0] * given, _FARTHEST[1] * given)
+        share = tolerance[name] if model.bend is None or name == "R_s" else 1.0  # straight lines are a part of a map
+        prior, bounds = (given, share * given), (_FARTHEST[0] * given, _FARTHEST[1] * given)
         found.append(Column("machine", name, k, -1, prior, getattr(model.machine, name), bounds))
     reach = max(angle_step, 1e-5)  # an angle is rounded or cut off
     found.append(Column("machine", "angle", 4, -1, (0.0, max(0.5 * angle_step, 1e-6)), model.angle, (-reach, reach)))
     if rows.zero is not None:
         found.append(Column("machine", "zero", 5, -1, (0.0, rows.i_rated), model.zero, (-math.inf, math.inf)))
+    if model.bend is not None:
+        anything = (-math.inf, math.inf)
+        for k, (name, size) in enumerate(zip(model.bend.names, model.bend.size.tolist(), strict=True)):
+            found.append(Column("machine", name, BENDS + k, -1, (0.0, 1.0), size, anything))
     for effect in library or [BY_NAME[name] for name in model.effects]:
         if effect.name in model.effects:
             found.extend(_own_columns(effect, rows, model.effects[effect.name]))
@@ -363,7 +418,11 @@ def _fill(
         if j in others:
             continue
         if step is None:
-            v[j] = 0.0 if column.parameter == "zero" else _voltage_per_unit(rows, column.parameter)
+            if column.place < BENDS:
+                v[j] = 0.0 if column.parameter == "zero" else _voltage_per_unit(rows, column.parameter)
+            elif column.place == BENDS:
+                assert model.bend is not None
+                v[j : j + len(model.bend.size)] = model.bend.voltages(rows)
             continue
         effect, together = step.effect, step.effect.together
         if together is not None and together in sharing:  # beside the others of them
@@ -379,13 +438,29 @@ def _fill(
         v[j] *= 1.0 / step.h
 
 
-def _lost_slopes(model: Model, columns: Sequence[Column], follow: Follow, known: Slopes) -> dict[int, Vector]:
+def _answering(columns: Sequence[Column]) -> NDArray[np.intp]:
+    """Columns of which a `Response` says what the bridge loses in answer: of all that changes no measurement."""
+    return np.array([
+        j for j, column in enumerate(columns)
+        if (column.owner == "machine" and column.parameter not in ("angle", "zero"))
+        or (column.owner != "machine" and column.seed < 0 and not column.shape and not BY_NAME[column.owner].measures)
+    ], np.intp)  # fmt: skip
+
+
+def _lost_slopes(
+    model: Model, columns: Sequence[Column], follow: Follow, known: Slopes, response: Response | None
+) -> dict[int, Vector]:
     """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow.
 
     Of the machine's parameters and of sizes. These currents are known, so that no spread of them smooths it.
     """
     present, found = None, dict[int, Vector]()
+    answering = set[int]() if response is None else set(_answering(columns).tolist())
     for j, column in enumerate(columns):
+        if j in answering:
+            if response is not None and column.owner != "machine" and BY_NAME[column.owner].steep:
+                found[j] = response.direct[column.place]
+            continue
         h, of = _NEAR * column.prior[1], (column.owner, column.place)
         if of in known:
             found[j] = known[of]
@@ -426,6 +501,15 @@ def _add_zero_channel(
     for s, (a, b) in enumerate(pairwise(edges.tolist())):
         m = np.array([x[a:b] for x in found.values()])
         gram[s, there[:, None], there] += m @ m.T
+
+
+def as_parameters(rows: Rows, v: Vector) -> dict[str, float]:
+    """What a voltage (V) looks like as R_s, L_d, L_q and psi_f: by least squares of its flux errors."""
+    rho = filter_pole(rows.machine, rows.T_s)
+    errors = [whitened(x, rows, rho) for x in (*(_voltage_per_unit(rows, name) for name in PARAMETERS), v)]
+    *columns, y = (np.concatenate([z.real, z.imag]) for z in errors)
+    found = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
+    return dict(zip(PARAMETERS, found.tolist(), strict=True))
 
 
 def _voltage_per_unit(rows: Rows, parameter: str) -> Vector:

@@ -6,26 +6,38 @@ A pure function: the same samples give the same answer. Knows nothing of files a
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.angle_rounding import unrounded
-from estimator.mismatch.columns import STRETCHES, Model, filter_pole, residual, whitened, with_machine
+from estimator.mismatch.columns import (
+    STRETCHES,
+    Model,
+    Noise,
+    as_parameters,
+    filter_pole,
+    flux_errors,
+    noise_of,
+    residual,
+    whitened,
+    with_machine,
+)  # fmt: skip
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
 from estimator.mismatch.excitation_check import attenuated, not_borne_out, poorly_told
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, fitted, moved, without
+from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
 from estimator.mismatch.input_check import checked
-from estimator.mismatch.locate import describe, place_of
+from estimator.mismatch.locate import RESONANCE, describe, place_of
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import fit_quality
 from estimator.mismatch.sentences import sentence_of
-from estimator.mismatch.thinning import settled
+from estimator.mismatch.thinning import settled, thinned
 from estimator.mismatch.verdict import (
     Ambiguity,
     Diagnosis,
@@ -52,6 +64,11 @@ _FEWEST: Final = 50 * STRETCHES  # rows
 _OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
 _NOTHING: Final = 0.03  # of the noise's power: no mismatch that matters
 _OUTSHINES: Final = 3.0  # times what is left unexplained, that a named effect has to explain
+_PROMISING: Final = 0.8  # of what is left unexplained, that a first fit of a flux map leaves at most
+_MAPPED: Final = (
+    "the flux linkages bend as no saturation curve of the library does: a free map of them over the currents is a part "
+    "of this diagnosis"
+)
 _DELTA: Final = 1e-4  # of a size, for differences
 _HELPS: Final = 0.98  # of a free-running error without any effect, that effects leave at most
 _NO_HELP: Final = "on stretches that took no part in the fit the error does not fall with it"
@@ -85,14 +102,19 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
     left = _left(rows, found)
-    if left is not None and (dropped := _outshone(found)):
+    plain = None
+    if left is not None and (bent := _bent(rows, nominal, tolerance, step, found, progress)) is not None:
+        found, plain = bent, found.search
+        left = _left(rows, found)
+    if left is not None and (dropped := _outshone(found) + _alike(found, left)):
         found = without(found, dropped, nominal, tolerance, step)
         left = describe(rows, found.z, found.noise[:2])
-    diagnosis = _judged(rows, nominal, tolerance, step, found, left, progress)
+    diagnosis = _judged(rows, nominal, tolerance, step, found, left, progress, plain)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
     diagnosis = replace(diagnosis, remarks=(*checks.remarks, *diagnosis.remarks))
-    return replace(diagnosis, sentence=sentence_of(diagnosis))
+    diagnosis = replace(diagnosis, sentence=sentence_of(diagnosis))
+    return diagnosis if diagnosis.flux_map is None else replace(diagnosis, remarks=(*diagnosis.remarks, _MAPPED))
 
 
 def _no_verdict(remarks: Sequence[str]) -> Diagnosis:
@@ -133,8 +155,37 @@ def _left(rows: Rows, found: Fitted) -> Unexplained | None:
 
 def _excess(found: Fitted) -> float:
     """Chi square of what is left, above that of white noise."""
-    d, q = found.z.real / found.noise[0], found.z.imag / found.noise[1]
-    return float(np.sum(d * d) + np.sum(q * q)) - 2.0 * int(found.search.regression.rows.joined.sum())
+    return _above(found.z, found.noise, found.search.regression.rows)
+
+
+def _above(z: Vector, noise: Noise, rows: Rows) -> float:
+    """Chi square of flux errors (Vs), above that of white noise."""
+    d, q = z.real / noise[0], z.imag / noise[1]
+    return float(np.sum(d * d) + np.sum(q * q)) - 2.0 * int(rows.joined.sum())
+
+
+def _bent(
+    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, found: Fitted,
+    progress: Callable[[float, str], None],
+) -> Fitted | None:  # fmt: skip
+    """A free flux map in the place of the library's saturations, with the effects found beside it.
+
+    None where it does not explain most of what the library leaves.
+    """
+    part, starts = thinned(rows), list[tuple[float, Model]]()
+    for model in {id(model): model for model in (Model(nominal), found.model)}.values():
+        if (begin := begun(part, model)) is not None:
+            z = flux_errors(residual(part, part, begin), part, begin)
+            starts.append((_above(z, noise_of(z, None, part), part), begin))
+    least, begin = min(starts, key=lambda start: start[0], default=(math.inf, None))
+    left = _excess(found)
+    if least * len(rows) > _PROMISING * left * len(part):
+        return None
+    bent = fitted(
+        rows, nominal, tolerance, step, lambda share: progress(0.7 + 0.04 * share, "fitting a flux map"), begin=begin
+    )  # fmt: skip
+    told = told_map(bent.search, bent.choice).departures().values()
+    return bent if left > _OUTSHINES * _excess(bent) and any(one.told for one in told) else None
 
 
 def _outshone(found: Fitted) -> list[str]:
@@ -147,28 +198,31 @@ def _outshone(found: Fitted) -> list[str]:
     ]  # fmt: skip
 
 
+def _alike(found: Fitted, left: Unexplained) -> list[str]:
+    """Effects that are what is left without a name, as far as it reaches: below its frequency a resonance is a loss."""
+    return [name for name, _ in found.choice if name == "iron_loss" and left.description.startswith(RESONANCE)]
+
+
 def _judged(
     rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, found: Fitted,
-    left: Unexplained | None, progress: Callable[[float, str], None],
+    left: Unexplained | None, progress: Callable[[float, str], None], plain: Search | None = None,
 ) -> Diagnosis:  # fmt: skip
+    """`plain`: what explains the rows without a flux map, where the model has one."""
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
     findings: list[Finding] = []
     doubts: list[Ambiguity] = []
     excess = _excess(found)
     lent = excess if left is not None else 0.0
-    machine_before = _parameters(search, ())
-    machine_after = _parameters(search, choice, lent, _scaled_by(found.smooth, model))
-    outside = _outside(machine_after, nominal, tolerance)
-    blind = _blind(_parameters(search, choice), nominal, tolerance)
+    machine_before, machine_after, flux_map, outside, blind = _machine(found, plain, lent, nominal, tolerance)
     poorly = poorly_told(search, choice, nominal, outside)
     faint, why = not_borne_out(search, choice, blind, excess)
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
-    fit, pictures = _shown(rows, found, r_after)
+    fit, pictures = _shown(rows, found, r_after, plain or search)
     if choice and set(faint) == set(choice) and _no_help(fit):
         found = without(found, [name for name, _ in choice], nominal, tolerance, step)
-        return _judged(rows, nominal, tolerance, step, found, _left(rows, found), progress)
+        return _judged(rows, nominal, tolerance, step, found, _left(rows, found), progress, plain)
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
@@ -181,10 +235,11 @@ def _judged(
         close = [doubt for doubt in others if doubt.log_odds < SURE]
         if close:
             pair = (one[0], close[0].effect)
-            would_tell = experiment(rows, model, found.noise, nominal, tolerance, pair)
+            would_tell = experiment(rows, replace(model, bend=None), found.noise, nominal, tolerance, pair)
             doubts.append(ambiguity(one[0], close[0], would_tell))
             continue
         findings.append(_finding(rows, found, one, others, r_after))
+    findings = [*_saturations(rows, found, flux_map, plain, machine_after), *findings]
     doubts = _once(doubts)
     if findings and _no_help(fit):
         richer = richer or experiment(rows, Model(nominal), found.noise, nominal, tolerance)
@@ -206,20 +261,47 @@ def _judged(
     return Diagnosis(
         verdict, "", tuple(findings), tuple(doubts), left, limits, machine_before, machine_after, fit,
         candidates(search, choice), tuple(outside), pictures, richer if lacks else None,
+        flux_map=None if flux_map is None or not findings else flux_map.table(),
     )  # fmt: skip
 
 
-def _shown(rows: Rows, found: Fitted, left: Vector) -> tuple[Fit, Traces]:
+class _Machine(NamedTuple):
+    """R_s, L_d, L_q, psi_f and what is said of them."""
+
+    before: dict[str, Quantity]
+    after: dict[str, Quantity]
+    flux_map: FluxMap | None
+    outside: list[str]  # their tolerance, in sentences
+    blind: list[str]  # those that are not told
+
+
+def _machine(
+    found: Fitted, plain: Search | None, lent: float, nominal: Machine, tolerance: Mapping[str, float]
+) -> _Machine:
+    search, choice = found.search, found.choice
+    after = _parameters(search, choice, lent, _scaled_by(found.smooth, found.model))
+    likely, compared, flux_map = _parameters(search, choice), PARAMETERS, None
+    if found.model.bend is not None:
+        # Inductances of a data sheet are those of some current: a map's at no current need not be near them
+        flux_map, compared = told_map(search, choice), ("R_s", "psi_f")
+        after |= flux_map.machine()
+    return _Machine(
+        _parameters(plain or search, ()), after, flux_map,
+        _outside({name: after[name] for name in compared}, nominal, tolerance),
+        _blind({name: likely[name] for name in compared}, nominal, tolerance),
+    )  # fmt: skip
+
+
+def _shown(rows: Rows, found: Fitted, left: Vector, plain: Search) -> tuple[Fit, Traces]:
     """How well the model follows, by what every other stretch makes of it, and pictures of it.
 
     Parameters and sizes are solved on half of the stretches; which effects there are and their shapes, on all.
     """
-    search, choice = found.search, found.choice
-    half = Search(replace(search.regression, gram=search.regression.gram[0::2]))
-    by_half = moved(half, ()), moved(half, choice)
+    before, after = (Search(replace(s.regression, gram=s.regression.gram[0::2])) for s in (plain, found.search))
+    by_half = moved(before, ()), moved(after, found.choice)
     runs = free_run(rows, by_half[0]), free_run(rows, by_half[1])
     fit = fit_quality(rows, *by_half, runs, _odd_stretches(len(rows)), found.noise)
-    return fit, traces(rows, residual(rows, rows, moved(search, ())), left, *runs)
+    return fit, traces(rows, residual(rows, rows, moved(plain, ())), left, *runs)
 
 
 def _no_help(fit: Fit) -> bool:
@@ -246,6 +328,24 @@ def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[D
         effect.name, _told(effect, smooth, found, one), place_of(rows, signal, (0.0, 0.0)), _odds(against_next),
         tuple(Rival(doubt.effect, _odds(doubt.log_odds)) for doubt in others[:5]), absorbed,
     )  # fmt: skip
+
+
+def _saturations(
+    rows: Rows, found: Fitted, flux_map: FluxMap | None, plain: Search | None, after: Mapping[str, Quantity]
+) -> list[Finding]:
+    """The saturations that a flux map shows, by how far each takes it from straight lines; none without a map."""
+    shown: list[Finding] = []
+    if flux_map is None or plain is None:
+        return shown
+    log_odds = 0.5 * (plain.fit(()).chi2 - found.search.fit(found.choice).chi2)
+    for name, departure in flux_map.departures().items():
+        if departure.told:
+            v = rows.balance(flux_map.bent(name, rows.i))
+            where = place_of(rows, flux_errors(v, rows, found.model), (0.0, 0.0))
+            looks = as_parameters(rows, v)
+            absorbed = {p: looks[p] for p in PARAMETERS if abs(looks[p]) > 2.0 * (after[p].std or math.inf)}
+            shown.append(Finding(name, flux_map.sizes(name), where, _odds(log_odds), (), absorbed))
+    return shown
 
 
 def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> dict[str, Quantity]:
@@ -361,6 +461,6 @@ def _scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[
 def _blind(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[str]:
     """Parameters that a recording does not tell."""
     return [
-        name for name in PARAMETERS
+        name for name in after
         if (after[name].std or math.inf) > 0.5 * tolerance[name] * getattr(nominal, name)
     ]  # fmt: skip

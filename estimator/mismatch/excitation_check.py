@@ -166,7 +166,7 @@ def _over_lent(search: Search, signal: Array, over_noise: Mapping[str, float]) -
 
 def _apart(search: Search, signal: Array) -> float:
     """Share of a signal's energy that the machine's parameters do not look like."""
-    parameters = [j for j in search.base if search.columns[j].parameter in PARAMETERS]
+    parameters = [j for j in search.base if search.columns[j].parameter not in ("angle", "zero")]
     whole = float(signal @ search.gram[:-1, :-1] @ signal)
     return _product(search, parameters, signal, signal) / whole if whole > 0.0 else 1.0
 
@@ -189,11 +189,11 @@ def _over_noise(search: Search) -> dict[str, float]:
     An axis without current does not matter as long as the motor stands.
     """
     rows = search.regression.rows
-    base = search.fit(())
+    base = search.plain().covariance
     found: dict[str, float] = {}
     for axis in "dq":
         place = PARAMETERS.index(f"L_{axis}")
-        energy = 1.0 / max(float(base.covariance[place, place]), 1e-300) - float(search.weight[place])
+        energy = 1.0 / max(float(base[place, place]), 1e-300) - float(search.weight[place])
         L = getattr(rows.machine, f"L_{axis}")
         found[axis] = max(energy, 0.0) * L**2 / len(rows)
     if float(np.quantile(np.abs(rows.omega_e), 0.98)) < STANDING:

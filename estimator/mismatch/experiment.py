@@ -136,7 +136,7 @@ def _imagined(rows: Rows, model: Model, levels: Sequence[tuple[float, complex]])
     )  # fmt: skip
     for _ in range(3):  # the voltage counts in the mean current, and in what a bridge loses
         truth = in_truth(made, model)
-        u = base_voltage(truth, model.machine) + effects_voltage(truth, model)
+        u = base_voltage(truth, model) + effects_voltage(truth, model)
         made = replace(made, u=np.where(joined, u * frame_of(made, truth), 0.0), kept={})
     return made
 

@@ -12,7 +12,8 @@ from typing import Final, cast
 
 import numpy as np
 
-from estimator.mismatch.columns import Array, Regression
+from estimator.mismatch.columns import BENDS, Array, Regression
+from estimator.physics.flux_map import MISSED as BEND_MISSED
 from estimator.physics.library import BY_NAME
 
 Choice = tuple[tuple[str, int], ...]
@@ -23,7 +24,7 @@ MOST: Final = 6  # effects
 NEGLIGIBLE: Final = 0.03  # of a typical size
 TRIED: Final = 6  # likeliest ones, of which one may be added
 _ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
-_FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
+FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
 _NOISE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
 
 
@@ -47,6 +48,7 @@ class Search:
         self.columns = regression.columns
         self.gram = regression.gram.sum(axis=0)
         self.base = [j for j, column in enumerate(self.columns) if column.owner == "machine"]
+        self.bent = any(self.columns[j].place >= BENDS for j in self.base)
         self.mean = np.array([column.prior[0] for column in self.columns])
         self.weight = np.array([column.prior[1] ** -2 for column in self.columns])
         self.spread = np.array([column.prior[1] for column in self.columns])
@@ -168,6 +170,10 @@ class Search:
             spread = spread - across.T @ np.linalg.lstsq(correlation[np.ix_(shapes, shapes)], across, rcond=1e-12)[0]
         return 0.5 * float(x @ np.linalg.lstsq(spread, x, rcond=1e-12)[0]) / self.scatter(fit, one)
 
+    def plain(self) -> Fit:
+        """Of R_s, L_d, L_q, psi_f and the zeros of angle and currents in a machine of straight lines."""
+        return self._unbounded((), [j for j in self.base if self.columns[j].place < BENDS], {}, self.gram)
+
     def free_covariance(self, choice: Choice) -> Array:
         """Of a set's coefficients, none of them held at a bound: how far each may be off, whatever was held."""
         return self._unbounded(choice, self.places(tuple(sorted(choice))), {}, self.gram).covariance
@@ -190,7 +196,7 @@ class Search:
         for n, place in enumerate(fit.places):
             column = self.columns[place]
             if column.owner != "machine" and not column.shape:
-                off = _FORM * math.sqrt(BY_NAME[column.owner].missed) * float(fit.value[n])
+                off = FORM * math.sqrt(BY_NAME[column.owner].missed) * float(fit.value[n])
                 along = covariance[:, n] * (off / covariance[n, n])
                 total += np.outer(along, along)
         return total
@@ -198,7 +204,7 @@ class Search:
     def missed(self, choice: Choice) -> float:
         """What the equations of a set's effects may leave of them, as a part of chi square."""
         full = self.fit(choice).chi2
-        total = 0.0
+        total = BEND_MISSED * max(self.plain().chi2 - full, 0.0) if self.bent else 0.0
         for one in choice:
             explained = self.fit(tuple(c for c in choice if c != one)).chi2 - full
             total += BY_NAME[one[0]].missed * max(explained, 0.0)

@@ -16,12 +16,14 @@ import numpy as np
 
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.columns import (
+    BENDS,
     Array,
     Follow,
     Model,
     Noise,
     Slopes,
     filter_pole,
+    flux_errors,
     noise_of,
     regression,
     residual,
@@ -34,7 +36,8 @@ from estimator.mismatch.thinning import thinned
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
-from estimator.twin import followed
+from estimator.response import Response
+from estimator.twin import followed, response_of
 
 ROUNDS: Final = 9
 POLISHED: Final = 6  # times a round
@@ -57,6 +60,7 @@ class Clean(NamedTuple):
     z: Vector  # Vs, whitened residual
     noise: Noise | None  # None where no model has told it yet
     follow: Follow | None = None  # rows and lost voltage by another model, where currents follow it
+    response: Callable[[Model], Response] | None = None  # and what the lost voltage answers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,29 +99,32 @@ class _Following:
 def fitted(
     rows: Rows, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     progress: Callable[[float], None] = lambda _share: None, library: Sequence[Effect] = LIBRARY,
+    begin: Model | None = None,
 ) -> Fitted:  # fmt: skip
     """The model that explains the rows. `angle_step`: the angle's resolution, rad.
 
-    Of a long recording, blocks of rows find it, and all of them have the last word.
+    Of a long recording, blocks of rows find it, and all of them have the last word. It begins with the nominal machine,
+    or what is given.
     """
-    part = thinned(rows)
+    part, begin = thinned(rows), begin or Model(nominal)
     if part is rows:
-        return _fitted(rows, None, nominal, tolerance, angle_step, progress, library)
-    found = _fitted(part, None, nominal, tolerance, angle_step, lambda share: progress(0.5 * share), library)
+        return _fitted(rows, begin, False, nominal, tolerance, angle_step, progress, library)
+    found = _fitted(part, begin, False, nominal, tolerance, angle_step, lambda share: progress(0.5 * share), library)
     return _fitted(
-        rows, found.model, nominal, tolerance, angle_step, lambda share: progress(0.5 + 0.5 * share), library
+        rows, found.model, True, nominal, tolerance, angle_step, lambda share: progress(0.5 + 0.5 * share), library
     )  # fmt: skip
 
 
 def _fitted(
-    rows: Rows, start: Model | None, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
+    rows: Rows, model: Model, nearly: bool, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     progress: Callable[[float], None], library: Sequence[Effect],
 ) -> Fitted:  # fmt: skip
-    model, clean, settled = start or Model(nominal), _raw(rows), False
+    """From a model on; `nearly`: blocks of the rows have found it."""
+    clean, settled = _raw(rows), False
     seen: list[frozenset[str]] = []
-    rounds, times = (ROUNDS, POLISHED) if start is None else _WHOLE
-    if start is not None:
-        model, clean, settled = polished(rows, clean, start, nominal, tolerance, angle_step, times)
+    rounds, times = _WHOLE if nearly else (ROUNDS, POLISHED)
+    if nearly:
+        model, clean, settled = polished(rows, clean, model, nominal, tolerance, angle_step, times)
         seen.append(frozenset(model.effects))
     last: Search | None = None
     barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
@@ -126,7 +133,7 @@ def _fitted(
         search.barred |= barred
         present = tuple((name, -1) for name in model.effects)
         choice = search.best(present)
-        if (settled or start is not None) and set(choice) == set(present):
+        if (settled or nearly) and set(choice) == set(present):
             last = search
             break
         towards = moved(search, choice)
@@ -164,10 +171,12 @@ def _search(
     library: Sequence[Effect] = LIBRARY, slopes: Slopes | None = None,
 ) -> Search:  # fmt: skip
     """Of all effects, or, to polish them, of the model's alone."""
-    follow = None if library else clean.follow
-    return Search(
-        regression(rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow, slopes)
-    )
+    follow, response = None if library else clean.follow, None
+    if follow is not None and clean.response is not None and model.bend is not None:
+        response = clean.response(model)
+    return Search(regression(
+        rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow, slopes, response
+    ))
 
 
 def without(
@@ -269,7 +278,7 @@ def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
     """
     there, clean = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     noise, before, m = search.regression.noise, search.regression.model.machine, model.machine
-    z = whitened(residual(there, clean, model), there, filter_pole(before, rows.T_s))
+    z = flux_errors(residual(there, clean, model), there, model, filter_pole(before, rows.T_s))
     d, q = z.real * (before.L_d / (m.L_d * noise[0])), z.imag * (before.L_q / (m.L_q * noise[1]))
     return float(np.mean(d * d) + np.mean(q * q))
 
@@ -287,7 +296,10 @@ def _between(one: Model, other: Model) -> Model:
     machine = Machine(
         0.5 * (a.R_s + b.R_s), 0.5 * (a.L_d + b.L_d), 0.5 * (a.L_q + b.L_q), 0.5 * (a.psi_f + b.psi_f), a.n_p, a.i_rated
     )
-    return Model(machine, effects, 0.5 * (one.angle + other.angle), 0.5 * (one.zero + other.zero))
+    bend = other.bend
+    if bend is not None and one.bend is not None:
+        bend = replace(bend, size=0.5 * (one.bend.size + bend.size))
+    return Model(machine, effects, 0.5 * (one.angle + other.angle), 0.5 * (one.zero + other.zero), bend)
 
 
 def moved(search: Search, choice: Choice) -> Model:
@@ -309,11 +321,13 @@ def moved(search: Search, choice: Choice) -> Model:
             else:
                 sizes.append(now.effects[name][k] + found.get((name, seed, k), 0.0))
         effects[name] = tuple(sizes)
-    machine = now.machine
+    machine, bend = now.machine, now.bend
+    if bend is not None:
+        bend = replace(bend, size=np.array([found["machine", -1, BENDS + k] for k in range(len(bend.size))]))
     of = {parameter: found["machine", -1, k] for k, parameter in enumerate(PARAMETERS)}
     return Model(
         Machine(**of, n_p=machine.n_p, i_rated=machine.i_rated), effects,
-        found["machine", -1, 4], found.get(("machine", -1, 5), 0.0),
+        found["machine", -1, 4], found.get(("machine", -1, 5), 0.0), bend,
     )  # fmt: skip
 
 
@@ -325,7 +339,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model, following: _Following) -> Cl
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     if _steep(model):
         return _followed(rows, model, following)
-    z = whitened(residual(rows, smooth, model), rows, filter_pole(model.machine, rows.T_s))
+    z = flux_errors(residual(rows, smooth, model), rows, model)
     noise = noise_of(z, zero_residual(rows, smooth, model), rows)
     w = min(_AVERAGED, max(1, len(z) // 4))
     sums = np.cumsum(np.concatenate((np.zeros(w + 1), z, np.zeros(w))))
@@ -348,9 +362,9 @@ def _followed(rows: Rows, model: Model, following: _Following) -> Clean:
     def by(share: float) -> tuple[Clean, Noise]:
         follow = partial(following, share)
         smooth, _ = follow(model)
-        z = whitened(residual(rows, smooth, model), rows, filter_pole(m, rows.T_s))
+        z = flux_errors(residual(rows, smooth, model), rows, model)
         noise = noise_of(z, zero_residual(rows, smooth, model), rows)
-        return Clean(smooth, z, noise, follow), noise
+        return Clean(smooth, z, noise, follow, partial(_response, rows, smooth, share)), noise
 
     *closer, last = _FOLLOWED
     for share in closer:
@@ -361,6 +375,10 @@ def _followed(rows: Rows, model: Model, following: _Following) -> Clean:
         if loud < _NOISY**2:
             return clean
     return by(last)[0]
+
+
+def _response(rows: Rows, smooth: Rows, share: float, model: Model) -> Response:
+    return response_of(with_machine(rows, model.machine), model, share, smooth.i)
 
 
 def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:

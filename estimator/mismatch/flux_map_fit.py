@@ -1,31 +1,27 @@
 """A free flux map from a recording: psi_d(i_d, i_q) and psi_q(i_d, i_q), where the library's curve does not bend so.
 
-Both are the slopes of one function of the currents, the coenergy w, so that the map is reciprocal whatever the data:
-
-    psi_d = dw/d(i_d)        psi_q = dw/d(i_q)        d(psi_d)/d(i_q) = d(psi_q)/d(i_d)
-
-w (Vs A) is a bicubic B-spline of the currents, the same for either sign of i_q. The balance of flux linkages over each
-period is linear in its coefficients and in R_s,
+`estimator/physics/flux_map.py` has the map: a coenergy w that is a spline of the currents. The balance of flux linkages
+over each period is linear in its coefficients and in R_s,
 
     u = R_s i_mean + balance of psi + what the other effects add
 
 so one weighted least squares over the whole recording tells them, its noise whitened as everywhere in the diagnosis.
 The mean current needs the map's own slopes, so that it is done some times over. Third differences of the coefficients
 are held down as much as stretches that took no part in the fit like best. P. H. C. Eilers, B. D. Marx, "Flexible
-smoothing with B-splines and penalties", Statistical Science 11(2), 1996, doi 10.1214/ss/1038425655; coenergy:
-A. E. Fitzgerald and others, "Electric Machinery", 6th ed., 2003, chapter 3.
+smoothing with B-splines and penalties", Statistical Science 11(2), 1996, doi 10.1214/ss/1038425655.
 
-What pulses' ripple makes of a bent curve is left out, and standard errors do not know of bends within a cell. Knows
-nothing of how effects are found.
+From there on the map's shapes are columns beside those of R_s, L_d, L_q and psi_f, while other effects are sought.
+Standard errors know of bends within a cell what `MISSED` says of them. Knows nothing of how effects are found.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Final, cast
+from typing import Final, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from estimator.machine import UNITS
 from estimator.mismatch.columns import (
     STRETCHES,
     Array,
@@ -35,53 +31,37 @@ from estimator.mismatch.columns import (
     in_truth,
     noise_of,
     whitened,
+    with_machine,
 )  # fmt: skip
-from estimator.mismatch.verdict import Quantity
+from estimator.mismatch.explain import FORM, Choice, Search
+from estimator.mismatch.verdict import FluxTable, Quantity
 from estimator.mismatch.whitening import whiten
-from estimator.physics.rows import Real, Rows, Stiffness, Vector
+from estimator.physics.flux_map import MISSED, Axis, Bend, line_of, mirrored, slopes_of
+from estimator.physics.rows import Real, Rows, Vector
 from estimator.physics.saturation import EFFECTS
 
-_CELL: Final = 0.25  # of the rated current: size of the spline's cells
+_CELL: Final = 1.0 / 6.0  # of the rated current: size of the spline's cells
 _PASSES: Final = 3  # of fit and mean current
 _SMOOTH: Final = tuple(10.0**-k for k in range(3, 11))  # weight of third differences, over that of the data
-_RIDGE: Final = 1e-13  # the same of the coefficients themselves, of which w needs no level
+_LOOSE: Final = 1e-3  # as stiff as one third difference: what they do not hold down
+_LINES: Final = 3  # shapes of straight lines: L_d, L_q, psi_f
+_FLAT: Final = 6  # shapes that third differences do not hold down: up to squares of either current
 _PART: Final = 2048  # periods at once
 _FEWEST: Final = 20  # rows in a cell, that it counts as visited
+_TOLD: Final = 5.0  # standard errors, from which on a departure from straight lines is one
+_LEAST: Final = 0.01  # of the rms flux linkage that currents make: less is none that matters
 
 
-@dataclass(frozen=True, slots=True)
-class Axis:
-    """Equal cells of a current."""
+class Departure(NamedTuple):
+    """By how much of the rms of what currents make of it the flux linkage is not that of constants."""
 
-    low: float  # A
-    step: float  # A
-    cells: int
+    share: float
+    std: float
 
-    @classmethod
-    def over(cls, low: float, high: float, cell: float) -> "Axis":
-        """Cells of about that size (A)."""
-        cells = max(2, round((high - low) / cell))
-        return cls(low, (high - low) / cells, cells)
-
-    def place(self, i: Real) -> NDArray[np.intp]:
-        """The cell of each current; beyond the ends the outermost goes on."""
-        cell: NDArray[np.intp] = np.floor((i - self.low) / self.step).astype(np.intp)
-        return np.clip(cell, 0, self.cells - 1)
-
-    def splines(self, i: Real, order: int) -> Array:
-        """All cells + 3 cubic B-splines at currents (n, cells + 3), or their derivatives, 1/A^order."""
-        n = self.place(i)
-        x = (i - self.low) / self.step - n
-        y = 1.0 - x
-        parts = (
-            (y**3 / 6.0, (3.0 * x**3 - 6.0 * x**2 + 4.0) / 6.0, (3.0 * y**3 - 6.0 * y**2 + 4.0) / 6.0, x**3 / 6.0),
-            (-0.5 * y**2, 1.5 * x**2 - 2.0 * x, -1.5 * y**2 + 2.0 * y, 0.5 * x**2),
-            (y, 3.0 * x - 2.0, 3.0 * y - 2.0, x),
-        )[order]
-        found = np.zeros((len(i), self.cells + 3))
-        for k, part in enumerate(parts):
-            found[np.arange(len(i)), n + k] = part / self.step**order
-        return found
+    @property
+    def told(self) -> bool:
+        """It is there and matters."""
+        return self.share > max(_LEAST, _TOLD * self.std)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,19 +71,19 @@ class FluxMap:
     d: Axis
     q: Axis
     w: Array  # coefficients on (cells + 3) of d by the half of q that is free, Vs A
+    bend: Array  # what of w is none of straight lines, Vs A
     covariance: Array  # of w
     visited: NDArray[np.bool_]  # (cells of d, cells of q)
-    R_s: Quantity
 
     def flux(self, i: Vector) -> Vector:
         """Flux linkage (Vs) at currents (A)."""
-        on_d, on_q = self._slopes(i)
+        on_d, on_q = slopes_of(self.d, self.q, i)
         return on_d @ self.w + 1j * (on_q @ self.w)
 
     def std(self, i: Vector) -> tuple[Real, Real]:
         """Standard errors (Vs) of psi_d and psi_q at currents (A); NaN in cells that were not visited."""
         seen = self.seen(i)
-        d, q = (np.sqrt(np.einsum("nj,jk,nk->n", on, self.covariance, on)) for on in self._slopes(i))
+        d, q = (self._std(on) for on in slopes_of(self.d, self.q, i))
         return np.where(seen, d, np.nan), np.where(seen, q, np.nan)
 
     def seen(self, i: Vector) -> NDArray[np.bool_]:
@@ -113,92 +93,166 @@ class FluxMap:
         inside &= np.abs(i.imag) <= -self.q.low
         return inside & (self.visited[a, b] | self.visited[a, self.q.cells - 1 - b])
 
-    def stiffness(self, i: Vector) -> Stiffness:
-        """d(i)/d(psi) at currents (A)."""
-        D = [self.d.splines(i.real, order) for order in range(3)]
-        Q = [self.q.splines(i.imag, order) @ _mirrored(self.q) for order in range(3)]
-        w = self.w.reshape(D[0].shape[1], -1)
-        dd, qq, dq = (np.einsum("na,ab,nb->n", D[m], w, Q[n]) for m, n in ((2, 0), (0, 2), (1, 1)))
-        det = dd * qq - dq**2
-        return Stiffness(0.5 * (qq + dd) / det, 0.5 * (qq - dd) / det - 1j * dq / det)
+    def machine(self) -> dict[str, Quantity]:
+        """L_d, L_q (H) and psi_f (Vs) at no current."""
+        none = np.zeros(1, np.complex128)
+        psi_d, _ = slopes_of(self.d, self.q, none)
+        on = {"L_d": self._curved(none, "d"), "L_q": self._curved(none, "q"), "psi_f": psi_d}
+        return {name: self._quantity(on[name][0], UNITS[name]) for name in on}
 
-    def departures(self) -> dict[str, float]:
-        """By how much psi is not that of constants, over its rms: along i_d, along i_q, and by the other axis' current.
+    def departures(self) -> dict[str, Departure]:
+        """How far psi is from straight lines along i_d, along i_q, and by the other axis' current.
 
         In the middles of visited cells.
         """
-        a, b = np.nonzero(self.visited)
-        i = np.empty(len(a), np.complex128)
-        i.real, i.imag = self.d.low + self.d.step * (a + 0.5), self.q.low + self.q.step * (b + 0.5)
-        psi, by_d, by_q = self.flux(i), self.flux(0.5 * (i + i.conj())).real, self.flux(0.5 * (i - i.conj())).imag
+        i = self._middles()
+        psi = slopes_of(self.d, self.q, i)
+        along = slopes_of(self.d, self.q, _at(i.real, 0.0))[0], slopes_of(self.d, self.q, _at(0.0, i.imag))[1]
+        level = np.stack([np.ones(len(i)), i.real], axis=1)
         off = {
-            "d_axis_saturation": by_d - np.polyval(np.polyfit(i.real, by_d, 1), i.real),
-            "q_axis_saturation": by_q - i.imag * float(by_q @ i.imag) / float(i.imag @ i.imag),
-            "cross_saturation": np.abs(psi - by_d - 1j * by_q),
+            "d_axis_saturation": along[0] - level @ np.linalg.lstsq(level, along[0], rcond=None)[0],
+            "q_axis_saturation": along[1] - np.outer(i.imag, i.imag @ along[1]) / float(i.imag @ i.imag),
+            "cross_saturation": np.concatenate([psi[0] - along[0], psi[1] - along[1]]),
         }
-        whole = float(np.sqrt(np.mean(np.abs(psi) ** 2)))
-        return {name: float(np.sqrt(np.mean(part**2))) / whole for name, part in off.items()}
+        none = [on - slopes_of(self.d, self.q, np.zeros(1, np.complex128))[n] for n, on in enumerate(psi)]
+        whole = float(np.linalg.norm(np.concatenate(none) @ self.w))
+        return {
+            name: Departure(float(np.linalg.norm(on @ self.w)) / whole, float(np.linalg.norm(self._std(on))) / whole)
+            for name, on in off.items()
+        }
 
-    def _slopes(self, i: Vector) -> tuple[Array, Array]:
-        return _slopes_of(self.d, self.q, i)
+    def sizes(self, name: str) -> dict[str, Quantity]:
+        """Of a saturation: least and most inductance along an axis, at no current of the other; or what that shifts."""
+        i = self._middles()
+        if name == "cross_saturation":
+            on = slopes_of(self.d, self.q, i)[0] - slopes_of(self.d, self.q, _at(i.real, 0.0))[0]
+            return {"psi_d_shift": self._quantity(on[int(np.argmax(np.abs(on @ self.w)))], "Vs")}
+        axis = name[0]
+        on = self._curved(_at(np.unique(i.real), 0.0) if axis == "d" else _at(0.0, np.unique(np.abs(i.imag))), axis)
+        value = on @ self.w
+        least, most = on[int(np.argmin(value))], on[int(np.argmax(value))]
+        return {f"L_{axis}_least": self._quantity(least, "H"), f"L_{axis}_most": self._quantity(most, "H")}
+
+    def table(self) -> FluxTable:
+        """At the corners of the cells and half way between."""
+        i_d, i_q = (np.linspace(x.low, x.low + x.step * x.cells, 2 * x.cells + 1) for x in (self.d, self.q))
+        i = np.add.outer(i_d, 1j * i_q).ravel()
+        aside = [0.1 * complex(m * self.d.step, n * self.q.step) for m in (-1, 1) for n in (-1, 1)]
+        seen = np.any([self.seen(i + by) for by in aside], axis=0)  # an edge belongs to the cells on both sides
+        psi, std_d, std_q = self.flux(i), *(self._std(on) for on in slopes_of(self.d, self.q, i))
+        parts = (np.where(seen, x, np.nan).reshape(len(i_d), len(i_q)) for x in (psi.real, psi.imag, std_d, std_q))
+        return FluxTable(i_d, i_q, *parts)
+
+    def bent(self, name: str, i: Vector) -> Vector:
+        """What of the flux linkage (Vs) at currents (A) is one of the three saturations, from no current on."""
+        psi, by_d, by_q = self.flux(i), self.flux(_at(i.real, 0.0)).real, self.flux(_at(0.0, i.imag)).imag
+        L_d, L_q, psi_f = (quantity.value or 0.0 for quantity in self.machine().values())
+        return {
+            "d_axis_saturation": _at(by_d - psi_f - L_d * i.real, 0.0),
+            "q_axis_saturation": _at(0.0, by_q - L_q * i.imag),
+            "cross_saturation": _at(psi.real - by_d, psi.imag - by_q),
+        }[name]
+
+    def _middles(self) -> Vector:
+        a, b = np.nonzero(self.visited)
+        return _at(self.d.low + self.d.step * (a + 0.5), self.q.low + self.q.step * (b + 0.5))
+
+    def _curved(self, i: Vector, axis: str) -> Array:
+        """d(psi)/d(i) along an axis (n, coefficients), H a coefficient."""
+        d, q = (2, 0) if axis == "d" else (0, 2)
+        D, Q = self.d.splines(i.real, d), self.q.splines(i.imag, q) @ mirrored(self.q)
+        return np.einsum("na,nb->nab", D, Q).reshape(len(i), -1)
+
+    def _std(self, on: Array) -> Real:
+        noise = np.maximum(np.einsum("nj,jk,nk->n", on, self.covariance, on), 0.0)
+        return np.sqrt(noise + FORM**2 * MISSED * (on @ self.bend) ** 2)
+
+    def _quantity(self, on: Array, unit: str) -> Quantity:
+        return Quantity(float(on @ self.w), float(self._std(on[None])[0]), unit)
 
 
-def fitted_map(rows: Rows, model: Model) -> FluxMap:
-    """The map in the place of a model's saturation; its other effects stay as they are."""
+def _at(d: ArrayLike, q: ArrayLike) -> Vector:
+    i = np.empty(np.broadcast(d, q).shape, np.complex128)
+    i.real, i.imag = d, q
+    return i
+
+
+def begun(rows: Rows, model: Model) -> Model | None:
+    """A map in the place of a model's saturation; its other effects stay as they are. None where it is no machine's."""
     kept = {name: sizes for name, sizes in model.effects.items() if name not in EFFECTS}
-    others = Model(model.machine, kept, model.angle, model.zero)
-    truth = in_truth(rows, others)
-    rest = truth.u - effects_voltage(truth, others)
+    model = replace(model, effects=kept, bend=None)
+    truth = in_truth(rows, model)
+    rest, rho = truth.u - effects_voltage(truth, model), filter_pole(model.machine, rows.T_s)
     i, reach = truth.i, float(np.max(np.abs(truth.i.imag)))
     d = Axis.over(float(np.min(i.real)), float(np.max(i.real)), _CELL * rows.i_rated)
     q = Axis.over(-reach, reach, _CELL * rows.i_rated)
-    rho, count = filter_pole(model.machine, rows.T_s), 2 * int(rows.joined.sum())
-    R_s, psi, mean, found = model.machine.R_s, truth.flux(i), truth.i_mean, None
-    for _ in range(_PASSES):
-        left = whitened(rest - R_s * mean - truth.balance(psi), truth, rho)
-        noise = noise_of(left, None, truth)[:2]
-        value, covariance = _solved(_sums(truth, d, q, mean, rest, noise, rho), d, q, count)
-        R_s = float(value[-1])
-        told = Quantity(R_s, float(np.sqrt(covariance[-1, -1])), "ohm")
-        found = FluxMap(d, q, value[:-1], covariance[:-1, :-1], _visited(d, q, i), told)
-        psi = found.flux(i)
-        mean = truth.mean_current(psi, found.stiffness(i))
-    assert found is not None
-    return found
+    shapes, stiff = _shapes(d, q)
+    psi, mean, machine, bend = truth.flux(i), truth.i_mean, model.machine, None
+    for n in range(_PASSES):
+        noise = noise_of(whitened(rest - machine.R_s * mean - truth.balance(psi), truth, rho), None, truth)
+        value, precision = _solved(_sums(truth, d, q, shapes, mean, rest, noise, rho), stiff)
+        L_d, L_q, psi_f = value[:_LINES].tolist()
+        if not min(value[-1], L_d, L_q, psi_f) > 0.0:
+            return None
+        machine = replace(machine, R_s=float(value[-1]), L_d=L_d, L_q=L_q, psi_f=psi_f)
+        bend = Bend(d, q, shapes[:, _LINES:] / np.sqrt(precision), value[_LINES:-1] * np.sqrt(precision))
+        at = with_machine(truth, machine)
+        psi, g = bend.bent(at)
+        mean = at.i_mean if n == 0 else at.mean_current(psi, g)  # a first map may be too rough for slopes
+    return replace(model, machine=machine, bend=bend)
 
 
-def _visited(d: Axis, q: Axis, i: Vector) -> NDArray[np.bool_]:
-    count = np.zeros((d.cells, q.cells), np.intp)
-    np.add.at(count, (d.place(i.real), q.place(i.imag)), 1)
+def told_map(search: Search, choice: Choice) -> FluxMap:
+    """The map of a fit, with its uncertainty as the residual scatters."""
+    bend, fit = search.regression.model.bend, search.fit(choice)
+    assert bend is not None
+    line = line_of(bend.d, bend.q)
+    shapes = {"L_d": line[1], "L_q": line[2], "psi_f": line[3]}
+    shapes |= {parameter: bend.basis[:, k] for k, parameter in enumerate(bend.names)}
+    parameters = [search.columns[j].parameter if search.columns[j].owner == "machine" else "" for j in fit.places]
+    on = np.array([shapes.get(name, np.zeros(line.shape[1])) for name in parameters]).T
+    scatter = np.sqrt(search.parameter_scatter(fit))
+    covariance = fit.covariance * np.outer(scatter, scatter) + search.form_covariance(choice)
+    rows = search.regression.rows
+    visited = _visited(bend, rows.i[1:][rows.joined])
+    return FluxMap(bend.d, bend.q, on @ fit.value, bend.basis @ bend.size, on @ covariance @ on.T, visited)
+
+
+def _visited(bend: Bend, i: Vector) -> NDArray[np.bool_]:
+    count = np.zeros((bend.d.cells, bend.q.cells), np.intp)
+    np.add.at(count, (bend.d.place(i.real), bend.q.place(i.imag)), 1)
     return count >= _FEWEST
 
 
-def _mirrored(q: Axis) -> Array:
-    """Coefficients of all splines of q from those that are free."""
-    side = q.cells + 3
-    return np.eye((side + 1) // 2)[[min(m, side - 1 - m) for m in range(side)]]
+def _shapes(d: Axis, q: Axis) -> tuple[Array, Array]:
+    """Shapes of w (coefficients, shapes), of unlike ones: L_d, L_q, psi_f, and bends; and how stiff each bend is.
 
-
-def _slopes_of(d: Axis, q: Axis, i: Vector) -> tuple[Array, Array]:
-    """psi_d and psi_q (n, coefficients) of one Vs A of each coefficient."""
-    D, D_1 = d.splines(i.real, 0), d.splines(i.real, 1)
-    Q, Q_1 = (q.splines(i.imag, order) @ _mirrored(q) for order in (0, 1))
-    n = len(i)
-    return np.einsum("na,nb->nab", D_1, Q).reshape(n, -1), np.einsum("na,nb->nab", D, Q_1).reshape(n, -1)
+    What third differences do not hold down, up to squares of both currents, is given a little.
+    """
+    free = mirrored(q)
+    along_d = np.kron(np.diff(np.eye(d.cells + 3), 3, axis=0), np.eye(free.shape[1]))
+    along_q = np.kron(np.eye(d.cells + 3), np.diff(free, 3, axis=0))
+    stiff, shapes = np.linalg.eigh(along_d.T @ along_d + along_q.T @ along_q)
+    line, flat = line_of(d, q), shapes[:, :_FLAT]
+    lines = cast(Array, np.linalg.qr(line.T)[0])
+    others = cast(Array, np.linalg.svd(flat - lines @ (lines.T @ flat))[0])[:, : _FLAT - len(line)]
+    bends = np.concatenate([others, shapes[:, _FLAT:]], axis=1)
+    return np.concatenate([line[1:].T, bends], axis=1), np.maximum(stiff[len(line) :], _LOOSE)
 
 
 def _sums(
-    rows: Rows, d: Axis, q: Axis, mean: Vector, rest: Vector, noise: tuple[float, float], rho: float
+    rows: Rows, d: Axis, q: Axis, shapes: Array, mean: Vector, rest: Vector, noise: tuple[float, float, float],
+    rho: float,
 ) -> Array:  # fmt: skip
-    """Sums of squares and products of all coefficients' columns, that of R_s, and y, by stretch."""
-    P = (d.cells + 3) * ((q.cells + 4) // 2)
+    """Sums of squares and products of all shapes' columns, that of R_s, and y, by stretch."""
+    P = shapes.shape[1]
     gram, state = np.zeros((STRETCHES, P + 2, P + 2)), np.zeros(P + 2, np.complex128)
     for s, (a, b) in enumerate(pairwise(np.linspace(0, len(rows), STRETCHES + 1).astype(int).tolist())):
         for begin in range(a, b, _PART):
             cut = slice(begin, min(begin + _PART, b))
             part = rows[cut]
-            on_d, on_q = _slopes_of(d, q, part.i)
-            psi = (on_d + 1j * on_q).T
+            on_d, on_q = slopes_of(d, q, part.i)
+            psi = (on_d @ shapes + 1j * (on_q @ shapes)).T
             v = np.empty((P + 2, len(part)), np.complex128)
             v[:P] = (part.half * psi[:, 1:] - part.half.conj() * psi[:, :-1]) / part.T_s
             v[P], v[P + 1] = mean[cut], rest[cut]
@@ -208,39 +262,22 @@ def _sums(
     return gram
 
 
-def _solved(grams: Array, d: Axis, q: Axis, count: int) -> tuple[Array, Array]:
-    """Coefficients and R_s, and their covariance: by what is left of so many numbers as by white noise, and by how that
-    scatters from stretch to stretch.
-    """
+def _solved(grams: Array, stiff: Array) -> tuple[Array, Array]:
+    """Sizes of the shapes and R_s; and the precision by which the bends are held down."""
     even, odd, both = grams[0::2].sum(axis=0), grams[1::2].sum(axis=0), grams.sum(axis=0)
-    bends = _bends(d, q, both)
-    weight = min(_SMOOTH, key=lambda by: _left(even, odd, by * bends) + _left(odd, even, by * bends))
-    value, inverse = _least(both, weight * bends)
-    score = grams[:, :-1, -1] - grams[:, :-1, :-1] @ value
-    along = (score - score.mean(axis=0)) @ inverse
-    return value, inverse * max(1.0, _left(both, both, weight * bends) / count) + along.T @ along
+    held = np.concatenate([np.zeros(_LINES), stiff, np.zeros(1)])
+    held *= float(np.mean(np.diag(both)[_LINES:-2]))
+    weight = min(_SMOOTH, key=lambda by: _left(even, odd, by * held) + _left(odd, even, by * held))
+    return _least(both, weight * held), weight * held[_LINES:-1]
 
 
-def _least(gram: Array, bends: Array) -> tuple[Array, Array]:
-    A = gram[:-1, :-1] + bends
+def _least(gram: Array, held: Array) -> Array:
+    A = gram[:-1, :-1] + np.diag(held)
     scale = 1.0 / np.sqrt(np.diag(A))
-    inverse = cast(Array, np.linalg.inv(A * np.outer(scale, scale))) * np.outer(scale, scale)
-    return inverse @ gram[:-1, -1], inverse
+    return cast(Array, np.linalg.solve(A * np.outer(scale, scale), gram[:-1, -1] * scale)) * scale
 
 
-def _left(fit: Array, judge: Array, bends: Array) -> float:
+def _left(fit: Array, judge: Array, held: Array) -> float:
     """What a fit to one part of the recording leaves of another."""
-    value, _ = _least(fit, bends)
-    there = np.append(value, -1.0)
+    there = np.append(_least(fit, held), -1.0)
     return float(there @ judge @ there)
-
-
-def _bends(d: Axis, q: Axis, gram: Array) -> Array:
-    """Third differences along either axis, and a little of the coefficients, in the scale of the data."""
-    free = _mirrored(q)
-    along_d = np.kron(np.diff(np.eye(d.cells + 3), 3, axis=0), np.eye(free.shape[1]))
-    along_q = np.kron(np.eye(d.cells + 3), np.diff(free, 3, axis=0))
-    P = along_d.shape[1]
-    bends = np.zeros((P + 1, P + 1))
-    bends[:P, :P] = along_d.T @ along_d + along_q.T @ along_q + (_RIDGE / _SMOOTH[-1]) * np.eye(P)
-    return bends * float(np.trace(gram[:P, :P])) / P

@@ -29,6 +29,8 @@ _HALF: Final = 0.5  # of the energy, that a line or an order must hold where no 
 _LINE_SHARE: Final = 0.05  # of the rows, that a line of a spectrum counts as
 _ORDERS: Final = 12  # of the electrical turn
 _TURNS: Final = 3  # electrical, up to which orders of the mechanical turn go
+RESONANCE: Final = "a resonance"
+"""How the description of one begins."""
 _SLOWEST: Final = 2.0  # Hz
 _FASTEST: Final = 0.45  # of the sampling rate
 _LEAST_V: Final = 1e-3  # of the voltage's rms: what the twin itself may miss
@@ -255,7 +257,7 @@ def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
     near = f"near {number(form.frequency / 1e3, 2)} kHz"
     where = f"{near} in the stationary frame, with {percent(share)} of the energy"
     region = {"frequency": form.frequency, "frame": "stationary"}
-    what = f"a resonance {near}: a current beside the machine's that follows the voltage"
+    what = f"{RESONANCE} {near}: a current beside the machine's that follows the voltage"
     return what, Place(where, region, share, 1.0)
 
 

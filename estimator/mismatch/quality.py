@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.mismatch.columns import Model, filter_pole, whitened
+from estimator.mismatch.columns import Model, flux_errors
 from estimator.mismatch.verdict import Before, Fit
 from estimator.physics.rows import Real, Rows, Vector
 from estimator.twin import WINDOW, implied_voltage
@@ -56,7 +56,7 @@ def _measured(
     """Rms of what is left one step ahead (V) and free-running (A), its power above the noise, its low frequencies'."""
     left = rows.u - implied_voltage(rows, model)
     off = (i - rows.i)[1:]
-    z = whitened(left, rows, filter_pole(after.machine, rows.T_s))
+    z = flux_errors(left, rows, after)
     z = z.real / noise[0] + 1j * (z.imag / noise[1])
     above = max(float(np.mean(np.abs(z[used]) ** 2)) - 2.0, 0.0)
     return _rms(left[used]), _rms(off[used]), above, _low_over_white(z, used)
@@ -93,7 +93,12 @@ def _floors(rows: Rows, model: Model, noise: tuple[float, float, float]) -> tupl
     m, T_s = model.machine, rows.T_s
     decay = math.exp(-4.0 * m.R_s * T_s / (m.L_d + m.L_q))  # rho^2
     psi_d, psi_q, _ = noise
-    volts = math.sqrt((1.0 + decay) * (psi_d**2 + psi_q**2) / 2.0) / T_s
+    flux = psi_d**2 + psi_q**2
+    if model.bend is not None:
+        dd, qq, dq = model.bend.inductances(m, rows.i)
+        by_d, by_q = float(np.mean(dd**2 + dq**2)), float(np.mean(qq**2 + dq**2))
+        flux = (psi_d / m.L_d) ** 2 * by_d + (psi_q / m.L_q) ** 2 * by_q
+    volts = math.sqrt((1.0 + decay) * flux / 2.0) / T_s
     window = round(WINDOW / T_s)
     starts = (decay - decay**window) / (1.0 - decay) / window  # mean of rho^2k within a window
     return volts, math.sqrt((1.0 + starts) * ((psi_d / m.L_d) ** 2 + (psi_q / m.L_q) ** 2) / 2.0)

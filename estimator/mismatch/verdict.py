@@ -187,6 +187,18 @@ class Scatter:
     after_V: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FluxTable:
+    """Flux linkages over currents; NaN where the recording has not been."""
+
+    i_d: Array  # A, (n,)
+    i_q: Array  # A, (m,)
+    psi_d: Array  # Vs, (n, m)
+    psi_q: Array  # Vs, (n, m)
+    psi_d_std: Array  # Vs, (n, m)
+    psi_q_std: Array  # Vs, (n, m)
+
+
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The whole answer."""
@@ -206,6 +218,7 @@ class Diagnosis:
     experiment: Experiment | None = None  # what to record instead, where this one does not tell the machine
     scatters: tuple[Scatter, ...] = ()  # of steady points
     pole_pairs: int | None = None  # where the nominal ones are wrong
+    flux_map: FluxTable | None = None  # where no saturation curve of few numbers bends as the machine does
 
 
 def verdict_of(

@@ -45,9 +45,9 @@ class Legs(NamedTuple):
     middle: Vector  # exp(j theta_e) in the middle
     T_s: float  # s
     R_s: float  # ohm
-    L_d: float  # H
-    L_q: float  # H
-    psi_f: float  # Vs
+    L_d: Real  # H, what a voltage on d alone makes of its current
+    L_q: Real  # H
+    psi_0: Vector  # Vs, at no current of the straight lines that go on from here
     D: Real  # rad, electrical, by which the rotor turns in each period
     room: Room
 
@@ -55,27 +55,30 @@ class Legs(NamedTuple):
 def legs_of(rows: Rows) -> Legs:
     """The legs of a recording's periods."""
     u_dc, middle, T_s = rows.u_dc, rows.middle, rows.T_s
-    m = rows.machine
-    R_s, L_d, L_q, psi_f = float(m.R_s), float(m.L_d), float(m.L_q), float(m.psi_f)
-    u_s = rows.u * middle
+    R_s, (L_d, L_q, psi_0), u_s = float(rows.machine.R_s), rows.local_line, rows.u * middle
     if u_dc is None:
         none = np.zeros((0, 3))
         return Legs(
             np.zeros(0), none, none.astype(np.int8), none.astype(np.int8), none.astype(np.complex128), middle,
-            T_s, R_s, L_d, L_q, psi_f, rows.D, empty_room(),
+            T_s, R_s, L_d, L_q, psi_0, rows.D, empty_room(),
         )  # fmt: skip
     edges, order = edges_at_start(rows), rows.once("order", lambda: _orders(rows.duties))
     ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, L_d, L_q))
-    return Legs(u_dc, rows.duties, edges, order, ripple, middle, T_s, R_s, L_d, L_q, psi_f, rows.D, empty_room())
+    return Legs(u_dc, rows.duties, edges, order, ripple, middle, T_s, R_s, L_d, L_q, psi_0, rows.D, empty_room())
 
 
 def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
     """The legs before a motor that stands, taken as leaving no rail at a period's start."""
     u_s = np.ascontiguousarray(2.0 / 3.0 * u_dc * (duties @ np.array(AXES)), np.complex128)
     middle = np.ones(len(duties), np.complex128)
-    ripple = _ripples(u_dc, duties, u_s, middle, T_s, L, L)
-    edges, D = np.zeros(duties.shape, np.int8), np.zeros(len(duties))
-    return Legs(u_dc, duties, edges, _orders(duties), ripple, middle, T_s, 0.0, L, L, 0.0, D, empty_room())
+    everywhere, none = np.full(len(duties), L), np.zeros(len(duties))
+    no_flux = np.zeros(len(duties), np.complex128)
+    ripple = _ripples(u_dc, duties, u_s, middle, T_s, everywhere, everywhere)
+    edges = np.zeros(duties.shape, np.int8)
+    return Legs(
+        u_dc, duties, edges, _orders(duties), ripple, middle, T_s, 0.0, everywhere, everywhere, no_flux, none,
+        empty_room(),
+    )  # fmt: skip
 
 
 def edges_at_start(rows: Rows) -> NDArray[np.int8]:
@@ -164,7 +167,7 @@ def _by_drops(
     axes, lost, by_real, by_imag = (A, B, C), 0j, 0j, 0j
     known = len(legs.u_dc) > 0
     u_dc = legs.u_dc[k] if known else 0.0
-    bow_s = _bow(legs.psi_f, legs.L_d, legs.D[k], legs.middle[k]) if known else 0j
+    bow_s = _bow(legs.psi_0[k].real, legs.L_d[k], legs.D[k], legs.middle[k]) if known else 0j
     for leg in range(3):
         axis = axes[leg]
         start, end, volts, by_end = phase(i_0, axis), phase(i_1, axis), 0.0, 0.0
@@ -226,8 +229,8 @@ def _laid_out(
     """
     u_dc, T_s, room, lost, nearest, closest = legs.u_dc[k], legs.T_s, legs.room, 0j, 0, math.inf
     near = _MOVES * _moves(legs, k, dead_time) + spread
-    bow = _bow(legs.psi_f, legs.L_d, legs.D[k], legs.middle[k])
-    damping = legs.R_s * T_s * (0.5 / legs.L_d + 0.5 / legs.L_q)
+    bow = _bow(legs.psi_0[k].real, legs.L_d[k], legs.D[k], legs.middle[k])
+    damping = legs.R_s * T_s * (0.5 / legs.L_d[k] + 0.5 / legs.L_q[k])
     for leg in range(3):
         axis, rise = axis_of(leg), rise_of(legs.duties[k, leg])
         bowed = phase(bow, axis) * 4.0 * rise * (1.0 - rise)
@@ -251,7 +254,7 @@ def _laid_out(
 @kernel
 def _moves(legs: Legs, k: int, dead_time: float) -> float:
     """What the link's voltage makes of a current in a dead time, A."""
-    return legs.u_dc[k] / min(legs.L_d, legs.L_q) * dead_time
+    return legs.u_dc[k] / min(legs.L_d[k], legs.L_q[k]) * dead_time
 
 
 @kernel
@@ -263,7 +266,9 @@ def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, changes: int,
 
 @kernel
 def _period(legs: Legs, k: int) -> Period:
-    return Period(legs.u_dc[k], legs.T_s, legs.R_s, legs.L_d, legs.L_q, legs.psi_f, legs.D[k], legs.middle[k])
+    return Period(
+        legs.u_dc[k], legs.T_s, legs.R_s, legs.L_d[k], legs.L_q[k], legs.psi_0[k], legs.D[k], legs.middle[k]
+    )
 
 
 @kernel
@@ -310,7 +315,7 @@ def _orders(duties: Real) -> NDArray[np.int8]:
 
 
 @kernel
-def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, L_d: float, L_q: float) -> Vector:
+def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, L_d: Real, L_q: Real) -> Vector:
     """The current's ripple (A, stationary) when each leg rises: the integral of the voltage less its mean."""
     ripple = np.empty(duties.shape, np.complex128)
     for k in range(len(duties)):
@@ -321,6 +326,6 @@ def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, 
             area += 2.0 / 3.0 * u_dc[k] * (
                 A * max(0.0, when - a) + B * max(0.0, when - b) + C * max(0.0, when - c)
             )
-            ripple[k, leg] = _driven(area * T_s, middle[k], L_d, L_q)
+            ripple[k, leg] = _driven(area * T_s, middle[k], L_d[k], L_q[k])
     return ripple
 

@@ -43,7 +43,7 @@ class Period(NamedTuple):
     R_s: float  # ohm
     L_d: float  # H
     L_q: float  # H
-    psi_f: float  # Vs
+    psi_0: complex  # Vs, rotor frame, at no current of these straight lines
     D: float  # rad, electrical, by which the rotor turns
     middle: complex  # exp(j theta_e) in the middle
 
@@ -242,7 +242,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
 def _falls(period: Period, rotor: complex, alike: float, twice: complex, i: complex) -> complex:
     """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s."""
     induced = 1j * (period.D / period.T_s) * rotor
-    induced *= period.psi_f + (period.L_d - period.L_q) * rotor * i.conjugate()
+    induced *= period.psi_0 + (period.L_d - period.L_q) * rotor * i.conjugate()
     against = period.R_s * i + induced
     return alike * against + twice * against.conjugate()
 

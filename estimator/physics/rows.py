@@ -8,6 +8,7 @@ Knows no effect.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -30,6 +31,8 @@ OF_ANGLE_AND_BRIDGE: Final = (
     *_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses", "edges at start", "order",
 )  # fmt: skip
 """What is worked out `once` and depends neither on the machine nor on currents."""
+LOCAL: Final = ("local L_d", "local L_q", "local psi_0")
+"""Of straight lines that a saturating machine follows for a while."""
 _FOLLOWED: Final = 10  # periods that are not there
 
 
@@ -235,6 +238,23 @@ class Rows:
         """Flux linkage (Vs) of the machine at a current (A)."""
         m = self.machine
         return _flux(i, float(m.L_d), float(m.L_q), float(m.psi_f))
+
+    @property
+    def local_line(self) -> tuple[Real, Real, Vector]:
+        """L_d, L_q (H) and flux at no current (Vs) of the straight lines that each period's flux linkages go along."""
+        m, n = self.machine, len(self)
+        everywhere = zip(LOCAL, (m.L_d, m.L_q, complex(m.psi_f)), strict=True)
+        L_d, L_q, psi_0 = (self.once(key, partial(np.full, n, value)) for key, value in everywhere)
+        return L_d, L_q, psi_0
+
+    def with_local_line(self, psi: Vector, g: Stiffness) -> "Rows":
+        """The same rows with flux linkages (Vs, at samples) that are no straight lines, of such stiffness."""
+
+        L_d, L_q = (2.0 / (x[1:] + x[:-1]) for x in (g.a + g.b.real, g.a - g.b.real))
+        psi, i = (0.5 * (x[1:] + x[:-1]) for x in (psi, self.i))
+        lines = L_d, L_q, psi - L_d * i.real - 1j * L_q * i.imag
+        kept = {key: value for key, value in self.kept.items() if key != "ripple"}
+        return replace(self, kept=kept | dict(zip(LOCAL, lines, strict=True)))
 
     # --- bridge
 

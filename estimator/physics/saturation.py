@@ -97,13 +97,22 @@ def mean_of_ripple(curve: Curve, rows: Rows, psi: Vector) -> Vector:
     return on_d + 1j * (c * q * d_d + 2.0 * c * d * d_q + 3.0 * a_q * q * q_q)
 
 
+def saturated(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Vector, Stiffness]:
+    """Flux linkages (Vs) at samples with one or several of the three, and their stiffness."""
+    curve = _curve(rows, effects)
+    psi = flux_of(curve, rows.machine, rows.i)
+    return psi, stiffness(curve, psi)
+
+
+def _curve(rows: Rows, effects: Mapping[str, Sizes]) -> Curve:
+    d, q, cross = (effects[name][0] if name in effects else 0.0 for name in EFFECTS)
+    return curve_of(rows.machine, rows.i_rated, (d, q, cross))
+
+
 def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
     """What one or several of the three add to the voltage of constant inductances, V: not the sum of what each adds."""
-    d, q, cross = (effects[name][0] if name in effects else 0.0 for name in EFFECTS)
-    curve = curve_of(rows.machine, rows.i_rated, (d, q, cross))
-    psi = flux_of(curve, rows.machine, rows.i)
-    g = stiffness(curve, psi)
+    psi, g = saturated(rows, effects)
     more = rows.mean_current(psi, g) - rows.i_mean
     if rows.u_dc is not None:
-        more = more + mean_of_ripple(curve, rows, psi)
+        more = more + mean_of_ripple(_curve(rows, effects), rows, psi)
     return rows.balance(psi - rows.flux(rows.i)) + rows.machine.R_s * more

@@ -42,7 +42,7 @@ go: Any = plotly.graph_objects  # comes without types
 
 _WHOLE, _QUICK = (400, 100, 6.0, 78), (10, 4, 3.0, 4)  # recordings, those near the limit, s of each; poor ones
 NEAR: Final = "near "  # before the names of recordings near the limit
-_ASKED: Final = ("one",)  # kinds of recordings that the oracle is asked of
+_ASKED: Final = ("one", "two", "three")  # kinds of recordings that the oracle is asked of
 
 
 def prove(settings: Settings) -> Proof:
@@ -124,7 +124,8 @@ def proof_of(rows: Sequence[Row], poor: Heard, what: str, digest: str) -> Proof:
         f"sealed by SHA-256 {digest} before the diagnosis began, in processes that know the recordings' folder alone. "
         f"{exact} of {known} sets are exact, {false} have a false name in them; {strangers.count('right')} of "
         f"{len(strangers)} strangers have no name and the right region, {strangers.count('forced')} were forced into "
-        f"a name. The oracle was asked of the recordings with one effect. Besides, {len(poor.answers)} recordings of "
+        f"a name. The oracle was asked of the recordings with one, two or three effects. "
+        f"Besides, {len(poor.answers)} recordings of "
         f"{poor_suite.LENGTH:g} s at one speed and one level of current, or none, were sealed and diagnosed likewise: "
         "nothing is to be named there that is not there."
     )
