@@ -153,7 +153,7 @@ def test_what_a_free_run_finds_implies_the_recorded_voltage(everything: Rows, mo
     rows = replace(everything, i=free_run(everything, model, 500), kept={})
     within = np.arange(1, len(rows) + 1) % 500 != 0  # the others end in a measured current
     off = (implied_voltage(rows, model) - rows.u)[within]
-    assert np.max(np.abs(off)) < 1e-4 * RATED * TRUTH.L_q / T_S
+    assert np.max(np.abs(off)) < 2e-4 * RATED * TRUTH.L_q / T_S
 
 
 def test_a_step_implies_the_recorded_voltage_from_the_measured_current(everything: Rows) -> None:
@@ -163,7 +163,7 @@ def test_a_step_implies_the_recorded_voltage_from_the_measured_current(everythin
         i = everything.i.copy()
         i[first + 1 :: 2] = step[first::2]
         off = (implied_voltage(replace(everything, i=i, kept={}), model) - everything.u)[first::2]
-    assert np.max(np.abs(off)) < 1e-4 * RATED * TRUTH.L_q / T_S
+        assert np.max(np.abs(off)) < 1e-4 * RATED * TRUTH.L_q / T_S
 
 
 def test_the_windows_length_changes_a_noiseless_run_by_little(clean: Rows) -> None:
