@@ -91,3 +91,18 @@ def test_saturations_act_together_as_one_curve_does(motor: str) -> None:
     print(f"{motor}: {without:.3g} per mille of rated current, {left_of(rows, both):.3g} with both")
     assert left_of(rows, both) < 0.1
     assert without > 5.0
+
+
+@pytest.mark.slow
+def test_a_dead_time_acts_on_the_saturated_machine() -> None:
+    """Ripple and clamping go by the inductances at the period's currents, not by those at no current."""
+    scenario = with_effect("dead_time", "servo_4nm")
+    inverter = scenario.effects.inverter
+    rows = rows_without_noise(
+        replace(scenario, effects=scenario.effects._replace(saturation=Saturation(L_q_drop=0.3)))
+    )
+    sizes = (inverter.dead_time, 0.0, 3e-4 * rows.i_rated)
+    both = Model(rows.machine, {"q_axis_saturation": (0.3,), "inverter_voltage_error": sizes})
+    without = left_of(rows, Model(rows.machine, {"q_axis_saturation": (0.3,)}))
+    print(f"{without:.3g} per mille of rated current, {left_of(rows, both):.3g} with the dead time")
+    assert left_of(rows, both) < 0.02 * without
