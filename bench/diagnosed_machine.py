@@ -46,11 +46,14 @@ def _flux_map(told: FluxTable) -> list[str]:
         return "[\n" + "".join(f"    {row(values)},\n" for values in rows) + "]"
 
     return [
-        "[flux_map]  # Vs at A: a row for each i_d, a column for each i_q; nan where the recording has not been",
+        "[flux_map]  # Vs at A: a row for each i_d, a column for each i_q; nan where neither the recording nor its "
+        "mirror image in i_q has been",
         f"i_d = {row(told.i_d)}",
         f"i_q = {row(told.i_q)}",
         f"psi_d = {table(told.psi_d)}",
         f"psi_q = {table(told.psi_q)}",
+        f"psi_d_std = {table(told.psi_d_std)}",
+        f"psi_q_std = {table(told.psi_q_std)}",
     ]
 
 

@@ -77,7 +77,7 @@ def location(shown: Map) -> Figure:
 
 def flux_map(told: FluxTable) -> Figure:
     """Flux linkages, each over its own axis' current at some currents of the other."""
-    side = told.i_q >= 0.0  # the map is the same for either sign
+    side = np.arange(len(told.i_q)) >= len(told.i_q) // 2  # the map is the same for either sign
     panels = (told.i_d, told.psi_d[:, side], told.i_q[side], ""), (told.i_q, told.psi_q.T, told.i_d, "2")
     data: list[dict[str, Any]] = []
     for x, psi, others, place in panels:

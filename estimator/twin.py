@@ -109,7 +109,7 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
     """At currents (A) that follow a model. See `followed`."""
     truth = in_truth(rows, model)
     course = _course(truth, _physics(model))
-    i_s = i * rows.rotor
+    i_s = in_truth(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), model).i_s
     legs, dead_time, u_drop, width = course.lost
     steps = _SPAN * rows.i_rated, _SHORT * rows.T_s, _SHORT * bus(rows)
     found = _lost_around(legs, i_s, dead_time, u_drop, width, *steps)

@@ -39,6 +39,7 @@ _NEAR: Final = 1e-3  # the same, where a little changes much
 _PART: Final = 1536  # periods at once, whose columns stay near the processor
 _SMALL_ANGLE: Final = 1e-4  # rad
 _FARTHEST: Final = (0.3, 3.0)  # of nominal values
+_ANYTHING: Final = (1e-2, 1e2)  # the same for the straight lines of a map
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,7 +346,8 @@ def _columns(
     for k, name in enumerate(PARAMETERS):
         given = getattr(nominal, name)
         share = tolerance[name] if model.bend is None or name == "R_s" else 1.0  # straight lines are a part of a map
-        prior, bounds = (given, share * given), (_FARTHEST[0] * given, _FARTHEST[1] * given)
+        low, high = _FARTHEST if share < 1.0 else _ANYTHING
+        prior, bounds = (given, share * given), (low * given, high * given)
         found.append(Column("machine", name, k, -1, prior, getattr(model.machine, name), bounds))
     reach = max(angle_step, 1e-5)  # an angle is rounded or cut off
     found.append(Column("machine", "angle", 4, -1, (0.0, max(0.5 * angle_step, 1e-6)), model.angle, (-reach, reach)))

@@ -64,6 +64,7 @@ _FEWEST: Final = 50 * STRETCHES  # rows
 _OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
 _NOTHING: Final = 0.03  # of the noise's power: no mismatch that matters
 _OUTSHINES: Final = 3.0  # times what is left unexplained, that a named effect has to explain
+_SPEEDS: Final = 0.2  # of the fastest, by which speeds differ where a map is told
 _PROMISING: Final = 0.8  # of what is left unexplained, that a first fit of a flux map leaves at most
 _MAPPED: Final = (
     "the flux linkages bend as no saturation curve of the library does: a free map of them over the currents is a part "
@@ -101,14 +102,13 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     progress(0.0, "fitting")
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
-    left = _left(rows, found)
-    plain = None
+    left, plain = _left(rows, found), None
     if left is not None and (bent := _bent(rows, nominal, tolerance, step, found, progress)) is not None:
-        found, plain = bent, found.search
-        left = _left(rows, found)
-    if left is not None and (dropped := _outshone(found) + _alike(found, left)):
-        found = without(found, dropped, nominal, tolerance, step)
-        left = describe(rows, found.z, found.noise[:2])
+        bent, left_by_map = _upright(rows, bent, _left(rows, bent), nominal, tolerance, step)
+        if _mapped(bent):
+            found, left, plain = bent, left_by_map, found.search
+    if plain is None:
+        found, left = _upright(rows, found, left, nominal, tolerance, step)
     diagnosis = _judged(rows, nominal, tolerance, step, found, left, progress, plain)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
@@ -150,7 +150,26 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
 def _left(rows: Rows, found: Fitted) -> Unexplained | None:
     """What is left, where it is more than the effects' equations may miss."""
     allowed = found.search.missed(found.choice) + _NOTHING * found.search.regression.count
-    return describe(rows, found.z, found.noise[:2]) if _excess(found) > allowed else None
+    return _described(rows, found) if _excess(found) > allowed else None
+
+
+def _described(rows: Rows, found: Fitted) -> Unexplained | None:
+    """What is left, as voltages make it, whatever the inductances at a current are."""
+    if found.model.bend is None:
+        return describe(rows, found.z, found.noise[:2])
+    there = with_machine(rows, found.model.machine)
+    z = whitened(residual(there, found.smooth, found.model), there, filter_pole(found.model.machine, rows.T_s))
+    return describe(there, z, noise_of(z, None, rows)[:2])
+
+
+def _upright(
+    rows: Rows, found: Fitted, left: Unexplained | None, nominal: Machine, tolerance: Mapping[str, float], step: float
+) -> tuple[Fitted, Unexplained | None]:
+    """A fit without effects that only lean on what is left, and what is left then."""
+    if left is None or not (dropped := _outshone(found) + _alike(found, left)):
+        return found, left
+    found = without(found, dropped, nominal, tolerance, step)
+    return found, _described(rows, found)
 
 
 def _excess(found: Fitted) -> float:
@@ -170,10 +189,14 @@ def _bent(
 ) -> Fitted | None:  # fmt: skip
     """A free flux map in the place of the library's saturations, with the effects found beside it.
 
-    None where it does not explain most of what the library leaves.
+    None where it does not explain most of what the library leaves, or speed hardly changes: then all that depends on
+    currents looks like a map.
     """
+    slow, fast = np.quantile(np.abs(rows.omega_e[rows.joined]), [0.02, 0.98]).tolist()
+    if fast - slow < _SPEEDS * fast:
+        return None
     part, starts = thinned(rows), list[tuple[float, Model]]()
-    for model in {id(model): model for model in (Model(nominal), found.model)}.values():
+    for model in (Model(nominal), found.model):
         if (begin := begun(part, model)) is not None:
             z = flux_errors(residual(part, part, begin), part, begin)
             starts.append((_above(z, noise_of(z, None, part), part), begin))
@@ -184,8 +207,12 @@ def _bent(
     bent = fitted(
         rows, nominal, tolerance, step, lambda share: progress(0.7 + 0.04 * share, "fitting a flux map"), begin=begin
     )  # fmt: skip
-    told = told_map(bent.search, bent.choice).departures().values()
-    return bent if left > _OUTSHINES * _excess(bent) and any(one.told for one in told) else None
+    return bent if left > _OUTSHINES * _excess(bent) and _mapped(bent) else None
+
+
+def _mapped(bent: Fitted) -> bool:
+    """A fit's map is none of straight lines."""
+    return any(departure.told for departure in told_map(bent.search, bent.choice).departures().values())
 
 
 def _outshone(found: Fitted) -> list[str]:
@@ -239,7 +266,7 @@ def _judged(
             doubts.append(ambiguity(one[0], close[0], would_tell))
             continue
         findings.append(_finding(rows, found, one, others, r_after))
-    findings = [*_saturations(rows, found, flux_map, plain, machine_after), *findings]
+    findings = [*_saturations(rows, found, flux_map, machine_after), *findings]
     doubts = _once(doubts)
     if findings and _no_help(fit):
         richer = richer or experiment(rows, Model(nominal), found.noise, nominal, tolerance)
@@ -250,7 +277,7 @@ def _judged(
         findings = []
         if choice:
             doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer, rivals=False)], None
-    elif len(outside) > 1:
+    elif len(outside) > 1 and flux_map is None:
         doubts.extend(_scaled(machine_after, nominal, tolerance))
     verdict = verdict_of(findings, doubts, left, blind)
     if outside and not doubts:  # effects do not explain the machine
@@ -278,13 +305,16 @@ class _Machine(NamedTuple):
 def _machine(
     found: Fitted, plain: Search | None, lent: float, nominal: Machine, tolerance: Mapping[str, float]
 ) -> _Machine:
-    search, choice = found.search, found.choice
-    after = _parameters(search, choice, lent, _scaled_by(found.smooth, found.model))
-    likely, compared, flux_map = _parameters(search, choice), PARAMETERS, None
+    search, choice, scaled = found.search, found.choice, _scaled_by(found.smooth, found.model)
+    after = _parameters(search, choice, lent, scaled)
+    likely, compared, flux_map = _parameters(search, choice), list(PARAMETERS), None
     if found.model.bend is not None:
+        flux_map = told_map(search, choice, lent)
+        for name, told in flux_map.machine().items():
+            std = None if told.value is None else math.hypot(told.std or 0.0, scaled * told.value)
+            after[name] = replace(told, std=std)
         # Inductances of a data sheet are those of some current: a map's at no current need not be near them
-        flux_map, compared = told_map(search, choice), ("R_s", "psi_f")
-        after |= flux_map.machine()
+        compared = [name for name in ("R_s", "psi_f") if after[name].value is not None]
     return _Machine(
         _parameters(plain or search, ()), after, flux_map,
         _outside({name: after[name] for name in compared}, nominal, tolerance),
@@ -331,17 +361,18 @@ def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[D
 
 
 def _saturations(
-    rows: Rows, found: Fitted, flux_map: FluxMap | None, plain: Search | None, after: Mapping[str, Quantity]
+    rows: Rows, found: Fitted, flux_map: FluxMap | None, after: Mapping[str, Quantity]
 ) -> list[Finding]:
     """The saturations that a flux map shows, by how far each takes it from straight lines; none without a map."""
     shown: list[Finding] = []
-    if flux_map is None or plain is None:
+    if flux_map is None:
         return shown
-    log_odds = 0.5 * (plain.fit(()).chi2 - found.search.fit(found.choice).chi2)
+    rho = filter_pole(found.model.machine, rows.T_s)
     for name, departure in flux_map.departures().items():
         if departure.told:
-            v = rows.balance(flux_map.bent(name, rows.i))
-            where = place_of(rows, flux_errors(v, rows, found.model), (0.0, 0.0))
+            v = rows.balance(flux_map.part(name, rows.i))
+            where = place_of(rows, whitened(v, rows, rho), (0.0, 0.0))
+            log_odds = 0.5 * departure.sure**2
             looks = as_parameters(rows, v)
             absorbed = {p: looks[p] for p in PARAMETERS if abs(looks[p]) > 2.0 * (after[p].std or math.inf)}
             shown.append(Finding(name, flux_map.sizes(name), where, _odds(log_odds), (), absorbed))

@@ -33,7 +33,7 @@ def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Seque
     """
     fit = search.fit(choice)
     for name, value, variance in zip(PARAMETERS, fit.value, fit.covariance.diagonal(), strict=False):
-        if variance <= 0.0:  # held at a bound
+        if variance <= 0.0 and (name == "R_s" or not search.bent):  # held at a bound
             return (
                 f"{name} comes out at {number(float(value))} {UNITS[name]}, which no machine of nominally "
                 f"{number(getattr(nominal, name))} {UNITS[name]} has"

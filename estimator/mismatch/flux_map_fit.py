@@ -5,7 +5,7 @@ over each period is linear in its coefficients and in R_s,
 
     u = R_s i_mean + balance of psi + what the other effects add
 
-so one weighted least squares over the whole recording tells them, its noise whitened as everywhere in the diagnosis.
+so one weighted least squares tells them, its noise whitened as everywhere in the diagnosis: that is where a fit begins.
 The mean current needs the map's own slopes, so that it is done some times over. Third differences of the coefficients
 are held down as much as stretches that took no part in the fit like best. P. H. C. Eilers, B. D. Marx, "Flexible
 smoothing with B-splines and penalties", Statistical Science 11(2), 1996, doi 10.1214/ss/1038425655.
@@ -14,6 +14,7 @@ From there on the map's shapes are columns beside those of R_s, L_d, L_q and psi
 Standard errors know of bends within a cell what `MISSED` says of them. Knows nothing of how effects are found.
 """
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, NamedTuple, cast
@@ -48,7 +49,11 @@ _LINES: Final = 3  # shapes of straight lines: L_d, L_q, psi_f
 _FLAT: Final = 6  # shapes that third differences do not hold down: up to squares of either current
 _PART: Final = 2048  # periods at once
 _FEWEST: Final = 20  # rows in a cell, that it counts as visited
-_TOLD: Final = 5.0  # standard errors, from which on a departure from straight lines is one
+_LINE: Final = 4  # cells, that tell a bend from a straight line
+_LONG: Final = 0.6  # of the longest line's cells, that a long one has
+_FAR: Final = 10.0  # times the machine's values, that no map has at no current
+_EDGE: Final = 1e-4  # of all currents: beyond are glitches
+_TOLD: Final = 3.0  # standard errors, rms over the cells, from which on a departure from straight lines is one
 _LEAST: Final = 0.01  # of the rms flux linkage that currents make: less is none that matters
 
 
@@ -56,12 +61,12 @@ class Departure(NamedTuple):
     """By how much of the rms of what currents make of it the flux linkage is not that of constants."""
 
     share: float
-    std: float
+    sure: float  # rms in standard errors
 
     @property
     def told(self) -> bool:
         """It is there and matters."""
-        return self.share > max(_LEAST, _TOLD * self.std)
+        return self.share > _LEAST and self.sure > _TOLD
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +74,7 @@ class FluxMap:
     """A map and how well it is told."""
 
     d: Axis
-    q: Axis
+    q: Axis  # from as much below zero as above
     w: Array  # coefficients on (cells + 3) of d by the half of q that is free, Vs A
     bend: Array  # what of w is none of straight lines, Vs A
     covariance: Array  # of w
@@ -94,41 +99,44 @@ class FluxMap:
         return inside & (self.visited[a, b] | self.visited[a, self.q.cells - 1 - b])
 
     def machine(self) -> dict[str, Quantity]:
-        """L_d, L_q (H) and psi_f (Vs) at no current."""
+        """L_d, L_q (H) and psi_f (Vs) at no current; nothing where the recording has not been there."""
         none = np.zeros(1, np.complex128)
         psi_d, _ = slopes_of(self.d, self.q, none)
         on = {"L_d": self._curved(none, "d"), "L_q": self._curved(none, "q"), "psi_f": psi_d}
-        return {name: self._quantity(on[name][0], UNITS[name]) for name in on}
+        seen = bool(self.seen(none)[0])
+        return {
+            name: self._quantity(on[name][0], UNITS[name]) if seen else Quantity(None, None, UNITS[name]) for name in on
+        }
 
     def departures(self) -> dict[str, Departure]:
         """How far psi is from straight lines along i_d, along i_q, and by the other axis' current.
 
-        In the middles of visited cells.
+        Along long lines of cells that the recording has visited, and from there on.
         """
-        i = self._middles()
-        psi = slopes_of(self.d, self.q, i)
-        along = slopes_of(self.d, self.q, _at(i.real, 0.0))[0], slopes_of(self.d, self.q, _at(0.0, i.imag))[1]
-        level = np.stack([np.ones(len(i)), i.real], axis=1)
+        i, psi, lines = self._middles(), slopes_of(self.d, self.q, self._middles()), self._lines()
+        both = self.seen(lines.d_of(i)) & self.seen(lines.q_of(i))
+        on_d, on_q = slopes_of(self.d, self.q, lines.d)[0], slopes_of(self.d, self.q, lines.q)[1]
+        level = np.stack([np.ones(len(lines.d)), lines.d.real], axis=1)
+        slope = lines.q.imag / max(float(lines.q.imag @ lines.q.imag), 1e-300)
         off = {
-            "d_axis_saturation": along[0] - level @ np.linalg.lstsq(level, along[0], rcond=None)[0],
-            "q_axis_saturation": along[1] - np.outer(i.imag, i.imag @ along[1]) / float(i.imag @ i.imag),
-            "cross_saturation": np.concatenate([psi[0] - along[0], psi[1] - along[1]]),
+            "d_axis_saturation": (on_d - level @ np.linalg.lstsq(level, on_d, rcond=None)[0], len(lines.d)),
+            "q_axis_saturation": (on_q - np.outer(lines.q.imag, slope @ on_q), len(lines.q)),
+            "cross_saturation": (np.concatenate(self._across(i[both])), np.count_nonzero(both)),
         }
         none = [on - slopes_of(self.d, self.q, np.zeros(1, np.complex128))[n] for n, on in enumerate(psi)]
-        whole = float(np.linalg.norm(np.concatenate(none) @ self.w))
-        return {
-            name: Departure(float(np.linalg.norm(on @ self.w)) / whole, float(np.linalg.norm(self._std(on))) / whole)
-            for name, on in off.items()
-        }
+        whole = float(np.linalg.norm(np.concatenate(none) @ self.w)) / math.sqrt(max(len(i), 1))
+        if not whole > 0.0:
+            return {}
+        return {name: self._departure(on, whole) for name, (on, n) in off.items() if n >= _LINE}
 
     def sizes(self, name: str) -> dict[str, Quantity]:
-        """Of a saturation: least and most inductance along an axis, at no current of the other; or what that shifts."""
-        i = self._middles()
+        """Of a saturation: least and most inductance along its line of `departures`; or what the other axis shifts."""
         if name == "cross_saturation":
-            on = slopes_of(self.d, self.q, i)[0] - slopes_of(self.d, self.q, _at(i.real, 0.0))[0]
+            i, lines = self._middles(), self._lines()
+            on, _ = self._across(i[self.seen(lines.d_of(i))])
             return {"psi_d_shift": self._quantity(on[int(np.argmax(np.abs(on @ self.w)))], "Vs")}
-        axis = name[0]
-        on = self._curved(_at(np.unique(i.real), 0.0) if axis == "d" else _at(0.0, np.unique(np.abs(i.imag))), axis)
+        axis, lines = name[0], self._lines()
+        on = self._curved(lines.d if axis == "d" else lines.q, axis)
         value = on @ self.w
         least, most = on[int(np.argmin(value))], on[int(np.argmax(value))]
         return {f"L_{axis}_least": self._quantity(least, "H"), f"L_{axis}_most": self._quantity(most, "H")}
@@ -143,19 +151,43 @@ class FluxMap:
         parts = (np.where(seen, x, np.nan).reshape(len(i_d), len(i_q)) for x in (psi.real, psi.imag, std_d, std_q))
         return FluxTable(i_d, i_q, *parts)
 
-    def bent(self, name: str, i: Vector) -> Vector:
-        """What of the flux linkage (Vs) at currents (A) is one of the three saturations, from no current on."""
-        psi, by_d, by_q = self.flux(i), self.flux(_at(i.real, 0.0)).real, self.flux(_at(0.0, i.imag)).imag
-        L_d, L_q, psi_f = (quantity.value or 0.0 for quantity in self.machine().values())
+    def part(self, name: str, i: Vector) -> Vector:
+        """What of the flux linkage (Vs) at currents (A) is one of the three saturations.
+
+        Along lines through no current, or through the visited cell that is nearest to it.
+        """
+        middles, none = self._middles(), np.zeros(1, np.complex128)
+        at = none if self.seen(none)[0] else middles[[int(np.argmin(np.abs(middles)))]]
+        here, psi = self.flux(at), self.flux(i)
+        by_d, by_q = self.flux(_at(i.real, at.imag)).real, self.flux(_at(at.real, i.imag)).imag
+        L_d, L_q = (float((self._curved(at, axis) @ self.w)[0]) for axis in "dq")
         return {
-            "d_axis_saturation": _at(by_d - psi_f - L_d * i.real, 0.0),
-            "q_axis_saturation": _at(0.0, by_q - L_q * i.imag),
+            "d_axis_saturation": _at(by_d - here.real - L_d * (i.real - at.real), 0.0),
+            "q_axis_saturation": _at(0.0, by_q - here.imag - L_q * (i.imag - at.imag)),
             "cross_saturation": _at(psi.real - by_d, psi.imag - by_q),
         }[name]
+
+    def _departure(self, on: Array, whole: float) -> Departure:
+        """Of some combinations of coefficients (n, coefficients), over a flux linkage (Vs)."""
+        off = on @ self.w
+        return Departure(float(np.sqrt(np.mean(off**2))) / whole, float(np.sqrt(np.mean((off / self._std(on)) ** 2))))
 
     def _middles(self) -> Vector:
         a, b = np.nonzero(self.visited)
         return _at(self.d.low + self.d.step * (a + 0.5), self.q.low + self.q.step * (b + 0.5))
+
+    def _lines(self) -> "_Lines":
+        """Long lines of visited cells along each axis, those nearest to no current."""
+        i_d, at_d = _long(self._middles().real)
+        i_q, at_q = _long(np.abs(self._middles().imag))
+        along_d, along_q = _at(i_d, at_q), _at(at_d, i_q)
+        return _Lines(along_d[self.seen(along_d)], along_q[self.seen(along_q)], at_d, at_q)
+
+    def _across(self, i: Vector) -> tuple[Array, Array]:
+        """psi_d and psi_q (n, coefficients) at currents, less those at the same current of their lines."""
+        lines = self._lines()
+        here, on_d, on_q = (slopes_of(self.d, self.q, at) for at in (i, lines.d_of(i), lines.q_of(i)))
+        return here[0] - on_d[0], here[1] - on_q[1]
 
     def _curved(self, i: Vector, axis: str) -> Array:
         """d(psi)/d(i) along an axis (n, coefficients), H a coefficient."""
@@ -171,6 +203,30 @@ class FluxMap:
         return Quantity(float(on @ self.w), float(self._std(on[None])[0]), unit)
 
 
+class _Lines(NamedTuple):
+    """Middles of cells along either axis."""
+
+    d: Vector  # A
+    q: Vector
+    at_d: float  # A, i_d of the line along q
+    at_q: float
+
+    def d_of(self, i: Vector) -> Vector:
+        """On the line along d, at the same i_d."""
+        return _at(i.real, self.at_q)
+
+    def q_of(self, i: Vector) -> Vector:
+        """On the line along q, at the same i_q."""
+        return _at(self.at_d, i.imag)
+
+
+def _long(of: Real) -> tuple[Real, float]:
+    """The different values of a coordinate, and of those that many cells have the smallest."""
+    values, count = np.unique(of.round(9), return_counts=True)
+    long = values[count >= _LONG * np.max(count, initial=0)]
+    return values, float(min(long, key=abs, default=0.0))
+
+
 def _at(d: ArrayLike, q: ArrayLike) -> Vector:
     i = np.empty(np.broadcast(d, q).shape, np.complex128)
     i.real, i.imag = d, q
@@ -183,16 +239,18 @@ def begun(rows: Rows, model: Model) -> Model | None:
     model = replace(model, effects=kept, bend=None)
     truth = in_truth(rows, model)
     rest, rho = truth.u - effects_voltage(truth, model), filter_pole(model.machine, rows.T_s)
-    i, reach = truth.i, float(np.max(np.abs(truth.i.imag)))
-    d = Axis.over(float(np.min(i.real)), float(np.max(i.real)), _CELL * rows.i_rated)
-    q = Axis.over(-reach, reach, _CELL * rows.i_rated)
+    i, reach = truth.i, float(np.quantile(np.abs(truth.i.imag), 1.0 - _EDGE))
+    low, high = np.quantile(i.real, [_EDGE, 1.0 - _EDGE]).tolist()
+    d, q = Axis.over(low, high, _CELL * rows.i_rated), Axis.over(-reach, reach, _CELL * rows.i_rated)
     shapes, stiff = _shapes(d, q)
     psi, mean, machine, bend = truth.flux(i), truth.i_mean, model.machine, None
     for n in range(_PASSES):
         noise = noise_of(whitened(rest - machine.R_s * mean - truth.balance(psi), truth, rho), None, truth)
         value, precision = _solved(_sums(truth, d, q, shapes, mean, rest, noise, rho), stiff)
         L_d, L_q, psi_f = value[:_LINES].tolist()
-        if not min(value[-1], L_d, L_q, psi_f) > 0.0:
+        before = model.machine
+        ratios = value[-1] / before.R_s, L_d / before.L_d, L_q / before.L_q, psi_f / before.psi_f
+        if not all(1.0 / _FAR < ratio < _FAR for ratio in ratios):
             return None
         machine = replace(machine, R_s=float(value[-1]), L_d=L_d, L_q=L_q, psi_f=psi_f)
         bend = Bend(d, q, shapes[:, _LINES:] / np.sqrt(precision), value[_LINES:-1] * np.sqrt(precision))
@@ -202,8 +260,11 @@ def begun(rows: Rows, model: Model) -> Model | None:
     return replace(model, machine=machine, bend=bend)
 
 
-def told_map(search: Search, choice: Choice) -> FluxMap:
-    """The map of a fit, with its uncertainty as the residual scatters."""
+def told_map(search: Search, choice: Choice, lent: float = 0.0) -> FluxMap:
+    """The map of a fit, with its uncertainty as the residual scatters.
+
+    `lent`: energy over noise that what has no name may have lent to each parameter.
+    """
     bend, fit = search.regression.model.bend, search.fit(choice)
     assert bend is not None
     line = line_of(bend.d, bend.q)
@@ -211,7 +272,7 @@ def told_map(search: Search, choice: Choice) -> FluxMap:
     shapes |= {parameter: bend.basis[:, k] for k, parameter in enumerate(bend.names)}
     parameters = [search.columns[j].parameter if search.columns[j].owner == "machine" else "" for j in fit.places]
     on = np.array([shapes.get(name, np.zeros(line.shape[1])) for name in parameters]).T
-    scatter = np.sqrt(search.parameter_scatter(fit))
+    scatter = np.sqrt(search.parameter_scatter(fit) + lent)
     covariance = fit.covariance * np.outer(scatter, scatter) + search.form_covariance(choice)
     rows = search.regression.rows
     visited = _visited(bend, rows.i[1:][rows.joined])
@@ -273,7 +334,7 @@ def _solved(grams: Array, stiff: Array) -> tuple[Array, Array]:
 
 def _least(gram: Array, held: Array) -> Array:
     A = gram[:-1, :-1] + np.diag(held)
-    scale = 1.0 / np.sqrt(np.diag(A))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
     return cast(Array, np.linalg.solve(A * np.outer(scale, scale), gram[:-1, -1] * scale)) * scale
 
 

@@ -189,7 +189,7 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FluxTable:
-    """Flux linkages over currents; NaN where the recording has not been."""
+    """Flux linkages over currents; NaN where neither the recording nor its mirror image in i_q has been."""
 
     i_d: Array  # A, (n,)
     i_q: Array  # A, (m,)

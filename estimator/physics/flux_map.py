@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 MISSED: Final = 3e-5
 """Part of its energy that a map may leave, as bends within a cell."""
 
+_MOST: Final = 24  # cells of an axis
 _FLATTEST: Final = 0.02  # of the linear part's inductances: no map is followed to where it is flatter
 
 
@@ -39,20 +40,20 @@ class Axis:
 
     @classmethod
     def over(cls, low: float, high: float, cell: float) -> "Axis":
-        """Cells of about that size (A), two at least."""
+        """Cells of about that size (A), two at least; wider ones where they would be too many."""
         middle, reach = 0.5 * (low + high), max(0.5 * (high - low), cell)
-        cells = max(2, round(2.0 * reach / cell))
+        cells = min(max(2, round(2.0 * reach / cell)), _MOST)
         return cls(middle - reach, 2.0 * reach / cells, cells)
 
     def place(self, i: Real) -> NDArray[np.intp]:
-        """The cell of each current; beyond the ends the outermost goes on."""
+        """The cell of each current; beyond the ends the outermost."""
         cell: NDArray[np.intp] = np.floor((i - self.low) / self.step).astype(np.intp)
         return np.clip(cell, 0, self.cells - 1)
 
     def splines(self, i: Real, order: int) -> Array:
         """All cells + 3 cubic B-splines at currents (n, cells + 3), or their derivatives, 1/A^order."""
         n = self.place(i)
-        x = (i - self.low) / self.step - n
+        x = np.clip((i - self.low) / self.step - n, 0.0, 1.0)  # beyond the ends it is what it is there
         y = 1.0 - x
         parts = (
             (y**3 / 6.0, (3.0 * x**3 - 6.0 * x**2 + 4.0) / 6.0, (3.0 * y**3 - 6.0 * y**2 + 4.0) / 6.0, x**3 / 6.0),
@@ -174,7 +175,7 @@ def _slopes(
 def _splines(i: float, low: float, step: float, cells: int, on: Array) -> int:
     """The cell of a current; its four splines and their derivatives go into `on` (3, 4)."""
     n = min(max(int(np.floor((i - low) / step)), 0), cells - 1)
-    x = (i - low) / step - n
+    x = min(max((i - low) / step - n, 0.0), 1.0)  # as in `Axis.splines`
     y = 1.0 - x
     on[0, 0], on[0, 3] = y**3 / 6.0, x**3 / 6.0
     on[0, 1], on[0, 2] = (3.0 * x**3 - 6.0 * x**2 + 4.0) / 6.0, (3.0 * y**3 - 6.0 * y**2 + 4.0) / 6.0
