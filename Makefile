@@ -59,7 +59,7 @@ peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-moto
 gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictures and a page in build/gallery
 	$(BIN)/python -m tests.gallery
 
-prove: $(VENV)/.dev ## the proof in full, on the evaluation population: page and JSON in build/proof; takes hours
+prove: $(VENV)/.dev ## the proof in full, on the evaluation population: page and JSON in build/proof: an hour or so
 	$(BIN)/python -m tests.proof
 
 prove-quick: $(VENV)/.dev ## a part of it, on a development population: five minutes or so
