@@ -221,7 +221,8 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
         left = rows.u - _voltage(_with_currents(rows, i), ideal)
         delta, _ = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, _END * close, limit, 0.0)
         i, sweep = i + delta, sweep + 1
-        lost = lost._replace(legs=legs_of(on_local_lines(_with_currents(rows, i), model)))
+        if "inverter_voltage_error" in model.effects:
+            lost = lost._replace(legs=legs_of(on_local_lines(_with_currents(rows, i), model)))
         moving = ~(np.maximum.reduceat(np.abs(delta), first) <= close)
         if not np.any(moving):
             return i

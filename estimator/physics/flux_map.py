@@ -52,18 +52,7 @@ class Axis:
 
     def splines(self, i: Real, order: int) -> Array:
         """All cells + 3 cubic B-splines at currents (n, cells + 3), or their derivatives, 1/A^order."""
-        n = self.place(i)
-        x = np.clip((i - self.low) / self.step - n, 0.0, 1.0)  # beyond the ends it is what it is there
-        y = 1.0 - x
-        parts = (
-            (y**3 / 6.0, (3.0 * x**3 - 6.0 * x**2 + 4.0) / 6.0, (3.0 * y**3 - 6.0 * y**2 + 4.0) / 6.0, x**3 / 6.0),
-            (-0.5 * y**2, 1.5 * x**2 - 2.0 * x, -1.5 * y**2 + 2.0 * y, 0.5 * x**2),
-            (y, 3.0 * x - 2.0, 3.0 * y - 2.0, x),
-        )[order]
-        found = np.zeros((len(i), self.cells + 3))
-        for k, part in enumerate(parts):
-            found[np.arange(len(i)), n + k] = part / self.step**order
-        return found
+        return _all_splines(i, self.low, self.step, self.cells, order)
 
     def powers(self, order: int) -> Array:
         """Coefficients (cells + 3) that make 1, i or i^2 of the splines."""
@@ -172,10 +161,20 @@ def _slopes(
 
 
 @kernel
+def _all_splines(i: Real, low: float, step: float, cells: int, order: int) -> Array:
+    found, on = np.zeros((len(i), cells + 3)), np.empty((3, 4))
+    for k in range(len(i)):
+        n = _splines(i[k], low, step, cells, on)
+        for m in range(4):
+            found[k, n + m] = on[order, m]
+    return found
+
+
+@kernel
 def _splines(i: float, low: float, step: float, cells: int, on: Array) -> int:
     """The cell of a current; its four splines and their derivatives go into `on` (3, 4)."""
     n = min(max(int(np.floor((i - low) / step)), 0), cells - 1)
-    x = min(max((i - low) / step - n, 0.0), 1.0)  # as in `Axis.splines`
+    x = min(max((i - low) / step - n, 0.0), 1.0)  # beyond the ends it is what it is there
     y = 1.0 - x
     on[0, 0], on[0, 3] = y**3 / 6.0, x**3 / 6.0
     on[0, 1], on[0, 2] = (3.0 * x**3 - 6.0 * x**2 + 4.0) / 6.0, (3.0 * y**3 - 6.0 * y**2 + 4.0) / 6.0

@@ -249,7 +249,6 @@ class Rows:
 
     def with_local_line(self, psi: Vector, g: Stiffness) -> "Rows":
         """The same rows with flux linkages (Vs, at samples) that are no straight lines, of such stiffness."""
-
         L_d, L_q = (2.0 / (x[1:] + x[:-1]) for x in (g.a + g.b.real, g.a - g.b.real))
         psi, i = (0.5 * (x[1:] + x[:-1]) for x in (psi, self.i))
         lines = L_d, L_q, psi - L_d * i.real - 1j * L_q * i.imag
