@@ -37,3 +37,10 @@ def test_three_that_are_not_told_apart_are_named_in_one_sentence() -> None:
     doubt = Ambiguity(("iron_loss", "angle_offset", "ac_resistance"), "why", Experiment("what to do"))
     text = sentence_of(replace(EXPLAINED, ambiguous=(doubt,)))
     assert "Cannot tell which it is of iron loss, an offset of the angle, a resistance that rises with " in text
+
+
+@pytest.mark.parametrize("verdict", [Verdict.EXPLAINED, Verdict.NO_MISMATCH])
+def test_a_gain_that_would_not_show_is_said(verdict: Verdict) -> None:
+    found = {"iron_loss": Quantity(100.0, None, "ohm")}
+    text = sentence_of(replace(EXPLAINED, verdict=verdict, detectable=found))
+    assert "gain of all voltages or of all currents, by which the parameters are off then" in text

@@ -19,6 +19,7 @@ from estimator.physics.rows import Real, Rows
 _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
 _ENDS: Final = 4  # halves, that a mean needs to either side
 _STILL: Final = 1e-9  # rad in a period: no count
+_TWICE_ROUNDED: Final = 2.24  # resolutions, by which two roundings may differ from one period to the next
 _OFF: Final = 0.75  # counts, more than which no rounding is
 _BEAT: Final = 0.3  # share of the rounding's energy, which looks like movement where a smooth angle holds more of it
 _ALIKE: Final = 2.5  # times what a mean of independent errors leaves: those of neighbouring periods are alike
@@ -26,18 +27,30 @@ _SAME: Final = 4.0  # standard deviations, by which a mean may differ from one o
 
 
 def unrounded(rows: Rows, step: float) -> Rows:
-    """The rows with an angle that turns smoothly. `step`: the angle's resolution, rad; 0 where not known."""
-    step = max(step, _step_of(rows))
+    """The rows with an angle that turns smoothly. `step`: the angle's resolution as told, rad; 0 where not known.
+
+    Where the currents' noise is louder, rounding is a part of it: what a rotor does in a few periods is kept then.
+    """
+    step = _step_of(rows, step)
     at, theta, ends = _by_clock(rows)
     off, variance = (each[at] for each in _rounding(theta, ends, step))
+    hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
+    if rows.machine.psi_f * step < math.sqrt(12.0) * _loudness(rows):
+        return replace(rows, angle_step=step, angle_error=0.0, angle_hidden=hidden)
     smooth = rows.theta_e - off
     turned = np.exp(0.5j * (off[1:] + off[:-1]))
     return replace(
         rows, theta_e=smooth, half=np.exp(0.5j * np.diff(smooth)), i=rows.i * np.exp(1j * off), u=rows.u * turned,
         angle_step=step, angle_error=math.sqrt(float(np.mean(variance))),
-        angle_hidden=math.sqrt(_hidden(off, variance, step) * step**2 / 12.0),
-        kept=rows.pulses_turned(turned),
+        angle_hidden=hidden, kept=rows.pulses_turned(turned),
     )  # fmt: skip
+
+
+def _loudness(rows: Rows) -> float:
+    """White noise of the currents as a flux linkage (Vs), on the axis where it is less."""
+    m = rows.machine
+    fast = m.L_d * np.diff(rows.i.real, 4), m.L_q * np.diff(rows.i.imag, 4)  # noise grows by sqrt(70), signals do not
+    return min((float(np.median(np.abs(x))) / 0.6744898 / math.sqrt(70.0) for x in fast if len(x)), default=0.0)
 
 
 def beat_of(rows: Rows) -> float:
@@ -74,10 +87,16 @@ def _hidden(off: Real, variance: Real, step: float) -> float:
     return max(1.0 - 12.0 * float(np.mean(off[smoothed] ** 2)) / step**2, 0.0)
 
 
-def _step_of(rows: Rows) -> float:
-    """The angle's resolution (rad) as it shows: one count more or less than the period before."""
-    more = np.abs(np.diff(rows.D))[rows.joined[1:] & rows.joined[:-1]]
-    return float(np.quantile(more, 0.99)) if len(more) else 0.0
+def _step_of(rows: Rows, told: float) -> float:
+    """The angle's resolution (rad): as told, or, where that is finer than what shows, as it shows.
+
+    A period turns by a step more than the one before and the one after, or less; by up to sqrt(5) resolutions where
+    a number with a step of its own holds the counts. Movement changes by less, in three periods.
+    """
+    together = rows.joined[2:] & rows.joined[1:-1] & rows.joined[:-2]
+    more = 0.5 * np.abs(np.diff(rows.D, 2))[together]
+    shown = float(np.quantile(more, 0.99)) if len(more) else 0.0
+    return told if shown <= _TWICE_ROUNDED * told else shown
 
 
 def _by_clock(rows: Rows) -> tuple[NDArray[np.intp], Real, list[int]]:

@@ -27,13 +27,13 @@ from estimator.mismatch.columns import (
 )  # fmt: skip
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
-from estimator.mismatch.excitation_check import attenuated, not_borne_out, poorly_told
+from estimator.mismatch.excitation_check import attenuated, held_at_bound, not_borne_out, poorly_told
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, fitted, moved, without
 from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
 from estimator.mismatch.input_check import checked
-from estimator.mismatch.locate import RESONANCE, describe, place_of
+from estimator.mismatch.locate import RESONANCE, describe, place_of, rings
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import fit_quality
 from estimator.mismatch.sentences import sentence_of
@@ -64,6 +64,7 @@ _FEWEST: Final = 50 * STRETCHES  # rows
 _OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
 _NOTHING: Final = 0.03  # of the noise's power: no mismatch that matters
 _OUTSHINES: Final = 3.0  # times what is left unexplained, that a named effect has to explain
+_LIKE_RESONANCE: Final = "iron_loss"
 _SPEEDS: Final = 0.2  # of the fastest, by which speeds differ where a map is told
 _PROMISING: Final = 0.8  # of what is left unexplained, that a first fit of a flux map leaves at most
 _MAPPED: Final = (
@@ -72,6 +73,7 @@ _MAPPED: Final = (
 )
 _DELTA: Final = 1e-4  # of a size, for differences
 _HELPS: Final = 0.98  # of a free-running error without any effect, that effects leave at most
+_BORNE_OUT: Final = 0.5  # of what effects explain, that they have to explain of stretches left out
 _NO_HELP: Final = "on stretches that took no part in the fit the error does not fall with it"
 
 
@@ -148,9 +150,13 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
 
 
 def _left(rows: Rows, found: Fitted) -> Unexplained | None:
-    """What is left, where it is more than the effects' equations may miss."""
+    """What is left, where it is more than the effects' equations may miss, or an effect is not what it looks like."""
     allowed = found.search.missed(found.choice) + _NOTHING * found.search.regression.count
-    return _described(rows, found) if _excess(found) > allowed else None
+    if _excess(found) > allowed:
+        return _described(rows, found)
+    if all(name == _LIKE_RESONANCE for name, _ in found.choice) and rings(rows, found.z, found.noise[:2]):
+        return _described(rows, found)
+    return None
 
 
 def _described(rows: Rows, found: Fitted) -> Unexplained | None:
@@ -165,11 +171,26 @@ def _described(rows: Rows, found: Fitted) -> Unexplained | None:
 def _upright(
     rows: Rows, found: Fitted, left: Unexplained | None, nominal: Machine, tolerance: Mapping[str, float], step: float
 ) -> tuple[Fitted, Unexplained | None]:
-    """A fit without effects that only lean on what is left, and what is left then."""
-    if left is None or not (dropped := _outshone(found) + _alike(found, left)):
-        return found, left
-    found = without(found, dropped, nominal, tolerance, step)
-    return found, _described(rows, found)
+    """A fit without effects that only lean on what is left, and what is left then.
+
+    None of them where what is left without any has a form that explains more than they do, or where their machine is
+    none: they are its disguise.
+    """
+    resonance: Unexplained | None = None
+    while left is not None and (dropped := {*_outshone(found), *(alike := _alike(found, left))}):
+        resonance = left if alike else resonance
+        found = without(found, sorted(dropped), nominal, tolerance, step)
+        left = _described(rows, found)
+    left = resonance or left  # it is plainest where a loss takes its slow part
+    if left is not None and found.choice:
+        bare = without(found, [name for name, _ in found.choice], nominal, tolerance, step)
+        alone = _described(rows, bare)
+        if alone is not None and "frame" in alone.where.region:  # a form
+            left_by_form = (1.0 - alone.where.energy_share) * _excess(bare)
+            same = resonance is not None and alone.description.startswith(RESONANCE)
+            if same or left_by_form < _excess(found) or held_at_bound(found.search, found.choice):
+                return bare, alone
+    return found, left
 
 
 def _excess(found: Fitted) -> float:
@@ -227,7 +248,7 @@ def _outshone(found: Fitted) -> list[str]:
 
 def _alike(found: Fitted, left: Unexplained) -> list[str]:
     """Effects that are what is left without a name, as far as it reaches: below its frequency a resonance is a loss."""
-    return [name for name, _ in found.choice if name == "iron_loss" and left.description.startswith(RESONANCE)]
+    return [name for name, _ in found.choice if name == _LIKE_RESONANCE and left.description.startswith(RESONANCE)]
 
 
 def _judged(
@@ -241,13 +262,14 @@ def _judged(
     doubts: list[Ambiguity] = []
     excess = _excess(found)
     lent = excess if left is not None else 0.0
-    machine_before, machine_after, flux_map, outside, blind = _machine(found, plain, lent, nominal, tolerance)
+    machine_before, machine_after, flux_map, off, blind = _machine(found, plain, lent, nominal, tolerance)
+    outside = list(off.values())
     poorly = poorly_told(search, choice, nominal, outside)
     faint, why = not_borne_out(search, choice, blind, excess)
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
     fit, pictures = _shown(rows, found, r_after, plain or search)
-    if choice and set(faint) == set(choice) and _no_help(fit):
+    if choice and set(faint) == set(choice) and _no_help(found, fit):
         found = without(found, [name for name, _ in choice], nominal, tolerance, step)
         return _judged(rows, nominal, tolerance, step, found, _left(rows, found), progress, plain)
     progress(0.9, "judging")
@@ -268,7 +290,7 @@ def _judged(
         findings.append(_finding(rows, found, one, others, r_after))
     findings = [*_saturations(rows, found, flux_map, machine_after), *findings]
     doubts = _once(doubts)
-    if findings and _no_help(fit):
+    if findings and _no_help(found, fit):
         richer = richer or experiment(rows, Model(nominal), found.noise, nominal, tolerance)
         doubts.append(Ambiguity(tuple(finding.effect for finding in findings), _NO_HELP, richer, rivals=False))
         findings = []
@@ -277,7 +299,7 @@ def _judged(
         findings = []
         if choice:
             doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer, rivals=False)], None
-    elif len(outside) > 1 and flux_map is None:
+    elif flux_map is None and (len(off) > 1 or any(tolerance[name] < max(tolerance.values()) for name in off)):
         doubts.extend(_scaled(machine_after, nominal, tolerance))
     verdict = verdict_of(findings, doubts, left, blind)
     if outside and not doubts:  # effects do not explain the machine
@@ -298,7 +320,7 @@ class _Machine(NamedTuple):
     before: dict[str, Quantity]
     after: dict[str, Quantity]
     flux_map: FluxMap | None
-    outside: list[str]  # their tolerance, in sentences
+    outside: dict[str, str]  # their tolerance: by name, in a sentence
     blind: list[str]  # those that are not told
 
 
@@ -334,10 +356,15 @@ def _shown(rows: Rows, found: Fitted, left: Vector, plain: Search) -> tuple[Fit,
     return fit, traces(rows, residual(rows, rows, moved(plain, ())), left, *runs)
 
 
-def _no_help(fit: Fit) -> bool:
-    """Neither error falls on stretches left out. That of one step alone says little: its volts rise with inductance."""
+def _no_help(found: Fitted, fit: Fit) -> bool:
+    """Neither error falls on stretches left out. That of one step alone says little: its volts rise with inductance.
+
+    A small effect makes a small difference: there the errors over their noise have the word, unless the other rises.
+    """
     step, run = fit.one_step_rms_V, fit.free_run_rms_A
-    return step.after > step.before and run.after > _HELPS * run.before
+    if step.after <= step.before or run.after <= _HELPS * run.before:
+        return False
+    return run.after > run.before or found.search.borne_out(found.choice) < _BORNE_OUT
 
 
 def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], left: Vector) -> Finding:
@@ -450,16 +477,16 @@ def _once(doubts: Sequence[Ambiguity]) -> list[Ambiguity]:
     return kept
 
 
-def _outside(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[str]:
-    """Sentences on parameters that lie outside their tolerance."""
-    said: list[str] = []
+def _outside(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> dict[str, str]:
+    """Parameters that lie outside their tolerance, each in a sentence."""
+    said: dict[str, str] = {}
     for name, quantity in after.items():
         given, value, std = getattr(nominal, name), quantity.value, quantity.std or 0.0
         assert value is not None
         if abs(value - given) > tolerance[name] * given + _OUTSIDE * std:
-            said.append(
-                f"{name} = {value:.4g} {quantity.unit} lies {abs(value / given - 1.0):.0%} from its nominal "
-                f"{given:.4g} {quantity.unit}, beyond the tolerance of {tolerance[name]:.0%}"
+            said[name] = (
+                f"{name} = {value:.4g} {quantity.unit} lies {100.0 * abs(value / given - 1.0):.2g} % from its nominal "
+                f"{given:.4g} {quantity.unit}, beyond the tolerance of {100.0 * tolerance[name]:.2g} %"
             )
     return said
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.mismatch.columns import Array
 from estimator.mismatch.excitation_check import least_borne_out
-from estimator.mismatch.explain import ENTRY, NEGLIGIBLE, Choice, Search
+from estimator.mismatch.explain import ENTRY, Choice, Search
 from estimator.mismatch.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
 
@@ -107,7 +107,7 @@ def detectable(
             std = math.sqrt(float(variance) * scatter)
             spread = max(column.prior[1] / std, 1.0)
             size = std * (math.sqrt(2.0 * (ENTRY + math.log(spread)) + missed / scatter) + _POWER)
-            size = max(size, least_borne_out(search, choice, more, place, excess), NEGLIGIBLE * column.prior[1])
+            size = max(size, least_borne_out(search, choice, more, place, excess))
             parameter = BY_NAME[more[0]].parameters[column.place]
             known = found.get(more[0])
             if known is None or (known.value is not None and size > known.value):

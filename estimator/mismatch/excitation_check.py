@@ -23,6 +23,7 @@ _LEAST_ALIKE: Final = 0.02  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
 _APART: Final = 1e-3  # of its energy, that an effect must have beyond what the machine's parameters look like
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
+_FAINTLY: Final = 0.05  # the same for faint effects
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -31,16 +32,24 @@ def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Seque
 
     `outside` says which parameters lie outside their tolerance.
     """
-    fit = search.fit(choice)
-    for name, value, variance in zip(PARAMETERS, fit.value, fit.covariance.diagonal(), strict=False):
-        if variance <= 0.0 and (name == "R_s" or not search.bent):  # held at a bound
-            return (
-                f"{name} comes out at {number(float(value))} {UNITS[name]}, which no machine of nominally "
-                f"{number(getattr(nominal, name))} {UNITS[name]} has"
-            )
+    if held := held_at_bound(search, choice):
+        name, value = held
+        return (
+            f"{name} comes out at {number(value)} {UNITS[name]}, which no machine of nominally "
+            f"{number(getattr(nominal, name))} {UNITS[name]} has"
+        )
     axis, over_noise = min(_over_noise(search).items(), key=lambda item: item[1])
     if outside and over_noise < _WEAK:
         return f"i_{axis} changes by only {number(math.sqrt(over_noise), 2)} times its noise; {outside[0]}"
+    return None
+
+
+def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
+    """A parameter of the machine that a fit holds at its bound, and its value."""
+    fit = search.fit(choice)
+    for name, value, variance in zip(PARAMETERS, fit.value, fit.covariance.diagonal(), strict=False):
+        if variance <= 0.0 and (name == "R_s" or not search.bent):
+            return name, float(value)
     return None
 
 
@@ -64,7 +73,7 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
             one: {
                 "noise": _over_lent(search, _signal(search, left, one), over_noise),
                 "angle": _gained(search, left, one) / by_angle,
-                "rest": _gained(search, left, one) / unexplained,
+                "rest": _gained(search, left, one) / max(unexplained, _faintly(search, left, one, excess)),
                 "machine": _apart(search, _signal(search, left, one)) / _APART,
             }
             for one in left
@@ -136,6 +145,11 @@ def _unexplained(search: Search, excess: float) -> float:
     """Energy over noise beside which an effect is too little: a part of what is left beyond the angle's rounding."""
     rows, noise = search.regression.rows, search.regression.noise
     return max(_BESIDE * (excess - hidden_energy(rows) / (noise[0] * noise[1])), 1e-300)
+
+
+def _faintly(search: Search, choice: Choice, one: tuple[str, int], excess: float) -> float:
+    """The same beside a faint effect: a part of all that is left, which may look like it whatever it is."""
+    return _FAINTLY * excess if search.faint(search.fit(choice), one) else 0.0
 
 
 def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:

@@ -31,7 +31,7 @@ from estimator.mismatch.columns import (
 )  # fmt: skip
 from estimator.mismatch.doubt import SURE, rivals
 from estimator.mismatch.excitation_check import STANDING
-from estimator.mismatch.explain import NEGLIGIBLE, Choice, Search
+from estimator.mismatch.explain import FAINT, Choice, Search
 from estimator.mismatch.verdict import Experiment, Hold
 from estimator.mismatch.words import number
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -217,7 +217,7 @@ class _Design:
         scale = 1.0 / np.sqrt(np.diag(precision))
         inverse = cast(Array, np.linalg.inv(precision * np.outer(scale, scale)))
         variance = np.diag(inverse) * scale**2
-        least = NEGLIGIBLE * search.spread[self._all] / np.sqrt(np.maximum(variance, 1e-300))
+        least = FAINT * search.spread[self._all] / np.sqrt(np.maximum(variance, 1e-300))
         return np.minimum(1.0, least).tolist()
 
 

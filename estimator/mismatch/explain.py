@@ -7,7 +7,7 @@ unexplained does not lend its energy to a name.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, cast
 
 import numpy as np
@@ -21,7 +21,8 @@ Choice = tuple[tuple[str, int], ...]
 
 ENTRY: Final = 9.0  # log-odds that an effect must bring
 MOST: Final = 6  # effects
-NEGLIGIBLE: Final = 0.03  # of a typical size
+FAINT: Final = 0.03  # of a typical size
+_OF_RIVALS: Final = 0.01  # of what others explain, that a faint effect may be which looks like them
 TRIED: Final = 6  # likeliest ones, of which one may be added
 _ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
 FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
@@ -119,17 +120,16 @@ class Search:
     def gain(self, choice: Choice, more: tuple[str, int]) -> float:
         """Log-odds that one more effect brings to a set, for noise as it scatters and equations as good as they are."""
         with_it, without = self.fit((*choice, more)), self.fit(choice)
-        if self._negligible(with_it, more):
-            return -math.inf
         fitted = 0.5 * (without.chi2 - with_it.chi2)
         complexity = with_it.log_evidence - without.log_evidence - fitted
-        return (fitted - 0.5 * self._lent(choice)) / self.scatter(with_it, more) + complexity
+        lent = self._lent_faint(choice, more) if self.faint(with_it, more) else self._lent(choice)
+        return (fitted - 0.5 * lent) / self.scatter(with_it, more) + complexity
 
-    def _negligible(self, fit: Fit, one: tuple[str, int]) -> bool:
-        """All of an effect's sizes are too small to matter to anybody."""
+    def faint(self, fit: Fit, one: tuple[str, int]) -> bool:
+        """All of an effect's sizes are so small that beside others it must explain more than they may lend."""
         own = self.sizes_of(one)
         value = fit.value[[list(fit.places).index(j) for j in own]]
-        return bool(np.all(np.abs(value) < NEGLIGIBLE * self.spread[own]))
+        return bool(np.all(np.abs(value) < FAINT * self.spread[own]))
 
     def scatter(self, fit: Fit, one: tuple[str, int]) -> float:
         """How the residual's projections on an effect's columns scatter from stretch to stretch, over white noise."""
@@ -186,6 +186,17 @@ class Search:
         robust = np.diag(fit.covariance @ spread @ fit.covariance)
         return np.maximum(1.0, robust / np.maximum(np.diag(fit.covariance), 1e-300))
 
+    def borne_out(self, choice: Choice) -> float:
+        """Share of what a set explains that it explains of stretches left out of its fit too, each half in its turn."""
+        told, grams = 0.0, self.regression.gram
+        for half, other in ((grams[0::2], grams[1::2].sum(axis=0)), (grams[1::2], grams[0::2].sum(axis=0))):
+            search = Search(replace(self.regression, gram=half))
+            for sign, some in ((1.0, ()), (-1.0, choice)):
+                fit = search.fit(some)
+                x, places = np.append(fit.value, -1.0), [*fit.places, len(self.columns)]
+                told += sign * float(x @ other[np.ix_(places, places)] @ x)
+        return told / max(self.fit(()).chi2 - self.fit(choice).chi2, 1e-300)
+
     def form_covariance(self, choice: Choice) -> Array:
         """Of a set's coefficients, by what equations miss: each size may be off by as much as its effect's equation.
 
@@ -214,6 +225,13 @@ class Search:
         """What of chi square the equations of a set's effects may lend another: no one looks like half of all left."""
         left = self.fit(choice).chi2 - self.regression.count
         return min(self.missed(choice), _ALIKE * max(left, _NOISE * self.regression.count))
+
+    def _lent_faint(self, choice: Choice, more: tuple[str, int]) -> float:
+        """The same of a faint effect: all that they miss, and a part of what those explain that look like it."""
+        full = self.fit(choice).chi2
+        alike = [one for one in choice if one[0] in BY_NAME[more[0]].confused_with]
+        explained = [self.fit(tuple(c for c in choice if c != one)).chi2 - full for one in alike]
+        return self.missed(choice) + _OF_RIVALS * sum(explained)
 
     def best(self, start: Choice = ()) -> Choice:
         """A set with at most one effect more, that nothing taken away or exchanged makes better."""

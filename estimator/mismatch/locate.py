@@ -76,6 +76,11 @@ def place_of(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place:
     return Place(sentence, region, energy, samples)
 
 
+def rings(rows: Rows, z: Vector, noise: tuple[float, float]) -> bool:
+    """A resonance shows in a residual flux error (Vs, rotor frame), however little of its energy it holds."""
+    return resonance(rows, np.where(rows.joined, z, 0j), noise) is not None
+
+
 def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained | None:
     """What a residual flux error (Vs, rotor frame) holds above its white noise; None where it holds nothing."""
     hidden = hidden_energy(rows)

@@ -9,6 +9,7 @@ from estimator.physics.library import BY_NAME
 
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
 _COUNTS = ("periods", "phase")
+_GAIN = "a gain of all voltages or of all currents, by which the parameters are off then"
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
 
 
@@ -44,6 +45,8 @@ def sentence_of(diagnosis: Diagnosis) -> str:
         said.append("no effect is found, but " + "; ".join(diagnosis.remarks))
     elif diagnosis.verdict is Verdict.PARTLY_EXPLAINED:
         said.append("not all is explained: " + "; ".join(diagnosis.remarks))
+    if diagnosis.verdict is Verdict.EXPLAINED:
+        said.append(f"{_GAIN}, would not have shown within the nominal values' tolerance")
     if diagnosis.verdict is Verdict.NO_MISMATCH:
         said.append("no mismatch: the machine's equations with fitted parameters leave nothing but noise; "
                     + _detectable(diagnosis))
@@ -99,10 +102,7 @@ def _detectable(diagnosis: Diagnosis) -> str:
              for name in shown]
     if not parts:
         return ""
-    return (
-        f"it would have shown {', '.join(parts)}, but not a gain of all voltages or of all currents, by which the "
-        "parameters are off then, within the nominal values' tolerance"
-    )
+    return f"it would have shown {', '.join(parts)}, but not {_GAIN}, within the nominal values' tolerance"
 
 
 def _limit(diagnosis: Diagnosis, name: str) -> float:

@@ -2,9 +2,11 @@
 
     i_d = g_d psi_d + a_d psi_d^3 + c psi_d psi_q^2 - i_F        i_q = g_q psi_q + a_q psi_q^3 + c psi_d^2 psi_q
 
-psi_d holds the magnets' flux; i_d is zero at psi_f. Z. Qu, T. Tuovinen, M. Hinkkanen, "Inclusion of magnetic saturation
-in dynamic models of synchronous reluctance motors", ICEM 2012, exponents S = T = 2,
-U = V = 0. L_d and L_q are those at no current; a drop is the share by which an inductance is lower at rated current.
+psi_d holds the magnets' flux; i_d is zero at psi_f. A harmonic of the inductances adds inverse_6 / L_q cos 6 theta_e
+(psi - psi_f) to the current: what bends and what turns with the rotor share one flux linkage. Z. Qu, T. Tuovinen,
+M. Hinkkanen, "Inclusion of magnetic saturation in dynamic models of synchronous reluctance motors", ICEM 2012,
+exponents S = T = 2, U = V = 0. L_d and L_q are those at no current; a drop is the share by which an inductance is lower
+at rated current.
 """
 
 from collections.abc import Mapping
@@ -19,6 +21,7 @@ from estimator.physics.rows import Real, Rows, Stiffness, Vector
 
 EFFECTS: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation")
 """The three, in the order of `curve_of`."""
+HARMONIC: Final = "inductance_harmonics"
 
 
 class Curve(NamedTuple):
@@ -44,18 +47,19 @@ def curve_of(machine: Machine, i_rated: float, drops: tuple[float, float, float]
     return Curve(*map(float, (g_d, g_q, a_d, a_q, c, g_d * psi_f + a_d * psi_f**3)))
 
 
-def flux_of(curve: Curve, machine: Machine, i: Vector) -> Vector:
-    """Flux linkage (Vs) at currents (A)."""
+def flux_of(curve: Curve, machine: Machine, i: Vector, harmonic: Real | float = 0.0) -> Vector:
+    """Flux linkage (Vs) at currents (A); `harmonic`: of the inverse inductances, 1/H."""
     start = machine.psi_f + machine.L_d * i.real + 1j * machine.L_q * i.imag
-    return _on_curve(i, start, curve, float(machine.psi_f))
+    return _on_curve(i, start, curve, float(machine.psi_f), np.broadcast_to(np.float64(harmonic), i.shape))
 
 
 @kernel
-def _on_curve(i: Vector, start: Vector, curve: Curve, psi_f: float) -> Vector:
+def _on_curve(i: Vector, start: Vector, curve: Curve, psi_f: float, harmonic: Real) -> Vector:
     """Flux linkages at currents by Newton's method."""
-    g_d, g_q, a_d, a_q, c, i_F = curve
+    a_d, a_q, c = curve.a_d, curve.a_q, curve.c
     psi = np.empty(len(i), np.complex128)
     for k in range(len(i)):
+        g_d, g_q, i_F = curve.g_d + harmonic[k], curve.g_q + harmonic[k], curve.i_F + harmonic[k] * psi_f
         d, q = start[k].real, start[k].imag
         for _ in range(12):
             miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i[k].real
@@ -72,10 +76,10 @@ def _on_curve(i: Vector, start: Vector, curve: Curve, psi_f: float) -> Vector:
     return psi
 
 
-def stiffness(curve: Curve, psi: Vector) -> Stiffness:
+def stiffness(curve: Curve, psi: Vector, harmonic: Real | float = 0.0) -> Stiffness:
     """At flux linkages (Vs)."""
     dd, qq, dq = _bend(curve, psi)
-    return Stiffness(0.5 * (dd + qq), 0.5 * (dd - qq) + 1j * dq)
+    return Stiffness(0.5 * (dd + qq) + harmonic, 0.5 * (dd - qq) + 1j * dq)
 
 
 def _bend(curve: Curve, psi: Vector) -> tuple[Real, Real, Real]:
@@ -98,10 +102,12 @@ def mean_of_ripple(curve: Curve, rows: Rows, psi: Vector) -> Vector:
 
 
 def saturated(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Vector, Stiffness]:
-    """Flux linkages (Vs) at samples with one or several of the three, and their stiffness."""
-    curve = _curve(rows, effects)
-    psi = flux_of(curve, rows.machine, rows.i)
-    return psi, stiffness(curve, psi)
+    """Flux linkages (Vs) at samples with one or several of the three, or a harmonic beside, and their stiffness."""
+    curve, harmonic = _curve(rows, effects), 0.0
+    if HARMONIC in effects:
+        harmonic = effects[HARMONIC][0] / rows.machine.L_q * rows.six.real
+    psi = flux_of(curve, rows.machine, rows.i, harmonic)
+    return psi, stiffness(curve, psi, harmonic)
 
 
 def _curve(rows: Rows, effects: Mapping[str, Sizes]) -> Curve:
@@ -110,7 +116,9 @@ def _curve(rows: Rows, effects: Mapping[str, Sizes]) -> Curve:
 
 
 def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
-    """What one or several of the three add to the voltage of constant inductances, V: not the sum of what each adds."""
+    """What one or several of the three, or a harmonic of the inductances beside, add to the voltage of constant
+    inductances, V: not the sum of what each adds.
+    """
     psi, g = saturated(rows, effects)
     more = rows.mean_current(psi, g) - rows.i_mean
     if rows.u_dc is not None:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, UNITS
-from estimator.mismatch.explain import ENTRY, NEGLIGIBLE
+from estimator.mismatch.explain import ENTRY
 from estimator.mismatch.points.fit import Fit
 from estimator.mismatch.points.problem import MACHINE, Key
-from estimator.mismatch.points.search import Choice, Search
+from estimator.mismatch.points.search import NEGLIGIBLE, Choice, Search
 from estimator.mismatch.points.table import Places, Real
 from estimator.mismatch.verdict import Candidate, Finding, Place, Quantity, Rival
 from estimator.mismatch.words import number, percent

@@ -14,12 +14,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.mismatch.explain import ENTRY, MOST, NEGLIGIBLE
+from estimator.mismatch.explain import ENTRY, MOST
 from estimator.mismatch.points.fit import Fit, fitted
 from estimator.mismatch.points.problem import Key, Problem
 from estimator.mismatch.points.table import Real
 
 Choice = tuple[str, ...]
+NEGLIGIBLE: Final = 0.03  # of a typical size: less is not told from what steady points miss
 _ROUNDS: Final = 3  # of choosing, and of telling the noise from what is left
 _LIKELY: Final = 4  # effects, of which pairs are tried
 
