@@ -1,9 +1,11 @@
 """The library of effects, each concealed in a recording of the emulated drive: named, sized, and nothing else named."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from emulator.conceal.files import write
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
 from estimator.machine import PARAMETERS, Machine
@@ -15,6 +17,7 @@ from tests.diagnosis.diagnosed import Said, loaded
 from tests.diagnosis.oracle import answers_in
 from tests.diagnosis.rows import row_of
 from tests.diagnosis.truth import EFFECT, truth_of
+from tests.proof import near_suite
 
 SEED = 1907  # a run of several speeds and levels
 MOTORS = ("beckhoff_am8141", "servo_4nm", "aalto_2k2", "hbl48zl400", "baldor_ecs101m")
@@ -59,6 +62,37 @@ def test_a_concealed_effect_is_named_and_nothing_else(kind: str, tmp_path: Path)
     assert set(row.deviations) == set(PARAMETERS)
     assert all(off < FARTHEST for off in row.deviations.values()), row.deviations
     assert all(size.right for size in row.sizes.values()), row.sizes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "number"), [("flux_harmonics", 5), ("iron_loss", 16), ("eccentric_twice", 5)])
+def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_path: Path) -> None:
+    """More than ten times what an oracle could see, and still far below a typical size."""
+    choice = Choice(SEED, (kind,), (0.0, 1.0), MOTORS, 3.0)
+    there, columns, ratio = near_suite.near(choice, number)
+    assert ratio > 10.0
+    for folder in ("out", "answers"):
+        (tmp_path / folder).mkdir()
+    write(there, columns, choice, "0001", tmp_path / "out", tmp_path / "answers")
+    diagnosis = diagnose(*loaded(tmp_path / "out", "0001"))
+    assert [finding.effect for finding in diagnosis.findings] == [EFFECT[kind]]
+    (answer,) = answers_in(tmp_path / "answers")
+    row = row_of(kind, truth_of(answer), {}, Said(diagnosis, "", 0.0))
+    assert all(size.right for size in row.sizes.values()), row.sizes
+
+
+@pytest.mark.slow
+def test_a_machine_that_a_meter_contradicts_is_asked_about(tmp_path: Path) -> None:
+    """R_s by a meter, 4 % from what all four parameters say: all voltages may be scaled."""
+    runs, nominal = recorded("none", tmp_path)
+    (answer,) = answers_in(tmp_path / "answers")
+    true = truth_of(answer).machine
+    metered = replace(nominal, R_s=1.04 * true["R_s"])
+    plain, trusted = diagnose(runs, metered), diagnose(runs, metered, trust={"R_s": 0.005})
+    assert plain.ambiguous == ()
+    assert trusted.verdict is Verdict.AMBIGUOUS
+    assert "dc_link_gain" in trusted.ambiguous[0].effects
+    assert "beyond the tolerance of 0.5 %" in trusted.remarks[-1]
 
 
 @pytest.mark.slow

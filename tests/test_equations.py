@@ -94,6 +94,22 @@ def test_saturations_act_together_as_one_curve_does(motor: str) -> None:
 
 
 @pytest.mark.slow
+def test_a_harmonic_of_the_inductances_acts_on_the_saturated_machine() -> None:
+    """What bends and what turns share one flux linkage: their voltages do not add up."""
+    scenario = with_effect("inductance_harmonics", "servo_4nm")
+    inverse_6 = scenario.effects.harmonics.inductance
+    bent = scenario.effects._replace(saturation=Saturation(L_q_drop=0.3))
+    rows = rows_without_noise(replace(scenario, effects=bent))
+    both = {"q_axis_saturation": (0.3,), "inductance_harmonics": (inverse_6,)}
+    together = left_of(rows, Model(rows.machine, both))
+    added = rows.u - sum(BY_NAME[name].voltage(rows, sizes) for name, sizes in both.items())
+    by_adding = left_of(rows.with_voltage(added), Model(rows.machine))
+    print(f"{by_adding:.3g} per mille of rated current where voltages are added, {together:.3g} together")
+    assert together < MISSED["inductance_harmonics"]
+    assert by_adding > 5.0 * together
+
+
+@pytest.mark.slow
 def test_a_dead_time_acts_on_the_saturated_machine() -> None:
     """Ripple and clamping go by the inductances at the period's currents, not by those at no current."""
     scenario = with_effect("dead_time", "servo_4nm")

@@ -1,0 +1,57 @@
+"""The angle's rounding: which resolution is believed, and where counts are smoothed out of a recording."""
+
+import math
+
+import numpy as np
+import pytest
+
+from estimator.machine import Machine
+from estimator.mismatch.angle_rounding import unrounded
+from estimator.physics.rows import Rows, rows_of
+from estimator.samples import Samples
+
+MACHINE = Machine(R_s=0.5, L_d=2e-3, L_q=2e-3, psi_f=0.1, n_p=4, i_rated=10.0)
+T_S = 1e-4  # s
+NUMBER = 2.0 * math.pi / 65536  # rad: a 16-bit channel
+N = 20_000
+
+
+def rows(count: float, number: float, noise: float = 1e-3) -> tuple[Rows, np.ndarray[tuple[int], np.dtype[np.float64]]]:
+    """An angle in counts (rad), told in numbers of so many rad, and the true one; noise of the currents, A."""
+    t = T_S * np.arange(N)
+    theta = 300.0 * t + 2.0 * np.sin(7.0 * t)
+    told = theta
+    for step in (count, number):
+        told = step * np.round(told / step) if step else told
+    generator = np.random.default_rng(1)
+    i_d, i_q = generator.normal(0.0, noise, (2, N))
+    omega, zero = np.gradient(theta, T_S), np.zeros(N)
+    return rows_of([Samples(told, omega, i_d, 2.0 + i_q, zero, zero, T_S)], MACHINE, 10.0), theta
+
+
+@pytest.mark.parametrize("count", [0.25 * NUMBER, 0.5 * NUMBER, 1.5 * NUMBER, 20.0 * NUMBER])
+def test_counts_that_are_told_in_numbers_have_the_resolution_of_both(count: float) -> None:
+    resolution = math.hypot(count, NUMBER)
+    assert unrounded(rows(count, NUMBER)[0], resolution).angle_step == resolution
+
+
+def test_an_angle_that_is_coarser_than_told_is_believed_as_it_shows() -> None:
+    found = unrounded(rows(20.0 * NUMBER, NUMBER)[0], NUMBER)
+    assert found.angle_step == pytest.approx(20.0 * NUMBER, rel=0.1)
+
+
+def test_coarse_counts_are_smoothed_out() -> None:
+    count = 50.0 * NUMBER
+    there, theta = rows(count, NUMBER)
+    inner = slice(200, -200)
+    smooth = unrounded(there, math.hypot(count, NUMBER))
+    before, after = (float(np.std((each.theta_e - theta)[inner])) for each in (there, smooth))
+    assert after < 0.5 * before
+
+
+def test_counts_finer_than_the_currents_noise_stay() -> None:
+    """A smooth angle would lose what the rotor does within a few periods."""
+    there, _ = rows(NUMBER, NUMBER, noise=0.05)
+    found = unrounded(there, math.hypot(NUMBER, NUMBER))
+    assert np.array_equal(found.theta_e, there.theta_e)
+    assert found.angle_error == 0.0
