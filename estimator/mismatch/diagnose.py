@@ -16,28 +16,26 @@ from estimator.mismatch.angle_rounding import unrounded
 from estimator.mismatch.columns import (
     STRETCHES,
     Model,
-    Noise,
-    as_parameters,
     filter_pole,
-    flux_errors,
-    noise_of,
     residual,
     whitened,
     with_machine,
 )  # fmt: skip
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
-from estimator.mismatch.excitation_check import attenuated, held_at_bound, not_borne_out, poorly_told
+from estimator.mismatch.excitation_check import attenuated, not_borne_out, poorly_told
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, fitted, moved, without
-from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
+from estimator.mismatch.flux_map_fit import FluxMap, told_map
+from estimator.mismatch.flux_map_stage import fitted_by_map, has_map, saturations
 from estimator.mismatch.input_check import checked
-from estimator.mismatch.locate import RESONANCE, describe, place_of, rings
+from estimator.mismatch.locate import place_of
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import fit_quality
+from estimator.mismatch.remainder import excess_of, left_of, upright
 from estimator.mismatch.sentences import sentence_of
-from estimator.mismatch.thinning import settled, thinned
+from estimator.mismatch.thinning import settled
 from estimator.mismatch.verdict import (
     Ambiguity,
     Diagnosis,
@@ -50,6 +48,7 @@ from estimator.mismatch.verdict import (
     Traces,
     Unexplained,
     Verdict,
+    odds_of,
     verdict_of,
 )  # fmt: skip
 from estimator.physics import convention_error
@@ -62,11 +61,6 @@ from estimator.twin import free_run
 TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
 _FEWEST: Final = 50 * STRETCHES  # rows
 _OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
-_NOTHING: Final = 0.03  # of the noise's power: no mismatch that matters
-_OUTSHINES: Final = 3.0  # times what is left unexplained, that a named effect has to explain
-_LIKE_RESONANCE: Final = "iron_loss"
-_SPEEDS: Final = 0.2  # of the fastest, by which speeds differ where a map is told
-_PROMISING: Final = 0.8  # of what is left unexplained, that a first fit of a flux map leaves at most
 _MAPPED: Final = (
     "the flux linkages bend as no saturation curve of the library does: a free map of them over the currents is a part "
     "of this diagnosis"
@@ -104,13 +98,13 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     progress(0.0, "fitting")
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
-    left, plain = _left(rows, found), None
-    if left is not None and (bent := _bent(rows, nominal, tolerance, step, found, progress)) is not None:
-        bent, left_by_map = _upright(rows, bent, _left(rows, bent), nominal, tolerance, step)
-        if _mapped(bent):
-            found, left, plain = bent, left_by_map, found.search
+    left, plain = left_of(rows, found), None
+    if left is not None and (by_map := fitted_by_map(rows, nominal, tolerance, step, found, progress)) is not None:
+        by_map, left_by_map = upright(rows, by_map, left_of(rows, by_map), nominal, tolerance, step)
+        if has_map(by_map):
+            found, left, plain = by_map, left_by_map, found.search
     if plain is None:
-        found, left = _upright(rows, found, left, nominal, tolerance, step)
+        found, left = upright(rows, found, left, nominal, tolerance, step)
     diagnosis = _judged(rows, nominal, tolerance, step, found, left, progress, plain)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
@@ -149,108 +143,6 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     )  # fmt: skip
 
 
-def _left(rows: Rows, found: Fitted) -> Unexplained | None:
-    """What is left, where it is more than the effects' equations may miss, or an effect is not what it looks like."""
-    allowed = found.search.missed(found.choice) + _NOTHING * found.search.regression.count
-    if _excess(found) > allowed:
-        return _described(rows, found)
-    if all(name == _LIKE_RESONANCE for name, _ in found.choice) and rings(rows, found.z, found.noise[:2]):
-        return _described(rows, found)
-    return None
-
-
-def _described(rows: Rows, found: Fitted) -> Unexplained | None:
-    """What is left, as voltages make it, whatever the inductances at a current are."""
-    if found.model.bend is None:
-        return describe(rows, found.z, found.noise[:2])
-    there = with_machine(rows, found.model.machine)
-    z = whitened(residual(there, found.smooth, found.model), there, filter_pole(found.model.machine, rows.T_s))
-    return describe(there, z, noise_of(z, None, rows)[:2])
-
-
-def _upright(
-    rows: Rows, found: Fitted, left: Unexplained | None, nominal: Machine, tolerance: Mapping[str, float], step: float
-) -> tuple[Fitted, Unexplained | None]:
-    """A fit without effects that only lean on what is left, and what is left then.
-
-    None of them where what is left without any has a form that explains more than they do, or where their machine is
-    none: they are its disguise.
-    """
-    resonance: Unexplained | None = None
-    while left is not None and (dropped := {*_outshone(found), *(alike := _alike(found, left))}):
-        resonance = left if alike else resonance
-        found = without(found, sorted(dropped), nominal, tolerance, step)
-        left = _described(rows, found)
-    left = resonance or left  # it is plainest where a loss takes its slow part
-    if left is not None and found.choice:
-        bare = without(found, [name for name, _ in found.choice], nominal, tolerance, step)
-        alone = _described(rows, bare)
-        if alone is not None and "frame" in alone.where.region:  # a form
-            left_by_form = (1.0 - alone.where.energy_share) * _excess(bare)
-            same = resonance is not None and alone.description.startswith(RESONANCE)
-            if same or left_by_form < _excess(found) or held_at_bound(found.search, found.choice):
-                return bare, alone
-    return found, left
-
-
-def _excess(found: Fitted) -> float:
-    """Chi square of what is left, above that of white noise."""
-    return _above(found.z, found.noise, found.search.regression.rows)
-
-
-def _above(z: Vector, noise: Noise, rows: Rows) -> float:
-    """Chi square of flux errors (Vs), above that of white noise."""
-    d, q = z.real / noise[0], z.imag / noise[1]
-    return float(np.sum(d * d) + np.sum(q * q)) - 2.0 * int(rows.joined.sum())
-
-
-def _bent(
-    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, found: Fitted,
-    progress: Callable[[float, str], None],
-) -> Fitted | None:  # fmt: skip
-    """A free flux map in the place of the library's saturations, with the effects found beside it.
-
-    None where it does not explain most of what the library leaves, or speed hardly changes: then all that depends on
-    currents looks like a map.
-    """
-    slow, fast = np.quantile(np.abs(rows.omega_e[rows.joined]), [0.02, 0.98]).tolist()
-    if fast - slow < _SPEEDS * fast:
-        return None
-    part, starts = thinned(rows), list[tuple[float, Model]]()
-    for model in (Model(nominal), found.model):
-        if (begin := begun(part, model)) is not None:
-            z = flux_errors(residual(part, part, begin), part, begin)
-            starts.append((_above(z, noise_of(z, None, part), part), begin))
-    least, begin = min(starts, key=lambda start: start[0], default=(math.inf, None))
-    left = _excess(found)
-    if least * len(rows) > _PROMISING * left * len(part):
-        return None
-    bent = fitted(
-        rows, nominal, tolerance, step, lambda share: progress(0.7 + 0.04 * share, "fitting a flux map"), begin=begin
-    )  # fmt: skip
-    return bent if left > _OUTSHINES * _excess(bent) and _mapped(bent) else None
-
-
-def _mapped(bent: Fitted) -> bool:
-    """A fit's map is none of straight lines."""
-    return any(departure.told for departure in told_map(bent.search, bent.choice).departures().values())
-
-
-def _outshone(found: Fitted) -> list[str]:
-    """Effects that explain little beside what is left without a name: they only lean on it."""
-    search, choice, excess = found.search, found.choice, _excess(found)
-    full = search.fit(choice).chi2
-    return [
-        one[0] for one in choice
-        if search.fit(tuple(c for c in choice if c != one)).chi2 - full < _OUTSHINES * excess
-    ]  # fmt: skip
-
-
-def _alike(found: Fitted, left: Unexplained) -> list[str]:
-    """Effects that are what is left without a name, as far as it reaches: below its frequency a resonance is a loss."""
-    return [name for name, _ in found.choice if name == _LIKE_RESONANCE and left.description.startswith(RESONANCE)]
-
-
 def _judged(
     rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, found: Fitted,
     left: Unexplained | None, progress: Callable[[float, str], None], plain: Search | None = None,
@@ -260,7 +152,7 @@ def _judged(
     rows = with_machine(rows, model.machine)
     findings: list[Finding] = []
     doubts: list[Ambiguity] = []
-    excess = _excess(found)
+    excess = excess_of(found)
     lent = excess if left is not None else 0.0
     machine_before, machine_after, flux_map, off, blind = _machine(found, plain, lent, nominal, tolerance)
     outside = list(off.values())
@@ -271,7 +163,7 @@ def _judged(
     fit, pictures = _shown(rows, found, r_after, plain or search)
     if choice and set(faint) == set(choice) and _no_help(found, fit):
         found = without(found, [name for name, _ in choice], nominal, tolerance, step)
-        return _judged(rows, nominal, tolerance, step, found, _left(rows, found), progress, plain)
+        return _judged(rows, nominal, tolerance, step, found, left_of(rows, found), progress, plain)
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
@@ -288,7 +180,7 @@ def _judged(
             doubts.append(ambiguity(one[0], close[0], would_tell))
             continue
         findings.append(_finding(rows, found, one, others, r_after))
-    findings = [*_saturations(rows, found, flux_map, machine_after), *findings]
+    findings = [*saturations(rows, found, flux_map, machine_after), *findings]
     doubts = _once(doubts)
     if findings and _no_help(found, fit):
         richer = richer or experiment(rows, Model(nominal), found.noise, nominal, tolerance)
@@ -306,7 +198,7 @@ def _judged(
         verdict = Verdict.PARTLY_EXPLAINED if findings else Verdict.UNEXPLAINED
     if poorly is not None and not doubts and left is None:
         verdict, outside = Verdict.NOT_ENOUGH_EXCITATION, [poorly]
-    limits = detectable(search, choice, _excess(found), tolerance)
+    limits = detectable(search, choice, excess_of(found), tolerance)
     return Diagnosis(
         verdict, "", tuple(findings), tuple(doubts), left, limits, machine_before, machine_after, fit,
         candidates(search, choice), tuple(outside), pictures, richer if lacks else None,
@@ -382,28 +274,9 @@ def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[D
             absorbed[name] = moved_by
     against_next = min([doubt.log_odds for doubt in others] + [search.gain(rest, one)])
     return Finding(
-        effect.name, _told(effect, smooth, found, one), place_of(rows, signal, (0.0, 0.0)), _odds(against_next),
-        tuple(Rival(doubt.effect, _odds(doubt.log_odds)) for doubt in others[:5]), absorbed,
+        effect.name, _told(effect, smooth, found, one), place_of(rows, signal, (0.0, 0.0)), odds_of(against_next),
+        tuple(Rival(doubt.effect, odds_of(doubt.log_odds)) for doubt in others[:5]), absorbed,
     )  # fmt: skip
-
-
-def _saturations(
-    rows: Rows, found: Fitted, flux_map: FluxMap | None, after: Mapping[str, Quantity]
-) -> list[Finding]:
-    """The saturations that a flux map shows, by how far each takes it from straight lines; none without a map."""
-    shown: list[Finding] = []
-    if flux_map is None:
-        return shown
-    rho = filter_pole(found.model.machine, rows.T_s)
-    for name, departure in flux_map.departures().items():
-        if departure.told:
-            v = rows.balance(flux_map.part(name, rows.i))
-            where = place_of(rows, whitened(v, rows, rho), (0.0, 0.0))
-            log_odds = 0.5 * departure.sure**2
-            looks = as_parameters(rows, v)
-            absorbed = {p: looks[p] for p in PARAMETERS if abs(looks[p]) > 2.0 * (after[p].std or math.inf)}
-            shown.append(Finding(name, flux_map.sizes(name), where, _odds(log_odds), (), absorbed))
-    return shown
 
 
 def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> dict[str, Quantity]:
@@ -453,10 +326,6 @@ def _parameters(search: Search, choice: Choice, lent: float = 0.0, scaled: float
         name: Quantity(float(fit.value[k]), None if held[k] else math.sqrt(float(variance[k])), UNITS[name])
         for k, name in enumerate(PARAMETERS)
     }
-
-
-def _odds(log_odds: float) -> float:
-    return math.exp(min(max(log_odds, -50.0), 50.0))
 
 
 def _odd_stretches(n: int) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 Knows nothing of how it was found.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -232,3 +233,8 @@ def verdict_of(
     if left is not None:
         return Verdict.UNEXPLAINED
     return Verdict.NOT_ENOUGH_EXCITATION if blind else Verdict.NO_MISMATCH
+
+
+def odds_of(log_odds: float) -> float:
+    """Odds, within what a number shows."""
+    return math.exp(min(max(log_odds, -50.0), 50.0))

@@ -1,0 +1,92 @@
+"""The remainder: whether what a fit leaves matters, what it looks like, and which effects only stand for it.
+
+A stranger to the library that is strong enough makes effects up: a resonance looks like iron loss below its frequency,
+a voltage that comes and goes like an imbalance of a machine that cannot be. Knows nothing of verdicts.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from estimator.machine import Machine
+from estimator.mismatch.columns import Noise, filter_pole, noise_of, residual, whitened, with_machine
+from estimator.mismatch.excitation_check import held_at_bound
+from estimator.mismatch.fitting import Fitted, without
+from estimator.mismatch.locate import RESONANCE, describe, rings
+from estimator.mismatch.verdict import Unexplained
+from estimator.physics.rows import Rows, Vector
+
+OUTSHINES: Final = 3.0  # times what is left unexplained, that a named effect has to explain
+_NOTHING: Final = 0.03  # of the noise's power: no mismatch that matters
+_LIKE_RESONANCE: Final = "iron_loss"
+
+
+def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
+    """What is left, where it is more than the effects' equations may miss, or an effect is not what it looks like."""
+    allowed = found.search.missed(found.choice) + _NOTHING * found.search.regression.count
+    if excess_of(found) > allowed:
+        return _described(rows, found)
+    if all(name == _LIKE_RESONANCE for name, _ in found.choice) and rings(rows, found.z, found.noise[:2]):
+        return _described(rows, found)
+    return None
+
+
+def _described(rows: Rows, found: Fitted) -> Unexplained | None:
+    """What is left, as voltages make it, whatever the inductances at a current are."""
+    if found.model.bend is None:
+        return describe(rows, found.z, found.noise[:2])
+    there = with_machine(rows, found.model.machine)
+    z = whitened(residual(there, found.smooth, found.model), there, filter_pole(found.model.machine, rows.T_s))
+    return describe(there, z, noise_of(z, None, rows)[:2])
+
+
+def upright(
+    rows: Rows, found: Fitted, left: Unexplained | None, nominal: Machine, tolerance: Mapping[str, float], step: float
+) -> tuple[Fitted, Unexplained | None]:
+    """A fit without effects that only lean on what is left, and what is left then.
+
+    None of them where what is left without any has a form that explains more than they do, or where their machine is
+    none: they are its disguise.
+    """
+    resonance: Unexplained | None = None
+    while left is not None and (dropped := {*_outshone(found), *(alike := _alike(found, left))}):
+        resonance = left if alike else resonance
+        found = without(found, sorted(dropped), nominal, tolerance, step)
+        left = _described(rows, found)
+    left = resonance or left  # it is plainest where a loss takes its slow part
+    if left is not None and found.choice:
+        bare = without(found, [name for name, _ in found.choice], nominal, tolerance, step)
+        alone = _described(rows, bare)
+        if alone is not None and "frame" in alone.where.region:  # a form
+            left_by_form = (1.0 - alone.where.energy_share) * excess_of(bare)
+            same = resonance is not None and alone.description.startswith(RESONANCE)
+            if same or left_by_form < excess_of(found) or held_at_bound(found.search, found.choice):
+                return bare, alone
+    return found, left
+
+
+def excess_of(found: Fitted) -> float:
+    """Chi square of what is left, above that of white noise."""
+    return above_noise(found.z, found.noise, found.search.regression.rows)
+
+
+def above_noise(z: Vector, noise: Noise, rows: Rows) -> float:
+    """Chi square of flux errors (Vs), above that of white noise."""
+    d, q = z.real / noise[0], z.imag / noise[1]
+    return float(np.sum(d * d) + np.sum(q * q)) - 2.0 * int(rows.joined.sum())
+
+
+def _outshone(found: Fitted) -> list[str]:
+    """Effects that explain little beside what is left without a name: they only lean on it."""
+    search, choice, excess = found.search, found.choice, excess_of(found)
+    full = search.fit(choice).chi2
+    return [
+        one[0] for one in choice
+        if search.fit(tuple(c for c in choice if c != one)).chi2 - full < OUTSHINES * excess
+    ]  # fmt: skip
+
+
+def _alike(found: Fitted, left: Unexplained) -> list[str]:
+    """Effects that are what is left without a name, as far as it reaches: below its frequency a resonance is a loss."""
+    return [name for name, _ in found.choice if name == _LIKE_RESONANCE and left.description.startswith(RESONANCE)]
