@@ -148,7 +148,7 @@ def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
     i_s = _solved(truth, _physics(model), starts) * truth.rotor
     measured = i_s * rows.rotor.conj()
     for _ in range(5):  # errors are told of what is measured
-        seen = _with_currents(rows, measured)
+        seen = on_local_lines(_with_currents(rows, measured), model)
         measured = (i_s + current_error(seen, model)) * rows.rotor.conj()
     return np.where(starts, rows.i, measured)
 

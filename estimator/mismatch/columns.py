@@ -24,7 +24,7 @@ from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
 from estimator.physics.saturation import EFFECTS as SATURATIONS
-from estimator.physics.saturation import saturated
+from estimator.physics.saturation import HARMONIC, saturated
 from estimator.response import Response, answer
 
 Array = NDArray[np.float64]
@@ -118,7 +118,7 @@ def on_local_lines(truth: Rows, model: Model) -> Rows:
     """The rows with the straight lines that a saturating machine follows at these currents for a while."""
     if model.bend is not None:
         return truth.with_local_line(*model.bend.bent(truth))
-    saturations = {name: sizes for name, sizes in model.effects.items() if name in SATURATIONS}
+    saturations = {name: sizes for name, sizes in model.effects.items() if name in (*SATURATIONS, HARMONIC)}
     return truth.with_local_line(*saturated(truth, saturations)) if saturations else truth
 
 
@@ -131,7 +131,7 @@ def _without_errors(rows: Rows, model: Model) -> Rows:
             angle = angle + effect.angle_error(rows, sizes)
         if effect.misreads_voltage:
             rows = rows.with_voltage(rows.u - effect.voltage(rows, sizes))
-    error = current_error(rows, model)
+    error = current_error(on_local_lines(rows, model), model)
     if isinstance(angle, float):
         turned = cmath.exp(1j * angle)
         i = rows.i * turned if isinstance(error, float) else (rows.i_s - error) * rows.rotor.conj() * turned
@@ -150,7 +150,7 @@ def _without_errors(rows: Rows, model: Model) -> Rows:
 
 
 def current_error(rows: Rows, model: Model) -> Vector | float:
-    """Measured less true current vector at samples, A, stationary frame."""
+    """Measured less true current vector at samples, A, stationary frame. For rows on the model's local lines."""
     total: Vector | float = 0.0
     for name, sizes in model.effects.items():
         error = BY_NAME[name].current_error

@@ -36,11 +36,10 @@ def zero(rows: Rows, sizes: Sizes) -> Real:
 
 def _slope(rows: Rows, axis: complex) -> Real:
     """How fast the phase's current changes at samples, A/s."""
-    m, i = rows.machine, rows.i
-    omega = rows.omega_e
+    psi, g = rows.own_flux
+    omega, i = rows.omega_e, rows.i
     omega = 0.5 * (np.concatenate((omega[:1], omega)) + np.concatenate((omega, omega[-1:])))
-    v = -m.R_s * i - 1j * omega * rows.flux(i)
-    slope = v.real / m.L_d + 1j * v.imag / m.L_q + 1j * omega * i
+    slope = g(-rows.machine.R_s * i - 1j * omega * psi) + 1j * omega * i
     return (slope * rows.rotor * axis.conjugate()).real
 
 

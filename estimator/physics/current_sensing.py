@@ -12,4 +12,4 @@ def voltage_of_error(rows: Rows, error: Vector) -> Vector:
     """What an error (A, at samples, rotor frame; measured less true) adds to the implied voltage, V."""
     m = rows.machine
     mean = 0.5 * (rows.half * error[1:] + rows.half.conj() * error[:-1])
-    return -m.R_s * mean - rows.balance(m.L_d * error.real + 1j * m.L_q * error.imag)
+    return -m.R_s * mean - rows.balance(rows.flux_of_little(error))

@@ -18,9 +18,8 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     conductance, phase, _ = sizes
     axis = AXES[round(phase) % 3]
     loop = conductance * (_driven(rows, sizes) * axis.conjugate()).real * axis
-    i, m = loop * rows.rotor.conj(), rows.machine
     mean = rows.stationary(0.5 * (loop[:-1] + loop[1:]))
-    return -m.R_s * mean - rows.balance(m.L_d * i.real + 1j * m.L_q * i.imag)
+    return -rows.machine.R_s * mean - rows.balance(rows.flux_of_little(loop * rows.rotor.conj()))
 
 
 def _driven(rows: Rows, sizes: Sizes) -> Vector:

@@ -28,8 +28,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     conductance = sizes[0]
     i_i = conductance * _driven(rows, sizes) * rows.rotor.conj()
-    m = rows.machine
-    return -rows.balance(m.L_d * i_i.real + 1j * m.L_q * i_i.imag)
+    return -rows.balance(rows.flux_of_little(i_i))
 
 
 def _driven(rows: Rows, sizes: Sizes) -> Vector:

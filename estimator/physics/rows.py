@@ -31,7 +31,7 @@ OF_ANGLE_AND_BRIDGE: Final = (
     *_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses", "edges at start", "order",
 )  # fmt: skip
 """What is worked out `once` and depends neither on the machine nor on currents."""
-LOCAL: Final = ("local L_d", "local L_q", "local psi_0")
+LOCAL: Final = ("local L_d", "local L_q", "local psi_0", "stiffness a", "stiffness b", "bent flux")
 """Of straight lines that a saturating machine follows for a while."""
 _FOLLOWED: Final = 10  # periods that are not there
 
@@ -243,15 +243,31 @@ class Rows:
     def local_line(self) -> tuple[Real, Real, Vector]:
         """L_d, L_q (H) and flux at no current (Vs) of the straight lines that each period's flux linkages go along."""
         m, n = self.machine, len(self)
-        everywhere = zip(LOCAL, (m.L_d, m.L_q, complex(m.psi_f)), strict=True)
+        everywhere = zip(LOCAL[:3], (m.L_d, m.L_q, complex(m.psi_f)), strict=True)
         L_d, L_q, psi_0 = (self.once(key, partial(np.full, n, value)) for key, value in everywhere)
         return L_d, L_q, psi_0
 
+    @property
+    def own_flux(self) -> tuple[Vector, Stiffness]:
+        """Flux linkage (Vs) of the machine, which may bend, and its stiffness at samples."""
+        if LOCAL[3] not in self.kept:
+            return self.flux(self.i), self.stiffness
+        a, b, psi = (self.kept[key] for key in LOCAL[3:])
+        return psi, Stiffness(a, b)
+
+    def flux_of_little(self, i: Vector) -> Vector:
+        """Flux linkage (Vs) that a small current (A, at samples) adds to the machine's, which may bend."""
+        if LOCAL[3] not in self.kept:
+            return self.machine.L_d * i.real + 1j * self.machine.L_q * i.imag
+        g = self.own_flux[1]
+        return (g.a * i - g.b * i.conj()) / (g.a * g.a - g.b.real**2 - g.b.imag**2)
+
     def with_local_line(self, psi: Vector, g: Stiffness) -> "Rows":
         """The same rows with flux linkages (Vs, at samples) that are no straight lines, of such stiffness."""
+        at_samples = g.a, g.b, psi
         L_d, L_q = (2.0 / (x[1:] + x[:-1]) for x in (g.a + g.b.real, g.a - g.b.real))
         psi, i = (0.5 * (x[1:] + x[:-1]) for x in (psi, self.i))
-        lines = L_d, L_q, psi - L_d * i.real - 1j * L_q * i.imag
+        lines = L_d, L_q, psi - L_d * i.real - 1j * L_q * i.imag, *at_samples
         kept = {key: value for key, value in self.kept.items() if key != "ripple"}
         return replace(self, kept=kept | dict(zip(LOCAL, lines, strict=True)))
 
