@@ -259,6 +259,7 @@ def regression(
         noise = noise_of(flux_errors(r, rows, model), zero, rows)
     straighten = None if model.bend is None else _straightening(rows, model, model.bend, noise)
     prepared(truth, steps)
+    coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
     lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, response)
     answering, answers = _answering(columns), np.zeros((len(columns), 2), np.complex128)
     bridges = {j for j in lost if columns[j].owner != "machine" and BY_NAME[columns[j].owner].steep}
@@ -275,7 +276,7 @@ def regression(
             part = truth[cut]
             size = (P + 1) * len(part)
             v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
-            _fill(part, model, columns, steps, v, bridges)
+            _fill(part, model, columns, steps, v, bridges, coupled)
             for j, slope in lost.items():
                 v[j] = slope[cut] if j in bridges else v[j] + slope[cut]
             if response is not None:
@@ -411,9 +412,9 @@ def _step(rows: Rows, model: Model, column: Column) -> _Step:
 
 def _fill(
     rows: Rows, model: Model, columns: Sequence[Column], steps: Sequence[_Step | None], v: NDArray[np.complex128],
-    others: Set[int],
+    others: Set[int], coupled: bool,
 ) -> None:  # fmt: skip
-    """Write the columns' voltages, but those of some others."""
+    """Write the columns' voltages, but those of some others. `coupled`: with what effects make of the machine's."""
     present: dict[object, Vector] = {}
     sharing = _sharing(model)
     for j, (column, step) in enumerate(zip(columns, steps, strict=True)):
@@ -422,6 +423,8 @@ def _fill(
         if step is None:
             if column.place < BENDS:
                 v[j] = 0.0 if column.parameter == "zero" else _voltage_per_unit(rows, column.parameter)
+                if coupled:
+                    v[j] += _coupled(rows, model, column.parameter)
             elif column.place == BENDS:
                 assert model.bend is not None
                 v[j : j + len(model.bend.size)] = model.bend.voltages(rows)
@@ -525,3 +528,19 @@ def _voltage_per_unit(rows: Rows, parameter: str) -> Vector:
     if parameter == "psi_f":
         return rows.balance(np.ones(len(rows) + 1))
     return voltage_of_error(rows, _SMALL_ANGLE) / _SMALL_ANGLE
+
+
+def _coupled(rows: Rows, model: Model, parameter: str) -> Vector:
+    """What the model's effects add to the voltage per unit of a parameter of the machine, at their present sizes.
+
+    Exact for voltages in proportion to it; flux linkages that bend are nearly so to the inductance of their axis.
+    """
+    m, total = model.machine, np.zeros(len(rows), np.complex128)
+    if parameter in ("L_d", "L_q"):
+        more = rows.own_flux[0] - rows.flux(rows.i)
+        along: Vector = (more.real if parameter == "L_d" else 1j * more.imag) / getattr(m, parameter)
+        return rows.balance(along)
+    for name, sizes in model.effects.items():
+        if BY_NAME[name].in_proportion_to == parameter:
+            total += BY_NAME[name].voltage(rows, sizes) / getattr(m, parameter)
+    return total

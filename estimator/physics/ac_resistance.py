@@ -78,6 +78,7 @@ EFFECT = Effect(
     lambda _rows: tuple((corner,) for corner in (80.0, 140.0, 250.0, 430.0, 750.0, 1300.0)),
     "R_s that rises with speed and with how fast current is excited",
     ("iron_loss", "winding_resistance_drift"),
+    in_proportion_to="R_s",
     missed=3e-5,
     remembers=voltage,
 )

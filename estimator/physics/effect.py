@@ -53,6 +53,7 @@ class Effect:
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
     steep: bool = False  # it changes more with a current than the noise of the current allows to see
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
+    in_proportion_to: str = ""  # the parameter of the machine that `voltage` grows with, where it is one alone
     scales: Callable[[Rows, Sizes], float] | None = None  # share by which it may scale all voltages, unseen
 
     @property

@@ -35,5 +35,6 @@ EFFECT = Effect(
     no_shapes,
     "ripple at 6 and 12 times the electrical frequency that grows with speed and does not depend on current",
     ("inductance_harmonics", "inverter_voltage_error"),
+    in_proportion_to="psi_f",
     missed=1e-4,
 )

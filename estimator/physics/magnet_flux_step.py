@@ -35,5 +35,6 @@ EFFECT = Effect(
     told=lambda rows, p: {
         "change": (p[0], "1"), "time": (rows.span[0] + p[1] * rows.span[1], "s"), "duration": (p[2], "s"),
     },
+    in_proportion_to="psi_f",
     missed=2e-4,
 )
