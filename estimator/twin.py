@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.kernel import kernel
-from estimator.mismatch.columns import (
+from estimator.mismatch.model import (
     Model,
     base_voltage,
     current_error,

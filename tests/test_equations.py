@@ -12,9 +12,10 @@ from emulator.physics.saturation import Saturation
 from emulator.scenarios import Scenario
 from emulator.virtual_drive import VirtualDrive
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.columns import Model, filter_pole, regression, residual, whitened
+from estimator.mismatch.columns import regression
 from estimator.mismatch.explain import Search
 from estimator.mismatch.fitting import moved
+from estimator.mismatch.model import Model, filter_pole, residual, whitened
 from estimator.mismatch.thinning import settled
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows, rows_of

@@ -9,9 +9,9 @@ import pytest
 from emulator.scenarios import PAPER, Excitation, Run, Scenario
 from emulator.virtual_drive import VirtualDrive
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.columns import Model, Noise
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.experiment import DURATION, FEWEST, MOST, experiment
+from estimator.mismatch.model import Model, Noise
 from estimator.mismatch.verdict import Diagnosis, Experiment, Verdict
 from estimator.physics.rows import Rows, rows_of
 from tests.samples import recorded

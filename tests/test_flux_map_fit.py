@@ -17,10 +17,10 @@ from emulator.physics.legs import Inverter
 from emulator.scenarios import Excitation, Run, Scenario, drive_for
 from emulator.virtual_drive import VirtualDrive
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.columns import Model, flux_errors, residual
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.fitting import Fitted, fitted
 from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
+from estimator.mismatch.model import Model, flux_errors, residual
 from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.physics.rows import Rows, rows_of
 from estimator.physics.saturation import EFFECTS

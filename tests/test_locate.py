@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from emulator.conceal.recording import Choice, Concealed, drawn
 from estimator.machine import Machine
 from estimator.mismatch.angle_rounding import unrounded
-from estimator.mismatch.columns import Model, filter_pole, noise_of, residual, whitened
 from estimator.mismatch.locate import describe, place_of
+from estimator.mismatch.model import Model, filter_pole, noise_of, residual, whitened
 from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import number
 from estimator.physics.rows import Rows, Vector, rows_of

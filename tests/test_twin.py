@@ -17,7 +17,7 @@ from emulator.physics.timing import Timing
 from emulator.scenarios import PAPER, Excitation, Run, Scenario
 from emulator.virtual_drive import VirtualDrive
 from estimator.machine import Machine
-from estimator.mismatch.columns import Model, filter_pole, noise_of, whitened
+from estimator.mismatch.model import Model, filter_pole, noise_of, whitened
 from estimator.mismatch.quality import fit_quality
 from estimator.physics.library import LIBRARY
 from estimator.physics.rows import Rows, rows_of

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.mismatch.columns import filter_pole
+from estimator.mismatch.model import filter_pole
 from estimator.physics.rows import Rows, Vector
 
 Array = NDArray[np.float64]

@@ -6,10 +6,9 @@ y and the columns are whitened flux errors. Coefficients of sizes - R_s, L_d, L_
 absolute; those of shapes count from the present value. Knows nothing of what is chosen.
 """
 
-import cmath
 import math
-from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -17,19 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.whitening import whiten, whiten_into
+from estimator.mismatch.model import (
+    Array,
+    Model,
+    Noise,
+    filter_pole,
+    flux_errors,
+    frame_of,
+    in_truth,
+    left_over,
+    noise_of,
+    sharing,
+    straightening,
+    whitened,
+    with_machine,
+    zero_residual,
+)  # fmt: skip
+from estimator.mismatch.whitening import whiten_into
 from estimator.physics.angle_sensing import voltage_of_error
-from estimator.physics.effect import Effect, Parameter, Sizes, Together
-from estimator.physics.flux_map import Bend
+from estimator.physics.effect import Effect, Parameter
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
 from estimator.physics.saturation import EFFECTS as SATURATIONS
-from estimator.physics.saturation import HARMONIC, saturated
 from estimator.response import Response, answer
-
-Array = NDArray[np.float64]
-Noise = tuple[float, float, float]
-"""White noise of the whitened residual: Vs on d, Vs on q, A of the three phase currents' mean."""
 
 STRETCHES: Final = 48
 BENDS: Final = 6
@@ -40,18 +49,6 @@ _PART: Final = 1536  # periods at once, whose columns stay near the processor
 _SMALL_ANGLE: Final = 1e-4  # rad
 _FARTHEST: Final = (0.3, 3.0)  # of nominal values
 _ANYTHING: Final = (1e-2, 1e2)  # the same for the straight lines of a map
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """A machine with effects."""
-
-    machine: Machine
-    effects: dict[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
-    angle: float = 0.0  # rad, within the angle's resolution
-    zero: float = 0.0  # A, mean of the three current channels' offsets
-    bend: Bend | None = None  # of the flux linkage, in the place of effects of saturation
-
 
 Follow = Callable[[Model], tuple[Rows, Vector]]
 """Rows with currents that follow a model, and the voltage (V, true rotor frame) that the bridge loses meanwhile."""
@@ -97,145 +94,6 @@ class _Step:
     h: float
 
 
-def filter_pole(machine: Machine, T_s: float) -> float:
-    """rho of the whitening."""
-    return min(float(np.exp(-machine.R_s * T_s / (0.5 * (machine.L_d + machine.L_q)))), 0.99)
-
-
-def base_voltage(rows: Rows, model: Model) -> Vector:
-    """Voltage (V) of a machine without effects, but for its flux map's bend."""
-    at = with_machine(rows, model.machine)
-    v = model.machine.R_s * at.i_mean + at.balance(at.flux(at.i))
-    return v if model.bend is None else v + model.bend.voltage(at)
-
-
-def in_truth(rows: Rows, model: Model) -> Rows:
-    """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
-    return on_local_lines(_without_errors(rows, model), model)
-
-
-def on_local_lines(truth: Rows, model: Model) -> Rows:
-    """The rows with the straight lines that a saturating machine follows at these currents for a while."""
-    if model.bend is not None:
-        return truth.with_local_line(*model.bend.bent(truth))
-    saturations = {name: sizes for name, sizes in model.effects.items() if name in (*SATURATIONS, HARMONIC)}
-    return truth.with_local_line(*saturated(truth, saturations)) if saturations else truth
-
-
-def _without_errors(rows: Rows, model: Model) -> Rows:
-    rows = with_machine(rows, model.machine)
-    angle: Array | float = model.angle
-    for name, sizes in model.effects.items():
-        effect = BY_NAME[name]
-        if effect.angle_error is not None:
-            angle = angle + effect.angle_error(rows, sizes)
-        if effect.misreads_voltage:
-            rows = rows.with_voltage(rows.u - effect.voltage(rows, sizes))
-    error = current_error(on_local_lines(rows, model), model)
-    if isinstance(angle, float):
-        turned = cmath.exp(1j * angle)
-        i = rows.i * turned if isinstance(error, float) else (rows.i_s - error) * rows.rotor.conj() * turned
-        kept = rows.pulses_turned(turned) | {
-            "rotor": rows.rotor * turned.conjugate(), "middle": rows.middle * turned.conjugate(), "D": rows.D,
-            "turn": rows.turn * cmath.exp(-1j * angle / rows.machine.n_p),
-        }  # fmt: skip
-        return replace(rows, theta_e=rows.theta_e - angle, i=i, u=rows.u * turned, kept=kept)
-    by_half = np.exp(-0.5j * angle)
-    rotor, half = rows.rotor * (by_half * by_half), rows.half * (by_half[1:] * by_half[:-1].conj())
-    turned = (by_half[1:] * by_half[:-1]).conj()
-    kept = rows.pulses_turned(turned) | {"rotor": rotor, "D": rows.D - np.diff(angle)}
-    return replace(
-        rows, theta_e=rows.theta_e - angle, half=half, i=(rows.i_s - error) * rotor.conj(), u=rows.u * turned, kept=kept
-    )
-
-
-def current_error(rows: Rows, model: Model) -> Vector | float:
-    """Measured less true current vector at samples, A, stationary frame. For rows on the model's local lines."""
-    total: Vector | float = 0.0
-    for name, sizes in model.effects.items():
-        error = BY_NAME[name].current_error
-        if error is not None:
-            total = total + error(rows, sizes)
-    return total
-
-
-def frame_of(rows: Rows, truth: Rows) -> Vector:
-    """What turns vectors of periods from the true frame into the measured one."""
-    return truth.middle * rows.middle.conj()
-
-
-def with_machine(rows: Rows, machine: Machine) -> Rows:
-    """The same rows, to be seen with another machine."""
-    if rows.machine == machine:
-        return rows
-    of_current = {"i_s": rows.kept["i_s"]} if "i_s" in rows.kept else {}
-    return replace(rows, machine=machine, kept=rows.kept_of_angle_and_bridge() | of_current)
-
-
-def effects_voltage(truth: Rows, model: Model) -> Vector:
-    """Voltage (V) that the model's effects add, but for its errors of measurement, which `in_truth` takes off."""
-    total = np.zeros(len(truth), np.complex128)
-    for name, sizes in model.effects.items():
-        if not BY_NAME[name].measures and BY_NAME[name].together is None:
-            total += BY_NAME[name].voltage(truth, sizes)
-    for together, several in _sharing(model).items():
-        total += together(truth, several)
-    return total
-
-
-def _sharing(model: Model) -> dict[Together, dict[str, Sizes]]:
-    """Effects of the model whose voltages do not add up, by the function that they share."""
-    found: dict[Together, dict[str, Sizes]] = {}
-    for name, sizes in model.effects.items():
-        together = BY_NAME[name].together
-        if together is not None:
-            found.setdefault(together, {})[name] = sizes
-    return found
-
-
-def residual(rows: Rows, smooth: Rows, model: Model) -> Vector:
-    """What is left of the recorded voltage, V of each period, in the measured frame."""
-    truth = in_truth(rows, model)
-    return _left_over(rows, truth, truth if smooth is rows else in_truth(smooth, model), model)
-
-
-def _left_over(rows: Rows, truth: Rows, clean: Rows, model: Model) -> Vector:
-    left = truth.u - base_voltage(truth, model) - effects_voltage(clean, model)
-    return left * frame_of(rows, truth)
-
-
-def zero_residual(rows: Rows, smooth: Rows, model: Model) -> Array | None:
-    """What is left of the mean of the measured phase currents, A."""
-    if rows.zero is None:
-        return None
-    left = rows.zero - model.zero
-    makes = [effect for effect in LIBRARY if effect.name in model.effects and effect.zero is not None]
-    truth = in_truth(smooth, model) if makes else smooth
-    for effect in makes:
-        assert effect.zero is not None
-        left = left - effect.zero(truth, model.effects[effect.name])
-    return left
-
-
-def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
-    """One column, whitened, Vs."""
-    z = v[None, :].copy()
-    whiten(z, rows.half, rows.joined, rows.T_s, rho, np.zeros(1, np.complex128))
-    return z[0]
-
-
-def flux_errors(v: Vector, rows: Rows, model: Model, rho: float | None = None) -> Vector:
-    """What is left of a voltage (V), whitened, Vs.
-
-    Beside a flux map's bend: of its straight lines, at which noise of the currents is alike at every current.
-    """
-    z = whitened(v, rows, filter_pole(model.machine, rows.T_s) if rho is None else rho)
-    if model.bend is None:
-        return z
-    i = model.bend.stiffness(model.machine, rows.i[1:])(z)
-    return model.machine.L_d * i.real + 1j * model.machine.L_q * i.imag
-
-
 def regression(
     rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     noise: Noise | None = None, library: Sequence[Effect] = LIBRARY, follow: Follow | None = None,
@@ -254,18 +112,22 @@ def regression(
     columns = _columns(smooth, model, nominal, tolerance, angle_step, library)
     steps = _steps(truth, model, columns)
     rho = filter_pole(model.machine, rows.T_s)
-    r, zero = _left_over(rows, in_truth(rows, model), truth, model), zero_residual(rows, smooth, model)
+    r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(flux_errors(r, rows, model), zero, rows)
-    straighten = None if model.bend is None else _straightening(rows, model, model.bend, noise)
+    straighten = None
+    if model.bend is not None:
+        across = np.array([[1.0, noise[1] / noise[0]], [noise[0] / noise[1], 1.0]])
+        straighten = straightening(rows, model, model.bend) * across[:, :, None]
     prepared(truth, steps)
     coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
-    lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, response)
-    answering, answers = _answering(columns), np.zeros((len(columns), 2), np.complex128)
+    answering = _answering(columns, response)
+    lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
+    lost |= {j: volts for j, volts in answering.items() if volts is not None}
     bridges = {j for j in lost if columns[j].owner != "machine" and BY_NAME[columns[j].owner].steep}
     r, rotor = r * frame_of(rows, truth).conj(), rows.rotor[1:]
-    P = len(columns)
-    n = len(rows)
+    n, P = len(rows), len(columns)
+    which, answers = np.array(list(answering), np.intp), np.zeros((P, 2), np.complex128)
     gram = np.zeros((STRETCHES, P + 1, P + 1))
     state = np.zeros(P + 1, np.complex128)
     volts, white = np.empty((P + 1) * _PART, np.complex128), np.empty((P + 1) * 2 * _PART)
@@ -280,7 +142,7 @@ def regression(
             for j, slope in lost.items():
                 v[j] = slope[cut] if j in bridges else v[j] + slope[cut]
             if response is not None:
-                answer(v, answering, response.within(cut), answers)
+                answer(v, which, response.within(cut), answers)
             v[P] = r[cut]
             there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
             if straighten is not None:
@@ -299,16 +161,6 @@ def regression(
     return Regression(columns, gram, count, noise, rows, smooth, model, left)
 
 
-def _straightening(rows: Rows, model: Model, bend: Bend, noise: Noise) -> Array:
-    """What makes flux errors over their noise those of a map's straight lines, (2, 2, n). See `flux_errors`."""
-    m, g = model.machine, bend.stiffness(model.machine, rows.i[1:])
-    across = noise[1] / noise[0]
-    return np.array([
-        [m.L_d * (g.a + g.b.real), m.L_d * across * g.b.imag],
-        [m.L_q / across * g.b.imag, m.L_q * (g.a - g.b.real)],
-    ])
-
-
 def prepared(rows: Rows, steps: Sequence[_Step | None]) -> None:
     """Work out once, over the whole recording, what has a memory or is used by several effects."""
     _ = rows.D, rows.rotor, rows.six, rows.turn, rows.i_s, rows.i_mean
@@ -319,17 +171,6 @@ def prepared(rows: Rows, steps: Sequence[_Step | None]) -> None:
             for sizes in (step.to, step.since):
                 if sizes is not None:
                     step.effect.remembers(rows, sizes)
-
-
-def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
-    """White noise of the whitened residual (Vs on d, Vs on q, A), from what changes between neighbours."""
-    both = rows.joined[1:] & rows.joined[:-1]
-
-    def white(x: Array) -> float:
-        step = np.diff(x)[both[: len(x) - 1]]
-        return float(np.median(np.abs(step)) / 0.6744898 / math.sqrt(2.0))
-
-    return white(z.real), white(z.imag), 1.0 if zero is None else max(white(zero[:-1]), 1e-12)
 
 
 def _at(effect: Effect, shapes: Sequence[float], sizes: dict[int, float]) -> tuple[float, ...]:
@@ -416,7 +257,7 @@ def _fill(
 ) -> None:  # fmt: skip
     """Write the columns' voltages, but those of some others. `coupled`: with what effects make of the machine's."""
     present: dict[object, Vector] = {}
-    sharing = _sharing(model)
+    shared = sharing(model)
     for j, (column, step) in enumerate(zip(columns, steps, strict=True)):
         if j in others:
             continue
@@ -430,10 +271,10 @@ def _fill(
                 v[j : j + len(model.bend.size)] = model.bend.voltages(rows)
             continue
         effect, together = step.effect, step.effect.together
-        if together is not None and together in sharing:  # beside the others of them
+        if together is not None and together in shared:  # beside the others of them
             if together not in present:
-                present[together] = together(rows, sharing[together])
-            np.subtract(together(rows, sharing[together] | {effect.name: step.to}), present[together], out=v[j])
+                present[together] = together(rows, shared[together])
+            np.subtract(together(rows, shared[together] | {effect.name: step.to}), present[together], out=v[j])
         elif step.since is None:
             v[j] = effect.voltage(rows, step.to)
         else:
@@ -443,28 +284,33 @@ def _fill(
         v[j] *= 1.0 / step.h
 
 
-def _answering(columns: Sequence[Column]) -> NDArray[np.intp]:
-    """Columns of which a `Response` says what the bridge loses in answer: of all that changes no measurement."""
-    return np.array([
-        j for j, column in enumerate(columns)
-        if (column.owner == "machine" and column.parameter not in ("angle", "zero"))
-        or (column.owner != "machine" and column.seed < 0 and not column.shape and not BY_NAME[column.owner].measures)
-    ], np.intp)  # fmt: skip
+def _answering(columns: Sequence[Column], response: Response | None) -> dict[int, Vector | None]:
+    """Columns of which a response says what the bridge loses in answer - of all that changes no measurement - and what
+    it loses by those of its own.
+    """
+    found: dict[int, Vector | None] = {}
+    if response is None:
+        return found
+    for j, column in enumerate(columns):
+        if column.owner == "machine":
+            if column.parameter not in ("angle", "zero"):
+                found[j] = None
+        elif column.seed < 0 and not column.shape and not BY_NAME[column.owner].measures:
+            found[j] = response.direct[column.place] if BY_NAME[column.owner].steep else None
+    return found
 
 
 def _lost_slopes(
-    model: Model, columns: Sequence[Column], follow: Follow, known: Slopes, response: Response | None
+    model: Model, columns: Sequence[Column], follow: Follow, known: Slopes, otherwise: Collection[int]
 ) -> dict[int, Vector]:
     """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow.
 
-    Of the machine's parameters and of sizes. These currents are known, so that no spread of them smooths it.
+    Of the machine's parameters and of sizes, where it is not known `otherwise`. These currents are known, so that no
+    spread of them smooths it.
     """
     present, found = None, dict[int, Vector]()
-    answering = set[int]() if response is None else set(_answering(columns).tolist())
     for j, column in enumerate(columns):
-        if j in answering:
-            if response is not None and column.owner != "machine" and BY_NAME[column.owner].steep:
-                found[j] = response.direct[column.place]
+        if j in otherwise:
             continue
         h, of = _NEAR * column.prior[1], (column.owner, column.place)
         if of in known:

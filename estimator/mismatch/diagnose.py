@@ -13,14 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.angle_rounding import unrounded
-from estimator.mismatch.columns import (
-    STRETCHES,
-    Model,
-    filter_pole,
-    residual,
-    whitened,
-    with_machine,
-)  # fmt: skip
+from estimator.mismatch.columns import STRETCHES
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
 from estimator.mismatch.excitation_check import attenuated, not_borne_out, poorly_told
@@ -31,6 +24,7 @@ from estimator.mismatch.flux_map_fit import FluxMap, told_map
 from estimator.mismatch.flux_map_stage import fitted_by_map, has_map, saturations
 from estimator.mismatch.input_check import checked
 from estimator.mismatch.locate import place_of
+from estimator.mismatch.model import Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import fit_quality
 from estimator.mismatch.remainder import excess_of, left_of, upright

@@ -9,9 +9,9 @@ from typing import Final, cast
 
 import numpy as np
 
-from estimator.mismatch.columns import Array
 from estimator.mismatch.excitation_check import least_borne_out
 from estimator.mismatch.explain import ENTRY, Choice, Search
+from estimator.mismatch.model import Array
 from estimator.mismatch.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
 

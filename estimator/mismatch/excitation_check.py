@@ -13,8 +13,8 @@ import numpy as np
 
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.angle_rounding import hidden_energy, lent_energy
-from estimator.mismatch.columns import Array
 from estimator.mismatch.explain import ENTRY, Choice, Search
+from estimator.mismatch.model import Array
 from estimator.mismatch.words import number, percent
 
 _WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed

@@ -17,8 +17,11 @@ import numpy as np
 from estimator.flux_balance import TURN
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.angle_rounding import beat_of
-from estimator.mismatch.columns import (
-    STRETCHES,
+from estimator.mismatch.columns import STRETCHES, regression
+from estimator.mismatch.doubt import SURE, rivals
+from estimator.mismatch.excitation_check import STANDING
+from estimator.mismatch.explain import FAINT, Choice, Search
+from estimator.mismatch.model import (
     Array,
     Model,
     Noise,
@@ -26,12 +29,8 @@ from estimator.mismatch.columns import (
     effects_voltage,
     frame_of,
     in_truth,
-    regression,
     with_machine,
-)  # fmt: skip
-from estimator.mismatch.doubt import SURE, rivals
-from estimator.mismatch.excitation_check import STANDING
-from estimator.mismatch.explain import FAINT, Choice, Search
+)
 from estimator.mismatch.verdict import Experiment, Hold
 from estimator.mismatch.words import number
 from estimator.physics.library import BY_NAME, LIBRARY

@@ -12,7 +12,8 @@ from typing import Final, cast
 
 import numpy as np
 
-from estimator.mismatch.columns import BENDS, Array, Regression
+from estimator.mismatch.columns import BENDS, Regression
+from estimator.mismatch.model import Array
 from estimator.physics.flux_map import MISSED as BEND_MISSED
 from estimator.physics.library import BY_NAME
 

@@ -15,23 +15,20 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.columns import (
-    BENDS,
+from estimator.mismatch.columns import BENDS, Follow, Slopes, regression
+from estimator.mismatch.explain import Choice, Search
+from estimator.mismatch.model import (
     Array,
-    Follow,
     Model,
     Noise,
-    Slopes,
     filter_pole,
     flux_errors,
     noise_of,
-    regression,
     residual,
     whitened,
     with_machine,
     zero_residual,
-)  # fmt: skip
-from estimator.mismatch.explain import Choice, Search
+)
 from estimator.mismatch.thinning import thinned
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME, LIBRARY

@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimator.machine import UNITS
-from estimator.mismatch.columns import (
-    STRETCHES,
+from estimator.mismatch.columns import STRETCHES
+from estimator.mismatch.explain import FORM, Choice, Search
+from estimator.mismatch.model import (
     Array,
     Model,
     effects_voltage,
@@ -33,8 +34,7 @@ from estimator.mismatch.columns import (
     noise_of,
     whitened,
     with_machine,
-)  # fmt: skip
-from estimator.mismatch.explain import FORM, Choice, Search
+)
 from estimator.mismatch.verdict import FluxTable, Quantity
 from estimator.mismatch.whitening import whiten
 from estimator.physics.flux_map import MISSED, Axis, Bend, line_of, mirrored, slopes_of

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
 from estimator.mismatch.averages import Array, energy_of, means, voltage_of
-from estimator.mismatch.columns import filter_pole, whitened
+from estimator.mismatch.model import filter_pole, whitened
 from estimator.mismatch.spectra import Line, welch
 from estimator.physics.rows import Rows, Vector
 

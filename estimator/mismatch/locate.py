@@ -14,8 +14,8 @@ import numpy as np
 from estimator.flux_balance import TURN
 from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.averages import Array, Means, energy_of, means, noise_of_means, usual_periods, voltage_of
-from estimator.mismatch.columns import filter_pole, whitened
 from estimator.mismatch.forms import Drift, Form, Resonance, TwoLevels, drift, resonance, two_levels
+from estimator.mismatch.model import filter_pole, whitened
 from estimator.mismatch.regions import MOST, regions, together, worth
 from estimator.mismatch.spectra import Line, energy_of_orders, noise_of_orders, strongest_line, white_level
 from estimator.mismatch.verdict import Place, Unexplained

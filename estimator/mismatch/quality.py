@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.mismatch.columns import Model, flux_errors
+from estimator.mismatch.model import Model, flux_errors
 from estimator.mismatch.verdict import Before, Fit
 from estimator.physics.rows import Real, Rows, Vector
 from estimator.twin import WINDOW, implied_voltage

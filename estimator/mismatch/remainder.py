@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 
 from estimator.machine import Machine
-from estimator.mismatch.columns import Noise, filter_pole, noise_of, residual, whitened, with_machine
 from estimator.mismatch.excitation_check import held_at_bound
 from estimator.mismatch.fitting import Fitted, without
 from estimator.mismatch.locate import RESONANCE, describe, rings
+from estimator.mismatch.model import Noise, filter_pole, noise_of, residual, whitened, with_machine
 from estimator.mismatch.verdict import Unexplained
 from estimator.physics.rows import Rows, Vector
 

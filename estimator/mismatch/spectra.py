@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
 from estimator.mismatch.averages import Array
-from estimator.mismatch.columns import filter_pole
+from estimator.mismatch.model import filter_pole
 from estimator.physics.rows import Rows, Vector
 
 _SEGMENT: Final = 256  # periods of a Welch spectrum

@@ -19,10 +19,10 @@ from emulator.conceal.recording import Choice, drawn
 from emulator.motors import MOTORS
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.angle_rounding import unrounded
-from estimator.mismatch.columns import residual
 from estimator.mismatch.diagnose import TOLERANCE, diagnose
 from estimator.mismatch.explain import Search
 from estimator.mismatch.fitting import fitted, moved
+from estimator.mismatch.model import residual
 from estimator.mismatch.thinning import settled
 from estimator.physics.rows import rows_of
 from estimator.samples import Samples

@@ -1,0 +1,195 @@
+"""Model: a machine with effects, and what it leaves of a recording's voltage.
+
+Effects are equations for the voltage that currents imply; of errors of measurement the rows are rid before. What is
+left is that of currents and voltages as they act. Knows nothing of how a model is found.
+"""
+
+import cmath
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.machine import Machine
+from estimator.mismatch.whitening import whiten
+from estimator.physics.effect import Sizes, Together
+from estimator.physics.flux_map import Bend
+from estimator.physics.library import BY_NAME, LIBRARY
+from estimator.physics.rows import Rows, Vector
+from estimator.physics.saturation import EFFECTS as SATURATIONS
+from estimator.physics.saturation import HARMONIC, saturated
+
+Array = NDArray[np.float64]
+Noise = tuple[float, float, float]
+"""White noise of the whitened residual: Vs on d, Vs on q, A of the three phase currents' mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A machine with effects."""
+
+    machine: Machine
+    effects: dict[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
+    angle: float = 0.0  # rad, within the angle's resolution
+    zero: float = 0.0  # A, mean of the three current channels' offsets
+    bend: Bend | None = None  # of the flux linkage, in the place of effects of saturation
+
+
+def filter_pole(machine: Machine, T_s: float) -> float:
+    """rho of the whitening."""
+    return min(float(np.exp(-machine.R_s * T_s / (0.5 * (machine.L_d + machine.L_q)))), 0.99)
+
+
+def base_voltage(rows: Rows, model: Model) -> Vector:
+    """Voltage (V) of a machine without effects, but for its flux map's bend."""
+    at = with_machine(rows, model.machine)
+    v = model.machine.R_s * at.i_mean + at.balance(at.flux(at.i))
+    return v if model.bend is None else v + model.bend.voltage(at)
+
+
+def in_truth(rows: Rows, model: Model) -> Rows:
+    """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
+    return on_local_lines(_without_errors(rows, model), model)
+
+
+def on_local_lines(truth: Rows, model: Model) -> Rows:
+    """The rows with the straight lines that a saturating machine follows at these currents for a while."""
+    if model.bend is not None:
+        return truth.with_local_line(*model.bend.bent(truth))
+    saturations = {name: sizes for name, sizes in model.effects.items() if name in (*SATURATIONS, HARMONIC)}
+    return truth.with_local_line(*saturated(truth, saturations)) if saturations else truth
+
+
+def _without_errors(rows: Rows, model: Model) -> Rows:
+    rows = with_machine(rows, model.machine)
+    angle: Array | float = model.angle
+    for name, sizes in model.effects.items():
+        effect = BY_NAME[name]
+        if effect.angle_error is not None:
+            angle = angle + effect.angle_error(rows, sizes)
+        if effect.misreads_voltage:
+            rows = rows.with_voltage(rows.u - effect.voltage(rows, sizes))
+    error = current_error(on_local_lines(rows, model), model)
+    if isinstance(angle, float):
+        turned = cmath.exp(1j * angle)
+        i = rows.i * turned if isinstance(error, float) else (rows.i_s - error) * rows.rotor.conj() * turned
+        kept = rows.pulses_turned(turned) | {
+            "rotor": rows.rotor * turned.conjugate(), "middle": rows.middle * turned.conjugate(), "D": rows.D,
+            "turn": rows.turn * cmath.exp(-1j * angle / rows.machine.n_p),
+        }  # fmt: skip
+        return replace(rows, theta_e=rows.theta_e - angle, i=i, u=rows.u * turned, kept=kept)
+    by_half = np.exp(-0.5j * angle)
+    rotor, half = rows.rotor * (by_half * by_half), rows.half * (by_half[1:] * by_half[:-1].conj())
+    turned = (by_half[1:] * by_half[:-1]).conj()
+    kept = rows.pulses_turned(turned) | {"rotor": rotor, "D": rows.D - np.diff(angle)}
+    return replace(
+        rows, theta_e=rows.theta_e - angle, half=half, i=(rows.i_s - error) * rotor.conj(), u=rows.u * turned, kept=kept
+    )
+
+
+def current_error(rows: Rows, model: Model) -> Vector | float:
+    """Measured less true current vector at samples, A, stationary frame. For rows on the model's local lines."""
+    total: Vector | float = 0.0
+    for name, sizes in model.effects.items():
+        error = BY_NAME[name].current_error
+        if error is not None:
+            total = total + error(rows, sizes)
+    return total
+
+
+def frame_of(rows: Rows, truth: Rows) -> Vector:
+    """What turns vectors of periods from the true frame into the measured one."""
+    return truth.middle * rows.middle.conj()
+
+
+def with_machine(rows: Rows, machine: Machine) -> Rows:
+    """The same rows, to be seen with another machine."""
+    if rows.machine == machine:
+        return rows
+    of_current = {"i_s": rows.kept["i_s"]} if "i_s" in rows.kept else {}
+    return replace(rows, machine=machine, kept=rows.kept_of_angle_and_bridge() | of_current)
+
+
+def effects_voltage(truth: Rows, model: Model) -> Vector:
+    """Voltage (V) that the model's effects add, but for its errors of measurement, which `in_truth` takes off."""
+    total = np.zeros(len(truth), np.complex128)
+    for name, sizes in model.effects.items():
+        if not BY_NAME[name].measures and BY_NAME[name].together is None:
+            total += BY_NAME[name].voltage(truth, sizes)
+    for together, several in sharing(model).items():
+        total += together(truth, several)
+    return total
+
+
+def sharing(model: Model) -> dict[Together, dict[str, Sizes]]:
+    """Effects of the model whose voltages do not add up, by the function that they share."""
+    found: dict[Together, dict[str, Sizes]] = {}
+    for name, sizes in model.effects.items():
+        together = BY_NAME[name].together
+        if together is not None:
+            found.setdefault(together, {})[name] = sizes
+    return found
+
+
+def residual(rows: Rows, smooth: Rows, model: Model) -> Vector:
+    """What is left of the recorded voltage, V of each period, in the measured frame."""
+    return left_over(rows, in_truth(smooth, model), model)
+
+
+def left_over(rows: Rows, clean: Rows, model: Model) -> Vector:
+    """The same; `clean`: the smooth rows in truth."""
+    truth = _without_errors(rows, model)
+    left = truth.u - base_voltage(truth, model) - effects_voltage(clean, model)
+    return left * frame_of(rows, truth)
+
+
+def zero_residual(rows: Rows, smooth: Rows, model: Model) -> Array | None:
+    """What is left of the mean of the measured phase currents, A."""
+    if rows.zero is None:
+        return None
+    left = rows.zero - model.zero
+    makes = [effect for effect in LIBRARY if effect.name in model.effects and effect.zero is not None]
+    truth = in_truth(smooth, model) if makes else smooth
+    for effect in makes:
+        assert effect.zero is not None
+        left = left - effect.zero(truth, model.effects[effect.name])
+    return left
+
+
+def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
+    """One column, whitened, Vs."""
+    z = v[None, :].copy()
+    whiten(z, rows.half, rows.joined, rows.T_s, rho, np.zeros(1, np.complex128))
+    return z[0]
+
+
+def flux_errors(v: Vector, rows: Rows, model: Model, rho: float | None = None) -> Vector:
+    """What is left of a voltage (V), whitened, Vs.
+
+    Beside a flux map's bend: of its straight lines, at which noise of the currents is alike at every current.
+    """
+    z = whitened(v, rows, filter_pole(model.machine, rows.T_s) if rho is None else rho)
+    if model.bend is None:
+        return z
+    (dd, dq), (qd, qq) = straightening(rows, model, model.bend)
+    return dd * z.real + dq * z.imag + 1j * (qd * z.real + qq * z.imag)
+
+
+def straightening(rows: Rows, model: Model, bend: Bend) -> Array:
+    """Shape (2, 2, n): what makes flux errors beside a map's bend those of its straight lines, by axes d and q."""
+    m, g = model.machine, bend.stiffness(model.machine, rows.i[1:])
+    return np.array([
+        [m.L_d * (g.a + g.b.real), m.L_d * g.b.imag], [m.L_q * g.b.imag, m.L_q * (g.a - g.b.real)],
+    ])  # fmt: skip
+
+
+def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
+    """White noise of the whitened residual (Vs on d, Vs on q, A), from what changes between neighbours."""
+    both = rows.joined[1:] & rows.joined[:-1]
+
+    def white(x: Array) -> float:
+        step = np.diff(x)[both[: len(x) - 1]]
+        return float(np.median(np.abs(step)) / 0.6744898 / math.sqrt(2.0))
+
+    return white(z.real), white(z.imag), 1.0 if zero is None else max(white(zero[:-1]), 1e-12)
