@@ -26,6 +26,7 @@ from estimator.mismatch.model import (
     in_truth,
     on_local_lines,
     residual,
+    with_machine,
 )
 from estimator.physics.ac_resistance import rung
 from estimator.physics.inverter_voltage_error import bus
@@ -144,12 +145,12 @@ def _lost_around(
 
 def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
     """Measured currents: those of the machine with its effects, and the errors of measurement on top."""
+    rows = with_machine(rows, model.machine)
     truth = in_truth(rows, model)
     i_s = _solved(truth, _physics(model), starts) * truth.rotor
     measured = i_s * rows.rotor.conj()
     for _ in range(5):  # errors are told of what is measured
-        seen = on_local_lines(_with_currents(rows, measured), model)
-        measured = (i_s + current_error(seen, model)) * rows.rotor.conj()
+        measured = (i_s + current_error(_with_currents(rows, measured), model)) * rows.rotor.conj()
     return np.where(starts, rows.i, measured)
 
 

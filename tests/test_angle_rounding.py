@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.machine import Machine
-from estimator.mismatch.angle_rounding import unrounded
+from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Samples
 
@@ -55,3 +55,10 @@ def test_counts_finer_than_the_currents_noise_stay() -> None:
     found = unrounded(there, math.hypot(NUMBER, NUMBER))
     assert np.array_equal(found.theta_e, there.theta_e)
     assert found.angle_error == 0.0
+
+
+def test_a_resolution_that_is_not_told_shows_by_the_few_values_of_the_angle() -> None:
+    count = 64.0 * NUMBER
+    assert resolution_of(rows(count, 0.0)[0], 0.0) == pytest.approx(count, rel=1e-3)
+    assert resolution_of(rows(0.0, 0.0)[0], 0.0) == 0.0
+    assert resolution_of(rows(count, 0.0)[0], 0.5 * count) == 0.5 * count

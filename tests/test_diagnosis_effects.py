@@ -46,6 +46,7 @@ def test_every_effect_says_what_it_is() -> None:
         assert effect.title
         assert effect.fingerprint
         assert effect.confused_with
+        assert BY_NAME.keys() >= set(effect.confused_with)
         assert all(parameter.unit for parameter in effect.parameters)
         assert effect.sizes
 

@@ -105,7 +105,7 @@ def test_currents_that_only_carry_noise_name_nothing_and_say_what_to_record() ->
     assert said.findings == ()
     assert said.experiment is not None
     check_within_limits(said.experiment, 1200.0, U_DC / math.sqrt(3.0))
-    assert said.experiment.sentence in said.sentence
+    assert said.experiment.sentence[1:] in said.sentence  # its first letter is a capital at a sentence's begin
 
 
 @pytest.mark.parametrize("step", [0.05, 0.12, 0.25])

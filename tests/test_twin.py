@@ -224,8 +224,3 @@ def test_what_noise_alone_leaves_is_at_its_floors_and_white(noisy: Rows) -> None
     assert fit.one_step_rms_V.after == pytest.approx(fit.one_step_rms_V.noise_floor, rel=0.02)
     assert fit.free_run_rms_A.after == pytest.approx(fit.free_run_rms_A.noise_floor, rel=0.2)
     assert fit.whiteness.after == pytest.approx(1.0, abs=0.1)
-
-
-def test_a_fit_is_not_judged_by_less_than_a_stretch(noisy: Rows) -> None:
-    with pytest.raises(ValueError, match="at least 16 periods"):
-        fit_quality(noisy, PLAIN, PLAIN, (noisy.i, noisy.i), np.arange(len(noisy)) < 12, (1e-4, 1e-4, 0.01))

@@ -20,6 +20,10 @@ _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long 
 _ENDS: Final = 4  # halves, that a mean needs to either side
 _STILL: Final = 1e-9  # rad in a period: no count
 _TWICE_ROUNDED: Final = 2.24  # resolutions, by which two roundings may differ from one period to the next
+_DIGITS: Final = 7  # of an angle, that tell values apart
+_FINEST: Final = 2e-6  # rad: a finer step does not matter
+_NEAR: Final = 10.0  # steps, over which they are compared
+_ON_GRID: Final = 0.1  # steps, by which multiples of one may be off
 _OFF: Final = 0.75  # counts, more than which no rounding is
 _BEAT: Final = 0.3  # share of the rounding's energy, which looks like movement where a smooth angle holds more of it
 _ALIKE: Final = 2.5  # times what a mean of independent errors leaves: those of neighbouring periods are alike
@@ -44,6 +48,18 @@ def unrounded(rows: Rows, step: float) -> Rows:
         angle_step=step, angle_error=math.sqrt(float(np.mean(variance))),
         angle_hidden=hidden, kept=rows.pulses_turned(turned),
     )  # fmt: skip
+
+
+def resolution_of(rows: Rows, told: float) -> float:
+    """The angle's resolution (rad): as told, or the step by multiples of which it moves; 0 where it moves by any."""
+    values = np.unique(np.round(np.abs(rows.D[rows.joined]), _DIGITS))
+    apart = np.diff(values)
+    if told > 0.0 or len(apart) == 0 or float(np.min(apart)) < _FINEST:
+        return told
+    near = apart[apart < _NEAR * np.min(apart)]
+    counts = np.rint(near / np.min(apart))
+    step = float(np.sum(near) / np.sum(counts))
+    return step if bool(np.all(np.abs(near / step - counts) < _ON_GRID)) else 0.0
 
 
 def _loudness(rows: Rows) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.mismatch.model import filter_pole
+from estimator.mismatch.whitening import poles_of
 from estimator.physics.rows import Rows, Vector
 
 Array = NDArray[np.float64]
@@ -32,7 +33,8 @@ def voltage_of(rows: Rows, z: Vector) -> Vector:
     """The voltage (V of each period, rotor frame) that the whitening filter made a flux error (Vs) of."""
     z_s = z * rows.rotor[1:]
     before = np.concatenate(([0j], z_s[:-1]))
-    return rows.stationary((z_s - filter_pole(rows.machine, rows.T_s) * before) / rows.T_s) * rows.joined
+    poles = poles_of(rows.joined, filter_pole(rows.machine, rows.T_s))
+    return rows.stationary((z_s - poles * before) / rows.T_s) * rows.joined
 
 
 def energy_of(v: Vector) -> float:

@@ -32,7 +32,7 @@ from estimator.mismatch.model import (
     with_machine,
     zero_residual,
 )  # fmt: skip
-from estimator.mismatch.whitening import whiten_into
+from estimator.mismatch.whitening import poles_of, whiten_into
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -111,7 +111,7 @@ def regression(
         library = [effect for effect in library if effect.name not in SATURATIONS]
     columns = _columns(smooth, model, nominal, tolerance, angle_step, library)
     steps = _steps(truth, model, columns)
-    rho = filter_pole(model.machine, rows.T_s)
+    poles = poles_of(rows.joined, filter_pole(model.machine, rows.T_s))
     r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(flux_errors(r, rows, model), zero, rows)
@@ -144,7 +144,7 @@ def regression(
             if response is not None:
                 answer(v, which, response.within(cut), answers)
             v[P] = r[cut]
-            there = whiten_into(m, v, part.middle, rotor[cut], part.joined, part.T_s, rho, noise[:2], state)
+            there = whiten_into(m, v, part.middle, rotor[cut], part.joined, poles[cut], part.T_s, noise[:2], state)
             if straighten is not None:
                 m[: len(there)] = np.einsum("xyn,cyn->cxn", straighten[:, :, cut], m[: len(there)])
             flat = m[: len(there)].reshape(len(there), 2 * len(part))

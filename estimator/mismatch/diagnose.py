@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, UNITS, Machine
-from estimator.mismatch.angle_rounding import unrounded
+from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.mismatch.columns import STRETCHES
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
@@ -26,7 +26,7 @@ from estimator.mismatch.input_check import checked
 from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.pictures import traces
-from estimator.mismatch.quality import fit_quality
+from estimator.mismatch.quality import SHORTEST, fit_quality, longest
 from estimator.mismatch.remainder import excess_of, left_of, upright
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.thinning import settled
@@ -85,9 +85,15 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     suspicion = suspected(long_enough, nominal, tolerance)
     if suspicion is not None:
         long_enough, nominal = list(suspicion.runs), suspicion.machine
-    rated = nominal.i_rated or max(float(np.max(np.hypot(run.i_d, run.i_q))) for run in long_enough)
-    step = long_enough[0].resolution.theta_e
-    rows = settled(unrounded(rows_of(long_enough, nominal, rated), step))
+    rated = nominal.i_rated or _highest_current(long_enough)
+    rows = rows_of(long_enough, nominal, rated)
+    step = resolution_of(rows, long_enough[0].resolution.theta_e)
+    rows = settled(unrounded(rows, step))
+    if longest(_odd_stretches(len(rows)) & rows.joined) < SHORTEST:
+        return _no_verdict((*checks.remarks, (
+            f"expected stretches of at least {SHORTEST} periods without a gap to judge by; record over a faster link, "
+            "or by a capture buffer"
+        )))  # fmt: skip
     rows.prepare()
     progress(0.0, "fitting")
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
@@ -102,9 +108,16 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     diagnosis = _judged(rows, nominal, tolerance, step, found, left, progress, plain)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
-    diagnosis = replace(diagnosis, remarks=(*checks.remarks, *diagnosis.remarks))
-    diagnosis = replace(diagnosis, sentence=sentence_of(diagnosis))
+    said = sentence_of(diagnosis)
+    if suspicion is not None:
+        diagnosis = replace(diagnosis, remarks=(suspicion.sentence, *diagnosis.remarks))
+    diagnosis = replace(diagnosis, remarks=(*checks.remarks, *diagnosis.remarks), sentence=said)
     return diagnosis if diagnosis.flux_map is None else replace(diagnosis, remarks=(*diagnosis.remarks, _MAPPED))
+
+
+def _highest_current(runs: Sequence[Samples]) -> float:
+    """What stands for a rated current that is not known, A: a few wrong samples do not count."""
+    return float(np.quantile(np.concatenate([np.hypot(run.i_d, run.i_q) for run in runs]), 0.999))
 
 
 def _no_verdict(remarks: Sequence[str]) -> Diagnosis:
@@ -127,14 +140,13 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
         convention_error.NAME, suspicion.parameters, everywhere, min(suspicion.odds, 1e300), suspicion.rivals, {}
     )
     verdict = diagnosis.verdict
-    if verdict in (Verdict.NO_MISMATCH, Verdict.NOT_ENOUGH_EXCITATION):
+    if verdict is Verdict.NO_MISMATCH:
         verdict = Verdict.EXPLAINED
     elif verdict is Verdict.UNEXPLAINED:
         verdict = Verdict.PARTLY_EXPLAINED
     return replace(
-        diagnosis, verdict=verdict, findings=(finding, *diagnosis.findings),
-        remarks=(suspicion.sentence, *diagnosis.remarks), pole_pairs=suspicion.machine.n_p,
-    )  # fmt: skip
+        diagnosis, verdict=verdict, findings=(finding, *diagnosis.findings), pole_pairs=suspicion.machine.n_p
+    )
 
 
 def _judged(
@@ -145,13 +157,13 @@ def _judged(
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
     findings: list[Finding] = []
-    doubts: list[Ambiguity] = []
     excess = excess_of(found)
-    lent = excess if left is not None else 0.0
+    lent = max(excess, 0.0) if left is not None else 0.0
     machine_before, machine_after, flux_map, off, blind = _machine(found, plain, lent, nominal, tolerance)
     outside = list(off.values())
     poorly = poorly_told(search, choice, nominal, outside)
-    faint, why = not_borne_out(search, choice, blind, excess)
+    reasons = not_borne_out(search, choice, blind, excess)
+    faint = tuple(one for some in reasons.values() for one in some)
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
     fit, pictures = _shown(rows, found, r_after, plain or search)
@@ -161,8 +173,10 @@ def _judged(
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
-    if faint and richer is not None:
-        doubts.append(Ambiguity(tuple(name for name, _ in faint), why, richer, rivals=False))
+    doubts = [
+        Ambiguity(tuple(name for name, _ in some), why, richer, rivals=False)
+        for why, some in reasons.items() if richer is not None
+    ]  # fmt: skip
     for one in choice:
         if one in faint:
             continue
@@ -278,6 +292,7 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
     search, sizes = found.search, found.model.effects[effect.name]
     fit = search.fit(found.choice)
     at = {search.columns[j].place: n for n, j in enumerate(fit.places) if search.columns[j].owner == effect.name}
+    silent = {n for n, j in enumerate(fit.places) if search.gram[j, j] <= 0.0}  # nothing here depends on them
     covariance = search.free_covariance(found.choice) * search.scatter(fit, one) + search.form_covariance(found.choice)
 
     def values(p: Sequence[float]) -> dict[str, tuple[float, str]]:
@@ -295,6 +310,9 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
     told: dict[str, Quantity] = {}
     for name, (value, unit) in here.items():
         variance = float(slopes[name] @ covariance @ slopes[name])
+        if silent and silent >= set(np.flatnonzero(slopes[name]).tolist()):
+            told[name] = Quantity(None, None, unit)
+            continue
         told[name] = Quantity(float(value), math.sqrt(variance) if variance > 0.0 else None, unit)
     return told
 

@@ -10,7 +10,7 @@ from typing import Final, cast
 import numpy as np
 
 from estimator.mismatch.excitation_check import least_borne_out
-from estimator.mismatch.explain import ENTRY, Choice, Search
+from estimator.mismatch.explain import ENTRY, FAINT, Choice, Search
 from estimator.mismatch.model import Array
 from estimator.mismatch.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
@@ -88,33 +88,38 @@ def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
 def detectable(
     search: Search, choice: Choice, excess: float, tolerance: Mapping[str, float]
 ) -> dict[str, Quantity]:
-    """The smallest size of every effect that would have been named at 99 % power, in its first parameter.
+    """The smallest size of every effect that would have been named at 99 % power, in its first parameter that shows.
 
     Whatever its shapes: the largest of them. `excess` is the energy over noise that is left unexplained.
     """
     found: dict[str, Quantity] = {}
     taken = {name for name, _ in choice}
-    missed = search.missed(choice)
     for more in search.candidates():
-        if more[0] in taken:
+        place = next((j for j in search.sizes_of(more) if search.gram[j, j] > 0.0), None)
+        if more[0] in taken or place is None:
             continue
-        fit = search.fit((*choice, more))
-        scatter = search.scatter(fit, more)
-        for place, variance in zip(fit.places, np.diag(fit.covariance), strict=True):
-            column = search.columns[place]
-            if (column.owner, column.seed) != more or column.shape or variance <= 0.0:
-                continue
-            std = math.sqrt(float(variance) * scatter)
-            spread = max(column.prior[1] / std, 1.0)
-            size = std * (math.sqrt(2.0 * (ENTRY + math.log(spread)) + missed / scatter) + _POWER)
-            size = max(size, least_borne_out(search, choice, more, place, excess))
-            parameter = BY_NAME[more[0]].parameters[column.place]
-            known = found.get(more[0])
-            if known is None or (known.value is not None and size > known.value):
-                found[more[0]] = Quantity(size, None, parameter.unit)
-            break
+        size = max(_named_from(search, choice, more, place), least_borne_out(search, choice, more, place, excess))
+        known = found.get(more[0])
+        if known is None or (known.value is not None and size > known.value):
+            found[more[0]] = Quantity(size, None, BY_NAME[more[0]].parameters[search.columns[place].place].unit)
     least = min(tolerance.values())  # of a gain of all voltages: one parameter lies outside, whatever the true ones are
-    return {**found, "dc_link_gain": Quantity(2.0 * least / (1.0 - least), None, "1")}
+    gain = 2.0 * least / (1.0 - least) if least < 1.0 else math.inf
+    return {**found, "dc_link_gain": Quantity(gain, None, "1")}
+
+
+def _named_from(search: Search, choice: Choice, more: tuple[str, int], place: int) -> float:
+    """The size (of the column at `place`, the effect's others zero) whose gain is enough in 99 of 100 recordings."""
+    fit, variance = search.fit((*choice, more)), search.variance_of(choice, more, place)
+    scatter, std = search.scatter(fit, more), math.sqrt(variance)
+    asked = 2.0 * scatter * (ENTRY - search.complexity(choice, more))
+    faint = FAINT * search.columns[place].prior[1]
+
+    def least(*, of_faint: bool) -> float:
+        lent = search.lent(choice, more, faint=of_faint)
+        return std * (math.sqrt(max(asked + lent, 0.0)) + _POWER * math.sqrt(scatter))
+
+    plainly = least(of_faint=False)
+    return plainly if plainly > faint else min(least(of_faint=True), faint)
 
 
 def candidates(search: Search, choice: Choice) -> tuple[Candidate, ...]:

@@ -53,8 +53,8 @@ def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
     return None
 
 
-def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: float) -> tuple[Choice, str]:
-    """Effects that noise of the currents alone may look like, or an encoder's rounding; and why, in a sentence's part.
+def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: float) -> dict[str, Choice]:
+    """Effects that noise of the currents alone may look like, or an encoder's rounding; by why, in a sentence's part.
 
     What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told,
     `excess` is the energy over noise that is left unexplained.
@@ -62,12 +62,13 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
     over_noise = _over_noise(search)
     untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
     if choice and len(untold) > 1:
-        return choice, (
+        why = (
             f"this recording does not tell {' and '.join(untold)}, and at one level effects and the machine's "
             "parameters look alike"
         )
+        return {why: choice}
     by_angle, unexplained = _by_angle(search), _unexplained(search, excess)
-    left, weakest = choice, dict[str, float]()
+    left, found = choice, dict[str, Choice]()
     while left:
         worths = {
             one: {
@@ -81,30 +82,34 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
         one = min(left, key=lambda each: min(worths[each].values()))
         if min(worths[one].values()) > 1.0:
             break
-        weakest = worths[one]
+        cause = min(worths[one], key=lambda name: worths[one][name])
+        why = _why(search, cause, worths[one][cause])
+        found[why] = (*found.get(why, ()), one)
         left = tuple(other for other in left if other != one)
     fit = search.fit(choice)
-    near = {one: distance for one in choice if (distance := search.distance(fit, one)) < ENTRY}
-    axis, least = min(over_noise.items(), key=lambda item: item[1])
-    cause = min(weakest, key=lambda name: weakest[name], default="size")
-    if cause == "size":
-        errors = math.sqrt(2.0 * min(near.values(), default=0.0))
-        why = f"what is found of it lies {number(errors, 2)} standard errors from none"
-    elif cause == "angle":
-        why = "each period turns the rotor by nearly whole counts of its encoder, whose rounding may look like this"
-    elif cause == "machine":
-        why = (
+    for one in left:
+        if (distance := search.distance(fit, one)) < ENTRY:
+            errors = math.sqrt(2.0 * distance)
+            found[f"what is found of it lies {number(errors, 2)} standard errors from none"] = (one,)
+    return found
+
+
+def _why(search: Search, cause: str, worth: float) -> str:
+    """What makes an effect worth no more than this, in a sentence's part."""
+    if cause == "angle":
+        return "each period turns the rotor by nearly whole counts of its encoder, whose rounding may look like this"
+    if cause == "machine":
+        return (
             "R_s, L_d, L_q and psi_f, within their tolerance, look like all but "
-            f"{percent(_APART * weakest[cause])} of its energy here"
+            f"{percent(_APART * worth)} of its energy here"
         )
-    elif cause == "rest":
-        why = "what it explains is little beside what is left of the voltage, which nothing explains"
-    else:
-        why = (
-            f"i_{axis} changes by {number(math.sqrt(least), 2)} times its noise here, and noise of the currents alone "
-            "may look like this"
-        )
-    return tuple(one for one in choice if one not in left or one in near), why
+    if cause == "rest":
+        return "what it explains is little beside what is left of the voltage, which nothing explains"
+    axis, least = min(_over_noise(search).items(), key=lambda item: item[1])
+    return (
+        f"i_{axis} changes by {number(math.sqrt(least), 2)} times its noise here, and noise of the currents alone "
+        "may look like this"
+    )
 
 
 def attenuated(search: Search, choice: Choice) -> Array:
@@ -125,11 +130,10 @@ def attenuated(search: Search, choice: Choice) -> Array:
 
 def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, excess: float) -> float:
     """The size (of the column at `place`) from which on an effect beside a set is borne out."""
-    fit = search.fit((*choice, one))
-    variance = float(fit.covariance[fit.places.index(place), fit.places.index(place)])
+    variance = search.variance_of(choice, one, place)
     unit = np.zeros(len(search.columns))
     unit[place] = 1.0
-    gained = max(_by_angle(search), _unexplained(search, excess)) * variance
+    gained = max(_by_angle(search), _unexplained(search, excess), _FAINTLY * excess) * variance
     if _apart(search, unit) < _APART:
         return math.inf
     return math.sqrt(max(gained, 1.0 / max(_over_lent(search, unit, _over_noise(search)), 1e-300)))
@@ -210,7 +214,7 @@ def _over_noise(search: Search) -> dict[str, float]:
         energy = 1.0 / max(float(base[place, place]), 1e-300) - float(search.weight[place])
         L = getattr(rows.machine, f"L_{axis}")
         found[axis] = max(energy, 0.0) * L**2 / len(rows)
-    if float(np.quantile(np.abs(rows.omega_e), 0.98)) < STANDING:
+    if float(np.quantile(np.abs(rows.omega_e[rows.joined]), 0.98)) < STANDING:
         axis = max(found, key=lambda name: found[name])
         return {axis: found[axis]}
     return found

@@ -100,9 +100,9 @@ def _way(rows: Rows) -> float:
 
 def _fastest(rows: Rows) -> float:
     """The recording's highest speed, rad/s; of a motor that stands, one that asks for a third of the voltage."""
-    slow, fast = (float(np.quantile(np.abs(rows.omega_e), q)) for q in (0.02, 0.98))
+    slow, fast = (float(np.quantile(np.abs(rows.omega_e[rows.joined]), q)) for q in (0.02, 0.98))
     if fast > STANDING:
-        return fast if fast - slow > _HELD * fast else float(np.median(np.abs(rows.omega_e)))
+        return fast if fast - slow > _HELD * fast else float(np.median(np.abs(rows.omega_e[rows.joined])))
     m = rows.machine
     volts = float(np.median(rows.u_dc)) / math.sqrt(3.0) if rows.u_dc is not None else 10.0 * m.R_s * rows.i_rated
     return volts / (3.0 * m.psi_f)

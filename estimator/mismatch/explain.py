@@ -37,7 +37,7 @@ class Fit:
     choice: Choice
     places: tuple[int, ...]  # columns
     value: Array
-    covariance: Array  # with the noise as it scatters
+    covariance: Array  # for white noise
     log_evidence: float
     chi2: float
 
@@ -122,9 +122,23 @@ class Search:
         """Log-odds that one more effect brings to a set, for noise as it scatters and equations as good as they are."""
         with_it, without = self.fit((*choice, more)), self.fit(choice)
         fitted = 0.5 * (without.chi2 - with_it.chi2)
-        complexity = with_it.log_evidence - without.log_evidence - fitted
-        lent = self._lent_faint(choice, more) if self.faint(with_it, more) else self._lent(choice)
+        complexity = self.complexity(choice, more)
+        lent = self.lent(choice, more, faint=self.faint(with_it, more))
         return (fitted - 0.5 * lent) / self.scatter(with_it, more) + complexity
+
+    def complexity(self, choice: Choice, more: tuple[str, int]) -> float:
+        """Log-odds that one more effect costs a set, however much it explains."""
+        with_it, without = self.fit((*choice, more)), self.fit(choice)
+        return with_it.log_evidence - without.log_evidence - 0.5 * (without.chi2 - with_it.chi2)
+
+    def variance_of(self, choice: Choice, more: tuple[str, int], place: int) -> float:
+        """Of one size of an effect beside a set, for white noise, where its other sizes are known and none is held."""
+        free, places = self.free_covariance((*choice, more)), self.places((*choice, more))
+        own = [places.index(j) for j in self.sizes_of(more)]
+        at = own.index(places.index(place))
+        std = np.sqrt(np.diag(free)[own])  # sizes may differ by many orders of magnitude
+        precision = np.linalg.inv(free[np.ix_(own, own)] / np.outer(std, std))
+        return float(std[at] ** 2 / precision[at, at])
 
     def faint(self, fit: Fit, one: tuple[str, int]) -> bool:
         """All of an effect's sizes are so small that beside others it must explain more than they may lend."""
@@ -180,7 +194,7 @@ class Search:
         return self._unbounded(choice, self.places(tuple(sorted(choice))), {}, self.gram).covariance
 
     def parameter_scatter(self, fit: Fit) -> Array:
-        """The same for every coefficient of a fit, each less what the others make of it."""
+        """How every coefficient of a fit scatters over white noise, each less what the others make of it."""
         grams, places = self.regression.gram, list(fit.places)
         score = grams[:, places, -1] - np.einsum("spq,q->sp", grams[:, places][:, :, places], fit.value)
         spread = score.T @ score
@@ -222,15 +236,19 @@ class Search:
             total += BY_NAME[one[0]].missed * max(explained, 0.0)
         return total
 
-    def _lent(self, choice: Choice) -> float:
-        """What of chi square the equations of a set's effects may lend another: no one looks like half of all left."""
-        left = self.fit(choice).chi2 - self.regression.count
-        return min(self.missed(choice), _ALIKE * max(left, _NOISE * self.regression.count))
+    def lent(self, choice: Choice, more: tuple[str, int], *, faint: bool) -> float:
+        """What of chi square the equations of a set's effects may lend another: no one looks like half of all left.
 
-    def _lent_faint(self, choice: Choice, more: tuple[str, int]) -> float:
-        """The same of a faint effect: all that they miss, and a part of what those explain that look like it."""
+        A faint one: all that they miss, and a part of what those explain that look like it.
+        """
         full = self.fit(choice).chi2
-        alike = [one for one in choice if one[0] in BY_NAME[more[0]].confused_with]
+        if not faint:
+            left = full - self.regression.count
+            return min(self.missed(choice), _ALIKE * max(left, _NOISE * self.regression.count))
+        alike = [
+            one for one in choice
+            if one[0] in BY_NAME[more[0]].confused_with or more[0] in BY_NAME[one[0]].confused_with
+        ]  # fmt: skip
         explained = [self.fit(tuple(c for c in choice if c != one)).chi2 - full for one in alike]
         return self.missed(choice) + _OF_RIVALS * sum(explained)
 

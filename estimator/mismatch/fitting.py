@@ -118,21 +118,39 @@ def _fitted(
 ) -> Fitted:  # fmt: skip
     """From a model on; `nearly`: blocks of the rows have found it."""
     clean, settled = _raw(rows), False
-    seen: list[frozenset[str]] = []
-    rounds, times = _WHOLE if nearly else (ROUNDS, POLISHED)
+    times = (_WHOLE if nearly else (ROUNDS, POLISHED))[1]
     if nearly:
         model, clean, settled = polished(rows, clean, model, nominal, tolerance, angle_step, times)
-        seen.append(frozenset(model.effects))
-    last: Search | None = None
+    model, clean, last = _rounds(
+        rows, clean, model, settled, nearly, nominal, tolerance, angle_step, progress, library
+    )  # fmt: skip
+    needed = last.without_needless(_present(model))
+    if len(needed) < len(model.effects):
+        kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
+        model, clean, settled = polished(rows, clean, kept, nominal, tolerance, angle_step, times)
+        last = _search(rows, clean, model, nominal, tolerance, angle_step, library)
+        if set(last.best(needed)) != set(needed):  # others show without what led astray
+            model, clean, last = _rounds(
+                rows, clean, model, settled, nearly, nominal, tolerance, angle_step, progress, library
+            )  # fmt: skip
+    assert clean.noise is not None
+    return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
+
+
+def _rounds(
+    rows: Rows, clean: Clean, model: Model, settled: bool, nearly: bool, nominal: Machine,
+    tolerance: Mapping[str, float], angle_step: float, progress: Callable[[float], None], library: Sequence[Effect],
+) -> tuple[Model, Clean, Search]:  # fmt: skip
+    """Effects are added, taken away and exchanged until nothing changes."""
+    rounds, times = _WHOLE if nearly else (ROUNDS, POLISHED)
+    seen = [frozenset(model.effects)] if nearly else list[frozenset[str]]()
     barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
     for n in range(rounds):
         search = _search(rows, clean, model, nominal, tolerance, angle_step, library)
         search.barred |= barred
-        present = tuple((name, -1) for name in model.effects)
-        choice = search.best(present)
-        if (settled or nearly) and set(choice) == set(present):
-            last = search
-            break
+        choice = search.best(_present(model))
+        if (settled or nearly) and set(choice) == set(_present(model)):
+            return model, clean, search
         towards = moved(search, choice)
         better = _no_worse(rows, clean, model, towards, search)
         if better is not None:
@@ -148,15 +166,11 @@ def _fitted(
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
             break
-    if last is None:
-        last = _search(rows, clean, model, nominal, tolerance, angle_step, library)
-    needed = last.without_needless(tuple((name, -1) for name in model.effects))
-    if len(needed) < len(model.effects):
-        kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
-        model, clean, _ = polished(rows, clean, kept, nominal, tolerance, angle_step, times)
-        last = _search(rows, clean, model, nominal, tolerance, angle_step, library)
-    assert clean.noise is not None
-    return Fitted(model, last, tuple((name, -1) for name in model.effects), clean.z, clean.noise, clean.rows)
+    return model, clean, _search(rows, clean, model, nominal, tolerance, angle_step, library)
+
+
+def _present(model: Model) -> Choice:
+    return tuple((name, -1) for name in model.effects)
 
 
 def _raw(rows: Rows) -> Clean:
@@ -186,7 +200,7 @@ def without(
     model, clean, _ = polished(rows, clean, start, nominal, tolerance, angle_step)
     last = _search(rows, clean, model, nominal, tolerance, angle_step)
     assert clean.noise is not None
-    return Fitted(model, last, tuple((name, -1) for name in model.effects), clean.z, clean.noise, clean.rows)
+    return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
 
 
 def polished(
@@ -212,7 +226,7 @@ def _polished(
         if n % _LASTS == 0:
             slopes.clear()
         own = _search(rows, clean, model, nominal, tolerance, angle_step, (), slopes)
-        better = _no_worse(rows, clean, model, moved(own, tuple((name, -1) for name in model.effects)), own)
+        better = _no_worse(rows, clean, model, moved(own, _present(model)), own)
         if better is None:
             return model, clean, settled
         settled = _close(own, model, better, _STILL if clean.follow is None else _NEARLY)
@@ -230,7 +244,7 @@ def _steep(model: Model) -> bool:
 
 def _close(search: Search, one: Model, other: Model, most: float) -> bool:
     """No size has moved by more than so many of its standard errors, or a thousandth of what is typical."""
-    choice = tuple((name, -1) for name in one.effects)
+    choice = _present(one)
     fit, covariance = search.fit(choice), search.free_covariance(choice)
     for n, place in enumerate(fit.places):
         column = search.columns[place]

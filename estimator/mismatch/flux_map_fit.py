@@ -36,7 +36,7 @@ from estimator.mismatch.model import (
     with_machine,
 )
 from estimator.mismatch.verdict import FluxTable, Quantity
-from estimator.mismatch.whitening import whiten
+from estimator.mismatch.whitening import poles_of, whiten
 from estimator.physics.flux_map import MISSED, Axis, Bend, line_of, mirrored, slopes_of
 from estimator.physics.rows import Real, Rows, Vector
 from estimator.physics.saturation import EFFECTS
@@ -308,6 +308,7 @@ def _sums(
     """Sums of squares and products of all shapes' columns, that of R_s, and y, by stretch."""
     P = shapes.shape[1]
     gram, state = np.zeros((STRETCHES, P + 2, P + 2)), np.zeros(P + 2, np.complex128)
+    poles = poles_of(rows.joined, rho)
     for s, (a, b) in enumerate(pairwise(np.linspace(0, len(rows), STRETCHES + 1).astype(int).tolist())):
         for begin in range(a, b, _PART):
             cut = slice(begin, min(begin + _PART, b))
@@ -317,7 +318,7 @@ def _sums(
             v = np.empty((P + 2, len(part)), np.complex128)
             v[:P] = (part.half * psi[:, 1:] - part.half.conj() * psi[:, :-1]) / part.T_s
             v[P], v[P + 1] = mean[cut], rest[cut]
-            whiten(v, part.half, part.joined, part.T_s, rho, state)
+            whiten(v, part.half, part.joined, poles[cut], part.T_s, state)
             white = np.concatenate([v.real / noise[0], v.imag / noise[1]], axis=1)
             gram[s] += white @ white.T
     return gram

@@ -7,12 +7,13 @@ left is that of currents and voltages as they act. Knows nothing of how a model 
 import cmath
 import math
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import Machine
-from estimator.mismatch.whitening import whiten
+from estimator.mismatch.whitening import poles_of, whiten
 from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -23,6 +24,8 @@ from estimator.physics.saturation import HARMONIC, saturated
 Array = NDArray[np.float64]
 Noise = tuple[float, float, float]
 """White noise of the whitened residual: Vs on d, Vs on q, A of the three phase currents' mean."""
+
+_LEAST: Final = 1e-6  # of rated current, that the noise of a current is taken for
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +73,7 @@ def _without_errors(rows: Rows, model: Model) -> Rows:
             angle = angle + effect.angle_error(rows, sizes)
         if effect.misreads_voltage:
             rows = rows.with_voltage(rows.u - effect.voltage(rows, sizes))
-    error = current_error(on_local_lines(rows, model), model)
+    error = current_error(rows, model)
     if isinstance(angle, float):
         turned = cmath.exp(1j * angle)
         i = rows.i * turned if isinstance(error, float) else (rows.i_s - error) * rows.rotor.conj() * turned
@@ -89,12 +92,14 @@ def _without_errors(rows: Rows, model: Model) -> Rows:
 
 
 def current_error(rows: Rows, model: Model) -> Vector | float:
-    """Measured less true current vector at samples, A, stationary frame. For rows on the model's local lines."""
+    """Measured less true current vector at samples, A, stationary frame."""
     total: Vector | float = 0.0
-    for name, sizes in model.effects.items():
-        error = BY_NAME[name].current_error
-        if error is not None:
-            total = total + error(rows, sizes)
+    errors = [(BY_NAME[name].current_error, sizes) for name, sizes in model.effects.items()]
+    there = [(error, sizes) for error, sizes in errors if error is not None]
+    if there:
+        at = on_local_lines(rows, model)
+        for error, sizes in there:
+            total = total + error(at, sizes)
     return total
 
 
@@ -160,7 +165,7 @@ def zero_residual(rows: Rows, smooth: Rows, model: Model) -> Array | None:
 def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
     """One column, whitened, Vs."""
     z = v[None, :].copy()
-    whiten(z, rows.half, rows.joined, rows.T_s, rho, np.zeros(1, np.complex128))
+    whiten(z, rows.half, rows.joined, poles_of(rows.joined, rho), rows.T_s, np.zeros(1, np.complex128))
     return z[0]
 
 
@@ -185,11 +190,16 @@ def straightening(rows: Rows, model: Model, bend: Bend) -> Array:
 
 
 def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
-    """White noise of the whitened residual (Vs on d, Vs on q, A), from what changes between neighbours."""
+    """White noise of the whitened residual (Vs on d, Vs on q, A), from what changes between neighbours.
+
+    A little at least: no sensor is free of it.
+    """
     both = rows.joined[1:] & rows.joined[:-1]
 
     def white(x: Array) -> float:
         step = np.diff(x)[both[: len(x) - 1]]
         return float(np.median(np.abs(step)) / 0.6744898 / math.sqrt(2.0))
 
-    return white(z.real), white(z.imag), 1.0 if zero is None else max(white(zero[:-1]), 1e-12)
+    m, least = rows.machine, _LEAST * rows.i_rated
+    zero_noise = 1.0 if zero is None else max(white(zero[:-1]), least)
+    return max(white(z.real), m.L_d * least), max(white(z.imag), m.L_q * least), zero_noise

@@ -22,7 +22,9 @@ from estimator.twin import WINDOW, implied_voltage
 
 Bools = NDArray[np.bool_]
 
-_SEGMENTS: Final = (64, 32, 16)  # periods, of spectra: the longest that there are
+SHORTEST: Final = 16
+"""Periods that the longest stretch must have."""
+_SEGMENTS: Final = (64, 32, SHORTEST)  # periods, of spectra: the longest that there are
 _LOW: Final = 0.1  # of the sampling rate
 _HIGH: Final = 0.25
 
@@ -35,7 +37,7 @@ def fit_quality(
 
     `noise` is that of the whitened residual (Vs on d, Vs on q, A).
 
-    Raises ValueError where no stretch of 16 periods is held out.
+    One stretch of them at least is `SHORTEST` periods long.
     """
     used = held_out & rows.joined
     both = [_measured(rows, model, i, used, after, noise) for model, i in zip((before, after), runs, strict=True)]
@@ -66,17 +68,20 @@ def _rms(x: Vector) -> float:
     return math.sqrt(float(np.mean(np.abs(x) ** 2)) / 2.0)
 
 
+def longest(used: Bools) -> int:
+    """Periods of the longest stretch."""
+    return max((b - a for a, b in _stretches(used)), default=0)
+
+
+def _stretches(used: Bools) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(used.astype(np.int8), prepend=0, append=0)).tolist()
+    return list(zip(edges[0::2], edges[1::2], strict=True))
+
+
 def _low_over_white(z: Vector, used: Bools) -> float:
     """Power below a tenth of the sampling rate, over that of white noise of the power above a quarter of it."""
-    edges = np.flatnonzero(np.diff(used.astype(np.int8), prepend=0, append=0))
-    stretches = [z[a:b] for a, b in zip(edges[0::2], edges[1::2], strict=True)]
-    longest = max(map(len, stretches), default=0)
-    size = next((size for size in _SEGMENTS if size <= longest), 0)
-    if not size:
-        raise ValueError(
-            f"expected stretches of at least {_SEGMENTS[-1]} periods without a gap to judge by, the longest has "
-            f"{longest}; record longer, or over a faster link"
-        )
+    stretches = [z[a:b] for a, b in _stretches(used)]
+    size = next(size for size in _SEGMENTS if size <= longest(used))
     whole = [stretch[: len(stretch) // size * size].reshape(-1, size) for stretch in stretches]
     parts: Vector = np.concatenate(whole) * np.hanning(size)
     frequency = np.abs(np.fft.fftfreq(size))

@@ -11,20 +11,20 @@ import numpy as np
 
 from estimator.machine import Machine
 from estimator.mismatch.excitation_check import held_at_bound
-from estimator.mismatch.fitting import Fitted, without
+from estimator.mismatch.fitting import Fitted, fitted, without
 from estimator.mismatch.locate import RESONANCE, describe, rings
 from estimator.mismatch.model import Noise, filter_pole, noise_of, residual, whitened, with_machine
 from estimator.mismatch.verdict import Unexplained
 from estimator.physics.rows import Rows, Vector
 
 OUTSHINES: Final = 3.0  # times what is left unexplained, that a named effect has to explain
-_NOTHING: Final = 0.03  # of the noise's power: no mismatch that matters
+_NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
 _LIKE_RESONANCE: Final = "iron_loss"
 
 
 def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
     """What is left, where it is more than the effects' equations may miss, or an effect is not what it looks like."""
-    allowed = found.search.missed(found.choice) + _NOTHING * found.search.regression.count
+    allowed = found.search.missed(found.choice) + _NOTHING * 2.0 * int(rows.joined.sum())
     if excess_of(found) > allowed:
         return _described(rows, found)
     if all(name == _LIKE_RESONANCE for name, _ in found.choice) and rings(rows, found.z, found.noise[:2]):
@@ -47,13 +47,18 @@ def upright(
     """A fit without effects that only lean on what is left, and what is left then.
 
     None of them where what is left without any has a form that explains more than they do, or where their machine is
-    none: they are its disguise.
+    none: they are its disguise. Where nothing is left without those that are gone, they had led astray: others may
+    show now.
     """
+    before = found
     resonance: Unexplained | None = None
     while left is not None and (dropped := {*_outshone(found), *(alike := _alike(found, left))}):
         resonance = left if alike else resonance
         found = without(found, sorted(dropped), nominal, tolerance, step)
         left = _described(rows, found)
+    if found is not before and left is None and set(found.search.best(found.choice)) != set(found.choice):
+        found = fitted(rows, nominal, tolerance, step, begin=found.model)
+        return found, left_of(rows, found)
     left = resonance or left  # it is plainest where a loss takes its slow part
     if left is not None and found.choice:
         bare = without(found, [name for name, _ in found.choice], nominal, tolerance, step)

@@ -48,8 +48,8 @@ def sentence_of(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict is Verdict.EXPLAINED:
         said.append(f"{_GAIN}, would not have shown within the nominal values' tolerance")
     if diagnosis.verdict is Verdict.NO_MISMATCH:
-        said.append("no mismatch: the machine's equations with fitted parameters leave nothing but noise; "
-                    + _detectable(diagnosis))
+        nothing = "no mismatch: the machine's equations with fitted parameters leave nothing but noise"
+        said.append("; ".join(part for part in (nothing, _detectable(diagnosis)) if part))
     if diagnosis.verdict is Verdict.NOT_ENOUGH_EXCITATION:
         why = "no effect stands out, and not every parameter can be told"
         said.append(f"not enough excitation to judge: {'; '.join(diagnosis.remarks[-1:]) or why}")

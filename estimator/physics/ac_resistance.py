@@ -6,13 +6,15 @@ one rung of a ladder in the stationary frame: none at dc, half of `rise` at the 
 currents in transformer windings", Proc. IEE 113, 1966, doi 10.1049/piee.1966.0236.
 """
 
+import cmath
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.kernel import kernel
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Real, Rows, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -53,17 +55,34 @@ def _bent(rows: Rows, over: Vector) -> Vector:
 
 
 def _over(i: Vector, rows: Rows, corner: float, beside: Vector) -> Vector:
-    """i - i_x at samples, for a current that goes straight from sample to sample but for what is `beside`."""
-    return _followed(i, beside, *rung(rows.T_s, corner)[1:])
+    """i - i_x at samples, for a current that goes straight from sample to sample but for what is `beside`.
+
+    Over periods that are not there it goes straight in the rotor frame; after a pause the rung begins anew.
+    """
+    periods = np.where(rows.pauses, 0, rows.apart)
+    return _followed(i, beside, periods, rows.D, *rung(rows.T_s, corner)[1:])
 
 
 @kernel
-def _followed(i: Vector, beside: Vector, share: float, late: float) -> Vector:
+def _followed(
+    i: Vector, beside: Vector, periods: NDArray[np.intp], D: Real, share: float, late: float
+) -> Vector:
     over = np.empty(len(i), np.complex128)
     i_x = i[0]
     over[0] = 0.0
     for k in range(len(i) - 1):
-        i_x += share * (i[k] - i_x + beside[k]) + late * (i[k + 1] - i[k])
+        m = periods[k]
+        if m == 1:
+            i_x += share * (i[k] - i_x + beside[k]) + late * (i[k + 1] - i[k])
+        elif m == 0:
+            i_x = i[k + 1]
+        else:
+            turn, begin = cmath.exp(1j * D[k] / m), i[k]
+            step = (i[k + 1] * cmath.exp(-1j * D[k]) - i[k]) / m
+            for n in range(m):
+                end = (i[k] + (n + 1) * step) * turn ** (n + 1)
+                i_x += share * (begin - i_x) + late * (end - begin)
+                begin = end
         over[k + 1] = i[k + 1] - i_x
     return over
 

@@ -37,8 +37,10 @@ def zero(rows: Rows, sizes: Sizes) -> Real:
 def _slope(rows: Rows, axis: complex) -> Real:
     """How fast the phase's current changes at samples, A/s."""
     psi, g = rows.own_flux
-    omega, i = rows.omega_e, rows.i
-    omega = 0.5 * (np.concatenate((omega[:1], omega)) + np.concatenate((omega, omega[-1:])))
+    i, there = rows.i, rows.apart == 1  # over a gap no speed is known
+    omega = np.where(there, rows.omega_e, 0.0)
+    both = np.concatenate((there[:1], there)).astype(int) + np.concatenate((there, there[-1:]))
+    omega = (np.concatenate((omega[:1], omega)) + np.concatenate((omega, omega[-1:]))) / np.maximum(both, 1)
     slope = g(-rows.machine.R_s * i - 1j * omega * psi) + 1j * omega * i
     return (slope * rows.rotor * axis.conjugate()).real
 

@@ -56,7 +56,7 @@ EFFECT = Effect(
     voltage,
     lambda rows: ((0.001 * rows.i_rated,), (0.01 * rows.i_rated,)),
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
-    ("winding resistance", "flux_harmonics"),
+    ("winding_resistance_drift", "flux_harmonics"),
     steep=True,
     missed=1e-4,
     remembers=lambda rows, _sizes: None if rows.u_dc is None else edges_at_start(rows),

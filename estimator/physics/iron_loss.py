@@ -83,8 +83,10 @@ EFFECT = Effect(
 
 
 def fastest(rows: Rows) -> float:
-    """The highest electrical speed, rad/s."""
-    return max(float(np.max(np.abs(rows.omega_e), initial=0.0, where=rows.joined)), 1.0)
+    """The highest electrical speed, rad/s, that lasts for three periods: one wrong angle is none."""
+    speed = np.where(rows.joined, np.abs(rows.omega_e), 0.0)
+    lasting = np.minimum(np.minimum(speed[2:], speed[1:-1]), speed[:-2])
+    return max(float(np.max(lasting, initial=0.0)), 1.0)
 
 
 def emf(rows: Rows) -> float:

@@ -33,6 +33,7 @@ OF_ANGLE_AND_BRIDGE: Final = (
 """What is worked out `once` and depends neither on the machine nor on currents."""
 LOCAL: Final = ("local L_d", "local L_q", "local psi_0", "stiffness a", "stiffness b", "bent flux")
 """Of straight lines that a saturating machine follows for a while."""
+_NO_SENSOR: Final = 1e-4  # of the current: no three sensors agree that closely
 _FOLLOWED: Final = 10  # periods that are not there
 
 
@@ -103,7 +104,7 @@ class Rows:
         """Work out now what all models share."""
         _ = self.D, self.rotor, self.middle, self.turn, self.i_s
         if self.u_dc is not None:
-            _ = self.moment_of_pulses
+            _ = self.moment_of_pulses, self.power_of_pulses
 
     def kept_of_angle_and_bridge(self) -> dict[str, Any]:
         """What has been worked out and depends neither on the machine nor on currents."""
@@ -115,7 +116,8 @@ class Rows:
 
     def pulses_turned(self, by: Vector | complex) -> dict[str, Any]:
         """What has been worked out of pulses, in a frame where vectors of periods are `by` (of length 1) times it."""
-        powers = {"duties": 0, "moment of pulses": 1, "size of pulses": 0, "square of pulses": 2}
+        powers = {"duties": 0, "edges at start": 0, "order": 0, "moment of pulses": 1, "size of pulses": 0}
+        powers["square of pulses"] = 2
         return {
             key: self.kept[key] * by**power if power else self.kept[key]
             for key, power in powers.items() if key in self.kept
@@ -168,7 +170,7 @@ class Rows:
 
     @property
     def theta_m(self) -> Real:
-        """Mechanical angle at samples, rad, but for a constant."""
+        """Mechanical angle at samples, rad, but for a constant of each run: in a pause nobody counts turns."""
         return self.theta_e / self.machine.n_p
 
     # --- currents
@@ -268,7 +270,7 @@ class Rows:
         L_d, L_q = (2.0 / (x[1:] + x[:-1]) for x in (g.a + g.b.real, g.a - g.b.real))
         psi, i = (0.5 * (x[1:] + x[:-1]) for x in (psi, self.i))
         lines = L_d, L_q, psi - L_d * i.real - 1j * L_q * i.imag, *at_samples
-        kept = {key: value for key, value in self.kept.items() if key != "ripple"}
+        kept = {key: value for key, value in self.kept.items() if key in (*OF_ANGLE_AND_BRIDGE, "i_s", "i_mean")}
         return replace(self, kept=kept | dict(zip(LOCAL, lines, strict=True)))
 
     # --- bridge
@@ -427,6 +429,8 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     if u_dc is not None:  # duties are those of a link read at the start; it moves on within the period
         u = u * np.where(joined, 0.5 * (1.0 + u_dc[1:] / u_dc[:-1]), 1.0)
     zero = None if i_a is None or i_b is None or i_c is None else (i_a + i_b + i_c) / 3.0
+    if zero is not None and np.std(zero) <= _NO_SENSOR * np.sqrt(np.mean(i_d**2 + i_q**2)):
+        zero = None  # one phase is what the others leave: no third sensor bears witness
     rows = Rows(
         machine, T, i_rated, t, i_d + 1j * i_q, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
         np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, T * np.cumsum(i_d**2 + i_q**2),

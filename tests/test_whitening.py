@@ -1,0 +1,49 @@
+"""Whitening: noise of the currents comes out white, after gaps too, and voltages come back."""
+
+import math
+
+import numpy as np
+import pytest
+
+from estimator.machine import Machine
+from estimator.mismatch.averages import voltage_of
+from estimator.mismatch.model import filter_pole, whitened
+from estimator.physics.ac_resistance import voltage
+from estimator.physics.rows import Rows, rows_of
+from estimator.samples import Samples
+from tests.convention_runs import recording
+
+MACHINE = Machine(R_s=0.5, L_d=5e-3, L_q=5e-3, psi_f=0.1, n_p=4, i_rated=10.0)
+T_S, SIGMA, RUN, RUNS = 1e-4, 1e-5, 200, 200  # s, Vs, periods, count
+
+
+@pytest.fixture(scope="module")
+def gappy() -> Rows:
+    """A turning rotor, with a row lost after every run."""
+    runs: list[Samples] = []
+    for k in range(RUNS):
+        t = T_S * ((RUN + 1) * k + np.arange(RUN))
+        none, speed = np.zeros(RUN), np.full(RUN, 500.0)
+        runs.append(Samples(np.mod(500.0 * t, math.tau), speed, none + 1.0, none, none, none, T_S, t0=float(t[0])))
+    return rows_of(runs, MACHINE, 10.0)
+
+
+def test_noise_is_white_from_a_gap_on_and_its_voltage_comes_back(gappy: Rows) -> None:
+    rng, rho, n = np.random.default_rng(1), filter_pole(MACHINE, T_S), len(gappy)
+    flux = SIGMA * (rng.normal(size=n + 1) + 1j * rng.normal(size=n + 1))
+    v = (gappy.half * flux[1:] - rho * gappy.half.conj() * flux[:-1]) / T_S * gappy.joined
+    z = whitened(v, gappy, rho)
+    since = np.arange(n) % RUN  # 0 right after the begin of a run
+    for first, last, most in ((0, 1, 2.3), (1, 5, 1.5), (5, 20, 1.2), (20, RUN - 1, 1.05)):
+        power = float(np.mean(np.abs(z[gappy.joined & (since >= first) & (since < last)]) ** 2)) / (2.0 * SIGMA**2)
+        assert 0.9 < power < most
+    assert np.allclose(voltage_of(gappy, z), v, atol=1e-9 * SIGMA / T_S)
+
+
+def test_a_rung_of_the_ladder_remembers_over_a_lost_row() -> None:
+    (run, *_), nominal = recording("none", 1, length=1.0)
+    rated = nominal.i_rated or 1.0
+    whole, gapped = (rows_of(runs, nominal, rated) for runs in ([run], [run[:5000], run[5001:]]))
+    v, w = (voltage(rows, (0.9, 150.0)) for rows in (whole, gapped))
+    off = np.abs(w[5000:5030] - v[5001:5031])
+    assert np.max(off) < 0.02 * float(np.sqrt(np.mean(np.abs(v) ** 2)))
