@@ -87,8 +87,10 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
         long_enough, nominal = list(suspicion.runs), suspicion.machine
     rated = nominal.i_rated or _highest_current(long_enough)
     rows = rows_of(long_enough, nominal, rated)
-    step = resolution_of(rows, long_enough[0].resolution.theta_e)
-    rows = settled(unrounded(rows, step))
+    told = long_enough[0].resolution.theta_e
+    resolution = resolution_of(rows, told)
+    rows = settled(unrounded(rows, resolution))
+    step = rows.angle_step if told == 0.0 < resolution else told  # counts may be told in finer numbers
     if longest(_odd_stretches(len(rows)) & rows.joined) < SHORTEST:
         return _no_verdict((*checks.remarks, (
             f"expected stretches of at least {SHORTEST} periods without a gap to judge by; record over a faster link, "
