@@ -118,23 +118,36 @@ def _fitted(
 ) -> Fitted:  # fmt: skip
     """From a model on; `nearly`: blocks of the rows have found it."""
     clean, settled = _raw(rows), False
-    times = (_WHOLE if nearly else (ROUNDS, POLISHED))[1]
     if nearly:
-        model, clean, settled = polished(rows, clean, model, nominal, tolerance, angle_step, times)
-    model, clean, last = _rounds(
-        rows, clean, model, settled, nearly, nominal, tolerance, angle_step, progress, library
-    )  # fmt: skip
-    needed = last.without_needless(_present(model))
-    if len(needed) < len(model.effects):
-        kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
-        model, clean, settled = polished(rows, clean, kept, nominal, tolerance, angle_step, times)
-        last = _search(rows, clean, model, nominal, tolerance, angle_step, library)
-        if set(last.best(needed)) != set(needed):  # others show without what led astray
-            model, clean, last = _rounds(
-                rows, clean, model, settled, nearly, nominal, tolerance, angle_step, progress, library
-            )  # fmt: skip
+        model, clean, settled = polished(rows, clean, model, nominal, tolerance, angle_step, _WHOLE[1])
+    again = True
+    while True:
+        model, clean, last = _rounds(
+            rows, clean, model, settled, nearly, nominal, tolerance, angle_step, progress, library
+        )  # fmt: skip
+        needed = last.without_needless(_present(model))
+        if len(needed) == len(model.effects):
+            break
+        model, clean, last = _pruned(rows, clean, model, needed, nominal, tolerance, angle_step, library)
+        if not again or set(last.best(_present(model))) == set(_present(model)):
+            break
+        again = False  # others show without what led astray
     assert clean.noise is not None
     return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
+
+
+def _pruned(
+    rows: Rows, clean: Clean, model: Model, needed: Choice, nominal: Machine, tolerance: Mapping[str, float],
+    angle_step: float, library: Sequence[Effect],
+) -> tuple[Model, Clean, Search]:  # fmt: skip
+    """The best model with only the effects that are needed, and of these only what brings its due then."""
+    while True:
+        kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
+        model, clean, _ = polished(rows, clean, kept, nominal, tolerance, angle_step)
+        last = _search(rows, clean, model, nominal, tolerance, angle_step, library)
+        needed = last.without_needless(_present(model))
+        if len(needed) == len(model.effects):
+            return model, clean, last
 
 
 def _rounds(
@@ -193,12 +206,10 @@ def _search(
 def without(
     found: Fitted, dropped: Sequence[str], nominal: Machine, tolerance: Mapping[str, float], angle_step: float
 ) -> Fitted:
-    """The best model without some of its effects."""
-    rows = found.search.regression.rows
-    kept = {name: sizes for name, sizes in found.model.effects.items() if name not in dropped}
-    start, clean = replace(found.model, effects=kept), Clean(found.smooth, found.z, found.noise)
-    model, clean, _ = polished(rows, clean, start, nominal, tolerance, angle_step)
-    last = _search(rows, clean, model, nominal, tolerance, angle_step)
+    """The best model without some of its effects, and without what does not bring its due then."""
+    rows, clean = found.search.regression.rows, Clean(found.smooth, found.z, found.noise)
+    needed = tuple(one for one in found.choice if one[0] not in dropped)
+    model, clean, last = _pruned(rows, clean, found.model, needed, nominal, tolerance, angle_step, LIBRARY)
     assert clean.noise is not None
     return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
 
