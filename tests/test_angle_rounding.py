@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from estimator.machine import Machine
 from estimator.mismatch.angle_rounding import resolution_of, unrounded
@@ -16,17 +17,25 @@ NUMBER = 2.0 * math.pi / 65536  # rad: a 16-bit channel
 N = 20_000
 
 
-def rows(count: float, number: float, noise: float = 1e-3) -> tuple[Rows, np.ndarray[tuple[int], np.dtype[np.float64]]]:
-    """An angle in counts (rad), told in numbers of so many rad, and the true one; noise of the currents, A."""
+Array = NDArray[np.float64]
+
+
+def rows(
+    count: float, number: float, noise: float = 1e-3, theta: Array | None = None, torque: Array | float = 0.0
+) -> tuple[Rows, Array]:
+    """An angle in counts (rad), told in numbers of so many rad, and the true one; noise of the currents, A.
+
+    `torque`: as i_q makes it, A.
+    """
     t = T_S * np.arange(N)
-    theta = 300.0 * t + 2.0 * np.sin(7.0 * t)
+    theta = 300.0 * t + 2.0 * np.sin(7.0 * t) if theta is None else theta
     told = theta
     for step in (count, number):
         told = step * np.round(told / step) if step else told
     generator = np.random.default_rng(1)
     i_d, i_q = generator.normal(0.0, noise, (2, N))
     omega, zero = np.gradient(theta, T_S), np.zeros(N)
-    return rows_of([Samples(told, omega, i_d, 2.0 + i_q, zero, zero, T_S)], MACHINE, 10.0), theta
+    return rows_of([Samples(told, omega, i_d, torque + 2.0 + i_q, zero, zero, T_S)], MACHINE, 10.0), theta
 
 
 @pytest.mark.parametrize("count", [0.25 * NUMBER, 0.5 * NUMBER, 1.5 * NUMBER, 20.0 * NUMBER])
@@ -46,7 +55,42 @@ def test_coarse_counts_are_smoothed_out() -> None:
     inner = slice(200, -200)
     smooth = unrounded(there, math.hypot(count, NUMBER))
     before, after = (float(np.std((each.theta_e - theta)[inner])) for each in (there, smooth))
-    assert after < 0.5 * before
+    assert after < 0.25 * before
+    assert after < 3.0 * smooth.angle_error
+    assert smooth.angle_hidden < 0.2 * before
+
+
+def test_a_swing_at_an_order_of_the_turn_stays_though_it_is_less_than_a_count() -> None:
+    """Cogging moves a rotor; without that movement, its angle would look like a harmonic of the magnets' flux."""
+    count, turn = 50.0 * NUMBER, 300.0 * T_S * np.arange(N)
+    swing = 0.1 * count * np.cos(6.0 * turn)
+    there, theta = rows(count, NUMBER, theta=turn + swing)
+    found = unrounded(there, math.hypot(count, NUMBER))
+    inner = slice(500, -500)
+    left = (found.theta_e - theta)[inner] - np.mean((found.theta_e - theta)[inner])
+    along = swing[inner] / np.std(swing)
+    assert np.std(left) < 0.5 * np.std((there.theta_e - theta)[inner])
+    assert abs(np.mean(left * along)) < 0.1 * np.std(swing)
+
+
+@pytest.mark.parametrize("bends", [False, True])
+def test_what_the_torque_makes_of_a_free_shaft_stays(bends: bool) -> None:
+    """What a mean lost of it would look like what currents do."""
+    generator = np.random.default_rng(2)
+    torque = 4.0 * np.repeat(generator.choice([-1.0, 1.0], N // 80 + 1), 80)[:N]
+    push = 1.5e-6 * torque
+    if bends:  # half of the inertia behind a spring
+        wave = np.exp(-0.05 * np.arange(400)) * np.cos(2.0 * np.pi * 300.0 * T_S * np.arange(400))
+        push = 0.5 * push + 0.5 * np.convolve(push, wave)[:N] / np.sum(wave)
+    move = np.cumsum(np.cumsum(push - np.mean(push)))
+    count = 50.0 * NUMBER
+    there, theta = rows(count, NUMBER, theta=300.0 * T_S * np.arange(N) + move, torque=torque)
+    found = unrounded(there, math.hypot(count, NUMBER))
+    mean = np.convolve(move, np.ones(65) / 65.0, "same")
+    inner = slice(500, -500)
+    left, lost = (x[inner] - np.mean(x[inner]) for x in (found.theta_e - theta, move - mean))
+    assert np.std(left) < 0.33 * np.std((there.theta_e - theta)[inner])
+    assert abs(np.mean(left * lost)) < 0.1 * np.std(left) * np.std(lost)
 
 
 def test_counts_finer_than_the_currents_noise_stay() -> None:

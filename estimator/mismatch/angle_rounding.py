@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
+from estimator.mismatch.rotor_movement import at_orders, by_torque, driven, smooth
 from estimator.physics.rows import Real, Rows
 
 _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
+_LONG: Final = (64, 128)  # the same, where no period is off by more than its rounding: it shows slow beats
 _ENDS: Final = 4  # halves, that a mean needs to either side
 _STILL: Final = 1e-9  # rad in a period: no count
 _TWICE_ROUNDED: Final = 2.24  # resolutions, by which two roundings may differ from one period to the next
@@ -24,6 +26,10 @@ _DIGITS: Final = 7  # of an angle, that tell values apart
 _FINEST: Final = 2e-6  # rad: a finer step does not matter
 _NEAR: Final = 10.0  # steps, over which they are compared
 _ON_GRID: Final = 0.1  # steps, by which multiples of one may be off
+_QUIET: Final = 0.2  # of the currents' noise: rounding that is quieter stays
+_TWICE: Final = 5.0 / 3.0  # times a mean's variance, of twice a mean less its own mean
+_SHARP: Final = 0.25  # of a step: numbers that are coarser round an angle off by more than its counts
+_FINER: Final = 0.7  # of a step: counts of one that is less hold coarser ones
 _OFF: Final = 0.75  # counts, more than which no rounding is
 _BEAT: Final = 0.3  # share of the rounding's energy, which looks like movement where a smooth angle holds more of it
 _ALIKE: Final = 2.5  # times what a mean of independent errors leaves: those of neighbouring periods are alike
@@ -37,9 +43,10 @@ def unrounded(rows: Rows, step: float) -> Rows:
     """
     step = _step_of(rows, step)
     at, theta, ends = _by_clock(rows)
-    off, variance = (each[at] for each in _rounding(theta, ends, step))
+    torque = np.interp(np.arange(len(theta)), at, _torque(rows))
+    off, variance = (each[at] for each in _rounding(theta, torque, ends, step, _numbers(rows, step)))
     hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
-    if rows.machine.psi_f * step < math.sqrt(12.0) * _loudness(rows):
+    if rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows):
         return replace(rows, angle_step=step, angle_error=0.0, angle_hidden=hidden)
     smooth = rows.theta_e - off
     turned = np.exp(0.5j * (off[1:] + off[:-1]))
@@ -131,10 +138,23 @@ def _by_clock(rows: Rows) -> tuple[NDArray[np.intp], Real, list[int]]:
     return at, course, [0, *at[1:][long].tolist(), n]
 
 
-def _rounding(theta: Real, ends: Sequence[int], step: float) -> tuple[Real, Real]:
+def _torque(rows: Rows) -> Real:
+    """Of the currents at samples, a pole pair, over 1.5, Vs A."""
+    m, i = rows.machine, rows.i
+    return (m.psi_f + (m.L_d - m.L_q) * i.real) * i.imag
+
+
+def _numbers(rows: Rows, step: float) -> float:
+    """Step (rad) of numbers that hold coarser counts; 0 where these are not rounded once more."""
+    finest = resolution_of(rows, 0.0)
+    return finest if finest < _FINER * step else 0.0
+
+
+def _rounding(theta: Real, torque: Real, ends: Sequence[int], step: float, finer: float) -> tuple[Real, Real]:
     """Angle less the smooth one (rad), and the variance (rad^2) of what is left of the rounding.
 
-    Zero near the ends of runs, and where the rotor's movement is not smooth.
+    Zero near the ends of runs, and where the rotor's movement is not smooth. What the torque makes of it need not be:
+    what a mean lost of that would look like what currents do. `finer`: numbers' step, that holds counts.
     """
     n = len(theta)
     off, variance = np.zeros(n), np.full(n, step**2 / 12.0)
@@ -143,36 +163,27 @@ def _rounding(theta: Real, ends: Sequence[int], step: float) -> tuple[Real, Real
         return off, variance
     # Where it moves on, it is between two counts
     x = np.interp(np.arange(n), moved + 0.5, 0.5 * (theta[moved] + theta[moved + 1]))
+    pushed, widths = driven(x, torque, ends), np.zeros(n, np.intp)
+    theta, x = theta - pushed, x - pushed
     shorter: Real | None = None
-    for w in _HALVES:
+    for w in (*_HALVES, *(_LONG if finer < _SHARP * step else ())):
         if n < 6 * w:
             break
-        bend = np.zeros(n)
-        smooth = _mean(x, w)
-        bend[1:-1] = np.diff(smooth, 2)
-        smooth = smooth - w * (w + 1) / 6.0 * _mean(bend, w)  # a mean lies inside of its curve
-        wrong = np.abs(theta - smooth) > _OFF * step
-        if shorter is not None:
-            wrong |= np.abs(smooth - shorter) > _SAME * step / math.sqrt(12.0 * 2.0 * w)
+        mean = smooth(x, w)
+        uncertain = _SAME * step / math.sqrt(12.0 * 2.0 * w)
+        wrong = np.abs(theta - mean) > (_OFF * step if w in _HALVES else 0.5 * (step + finer) + uncertain)
+        if shorter is not None and w in _HALVES:
+            wrong |= np.abs(mean - shorter) > uncertain
         right = _around(wrong, w) == 0
         for end in ends:
             right[max(end - _ENDS * w, 0) : end + _ENDS * w] = False
-        off[right], variance[right] = (theta - smooth)[right], step**2 / 12.0 / (2 * w + 1)
-        shorter = smooth
-    return off, variance
+        off[right], variance[right], widths[right] = (theta - mean)[right], _TWICE * step**2 / 12.0 / (2 * w + 1), w
+        shorter = mean
+    off -= by_torque(off, torque, widths, step)
+    return off - at_orders(off, theta - off + pushed, step), variance
 
 
 def _around(x: NDArray[np.bool_], w: int) -> NDArray[np.intp]:
     """How many are true within w places."""
     total, at = np.concatenate((np.zeros(1, np.intp), np.cumsum(x))), np.arange(len(x))
     return total[np.minimum(at + w + 1, len(x))] - total[np.maximum(at - w, 0)]
-
-
-def _mean(x: Real, w: int) -> Real:
-    """Moving mean over 2 w + 1 values; as it is at the ends."""
-    trend = x[0] + np.arange(len(x)) * ((x[-1] - x[0]) / (len(x) - 1))  # for sums that keep their digits
-    total = np.concatenate((np.zeros(1), np.cumsum(x - trend)))
-    out = x.copy()
-    inner = slice(w, len(x) - w)
-    out[inner] = trend[inner] + (total[2 * w + 1 :] - total[: len(x) - 2 * w]) / (2 * w + 1)
-    return out

@@ -1,0 +1,127 @@
+"""The rotor's movement within an encoder's count: what torque and order of the turn say of it.
+
+A mean over some periods rids an angle of its rounding, and of what the rotor does meanwhile. Lost movement would look
+like what currents do, or like harmonics of the magnets' flux: it goes by the same torque, has the same orders. What is
+known of it is kept. Knows nothing of recordings.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.flux_balance import TURN
+from estimator.kernel import kernel
+
+Real = NDArray[np.float64]
+Vector = NDArray[np.complex128]
+
+_BEND: Final = 32  # periods to either side, over which torque bends a movement
+_HELD: Final = 40  # times that many periods: fewer say nothing of a shaft
+_PUSHED: Final = 5.0  # standard deviations, by which torque is seen to move it
+_ORDERS: Final = 24  # of the electrical turn, at which a rotor may swing: cogging, ripple of the torque
+_PARTS: Final = 48
+_PLAIN: Final = 6.0  # times what is expected by chance: no part counts for more
+_OFTEN: Final = 1.8  # the same, on the mean of all parts
+_ALWAYS: Final = 16.0  # the same, over the whole
+_COURSE: Final = 256  # periods to either side, over which a swing is alike
+_ANEW: Final = 1024  # values, after which a sum begins anew: it keeps its digits
+
+
+def driven(theta: Real, torque: Real, ends: Sequence[int]) -> Real:
+    """What torque and friction make of a movement (rad); zero where the shaft is held: nothing of it goes by them.
+
+    J d(omega)/dt = torque - C sign(omega) - B omega - load, its inertia and frictions by least squares of how the
+    movement bends over some periods. What is even in time is no matter: a mean follows it.
+    """
+    n, none = len(theta), np.zeros(len(theta))
+    if n < _HELD * _BEND:
+        return none
+    omega = cast(Real, np.gradient(_mean(theta, _BEND)))
+    moves = [_twice_summed(x) for x in (torque, np.sign(omega), omega)]
+
+    def bend(x: Real) -> Real:
+        mean = _mean(x, _BEND // 2)
+        return (mean[2 * _BEND :] - 2.0 * mean[_BEND:-_BEND] + mean[: -2 * _BEND])[inner]
+
+    whole = np.ones(n, np.bool_)
+    for end in ends:
+        whole[max(end - 2 * _BEND, 0) : end + 2 * _BEND] = False
+    inner = whole[_BEND:-_BEND]
+    size = [float(np.sqrt(np.mean(bend(x) ** 2))) for x in moves]
+    there = [k for k in range(len(moves)) if size[k] > 0.0]
+    if 0 not in there or np.sum(inner) < _HELD * _BEND:
+        return none
+    columns = np.array([bend(moves[k]) / size[k] for k in there])
+    inverse = np.linalg.pinv(columns @ columns.T)
+    found = inverse @ (columns @ (seen := bend(theta)))
+    left = float(np.mean((seen - found @ columns) ** 2)) * 3.0 * _BEND  # neighbours share periods
+    if found[0] < _PUSHED * math.sqrt(left * inverse[0, 0]):
+        return none
+    return cast(Real, sum(found[j] / size[k] * moves[k] for j, k in enumerate(there)))
+
+
+def by_torque(off: Real, torque: Real, widths: NDArray[np.intp], step: float) -> Real:
+    """Of what a smooth angle leaves off (rad): the rotor's own movement by the torque, if more than rounding.
+
+    What a mean loses of the torque's first and second integral, and, where a shaft bends, of the torque itself.
+    """
+    found, moves = np.zeros(len(off)), (_twice_summed(torque), np.cumsum(torque - np.mean(torque)), torque)
+    for w in np.unique(widths[widths > 0]).tolist():
+        there = widths == w
+        lost = np.array([(x - smooth(x, w))[there] for x in moves])
+        lost /= np.maximum(np.sqrt(np.mean(lost**2, axis=1)), 1e-300)[:, None]
+        fitted = cast(Real, np.linalg.pinv(lost @ lost.T) @ (lost @ off[there]) @ lost)
+        if float(fitted @ fitted) > _ALWAYS * step**2 / 12.0:
+            found[there] = fitted
+    return found
+
+
+def at_orders(off: Real, theta: Real, step: float) -> Real:
+    """Of what a smooth angle leaves off (rad): the rotor's own swing at orders of the turn, if more than rounding.
+
+    A mean's window is longer than these are, and effects have the same orders.
+    """
+    swing, w = np.zeros(len(off)), min(_COURSE, (len(off) - 1) // 4)
+    if len(off) < _PARTS:
+        return swing
+    by_period, once = np.abs(cast(Real, np.gradient(theta))), cast(Vector, np.exp(1j * theta))
+    turn = once.copy()
+    for order in range(1, _ORDERS + 1):
+        fast = order * by_period * w > TURN  # slower ones a mean does not lose
+        seen = np.where(fast, off - swing, 0.0) * turn.conj()
+        parts = np.array([np.sum(part) / math.sqrt(len(part)) for part in np.array_split(seen, _PARTS)])
+        chance = step**2 / 12.0  # mean square of each, by rounding alone
+        often = float(np.mean(np.minimum(np.abs(parts) ** 2 / chance, _PLAIN)))
+        if often > _OFTEN or abs(np.sum(seen)) ** 2 > _ALWAYS * chance * len(off):
+            swing += 2.0 * (_mean(seen.real.copy(), w) * turn.real - _mean(seen.imag.copy(), w) * turn.imag)
+        turn *= once
+    return swing
+
+
+def _twice_summed(x: Real) -> Real:
+    """What bends by x from value to value, but for its mean."""
+    return np.concatenate((np.zeros(1), np.cumsum(np.cumsum(x - np.mean(x)))[:-1]))
+
+
+def smooth(x: Real, w: int) -> Real:
+    """Twice the moving mean less its own mean: that lies twice as far inside of a curve."""
+    inside = _mean(x, w)
+    return 2.0 * inside - _mean(inside, w)
+
+
+@kernel
+def _mean(x: Real, w: int) -> Real:
+    """Moving mean over 2 w + 1 values; as it is at the ends."""
+    out, n = x.copy(), len(x)
+    for begin in range(w, n - w, _ANEW):
+        base, total = x[begin], 0.0
+        for k in range(begin - w, begin + w + 1):
+            total += x[k] - base
+        for k in range(begin, min(begin + _ANEW, n - w)):
+            out[k] = base + total / (2 * w + 1)
+            if k + w + 1 < n:
+                total += x[k + w + 1] - x[k - w]
+    return out
