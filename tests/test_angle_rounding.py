@@ -1,11 +1,14 @@
 """The angle's rounding: which resolution is believed, and where counts are smoothed out of a recording."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from emulator.conceal.recording import Choice, drawn
+from emulator.virtual_drive import VirtualDrive
 from estimator.machine import Machine
 from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.physics.rows import Rows, rows_of
@@ -106,3 +109,28 @@ def test_a_resolution_that_is_not_told_shows_by_the_few_values_of_the_angle() ->
     assert resolution_of(rows(count, 0.0)[0], 0.0) == pytest.approx(count, rel=1e-3)
     assert resolution_of(rows(0.0, 0.0)[0], 0.0) == 0.0
     assert resolution_of(rows(count, 0.0)[0], 0.5 * count) == 0.5 * count
+
+
+# --- Of the emulator
+
+
+@pytest.mark.parametrize(("motor", "number", "most"), [
+    ("servo_4nm", 1, 0.12), ("anaheim_bly172s", 2, 0.12), ("servo_4nm", 6, 0.35), ("teknic_m2310p", 8, 0.25),
+])
+def test_little_is_left_of_an_emulated_encoders_rounding(motor: str, number: int, most: float) -> None:
+    concealed, _ = drawn(Choice(9, ("none",), (0.4, 1.0), (motor,), 3.0), number)
+    scenario = concealed.scenario
+    drive = VirtualDrive(replace(scenario, drive=replace(scenario.drive, encoder_counts=0)))
+    c = drive.record(concealed.periods)
+    true, theta = scenario.motor, np.unwrap(c["theta_e"])
+    count = 2.0 * math.pi * true.n_p / 10_000
+    told = count * np.floor(theta / count)
+    i = (c["i_d"] + 1j * c["i_q"]) * np.exp(1j * (theta - told))
+    machine = Machine(true.R_s, true.L_d, true.L_q, true.psi_f, true.n_p, true.i_rated)
+    zero = np.zeros(len(theta))
+    there = rows_of(
+        [Samples(told, c["omega_e"], i.real, i.imag, zero, zero, scenario.drive.T_s)], machine, true.i_rated
+    )  # fmt: skip
+    before, after = (float(np.std(each.theta_e - theta)) for each in (there, unrounded(there, count)))
+    print(f"{motor}, shaft {scenario.run.shaft}: {after / before:.3f} of the rounding is left")
+    assert after < most * before

@@ -22,7 +22,9 @@ _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below
 _LEAST_ALIKE: Final = 0.02  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
 _APART: Final = 1e-3  # of its energy, that an effect must have beyond what the machine's parameters look like
+_DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
+_BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _FAINTLY: Final = 0.05  # the same for faint effects
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
@@ -59,16 +61,18 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
     What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told,
     `excess` is the energy over noise that is left unexplained.
     """
-    over_noise = _over_noise(search)
+    over_noise, excess = _over_noise(search), _beyond_chance(search, excess)
+    by_angle, unexplained = _by_angle(search), _unexplained(search, excess)
+    why, found = "", dict[str, Choice]()
     untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
     if choice and len(untold) > 1:
         why = (
             f"this recording does not tell {' and '.join(untold)}, and at one level effects and the machine's "
             "parameters look alike"
         )
-        return {why: choice}
-    by_angle, unexplained = _by_angle(search), _unexplained(search, excess)
-    left, found = choice, dict[str, Choice]()
+        alike = tuple(one for one in choice if _apart(search, _signal(search, choice, one)) < _DISTINCT)
+        found = {why: alike} if alike else found
+    left = tuple(one for one in choice if one not in found.get(why, ()))
     while left:
         worths = {
             one: {
@@ -133,6 +137,7 @@ def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place:
     variance = search.variance_of(choice, one, place)
     unit = np.zeros(len(search.columns))
     unit[place] = 1.0
+    excess = _beyond_chance(search, excess)
     gained = max(_by_angle(search), _unexplained(search, excess), _FAINTLY * excess) * variance
     if _apart(search, unit) < _APART:
         return math.inf
@@ -143,6 +148,11 @@ def _by_angle(search: Search) -> float:
     """Energy over noise that the angle's rounding may lend an effect."""
     rows, noise = search.regression.rows, search.regression.noise
     return max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
+
+
+def _beyond_chance(search: Search, excess: float) -> float:
+    """An excess of energy over noise, less what chance alone makes of noise."""
+    return max(excess - _BY_CHANCE * math.sqrt(2.0 * len(search.regression.rows)), 0.0)
 
 
 def _unexplained(search: Search, excess: float) -> float:

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 Noise = tuple[float, float, float]
 """White noise of the whitened residual: Vs on d, Vs on q, A of the three phase currents' mean."""
 
+_TRIMMED: Final = 3  # times, that what is beyond 4 standard deviations is left out of noise
+_WITHIN: Final = 0.99887  # of a normal variance, within these
 _LEAST: Final = 1e-6  # of rated current, that the noise of a current is taken for
 
 
@@ -198,7 +200,11 @@ def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, f
 
     def white(x: Array) -> float:
         step = np.diff(x)[both[: len(x) - 1]]
-        return float(np.median(np.abs(step)) / 0.6744898 / math.sqrt(2.0))
+        rms = float(np.median(np.abs(step))) / 0.6744898
+        for _ in range(_TRIMMED):  # closer than a median, and as little moved by what jumps
+            within = step[np.abs(step) <= 4.0 * rms] if rms > 0.0 else step
+            rms = float(np.sqrt(np.mean(within**2) / _WITHIN)) if len(within) else 0.0
+        return rms / math.sqrt(2.0)
 
     m, least = rows.machine, _LEAST * rows.i_rated
     zero_noise = 1.0 if zero is None else max(white(zero[:-1]), least)

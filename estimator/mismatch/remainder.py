@@ -27,7 +27,9 @@ def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
     allowed = found.search.missed(found.choice) + _NOTHING * 2.0 * int(rows.joined.sum())
     if excess_of(found) > allowed:
         return _described(rows, found)
-    if all(name == _LIKE_RESONANCE for name, _ in found.choice) and rings(rows, found.z, found.noise[:2]):
+    fit = found.search.fit(found.choice)
+    plain = [one for one in found.choice if one[0] != _LIKE_RESONANCE and not found.search.faint(fit, one)]
+    if not plain and rings(rows, found.z, found.noise[:2]):
         return _described(rows, found)
     return None
 
