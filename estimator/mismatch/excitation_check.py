@@ -24,6 +24,7 @@ _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
 _APART: Final = 1e-3  # of its energy, that an effect must have beyond what the machine's parameters look like
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
+_UNEVEN: Final = 10.0  # times what chance makes of an effect's size in a stretch
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _FAINTLY: Final = 0.05  # the same for faint effects
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
@@ -78,7 +79,7 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
             one: {
                 "noise": _over_lent(search, _signal(search, left, one), over_noise),
                 "angle": _gained(search, left, one) / by_angle,
-                "rest": _gained(search, left, one) / max(unexplained, _faintly(search, left, one, excess)),
+                "rest": _gained(search, left, one) / max(unexplained, _unlike(search, left, one, excess, unexplained)),
                 "machine": _apart(search, _signal(search, left, one)) / _APART,
             }
             for one in left
@@ -161,9 +162,15 @@ def _unexplained(search: Search, excess: float) -> float:
     return max(_BESIDE * (excess - hidden_energy(rows) / (noise[0] * noise[1])), 1e-300)
 
 
-def _faintly(search: Search, choice: Choice, one: tuple[str, int], excess: float) -> float:
-    """The same beside a faint effect: a part of all that is left, which may look like it whatever it is."""
-    return _FAINTLY * excess if search.faint(search.fit(choice), one) else 0.0
+def _unlike(search: Search, choice: Choice, one: tuple[str, int], excess: float, unexplained: float) -> float:
+    """The same beside an effect that may be something else.
+
+    A faint one: a part of all that is left, which may look like it whatever it is. One whose size is not the same from
+    stretch to stretch by far: as much as is left beyond the rounding.
+    """
+    fit = search.fit(choice)
+    beside = _FAINTLY * excess if search.faint(fit, one) else 0.0
+    return max(beside, unexplained / _BESIDE) if search.scatter(fit, one) > _UNEVEN else beside
 
 
 def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:

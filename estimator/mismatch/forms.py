@@ -26,7 +26,7 @@ _ABOVE: Final = 0.03  # of the sampling rate: where resonances are looked for
 _LINES: Final = 512  # frequencies up to half the sampling rate
 _PROMINENT: Final = 2.0
 _IN_PHASE: Final = 0.7  # of a branch's admittance, where it is largest: it takes power
-_SURE: Final = 4.5  # standard errors of a resonance's peak
+_SURE: Final = 5.2  # standard errors of a resonance's peak
 
 
 @dataclass(frozen=True, slots=True, eq=False)
