@@ -25,6 +25,7 @@ _APART: Final = 1e-3  # of its energy, that an effect must have beyond what the 
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
 _UNEVEN: Final = 10.0  # times what chance makes of an effect's size in a stretch
+_OUTSHINES: Final = 3.0  # times what is left, that such an effect has to explain
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _FAINTLY: Final = 0.05  # the same for faint effects
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
@@ -166,11 +167,11 @@ def _unlike(search: Search, choice: Choice, one: tuple[str, int], excess: float,
     """The same beside an effect that may be something else.
 
     A faint one: a part of all that is left, which may look like it whatever it is. One whose size is not the same from
-    stretch to stretch by far: as much as is left beyond the rounding.
+    stretch to stretch by far: some times what is left beyond the rounding.
     """
     fit = search.fit(choice)
     beside = _FAINTLY * excess if search.faint(fit, one) else 0.0
-    return max(beside, unexplained / _BESIDE) if search.scatter(fit, one) > _UNEVEN else beside
+    return max(beside, _OUTSHINES * unexplained / _BESIDE) if search.scatter(fit, one) > _UNEVEN else beside
 
 
 def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:
