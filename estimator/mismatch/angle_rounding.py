@@ -42,16 +42,16 @@ def unrounded(rows: Rows, step: float) -> Rows:
     Where the currents' noise is louder, rounding is a part of it: what a rotor does in a few periods is kept then.
     """
     step = _step_of(rows, step)
-    at, theta, ends = _by_clock(rows)
-    torque = np.interp(np.arange(len(theta)), at, _torque(rows))
-    off, variance = (each[at] for each in _rounding(theta, torque, ends, step, _numbers(rows, step)))
+    at, course, ends = _by_clock(rows)
+    torque = np.interp(np.arange(len(course)), at, _torque(rows))
+    off, variance = (each[at] for each in _rounding(course, torque, ends, step, _numbers(rows, step)))
     hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
     if rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows):
         return replace(rows, angle_step=step, angle_error=0.0, angle_hidden=hidden)
-    smooth = rows.theta_e - off
+    theta_e = rows.theta_e - off
     turned = np.exp(0.5j * (off[1:] + off[:-1]))
     return replace(
-        rows, theta_e=smooth, half=np.exp(0.5j * np.diff(smooth)), i=rows.i * np.exp(1j * off), u=rows.u * turned,
+        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * off), u=rows.u * turned,
         angle_step=step, angle_error=math.sqrt(float(np.mean(variance))),
         angle_hidden=hidden, kept=rows.pulses_turned(turned),
     )  # fmt: skip

@@ -134,16 +134,23 @@ def attenuated(search: Search, choice: Choice) -> Array:
     return np.array(moved).reshape(-1, len(PARAMETERS))
 
 
-def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, excess: float) -> float:
-    """The size (of the column at `place`) from which on an effect beside a set is borne out."""
-    variance = search.variance_of(choice, one, place)
+def beside_rest(search: Search, excess: float) -> float:
+    """Energy over noise that a faint effect must have beside the angle's rounding and what is left unexplained."""
+    excess = _beyond_chance(search, excess)
+    return max(_by_angle(search), _unexplained(search, excess), _FAINTLY * excess)
+
+
+def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, energy: float) -> float:
+    """The size (of the column at `place`) from which on an effect beside a set is borne out.
+
+    `energy`: what it must have beside the rest, over noise.
+    """
     unit = np.zeros(len(search.columns))
     unit[place] = 1.0
-    excess = _beyond_chance(search, excess)
-    gained = max(_by_angle(search), _unexplained(search, excess), _FAINTLY * excess) * variance
     if _apart(search, unit) < _APART:
         return math.inf
-    return math.sqrt(max(gained, 1.0 / max(_over_lent(search, unit, _over_noise(search)), 1e-300)))
+    by_noise = 1.0 / max(_over_lent(search, unit, _over_noise(search)), 1e-300)
+    return math.sqrt(max(energy * search.variance_of(choice, one, place), by_noise))
 
 
 def _by_angle(search: Search) -> float:
