@@ -159,7 +159,7 @@ def _rounding(theta: Real, torque: Real, ends: Sequence[int], step: float, finer
     n = len(theta)
     off, variance = np.zeros(n), np.full(n, step**2 / 12.0)
     moved = np.flatnonzero(np.abs(np.diff(theta)) > _STILL)
-    if len(moved) < 2:
+    if step == 0.0 or len(moved) < 2:
         return off, variance
     # Where it moves on, it is between two counts
     x = np.interp(np.arange(n), moved + 0.5, 0.5 * (theta[moved] + theta[moved + 1]))
