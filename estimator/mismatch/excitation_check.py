@@ -7,7 +7,7 @@ nothing of what is recorded instead.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Final, cast
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from estimator.mismatch.explain import ENTRY, Choice, Search
 from estimator.mismatch.model import Array
 from estimator.mismatch.words import number, percent
 
+OUTSHINES: Final = 3.0  # times what is left unexplained, that an effect in doubt has to explain
 _WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
 _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
 _LEAST_ALIKE: Final = 0.02  # of that noise's energy, whatever the effect
@@ -25,7 +26,6 @@ _APART: Final = 1e-3  # of its energy, that an effect must have beyond what the 
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
 _UNEVEN: Final = 10.0  # times what chance makes of an effect's size in a stretch
-_OUTSHINES: Final = 3.0  # times what is left, that such an effect has to explain
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _FAINTLY: Final = 0.05  # the same for faint effects
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
@@ -63,24 +63,24 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
     What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told,
     `excess` is the energy over noise that is left unexplained.
     """
-    over_noise, excess = _over_noise(search), _beyond_chance(search, excess)
-    by_angle, unexplained = _by_angle(search), _unexplained(search, excess)
-    why, found = "", dict[str, Choice]()
+    over_noise, by_angle, rest = _over_noise(search), _by_angle(search), _rest(search, excess)
     untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
-    if choice and len(untold) > 1:
-        why = (
+    alike: Choice = ()
+    found: dict[str, Choice] = {}
+    if len(untold) > 1:
+        alike = tuple(one for one in choice if _apart(search, _signal(search, choice, one)) < _DISTINCT)
+    if alike:
+        found[
             f"this recording does not tell {' and '.join(untold)}, and at one level effects and the machine's "
             "parameters look alike"
-        )
-        alike = tuple(one for one in choice if _apart(search, _signal(search, choice, one)) < _DISTINCT)
-        found = {why: alike} if alike else found
-    left = tuple(one for one in choice if one not in found.get(why, ()))
+        ] = alike
+    left = tuple(one for one in choice if one not in alike)
     while left:
         worths = {
             one: {
                 "noise": _over_lent(search, _signal(search, left, one), over_noise),
                 "angle": _gained(search, left, one) / by_angle,
-                "rest": _gained(search, left, one) / max(unexplained, _unlike(search, left, one, excess, unexplained)),
+                "rest": _gained(search, left, one) / _beside(search, left, one, rest),
                 "machine": _apart(search, _signal(search, left, one)) / _APART,
             }
             for one in left
@@ -96,7 +96,8 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
     for one in left:
         if (distance := search.distance(fit, one)) < ENTRY:
             errors = math.sqrt(2.0 * distance)
-            found[f"what is found of it lies {number(errors, 2)} standard errors from none"] = (one,)
+            why = f"what is found of it lies {number(errors, 2)} standard errors from none"
+            found[why] = (*found.get(why, ()), one)
     return found
 
 
@@ -136,8 +137,8 @@ def attenuated(search: Search, choice: Choice) -> Array:
 
 def beside_rest(search: Search, excess: float) -> float:
     """Energy over noise that a faint effect must have beside the angle's rounding and what is left unexplained."""
-    excess = _beyond_chance(search, excess)
-    return max(_by_angle(search), _unexplained(search, excess), _FAINTLY * excess)
+    rest = _rest(search, excess)
+    return max(_by_angle(search), _BESIDE * rest.unexplained, _FAINTLY * rest.whole)
 
 
 def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, energy: float) -> float:
@@ -159,26 +160,30 @@ def _by_angle(search: Search) -> float:
     return max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
 
 
-def _beyond_chance(search: Search, excess: float) -> float:
-    """An excess of energy over noise, less what chance alone makes of noise."""
-    return max(excess - _BY_CHANCE * math.sqrt(2.0 * len(search.regression.rows)), 0.0)
+class _Rest(NamedTuple):
+    """What is left above noise and above what chance makes of it, energy over noise."""
+
+    whole: float
+    unexplained: float  # beyond the angle's rounding
 
 
-def _unexplained(search: Search, excess: float) -> float:
-    """Energy over noise beside which an effect is too little: a part of what is left beyond the angle's rounding."""
+def _rest(search: Search, excess: float) -> _Rest:
     rows, noise = search.regression.rows, search.regression.noise
-    return max(_BESIDE * (excess - hidden_energy(rows) / (noise[0] * noise[1])), 1e-300)
+    whole = max(excess - _BY_CHANCE * math.sqrt(2.0 * len(rows)), 0.0)
+    return _Rest(whole, max(whole - hidden_energy(rows) / (noise[0] * noise[1]), 0.0))
 
 
-def _unlike(search: Search, choice: Choice, one: tuple[str, int], excess: float, unexplained: float) -> float:
-    """The same beside an effect that may be something else.
+def _beside(search: Search, choice: Choice, one: tuple[str, int], rest: _Rest) -> float:
+    """Energy over noise beside which an effect is too little: a part of what is unexplained.
 
-    A faint one: a part of all that is left, which may look like it whatever it is. One whose size is not the same from
-    stretch to stretch by far: some times what is left beyond the rounding.
+    Of a faint one: a part of all that is left, which may look like it whatever it is. Of one whose size is not the same
+    from stretch to stretch by far: some times what is unexplained.
     """
     fit = search.fit(choice)
-    beside = _FAINTLY * excess if search.faint(fit, one) else 0.0
-    return max(beside, _OUTSHINES * unexplained / _BESIDE) if search.scatter(fit, one) > _UNEVEN else beside
+    least = max(_BESIDE * rest.unexplained, 1e-300)
+    if search.faint(fit, one):
+        least = max(least, _FAINTLY * rest.whole)
+    return max(least, OUTSHINES * rest.unexplained) if search.scatter(fit, one) > _UNEVEN else least
 
 
 def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:

@@ -11,11 +11,12 @@ import numpy as np
 
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.columns import as_parameters
+from estimator.mismatch.excitation_check import OUTSHINES
 from estimator.mismatch.fitting import Fitted, fitted
 from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
 from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, flux_errors, noise_of, residual, whitened
-from estimator.mismatch.remainder import OUTSHINES, above_noise, excess_of
+from estimator.mismatch.remainder import above_noise, excess_of
 from estimator.mismatch.thinning import thinned
 from estimator.mismatch.verdict import Finding, Quantity, odds_of
 from estimator.physics.rows import Rows

@@ -10,14 +10,13 @@ from typing import Final
 import numpy as np
 
 from estimator.machine import Machine
-from estimator.mismatch.excitation_check import held_at_bound
+from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound
 from estimator.mismatch.fitting import Fitted, fitted, without
 from estimator.mismatch.locate import RESONANCE, describe, rings
 from estimator.mismatch.model import Noise, filter_pole, noise_of, residual, whitened, with_machine
 from estimator.mismatch.verdict import Unexplained
 from estimator.physics.rows import Rows, Vector
 
-OUTSHINES: Final = 3.0  # times what is left unexplained, that a named effect has to explain
 _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
 _LIKE_RESONANCE: Final = "iron_loss"
 
