@@ -11,22 +11,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.flux_balance import TURN
 from estimator.kernel import kernel
 from estimator.mismatch.averages import Array, energy_of, means, voltage_of
 from estimator.mismatch.model import filter_pole, whitened
-from estimator.mismatch.spectra import Line, welch
+from estimator.mismatch.ringing import Resonance
+from estimator.mismatch.spectra import Line
 from estimator.physics.rows import Rows, Vector
 
 _LENGTHS: Final = (10, 30, 100, 300)  # periods of a mean
 _DWELL: Final = 5.0  # means between two changes, on average
 _CHANGE: Final = 3.0  # log-odds, times the logarithm of the means' number: what a change must bring
-_TAPS: Final = 96  # periods that a resonance rings
-_ABOVE: Final = 0.03  # of the sampling rate: where resonances are looked for
-_LINES: Final = 512  # frequencies up to half the sampling rate
-_PROMINENT: Final = 2.0
-_IN_PHASE: Final = 0.7  # of a branch's admittance, where it is largest: it takes power
-_SURE: Final = 5.2  # standard errors of a resonance's peak
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,16 +46,6 @@ class TwoLevels:
     def direction(self) -> float:
         """Of the voltage that comes to the machine, rad: what is left of the recorded voltage is its opposite."""
         return cmath.phase(-self.step)
-
-
-@dataclass(frozen=True, slots=True)
-class Resonance:
-    """A current beside the machine's that follows the voltage's changes."""
-
-    frequency: float  # Hz, of the largest admittance
-    admittance: float  # A/V there
-    sure: float  # standard errors that the peak stands above nothing
-    gain: float  # as the others'
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,54 +125,6 @@ def _likeliest(odds: Array, penalty: float) -> NDArray[np.bool_]:
     for k in range(n - 1, 0, -1):
         states[k - 1] = states[k] != came[k, int(states[k])]
     return states
-
-
-def resonance(rows: Rows, z: Vector, noise: tuple[float, float]) -> Resonance | None:
-    """What of the measured current follows past changes of the voltage, as a filter at the terminals makes it.
-
-    Only the past counts: the voltage's control follows the current's noise in its turn.
-    """
-    m, p = rows.machine, _TAPS
-    n = len(rows)
-    if n < 8 * p:
-        return None
-    i = (z.real / m.L_d + 1j * (z.imag / m.L_q)) * rows.rotor[1:]
-    u_s = rows.u * rows.middle
-    du = np.diff(u_s, prepend=u_s[:1]) * rows.joined
-    size = 1 << (n + p).bit_length()
-    U, to = np.fft.fft(du, size), np.fft.fft(i, size)
-    auto, cross = np.fft.ifft(np.abs(U) ** 2)[:p], np.fft.ifft(to * U.conj())[:p]
-    lag = np.arange(p)[:, None] - np.arange(p)[None, :]
-    gram = np.where(lag >= 0, auto[np.abs(lag)], auto[np.abs(lag)].conj())
-    gram[np.diag_indices(p)] += 1e-9 * auto[0].real
-    inverse = np.linalg.inv(gram)
-    g = inverse @ cross
-    follows = np.fft.ifft(np.fft.fft(g, size) * U)[:n]
-    f = np.arange(1, _LINES) / (2.0 * _LINES)
-    turn = np.exp(-1j * TURN * f[:, None] * np.arange(p))
-    G = turn @ g
-    Y = -G * (1.0 - np.exp(-1j * TURN * f)) * np.exp(-1j * np.pi * f)  # A/V; i is half a period later than u
-    colour = welch(i - follows, 2 * _LINES)  # more than white noise at what is no answer to the voltage
-    variance = (noise[0] / m.L_d) ** 2 + (noise[1] / m.L_q) ** 2
-    power = np.maximum(variance, np.maximum(colour[1:_LINES], colour[:_LINES:-1]))
-    error = np.sqrt(power * np.sum((turn @ inverse) * turn.conj(), axis=1).real)
-    sure = np.abs(G) / error
-    peak = _peak(Y, np.where(f > _ABOVE, sure, 0.0))
-    if not peak:
-        return None
-    back = follows * rows.rotor[1:].conj()
-    left = z - (m.L_d * back.real + 1j * m.L_q * back.imag)
-    gain = energy_of(z) - energy_of(left)
-    return Resonance(float(f[peak] / rows.T_s), float(abs(Y[peak])), float(sure[peak]), gain)
-
-
-def _peak(Y: Vector, sure: Array) -> int:
-    """Where an admittance has its highest peak that takes power and stands above half and 1.6 times as far; or 0."""
-    size, k = np.abs(Y), np.arange(1, len(Y) - 1)
-    k = k[(size[k] >= size[k - 1]) & (size[k] >= size[k + 1]) & (sure[k] > _SURE)]
-    around = np.maximum(size[k // 2], size[np.minimum(8 * k // 5, len(Y) - 1)])
-    k = k[(size[k] > _PROMINENT * around) & (Y[k].real > _IN_PHASE * size[k])]
-    return int(k[np.argmax(size[k])]) if len(k) else 0
 
 
 def drift(rows: Rows, z: Vector) -> Drift | None:

@@ -14,9 +14,10 @@ import numpy as np
 from estimator.flux_balance import TURN
 from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.averages import Array, Means, energy_of, means, noise_of_means, usual_periods, voltage_of
-from estimator.mismatch.forms import Drift, Form, Resonance, TwoLevels, drift, resonance, two_levels
+from estimator.mismatch.forms import Drift, Form, TwoLevels, drift, two_levels
 from estimator.mismatch.model import filter_pole, whitened
 from estimator.mismatch.regions import MOST, regions, together, worth
+from estimator.mismatch.ringing import Resonance, resonance, ringing
 from estimator.mismatch.spectra import Line, energy_of_orders, noise_of_orders, strongest_line, white_level
 from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import degrees, number, percent
@@ -78,7 +79,7 @@ def place_of(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place:
 
 def rings(rows: Rows, z: Vector, noise: tuple[float, float]) -> bool:
     """A resonance shows in a residual flux error (Vs, rotor frame), however little of its energy it holds."""
-    return resonance(rows, np.where(rows.joined, z, 0j), noise) is not None
+    return ringing(rows, np.where(rows.joined, z, 0j), noise) is not None
 
 
 def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained | None:
@@ -91,18 +92,18 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
         return None
     coarse = math.sqrt(1.0 + hidden / (n * variance))
     line = _line(rows, z)
-    ringing = resonance(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]))
+    heard_ringing = rings(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]))
     loud = energy_of(z) - n * variance - _HIDDEN * hidden
     rms_V = _rms(rows, z, noise)
     u = math.sqrt(energy_of(rows.u) / len(rows))
     chance = _SURE * math.sqrt(2.0 * n) * variance
     heard = loud > _EXCESS * n * variance + chance and rms_V > _LEAST_V * u
-    if not heard and ringing is None:
+    if not heard and not heard_ringing:
         return None
     machine = _of_machine(rows)
     left = _beside(machine, z)
     excess = energy_of(left) - n * variance
-    forms: list[Form | None] = [resonance(rows, left, noise) if ringing else None]
+    forms: list[Form | None] = [resonance(rows, left, noise, machine)]
     if heard:
         line, levels = _line(rows, left), _levels(rows, left)
         # Many changes are a rough copy of a line
@@ -112,12 +113,27 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
     if best is None or (heard and best.gain < _FORM * (excess - _HIDDEN * hidden)):
         place = place_of(rows, z, noise)
         return Unexplained(rms_V, place, f"{_what(place)} of {number(rms_V)} V rms {place.sentence}")
-    if isinstance(best, Line):
-        rms_V = max(rms_V, math.hypot(abs(best.forth), abs(best.back)))
-    elif isinstance(best, Resonance):
-        flux = math.sqrt(max(best.gain, 0.0) / n)
+    return _unexplained(rows, best, excess, rms_V)
+
+
+def branch(rows: Rows, z: Vector, noise: tuple[float, float]) -> tuple[Unexplained, Vector] | None:
+    """The resonance that explains most of a residual flux error (Vs, rotor frame), and what of that is left then."""
+    z, machine = np.where(rows.joined, z, 0j), _of_machine(rows)
+    form = resonance(rows, z, noise, machine)
+    if form is None:
+        return None
+    excess = energy_of(_beside(machine, z)) - np.count_nonzero(rows.joined) * (noise[0] ** 2 + noise[1] ** 2)
+    return _unexplained(rows, form, excess, _rms(rows, z, noise)), form.left
+
+
+def _unexplained(rows: Rows, form: Form, excess: float, rms_V: float) -> Unexplained:
+    """Of a form; `excess`: energy over noise that it is a part of."""
+    if isinstance(form, Line):
+        rms_V = max(rms_V, math.hypot(abs(form.forth), abs(form.back)))
+    elif isinstance(form, Resonance):
+        flux = math.sqrt(max(form.gain, 0.0) / np.count_nonzero(rows.joined))
         rms_V = max(rms_V, noise_of_means(rows, (flux, 0.0), usual_periods(rows))[0])
-    description, place = _said(rows, best, min(best.gain / max(excess, best.gain), 1.0))
+    description, place = _said(rows, form, min(form.gain / max(excess, form.gain), 1.0))
     return Unexplained(rms_V, place, description)
 
 
@@ -259,7 +275,7 @@ def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
         along = f"along {degrees(form.direction)} of the rotor frame"
         what = f"a drift of {number(abs(form.change))} V from begin to end, {along}"
         return what, Place(f"growing with time, with {percent(share)} of the energy", region, share, 1.0)
-    near = f"near {number(form.frequency / 1e3, 2)} kHz"
+    near = f"{'near' if form.sure else 'above what was excited, roughly at'} {number(form.frequency / 1e3, 2)} kHz"
     where = f"{near} in the stationary frame, with {percent(share)} of the energy"
     region = {"frequency": form.frequency, "frame": "stationary"}
     what = f"{RESONANCE} {near}: a current beside the machine's that follows the voltage"

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.machine import Machine
 from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound
 from estimator.mismatch.fitting import Fitted, fitted, without
-from estimator.mismatch.locate import RESONANCE, describe, rings
+from estimator.mismatch.locate import RESONANCE, branch, describe, rings
 from estimator.mismatch.model import Noise, filter_pole, noise_of, residual, whitened, with_machine
 from estimator.mismatch.verdict import Unexplained
 from estimator.physics.rows import Rows, Vector
@@ -26,20 +26,33 @@ def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
     allowed = found.search.missed(found.choice) + _NOTHING * 2.0 * int(rows.joined.sum())
     if excess_of(found) > allowed:
         return _described(rows, found)
-    fit = found.search.fit(found.choice)
-    plain = [one for one in found.choice if one[0] != _LIKE_RESONANCE and not found.search.faint(fit, one)]
-    if not plain and rings(rows, found.z, found.noise[:2]):
-        return _described(rows, found)
-    return None
+    return _described(rows, found) if rings(rows, found.z, found.noise[:2]) else None
 
 
 def _described(rows: Rows, found: Fitted) -> Unexplained | None:
-    """What is left, as voltages make it, whatever the inductances at a current are."""
-    if found.model.bend is None:
-        return describe(rows, found.z, found.noise[:2])
+    return describe(*_flux_errors(rows, found))
+
+
+def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, float]]:
+    """What is left (Vs) as voltages make it, whatever the inductances at a current are, and its noise."""
     there = with_machine(rows, found.model.machine)
+    if found.model.bend is None:
+        return there, found.z, found.noise[:2]
     z = whitened(residual(there, found.smooth, found.model), there, filter_pole(found.model.machine, rows.T_s))
-    return describe(there, z, noise_of(z, None, rows)[:2])
+    return there, z, noise_of(z, None, rows)[:2]
+
+
+def _ringing(
+    rows: Rows, found: Fitted, nominal: Machine, tolerance: Mapping[str, float], step: float
+) -> tuple[Fitted, Unexplained] | None:
+    """A fit without an iron loss and the resonance in its place, where that explains more than the loss does."""
+    if all(name != _LIKE_RESONANCE for name, _ in found.choice):
+        return None
+    bare = without(found, [_LIKE_RESONANCE], nominal, tolerance, step)
+    told = branch(*_flux_errors(rows, bare))
+    if told is None or above_noise(told[1], found.noise, rows) >= excess_of(found):
+        return None
+    return bare, told[0]
 
 
 def upright(
@@ -53,6 +66,9 @@ def upright(
     """
     before = found
     resonance: Unexplained | None = None
+    if (rung := _ringing(rows, found, nominal, tolerance, step)) is not None:
+        found, left = rung
+        resonance = left
     while left is not None and (dropped := {*_outshone(found), *(alike := _alike(found, left))}):
         resonance = left if alike else resonance
         found = without(found, sorted(dropped), nominal, tolerance, step)

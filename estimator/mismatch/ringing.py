@@ -1,0 +1,149 @@
+"""Ringing: a branch of R, L and C at the machine's terminals, as a filter or a long cable makes, in a flux error.
+
+Its current is measured beside the machine's and answers each change of the terminals' voltage,
+
+    i_b[k] = sum over j >= 0 of h[j] (u[k-j] - u[k-j-1])        h[j] = a exp(-d w (j+1)) sin(sqrt(1 - d^2) w (j+1))
+
+with w = 2 pi f T_s of the resonance's frequency f and d its damping over the critical one. Where changes of the voltage
+reach f, h itself shows; where they do not, the branch is a capacitance a / w, whose current leads the voltage. Only
+past changes count: the voltage's control follows the current's noise in its turn. Knows nothing of effects.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final, cast
+
+import numpy as np
+
+from estimator.flux_balance import TURN
+from estimator.mismatch.averages import Array
+from estimator.mismatch.spectra import welch
+from estimator.physics.rows import Rows, Vector
+
+_TAPS: Final = 160  # periods of a scan
+_ABOVE: Final = 0.05  # of the sampling rate: slower changes are not looked at for what rings
+_RINGS: Final = np.geomspace(0.06, 0.45, 64)  # w / 2 pi
+_DAMPING: Final = np.array([0.01, 0.03, 0.1, 0.2])
+_LINES: Final = 512  # frequencies of the colour
+_SURE: Final = 7.0  # standard errors of its size
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resonance:
+    """A current beside the machine's that follows the voltage's changes."""
+
+    frequency: float  # Hz
+    sure: float  # standard errors of its size among fast changes; 0 where only slow ones show it
+    left: Vector  # Vs: the flux error less what the branch and the machine beside it explain
+    gain: float  # energy of the flux error (Vs^2, summed) that it explains beside the machine
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answer:
+    """How a current (A, stationary frame) answers the voltage's changes, both as spectra of `size`."""
+
+    rows: Rows
+    size: int
+    u: Vector
+    i: Vector
+
+    def lagged(self, weight: Array | float, i: Vector) -> tuple[Array, Array]:
+        """Normal equations of the taps of what makes a current (a spectrum) of the voltage's changes, weighed."""
+        auto, lag = np.fft.ifft(np.abs(self.u) ** 2 * weight)[:_TAPS].real, np.arange(_TAPS)
+        cross = np.fft.ifft(i * self.u.conj() * weight)[:_TAPS].real
+        return auto[np.abs(lag[:, None] - lag[None, :])], cross
+
+
+def ringing(rows: Rows, z: Vector, noise: tuple[float, float]) -> float | None:
+    """The frequency (over the sampling rate) of a resonance that shows among fast changes of the voltage, if one does.
+
+    noise: the flux error's white standard deviation (Vs) on d and q.
+    """
+    found = _rings(_answer(rows, z), z, noise)
+    return None if found is None else found[0]
+
+
+def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array) -> Resonance | None:
+    """The branch that explains most of a flux error (Vs, rotor frame) beside a machine's parameters.
+
+    machine: (m, 2 n), what changes of them make of the flux error, real parts before imaginary ones.
+    """
+    n = len(rows)
+    answer = _answer(rows, z)
+    if answer is None:
+        return None
+    found = _rings(answer, z, noise) or _largest(answer, machine)
+    if found is None:
+        return None
+    f, damping, sure = found
+    m, back = rows.machine, np.fft.ifft(_branch(f, damping, answer.size) * answer.u)[:n] * rows.rotor[1:].conj()
+    columns = np.concatenate((machine, -np.concatenate((m.L_d * back.real, m.L_q * back.imag))[None, :]))
+    y = np.concatenate((z.real, z.imag))
+    left, without = (y - X.T @ np.linalg.lstsq(X @ X.T, X @ y, rcond=None)[0] for X in (columns, machine))
+    gain = float(without @ without - left @ left)
+    return Resonance(f / rows.T_s, sure, left[:n] + 1j * left[n:], gain)
+
+
+def _answer(rows: Rows, z: Vector) -> _Answer | None:
+    """None where there is too little to tell."""
+    n = len(rows)
+    if n < 8 * _TAPS:
+        return None
+    u_s = rows.u * rows.middle
+    size = 1 << (n + _TAPS).bit_length()
+    u = np.fft.fft(np.diff(u_s, prepend=u_s[:1]) * rows.joined, size)
+    return _Answer(rows, size, u, np.fft.fft(_current(rows, z), size))
+
+
+def _current(rows: Rows, z: Vector) -> Vector:
+    """What of the measured current makes a flux error, A, stationary frame."""
+    return (z.real / rows.machine.L_d + 1j * (z.imag / rows.machine.L_q)) * rows.rotor[1:]
+
+
+def _rings(answer: _Answer | None, z: Vector, noise: tuple[float, float]) -> tuple[float, float, float] | None:
+    """Frequency, damping and certainty of what rings beside the current's colour, where it is sure.
+
+    Not where ever slower or faster ringing explains more: then it is none.
+    """
+    if answer is None:
+        return None
+    m = answer.rows.machine
+    colour = np.maximum(welch(_current(answer.rows, z), _LINES), (noise[0] / m.L_d) ** 2 + (noise[1] / m.L_q) ** 2)
+    loud = np.maximum(colour, np.maximum(np.roll(colour, 1), np.roll(colour, -1)))
+    fast = np.abs(np.fft.fftfreq(answer.size)) > _ABOVE
+    gram, cross = answer.lagged(fast * 2.0 / loud[np.arange(answer.size) * _LINES // answer.size], answer.i)
+    taps = _taps()
+    sure = taps @ cross / np.sqrt(np.einsum("fdj,fdj->fd", taps @ gram, taps))
+    best, damping = np.unravel_index(int(np.argmax(sure)), sure.shape)
+    if not sure[best, damping] > _SURE or best in (0, len(_RINGS) - 1):
+        return None
+    return float(_RINGS[best]), float(_DAMPING[damping]), float(sure[best, damping])
+
+
+def _largest(answer: _Answer, machine: Array) -> tuple[float, float, float] | None:
+    """The same of the branch that explains most of a current, slow changes too, beside the machine; nothing is sure."""
+    n = machine.shape[1] // 2
+    beside = [np.fft.fft(_current(answer.rows, column[:n] + 1j * column[n:]), answer.size) for column in machine]
+    gram, cross = answer.lagged(1.0, answer.i)
+    to = np.array([answer.lagged(1.0, i)[1] for i in beside])  # (m, taps)
+    inner = np.array([[float(np.vdot(a, b).real) for b in beside] for a in beside]) / answer.size
+    along = np.array([float(np.vdot(a, answer.i).real) for a in beside]) / answer.size
+    inverse = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)
+    gram, cross = gram - to.T @ inverse @ to, cross - to.T @ inverse @ along
+    taps = _taps()
+    size = taps @ cross / np.sqrt(np.maximum(np.einsum("fdj,fdj->fd", taps @ gram, taps), 1e-300))
+    best, damping = np.unravel_index(int(np.argmax(size)), size.shape)
+    return (float(_RINGS[best]), float(_DAMPING[damping]), 0.0) if size[best, damping] > 0.0 else None
+
+
+def _taps() -> Array:
+    """Shape (frequencies, dampings, taps): - h / a, since what a branch takes is missing in the machine's flux."""
+    turned = TURN * _RINGS[:, None, None] * np.arange(1, _TAPS + 1)
+    return -np.exp(-_DAMPING[:, None] * turned) * np.sin(np.sqrt(1.0 - _DAMPING[:, None] ** 2) * turned)
+
+
+def _branch(f: float, damping: float, size: int) -> Vector:
+    """h / a as a spectrum, however long it rings."""
+    w, late = TURN * f, cast(Vector, np.exp(-1j * TURN * np.fft.fftfreq(size)))
+    kept, turn = math.exp(-damping * w), math.sqrt(1.0 - damping**2) * w
+    return kept * math.sin(turn) / (1.0 - 2.0 * kept * math.cos(turn) * late + (kept * late) ** 2)
