@@ -252,7 +252,7 @@ def _shown(rows: Rows, found: Fitted, left: Vector, plain: Search) -> tuple[Fit,
     Parameters and sizes are solved on half of the stretches; which effects there are and their shapes, on all.
     """
     before, after = (Search(replace(s.regression, gram=s.regression.gram[0::2])) for s in (plain, found.search))
-    by_half = moved(before, ()), moved(after, found.choice)
+    by_half = moved(before, ()), moved(after, found.choice, shaped=True)
     runs = free_run(rows, by_half[0]), free_run(rows, by_half[1])
     fit = fit_quality(rows, *by_half, runs, _odd_stretches(len(rows)), found.noise)
     return fit, traces(rows, residual(rows, rows, moved(plain, ())), left, *runs)

@@ -79,10 +79,15 @@ class Search:
             self._fits[choice] = self._solved(choice, self.gram)
         return self._fits[choice]
 
-    def _solved(self, choice: Choice, gram: Array) -> Fit:
+    def fit_of_sizes(self, choice: Choice) -> Fit:
+        """The same with the shapes of the present model as they are."""
+        choice = tuple(sorted(choice))
+        return self._solved(choice, self.gram, {j: 0.0 for j in self.places(choice) if self.columns[j].shape})
+
+    def _solved(self, choice: Choice, gram: Array, held: dict[int, float] | None = None) -> Fit:
         """The best coefficients within their bounds: those beyond are held at theirs, and all others solved anew."""
         places = self.places(choice)
-        held = dict[int, float]()
+        held = {} if held is None else held
         while True:
             free = [j for j in places if j not in held]
             fit = self._unbounded(choice, free, held, gram)

@@ -30,7 +30,7 @@ from estimator.mismatch.model import (
     zero_residual,
 )
 from estimator.mismatch.thinning import thinned
-from estimator.physics.effect import Effect
+from estimator.physics.effect import Effect, Sizes
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
 from estimator.response import Response
@@ -237,7 +237,10 @@ def _polished(
         if n % _LASTS == 0:
             slopes.clear()
         own = _search(rows, clean, model, nominal, tolerance, angle_step, (), slopes)
-        better = _no_worse(rows, clean, model, moved(own, _present(model)), own)
+        towards = moved(own, _present(model))
+        better = _no_worse(rows, clean, model, towards, own)
+        if better is None and _bends(model) and not _close(own, model, towards, _STILL):
+            better = _by_shapes(rows, clean, model, towards, own, nominal, tolerance, angle_step)
         if better is None:
             return model, clean, settled
         settled = _close(own, model, better, _STILL if clean.follow is None else _NEARLY)
@@ -288,6 +291,26 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
     return best[1] if best[0] <= 1.02 * search.regression.left + 0.02 else None
 
 
+def _by_shapes(
+    rows: Rows, clean: Clean, now: Model, towards: Model, search: Search, nominal: Machine,
+    tolerance: Mapping[str, float], angle_step: float,
+) -> Model | None:  # fmt: skip
+    """A model with shapes on the way to others and sizes solved there, which leaves less: sizes trade with shapes."""
+    for _ in range(_HALVINGS):
+        towards = _between(now, towards)
+        effects: dict[str, Sizes] = {}
+        for name, sizes in now.effects.items():
+            both = zip(BY_NAME[name].parameters, sizes, towards.effects[name], strict=True)
+            effects[name] = tuple(y if p.shape else x for p, x, y in both)
+        there = replace(now, effects=effects)
+        own = _search(rows, clean, there, nominal, tolerance, angle_step, ())
+        model = moved(own, _present(there), shaped=True)
+        smooth = clean.rows if clean.follow is None else clean.follow(model)[0]
+        if _left(rows, smooth, model, search) < search.regression.left:
+            return model
+    return None
+
+
 def _bends(model: Model) -> bool:
     """A shape moves by small steps, for which equations are no lines."""
     return any(p.shape and not p.discrete for name in model.effects for p in BY_NAME[name].parameters)
@@ -324,9 +347,9 @@ def _between(one: Model, other: Model) -> Model:
     return Model(machine, effects, 0.5 * (one.angle + other.angle), 0.5 * (one.zero + other.zero), bend)
 
 
-def moved(search: Search, choice: Choice) -> Model:
-    """The model that a set's coefficients make."""
-    fit = search.fit(choice)
+def moved(search: Search, choice: Choice, *, shaped: bool = False) -> Model:
+    """The model that a set's coefficients make; one that is `shaped` keeps its shapes."""
+    fit = search.fit_of_sizes(choice) if shaped else search.fit(choice)
     value = dict(zip(fit.places, fit.value.tolist(), strict=True))
     now, rows = search.regression.model, search.regression.smooth
     found = {(c.owner, c.seed, c.place): value[j] for j, c in enumerate(search.columns) if j in value}

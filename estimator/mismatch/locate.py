@@ -77,13 +77,20 @@ def place_of(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place:
     return Place(sentence, region, energy, samples)
 
 
-def rings(rows: Rows, z: Vector, noise: tuple[float, float]) -> bool:
-    """A resonance shows in a residual flux error (Vs, rotor frame), however little of its energy it holds."""
-    return ringing(rows, np.where(rows.joined, z, 0j), noise) is not None
+def rings(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 0.0) -> bool:
+    """A resonance shows in a residual flux error (Vs, rotor frame), however little of its energy it holds.
+
+    missed: energy, over the noise's variance, that equations of what is named may leave: no less rings.
+    """
+    sure = ringing(rows, np.where(rows.joined, z, 0j), noise)
+    return sure is not None and sure**2 > missed
 
 
-def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained | None:
-    """What a residual flux error (Vs, rotor frame) holds above its white noise; None where it holds nothing."""
+def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 0.0) -> Unexplained | None:
+    """What a residual flux error (Vs, rotor frame) holds above its white noise; None where it holds nothing.
+
+    missed: as `rings` has it.
+    """
     hidden = hidden_energy(rows)
     z = np.where(rows.joined, z, 0j)
     noise = min(noise[0], white_level(z.real)), min(noise[1], white_level(z.imag))
@@ -92,7 +99,7 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float]) -> Unexplained |
         return None
     coarse = math.sqrt(1.0 + hidden / (n * variance))
     line = _line(rows, z)
-    heard_ringing = rings(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]))
+    heard_ringing = rings(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]), missed)
     loud = energy_of(z) - n * variance - _HIDDEN * hidden
     rms_V = _rms(rows, z, noise)
     u = math.sqrt(energy_of(rows.u) / len(rows))

@@ -55,12 +55,12 @@ class _Answer:
 
 
 def ringing(rows: Rows, z: Vector, noise: tuple[float, float]) -> float | None:
-    """The frequency (over the sampling rate) of a resonance that shows among fast changes of the voltage, if one does.
+    """How many standard errors a resonance shows with among fast changes of the voltage, if one does.
 
     noise: the flux error's white standard deviation (Vs) on d and q.
     """
     found = _rings(_answer(rows, z), z, noise)
-    return None if found is None else found[0]
+    return None if found is None else found[2]
 
 
 def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array) -> Resonance | None:
