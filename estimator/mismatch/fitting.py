@@ -17,15 +17,14 @@ import numpy as np
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.columns import BENDS, Follow, Slopes, regression
 from estimator.mismatch.explain import Choice, Search
+from estimator.mismatch.flux_step import with_step_in_place
 from estimator.mismatch.model import (
-    Array,
     Model,
     Noise,
     filter_pole,
     flux_errors,
     noise_of,
     residual,
-    whitened,
     with_machine,
     zero_residual,
 )
@@ -424,36 +423,3 @@ def _followed(rows: Rows, model: Model, following: _Following) -> Clean:
 
 def _response(rows: Rows, smooth: Rows, share: float, model: Model) -> Response:
     return response_of(with_machine(rows, model.machine), model, share, smooth.i)
-
-
-def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:
-    """The model with its step of the magnets' flux at the sample where it leaves least."""
-    if "magnet_flux_step" not in model.effects:
-        return model
-    rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
-    change, at, duration = model.effects["magnet_flux_step"]
-    rho = filter_pole(model.machine, rows.T_s)
-    z = whitened(residual(rows, smooth, model), rows, rho)
-    flux = whitened(smooth.balance(np.full(len(rows) + 1, change * model.machine.psi_f)), rows, rho)
-    k = int(np.searchsorted(rows.t, rows.span[0] + at * rows.span[1]))
-    k = max(k, 1)  # the first sample after the step, whose flux error is z[k - 1]
-    later = np.cumsum(_more(z[k - 1 :], flux[k - 1 :]))
-    sooner = np.cumsum(_more(z[: k - 1], -flux[: k - 1])[::-1])
-    best_later, best_sooner = _least(later), _least(sooner)
-    if min(best_later[1], best_sooner[1]) >= 0.0:
-        return model
-    place = k + best_later[0] + 1 if best_later[1] < best_sooner[1] else k - best_sooner[0] - 1
-    time = float((rows.t[min(max(place, 1), len(rows))] - 0.5 * rows.T_s - rows.span[0]) / rows.span[1])
-    return replace(model, effects={**model.effects, "magnet_flux_step": (change, min(max(time, 0.01), 0.99), duration)})
-
-
-def _more(z: Vector, added: Vector) -> Array:
-    return np.abs(z + added) ** 2 - np.abs(z) ** 2
-
-
-def _least(course: Array) -> tuple[int, float]:
-    if len(course) == 0:
-        return 0, 0.0
-    place = int(np.argmin(course))
-    return place, float(course[place])
-

@@ -34,7 +34,7 @@ class Resonance:
 
     frequency: float  # Hz
     sure: float  # standard errors of its size among fast changes; 0 where only slow ones show it
-    left: Vector  # Vs: the flux error less what the branch and the machine beside it explain
+    left: Vector  # Vs: the flux error less what the branch explains beside the machine
     gain: float  # energy of the flux error (Vs^2, summed) that it explains beside the machine
 
 
@@ -80,8 +80,10 @@ def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array)
     columns = np.concatenate((machine, -np.concatenate((m.L_d * back.real, m.L_q * back.imag))[None, :]))
     y = np.concatenate((z.real, z.imag))
     left, without = (y - X.T @ np.linalg.lstsq(X @ X.T, X @ y, rcond=None)[0] for X in (columns, machine))
-    gain = float(without @ without - left @ left)
-    return Resonance(f / rows.T_s, sure, left[:n] + 1j * left[n:], gain)
+    added = without - left
+    return Resonance(
+        f / rows.T_s, sure, z - (added[:n] + 1j * added[n:]), float(without @ without - left @ left)
+    )  # fmt: skip
 
 
 def _answer(rows: Rows, z: Vector) -> _Answer | None:
