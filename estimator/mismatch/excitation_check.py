@@ -20,12 +20,14 @@ from estimator.mismatch.words import number, percent
 OUTSHINES: Final = 3.0  # times what is left unexplained, that an effect in doubt has to explain
 _WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
 _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
-_LEAST_ALIKE: Final = 0.02  # of that noise's energy, whatever the effect
+_LEAST_ALIKE: Final = 1e-3  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
-_APART: Final = 1e-3  # of its energy, that an effect must have beyond what the machine's parameters look like
+_APART: Final = 2e-4  # of its energy, that an even effect must have beyond what the machine's parameters look like
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
-_UNEVEN: Final = 10.0  # times what chance makes of an effect's size in a stretch
+_EVEN, _UNEVEN = 3.0, 10.0  # times what chance makes of an effect's size in a stretch: below it is even, above uneven
+_PLAIN: Final = 150.0  # log-odds of an even effect, from which on nothing that is left looks like it
+_HALF: Final = 0.5  # of all that is left, that an uneven effect has to explain
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _FAINTLY: Final = 0.05  # the same for faint effects
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
@@ -78,10 +80,10 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
     while left:
         worths = {
             one: {
-                "noise": _over_lent(search, _signal(search, left, one), over_noise),
+                "noise": _over_lent(search, _signal(search, left, one), over_noise) / _scatter(search, left, one),
                 "angle": _gained(search, left, one) / by_angle,
-                "rest": _gained(search, left, one) / _beside(search, left, one, rest),
-                "machine": _apart(search, _signal(search, left, one)) / _APART,
+                "rest": _over_rest(search, left, one, rest),
+                "machine": _apart(search, _signal(search, left, one)) / (_APART * _scatter(search, left, one)),
             }
             for one in left
         }
@@ -89,7 +91,7 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
         if min(worths[one].values()) > 1.0:
             break
         cause = min(worths[one], key=lambda name: worths[one][name])
-        why = _why(search, cause, worths[one][cause])
+        why = _why(search, left, one, cause)
         found[why] = (*found.get(why, ()), one)
         left = tuple(other for other in left if other != one)
     fit = search.fit(choice)
@@ -101,21 +103,22 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
     return found
 
 
-def _why(search: Search, cause: str, worth: float) -> str:
-    """What makes an effect worth no more than this, in a sentence's part."""
+def _why(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> str:
+    """What makes an effect worth too little, in a sentence's part."""
+    uneven = ", and its size is not the same from stretch to stretch" if _scatter(search, choice, one) > _EVEN else ""
     if cause == "angle":
         return "each period turns the rotor by nearly whole counts of its encoder, whose rounding may look like this"
     if cause == "machine":
         return (
             "R_s, L_d, L_q and psi_f, within their tolerance, look like all but "
-            f"{percent(_APART * worth)} of its energy here"
+            f"{percent(_apart(search, _signal(search, choice, one)))} of its energy here{uneven}"
         )
     if cause == "rest":
-        return "what it explains is little beside what is left of the voltage, which nothing explains"
+        return f"what it explains is little beside what is left of the voltage, which nothing explains{uneven}"
     axis, least = min(_over_noise(search).items(), key=lambda item: item[1])
     return (
         f"i_{axis} changes by {number(math.sqrt(least), 2)} times its noise here, and noise of the currents alone "
-        "may look like this"
+        f"may look like this{uneven}"
     )
 
 
@@ -135,23 +138,21 @@ def attenuated(search: Search, choice: Choice) -> Array:
     return np.array(moved).reshape(-1, len(PARAMETERS))
 
 
-def beside_rest(search: Search, excess: float) -> float:
-    """Energy over noise that a faint effect must have beside the angle's rounding and what is left unexplained."""
-    rest = _rest(search, excess)
-    return max(_by_angle(search), _BESIDE * rest.unexplained, _FAINTLY * rest.whole)
+def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, excess: float) -> float:
+    """The size (of the column at `place`) from which on a faint effect beside a set is borne out.
 
-
-def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, energy: float) -> float:
-    """The size (of the column at `place`) from which on an effect beside a set is borne out.
-
-    `energy`: what it must have beside the rest, over noise.
+    `excess` is the energy over noise that is left unexplained.
     """
     unit = np.zeros(len(search.columns))
     unit[place] = 1.0
-    if _apart(search, unit) < _APART:
+    scatter, rest = _scatter(search, (*choice, one), one), _rest(search, excess)
+    if _apart(search, unit) < _APART * scatter:
         return math.inf
-    by_noise = 1.0 / max(_over_lent(search, unit, _over_noise(search)), 1e-300)
-    return math.sqrt(max(energy * search.variance_of(choice, one, place), by_noise))
+    beside = max(_BESIDE * rest.unexplained, _FAINTLY * rest.whole)
+    if scatter < _EVEN:
+        beside = min(beside, 2.0 * _PLAIN * scatter)
+    by_noise = scatter / max(_over_lent(search, unit, _over_noise(search)), 1e-300)
+    return math.sqrt(max(max(beside, _by_angle(search)) * search.variance_of(choice, one, place), by_noise))
 
 
 def _by_angle(search: Search) -> float:
@@ -173,17 +174,27 @@ def _rest(search: Search, excess: float) -> _Rest:
     return _Rest(whole, max(whole - hidden_energy(rows) / (noise[0] * noise[1]), 0.0))
 
 
-def _beside(search: Search, choice: Choice, one: tuple[str, int], rest: _Rest) -> float:
-    """Energy over noise beside which an effect is too little: a part of what is unexplained.
+def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: _Rest) -> float:
+    """What an effect explains over what is too little beside the rest: a part of what is unexplained.
 
-    Of a faint one: a part of all that is left, which may look like it whatever it is. Of one whose size is not the same
-    from stretch to stretch by far: some times what is unexplained.
+    Of a faint one: a part of all that is left, which may look like it whatever it is, unless its size is the same from
+    stretch to stretch and plain. Of one whose size is not the same by far: some times what is unexplained, and half of
+    all that is left.
     """
-    fit = search.fit(choice)
+    gained, scatter = _gained(search, choice, one), _scatter(search, choice, one)
     least = max(_BESIDE * rest.unexplained, 1e-300)
-    if search.faint(fit, one):
+    if search.faint(search.fit(choice), one):
         least = max(least, _FAINTLY * rest.whole)
-    return max(least, OUTSHINES * rest.unexplained) if search.scatter(fit, one) > _UNEVEN else least
+    if scatter > _UNEVEN:
+        least = max(least, OUTSHINES * rest.unexplained, _HALF * rest.whole)
+    if scatter < _EVEN:
+        gain = search.gain(tuple(other for other in choice if other != one), one)
+        return max(gained / least, gain / _PLAIN)
+    return gained / least
+
+
+def _scatter(search: Search, choice: Choice, one: tuple[str, int]) -> float:
+    return search.scatter(search.fit(choice), one)
 
 
 def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:
