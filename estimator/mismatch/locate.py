@@ -38,7 +38,7 @@ _LEAST_V: Final = 1e-3  # of the voltage's rms: what the twin itself may miss
 _EXCESS: Final = 0.02  # of the noise's energy
 _SURE: Final = 6.0  # standard errors of the noise's energy
 _HIDDEN: Final = 1.2  # of the rounding's energy
-_LIKE_RINGING: Final = 0.1  # of the rounding's energy: the voltage's control follows it
+_LIKE_RINGING: Final = (0.1, 0.01)  # of the rounding's energy, which the voltage's control follows; what rings plainly
 _FORM: Final = 0.5  # of the excess, that a form must explain to name it
 _ROUNDS: Final = 8  # of fitting a form and the machine in turn
 _NEARER: Final = 0.001  # of the energy, that another round must explain
@@ -83,8 +83,11 @@ def rings(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 0.0
 
     missed: energy, over the noise's variance, that equations of what is named may leave: no less rings.
     """
-    sure = ringing(rows, np.where(rows.joined, z, 0j), noise)
-    return sure is not None and sure**2 > missed + _LIKE_RINGING * hidden_energy(rows) / (noise[0] * noise[1])
+    found = ringing(rows, np.where(rows.joined, z, 0j), noise)
+    if found is None:
+        return False
+    sure, plain = found
+    return sure**2 > missed + _LIKE_RINGING[plain] * hidden_energy(rows) / (noise[0] * noise[1])
 
 
 def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 0.0) -> Unexplained | None:

@@ -11,7 +11,7 @@ past changes count: the voltage's control follows the current's noise in its tur
 
 import math
 from dataclasses import dataclass
-from typing import Final, cast
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 
@@ -26,6 +26,16 @@ _RINGS: Final = np.geomspace(0.06, 0.45, 64)  # w / 2 pi
 _DAMPING: Final = np.array([0.01, 0.03, 0.1, 0.2])
 _LINES: Final = 512  # frequencies of the colour
 _SURE: Final = 7.0  # standard errors of its size
+_PLAIN: Final = 0.25  # of it, that nothing else may ring with
+
+
+def _taps() -> Array:
+    """Shape (frequencies, dampings, taps): - h / a, since what a branch takes is missing in the machine's flux."""
+    turned = TURN * _RINGS[:, None, None] * np.arange(1, _TAPS + 1)
+    return -np.exp(-_DAMPING[:, None] * turned) * np.sin(np.sqrt(1.0 - _DAMPING[:, None] ** 2) * turned)
+
+
+_TAPPED: Final = _taps()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,13 +64,23 @@ class _Answer:
         return auto[np.abs(lag[:, None] - lag[None, :])], cross
 
 
-def ringing(rows: Rows, z: Vector, noise: tuple[float, float]) -> float | None:
-    """How many standard errors a resonance shows with among fast changes of the voltage, if one does.
+class _Ringing(NamedTuple):
+    """A branch."""
 
-    noise: the flux error's white standard deviation (Vs) on d and q.
+    f: float  # of the sampling rate
+    damping: float
+    sure: float
+    plain: bool
+
+
+def ringing(rows: Rows, z: Vector, noise: tuple[float, float]) -> tuple[float, bool] | None:
+    """How many standard errors a resonance shows with among fast changes of the voltage, and whether it is plain.
+
+    It is where nothing else rings nearly as loud. noise: the flux error's white standard deviation (Vs) on d and q.
     """
-    found = _rings(_answer(rows, z), z, noise)
-    return None if found is None else found[2]
+    answer = _answer(rows, z)
+    found = None if answer is None else _rings(answer, z, noise)
+    return None if found is None else (found.sure, found.plain)
 
 
 def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array) -> Resonance | None:
@@ -75,14 +95,13 @@ def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array)
     found = _rings(answer, z, noise) or _largest(answer, machine)
     if found is None:
         return None
-    f, damping, sure = found
-    m, back = rows.machine, np.fft.ifft(_branch(f, damping, answer.size) * answer.u)[:n] * rows.rotor[1:].conj()
+    m, back = rows.machine, np.fft.ifft(_branch(found, answer.size) * answer.u)[:n] * rows.rotor[1:].conj()
     columns = np.concatenate((machine, -np.concatenate((m.L_d * back.real, m.L_q * back.imag))[None, :]))
     y = np.concatenate((z.real, z.imag))
     left, without = (y - X.T @ np.linalg.lstsq(X @ X.T, X @ y, rcond=None)[0] for X in (columns, machine))
     added = without - left
     return Resonance(
-        f / rows.T_s, sure, z - (added[:n] + 1j * added[n:]), float(without @ without - left @ left)
+        found.f / rows.T_s, found.sure, z - (added[:n] + 1j * added[n:]), float(without @ without - left @ left)
     )  # fmt: skip
 
 
@@ -102,28 +121,27 @@ def _current(rows: Rows, z: Vector) -> Vector:
     return (z.real / rows.machine.L_d + 1j * (z.imag / rows.machine.L_q)) * rows.rotor[1:]
 
 
-def _rings(answer: _Answer | None, z: Vector, noise: tuple[float, float]) -> tuple[float, float, float] | None:
-    """Frequency, damping and certainty of what rings beside the current's colour, where it is sure.
+def _rings(answer: _Answer, z: Vector, noise: tuple[float, float]) -> _Ringing | None:
+    """What rings beside the current's colour, where it is sure.
 
     Not where ever slower or faster ringing explains more: then it is none.
     """
-    if answer is None:
-        return None
     m = answer.rows.machine
     colour = np.maximum(welch(_current(answer.rows, z), _LINES), (noise[0] / m.L_d) ** 2 + (noise[1] / m.L_q) ** 2)
     loud = np.maximum(colour, np.maximum(np.roll(colour, 1), np.roll(colour, -1)))
     fast = np.abs(np.fft.fftfreq(answer.size)) > _ABOVE
     gram, cross = answer.lagged(fast * 2.0 / loud[np.arange(answer.size) * _LINES // answer.size], answer.i)
-    taps = _taps()
-    sure = taps @ cross / np.sqrt(np.einsum("fdj,fdj->fd", taps @ gram, taps))
-    best, damping = np.unravel_index(int(np.argmax(sure)), sure.shape)
-    if not sure[best, damping] > _SURE or best in (0, len(_RINGS) - 1):
+    sure, size = _sizes(gram, cross)
+    f, d = np.unravel_index(int(np.argmax(sure)), sure.shape)
+    if not sure[f, d] > _SURE or f in (0, len(_RINGS) - 1):
         return None
-    return float(_RINGS[best]), float(_DAMPING[damping]), float(sure[best, damping])
+    others, _ = _sizes(gram, cross - gram @ _TAPPED[f, d] * (sure[f, d] / size[f, d]))
+    plain = bool(np.max(np.abs(others)) < _PLAIN * sure[f, d])
+    return _Ringing(float(_RINGS[f]), float(_DAMPING[d]), float(sure[f, d]), plain)
 
 
-def _largest(answer: _Answer, machine: Array) -> tuple[float, float, float] | None:
-    """The same of the branch that explains most of a current, slow changes too, beside the machine; nothing is sure."""
+def _largest(answer: _Answer, machine: Array) -> _Ringing | None:
+    """The branch that explains most of a current beside the machine, slow changes too: it need not be sure to ring."""
     n = machine.shape[1] // 2
     beside = [np.fft.fft(_current(answer.rows, column[:n] + 1j * column[n:]), answer.size) for column in machine]
     gram, cross = answer.lagged(1.0, answer.i)
@@ -131,21 +149,19 @@ def _largest(answer: _Answer, machine: Array) -> tuple[float, float, float] | No
     inner = np.array([[float(np.vdot(a, b).real) for b in beside] for a in beside]) / answer.size
     along = np.array([float(np.vdot(a, answer.i).real) for a in beside]) / answer.size
     inverse = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)
-    gram, cross = gram - to.T @ inverse @ to, cross - to.T @ inverse @ along
-    taps = _taps()
-    size = taps @ cross / np.sqrt(np.maximum(np.einsum("fdj,fdj->fd", taps @ gram, taps), 1e-300))
-    best, damping = np.unravel_index(int(np.argmax(size)), size.shape)
-    return (float(_RINGS[best]), float(_DAMPING[damping]), 0.0) if size[best, damping] > 0.0 else None
+    sure, _ = _sizes(gram - to.T @ inverse @ to, cross - to.T @ inverse @ along)
+    f, d = np.unravel_index(int(np.argmax(sure)), sure.shape)
+    return _Ringing(float(_RINGS[f]), float(_DAMPING[d]), 0.0, False) if sure[f, d] > 0.0 else None
 
 
-def _taps() -> Array:
-    """Shape (frequencies, dampings, taps): - h / a, since what a branch takes is missing in the machine's flux."""
-    turned = TURN * _RINGS[:, None, None] * np.arange(1, _TAPS + 1)
-    return -np.exp(-_DAMPING[:, None] * turned) * np.sin(np.sqrt(1.0 - _DAMPING[:, None] ** 2) * turned)
+def _sizes(gram: Array, cross: Array) -> tuple[Array, Array]:
+    """Of all branches: their sizes in standard errors, where noise has unit variance, and one over the latter."""
+    size = np.sqrt(np.maximum(np.einsum("fdj,fdj->fd", _TAPPED @ gram, _TAPPED), 1e-300))
+    return _TAPPED @ cross / size, size
 
 
-def _branch(f: float, damping: float, size: int) -> Vector:
+def _branch(ringing: _Ringing, size: int) -> Vector:
     """h / a as a spectrum, however long it rings."""
-    w, late = TURN * f, cast(Vector, np.exp(-1j * TURN * np.fft.fftfreq(size)))
-    kept, turn = math.exp(-damping * w), math.sqrt(1.0 - damping**2) * w
+    w, late = TURN * ringing.f, cast(Vector, np.exp(-1j * TURN * np.fft.fftfreq(size)))
+    kept, turn = math.exp(-ringing.damping * w), math.sqrt(1.0 - ringing.damping**2) * w
     return kept * math.sin(turn) / (1.0 - 2.0 * kept * math.cos(turn) * late + (kept * late) ** 2)
