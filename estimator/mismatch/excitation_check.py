@@ -80,10 +80,10 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
     while left:
         worths = {
             one: {
-                "noise": _over_lent(search, _signal(search, left, one), over_noise) / _scatter(search, left, one),
+                "noise": _over_lent(search, _signal(search, left, one), over_noise) / _lends(search, left, one),
                 "angle": _gained(search, left, one) / by_angle,
                 "rest": _over_rest(search, left, one, rest),
-                "machine": _apart(search, _signal(search, left, one)) / (_APART * _scatter(search, left, one)),
+                "machine": _apart(search, _signal(search, left, one)) / (_APART * _lends(search, left, one)),
             }
             for one in left
         }
@@ -145,13 +145,14 @@ def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place:
     """
     unit = np.zeros(len(search.columns))
     unit[place] = 1.0
-    scatter, rest = _scatter(search, (*choice, one), one), _rest(search, excess)
-    if _apart(search, unit) < _APART * scatter:
+    scatter, lends = _scatter(search, (*choice, one), one), _lends(search, (*choice, one), one)
+    rest = _rest(search, excess)
+    if _apart(search, unit) < _APART * lends:
         return math.inf
     beside = max(_BESIDE * rest.unexplained, _FAINTLY * rest.whole)
     if scatter < _EVEN:
         beside = min(beside, 2.0 * _PLAIN * scatter)
-    by_noise = scatter / max(_over_lent(search, unit, _over_noise(search)), 1e-300)
+    by_noise = lends / max(_over_lent(search, unit, _over_noise(search)), 1e-300)
     return math.sqrt(max(max(beside, _by_angle(search)) * search.variance_of(choice, one, place), by_noise))
 
 
@@ -195,6 +196,11 @@ def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: _Rest
 
 def _scatter(search: Search, choice: Choice, one: tuple[str, int]) -> float:
     return search.scatter(search.fit(choice), one)
+
+
+def _lends(search: Search, choice: Choice, one: tuple[str, int]) -> float:
+    """How much more noise and the machine may lend an effect whose size is not the same from stretch to stretch."""
+    return min(_scatter(search, choice, one), _UNEVEN)
 
 
 def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:

@@ -7,7 +7,9 @@ unexplained does not lend its energy to a name.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Final, cast
 
 import numpy as np
@@ -25,6 +27,7 @@ MOST: Final = 6  # effects
 FAINT: Final = 0.03  # of a typical size
 _OF_RIVALS: Final = 0.01  # of what others explain, that a faint effect may be which looks like them
 TRIED: Final = 6  # likeliest ones, of which one may be added
+_MADE_UP_FOR: Final = 0.5  # of what one effect leaves, that two may, to be added together
 _ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
 FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
 _NOISE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
@@ -270,10 +273,23 @@ class Search:
         if len(choice) >= MOST:
             return choice
         likely = sorted(self._free(choice), key=lambda more: -self.fit((*choice, more)).log_evidence)
-        for more in likely[:TRIED]:
-            if self.gain(choice, more) > ENTRY:
-                return (*choice, more)
-        return choice
+        single = next(((*choice, more) for more in likely[:TRIED] if self.gain(choice, more) > ENTRY), choice)
+        return self._paired(choice, likely) or single if len(choice) + 1 < MOST else single
+
+    def _paired(self, choice: Choice, likely: Sequence[tuple[str, int]]) -> Choice | None:
+        """The set with two effects more, where either makes up for the other: both explain most, none much alone."""
+        by_name: dict[str, tuple[str, int]] = {}  # with the likeliest shapes
+        for one in likely:
+            by_name.setdefault(one[0], one)
+        tried = list(by_name.values())[:TRIED]
+        alone = min((self.fit((*choice, one)).chi2 for one in tried), default=0.0) - self.regression.count
+        pairs = sorted(combinations(tried, 2), key=lambda pair: self.fit((*choice, *pair)).chi2)
+        for one, other in pairs[:1]:
+            left = self.fit((*choice, one, other)).chi2 - self.regression.count
+            due = self.gain((*choice, one), other) > ENTRY and self.gain((*choice, other), one) > ENTRY
+            if due and left < _MADE_UP_FOR * alone:
+                return (*choice, one, other)
+        return None
 
     def without_needless(self, choice: Choice) -> Choice:
         """The set without what does not bring its due."""
