@@ -2,12 +2,17 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 from emulator.conceal.files import write
-from emulator.conceal.recording import Choice
+from emulator.conceal.recording import Choice, drawn
+from emulator.conceal.recording import recorded as recorded_run
 from emulator.conceal.suite import Suite, make
+from emulator.physics.imbalance import Imbalance
+from emulator.physics.skin import Skin
+from emulator.physics.turn_short import TurnShort
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.verdict import Diagnosis, Verdict
@@ -80,6 +85,26 @@ def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_
     (answer,) = answers_in(tmp_path / "answers")
     row = row_of(kind, truth_of(answer), {}, Said(diagnosis, "", 0.0))
     assert all(size.right for size in row.sizes.values()), row.sizes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("motor", "concealed"), [
+    ("hbl48zl400", {"imbalance": Imbalance(0.075), "turn_short": TurnShort(share=0.031, R_t=0.021, phase=2)}),
+    ("anaheim_bly172s", {"skin": Skin(rise=0.37, frequency=775.0)}),
+], ids=["effects that make up for each other", "a shape that trades with its size"])  # fmt: skip
+def test_what_no_single_straight_step_reaches_is_named(
+    motor: str, concealed: dict[str, NamedTuple], tmp_path: Path
+) -> None:
+    choice = Choice(SEED, ("none",), (0.0, 1.0), (motor,), 3.0)
+    there, _ = drawn(choice, 1)
+    scenario = replace(there.scenario, effects=there.scenario.effects._replace(**concealed))
+    there = replace(there, scenario=scenario)
+    for folder in ("out", "answers"):
+        (tmp_path / folder).mkdir()
+    write(there, recorded_run(scenario, there.periods), choice, "0001", tmp_path / "out", tmp_path / "answers")
+    diagnosis = diagnose(*loaded(tmp_path / "out", "0001"))
+    assert {finding.effect for finding in diagnosis.findings} == {EFFECT[kind] for kind in concealed}
+    assert diagnosis.ambiguous == ()
 
 
 @pytest.mark.slow
