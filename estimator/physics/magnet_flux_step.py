@@ -36,5 +36,5 @@ EFFECT = Effect(
         "change": (p[0], "1"), "time": (rows.span[0] + p[1] * rows.span[1], "s"), "duration": (p[2], "s"),
     },
     in_proportion_to="psi_f",
-    missed=2e-5,  # its course, which is soon over
+    missed=2e-4,
 )
