@@ -46,7 +46,7 @@ def _ringing(
     rows: Rows, found: Fitted, nominal: Machine, tolerance: Mapping[str, float], step: float
 ) -> tuple[Fitted, Unexplained] | None:
     """A fit without an iron loss and the resonance in its place, where that explains more than the loss does."""
-    if all(name != _LIKE_RESONANCE for name, _ in found.choice):
+    if found.model.bend is not None or all(name != _LIKE_RESONANCE for name, _ in found.choice):
         return None
     bare = without(found, [_LIKE_RESONANCE], nominal, tolerance, step)
     told = branch(*_flux_errors(rows, bare))
