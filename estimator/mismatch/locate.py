@@ -106,6 +106,8 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
     heard_ringing = rings(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]), missed)
     loud = energy_of(z) - n * variance - _HIDDEN * hidden
     rms_V = _rms(rows, z, noise)
+    if line is not None and line.gain > _FORM * loud > 0.0:
+        rms_V = max(rms_V, math.hypot(abs(line.forth), abs(line.back)))
     u = math.sqrt(energy_of(rows.u) / len(rows))
     chance = _SURE * math.sqrt(2.0 * n) * variance
     heard = loud > _EXCESS * n * variance + chance and rms_V > _LEAST_V * u
