@@ -27,7 +27,8 @@ _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like t
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
 _EVEN, _UNEVEN = 3.0, 10.0  # times what chance makes of an effect's size in a stretch: below it is even, above uneven
 _PLAIN: Final = 150.0  # log-odds of an even effect, from which on nothing that is left looks like it
-_HALF: Final = 0.5  # of all that is left, that an uneven effect has to explain
+_QUARTER: Final = 0.25  # of all that is left, that an uneven effect has to explain
+_LENDS: Final = 6.0  # times as much that noise and the machine lend an effect that is not even, at most
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _FAINTLY: Final = 0.05  # the same for faint effects
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
@@ -179,15 +180,15 @@ def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: _Rest
     """What an effect explains over what is too little beside the rest: a part of what is unexplained.
 
     Of a faint one: a part of all that is left, which may look like it whatever it is, unless its size is the same from
-    stretch to stretch and plain. Of one whose size is not the same by far: some times what is unexplained, and half of
-    all that is left.
+    stretch to stretch and plain. Of one whose size is not the same by far: some times what is unexplained, and a
+    quarter of all that is left.
     """
     gained, scatter = _gained(search, choice, one), _scatter(search, choice, one)
     least = max(_BESIDE * rest.unexplained, 1e-300)
     if search.faint(search.fit(choice), one):
         least = max(least, _FAINTLY * rest.whole)
     if scatter > _UNEVEN:
-        least = max(least, OUTSHINES * rest.unexplained, _HALF * rest.whole)
+        least = max(least, OUTSHINES * rest.unexplained, _QUARTER * rest.whole)
     if scatter < _EVEN:
         gain = search.gain(tuple(other for other in choice if other != one), one)
         return max(gained / least, gain / _PLAIN)
@@ -200,7 +201,7 @@ def _scatter(search: Search, choice: Choice, one: tuple[str, int]) -> float:
 
 def _lends(search: Search, choice: Choice, one: tuple[str, int]) -> float:
     """How much more noise and the machine may lend an effect whose size is not the same from stretch to stretch."""
-    return min(_scatter(search, choice, one), _UNEVEN)
+    return min(_scatter(search, choice, one), _LENDS)
 
 
 def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:
