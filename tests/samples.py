@@ -4,8 +4,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from emulator.machine import Machine as Motor
 from emulator.scenarios import PAPER, Scenario
-from emulator.virtual_drive import StreamRows, VirtualDrive
+from emulator.virtual_drive import Column, StreamRows, VirtualDrive
+from estimator.machine import Machine
+from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Resolution, Samples
 
 
@@ -35,6 +38,21 @@ def recorded(drive: VirtualDrive, periods: int) -> Samples:
     return Samples(
         r["theta_e"], r["omega_e"], r["i_d"], r["i_q"], r["u_d"], r["u_q"], drive.T_s, resolution=resolution_of(drive)
     )
+
+
+def machine_of(motor: Motor) -> Machine:
+    """An emulated motor in the estimator's terms."""
+    return Machine(motor.R_s, motor.L_d, motor.L_q, motor.psi_f, motor.n_p, motor.i_rated)
+
+
+def rows_of_columns(c: Mapping[str, Column], machine: Machine, T_s: float) -> Rows:
+    """A recording's rows."""
+    samples = Samples(
+        c["theta_e"], c["omega_e"], c["i_d"], c["i_q"], c["u_d"], c["u_q"], T_s, u_dc=c["u_dc"], i_a=c["i_a"],
+        i_b=c["i_b"], i_c=c["i_c"],
+    )  # fmt: skip
+    assert machine.i_rated is not None
+    return rows_of([samples], machine, machine.i_rated)
 
 
 def noiseless(scenario: Scenario = PAPER) -> Scenario:

@@ -109,6 +109,12 @@ def test_the_limit_does_not_depend_on_the_size_that_it_is_sought_from(kind: str)
     assert oracle.limit(kind, 0.5 * size) == pytest.approx(oracle.limit(kind, size), rel=0.02)
 
 
+def test_a_fit_of_the_machine_that_goes_astray_is_taken_back() -> None:
+    # The rotor runs free; so long a dead time takes it elsewhere, and the fit to a machine that is none
+    oracle = Oracle(answer("dead_time", "mini_cheetah"))
+    assert oracle.limit("dead_time", 0.1) == pytest.approx(oracle.limit("dead_time", 0.02), rel=0.02)
+
+
 def test_a_gain_of_the_voltage_is_seen_no_better_than_the_data_sheet_allows() -> None:
     # It looks like a motor whose R_s, L_d, L_q and psi_f are all larger by as much
     told = answer("dc_link_gain", "servo_4nm")

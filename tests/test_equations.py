@@ -11,16 +11,16 @@ from emulator.conceal.recording import Choice, drawn
 from emulator.physics.saturation import Saturation
 from emulator.scenarios import Scenario
 from emulator.virtual_drive import VirtualDrive
-from estimator.machine import PARAMETERS, Machine
+from estimator.machine import PARAMETERS
 from estimator.mismatch.columns import regression
 from estimator.mismatch.explain import Search
 from estimator.mismatch.fitting import moved
 from estimator.mismatch.model import Model, filter_pole, residual, whitened
 from estimator.mismatch.thinning import settled
 from estimator.physics.library import BY_NAME
-from estimator.physics.rows import Rows, rows_of
-from estimator.samples import Samples
+from estimator.physics.rows import Rows
 from tests.diagnosis.truth import EFFECT
+from tests.samples import machine_of, rows_of_columns
 
 SECONDS = 2.0
 TOLERANCE = dict.fromkeys(PARAMETERS, 0.3)
@@ -44,14 +44,9 @@ def rows_without_noise(scenario: Scenario) -> Rows:
     timing = scenario.effects.timing._replace(lost=0.0)
     ideal = replace(scenario, drive=drive, effects=scenario.effects._replace(timing=timing))
     c = VirtualDrive(ideal).record(round(SECONDS / drive.T_s))
-    m = scenario.motor
-    R_s = m.R_s * (1.0 + sum(scenario.effects.imbalance) / 3.0)
-    machine = Machine(R_s, m.L_d, m.L_q, m.psi_f, m.n_p, m.i_rated)
-    samples = Samples(
-        c["theta_e"], c["omega_e"], c["i_d"], c["i_q"], c["u_d"], c["u_q"], drive.T_s, u_dc=c["u_dc"], i_a=c["i_a"],
-        i_b=c["i_b"], i_c=c["i_c"],
-    )  # fmt: skip
-    return settled(rows_of([samples], machine, m.i_rated))
+    machine = machine_of(scenario.motor)
+    machine = replace(machine, R_s=machine.R_s * (1.0 + sum(scenario.effects.imbalance) / 3.0))
+    return settled(rows_of_columns(c, machine, drive.T_s))
 
 
 def left_of(rows: Rows, model: Model) -> float:

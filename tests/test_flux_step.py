@@ -5,11 +5,9 @@ import math
 import pytest
 
 from emulator.conceal.recording import Choice, drawn
-from estimator.machine import Machine
 from estimator.mismatch.flux_step import with_step_in_place
 from estimator.mismatch.model import Model
-from estimator.physics.rows import rows_of
-from estimator.samples import Samples
+from tests.samples import machine_of, rows_of_columns
 
 TURN = 2.0 * math.pi
 
@@ -20,11 +18,8 @@ def test_the_moment_and_the_duration_of_a_step_are_found(motor: str, off: float)
     """From as many periods off and half the duration."""
     concealed, c = drawn(Choice(9, ("demagnetisation",), (0.4, 1.0), (motor,), 3.0), 1)
     true, drive, step = concealed.scenario.motor, concealed.scenario.drive, concealed.scenario.effects.demagnetisation
-    machine = Machine(true.R_s, true.L_d, true.L_q, true.psi_f, true.n_p, true.i_rated)
-    samples = Samples(
-        c["theta_e"], c["omega_e"], c["i_d"], c["i_q"], c["u_d"], c["u_q"], drive.T_s, u_dc=c["u_dc"]
-    )  # fmt: skip
-    rows = rows_of([samples], machine, true.i_rated)
+    machine = machine_of(true)
+    rows = rows_of_columns(c, machine, drive.T_s)
     middle = step.time + 0.5 * step.duration
     begin = (middle + off * drive.T_s - rows.span[0]) / rows.span[1]
     angle = -0.5 * TURN * true.n_p / drive.encoder_counts  # mean rounding

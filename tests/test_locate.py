@@ -18,6 +18,7 @@ from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import number
 from estimator.physics.rows import Rows, Vector, rows_of
 from estimator.samples import Samples
+from tests.samples import machine_of, rows_of_columns
 
 TURN = 2.0 * math.pi
 T = 1e-4
@@ -227,13 +228,10 @@ def left_in(
 ) -> tuple[Concealed, Rows, Vector, tuple[float, float]]:
     """A recording of 3 s with its true machine, but for the angle's mean rounding: its rows, flux errors and noise."""
     concealed, c = drawn(Choice(9, (kind,), sizes, (motor,), 3.0), number_)
-    true = concealed.scenario.motor
-    machine = Machine(true.R_s, true.L_d, true.L_q, true.psi_f, true.n_p, true.i_rated)
-    T_s = concealed.scenario.drive.T_s
-    samples = Samples(c["theta_e"], c["omega_e"], c["i_d"], c["i_q"], c["u_d"], c["u_q"], T_s, u_dc=c["u_dc"])
-    step = TURN * true.n_p / concealed.scenario.drive.encoder_counts
-    rows = unrounded(rows_of([samples], machine, true.i_rated), step)
-    z = whitened(residual(rows, rows, Model(machine, {}, -0.5 * step)), rows, filter_pole(machine, T_s))
+    drive, machine = concealed.scenario.drive, machine_of(concealed.scenario.motor)
+    step = TURN * machine.n_p / drive.encoder_counts
+    rows = unrounded(rows_of_columns(c, machine, drive.T_s), step)
+    z = whitened(residual(rows, rows, Model(machine, {}, -0.5 * step)), rows, filter_pole(machine, drive.T_s))
     return concealed, rows, z, noise_of(z, None, rows)[:2]
 
 

@@ -42,6 +42,19 @@ def energy_of(v: Vector) -> float:
     return float(np.sum(v.real**2 + v.imag**2))
 
 
+def parts(z: Vector) -> Array:
+    """Real parts before imaginary ones."""
+    return np.concatenate((z.real, z.imag))
+
+
+def beside(columns: Array, z: Vector, flux: Vector | None = None) -> Vector:
+    """z less what columns (m, 2 n; see `parts`) explain of it, fitted alone or together with a flux error."""
+    both = columns if flux is None else np.concatenate((columns, parts(flux)[None, :]))
+    sizes = np.linalg.lstsq(both @ both.T, both @ parts(z), rcond=None)[0]
+    fitted = sizes[: len(columns)] @ columns
+    return z - (fitted[: len(z)] + 1j * fitted[len(z) :])
+
+
 def usual_periods(rows: Rows) -> int:
     """About ten, less at a speed at which the rotor turns far in ten."""
     D = float(np.quantile(np.abs(rows.D), 0.9)) if len(rows) else 0.0

@@ -25,12 +25,12 @@ _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
 _APART: Final = 2e-4  # of its energy, that an even effect must have beyond what the machine's parameters look like
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
+_FAINTLY: Final = 0.05  # of all that is left: the same for faint effects
 _EVEN, _UNEVEN = 3.0, 10.0  # times what chance makes of an effect's size in a stretch: below it is even, above uneven
 _PLAIN: Final = 150.0  # log-odds of an even effect, from which on nothing that is left looks like it
-_QUARTER: Final = 0.25  # of all that is left, that an uneven effect has to explain
+_UNEVENLY: Final = 0.25  # of all that is left, that an uneven effect has to explain
 _LENDS: Final = 6.0  # times as much that noise and the machine lend an effect that is not even, at most
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
-_FAINTLY: Final = 0.05  # the same for faint effects
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -150,7 +150,7 @@ def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place:
     rest = _rest(search, excess)
     if _apart(search, unit) < _APART * lends:
         return math.inf
-    beside = max(_BESIDE * rest.unexplained, _FAINTLY * rest.whole)
+    beside = rest.least(faint=True)
     if scatter < _EVEN:
         beside = min(beside, 2.0 * _PLAIN * scatter)
     by_noise = lends / max(_over_lent(search, unit, _over_noise(search)), 1e-300)
@@ -169,6 +169,10 @@ class _Rest(NamedTuple):
     whole: float
     unexplained: float  # beyond the angle's rounding
 
+    def least(self, *, faint: bool) -> float:
+        """What an effect has to explain beside it."""
+        return max(_BESIDE * self.unexplained, _FAINTLY * self.whole if faint else 0.0, 1e-300)
+
 
 def _rest(search: Search, excess: float) -> _Rest:
     rows, noise = search.regression.rows, search.regression.noise
@@ -184,11 +188,9 @@ def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: _Rest
     quarter of all that is left.
     """
     gained, scatter = _gained(search, choice, one), _scatter(search, choice, one)
-    least = max(_BESIDE * rest.unexplained, 1e-300)
-    if search.faint(search.fit(choice), one):
-        least = max(least, _FAINTLY * rest.whole)
+    least = rest.least(faint=search.faint(search.fit(choice), one))
     if scatter > _UNEVEN:
-        least = max(least, OUTSHINES * rest.unexplained, _QUARTER * rest.whole)
+        least = max(least, OUTSHINES * rest.unexplained, _UNEVENLY * rest.whole)
     if scatter < _EVEN:
         gain = search.gain(tuple(other for other in choice if other != one), one)
         return max(gained / least, gain / _PLAIN)

@@ -280,7 +280,7 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
     """
     model, best = towards, (math.inf, towards)
     for _ in range(_HALVINGS):
-        left = _left(rows, clean.rows if clean.follow is None else clean.follow(model)[0], model, search)
+        left = _left_by(rows, clean, model, search)
         if left >= best[0]:
             break
         best = left, model
@@ -304,8 +304,7 @@ def _by_shapes(
         there = replace(now, effects=effects)
         own = _search(rows, clean, there, nominal, tolerance, angle_step, ())
         model = moved(own, _present(there), shaped=True)
-        smooth = clean.rows if clean.follow is None else clean.follow(model)[0]
-        if _left(rows, smooth, model, search) < search.regression.left:
+        if _left_by(rows, clean, model, search) < search.regression.left:
             return model
     return None
 
@@ -325,6 +324,11 @@ def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
     z = flux_errors(residual(there, clean, model), there, model, filter_pole(before, rows.T_s))
     d, q = z.real * (before.L_d / (m.L_d * noise[0])), z.imag * (before.L_q / (m.L_q * noise[1]))
     return float(np.mean(d * d) + np.mean(q * q))
+
+
+def _left_by(rows: Rows, clean: Clean, model: Model, search: Search) -> float:
+    """The same with currents that follow the model, where they do."""
+    return _left(rows, clean.rows if clean.follow is None else clean.follow(model)[0], model, search)
 
 
 def _between(one: Model, other: Model) -> Model:

@@ -13,7 +13,17 @@ import numpy as np
 
 from estimator.flux_balance import TURN
 from estimator.mismatch.angle_rounding import hidden_energy
-from estimator.mismatch.averages import Array, Means, energy_of, means, noise_of_means, usual_periods, voltage_of
+from estimator.mismatch.averages import (
+    Array,
+    Means,
+    beside,
+    energy_of,
+    means,
+    noise_of_means,
+    parts,
+    usual_periods,
+    voltage_of,
+)
 from estimator.mismatch.forms import Drift, Form, TwoLevels, drift, two_levels
 from estimator.mismatch.model import filter_pole, whitened
 from estimator.mismatch.regions import MOST, regions, together, worth
@@ -114,7 +124,7 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
     if not heard and not heard_ringing:
         return None
     machine = _of_machine(rows)
-    left = _beside(machine, z)
+    left = beside(machine, z)
     excess = energy_of(left) - n * variance
     forms: list[Form | None] = [resonance(rows, left, noise, machine)]
     if heard:
@@ -135,7 +145,7 @@ def branch(rows: Rows, z: Vector, noise: tuple[float, float]) -> tuple[Unexplain
     form = resonance(rows, z, noise, machine)
     if form is None:
         return None
-    excess = energy_of(_beside(machine, z)) - np.count_nonzero(rows.joined) * (noise[0] ** 2 + noise[1] ** 2)
+    excess = energy_of(beside(machine, z)) - np.count_nonzero(rows.joined) * (noise[0] ** 2 + noise[1] ** 2)
     return _unexplained(rows, form, excess, _rms(rows, z, noise)), form.left
 
 
@@ -168,19 +178,7 @@ def _of_machine(rows: Rows) -> Array:
     voltages = (
         rows.i_mean, rows.balance(rows.i.real), rows.balance(rows.i - rows.i.real), rows.balance(np.ones(len(rows.i)))
     )  # fmt: skip
-    return np.array([_real(whitened(v, rows, rho)) for v in voltages])
-
-
-def _real(z: Vector) -> Array:
-    return np.concatenate((z.real, z.imag))
-
-
-def _beside(machine: Array, z: Vector, flux: Vector | None = None) -> Vector:
-    """z without what the machine explains of it, where it is fitted alone or together with a form's flux error."""
-    columns = machine if flux is None else np.concatenate((machine, _real(flux)[None, :]))
-    sizes = np.linalg.lstsq(columns @ columns.T, columns @ _real(z), rcond=None)[0]
-    fitted = sizes[: len(machine)] @ machine
-    return z - (fitted[: len(z)] + 1j * fitted[len(z) :])
+    return np.array([parts(whitened(v, rows, rho)) for v in voltages])
 
 
 def _apart(rows: Rows, z: Vector, machine: Array, find: Find) -> Line | TwoLevels | None:
@@ -190,7 +188,7 @@ def _apart(rows: Rows, z: Vector, machine: Array, find: Find) -> Line | TwoLevel
         form = find(rows, free)
         if form is None:
             break
-        free = _beside(machine, z, form.flux)
+        free = beside(machine, z, form.flux)
         gain = energy_of(z) - energy_of(free - form.flux)
         before = 0.0 if best is None else best.gain
         if gain > before:

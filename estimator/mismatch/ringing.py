@@ -16,7 +16,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 
 from estimator.flux_balance import TURN
-from estimator.mismatch.averages import Array
+from estimator.mismatch.averages import Array, beside, energy_of, parts
 from estimator.mismatch.spectra import welch
 from estimator.physics.rows import Rows, Vector
 
@@ -96,13 +96,10 @@ def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array)
     if found is None:
         return None
     m, back = rows.machine, np.fft.ifft(_branch(found, answer.size) * answer.u)[:n] * rows.rotor[1:].conj()
-    columns = np.concatenate((machine, -np.concatenate((m.L_d * back.real, m.L_q * back.imag))[None, :]))
-    y = np.concatenate((z.real, z.imag))
-    left, without = (y - X.T @ np.linalg.lstsq(X @ X.T, X @ y, rcond=None)[0] for X in (columns, machine))
-    added = without - left
-    return Resonance(
-        found.f / rows.T_s, found.sure, z - (added[:n] + 1j * added[n:]), float(without @ without - left @ left)
-    )  # fmt: skip
+    taken = -parts(m.L_d * back.real + 1j * m.L_q * back.imag)
+    without = beside(machine, z)
+    left = beside(np.concatenate((machine, taken[None, :])), z)
+    return Resonance(found.f / rows.T_s, found.sure, z - (without - left), energy_of(without) - energy_of(left))
 
 
 def _answer(rows: Rows, z: Vector) -> _Answer | None:
@@ -143,11 +140,11 @@ def _rings(answer: _Answer, z: Vector, noise: tuple[float, float]) -> _Ringing |
 def _largest(answer: _Answer, machine: Array) -> _Ringing | None:
     """The branch that explains most of a current beside the machine, slow changes too: it need not be sure to ring."""
     n = machine.shape[1] // 2
-    beside = [np.fft.fft(_current(answer.rows, column[:n] + 1j * column[n:]), answer.size) for column in machine]
+    others = [np.fft.fft(_current(answer.rows, column[:n] + 1j * column[n:]), answer.size) for column in machine]
     gram, cross = answer.lagged(1.0, answer.i)
-    to = np.array([answer.lagged(1.0, i)[1] for i in beside])  # (m, taps)
-    inner = np.array([[float(np.vdot(a, b).real) for b in beside] for a in beside]) / answer.size
-    along = np.array([float(np.vdot(a, answer.i).real) for a in beside]) / answer.size
+    to = np.array([answer.lagged(1.0, i)[1] for i in others])  # (m, taps)
+    inner = np.array([[float(np.vdot(a, b).real) for b in others] for a in others]) / answer.size
+    along = np.array([float(np.vdot(a, answer.i).real) for a in others]) / answer.size
     inverse = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)
     sure, _ = _sizes(gram - to.T @ inverse @ to, cross - to.T @ inverse @ along)
     f, d = np.unravel_index(int(np.argmax(sure)), sure.shape)

@@ -100,17 +100,25 @@ class Oracle:
 
     def _limit(self, name: str, x: float) -> float:
         """By the energy that no machine of the series takes away, its parameters in deviations from the true ones."""
-        columns, energy = self.with_size(name, x), math.inf
+        columns, least, before = self.with_size(name, x), math.inf, math.inf
         off: Array = np.zeros(len(_PARAMETERS) + 1)
+        last = off
         for _ in range(_FITS):
-            errors, J = whitened(columns, self.scenario, off)
-            signal, before = errors - self._errors - off @ J, energy
+            with np.errstate(over="ignore", invalid="ignore"):  # of a machine that is none
+                errors, J = whitened(columns, self.scenario, off)
+                changed = errors - self._errors
+                there = float(changed @ changed + off @ off)
+            if not there < least:  # too far, or another machine's filter went astray
+                off = 0.5 * (last + off)
+                continue
+            signal, least, last = changed - off @ J, there, off
             off = np.asarray(-np.linalg.solve(np.eye(len(J)) + J @ J.T, J @ signal), np.float64)
             left = signal + off @ J
             energy = float(left @ left + off @ off)
             if abs(energy - before) <= _SETTLED * energy:
-                break
-        return x * math.sqrt(NEEDED / energy)
+                return x * math.sqrt(NEEDED / energy)
+            before = energy
+        return x * math.sqrt(NEEDED / least)
 
     def with_size(self, name: str, x: float) -> Mapping[str, Column]:
         """The recording's run by ideal sensors with one class alone."""

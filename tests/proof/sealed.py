@@ -60,6 +60,12 @@ def prove(settings: Settings) -> Proof:
     poor = heard(folder / "poor", settings.jobs, (
         "tests.proof.poor_suite", *drawn, "--count", str(poor_count), *by
     ))  # fmt: skip
+    return proof_of_suites(rich, near, poor, length, settings)
+
+
+def proof_of_suites(rich: "Heard", near: "Heard", poor: "Heard", length: float, settings: Settings) -> Proof:
+    """The score of suites of `length` s (poor ones: of their own) that were diagnosed and opened."""
+    folder = settings.folder / "sealed"
     over_limit = limits([answer for answer in rich.answers if answer["kind"] in _ASKED], settings.jobs)
     near_by = {answer["recording"]: answer["over_limit"] for answer in near.answers}
     rows = [
