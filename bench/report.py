@@ -17,7 +17,7 @@ from bench.engineering import number, odds, quantity, scaled, words
 from bench.machine_file import Nominal
 from bench.recording import Summary
 from estimator.machine import PARAMETERS, UNITS
-from estimator.mismatch.verdict import Ambiguity, Before, Diagnosis, Experiment, Finding, Fit, Place, Quantity
+from estimator.mismatch.verdict import Ambiguity, Before, Diagnosis, Experiment, Finding, Fit, Place, Quantity, Range
 
 _STYLE: Final = f"""
 @page {{ size: A4; margin: 14mm; }}
@@ -41,6 +41,7 @@ th, td {{ padding: 4px 12px 4px 0; border-bottom: 1px solid #e4e6ea; vertical-al
 tr, figure, .keep {{ break-inside: avoid; }}
 .whole {{ white-space: nowrap; }}
 td.n, th.n {{ text-align: right; white-space: nowrap; }}
+td.name {{ white-space: nowrap; }}
 .before {{ color: {figures.BEFORE}; }}
 .after {{ color: {figures.AFTER}; }}
 figure {{ margin: 8px 0 0; }}
@@ -247,13 +248,25 @@ def _parameters(said: Diagnosis, nominal: Nominal) -> str:
             for f in said.findings if name in f.absorbed_as
         )
         rows += (
-            f'<tr><td>{escape(name)}</td><td class="n">{quantity(given, UNITS.get(name, ""))}</td>'
+            f'<tr><td class="name">{escape(name)}</td><td class="n">{quantity(given, UNITS.get(name, ""))}</td>'
             f'<td class="n before">{_quantity(said.machine_before.get(name), given)}</td>'
             f'<td class="n after">{_quantity(said.machine_after.get(name), given)}</td><td>{done}</td></tr>'
         )
     return (
         '<table class="keep"><tr><th></th><th class="n">nominal</th><th class="n">before ± s. e.</th>'
         f'<th class="n">after ± s. e.</th><th>what was read into it</th></tr>{rows}</table>'
+        f"{_scales(said.scales)}"
+    )
+
+
+def _scales(scales: Mapping[str, Range]) -> str:
+    """What no recording tells."""
+    if not scales:
+        return ""
+    each = " or ".join(f"all {what} as {x.least:.3f} to {x.most:.3f}" for what, x in scales.items())
+    return (
+        '<p class="muted">These rest on what the drive reads. By the nominal values it may read '
+        f"{each} times what they are: no recording tells, and the parameters are off by that. R_s by a meter would.</p>"
     )
 
 

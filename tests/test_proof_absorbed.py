@@ -1,5 +1,6 @@
 """The proof on absorbed effects: its cases, how it judges, and two of them done."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ def said(verdict: str, *names: str, R_s: float = 1.0) -> dict[str, Any]:
     after = {name: {"value": value, "std": 1e-3 * value} for name, value in {**TRUTH, "R_s": R_s}.items()}
     findings = [{"effect": name, "parameters": {"dead_time": {"value": 1e-6, "std": 1e-8, "unit": "s"}}}
                 for name in names]  # fmt: skip
-    return {"verdict": verdict, "findings": findings, "ambiguous": [], "machine": {"after": after}}
+    scales = {"voltages": {"least": 0.97, "most": 1.05}}
+    return {"verdict": verdict, "findings": findings, "ambiguous": [], "machine": {"after": after, "scales": scales}}
 
 
 @pytest.mark.parametrize(
@@ -47,11 +49,26 @@ def test_who_is_sure_and_wrong_is_told_from_who_doubts(diagnosis: dict[str, Any]
     assert judged("", diagnosis, case, TRUTH).wrong == wrong
 
 
+@pytest.mark.parametrize(("gain", "warned"), [(1.04, True), (1.06, False), (0.96, False)])
+def test_a_scale_that_is_said_to_be_open_is_told_from_one_that_is_not(gain: float, warned: bool) -> None:
+    (case,) = [case for case in cases(1200, quick=False) if case.name == "dc-link_gain_servo_4nm"]
+    sensing = case.scenario.effects.voltage_sensing._replace(gain=gain)
+    effects = case.scenario.effects._replace(voltage_sensing=sensing)
+    case = replace(case, scenario=replace(case.scenario, effects=effects))
+    step = judged("", said("no_mismatch", R_s=gain), case, TRUTH)
+    assert step.wrong.startswith("no_mismatch with R_s off by")
+    assert step.warned == warned
+    errors = dict.fromkeys(PARAMETERS, gain - 1.0)
+    proof = proof_of([Outcome("gain", "m", "", "voltages", "1", 0, 1.0, {"wls": errors}, errors, (step,))])
+    assert [bar.held for bar in proof.bars if "that scale" in bar.what] == [warned]
+
+
 def test_what_was_missed_is_printed_as_missed() -> None:
     errors = dict.fromkeys(PARAMETERS, 0.05)
     wrong = "no_mismatch with R_s off by +5.0%"
     step = Step("the first recording", "no_mismatch", (), (), "", "1e-06 s", errors, wrong)
-    outcome = Outcome("dead time", "m", "inverter_voltage_error", "1e-06 s", 0, 1.2, {"wls": errors}, errors, (step,))
+    by = {"wls": errors}
+    outcome = Outcome("dead time", "m", "inverter_voltage_error", "", "1e-06 s", 0, 1.2, by, errors, (step,))
     proof = proof_of([outcome])
     assert [bar.held for bar in proof.bars] == [False, False, False]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from estimator.mismatch.sentences import sentence_of
-from estimator.mismatch.verdict import Ambiguity, Diagnosis, Experiment, Quantity, Verdict
+from estimator.mismatch.verdict import Ambiguity, Diagnosis, Experiment, Quantity, Range, Verdict
 from tests.diagnoses import EXPLAINED
 
 
@@ -40,7 +40,9 @@ def test_three_that_are_not_told_apart_are_named_in_one_sentence() -> None:
 
 
 @pytest.mark.parametrize("verdict", [Verdict.EXPLAINED, Verdict.NO_MISMATCH])
-def test_a_gain_that_would_not_show_is_said(verdict: Verdict) -> None:
-    found = {"iron_loss": Quantity(100.0, None, "ohm")}
-    text = sentence_of(replace(EXPLAINED, verdict=verdict, detectable=found))
-    assert "gain of all voltages or of all currents, by which the parameters are off then" in text
+def test_a_scale_that_would_not_show_is_said(verdict: Verdict) -> None:
+    scales = {"voltages": Range(0.995, 1.004), "currents": Range(0.951, 1.032)}
+    text = sentence_of(replace(EXPLAINED, verdict=verdict, scales=scales))
+    assert "A drive that reads all currents as 0.95 to 1.03 times what they are would look the same" in text
+    assert "R_s by a meter would tell" in text
+    assert "all voltages" not in text  # closely known

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.mismatch.columns import STRETCHES
+from estimator.mismatch.common_scale import scaled, scales_left_open, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
 from estimator.mismatch.excitation_check import attenuated, not_borne_out, poorly_told
@@ -38,6 +39,7 @@ from estimator.mismatch.verdict import (
     Fit,
     Place,
     Quantity,
+    Range,
     Rival,
     Traces,
     Unexplained,
@@ -161,7 +163,7 @@ def _judged(
     findings: list[Finding] = []
     excess = excess_of(found)
     lent = max(excess, 0.0) if left is not None else 0.0
-    machine_before, machine_after, flux_map, off, blind = _machine(found, plain, lent, nominal, tolerance)
+    machine_before, machine_after, flux_map, off, blind, scales = _machine(found, plain, lent, nominal, tolerance)
     outside = list(off.values())
     poorly = poorly_told(search, choice, nominal, outside)
     reasons = not_borne_out(search, choice, blind, excess)
@@ -179,9 +181,7 @@ def _judged(
         Ambiguity(tuple(name for name, _ in some), why, richer, rivals=False)
         for why, some in reasons.items() if richer is not None
     ]  # fmt: skip
-    for one in choice:
-        if one in faint:
-            continue
+    for one in (each for each in choice if each not in faint):
         others = rivals(search, choice, one)
         close = [doubt for doubt in others if doubt.log_odds < SURE]
         if close:
@@ -202,7 +202,9 @@ def _judged(
         if choice:
             doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer, rivals=False)], None
     elif flux_map is None and (len(off) > 1 or any(tolerance[name] < max(tolerance.values()) for name in off)):
-        doubts.extend(_scaled(machine_after, nominal, tolerance))
+        doubts.extend(scaled(machine_after, nominal, tolerance))
+    else:
+        doubts.extend(uncalibrated(findings, scales, tolerance))
     verdict = verdict_of(findings, doubts, left, blind)
     if outside and not doubts:  # effects do not explain the machine
         verdict = Verdict.PARTLY_EXPLAINED if findings else Verdict.UNEXPLAINED
@@ -211,7 +213,7 @@ def _judged(
     limits = detectable(search, choice, excess_of(found), tolerance)
     return Diagnosis(
         verdict, "", tuple(findings), tuple(doubts), left, limits, machine_before, machine_after, fit,
-        candidates(search, choice), tuple(outside), pictures, richer if lacks else None,
+        candidates(search, choice), tuple(outside), pictures, richer if lacks else None, scales=scales,
         flux_map=None if flux_map is None or not findings else flux_map.table(),
     )  # fmt: skip
 
@@ -224,6 +226,7 @@ class _Machine(NamedTuple):
     flux_map: FluxMap | None
     outside: dict[str, str]  # their tolerance: by name, in a sentence
     blind: list[str]  # those that are not told
+    scales: dict[str, Range]  # that are left open
 
 
 def _machine(
@@ -243,6 +246,7 @@ def _machine(
         _parameters(plain or search, ()), after, flux_map,
         _outside({name: after[name] for name in compared}, nominal, tolerance),
         _blind({name: likely[name] for name in compared}, nominal, tolerance),
+        scales_left_open(after, nominal, tolerance, compared),
     )  # fmt: skip
 
 
@@ -372,31 +376,6 @@ def _outside(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping
                 f"{given:.4g} {quantity.unit}, beyond the tolerance of {100.0 * tolerance[name]:.2g} %"
             )
     return said
-
-
-def _scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[Ambiguity]:
-    """What parameters outside their tolerance leave open: all voltages or currents scaled alike, or another machine.
-
-    A gain of all currents scales R_s, L_d and L_q alike, and leaves psi_f as it is.
-    """
-    ratios = {name: float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS}
-    apart = 2.0 * max(tolerance.values())
-    impedances = [ratios[name] for name in ("R_s", "L_d", "L_q")]
-    scaled: dict[str, tuple[str, str]] = {}  # by effect: what is read wrong, and what to measure it by
-    if max(ratios.values()) - min(ratios.values()) <= apart:
-        scaled["dc_link_gain"] = "the dc link may be read wrong", "the dc link's voltage with a meter"
-    if max(impedances) - min(impedances) <= apart and abs(ratios["psi_f"] - 1.0) <= tolerance["psi_f"]:
-        scaled["current_sensor_gain"] = "all currents may be read as much too high or too low", "a current by a probe"
-    if not scaled:
-        return []
-    shown = ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items())
-    causes, measurements = zip(*scaled.values(), strict=True)
-    reason = (
-        f"these parameters are so many times their nominal values: {shown}: {'; '.join(causes)}; or the machine is "
-        "another one. A recording of voltages and currents alone cannot tell"
-    )
-    told = Experiment(f"measure {', '.join(measurements)}, or R_s at the terminals, at standstill")
-    return [Ambiguity((*scaled, "convention_error"), reason, told)]
 
 
 def _blind(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[str]:

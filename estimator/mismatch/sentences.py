@@ -9,7 +9,7 @@ from estimator.physics.library import BY_NAME
 
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
 _COUNTS = ("periods", "phase")
-_GAIN = "a gain of all voltages or of all currents, by which the parameters are off then"
+_CLOSE = 0.02  # of a scale, that needs no words
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
 
 
@@ -46,10 +46,11 @@ def sentence_of(diagnosis: Diagnosis) -> str:
     elif diagnosis.verdict is Verdict.PARTLY_EXPLAINED:
         said.append("not all is explained: " + "; ".join(diagnosis.remarks))
     if diagnosis.verdict is Verdict.EXPLAINED:
-        said.append(f"{_GAIN}, would not have shown within the nominal values' tolerance")
+        said.append(_left_open(diagnosis))
     if diagnosis.verdict is Verdict.NO_MISMATCH:
         nothing = "no mismatch: the machine's equations with fitted parameters leave nothing but noise"
         said.append("; ".join(part for part in (nothing, _detectable(diagnosis)) if part))
+        said.append(_left_open(diagnosis))
     if diagnosis.verdict is Verdict.NOT_ENOUGH_EXCITATION:
         why = "no effect stands out, and not every parameter can be told"
         said.append(f"not enough excitation to judge: {'; '.join(diagnosis.remarks[-1:]) or why}")
@@ -102,7 +103,16 @@ def _detectable(diagnosis: Diagnosis) -> str:
              for name in shown]
     if not parts:
         return ""
-    return f"it would have shown {', '.join(parts)}, but not {_GAIN}, within the nominal values' tolerance"
+    return f"it would have shown {', '.join(parts)}"
+
+
+def _left_open(diagnosis: Diagnosis) -> str:
+    """What no recording tells: all voltages or all currents scaled alike."""
+    wide = {what: scale for what, scale in diagnosis.scales.items() if scale.most - scale.least > _CLOSE}
+    if not wide:
+        return ""
+    parts = " or ".join(f"all {what} as {x.least:.2f} to {x.most:.2f} times what they are" for what, x in wide.items())
+    return f"a drive that reads {parts} would look the same, the parameters off by that; R_s by a meter would tell"
 
 
 def _limit(diagnosis: Diagnosis, name: str) -> float:

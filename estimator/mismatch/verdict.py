@@ -5,7 +5,7 @@ Knows nothing of how it was found.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -32,6 +32,14 @@ class Quantity:
     value: float | None
     std: float | None
     unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """From the least to the most that a number may be."""
+
+    least: float
+    most: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,6 +227,7 @@ class Diagnosis:
     experiment: Experiment | None = None  # what to record instead, where this one does not tell the machine
     scatters: tuple[Scatter, ...] = ()  # of steady points
     pole_pairs: int | None = None  # where the nominal ones are wrong
+    scales: Mapping[str, Range] = field(default_factory=dict[str, Range])  # see `common_scale`
     flux_map: FluxTable | None = None  # where no saturation curve of few numbers bends as the machine does
 
 

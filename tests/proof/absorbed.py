@@ -69,6 +69,7 @@ class Step:
     true: str
     errors: Errors  # of the machine's parameters
     wrong: str  # why it is confident and wrong; "" where it is not
+    warned: bool = False  # it says that all voltages, or all currents, may be scaled by what they are scaled by
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,7 @@ class Outcome:
     title: str
     motor: str
     effect: str
+    scaled: str  # "voltages", "currents" or ""
     true: str
     halved: int
     ratio: float  # of the conventional residual to the noise floor
@@ -132,7 +134,8 @@ def run(case: Case, folder: Path) -> Outcome:
                 steps, problem = _asked(case, url, file, truth)
                 by = {name: _errors_of(fit, case, truth) for name, fit in fits.items()}
                 return Outcome(
-                    case.title, case.motor, case.kind.effect, steps[0].true, halved, ratio, by, control, steps, problem
+                    case.title, case.motor, case.kind.effect, case.kind.scaled, steps[0].true, halved, ratio, by,
+                    control, steps, problem,
                 )
         case, halved = case.halved(), halved + 1
 
@@ -302,8 +305,11 @@ def judged(after: str, said: Mapping[str, Any], case: Case, truth: Mapping[str, 
             off, std = errors[name], float(told[name]["std"] or math.inf) if name in told else math.inf
             if off is not None and abs(off) > max(_WRONG, _ERRORS * std / truth[name]):
                 wrong.append(f"{said['verdict']} with {name} off by {off:+.1%}")
-    true = f"{case.kind.told(case, truth):.4g} {case.kind.unit}"
-    return Step(after, said["verdict"], names, doubts, size, true, errors, "; ".join(wrong))
+    told = case.kind.told(case, truth)
+    open_ = said["machine"]["scales"].get(case.kind.scaled)
+    warned = open_ is not None and open_["least"] <= told <= open_["most"]
+    true = f"{told:.4g} {case.kind.unit}"
+    return Step(after, said["verdict"], names, doubts, size, true, errors, "; ".join(wrong), warned)
 
 
 def _words(plan: Plan, asked: Mapping[str, Any]) -> str:
@@ -321,7 +327,8 @@ def proof_of(outcomes: Sequence[Outcome]) -> Proof:
     scaled = [one for one in outcomes if not one.effect]
     concealed = [one for one in outcomes if one.concealed]
     wrong = [step for one in every for step in one.steps if step.wrong]
-    silent = [step for one in scaled for step in one.steps if step.wrong]
+    off = [step for one in scaled for step in one.steps if step.wrong]
+    silent = [step for step in off if not step.warned]
     at_once = [one for one in named if one.steps[0].names == (one.effect,)]
     found = [one for one in named if one.found]
     metered = [one for one in scaled if one.steps[-1].names or "dc_link_gain" in one.steps[-1].doubts]
@@ -337,9 +344,12 @@ def proof_of(outcomes: Sequence[Outcome]) -> Proof:
             f"{len(wrong)} of {sum(len(one.steps) for one in every)} diagnoses", not wrong),
     ]  # fmt: skip
     if scaled:
+        asked = sum(len(one.steps) for one in scaled)
         bars += [
-            Bar("confident wrong answers where all voltages or all currents are scaled alike", "none",
-                f"{len(silent)} of {sum(len(one.steps) for one in scaled)} diagnoses", not silent),
+            Bar("all voltages or all currents scaled alike: a parameter off, that scale not said to be open", "none",
+                f"{len(silent)} of {asked} diagnoses", not silent),
+            Bar("  said to be open, with a parameter off by more than 1 % and three standard errors", "",
+                f"{len(off) - len(silent)} of {asked} diagnoses", None),
             Bar("these are asked about once a meter has told R_s", "all", f"{len(metered)} of {len(scaled)}",
                 len(metered) == len(scaled)),
         ]  # fmt: skip
@@ -368,7 +378,8 @@ def _conventional_table(outcomes: Sequence[Outcome]) -> Table:
 def _diagnosis_table(outcomes: Sequence[Outcome]) -> Table:
     rows = [
         (one.title, one.motor, step.after, step.verdict, _named(step), step.size, step.true, _percent(step.errors),
-         step.wrong or (one.problem if step is one.steps[-1] else ""))
+         (f"{step.wrong}; says that {one.scaled} may be scaled so" if step.wrong and step.warned else step.wrong)
+         or (one.problem if step is one.steps[-1] else ""))
         for one in outcomes for step in one.steps
     ]  # fmt: skip
     heads = ("concealed", "motor", "after", "verdict", "named", "size", "true size",

@@ -43,6 +43,7 @@ class Kind:
     sizes: Callable[[float, float, Setting], Effects]  # of a size, a sign
     told: Callable[["Case", Mapping[str, float]], float]  # the size as a diagnosis tells it, by what is true
     seconds: float = SECONDS
+    scaled: str = ""  # what is scaled alike, as a diagnosis calls it: no recording tells that
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,9 +149,9 @@ KINDS: Final = (
     Kind("magnets that warm up", "magnet_flux_drift", "change", "1", ("servo_4nm", "aalto_2k2"), (10.0, 40.0),
          _magnet_heat, lambda _case, truth: truth["change"], LONG),
     Kind("dc-link gain", "", "gain", "1", ("servo_4nm", "beckhoff_am8141"), (0.03, 0.10), _dc_link_gain,
-         lambda case, _truth: case.scenario.effects.voltage_sensing.gain),
+         lambda case, _truth: case.scenario.effects.voltage_sensing.gain, scaled="voltages"),
     Kind("gain of all current sensors", "", "gain", "1", ("aalto_2k2", "beckhoff_am8141"), (0.03, 0.10),
-         _current_gain, lambda case, _truth: case.scenario.effects.current_sensing.gain_a),
+         _current_gain, lambda case, _truth: case.scenario.effects.current_sensing.gain_a, scaled="currents"),
 )  # fmt: skip
 
 

@@ -1,0 +1,84 @@
+"""Common scale: all voltages, or all currents, read larger or smaller alike, which no recording of a drive tells.
+
+Voltages read f times what they are make R_s, L_d, L_q and psi_f come out f times as large; currents read f times what
+they are, R_s, L_d and L_q 1/f times. Equations hold as before, so what a data sheet says of the parameters is all that
+speaks against it:
+
+    value / (1 + tolerance) <= f nominal <= value / (1 - tolerance)        for each parameter, of voltages
+"""
+
+import math
+from collections.abc import Collection, Iterable, Mapping
+from typing import Final
+
+from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.verdict import Ambiguity, Experiment, Finding, Quantity, Range
+
+IMPEDANCES: Final = ("R_s", "L_d", "L_q")
+_ERRORS: Final = 2.0  # standard errors of a parameter that its tolerance is wider by
+_VOLTAGES: Final = "the dc link's voltage with a meter"
+_CURRENTS: Final = "a current by a probe"
+_BY_R_S: Final = "R_s at the terminals, at standstill"
+
+
+def scales_left_open(
+    after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float], compared: Collection[str]
+) -> dict[str, Range]:
+    """What all voltages, or all currents, may be read as, over what they are, by `compared` parameters.
+
+    Those are what a data sheet speaks of; a scale is left out where it agrees with none, or nothing bounds it.
+    """
+    told = [name for name in compared if after[name].value is not None and after[name].std is not None]
+    found: dict[str, Range] = {}
+    for what, names in (("voltages", told), ("currents", [name for name in told if name in IMPEDANCES])):
+        least, most = 0.0, math.inf
+        for name in names:
+            given, value, std = getattr(nominal, name), after[name].value or 0.0, after[name].std or 0.0
+            least = max(least, (value - _ERRORS * std) / (given * (1.0 + tolerance[name])))
+            if tolerance[name] < 1.0:
+                most = min(most, (value + _ERRORS * std) / (given * (1.0 - tolerance[name])))
+        if 0.0 < least <= most < math.inf:
+            found[what] = Range(least, most) if what == "voltages" else Range(1.0 / most, 1.0 / least)
+    return found
+
+
+def uncalibrated(
+    findings: Iterable[Finding], scales: Mapping[str, Range], tolerance: Mapping[str, float]
+) -> list[Ambiguity]:
+    """What current sensors whose gains differ leave open: by how much all of them are off, where that may be far."""
+    open_, far = scales.get("currents"), max(tolerance[name] for name in IMPEDANCES)
+    if not any(finding.effect == "current_sensor_gain" for finding in findings) or open_ is None:
+        return []
+    if 1.0 - far <= open_.least and open_.most <= 1.0 + far:
+        return []
+    reason = (
+        "the gains of the current sensors differ, and what they have in common no recording of voltages and currents "
+        f"tells: by the nominal values all currents may be read as {open_.least:.2f} to {open_.most:.2f} times what "
+        "they are, and R_s, L_d and L_q are off by that"
+    )
+    return [Ambiguity(("current_sensor_gain", "convention_error"), reason, _measuring(_CURRENTS))]
+
+
+def scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[Ambiguity]:
+    """What parameters outside their tolerance leave open: all voltages or currents scaled alike, or another machine."""
+    ratios = {name: float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS}
+    apart = 2.0 * max(tolerance.values())
+    impedances = [ratios[name] for name in IMPEDANCES]
+    causes: dict[str, tuple[str, str]] = {}  # by effect: what is read wrong, and what to measure it by
+    if max(ratios.values()) - min(ratios.values()) <= apart:
+        causes["dc_link_gain"] = "the dc link may be read wrong", _VOLTAGES
+    if max(impedances) - min(impedances) <= apart and abs(ratios["psi_f"] - 1.0) <= tolerance["psi_f"]:
+        causes["current_sensor_gain"] = "all currents may be read as much too high or too low", _CURRENTS
+    if not causes:
+        return []
+    shown = ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items())
+    why, measurements = zip(*causes.values(), strict=True)
+    reason = (
+        f"these parameters are so many times their nominal values: {shown}: {'; '.join(why)}; or the machine is "
+        "another one. A recording of voltages and currents alone cannot tell"
+    )
+    return [Ambiguity((*causes, "convention_error"), reason, _measuring(*measurements))]
+
+
+def _measuring(*what: str) -> Experiment:
+    return Experiment(f"measure {', '.join(what)}, or {_BY_R_S}")

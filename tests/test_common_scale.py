@@ -1,0 +1,61 @@
+"""What no recording tells - all voltages or all currents scaled alike - is said as far as a data sheet allows it."""
+
+import pytest
+
+from estimator.machine import PARAMETERS, UNITS, Machine
+from estimator.mismatch.common_scale import IMPEDANCES, scaled, scales_left_open, uncalibrated
+from estimator.mismatch.verdict import Finding, Place, Quantity, Range
+
+NOMINAL = Machine(1.0, 2e-3, 3e-3, 0.1, 4, 5.0)
+TOLERANCE = dict.fromkeys(PARAMETERS, 0.1)
+TRUE = {"R_s": 1.06, "L_d": 2e-3 * 0.95, "L_q": 3e-3 * 1.02, "psi_f": 0.1 * 0.98}  # of this machine, of the series
+
+
+def told(voltages: float = 1.0, currents: float = 1.0, std: float = 0.0) -> dict[str, Quantity]:
+    """What a fit makes of the true machine by a drive that reads so many times what is there."""
+    values = {name: TRUE[name] * voltages / (currents if name in IMPEDANCES else 1.0) for name in PARAMETERS}
+    return {name: Quantity(value, std * value, UNITS[name]) for name, value in values.items()}
+
+
+@pytest.mark.parametrize("gain", [0.94, 1.0, 1.07])
+def test_the_range_holds_the_gain_that_is_there(gain: float) -> None:
+    voltages = scales_left_open(told(voltages=gain), NOMINAL, TOLERANCE, PARAMETERS)["voltages"]
+    assert voltages.least == pytest.approx(gain * 1.06 / 1.1)
+    assert voltages.most == pytest.approx(gain * 0.95 / 0.9)
+    currents = scales_left_open(told(currents=gain), NOMINAL, TOLERANCE, PARAMETERS)["currents"]
+    assert currents.least == pytest.approx(gain * 0.9 / 0.95)
+    assert currents.most == pytest.approx(gain * 1.1 / 1.06)
+
+
+def test_a_meter_leaves_little_open_and_an_uncertain_fit_more() -> None:
+    machine = Machine(TRUE["R_s"], 2e-3, 3e-3, 0.1, 4, 5.0)
+    metered = scales_left_open(told(), machine, TOLERANCE | {"R_s": 0.005}, PARAMETERS)
+    assert metered["currents"].most - metered["currents"].least == pytest.approx(0.01, rel=0.01)
+    wide = scales_left_open(told(std=0.02), NOMINAL, TOLERANCE, PARAMETERS)["voltages"]
+    assert wide.least == pytest.approx(1.06 * 0.96 / 1.1)
+
+
+def test_what_is_not_told_says_nothing_of_a_scale() -> None:
+    untold = told() | {"R_s": Quantity(None, None, "ohm"), "L_d": Quantity(1e-3, None, "H")}
+    assert scales_left_open(untold, NOMINAL, TOLERANCE, PARAMETERS)["currents"].least == pytest.approx(0.9 / 1.02)
+    assert set(scales_left_open(told(), NOMINAL, TOLERANCE, ["psi_f"])) == {"voltages"}
+    assert scales_left_open(told(), NOMINAL, dict.fromkeys(PARAMETERS, 1.0), PARAMETERS) == {}
+    another = told() | {"L_d": Quantity(5e-3, 1e-6, "H")}
+    assert scales_left_open(another, NOMINAL, TOLERANCE, PARAMETERS) == {}
+
+
+def test_sensors_that_differ_are_doubted_where_all_may_be_far_off() -> None:
+    differ = Finding("current_sensor_gain", {}, Place("", {}, 1.0, 1.0), 1e9, (), {})
+    (doubt,) = uncalibrated([differ], {"currents": Range(0.98, 1.15)}, TOLERANCE)
+    assert "read as 0.98 to 1.15 times what they are" in doubt.reason
+    assert "a current by a probe" in doubt.experiment.sentence
+    assert uncalibrated([differ], {"currents": Range(0.95, 1.05)}, TOLERANCE) == []
+    assert uncalibrated([], {"currents": Range(0.98, 1.15)}, TOLERANCE) == []
+
+
+def test_parameters_beyond_their_tolerance_are_asked_about_by_what_they_have_in_common() -> None:
+    (doubt,) = scaled(told(voltages=1.2), NOMINAL, TOLERANCE)
+    assert doubt.effects == ("dc_link_gain", "convention_error")
+    (doubt,) = scaled(told(currents=1.2), NOMINAL, TOLERANCE)
+    assert "current_sensor_gain" in doubt.effects
+    assert scaled(told() | {"L_d": Quantity(9e-3, 1e-6, "H")}, NOMINAL, TOLERANCE) == []
