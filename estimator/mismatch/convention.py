@@ -34,6 +34,7 @@ _SAME_SPEED: Final = 0.015  # log
 _BEYOND: Final = 0.26  # log: 30 % on two parameters are beyond physics
 _MAGNETS: Final = 0.34  # log: 40 % on psi_f alone
 _HALVED: Final = 0.5  # of what the flux balance leaves: a form's due
+_MORE: Final = 1.05  # of the same, which no cause leaves
 _CLOSED: Final = 0.007  # of rated current: what a closed flux balance may leave
 _RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
 _TAIL: Final = np.exp([-2.5, -12.0, -12.0, -12.0])  # of R_s, L_d, L_q, psi_f: R_s takes in what is not modelled
@@ -168,7 +169,7 @@ def _cost_of_speed(speed: float, n_p: int) -> float:
 
 def _explains(h: _Hypothesis, stands: _Hypothesis, stretches: Stretches, nominal: Machine) -> bool:
     """Whether the recording as it stands is beyond what physics does, and undoing the cause brings it in order."""
-    if h is stands or h.score - stands.score < ENTRY or not h.in_order:
+    if h is stands or h.score - stands.score < ENTRY or not h.in_order or h.fit.left > _MORE * stands.fit.left:
         return False
     if h.fit.left < _HALVED * stands.fit.left:
         return True

@@ -28,7 +28,7 @@ from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import SHORTEST, fit_quality, longest
-from estimator.mismatch.remainder import excess_of, left_of, upright
+from estimator.mismatch.remainder import LIKE_RESONANCE, excess_of, left_of, upright
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.thinning import settled
 from estimator.mismatch.verdict import (
@@ -63,6 +63,8 @@ _MAPPED: Final = (
 )
 _DELTA: Final = 1e-4  # of a size, for differences
 _HELPS: Final = 0.98  # of a free-running error without any effect, that effects leave at most
+_RISES: Final = 1.01  # times the same: more than chance
+_ASTRAY: Final = 3.0  # times the same: no model of the machine
 _BORNE_OUT: Final = 0.5  # of what effects explain, that they have to explain of stretches left out
 _NO_HELP: Final = "on stretches that took no part in the fit the error does not fall with it"
 
@@ -102,14 +104,14 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     progress(0.0, "fitting")
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
-    left, plain = left_of(rows, found), None
+    left, plain, resonance = left_of(rows, found), None, None
     if left is not None and (by_map := fitted_by_map(rows, nominal, tolerance, step, found, progress)) is not None:
-        by_map, left_by_map = upright(rows, by_map, left_of(rows, by_map), nominal, tolerance, step)
+        by_map, left_by_map, _ = upright(rows, by_map, left_of(rows, by_map), nominal, tolerance, step)
         if has_map(by_map):
             found, left, plain = by_map, left_by_map, found.search
     if plain is None:
-        found, left = upright(rows, found, left, nominal, tolerance, step)
-    diagnosis = _judged(rows, nominal, tolerance, step, found, left, progress, plain)
+        found, left, resonance = upright(rows, found, left, nominal, tolerance, step)
+    diagnosis = _judged(rows, nominal, tolerance, step, found, left, progress, plain, resonance)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
     said = sentence_of(diagnosis)
@@ -156,8 +158,12 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
 def _judged(
     rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, found: Fitted,
     left: Unexplained | None, progress: Callable[[float, str], None], plain: Search | None = None,
+    resonance: Unexplained | None = None,
 ) -> Diagnosis:  # fmt: skip
-    """`plain`: what explains the rows without a flux map, where the model has one."""
+    """`plain`: what explains the rows without a flux map, where the model has one.
+
+    `resonance`: what explains as much as the losses of the model.
+    """
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
     findings: list[Finding] = []
@@ -166,13 +172,13 @@ def _judged(
     machine_before, machine_after, flux_map, off, blind, scales = _machine(found, plain, lent, nominal, tolerance)
     outside = list(off.values())
     poorly = poorly_told(search, choice, nominal, outside)
-    reasons = not_borne_out(search, choice, blind, excess)
+    reasons = _doubted(found, blind, excess, resonance)
     faint = tuple(one for some in reasons.values() for one in some)
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
     fit, pictures = _shown(rows, found, r_after, plain or search)
-    if choice and set(faint) == set(choice) and _no_help(found, fit):
-        found = without(found, [name for name, _ in choice], nominal, tolerance, step)
+    if faint and _no_help(found, fit):  # without them the others may help
+        found = without(found, [name for name, _ in faint], nominal, tolerance, step)
         return _judged(rows, nominal, tolerance, step, found, left_of(rows, found), progress, plain)
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
@@ -216,6 +222,16 @@ def _judged(
         candidates(search, choice), tuple(outside), pictures, richer if lacks else None, scales=scales,
         flux_map=None if flux_map is None or not findings else flux_map.table(),
     )  # fmt: skip
+
+
+def _doubted(
+    found: Fitted, blind: Sequence[str], excess: float, resonance: Unexplained | None
+) -> dict[str, Choice]:
+    """Effects that get no name, by why."""
+    reasons = not_borne_out(found.search, found.choice, blind, excess)
+    already = [one for some in reasons.values() for one in some]
+    losses = tuple(one for one in found.choice if one[0] in LIKE_RESONANCE and one not in already)
+    return {**reasons, f"it may as well be {resonance.description}": losses} if resonance and losses else reasons
 
 
 class _Machine(NamedTuple):
@@ -266,11 +282,14 @@ def _no_help(found: Fitted, fit: Fit) -> bool:
     """Neither error falls on stretches left out. That of one step alone says little: its volts rise with inductance.
 
     A small effect makes a small difference: there the errors over their noise have the word, unless the other rises.
+    Where the free-running error grows by far, the model is none of the machine.
     """
     step, run = fit.one_step_rms_V, fit.free_run_rms_A
+    if run.after > _ASTRAY * run.before:
+        return True
     if step.after <= step.before or run.after <= _HELPS * run.before:
         return False
-    return run.after > run.before or found.search.borne_out(found.choice) < _BORNE_OUT
+    return run.after > _RISES * run.before or found.search.borne_out(found.choice) < _BORNE_OUT
 
 
 def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], left: Vector) -> Finding:

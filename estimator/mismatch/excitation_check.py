@@ -60,6 +60,13 @@ def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
     return None
 
 
+def like_machine(search: Search, choice: Choice) -> str | None:
+    """The effect that looks most like the machine's parameters, where it is too much like them for a name."""
+    apart = {one[0]: _apart(search, _signal(search, choice, one)) for one in choice}
+    name = min(apart, key=lambda name: apart[name], default=None)
+    return name if name is not None and apart[name] < _APART else None
+
+
 def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: float) -> dict[str, Choice]:
     """Effects that noise of the currents alone may look like, or an encoder's rounding; by why, in a sentence's part.
 
@@ -82,7 +89,7 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
         worths = {
             one: {
                 "noise": _over_lent(search, _signal(search, left, one), over_noise) / _lends(search, left, one),
-                "angle": _gained(search, left, one) / by_angle,
+                "angle": _gained(search, left, one) / (by_angle * _lends(search, left, one, even=_EVEN)),
                 "rest": _over_rest(search, left, one, rest),
                 "machine": _apart(search, _signal(search, left, one)) / (_APART * _lends(search, left, one)),
             }
@@ -201,9 +208,13 @@ def _scatter(search: Search, choice: Choice, one: tuple[str, int]) -> float:
     return search.scatter(search.fit(choice), one)
 
 
-def _lends(search: Search, choice: Choice, one: tuple[str, int]) -> float:
-    """How much more noise and the machine may lend an effect whose size is not the same from stretch to stretch."""
-    return min(_scatter(search, choice, one), _LENDS)
+def _lends(search: Search, choice: Choice, one: tuple[str, int], *, even: float = 0.0) -> float:
+    """How much more noise and the machine may lend an effect whose size is not the same from stretch to stretch.
+
+    No more, where it scatters by less than `even` times what chance makes of it.
+    """
+    scatter = _scatter(search, choice, one)
+    return min(scatter, _LENDS) if scatter > even else 1.0
 
 
 def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:

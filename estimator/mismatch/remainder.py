@@ -5,12 +5,12 @@ a voltage that comes and goes like an imbalance of a machine that cannot be. Kno
 """
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from estimator.machine import Machine
-from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound
+from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, without
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
 from estimator.mismatch.model import Noise, filter_pole, noise_of, residual, whitened, with_machine
@@ -18,7 +18,17 @@ from estimator.mismatch.verdict import Unexplained
 from estimator.physics.rows import Rows, Vector
 
 _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
-_LIKE_RESONANCE: Final = "iron_loss"
+_CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
+_AS_GOOD: Final = 0.5, 0.05  # of what losses leave, and explain, by which a resonance in their place may leave more
+LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
+
+
+class Upright(NamedTuple):
+    """A fit without effects that only lean on what is left."""
+
+    found: Fitted
+    left: Unexplained | None
+    resonance: Unexplained | None = None  # explains as much as losses of the fit, and is too faint to be heard
 
 
 def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
@@ -45,25 +55,38 @@ def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, 
 def _ringing(
     rows: Rows, found: Fitted, nominal: Machine, tolerance: Mapping[str, float], step: float
 ) -> tuple[Fitted, Unexplained] | None:
-    """A fit without an iron loss and the resonance in its place, where that explains more than the loss does."""
-    if found.model.bend is not None or all(name != _LIKE_RESONANCE for name, _ in found.choice):
+    """A fit without losses that rise with frequency and the resonance in their place, where it explains as much.
+
+    That is as much as they do; where they leave more than noise in their turn, nearly as much is enough.
+    """
+    losses = [name for name, _ in found.choice if name in LIKE_RESONANCE]
+    if found.model.bend is not None or not losses:
         return None
-    bare = without(found, [_LIKE_RESONANCE], nominal, tolerance, step)
-    told = branch(*_flux_errors(rows, bare))
-    if told is None or above_noise(told[1], found.noise, rows) >= excess_of(found):
+    bare = without(found, losses, nominal, tolerance, step)
+    told, excess = branch(*_flux_errors(rows, bare)), excess_of(found)
+    plainly = excess - found.search.missed(found.choice) - _CHANCE * np.sqrt(4.0 * len(rows))
+    explained = above_noise(bare.z, found.noise, rows) - excess
+    more = min(_AS_GOOD[0] * plainly, _AS_GOOD[1] * explained)
+    if told is None or above_noise(told[1], found.noise, rows) >= excess + max(more, 0.0):
         return None
+    alone = _described(rows, bare)
+    if alone is not None and _has_form(alone) and not alone.description.startswith(RESONANCE):
+        return None  # and that explains more
     return bare, told[0]
 
 
 def upright(
     rows: Rows, found: Fitted, left: Unexplained | None, nominal: Machine, tolerance: Mapping[str, float], step: float
-) -> tuple[Fitted, Unexplained | None]:
+) -> Upright:
     """A fit without effects that only lean on what is left, and what is left then.
 
     None of them where what is left without any has a form that explains more than they do, or where their machine is
     none: they are its disguise. Where nothing is left without those that are gone, they had led astray: others may
-    show now.
+    show now. Nor one that looks like the machine, which is none with it.
     """
+    while held_at_bound(found.search, found.choice) and (name := like_machine(found.search, found.choice)):
+        found = without(found, [name], nominal, tolerance, step)
+        left = left_of(rows, found)
     before = found
     resonance: Unexplained | None = None
     if (rung := _ringing(rows, found, nominal, tolerance, step)) is not None:
@@ -75,7 +98,7 @@ def upright(
         left = _described(rows, found)
     if found is not before and left is None and set(found.search.best(found.choice)) != set(found.choice):
         found = fitted(rows, nominal, tolerance, step, begin=found.model)
-        return found, left_of(rows, found)
+        return Upright(found, left_of(rows, found), resonance)
     left = resonance or left  # it is plainest where a loss takes its slow part
     if left is not None and found.choice:
         bare = without(found, [name for name, _ in found.choice], nominal, tolerance, step)
@@ -84,8 +107,8 @@ def upright(
             left_by_form = (1.0 - alone.where.energy_share) * excess_of(bare)
             same = resonance is not None and alone.description.startswith(RESONANCE)
             if same or left_by_form < excess_of(found) or held_at_bound(found.search, found.choice):
-                return bare, alone
-    return found, left
+                return Upright(bare, alone)
+    return Upright(found, left)
 
 
 def _has_form(left: Unexplained) -> bool:
@@ -117,4 +140,4 @@ def _outshone(found: Fitted) -> list[str]:
 
 def _alike(found: Fitted, left: Unexplained) -> list[str]:
     """Effects that are what is left without a name, as far as it reaches: below its frequency a resonance is a loss."""
-    return [name for name, _ in found.choice if name == _LIKE_RESONANCE and left.description.startswith(RESONANCE)]
+    return [name for name, _ in found.choice if name in LIKE_RESONANCE and left.description.startswith(RESONANCE)]

@@ -6,7 +6,7 @@ As `python -m emulator conceal` makes them, but at one speed and one level of cu
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -31,14 +31,17 @@ _STRIDE: Final = 5  # motors, from one recording to the next
 _TRIES: Final = 20  # draws of a recording that the drive can do
 
 
-def make(seed: int, count: int, out: Path, answers: Path, jobs: int = 1) -> None:
-    """Write recordings and machines into one folder, answers into another."""
+def make(
+    seed: int, count: int, out: Path, answers: Path, jobs: int = 1, *, only: Collection[int] | None = None
+) -> None:
+    """Write recordings and machines into one folder, answers into another; of some numbers only, if given."""
     for folder in (out, answers):
         folder.mkdir(parents=True)
     motors, cases = tuple(MOTORS), list[tuple[Choice, int, str]]()
     for k in range(count):
         kind, run = _KINDS[k % len(_KINDS)], RUNS[(k + k // len(_KINDS)) % len(RUNS)]
-        cases.append((Choice(seed, (kind,), _WINDOW, (motors[_STRIDE * k % len(motors)],), LENGTH), k + 1, run))
+        if only is None or k + 1 in only:
+            cases.append((Choice(seed, (kind,), _WINDOW, (motors[_STRIDE * k % len(motors)],), LENGTH), k + 1, run))
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         for done in [pool.submit(_one, *case, out, answers) for case in cases]:
             done.result()
