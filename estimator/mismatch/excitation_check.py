@@ -89,7 +89,7 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
         worths = {
             one: {
                 "noise": _over_lent(search, _signal(search, left, one), over_noise) / _lends(search, left, one),
-                "angle": _gained(search, left, one) / (by_angle * _lends(search, left, one, even=_EVEN)),
+                "angle": _gained(search, left, one) / (by_angle * _lends(search, left, one, even=_UNEVEN)),
                 "rest": _over_rest(search, left, one, rest),
                 "machine": _apart(search, _signal(search, left, one)) / (_APART * _lends(search, left, one)),
             }
