@@ -20,13 +20,20 @@ from estimator.physics.rows import Real, Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     rise, corner = sizes
-    R_s, x = rows.machine.R_s, 2.0 * math.pi * corner * rows.T_s
-    # The rung's voltage bends the current within the period, which the mean of its ends does not see
-    over = rows.once(f"over {corner!r}", lambda: _over(rows.i_s, rows, corner, _beside_straight(rows, corner)))
-    bent = rows.once(f"bent {corner!r}", lambda: _bent(rows, over))
-    i_x = rows.once(f"i_x of bent {corner!r}", lambda: -_over(0.0 * rows.i_s, rows, corner, bent * rows.middle))
-    passed: Vector = np.diff(rows.i_s - over + rise * i_x) / x
-    return rise * R_s * (rows.stationary(passed) + bent)
+    currents = rows.once(f"rung of {corner!r}", lambda: _currents(rows, corner))
+    return rise * rows.machine.R_s * (currents[:, 0] + rise * currents[:, 1])
+
+
+def _currents(rows: Rows, corner: float) -> Vector:
+    """Mean currents (A, n x 2) of each period through a rung's resistance: its own, and what a rung of `rise` 1 adds.
+
+    A rung's voltage bends the machine's current within the period, which the mean of its ends does not see.
+    """
+    x = 2.0 * math.pi * corner * rows.T_s
+    over = _over(rows.i_s, rows, corner, _beside_straight(rows, corner))
+    bent = _bent(rows, over)
+    more = -_over(0.0 * rows.i_s, rows, corner, bent * rows.middle)
+    return np.stack((rows.stationary(np.diff(rows.i_s - over) / x) + bent, rows.stationary(np.diff(more) / x)), axis=1)
 
 
 @kernel
