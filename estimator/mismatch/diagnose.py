@@ -50,7 +50,7 @@ from estimator.mismatch.verdict import (
 from estimator.physics import convention_error
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
-from estimator.physics.rows import Rows, Vector, rows_of
+from estimator.physics.rows import Rows, Vector, by_phase, rows_of
 from estimator.samples import Samples
 from estimator.twin import free_run
 
@@ -258,11 +258,12 @@ def _machine(
             after[name] = replace(told, std=std)
         # Inductances of a data sheet are those of some current: a map's at no current need not be near them
         compared = [name for name in ("R_s", "psi_f") if after[name].value is not None]
+    contact = _contact(found.model)
     return _Machine(
         _parameters(plain or search, ()), after, flux_map,
-        _outside({name: after[name] for name in compared}, nominal, tolerance),
+        _outside({name: after[name] for name in compared}, nominal, tolerance, contact),
         _blind({name: likely[name] for name in compared}, nominal, tolerance),
-        scales_left_open(after, nominal, tolerance, compared),
+        scales_left_open(after, nominal, tolerance, [name for name in compared if not contact or name != "R_s"]),
     )  # fmt: skip
 
 
@@ -383,13 +384,22 @@ def _once(doubts: Sequence[Ambiguity]) -> list[Ambiguity]:
     return kept
 
 
-def _outside(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> dict[str, str]:
-    """Parameters that lie outside their tolerance, each in a sentence."""
+def _contact(model: Model) -> float:
+    """What phases may have more than the one that has least, as by bad contacts, has added to R_s, ohm."""
+    sizes = model.effects.get("phase_resistance_imbalance")
+    return 0.0 if sizes is None else -min(by_phase(*sizes))
+
+
+def _outside(
+    after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float], contact: float
+) -> dict[str, str]:
+    """Parameters that lie outside their tolerance, each in a sentence. `contact`: ohm that R_s may be higher by."""
     said: dict[str, str] = {}
     for name, quantity in after.items():
         given, value, std = getattr(nominal, name), quantity.value, quantity.std or 0.0
         assert value is not None
-        if abs(value - given) > tolerance[name] * given + _OUTSIDE * std:
+        added = contact if name == "R_s" else 0.0
+        if max(value - added - given, given - value) > tolerance[name] * given + _OUTSIDE * std:
             said[name] = (
                 f"{name} = {value:.4g} {quantity.unit} lies {100.0 * abs(value / given - 1.0):.2g} % from its nominal "
                 f"{given:.4g} {quantity.unit}, beyond the tolerance of {100.0 * tolerance[name]:.2g} %"
