@@ -28,7 +28,7 @@ class Upright(NamedTuple):
 
     found: Fitted
     left: Unexplained | None
-    resonance: Unexplained | None = None  # explains as much as losses of the fit, and is too faint to be heard
+    resonance: Unexplained | None = None  # a faint one, which explains as much as losses of the fit
 
 
 def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
@@ -54,25 +54,33 @@ def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, 
 
 def _ringing(
     rows: Rows, found: Fitted, nominal: Machine, tolerance: Mapping[str, float], step: float
-) -> tuple[Fitted, Unexplained] | None:
-    """A fit without losses that rise with frequency and the resonance in their place, where it explains as much.
+) -> tuple[Fitted, Unexplained, bool] | None:
+    """A fit without losses that rise with frequency, the resonance that explains as much as they do, and if plainly.
 
-    That is as much as they do; where they leave more than noise in their turn, nearly as much is enough.
+    Where they leave more than noise in their turn, nearly as much is enough.
     """
     losses = [name for name, _ in found.choice if name in LIKE_RESONANCE]
     if found.model.bend is not None or not losses:
         return None
     bare = without(found, losses, nominal, tolerance, step)
     told, excess = branch(*_flux_errors(rows, bare)), excess_of(found)
-    plainly = excess - found.search.missed(found.choice) - _CHANCE * np.sqrt(4.0 * len(rows))
-    explained = above_noise(bare.z, found.noise, rows) - excess
-    more = min(_AS_GOOD[0] * plainly, _AS_GOOD[1] * explained)
-    if told is None or above_noise(told[1], found.noise, rows) >= excess + max(more, 0.0):
+    if told is None:
+        return None
+    chance = _CHANCE * np.sqrt(4.0 * len(rows))
+    without_any, beside_it = (above_noise(_as_in(found, bare, z), found.noise, rows) for z in (bare.z, told[1]))
+    unexplained = excess - found.search.missed(found.choice) - chance
+    if beside_it >= excess + max(min(_AS_GOOD[0] * unexplained, _AS_GOOD[1] * (without_any - excess)), 0.0):
         return None
     alone = _described(rows, bare)
     if alone is not None and _has_form(alone) and not alone.description.startswith(RESONANCE):
         return None  # and that explains more
-    return bare, told[0]
+    return bare, told[0], alone is not None or without_any - beside_it > chance
+
+
+def _as_in(found: Fitted, other: Fitted, z: Vector) -> Vector:
+    """Another fit's flux errors (Vs), as its errors of the currents make them in this one's machine."""
+    here, there = found.model.machine, other.model.machine
+    return z.real * (here.L_d / there.L_d) + 1j * z.imag * (here.L_q / there.L_q)
 
 
 def upright(
@@ -89,16 +97,20 @@ def upright(
         left = left_of(rows, found)
     before = found
     resonance: Unexplained | None = None
+    faint: Unexplained | None = None
     if (rung := _ringing(rows, found, nominal, tolerance, step)) is not None:
-        found, left = rung
-        resonance = left
+        bare, told, plain = rung
+        if plain:
+            found, left, resonance = bare, told, told
+        else:
+            faint = told
     while left is not None and (dropped := {*_outshone(found), *(alike := _alike(found, left))}):
         resonance = left if alike else resonance
         found = without(found, sorted(dropped), nominal, tolerance, step)
         left = _described(rows, found)
-    if found is not before and left is None and set(found.search.best(found.choice)) != set(found.choice):
+    if found is not before and left is resonance is None and set(found.search.best(found.choice)) != set(found.choice):
         found = fitted(rows, nominal, tolerance, step, begin=found.model)
-        return Upright(found, left_of(rows, found), resonance)
+        return Upright(found, left_of(rows, found), faint)
     left = resonance or left  # it is plainest where a loss takes its slow part
     if left is not None and found.choice:
         bare = without(found, [name for name, _ in found.choice], nominal, tolerance, step)
@@ -108,7 +120,7 @@ def upright(
             same = resonance is not None and alone.description.startswith(RESONANCE)
             if same or left_by_form < excess_of(found) or held_at_bound(found.search, found.choice):
                 return Upright(bare, alone)
-    return Upright(found, left)
+    return Upright(found, left, faint)
 
 
 def _has_form(left: Unexplained) -> bool:
