@@ -57,7 +57,8 @@ def _ringing(
 ) -> tuple[Fitted, Unexplained, bool] | None:
     """A fit without losses that rise with frequency, the resonance that explains as much as they do, and if plainly.
 
-    Where they leave more than noise in their turn, nearly as much is enough.
+    Where they leave more than noise in their turn, nearly as much is enough. Plainly: it is heard, or explains more
+    than chance leaves, or by far more than it leaves and losses do.
     """
     losses = [name for name, _ in found.choice if name in LIKE_RESONANCE]
     if found.model.bend is not None or not losses:
@@ -66,15 +67,17 @@ def _ringing(
     told, excess = branch(*_flux_errors(rows, bare)), excess_of(found)
     if told is None:
         return None
-    chance = _CHANCE * np.sqrt(4.0 * len(rows))
+    chance = np.sqrt(4.0 * len(rows))
     without_any, beside_it = (above_noise(_as_in(found, bare, z), found.noise, rows) for z in (bare.z, told[1]))
-    unexplained = excess - found.search.missed(found.choice) - chance
-    if beside_it >= excess + max(min(_AS_GOOD[0] * unexplained, _AS_GOOD[1] * (without_any - excess)), 0.0):
+    by_losses, gain = without_any - excess, without_any - beside_it
+    unexplained = excess - found.search.missed(found.choice) - _CHANCE * chance
+    if beside_it >= excess + max(min(_AS_GOOD[0] * unexplained, _AS_GOOD[1] * by_losses), 0.0):
         return None
     alone = _described(rows, bare)
     if alone is not None and _has_form(alone) and not alone.description.startswith(RESONANCE):
         return None  # and that explains more
-    return bare, told[0], alone is not None or without_any - beside_it > chance
+    plain = gain > min(_CHANCE * chance, max(chance, OUTSHINES * by_losses, OUTSHINES * beside_it))
+    return bare, told[0], alone is not None or plain
 
 
 def _as_in(found: Fitted, other: Fitted, z: Vector) -> Vector:
