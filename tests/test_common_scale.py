@@ -44,12 +44,16 @@ def test_what_is_not_told_says_nothing_of_a_scale() -> None:
     assert scales_left_open(another, NOMINAL, TOLERANCE, PARAMETERS) == {}
 
 
-def test_sensors_that_differ_are_doubted_where_all_may_be_far_off() -> None:
-    differ = Finding("current_sensor_gain", {}, Place("", {}, 1.0, 1.0), 1e9, (), {})
+def test_sensors_that_are_off_are_doubted_where_all_they_read_may_be() -> None:
+    differ, offset = (
+        Finding(name, {}, Place("", {}, 1.0, 1.0), 1e9, (), {}) for name in ("current_sensor_gain", "voltage_offset")
+    )
     (doubt,) = uncalibrated([differ], {"currents": Range(0.98, 1.15)}, TOLERANCE)
     assert "read as 0.98 to 1.15 times what they are" in doubt.reason
     assert "a current by a probe" in doubt.experiment.sentence
     assert uncalibrated([differ], {"currents": Range(0.95, 1.05)}, TOLERANCE) == []
+    (doubt,) = uncalibrated([differ, offset], {"currents": Range(0.95, 1.05), "voltages": Range(0.88, 1.0)}, TOLERANCE)
+    assert doubt.effects == ("dc_link_gain", "convention_error")
     assert uncalibrated([], {"currents": Range(0.98, 1.15)}, TOLERANCE) == []
 
 

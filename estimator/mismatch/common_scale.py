@@ -19,6 +19,11 @@ _ERRORS: Final = 2.0  # standard errors of a parameter that its tolerance is wid
 _VOLTAGES: Final = "the dc link's voltage with a meter"
 _CURRENTS: Final = "a current by a probe"
 _BY_R_S: Final = "R_s at the terminals, at standstill"
+_UNCALIBRATED: Final = {
+    "current_sensor_gain": ("currents", "the gains of the current sensors differ", "current_sensor_gain", _CURRENTS),
+    "voltage_offset": ("voltages", "the recorded voltages have an offset", "dc_link_gain", _VOLTAGES),
+}
+"""By the effect that shows that sensors are off: what they read, in words, what is doubted, what to measure."""
 
 
 def scales_left_open(
@@ -45,18 +50,20 @@ def scales_left_open(
 def uncalibrated(
     findings: Iterable[Finding], scales: Mapping[str, Range], tolerance: Mapping[str, float]
 ) -> list[Ambiguity]:
-    """What current sensors whose gains differ leave open: by how much all of them are off, where that may be far."""
-    open_, far = scales.get("currents"), max(tolerance[name] for name in IMPEDANCES)
-    if not any(finding.effect == "current_sensor_gain" for finding in findings) or open_ is None:
-        return []
-    if 1.0 - far <= open_.least and open_.most <= 1.0 + far:
-        return []
-    reason = (
-        "the gains of the current sensors differ, and what they have in common no recording of voltages and currents "
-        f"tells: by the nominal values all currents may be read as {open_.least:.2f} to {open_.most:.2f} times what "
-        "they are, and R_s, L_d and L_q are off by that"
-    )
-    return [Ambiguity(("current_sensor_gain", "convention_error"), reason, _measuring(_CURRENTS))]
+    """What sensors that are found to be off leave open: by how much all they read is, where that may be far."""
+    found, far = {finding.effect for finding in findings}, max(tolerance[name] for name in IMPEDANCES)
+    doubts: list[Ambiguity] = []
+    for effect, (what, shown, doubted, measured) in _UNCALIBRATED.items():
+        open_ = scales.get(what)
+        if effect not in found or open_ is None or (1.0 - far <= open_.least and open_.most <= 1.0 + far):
+            continue
+        reason = (
+            f"{shown}, and no recording of voltages and currents tells by how much all {what} are off: by the nominal "
+            f"values they may be read as {open_.least:.2f} to {open_.most:.2f} times what they are, and the parameters "
+            "are off by that"
+        )
+        doubts.append(Ambiguity((doubted, "convention_error"), reason, _measuring(measured)))
+    return doubts
 
 
 def scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[Ambiguity]:
