@@ -63,10 +63,14 @@ def test_coarse_counts_are_smoothed_out() -> None:
     assert smooth.angle_hidden < 0.2 * before
 
 
-def test_a_swing_at_an_order_of_the_turn_stays_though_it_is_less_than_a_count() -> None:
-    """Cogging moves a rotor; without that movement, its angle would look like a harmonic of the magnets' flux."""
+@pytest.mark.parametrize("order", [6.0, 2.0 / MACHINE.n_p])
+def test_a_swing_at_an_order_of_the_turn_stays_though_it_is_less_than_a_count(order: float) -> None:
+    """Cogging moves a rotor; without that movement, its angle would look like a harmonic of the magnets' flux.
+
+    And an eccentric encoder's error, twice in a mechanical turn, would be told too small.
+    """
     count, turn = 50.0 * NUMBER, 300.0 * T_S * np.arange(N)
-    swing = 0.1 * count * np.cos(6.0 * turn)
+    swing = 0.1 * count * np.cos(order * turn)
     there, theta = rows(count, NUMBER, theta=turn + swing)
     found = unrounded(there, math.hypot(count, NUMBER))
     inner = slice(500, -500)

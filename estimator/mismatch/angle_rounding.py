@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
-from estimator.mismatch.rotor_movement import at_orders, by_torque, driven, smooth
+from estimator.mismatch.rotor_movement import at_orders, by_torque, by_turn, driven, smooth
 from estimator.physics.rows import Real, Rows
 
 _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
@@ -44,7 +44,7 @@ def unrounded(rows: Rows, step: float) -> Rows:
     step = _step_of(rows, step)
     at, course, ends = _by_clock(rows)
     torque = np.interp(np.arange(len(course)), at, _torque(rows))
-    off, variance = (each[at] for each in _rounding(course, torque, ends, step, _numbers(rows, step)))
+    off, variance = (each[at] for each in _rounding(course, torque, ends, step, _numbers(rows, step), rows.machine.n_p))
     hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
     if rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows):
         return replace(rows, angle_step=step, angle_error=0.0, angle_hidden=hidden)
@@ -150,7 +150,9 @@ def _numbers(rows: Rows, step: float) -> float:
     return finest if finest < _FINER * step else 0.0
 
 
-def _rounding(theta: Real, torque: Real, ends: Sequence[int], step: float, finer: float) -> tuple[Real, Real]:
+def _rounding(
+    theta: Real, torque: Real, ends: Sequence[int], step: float, finer: float, n_p: int
+) -> tuple[Real, Real]:
     """Angle less the smooth one (rad), and the variance (rad^2) of what is left of the rounding.
 
     Zero near the ends of runs, and where the rotor's movement is not smooth. What the torque makes of it need not be:
@@ -180,6 +182,7 @@ def _rounding(theta: Real, torque: Real, ends: Sequence[int], step: float, finer
         off[right], variance[right], widths[right] = (theta - mean)[right], _TWICE * step**2 / 12.0 / (2 * w + 1), w
         shorter = mean
     off -= by_torque(off, torque, widths, step)
+    off -= by_turn(off, (theta - off + pushed) / n_p, widths, step)
     return off - at_orders(off, theta - off + pushed, step), variance
 
 

@@ -68,7 +68,21 @@ def by_torque(off: Real, torque: Real, widths: NDArray[np.intp], step: float) ->
 
     What a mean loses of the torque's first and second integral, and, where a shaft bends, of the torque itself.
     """
-    found, moves = np.zeros(len(off)), (_twice_summed(torque), np.cumsum(torque - np.mean(torque)), torque)
+    return _lost(off, (_twice_summed(torque), np.cumsum(torque - np.mean(torque)), torque), widths, step)
+
+
+def by_turn(off: Real, theta_m: Real, widths: NDArray[np.intp], step: float) -> Real:
+    """Of what a smooth angle leaves off (rad): what goes by the mechanical turn, once or twice, if more than rounding.
+
+    An eccentric encoder's error is the same in each turn; a mean loses a part of it where turns are fast.
+    """
+    turn = cast(Vector, np.exp(1j * theta_m))
+    return _lost(off, (turn.real, turn.imag, (turn * turn).real, (turn * turn).imag), widths, step)
+
+
+def _lost(off: Real, moves: Sequence[Real], widths: NDArray[np.intp], step: float) -> Real:
+    """Of what means of some widths leave off: what they lose of moves, each of any size."""
+    found = np.zeros(len(off))
     for w in np.unique(widths[widths > 0]).tolist():
         there = widths == w
         lost = np.array([(x - smooth(x, w))[there] for x in moves])
