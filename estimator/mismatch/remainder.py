@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimator.machine import Machine
+from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, without
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
@@ -19,6 +20,7 @@ from estimator.physics.rows import Rows, Vector
 
 _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
 _CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
+_ROUNDED: Final = 0.3  # of the angle's rounding, that a resonance may explain
 _AS_GOOD: Final = 0.5, 0.05  # of what losses leave, and explain, by which a resonance in their place may leave more
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
 
@@ -58,7 +60,7 @@ def _ringing(
     """A fit without losses that rise with frequency, the resonance that explains as much as they do, and if plainly.
 
     Where they leave more than noise in their turn, nearly as much is enough. Plainly: it is heard, or explains more
-    than chance leaves, or by far more than it leaves and losses do.
+    than chance and an encoder's rounding leave, or by far more than it leaves and losses do.
     """
     losses = [name for name, _ in found.choice if name in LIKE_RESONANCE]
     if found.model.bend is not None or not losses:
@@ -76,7 +78,8 @@ def _ringing(
     alone = _described(rows, bare)
     if alone is not None and _has_form(alone) and not alone.description.startswith(RESONANCE):
         return None  # and that explains more
-    plain = gain > min(_CHANCE * chance, max(chance, OUTSHINES * by_losses, OUTSHINES * beside_it))
+    left = _CHANCE * chance + _ROUNDED * hidden_energy(rows) / (found.noise[0] * found.noise[1])
+    plain = gain > min(left, max(chance, OUTSHINES * by_losses, OUTSHINES * beside_it))
     return bare, told[0], alone is not None or plain
 
 
