@@ -14,6 +14,7 @@ from emulator.conceal.recording import Choice, drawn
 from emulator.motors import MOTORS
 from estimator.machine import Machine
 from estimator.samples import Samples
+from tests.samples import machine_of
 
 Vectors = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -31,8 +32,7 @@ def recording(kind: str, number: int, seed: int = 21, length: float = LENGTH) ->
     """Runs without gaps of a concealed recording, and the data sheet of its motor."""
     concealed, c = drawn(Choice(seed, (kind,), (0.0, 1.0), tuple(MOTORS), length), number)
     T_s = concealed.scenario.drive.T_s
-    motor = MOTORS[concealed.drawn.motor].machine
-    nominal = Machine(motor.R_s, motor.L_d, motor.L_q, motor.psi_f, motor.n_p, motor.i_rated)
+    nominal = machine_of(MOTORS[concealed.drawn.motor].machine)
     tick = np.rint(np.asarray(c["t"]) / T_s).astype(int)
     runs: list[Samples] = []
     for rows in np.split(np.arange(len(tick)), np.flatnonzero(np.diff(tick) != 1) + 1):

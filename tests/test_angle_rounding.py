@@ -13,6 +13,7 @@ from estimator.machine import Machine
 from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Samples
+from tests.samples import machine_of
 
 MACHINE = Machine(R_s=0.5, L_d=2e-3, L_q=2e-3, psi_f=0.1, n_p=4, i_rated=10.0)
 T_S = 1e-4  # s
@@ -130,7 +131,7 @@ def test_little_is_left_of_an_emulated_encoders_rounding(motor: str, number: int
     count = 2.0 * math.pi * true.n_p / 10_000
     told = count * np.floor(theta / count)
     i = (c["i_d"] + 1j * c["i_q"]) * np.exp(1j * (theta - told))
-    machine = Machine(true.R_s, true.L_d, true.L_q, true.psi_f, true.n_p, true.i_rated)
+    machine = machine_of(true)
     zero = np.zeros(len(theta))
     there = rows_of(
         [Samples(told, c["omega_e"], i.real, i.imag, zero, zero, scenario.drive.T_s)], machine, true.i_rated

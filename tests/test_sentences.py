@@ -40,6 +40,13 @@ def test_three_that_are_not_told_apart_are_named_in_one_sentence() -> None:
 
 
 @pytest.mark.parametrize("verdict", [Verdict.EXPLAINED, Verdict.NO_MISMATCH])
+def test_a_gain_that_would_not_show_is_said(verdict: Verdict) -> None:
+    found = {"iron_loss": Quantity(100.0, None, "ohm")}
+    text = sentence_of(replace(EXPLAINED, verdict=verdict, detectable=found))
+    assert "gain of all voltages or of all currents, by which the parameters are off then" in text
+
+
+@pytest.mark.parametrize("verdict", [Verdict.EXPLAINED, Verdict.NO_MISMATCH])
 def test_a_scale_that_would_not_show_is_said(verdict: Verdict) -> None:
     scales = {"voltages": Range(0.995, 1.004), "currents": Range(0.951, 1.032)}
     text = sentence_of(replace(EXPLAINED, verdict=verdict, scales=scales))

@@ -16,13 +16,13 @@ from emulator.physics.skin import Skin
 from emulator.physics.timing import Timing
 from emulator.scenarios import PAPER, Excitation, Run, Scenario
 from emulator.virtual_drive import VirtualDrive
-from estimator.machine import Machine
 from estimator.mismatch.model import Model, filter_pole, noise_of, whitened
 from estimator.mismatch.quality import fit_quality
 from estimator.physics.library import LIBRARY
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Samples
 from estimator.twin import free_run, implied_voltage, one_step
+from tests.samples import machine_of
 
 T_S = 1e-4  # s
 NOISE = 0.01  # A, of each phase current
@@ -62,15 +62,10 @@ def rows_from(scenario: Scenario, periods: int = 6000) -> Rows:
     ends = [0, *(np.flatnonzero(np.diff(tick) != 1) + 1), len(tick)]
     whole = Samples(r["theta_e"], r["omega_e"], r["i_d"], r["i_q"], r["u_d"], r["u_q"], T_S, u_dc=r["u_dc"])
     runs = [replace(whole[a:b], t0=float(r["t"][a])) for a, b in itertools.pairwise(ends) if b - a > 1]
-    return rows_of(runs, machine_of(scenario), scenario.motor.i_rated)
+    return rows_of(runs, machine_of(scenario.motor), scenario.motor.i_rated)
 
 
-def machine_of(scenario: Scenario) -> Machine:
-    motor = scenario.motor
-    return Machine(motor.R_s, motor.L_d, motor.L_q, motor.psi_f, motor.n_p, motor.i_rated)
-
-
-TRUTH = machine_of(PAPER)
+TRUTH = machine_of(PAPER.motor)
 PLAIN = Model(TRUTH)
 
 

@@ -21,6 +21,7 @@ from estimator.mismatch.flux_step import with_step_in_place
 from estimator.mismatch.model import (
     Model,
     Noise,
+    as_in,
     filter_pole,
     flux_errors,
     noise_of,
@@ -320,9 +321,10 @@ def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
     As the error of a current, not of its flux linkage, which would be the smaller the smaller the inductances are.
     """
     there, clean = with_machine(rows, model.machine), with_machine(smooth, model.machine)
-    noise, before, m = search.regression.noise, search.regression.model.machine, model.machine
+    noise, before = search.regression.noise, search.regression.model.machine
     z = flux_errors(residual(there, clean, model), there, model, filter_pole(before, rows.T_s))
-    d, q = z.real * (before.L_d / (m.L_d * noise[0])), z.imag * (before.L_q / (m.L_q * noise[1]))
+    z = as_in(model.machine, before, z)
+    d, q = z.real / noise[0], z.imag / noise[1]
     return float(np.mean(d * d) + np.mean(q * q))
 
 

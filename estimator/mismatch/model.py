@@ -183,6 +183,11 @@ def flux_errors(v: Vector, rows: Rows, model: Model, rho: float | None = None) -
     return dd * z.real + dq * z.imag + 1j * (qd * z.real + qq * z.imag)
 
 
+def as_in(of: Machine, other: Machine, z: Vector) -> Vector:
+    """Flux errors (Vs) of a machine, as its errors of the currents make them in another."""
+    return z.real * (other.L_d / of.L_d) + 1j * z.imag * (other.L_q / of.L_q)
+
+
 def straightening(rows: Rows, model: Model, bend: Bend) -> Array:
     """Shape (2, 2, n): what makes flux errors beside a map's bend those of its straight lines, by axes d and q."""
     m, g = model.machine, bend.stiffness(model.machine, rows.i[1:])

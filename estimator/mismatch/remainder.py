@@ -14,7 +14,7 @@ from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, without
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
-from estimator.mismatch.model import Noise, filter_pole, noise_of, residual, whitened, with_machine
+from estimator.mismatch.model import Noise, as_in, filter_pole, noise_of, residual, whitened, with_machine
 from estimator.mismatch.verdict import Unexplained
 from estimator.physics.rows import Rows, Vector
 
@@ -70,7 +70,8 @@ def _ringing(
     if told is None:
         return None
     chance = np.sqrt(4.0 * len(rows))
-    without_any, beside_it = (above_noise(_as_in(found, bare, z), found.noise, rows) for z in (bare.z, told[1]))
+    machines = bare.model.machine, found.model.machine
+    without_any, beside_it = (above_noise(as_in(*machines, z), found.noise, rows) for z in (bare.z, told[1]))
     by_losses, gain = without_any - excess, without_any - beside_it
     unexplained = excess - found.search.missed(found.choice) - _CHANCE * chance
     if beside_it >= excess + max(min(_AS_GOOD[0] * unexplained, _AS_GOOD[1] * by_losses), 0.0):
@@ -81,12 +82,6 @@ def _ringing(
     left = _CHANCE * chance + _ROUNDED * hidden_energy(rows) / (found.noise[0] * found.noise[1])
     plain = gain > min(left, max(chance, OUTSHINES * by_losses, OUTSHINES * beside_it))
     return bare, told[0], alone is not None or plain
-
-
-def _as_in(found: Fitted, other: Fitted, z: Vector) -> Vector:
-    """Another fit's flux errors (Vs), as its errors of the currents make them in this one's machine."""
-    here, there = found.model.machine, other.model.machine
-    return z.real * (here.L_d / there.L_d) + 1j * z.imag * (here.L_q / there.L_q)
 
 
 def upright(

@@ -9,6 +9,7 @@ from estimator.physics.library import BY_NAME
 
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
 _COUNTS = ("periods", "phase")
+_GAIN = "a gain of all voltages or of all currents, by which the parameters are off then"
 _CLOSE = 0.02  # of a scale, that needs no words
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
 
@@ -107,7 +108,9 @@ def _detectable(diagnosis: Diagnosis) -> str:
 
 
 def _left_open(diagnosis: Diagnosis) -> str:
-    """What no recording tells: all voltages or all currents scaled alike."""
+    """What no recording tells: all voltages or all currents scaled alike, by how much where that is bounded."""
+    if not diagnosis.scales:
+        return f"{_GAIN}, would not have shown within the nominal values' tolerance"
     wide = {what: scale for what, scale in diagnosis.scales.items() if scale.most - scale.least > _CLOSE}
     if not wide:
         return ""

@@ -63,7 +63,16 @@ def prove(settings: Settings) -> Proof:
     return proof_of_suites(rich, near, poor, length, settings)
 
 
-def proof_of_suites(rich: "Heard", near: "Heard", poor: "Heard", length: float, settings: Settings) -> Proof:
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What was said of a suite, and its answers, opened afterwards."""
+
+    answers: list[dict[str, Any]]
+    said: Mapping[str, Said]
+    digest: str  # of the seal
+
+
+def proof_of_suites(rich: Heard, near: Heard, poor: Heard, length: float, settings: Settings) -> Proof:
     """The score of suites of `length` s (poor ones: of their own) that were diagnosed and opened."""
     folder = settings.folder / "sealed"
     over_limit = limits([answer for answer in rich.answers if answer["kind"] in _ASKED], settings.jobs)
@@ -78,15 +87,6 @@ def proof_of_suites(rich: "Heard", near: "Heard", poor: "Heard", length: float, 
         "of half to thirty times what the oracle could see"
     )
     return proof_of(rows, poor, what, f"{rich.digest} and {near.digest}")
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """What was said of a suite, and its answers, opened afterwards."""
-
-    answers: list[dict[str, Any]]
-    said: Mapping[str, Said]
-    digest: str  # of the seal
 
 
 def heard(folder: Path, jobs: int, maker: Sequence[str]) -> Heard:
