@@ -8,9 +8,11 @@ import pytest
 
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
-from estimator.machine import Machine
+from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.columns import regression
 from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.thinning import BLOCKS, thinned
+from estimator.mismatch.model import Model
+from estimator.mismatch.thinning import BLOCKS, settled, thinned
 from estimator.mismatch.verdict import Verdict
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Resolution, Samples
@@ -55,6 +57,20 @@ def test_blocks_lie_at_all_places_of_what_comes_again_and_again() -> None:
     rows = long_rows(96_001)
     first = np.rint((thinned(rows, 9600).t - rows.t[0]) / T_s).astype(int)
     assert np.all(np.histogram(first % 1000, 20, (0, 1000))[0] > 0.4 * len(first) / 20)
+
+
+def test_what_effects_remember_is_the_same_a_stretch_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = settled(long_rows(60_001))
+    tolerance = dict.fromkeys(PARAMETERS, 0.1)
+    for effects in ({}, {"ac_resistance": (0.5, 60.0), "winding_resistance_drift": (0.1, 1.0, 0.0)}):
+        model = Model(MACHINE, effects)
+        whole = regression(rows, rows, model, MACHINE, tolerance, 0.0)
+        monkeypatch.setattr("estimator.mismatch.columns._LONG", 10_000)
+        parts = regression(rows, rows, model, MACHINE, tolerance, 0.0)
+        monkeypatch.undo()
+        size = np.sqrt(np.einsum("sii->i", whole.gram))
+        off = np.abs(parts.gram - whole.gram) / np.outer(size, size)
+        assert off.max() < 1e-9, (effects, [whole.columns[k] for k in np.argsort(-off.max((0, 1)))[:3]])
 
 
 def test_few_rows_stay_as_they_are() -> None:

@@ -46,6 +46,8 @@ BENDS: Final = 6
 _STEP: Final = 0.03  # of a typical size, for differences
 _NEAR: Final = 1e-3  # the same, where a little changes much
 _PART: Final = 1536  # periods at once, whose columns stay near the processor
+_LONG: Final = 200_000  # periods, from which on what effects remember takes much room
+_LEAD: Final = 1_000  # periods, of which most effects remember nothing in the end
 _SMALL_ANGLE: Final = 1e-4  # rad
 _FARTHEST: Final = (0.3, 3.0)  # of nominal values
 _ANYTHING: Final = (1e-2, 1e2)  # the same for the straight lines of a map
@@ -119,7 +121,12 @@ def regression(
     if model.bend is not None:
         across = np.array([[1.0, noise[1] / noise[0]], [noise[0] / noise[1], 1.0]])
         straighten = straightening(rows, model, model.bend) * across[:, :, None]
-    prepared(truth, steps)
+    long = len(rows) > _LONG
+    remembered = [step for step in steps if step is not None and step.effect.remembers is not None]
+    if long:
+        _remember(truth, [step for step in remembered if step.effect.lasts])
+    else:
+        _prepare(truth, remembered)
     coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
     answering = _answering(columns, response)
     lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
@@ -133,9 +140,14 @@ def regression(
     volts, white = np.empty((P + 1) * _PART, np.complex128), np.empty((P + 1) * 2 * _PART)
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
     for s, (a, b) in enumerate(pairwise(edges.tolist())):
+        first, near = 0, truth
+        if long:
+            first = max(a - _LEAD, 0)
+            near = truth[first:b]
+            _prepare(near, remembered)
         for begin in range(a, b, _PART):
             cut = slice(begin, min(begin + _PART, b))
-            part = truth[cut]
+            part = near[cut.start - first : cut.stop - first]
             size = (P + 1) * len(part)
             v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
             _fill(part, model, columns, steps, v, bridges, coupled)
@@ -161,16 +173,19 @@ def regression(
     return Regression(columns, gram, count, noise, rows, smooth, model, left)
 
 
-def prepared(rows: Rows, steps: Sequence[_Step | None]) -> None:
-    """Work out once, over the whole recording, what has a memory or is used by several effects."""
+def _prepare(rows: Rows, remembered: Sequence[_Step]) -> None:
+    """Work out once, over all rows, what effects remember and what several of them use."""
     _ = rows.D, rows.rotor, rows.six, rows.turn, rows.i_s, rows.i_mean
     if rows.u_dc is not None:
         _ = rows.duties, rows.moment_of_pulses
+    _remember(rows, remembered)
+
+
+def _remember(rows: Rows, steps: Sequence[_Step]) -> None:
     for step in steps:
-        if step is not None and step.effect.remembers is not None:
-            for sizes in (step.to, step.since):
-                if sizes is not None:
-                    step.effect.remembers(rows, sizes)
+        for sizes in (step.to, step.since):
+            if sizes is not None and step.effect.remembers is not None:
+                step.effect.remembers(rows, sizes)
 
 
 def _at(effect: Effect, shapes: Sequence[float], sizes: dict[int, float]) -> tuple[float, ...]:

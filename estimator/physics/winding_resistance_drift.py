@@ -53,6 +53,7 @@ EFFECT = Effect(
         "rise": (p[0] + p[2] * math.expm1(-1.0 / p[1]), "1"), "time_constant": (p[1] * rows.span[1], "s"),
     },
     remembers=_course,
+    lasts=True,
     in_proportion_to="R_s",
     missed=5e-4,
 )
