@@ -81,6 +81,7 @@ class _Following:
     def __init__(self, rows: Rows) -> None:
         self._rows = rows
         self._last: deque[tuple[float, Model, tuple[Rows, Vector]]] = deque(maxlen=2)
+        self.farthest = 0  # of `_FOLLOWED`, that measured currents have asked for so far
 
     def __call__(self, share: float, model: Model) -> tuple[Rows, Vector]:
         for at, of, found in self._last:
@@ -192,12 +193,10 @@ def _raw(rows: Rows) -> Clean:
 
 def _search(
     rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    library: Sequence[Effect] = LIBRARY, slopes: Slopes | None = None,
+    library: Sequence[Effect] = LIBRARY, response: Response | None = None, slopes: Slopes | None = None,
 ) -> Search:  # fmt: skip
     """Of all effects, or, to polish them, of the model's alone."""
-    follow, response = None if library else clean.follow, None
-    if follow is not None and clean.response is not None and model.bend is not None:
-        response = clean.response(model)
+    follow = None if library else clean.follow
     return Search(regression(
         rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow, slopes, response
     ))
@@ -230,17 +229,18 @@ def _polished(
     rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     times: int,
 ) -> tuple[Model, Clean, bool]:  # fmt: skip
-    settled, slopes, following = False, Slopes(), _Following(rows)
+    settled, response, slopes, following = False, None, Slopes(), _Following(rows)
     for n in range(times):
         model = with_step_in_place(rows, clean.rows, model)
         clean = cleaned(rows, clean.rows, model, following)
         if n % _LASTS == 0:
+            response = None if clean.response is None else clean.response(model)
             slopes.clear()
-        own = _search(rows, clean, model, nominal, tolerance, angle_step, (), slopes)
+        own = _search(rows, clean, model, nominal, tolerance, angle_step, (), response, slopes)
         towards = moved(own, _present(model))
         better = _no_worse(rows, clean, model, towards, own)
         if better is None and _bends(model) and not _close(own, model, towards, _STILL):
-            better = _by_shapes(rows, clean, model, towards, own, nominal, tolerance, angle_step)
+            better = _by_shapes(rows, clean, model, towards, own, nominal, tolerance, angle_step, response)
         if better is None:
             return model, clean, settled
         settled = _close(own, model, better, _STILL if clean.follow is None else _NEARLY)
@@ -293,7 +293,7 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
 
 def _by_shapes(
     rows: Rows, clean: Clean, now: Model, towards: Model, search: Search, nominal: Machine,
-    tolerance: Mapping[str, float], angle_step: float,
+    tolerance: Mapping[str, float], angle_step: float, response: Response | None,
 ) -> Model | None:  # fmt: skip
     """A model with shapes on the way to others and sizes solved there, which leaves less: sizes trade with shapes."""
     for _ in range(_HALVINGS):
@@ -303,7 +303,7 @@ def _by_shapes(
             both = zip(BY_NAME[name].parameters, sizes, towards.effects[name], strict=True)
             effects[name] = tuple(y if p.shape else x for p, x, y in both)
         there = replace(now, effects=effects)
-        own = _search(rows, clean, there, nominal, tolerance, angle_step, ())
+        own = _search(rows, clean, there, nominal, tolerance, angle_step, (), response)
         model = moved(own, _present(there), shaped=True)
         if _left_by(rows, clean, model, search) < search.regression.left:
             return model
@@ -416,15 +416,14 @@ def _followed(rows: Rows, model: Model, following: _Following) -> Clean:
         noise = noise_of(z, zero_residual(rows, smooth, model), rows)
         return Clean(smooth, z, noise, follow, partial(_response, rows, smooth, share)), noise
 
-    *closer, last = _FOLLOWED
-    for share in closer:
-        clean, noise = by(share)
+    while True:
+        clean, noise = by(_FOLLOWED[following.farthest])
         off = clean.rows.i - rows.i
         d, q = off.real * (m.L_d / noise[0]), off.imag * (m.L_q / noise[1])
         loud = max(float(np.mean(d**2)), float(np.mean(q**2)))
-        if loud < _NOISY**2:
+        if loud < _NOISY**2 or following.farthest == len(_FOLLOWED) - 1:
             return clean
-    return by(last)[0]
+        following.farthest += 1
 
 
 def _response(rows: Rows, smooth: Rows, share: float, model: Model) -> Response:

@@ -17,7 +17,7 @@ from estimator.mismatch.whitening import poles_of, whiten
 from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import FAST, LOST, Rows, Vector
 from estimator.physics.saturation import EFFECTS as SATURATIONS
 from estimator.physics.saturation import HARMONIC, saturated
 
@@ -55,7 +55,15 @@ def base_voltage(rows: Rows, model: Model) -> Vector:
 
 def in_truth(rows: Rows, model: Model) -> Rows:
     """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
-    return on_local_lines(_without_errors(rows, model), model)
+    truth = on_local_lines(_without_errors(rows, model), model)
+    there = [(BY_NAME[name], sizes) for name, sizes in model.effects.items()]
+    for effect, sizes in there:
+        if effect.fast_stiffness is not None:
+            truth.kept[FAST] = np.full(len(rows), effect.fast_stiffness(sizes))
+    for effect, sizes in there:
+        if effect.steep:
+            truth.kept[LOST] = effect.voltage(truth, sizes)
+    return truth
 
 
 def on_local_lines(truth: Rows, model: Model) -> Rows:

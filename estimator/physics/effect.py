@@ -51,6 +51,7 @@ class Effect:
     misreads_voltage: bool = False  # `voltage` is what the recorded one is too high by
     together: Together | None = None  # `voltage` of all effects that share this
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
+    fast_stiffness: Callable[[Sizes], float] | None = None  # 1/H of a branch beside the machine, within a period
     lasts: bool = False  # it remembers all of the recording, not its last tenths of a second
     steep: bool = False  # it changes more with a current than the noise of the current allows to see
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one

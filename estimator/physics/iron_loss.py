@@ -19,7 +19,7 @@ import numpy as np
 
 from estimator.kernel import kernel
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.rows import AXES, Real, Rows, Vector
+from estimator.physics.rows import AXES, LOST, Real, Rows, Vector
 
 _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
 
@@ -42,6 +42,8 @@ def branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -
     share = speed / (speed + omega_h)  # R_i / R_c
     x = rows.T_s * share / lag
     lost = (rows.machine.R_s if behind_R_s else 0.0) * rows.i_mean * rows.middle
+    if LOST in rows.kept:
+        lost = lost + rows.kept[LOST] * rows.middle
     if rows.u_dc is None:
         return _followed(x, share, rows.u * rows.middle - lost, np.zeros((0, 3)), np.zeros(0))
     return _followed(x, share, -lost, rows.duties, rows.u_dc)
@@ -78,6 +80,7 @@ EFFECT = Effect(
     ("angle_offset", "q_axis_saturation"),
     told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
     missed=3e-4,
+    fast_stiffness=lambda p: p[0] / p[2],
     remembers=_driven,
 )  # fmt: skip
 

@@ -25,7 +25,7 @@ from estimator.physics.period_course import (
     rise_of,
     weight,
 )  # fmt: skip
-from estimator.physics.rows import AXES, Real, Rows, Vector
+from estimator.physics.rows import AXES, FAST, Real, Rows, Vector
 
 _MOVES = 1.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
 _NARROW = 0.03  # times the same: a spread of currents that does not matter
@@ -56,6 +56,8 @@ def legs_of(rows: Rows) -> Legs:
     """The legs of a recording's periods."""
     u_dc, middle, T_s = rows.u_dc, rows.middle, rows.T_s
     R_s, (L_d, L_q, psi_0), u_s = float(rows.machine.R_s), rows.local_line, rows.u * middle
+    if FAST in rows.kept:
+        L_d, L_q = (1.0 / (1.0 / L + rows.kept[FAST]) for L in (L_d, L_q))
     if u_dc is None:
         none = np.zeros((0, 3))
         return Legs(

@@ -33,6 +33,10 @@ OF_ANGLE_AND_BRIDGE: Final = (
 """What is worked out `once` and depends neither on the machine nor on currents."""
 LOCAL: Final = ("local L_d", "local L_q", "local psi_0", "stiffness a", "stiffness b", "bent flux")
 """Of straight lines that a saturating machine follows for a while."""
+LOST: Final = "lost by the bridge"
+"""Voltage (V of each period, rotor frame) that terminals do not see."""
+FAST: Final = "fast stiffness"
+"""1/H of each period, by which a current changes faster than the machine's inductances say, within a period."""
 _NO_SENSOR: Final = 1e-4  # of the current: no three sensors agree that closely
 _FOLLOWED: Final = 10  # periods that are not there
 
