@@ -21,6 +21,7 @@ from estimator.kernel import kernel
 from estimator.mismatch.model import (
     Model,
     base_voltage,
+    beside_bridge,
     current_error,
     effects_voltage,
     in_truth,
@@ -32,7 +33,7 @@ from estimator.physics.ac_resistance import rung
 from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.library import BY_NAME
 from estimator.physics.lost_voltage import SHOTS, Legs, legs_of, lost_after
-from estimator.physics.rows import FAST, LOCAL, LOST, OF_ANGLE_AND_BRIDGE, Rows, Vector
+from estimator.physics.rows import FAST, LOCAL, LOST, OF_ANGLE_AND_BRIDGE, OTHERS, Rows, Vector
 from estimator.response import Memory, Response, Slopes, solution
 
 Bools = NDArray[np.bool_]
@@ -48,7 +49,7 @@ _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
 _SHORT: Final = 1e-4  # of the period, and of the dc link's voltage: the same of dead time and drop
 _ROUNDS: Final = 20  # of Newton's method in a period
 _WHOLE: Final = 5  # of them with whole steps
-_OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, *LOCAL, FAST, LOST, "ripple")  # of the measured currents at most
+_OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, *LOCAL, FAST, LOST, OTHERS, "ripple")  # of the measured currents at most
 
 
 class Lost(NamedTuple):
@@ -224,7 +225,7 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
         i, sweep = i + delta, sweep + 1
         if "inverter_voltage_error" in model.effects:
             rows = replace(rows, kept=rows.kept | {LOST: gone})
-            lost = lost._replace(legs=legs_of(on_local_lines(_with_currents(rows, i), model)))
+            lost = lost._replace(legs=legs_of(beside_bridge(on_local_lines(_with_currents(rows, i), model), model)))
         moving = ~(np.maximum.reduceat(np.abs(delta), first) <= close)
         if not np.any(moving):
             return i

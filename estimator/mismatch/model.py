@@ -17,7 +17,7 @@ from estimator.mismatch.whitening import poles_of, whiten
 from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
-from estimator.physics.rows import FAST, LOST, Rows, Vector
+from estimator.physics.rows import FAST, LOST, OTHERS, Rows, Vector
 from estimator.physics.saturation import EFFECTS as SATURATIONS
 from estimator.physics.saturation import HARMONIC, saturated
 
@@ -56,14 +56,21 @@ def base_voltage(rows: Rows, model: Model) -> Vector:
 def in_truth(rows: Rows, model: Model) -> Rows:
     """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
     truth = on_local_lines(_without_errors(rows, model), model)
-    there = [(BY_NAME[name], sizes) for name, sizes in model.effects.items()]
-    for effect, sizes in there:
-        if effect.fast_stiffness is not None:
-            truth.kept[FAST] = np.full(len(rows), effect.fast_stiffness(sizes))
-    for effect, sizes in there:
-        if effect.steep:
-            truth.kept[LOST] = effect.voltage(truth, sizes)
+    steep = [name for name in model.effects if BY_NAME[name].steep]
+    if steep:
+        truth = beside_bridge(truth, model)
+        truth.kept[LOST] = sum(BY_NAME[name].voltage(truth, model.effects[name]) for name in steep)
     return truth
+
+
+def beside_bridge(truth: Rows, model: Model) -> Rows:
+    """The rows with what the model's other effects make of currents within a period."""
+    others = {name: sizes for name, sizes in model.effects.items() if not BY_NAME[name].steep}
+    kept = {OTHERS: effects_voltage(replace(truth, kept=dict(truth.kept)), replace(model, effects=others))}
+    for name, sizes in others.items():
+        if (fast_stiffness := BY_NAME[name].fast_stiffness) is not None:
+            kept[FAST] = np.full(len(truth), fast_stiffness(sizes))
+    return replace(truth, kept=truth.kept | kept)
 
 
 def on_local_lines(truth: Rows, model: Model) -> Rows:

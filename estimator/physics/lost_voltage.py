@@ -25,7 +25,7 @@ from estimator.physics.period_course import (
     rise_of,
     weight,
 )  # fmt: skip
-from estimator.physics.rows import AXES, FAST, Real, Rows, Vector
+from estimator.physics.rows import AXES, FAST, OTHERS, Real, Rows, Vector
 
 _MOVES = 1.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
 _NARROW = 0.03  # times the same: a spread of currents that does not matter
@@ -48,6 +48,7 @@ class Legs(NamedTuple):
     L_d: Real  # H, what a voltage on d alone makes of its current
     L_q: Real  # H
     psi_0: Vector  # Vs, at no current of the straight lines that go on from here
+    others: Vector  # V, stationary, what other effects add
     D: Real  # rad, electrical, by which the rotor turns in each period
     room: Room
 
@@ -58,15 +59,18 @@ def legs_of(rows: Rows) -> Legs:
     R_s, (L_d, L_q, psi_0), u_s = float(rows.machine.R_s), rows.local_line, rows.u * middle
     if FAST in rows.kept:
         L_d, L_q = (1.0 / (1.0 / L + rows.kept[FAST]) for L in (L_d, L_q))
+    others = rows.kept[OTHERS] * middle if OTHERS in rows.kept else np.zeros(len(rows), np.complex128)
     if u_dc is None:
         none = np.zeros((0, 3))
         return Legs(
             np.zeros(0), none, none.astype(np.int8), none.astype(np.int8), none.astype(np.complex128), middle,
-            T_s, R_s, L_d, L_q, psi_0, rows.D, empty_room(),
+            T_s, R_s, L_d, L_q, psi_0, others, rows.D, empty_room(),
         )  # fmt: skip
     edges, order = edges_at_start(rows), rows.once("order", lambda: _orders(rows.duties))
     ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, L_d, L_q))
-    return Legs(u_dc, rows.duties, edges, order, ripple, middle, T_s, R_s, L_d, L_q, psi_0, rows.D, empty_room())
+    return Legs(
+        u_dc, rows.duties, edges, order, ripple, middle, T_s, R_s, L_d, L_q, psi_0, others, rows.D, empty_room()
+    )
 
 
 def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
@@ -78,8 +82,8 @@ def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
     ripple = _ripples(u_dc, duties, u_s, middle, T_s, everywhere, everywhere)
     edges = np.zeros(duties.shape, np.int8)
     return Legs(
-        u_dc, duties, edges, _orders(duties), ripple, middle, T_s, 0.0, everywhere, everywhere, no_flux, none,
-        empty_room(),
+        u_dc, duties, edges, _orders(duties), ripple, middle, T_s, 0.0, everywhere, everywhere, no_flux, no_flux,
+        none, empty_room(),
     )  # fmt: skip
 
 
@@ -269,7 +273,8 @@ def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, changes: int,
 @kernel
 def _period(legs: Legs, k: int) -> Period:
     return Period(
-        legs.u_dc[k], legs.T_s, legs.R_s, legs.L_d[k], legs.L_q[k], legs.psi_0[k], legs.D[k], legs.middle[k]
+        legs.u_dc[k], legs.T_s, legs.R_s, legs.L_d[k], legs.L_q[k], legs.psi_0[k], legs.others[k], legs.D[k],
+        legs.middle[k],
     )
 
 

@@ -44,6 +44,7 @@ class Period(NamedTuple):
     L_d: float  # H
     L_q: float  # H
     psi_0: complex  # Vs, rotor frame, at no current of these straight lines
+    others: complex  # V, stationary, what other effects add
     D: float  # rad, electrical, by which the rotor turns
     middle: complex  # exp(j theta_e) in the middle
 
@@ -243,7 +244,7 @@ def _falls(period: Period, rotor: complex, alike: float, twice: complex, i: comp
     """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s."""
     induced = 1j * (period.D / period.T_s) * rotor
     induced *= period.psi_0 + (period.L_d - period.L_q) * rotor * i.conjugate()
-    against = period.R_s * i + induced
+    against = period.R_s * i + period.others + induced
     return alike * against + twice * against.conjugate()
 
 

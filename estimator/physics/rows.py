@@ -35,6 +35,8 @@ LOCAL: Final = ("local L_d", "local L_q", "local psi_0", "stiffness a", "stiffne
 """Of straight lines that a saturating machine follows for a while."""
 LOST: Final = "lost by the bridge"
 """Voltage (V of each period, rotor frame) that terminals do not see."""
+OTHERS: Final = "others' voltage"
+"""What effects other than the bridge add (V of each period, rotor frame)."""
 FAST: Final = "fast stiffness"
 """1/H of each period, by which a current changes faster than the machine's inductances say, within a period."""
 _NO_SENSOR: Final = 1e-4  # of the current: no three sensors agree that closely
