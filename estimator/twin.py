@@ -33,7 +33,7 @@ from estimator.physics.ac_resistance import rung
 from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.library import BY_NAME
 from estimator.physics.lost_voltage import SHOTS, Legs, legs_of, lost_after
-from estimator.physics.rows import FAST, LOCAL, LOST, OF_ANGLE_AND_BRIDGE, OTHERS, Rows, Vector
+from estimator.physics.rows import BRIDGED, LOCAL, LOST, OF_ANGLE_AND_BRIDGE, Rows, Vector
 from estimator.response import Memory, Response, Slopes, solution
 
 Bools = NDArray[np.bool_]
@@ -49,7 +49,7 @@ _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
 _SHORT: Final = 1e-4  # of the period, and of the dc link's voltage: the same of dead time and drop
 _ROUNDS: Final = 20  # of Newton's method in a period
 _WHOLE: Final = 5  # of them with whole steps
-_OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, *LOCAL, FAST, LOST, OTHERS, "ripple")  # of the measured currents at most
+_OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, *LOCAL, *BRIDGED, "ripple")  # of the measured currents at most
 
 
 class Lost(NamedTuple):

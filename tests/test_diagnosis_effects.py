@@ -96,6 +96,7 @@ def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_
     pytest.param(2004, 136, id="a resonance that two losses stand for"),
     pytest.param(2004, 353, id="a resonance that a rising resistance stands for"),
     pytest.param(2004, 266, id="a voltage that losses, an offset and a delay stand for"),
+    pytest.param(2005, 39, id="an iron loss that moves where currents change sign"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""

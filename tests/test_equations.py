@@ -142,3 +142,19 @@ def test_a_dead_time_acts_on_the_saturated_machine() -> None:
     without = left_of(rows, Model(rows.machine, {"q_axis_saturation": (0.3,)}))
     print(f"{without:.3g} per mille of rated current, {left_of(rows, both):.3g} with the dead time")
     assert left_of(rows, both) < 0.02 * without
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "motor", "most"), [
+    ("iron_loss", "servo_4nm", 6.0), ("skin", "servo_4nm", 1.0), ("skin", "mini_cheetah", 4.0),
+])  # fmt: skip
+def test_a_dead_time_acts_on_currents_that_other_effects_change_within_a_period(
+    kind: str, motor: str, most: float
+) -> None:
+    scenario = with_effect(kind, motor)
+    inverter = with_effect("dead_time", motor).effects.inverter
+    rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(inverter=inverter)))
+    before, after = fitted_to(rows, ["inverter_voltage_error", EFFECT[kind]])
+    print(f"dead time and {kind}, {motor}: {before:.3g} per mille of rated current, {after:.3g} with both")
+    assert after < most
+    assert before > 100.0 * after

@@ -7,7 +7,7 @@ absolute; those of shapes count from the present value. Knows nothing of what is
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -26,6 +26,7 @@ from estimator.mismatch.model import (
     in_truth,
     left_over,
     noise_of,
+    see_lost,
     sharing,
     straightening,
     whitened,
@@ -109,6 +110,8 @@ def regression(
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     truth = in_truth(smooth, model)
+    if library:
+        see_lost(truth, model)
     if model.bend is not None:
         library = [effect for effect in library if effect.name not in SATURATIONS]
     columns = _columns(smooth, model, nominal, tolerance, angle_step, library)
@@ -121,12 +124,6 @@ def regression(
     if model.bend is not None:
         across = np.array([[1.0, noise[1] / noise[0]], [noise[0] / noise[1], 1.0]])
         straighten = straightening(rows, model, model.bend) * across[:, :, None]
-    long = len(rows) > _LONG
-    remembered = [step for step in steps if step is not None and step.effect.remembers is not None]
-    if long:
-        _remember(truth, [step for step in remembered if step.effect.lasts])
-    else:
-        _prepare(truth, remembered)
     coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
     answering = _answering(columns, response)
     lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
@@ -139,28 +136,20 @@ def regression(
     state = np.zeros(P + 1, np.complex128)
     volts, white = np.empty((P + 1) * _PART, np.complex128), np.empty((P + 1) * 2 * _PART)
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
-    for s, (a, b) in enumerate(pairwise(edges.tolist())):
-        first, near = 0, truth
-        if long:
-            first = max(a - _LEAD, 0)
-            near = truth[first:b]
-            _prepare(near, remembered)
-        for begin in range(a, b, _PART):
-            cut = slice(begin, min(begin + _PART, b))
-            part = near[cut.start - first : cut.stop - first]
-            size = (P + 1) * len(part)
-            v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
-            _fill(part, model, columns, steps, v, bridges, coupled)
-            for j, slope in lost.items():
-                v[j] = slope[cut] if j in bridges else v[j] + slope[cut]
-            if response is not None:
-                answer(v, which, response.within(cut), answers)
-            v[P] = r[cut]
-            there = whiten_into(m, v, part.middle, rotor[cut], part.joined, poles[cut], part.T_s, noise[:2], state)
-            if straighten is not None:
-                m[: len(there)] = np.einsum("xyn,cyn->cxn", straighten[:, :, cut], m[: len(there)])
-            flat = m[: len(there)].reshape(len(there), 2 * len(part))
-            gram[s, there[:, None], there] += flat @ flat.T
+    for s, cut, part in _parts(truth, steps, edges):
+        size = (P + 1) * len(part)
+        v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
+        _fill(part, model, columns, steps, v, bridges, coupled)
+        for j, slope in lost.items():
+            v[j] = slope[cut] if j in bridges else v[j] + slope[cut]
+        if response is not None:
+            answer(v, which, response.within(cut), answers)
+        v[P] = r[cut]
+        there = whiten_into(m, v, part.middle, rotor[cut], part.joined, poles[cut], part.T_s, noise[:2], state)
+        if straighten is not None:
+            m[: len(there)] = np.einsum("xyn,cyn->cxn", straighten[:, :, cut], m[: len(there)])
+        flat = m[: len(there)].reshape(len(there), 2 * len(part))
+        gram[s, there[:, None], there] += flat @ flat.T
     left = float(gram[:, P, P].sum()) / n
     if zero is not None:
         _add_zero_channel(gram, truth, columns, steps, zero / noise[2], noise[2], edges)
@@ -171,6 +160,29 @@ def regression(
     gram = change @ gram @ change.T
     count = 2 * int(rows.joined.sum()) + (0 if zero is None else n)
     return Regression(columns, gram, count, noise, rows, smooth, model, left)
+
+
+def _parts(
+    rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]
+) -> Iterator[tuple[int, slice, Rows]]:  # fmt: skip
+    """The rows part by part, with number of the stretch and place. Of many rows, most of what effects remember is
+    worked out a stretch at a time.
+    """
+    long = len(rows) > _LONG
+    remembered = [step for step in steps if step is not None and step.effect.remembers is not None]
+    if long:
+        _remember(rows, [step for step in remembered if step.effect.lasts])
+    else:
+        _prepare(rows, remembered)
+    first, near = 0, rows
+    for s, (a, b) in enumerate(pairwise(edges.tolist())):
+        if long:
+            first = max(a - _LEAD, 0)
+            near = rows[first:b]
+            _prepare(near, remembered)
+        for begin in range(a, b, _PART):
+            end = min(begin + _PART, b)
+            yield s, slice(begin, end), near[begin - first : end - first]
 
 
 def _prepare(rows: Rows, remembered: Sequence[_Step]) -> None:

@@ -193,10 +193,12 @@ def _raw(rows: Rows) -> Clean:
 
 def _search(
     rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    library: Sequence[Effect] = LIBRARY, response: Response | None = None, slopes: Slopes | None = None,
+    library: Sequence[Effect] = LIBRARY, slopes: Slopes | None = None,
 ) -> Search:  # fmt: skip
     """Of all effects, or, to polish them, of the model's alone."""
-    follow = None if library else clean.follow
+    follow, response = None if library else clean.follow, None
+    if follow is not None and clean.response is not None and model.bend is not None:
+        response = clean.response(model)
     return Search(regression(
         rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow, slopes, response
     ))
@@ -229,18 +231,17 @@ def _polished(
     rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     times: int,
 ) -> tuple[Model, Clean, bool]:  # fmt: skip
-    settled, response, slopes, following = False, None, Slopes(), _Following(rows)
+    settled, slopes, following = False, Slopes(), _Following(rows)
     for n in range(times):
         model = with_step_in_place(rows, clean.rows, model)
         clean = cleaned(rows, clean.rows, model, following)
         if n % _LASTS == 0:
-            response = None if clean.response is None else clean.response(model)
             slopes.clear()
-        own = _search(rows, clean, model, nominal, tolerance, angle_step, (), response, slopes)
+        own = _search(rows, clean, model, nominal, tolerance, angle_step, (), slopes)
         towards = moved(own, _present(model))
         better = _no_worse(rows, clean, model, towards, own)
         if better is None and _bends(model) and not _close(own, model, towards, _STILL):
-            better = _by_shapes(rows, clean, model, towards, own, nominal, tolerance, angle_step, response)
+            better = _by_shapes(rows, clean, model, towards, own, nominal, tolerance, angle_step)
         if better is None:
             return model, clean, settled
         settled = _close(own, model, better, _STILL if clean.follow is None else _NEARLY)
@@ -293,7 +294,7 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
 
 def _by_shapes(
     rows: Rows, clean: Clean, now: Model, towards: Model, search: Search, nominal: Machine,
-    tolerance: Mapping[str, float], angle_step: float, response: Response | None,
+    tolerance: Mapping[str, float], angle_step: float,
 ) -> Model | None:  # fmt: skip
     """A model with shapes on the way to others and sizes solved there, which leaves less: sizes trade with shapes."""
     for _ in range(_HALVINGS):
@@ -303,7 +304,7 @@ def _by_shapes(
             both = zip(BY_NAME[name].parameters, sizes, towards.effects[name], strict=True)
             effects[name] = tuple(y if p.shape else x for p, x, y in both)
         there = replace(now, effects=effects)
-        own = _search(rows, clean, there, nominal, tolerance, angle_step, (), response)
+        own = _search(rows, clean, there, nominal, tolerance, angle_step, ())
         model = moved(own, _present(there), shaped=True)
         if _left_by(rows, clean, model, search) < search.regression.left:
             return model

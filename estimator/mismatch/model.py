@@ -17,7 +17,7 @@ from estimator.mismatch.whitening import poles_of, whiten
 from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
-from estimator.physics.rows import FAST, LOST, OTHERS, Rows, Vector
+from estimator.physics.rows import FAST_RESISTANCE, FAST_STIFFNESS, LOST, OTHERS, Rows, Vector
 from estimator.physics.saturation import EFFECTS as SATURATIONS
 from estimator.physics.saturation import HARMONIC, saturated
 
@@ -56,20 +56,29 @@ def base_voltage(rows: Rows, model: Model) -> Vector:
 def in_truth(rows: Rows, model: Model) -> Rows:
     """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
     truth = on_local_lines(_without_errors(rows, model), model)
-    steep = [name for name in model.effects if BY_NAME[name].steep]
-    if steep:
+    if any(BY_NAME[name].steep for name in model.effects):
         truth = beside_bridge(truth, model)
-        truth.kept[LOST] = sum(BY_NAME[name].voltage(truth, model.effects[name]) for name in steep)
+        if any(BY_NAME[name].sees_voltage for name in model.effects):
+            see_lost(truth, model)
     return truth
 
 
+def see_lost(truth: Rows, model: Model) -> None:
+    """Let effects that see the terminals' voltage know what the model's bridge loses of it."""
+    for name, sizes in model.effects.items():
+        if BY_NAME[name].steep and LOST not in truth.kept:
+            truth.kept[LOST] = BY_NAME[name].voltage(truth, sizes)
+
+
 def beside_bridge(truth: Rows, model: Model) -> Rows:
-    """The rows with what the model's other effects make of currents within a period."""
+    """The rows with what a bridge has to know of the model's other effects: how they move currents within a period."""
     others = {name: sizes for name, sizes in model.effects.items() if not BY_NAME[name].steep}
     kept = {OTHERS: effects_voltage(replace(truth, kept=dict(truth.kept)), replace(model, effects=others))}
     for name, sizes in others.items():
         if (fast_stiffness := BY_NAME[name].fast_stiffness) is not None:
-            kept[FAST] = np.full(len(truth), fast_stiffness(sizes))
+            kept[FAST_STIFFNESS] = np.full(len(truth), fast_stiffness(sizes))
+        if (fast_resistance := BY_NAME[name].fast_resistance) is not None:
+            kept[FAST_RESISTANCE] = np.full(len(truth), fast_resistance(truth, sizes))
     return replace(truth, kept=truth.kept | kept)
 
 

@@ -2,8 +2,8 @@
 
     u = R_s i + R_x (i - i_x)        L_x d(i_x)/dt = R_x (i - i_x)        R_x = rise R_s,  L_x = R_x / (2 pi corner)
 
-one rung of a ladder in the stationary frame: none at dc, half of `rise` at the corner. P. L. Dowell, "Effects of eddy
-currents in transformer windings", Proc. IEE 113, 1966, doi 10.1049/piee.1966.0236.
+one rung of a ladder in the stationary frame: none at dc, half of `rise` at the corner, all of it within a period. P. L.
+Dowell, "Effects of eddy currents in transformer windings", Proc. IEE 113, 1966, doi 10.1049/piee.1966.0236.
 """
 
 import cmath
@@ -107,4 +107,5 @@ EFFECT = Effect(
     in_proportion_to="R_s",
     missed=3e-5,
     remembers=voltage,
+    fast_resistance=lambda rows, p: p[0] * rows.machine.R_s,
 )

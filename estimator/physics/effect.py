@@ -52,7 +52,9 @@ class Effect:
     together: Together | None = None  # `voltage` of all effects that share this
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
     fast_stiffness: Callable[[Sizes], float] | None = None  # 1/H of a branch beside the machine, within a period
+    fast_resistance: Callable[[Rows, Sizes], float] | None = None  # ohm, to what changes within a period
     lasts: bool = False  # it remembers all of the recording, not its last tenths of a second
+    sees_voltage: bool = False  # it follows the voltage at the terminals, of which a bridge may lose some
     steep: bool = False  # it changes more with a current than the noise of the current allows to see
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
     in_proportion_to: str = ""  # the parameter of the machine that `voltage` grows with, where it is one alone

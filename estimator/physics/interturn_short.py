@@ -41,4 +41,5 @@ EFFECT = Effect(
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
     missed=1e-3,
     remembers=_driven,
+    sees_voltage=True,
 )  # fmt: skip

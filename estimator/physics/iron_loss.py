@@ -8,7 +8,8 @@ that carries i_i implies too much of it:
 
     u = ... - balance of L i_i
 
-The branch lets pulses through as they come, so i_i is followed pulse by pulse. S. Morimoto, Y. Tong, Y. Takeda,
+The branch lets pulses through as they come, so i_i is followed pulse by pulse; what the bridge loses of them it does
+not see. To fast changes it is an inductance of R_c lag beside the machine's. S. Morimoto, Y. Tong, Y. Takeda,
 T. Hirasa, "Loss minimization control of permanent magnet synchronous motor drives", IEEE Trans. Industrial
 Electronics, 1994.
 """
@@ -82,6 +83,7 @@ EFFECT = Effect(
     missed=3e-4,
     fast_stiffness=lambda p: p[0] / p[2],
     remembers=_driven,
+    sees_voltage=True,
 )  # fmt: skip
 
 

@@ -36,9 +36,13 @@ LOCAL: Final = ("local L_d", "local L_q", "local psi_0", "stiffness a", "stiffne
 LOST: Final = "lost by the bridge"
 """Voltage (V of each period, rotor frame) that terminals do not see."""
 OTHERS: Final = "others' voltage"
-"""What effects other than the bridge add (V of each period, rotor frame)."""
-FAST: Final = "fast stiffness"
-"""1/H of each period, by which a current changes faster than the machine's inductances say, within a period."""
+"""What effects other than the bridge's add (V of each period, rotor frame)."""
+FAST_STIFFNESS: Final = "fast stiffness"
+"""1/H of each period, by which a current changes faster within it than by the machine's inductances."""
+FAST_RESISTANCE: Final = "fast resistance"
+"""Ohm of each period, by which a current's change within it drops more than by R_s."""
+BRIDGED: Final = (LOST, OTHERS, FAST_STIFFNESS, FAST_RESISTANCE)
+"""Of a model with the bridge's voltage error."""
 _NO_SENSOR: Final = 1e-4  # of the current: no three sensors agree that closely
 _FOLLOWED: Final = 10  # periods that are not there
 
