@@ -49,7 +49,10 @@ def main() -> int:
     """Print the table."""
     missed = 0
     with tempfile.TemporaryDirectory() as name:
-        seconds("two", 1.0, Path(name))  # start-up: kernels are compiled or loaded
+        for kind in ("two", "dead_time"):  # start-up: another process compiles kernels, this one loads them
+            with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+                pool.submit(seconds, kind, 1.0, Path(name) / "compiling").result()
+            seconds(kind, 1.0, Path(name))
         for (kind, length), bar in BARS.items():
             taken = seconds(kind, length, Path(name))
             missed += taken > bar
