@@ -169,28 +169,28 @@ def _parts(
     worked out a stretch at a time.
     """
     long = len(rows) > _LONG
-    remembered = [step for step in steps if step is not None and step.effect.remembers is not None]
+    there = [step for step in steps if step is not None]
     if long:
-        _remember(rows, [step for step in remembered if step.effect.lasts])
+        _remember(rows, [step for step in there if step.effect.lasts])
     else:
-        _prepare(rows, remembered)
+        _prepare(rows, there)
     first, near = 0, rows
     for s, (a, b) in enumerate(pairwise(edges.tolist())):
         if long:
             first = max(a - _LEAD, 0)
             near = rows[first:b]
-            _prepare(near, remembered)
+            _prepare(near, there)
         for begin in range(a, b, _PART):
             end = min(begin + _PART, b)
             yield s, slice(begin, end), near[begin - first : end - first]
 
 
-def _prepare(rows: Rows, remembered: Sequence[_Step]) -> None:
+def _prepare(rows: Rows, steps: Sequence[_Step]) -> None:
     """Work out once, over all rows, what effects remember and what several of them use."""
     _ = rows.D, rows.rotor, rows.six, rows.turn, rows.i_s, rows.i_mean
     if rows.u_dc is not None:
         _ = rows.duties, rows.moment_of_pulses
-    _remember(rows, remembered)
+    _remember(rows, steps)
 
 
 def _remember(rows: Rows, steps: Sequence[_Step]) -> None:

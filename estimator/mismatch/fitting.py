@@ -220,7 +220,7 @@ def polished(
     times: int = POLISHED,
 ) -> tuple[Model, Clean, bool]:
     """A set's best model, rows cleaned by it, and whether it moves no more."""
-    if _steep(model):
+    if model.steep:
         part = thinned(rows, *_FEW)
         if part is not rows:
             model, *_ = _polished(part, _raw(part), model, nominal, tolerance, angle_step, _FIND * times)
@@ -251,10 +251,6 @@ def _polished(
         if settled:
             break
     return model, cleaned(rows, clean.rows, model, following), settled
-
-
-def _steep(model: Model) -> bool:
-    return any(BY_NAME[name].steep for name in model.effects)
 
 
 def _close(search: Search, one: Model, other: Model, most: float) -> bool:
@@ -388,7 +384,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model, following: _Following) -> Cl
     Only what changes within a few periods, and no more than white noise makes of it, counts as noise.
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
-    if _steep(model):
+    if model.steep:
         return _followed(rows, model, following)
     z = flux_errors(residual(rows, smooth, model), rows, model)
     noise = noise_of(z, zero_residual(rows, smooth, model), rows)

@@ -40,6 +40,11 @@ class Model:
     zero: float = 0.0  # A, mean of the three current channels' offsets
     bend: Bend | None = None  # of the flux linkage, in the place of effects of saturation
 
+    @property
+    def steep(self) -> bool:
+        """It has an effect that changes more with a current than the noise of the current allows to see."""
+        return any(BY_NAME[name].steep for name in self.effects)
+
 
 def filter_pole(machine: Machine, T_s: float) -> float:
     """rho of the whitening."""
@@ -56,7 +61,7 @@ def base_voltage(rows: Rows, model: Model) -> Vector:
 def in_truth(rows: Rows, model: Model) -> Rows:
     """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
     truth = on_local_lines(_without_errors(rows, model), model)
-    if any(BY_NAME[name].steep for name in model.effects):
+    if model.steep:
         truth = beside_bridge(truth, model)
         if any(BY_NAME[name].sees_voltage for name in model.effects):
             see_lost(truth, model)
