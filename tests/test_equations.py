@@ -7,7 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
+from emulator.conceal.populations import KINDS
 from emulator.conceal.recording import Choice, drawn
+from emulator.motors import MOTORS as ALL_MOTORS
 from emulator.physics.saturation import Saturation
 from emulator.scenarios import Scenario
 from emulator.virtual_drive import VirtualDrive
@@ -98,6 +100,17 @@ def test_a_current_beside_the_machines_acts_on_inductances_that_change(first: st
     print(f"{first} and {second}: {before:.3g} per mille of rated current, {after:.3g} with both")
     assert after < 0.2
     assert before > 50.0 * after
+
+
+@pytest.mark.slow
+def test_a_light_rotor_changes_its_speed_within_a_period() -> None:
+    """By 1.4 rad/s, electrical, where current and inertia are those of an outrunner without load."""
+    scenario = drawn(Choice(2005, KINDS, (0.0, 1.0), tuple(ALL_MOTORS), 6.0), 227)[0].scenario
+    assert scenario.run.shaft == "free"
+    rows = rows_without_noise(scenario)
+    left = left_of(rows, Model(rows.machine))
+    print(f"{left:.2g} per mille of rated current")
+    assert left < 0.01  # 0.03 with one speed for the whole period
 
 
 @pytest.mark.slow

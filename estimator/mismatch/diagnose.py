@@ -6,6 +6,7 @@ A pure function: the same samples give the same answer. Knows nothing of files a
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,8 +29,9 @@ from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import SHORTEST, fit_quality, longest
-from estimator.mismatch.remainder import LIKE_RESONANCE, excess_of, left_of, upright
+from estimator.mismatch.remainder import LIKE_RESONANCE, excess_of, left_of, not_astray, upright
 from estimator.mismatch.sentences import sentence_of
+from estimator.mismatch.surrogate import stands_out
 from estimator.mismatch.thinning import settled
 from estimator.mismatch.verdict import (
     Ambiguity,
@@ -105,6 +107,9 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
     left, plain, resonance = left_of(rows, found), None, None
+    if left is not None:
+        found = not_astray(rows, found, nominal, tolerance, step)
+        left = left_of(rows, found)
     if left is not None and (by_map := fitted_by_map(rows, nominal, tolerance, step, found, progress)) is not None:
         by_map, left_by_map, _ = upright(rows, by_map, left_of(rows, by_map), nominal, tolerance, step)
         if has_map(by_map):
@@ -172,7 +177,8 @@ def _judged(
     machine_before, machine_after, flux_map, off, blind, scales = _machine(found, plain, lent, nominal, tolerance)
     outside = list(off.values())
     poorly = poorly_told(search, choice, nominal, outside)
-    reasons = _doubted(found, blind, excess, resonance)
+    stands = partial(stands_out, found=found, nominal=nominal, tolerance=tolerance, angle_step=step)
+    reasons = _doubted(found, blind, excess, resonance, stands)
     faint = tuple(one for some in reasons.values() for one in some)
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
@@ -225,10 +231,11 @@ def _judged(
 
 
 def _doubted(
-    found: Fitted, blind: Sequence[str], excess: float, resonance: Unexplained | None
-) -> dict[str, Choice]:
-    """Effects that get no name, by why."""
-    reasons = not_borne_out(found.search, found.choice, blind, excess)
+    found: Fitted, blind: Sequence[str], excess: float, resonance: Unexplained | None,
+    stands: Callable[[tuple[str, int], Choice], bool],
+) -> dict[str, Choice]:  # fmt: skip
+    """Effects that get no name, by why. `stands`: one stands out from what surrogates without it show."""
+    reasons = not_borne_out(found.search, found.choice, blind, excess, stands)
     already = [one for some in reasons.values() for one in some]
     losses = tuple(one for one in found.choice if one[0] in LIKE_RESONANCE and one not in already)
     return {**reasons, f"it may as well be {resonance.description}": losses} if resonance and losses else reasons

@@ -6,7 +6,7 @@ nothing of what is recorded instead.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -45,10 +45,15 @@ def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Seque
             f"{name} comes out at {number(value)} {UNITS[name]}, which no machine of nominally "
             f"{number(getattr(nominal, name))} {UNITS[name]} has"
         )
-    axis, over_noise = min(_over_noise(search).items(), key=lambda item: item[1])
+    axis, over_noise = least_moved(search)
     if outside and over_noise < _WEAK:
         return f"i_{axis} changes by only {number(math.sqrt(over_noise), 2)} times its noise; {outside[0]}"
     return None
+
+
+def least_moved(search: Search) -> tuple[str, float]:
+    """The axis whose current changes least, and the energy of that over what its noise alone would give it."""
+    return min(_over_noise(search).items(), key=lambda item: item[1])
 
 
 def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
@@ -67,11 +72,15 @@ def like_machine(search: Search, choice: Choice) -> str | None:
     return name if name is not None and apart[name] < _APART else None
 
 
-def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: float) -> dict[str, Choice]:
+def not_borne_out(
+    search: Search, choice: Choice, blind: Sequence[str], excess: float,
+    stands_out: Callable[[tuple[str, int], Choice], bool],
+) -> dict[str, Choice]:  # fmt: skip
     """Effects that noise of the currents alone may look like, or an encoder's rounding; by why, in a sentence's part.
 
     What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told,
-    `excess` is the energy over noise that is left unexplained.
+    `excess` is the energy over noise that is left unexplained. Bounds say so first; an effect that does not look like
+    the machine may stand out nevertheless. Beside a doubt, others that are not plain have to stand out, too.
     """
     over_noise, by_angle, rest = _over_noise(search), _by_angle(search), _rest(search, excess)
     untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
@@ -84,8 +93,8 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
             f"this recording does not tell {' and '.join(untold)}, and at one level effects and the machine's "
             "parameters look alike"
         ] = alike
-    left = tuple(one for one in choice if one not in alike)
-    while left:
+    left, plain = tuple(one for one in choice if one not in alike), set[tuple[str, int]]()
+    while weak := [one for one in left if one not in plain]:
         worths = {
             one: {
                 "noise": _over_lent(search, _signal(search, left, one), over_noise) / _lends(search, left, one),
@@ -93,16 +102,26 @@ def not_borne_out(search: Search, choice: Choice, blind: Sequence[str], excess: 
                 "rest": _over_rest(search, left, one, rest),
                 "machine": _apart(search, _signal(search, left, one)) / (_APART * _lends(search, left, one)),
             }
-            for one in left
+            for one in weak
         }
-        one = min(left, key=lambda each: min(worths[each].values()))
+        one = min(weak, key=lambda each: min(worths[each].values()))
         if min(worths[one].values()) > 1.0:
             break
+        if worths[one]["machine"] > 1.0 and stands_out(one, left):
+            plain.add(one)
+            continue
         cause = min(worths[one], key=lambda name: worths[one][name])
         why = _why(search, left, one, cause)
         found[why] = (*found.get(why, ()), one)
         left = tuple(other for other in left if other != one)
     fit = search.fit(choice)
+    if found:
+        for one in left:
+            gain = search.gain(tuple(other for other in left if other != one), one)
+            if one not in plain and gain < _PLAIN and not stands_out(one, left):
+                why = _why(search, left, one, "noise")
+                found[why] = (*found.get(why, ()), one)
+                left = tuple(other for other in left if other != one)
     for one in left:
         if (distance := search.distance(fit, one)) < ENTRY:
             errors = math.sqrt(2.0 * distance)
@@ -123,7 +142,7 @@ def _why(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> st
         )
     if cause == "rest":
         return f"what it explains is little beside what is left of the voltage, which nothing explains{uneven}"
-    axis, least = min(_over_noise(search).items(), key=lambda item: item[1])
+    axis, least = least_moved(search)
     return (
         f"i_{axis} changes by {number(math.sqrt(least), 2)} times its noise here, and noise of the currents alone "
         f"may look like this{uneven}"

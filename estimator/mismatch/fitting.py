@@ -215,6 +215,19 @@ def without(
     return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
 
 
+def searched(
+    rows: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float, name: str
+) -> tuple[Search, Vector, Noise]:
+    """Around a model that is true of the rows: one more effect beside its own; what is left (Vs, whitened), its noise.
+    """
+    clean, following = _raw(rows), _Following(rows)
+    for _ in range(2):  # by currents of which the model has taken noise off
+        clean = cleaned(rows, clean.rows, model, following)
+    assert clean.noise is not None
+    library = tuple(BY_NAME[other] for other in {**model.effects, name: ()})
+    return _search(rows, clean, model, nominal, tolerance, angle_step, library), clean.z, clean.noise
+
+
 def polished(
     rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     times: int = POLISHED,

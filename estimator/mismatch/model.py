@@ -226,20 +226,18 @@ def straightening(rows: Rows, model: Model, bend: Bend) -> Array:
 
 
 def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
-    """White noise of the whitened residual (Vs on d, Vs on q, A), from what changes between neighbours.
-
-    A little at least: no sensor is free of it.
-    """
-    both = rows.joined[1:] & rows.joined[:-1]
-
-    def white(x: Array) -> float:
-        step = np.diff(x)[both[: len(x) - 1]]
-        rms = float(np.median(np.abs(step))) / 0.6744898
-        for _ in range(_TRIMMED):  # closer than a median, and as little moved by what jumps
-            within = step[np.abs(step) <= 4.0 * rms] if rms > 0.0 else step
-            rms = float(np.sqrt(np.mean(within**2) / _WITHIN)) if len(within) else 0.0
-        return rms / math.sqrt(2.0)
-
+    """White noise of the whitened residual (Vs on d, Vs on q, A). A little at least: no sensor is free of it."""
     m, least = rows.machine, _LEAST * rows.i_rated
-    zero_noise = 1.0 if zero is None else max(white(zero[:-1]), least)
-    return max(white(z.real), m.L_d * least), max(white(z.imag), m.L_q * least), zero_noise
+    zero_noise = 1.0 if zero is None else max(white_of(zero[:-1], rows), least)
+    return max(white_of(z.real, rows), m.L_d * least), max(white_of(z.imag, rows), m.L_q * least), zero_noise
+
+
+def white_of(x: Array, rows: Rows) -> float:
+    """White noise of what has a value for each period, rms, from what changes between neighbours."""
+    both = rows.joined[1:] & rows.joined[:-1]
+    step = np.diff(x)[both[: len(x) - 1]]
+    rms = float(np.median(np.abs(step))) / 0.6744898
+    for _ in range(_TRIMMED):  # closer than a median, and as little moved by what jumps
+        within = step[np.abs(step) <= 4.0 * rms] if rms > 0.0 else step
+        rms = float(np.sqrt(np.mean(within**2) / _WITHIN)) if len(within) else 0.0
+    return rms / math.sqrt(2.0)

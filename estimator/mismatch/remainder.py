@@ -41,6 +41,17 @@ def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
     return None
 
 
+def not_astray(
+    rows: Rows, found: Fitted, nominal: Machine, tolerance: Mapping[str, float], step: float
+) -> Fitted:
+    """The fit, or, where the machine alone leaves less than with its effects, one that begins there: steps led astray.
+    """
+    bare = without(found, [name for name, _ in found.choice], nominal, tolerance, step)
+    if not found.choice or excess_of(bare) >= excess_of(found):
+        return found
+    return fitted(rows, nominal, tolerance, step, begin=bare.model)
+
+
 def _described(rows: Rows, found: Fitted) -> Unexplained | None:
     return describe(*_flux_errors(rows, found), found.search.missed(found.choice))
 

@@ -205,13 +205,14 @@ class Rows:
     def mean_current(self, psi: Vector, g: Stiffness) -> Vector:
         """Mean current (A) of each period, for flux linkages (Vs) and their stiffness at samples.
 
-        The cubic through both ends and their slopes by u - R_s i - j omega psi; and what pulses add. The flux linkage's
+        The cubic through both ends and their slopes by u - R_s i - j omega psi, at the speed there: a light rotor's
+        changes within a period. And what pulses add. The flux linkage's
         ripple under them has no mean, but a first moment M = mean of (t - middle) times ripple, T^2/24 u_dc d (1 - d^2)
         per phase. It drives a decay, which lets the mean rise by g R_s g M; and a rotor with L_d other than L_q turns
         in it, which adds 2 j omega g_b conj(M).
         """
         R_s = float(self.machine.R_s)
-        mean = _mean_currents(self.i, self.half, self.u, self.D, self.T_s, R_s, psi, g.a, g.b)
+        mean = _mean_currents(self.i, self.half, self.u, self.D, self.joined, self.T_s, R_s, psi, g.a, g.b)
         if self.u_dc is not None:
             _add_mean_of_pulses(mean, self.moment_of_pulses, self.D, self.T_s, R_s, g.a, g.b)
         return mean
@@ -324,13 +325,17 @@ def _balance(half: Vector, psi: Vector | Real, rate: float) -> Vector:
 
 @kernel
 def _mean_currents(
-    i: Vector, half: Vector, u: Vector, D: Real, T_s: float, R_s: float, psi: Vector, g_a: Real, g_b: Vector
+    i: Vector, half: Vector, u: Vector, D: Real, joined: NDArray[np.bool_], T_s: float, R_s: float, psi: Vector,
+    g_a: Real, g_b: Vector,
 ) -> Vector:  # fmt: skip
-    mean = np.empty(len(u), np.complex128)
-    for k in range(len(u)):
-        after, before, omega = half[k], half[k].conjugate(), D[k] / T_s
-        s_0 = _slope(i[k], u[k] * after, omega, R_s, psi[k], g_a[k], g_b[k])
-        s_1 = _slope(i[k + 1], u[k] * before, omega, R_s, psi[k + 1], g_a[k + 1], g_b[k + 1])
+    n = len(u)
+    mean = np.empty(n, np.complex128)
+    for k in range(n):
+        after, before = half[k], half[k].conjugate()
+        D_0 = D[k - 1] if k > 0 and joined[k - 1] else D[k]
+        D_1 = D[k + 1] if k + 1 < n and joined[k + 1] else D[k]
+        s_0 = _slope(i[k], u[k] * after, 0.5 * (D_0 + D[k]) / T_s, R_s, psi[k], g_a[k], g_b[k])
+        s_1 = _slope(i[k + 1], u[k] * before, 0.5 * (D[k] + D_1) / T_s, R_s, psi[k + 1], g_a[k + 1], g_b[k + 1])
         mean[k] = 0.5 * (after * i[k + 1] + before * i[k]) + T_s / 12.0 * (before * s_0 - after * s_1)
     return mean
 

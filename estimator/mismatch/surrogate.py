@@ -1,0 +1,133 @@
+"""Surrogates: a recording as it would be if an effect were not there.
+
+The model without the effect is simulated from the recorded voltages, noise is laid over its currents, the converters'
+steps and the encoder's counts round it as they round the recording, and the same regression looks for the effect. What
+it finds is what noise, rounding and the machine's parameters lend a name here: a parametric bootstrap (B. Efron, R. J.
+Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6), which takes the place of bounds where these leave a
+doubt. Of what the library does not hold it knows nothing: that has to stay as small as in the surrogates.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from estimator.machine import Machine
+from estimator.mismatch.angle_rounding import unrounded
+from estimator.mismatch.explain import Choice
+from estimator.mismatch.fitting import Fitted, searched, without
+from estimator.mismatch.model import Array, Model, white_of, zero_residual
+from estimator.mismatch.remainder import above_noise
+from estimator.physics.rows import AXES, Rows, Vector
+from estimator.twin import free_run
+
+_TIMES: Final = 4  # surrogates
+_ABOVE: Final = 30.0  # times what they lend an effect on the mean, that it has to explain
+_LENT: Final = 2.0  # chi square that they lend it at least
+_BESIDE: Final = 0.05  # of what they leave, that it has to explain: a drive acts on rounding, too
+_UNEVEN: Final = 2.0  # times as uneven as there, at most
+_CHANCE: Final = 2.0  # standard deviations, by which what is left may exceed theirs
+_BINS: Final = 1 << 18  # of currents, to see a converter's steps
+_FEWEST_STEPS: Final = 50  # that currents go over, for these to be seen
+_SEEN: Final = 0.5  # share of the values that lie on the steps' grid, where there is one
+_UNROUNDED: Final = 0.05  # steps: noise that is there at least before a converter
+
+
+class _Lent(NamedTuple):
+    """What a surrogate shows of an effect that is not there."""
+
+    gained: float  # chi square
+    scatter: float
+    excess: float  # chi square of what is left, above that of white noise
+
+
+def stands_out(
+    one: tuple[str, int], choice: Choice, found: Fitted, nominal: Machine, tolerance: Mapping[str, float],
+    angle_step: float,
+) -> bool:  # fmt: skip
+    """An effect of a set explains far more than surrogates without it lend its name, as evenly as that, a part of what
+    they leave, and more than they do not.
+
+    `angle_step`: the angle's resolution, rad.
+    """
+    search, rest = found.search, tuple(other for other in choice if other != one)
+    bare = without(found, [name for name, _ in found.choice if name not in dict(rest)], nominal, tolerance, angle_step)
+    rows = bare.search.regression.rows
+    i = free_run(rows, bare.model, len(rows) + 1)
+    step = converter_step(rows)
+    lent: list[_Lent] = []
+    for k in range(_TIMES):
+        there = _surrogate(rows, bare, i, step, np.random.default_rng(k))
+        lent.append(_lent(there, bare.model, one[0], nominal, tolerance, angle_step))
+    gained = search.fit(rest).chi2 - search.fit(choice).chi2
+    if gained < _ABOVE * max(float(np.mean([each.gained for each in lent])), _LENT):
+        return False
+    if search.scatter(search.fit(choice), one) > _UNEVEN * max(each.scatter for each in lent):
+        return False
+    left = [each.excess for each in lent]
+    if gained < _BESIDE * float(np.mean(left)):
+        return False
+    chance = _CHANCE * math.sqrt((float(np.var(left, ddof=1)) + 4.0 * len(rows)) * (1.0 + 1.0 / _TIMES))
+    return search.fit(choice).chi2 - search.regression.count - float(np.mean(left)) - chance < gained
+
+
+def converter_step(rows: Rows) -> float:
+    """The step (A) on whose multiples measured phase currents lie; 0 where no grid is seen."""
+    x = np.concatenate(_phases(rows.i_s, rows.zero))
+    low, high = float(np.min(x)), float(np.max(x))
+    if high <= low:
+        return 0.0
+    counts, _ = np.histogram(x, _BINS, (low, high))
+    on_grid = np.abs(np.fft.rfft(counts))[_FEWEST_STEPS:] / len(x)  # by steps over the whole range
+    steps = int(np.argmax(on_grid))
+    return (high - low) / (_FEWEST_STEPS + steps) if on_grid[steps] > _SEEN else 0.0
+
+
+def _phases(i_s: Vector, zero: Array | None) -> list[Array]:
+    return [(i_s * axis.conjugate()).real + (0.0 if zero is None else zero) for axis in AXES]
+
+
+def _surrogate(rows: Rows, bare: Fitted, i: Vector, step: float, chance: np.random.Generator) -> Rows:
+    """The rows with simulated currents (A), measured anew. `step`: of the converters, A."""
+    off = (rows.i - i)[1:]
+    noise = white_of(off.real, rows), white_of(off.imag, rows)
+    left = zero_residual(rows, bare.smooth, bare.model)
+    zero = None if rows.zero is None or left is None else rows.zero - left
+    n = len(i)
+    if step > 0.0:
+        variance = 0.75 * (noise[0] ** 2 + noise[1] ** 2)  # of a phase: 3/2 of an axis of the vector
+        sigma = math.sqrt(max(variance - step**2 / 12.0, (_UNROUNDED * step) ** 2))
+        phases = [x + sigma * chance.standard_normal(n) for x in _phases(i * rows.rotor, zero)]
+        a, b, c = (step * np.round(x / step) for x in phases)
+        i_s: Vector = (2.0 / 3.0) * (a * AXES[0] + b * AXES[1] + c * AXES[2])
+        i, zero = i_s * rows.rotor.conj(), None if zero is None else (a + b + c) / 3.0
+    else:
+        i = i + noise[0] * chance.standard_normal(n) + 1j * noise[1] * chance.standard_normal(n)
+        zero = None if zero is None else zero + bare.noise[2] * chance.standard_normal(n)
+    count = rows.angle_step
+    if count == 0.0:
+        return replace(rows, i=i, zero=zero, kept=rows.kept_of_angle_and_bridge())
+    grid = chance.uniform(0.0, count)
+    theta_e = count * np.round((rows.theta_e + grid) / count) - grid
+    off = theta_e - rows.theta_e
+    turned = np.exp(-0.5j * (off[1:] + off[:-1]))
+    return unrounded(replace(
+        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=i * np.exp(-1j * off), u=rows.u * turned,
+        zero=zero, kept=rows.pulses_turned(turned),
+    ), count)  # fmt: skip
+
+
+def _lent(
+    rows: Rows, model: Model, name: str, nominal: Machine, tolerance: Mapping[str, float], angle_step: float
+) -> _Lent:
+    """What of an effect is found in rows where it is not, beside the model that made them."""
+    search, z, noise = searched(rows, model, nominal, tolerance, angle_step, name)
+    choice = tuple((other, -1) for other in model.effects)
+
+    def gained(one: tuple[str, int]) -> float:
+        return search.fit(choice).chi2 - search.fit((*choice, one)).chi2
+
+    best = max((one for one in search.candidates() if one[0] == name), key=gained)
+    return _Lent(gained(best), search.scatter(search.fit((*choice, best)), best), above_noise(z, noise, rows))
