@@ -97,6 +97,12 @@ def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_
     pytest.param(2004, 353, id="a resonance that a rising resistance stands for"),
     pytest.param(2004, 266, id="a voltage that losses, an offset and a delay stand for"),
     pytest.param(2005, 39, id="an iron loss that moves where currents change sign"),
+    pytest.param(2005, 46, id="a voltage that leads R_s to its bound"),
+    pytest.param(2005, 227, id="a light rotor that is healthy"),
+    pytest.param(2005, 269, id="a resistance that drops as much of a fast change as the inductances do"),
+    pytest.param(2005, 342, id="a saturation beyond what surrogates without it show"),
+    pytest.param(2005, 374, id="a light rotor beside an offset of its current sensors"),
+    pytest.param(2005, 379, id="a healthy drive at one level, which first steps made mad"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""
@@ -109,7 +115,10 @@ def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) ->
     known = {EFFECT[name] for name in there.classes if name in EFFECT}
     assert {finding.effect for finding in diagnosis.findings} == known
     assert diagnosis.ambiguous == ()
-    assert diagnosis.verdict is (Verdict.EXPLAINED if known else Verdict.UNEXPLAINED)
+    if there.classes:
+        assert diagnosis.verdict is (Verdict.EXPLAINED if known else Verdict.UNEXPLAINED)
+    else:
+        assert diagnosis.verdict in (Verdict.NO_MISMATCH, Verdict.NOT_ENOUGH_EXCITATION)
 
 
 @pytest.mark.slow

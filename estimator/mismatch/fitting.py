@@ -394,11 +394,15 @@ def moved(search: Search, choice: Choice, *, shaped: bool = False) -> Model:
 def cleaned(rows: Rows, smooth: Rows, model: Model, following: _Following) -> Clean:
     """Rows with less noise of their currents than these, and how much of it is white noise.
 
-    Only what changes within a few periods, and no more than white noise makes of it, counts as noise.
+    Only what changes within a few periods, and no more than white noise makes of it, counts as noise. An effect of the
+    currents sees them as they were: from time to time that settles - but where it drops as much of a fast change as the
+    inductances do, and currents follow the model at once.
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     if model.steep:
         return _followed(rows, model, following)
+    if any(BY_NAME[name].fast_resistance is not None for name in model.effects):
+        return _followed(rows, model, following)._replace(follow=None, response=None)
     z = flux_errors(residual(rows, smooth, model), rows, model)
     noise = noise_of(z, zero_residual(rows, smooth, model), rows)
     w = min(_AVERAGED, max(1, len(z) // 4))

@@ -190,7 +190,7 @@ def _apart(rows: Rows, z: Vector, machine: Array, find: Find) -> Line | TwoLevel
             break
         free = beside(machine, z, form.flux)
         gain = energy_of(z) - energy_of(free - form.flux)
-        before = 0.0 if best is None else best.gain
+        before = -math.inf if best is None else best.gain
         if gain > before:
             best = replace(form, gain=gain)
         if gain < before + _NEARER * energy_of(z):

@@ -14,7 +14,7 @@ from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, without
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
-from estimator.mismatch.model import Noise, as_in, filter_pole, noise_of, residual, whitened, with_machine
+from estimator.mismatch.model import Model, Noise, as_in, filter_pole, noise_of, residual, whitened, with_machine
 from estimator.mismatch.verdict import Unexplained
 from estimator.physics.rows import Rows, Vector
 
@@ -57,11 +57,16 @@ def _described(rows: Rows, found: Fitted) -> Unexplained | None:
 
 
 def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, float]]:
-    """What is left (Vs) as voltages make it, whatever the inductances at a current are, and its noise."""
-    there = with_machine(rows, found.model.machine)
-    if found.model.bend is None:
+    """What is left (Vs) as voltages make it, whatever the inductances at a current are, and its noise.
+
+    Of the nominal machine, where what is left has led a parameter to its bound.
+    """
+    there, model = with_machine(rows, found.model.machine), found.model
+    if model.bend is None and held_at_bound(found.search, found.choice):
+        there, model = rows, Model(rows.machine)
+    elif model.bend is None:
         return there, found.z, found.noise[:2]
-    z = whitened(residual(there, found.smooth, found.model), there, filter_pole(found.model.machine, rows.T_s))
+    z = whitened(residual(there, found.smooth, model), there, filter_pole(model.machine, rows.T_s))
     return there, z, noise_of(z, None, rows)[:2]
 
 

@@ -1,0 +1,77 @@
+"""Surrogates: what noise, converters and encoders lend a name, in recordings of the emulated drive."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emulator.conceal.files import write
+from emulator.conceal.populations import KINDS
+from emulator.conceal.recording import Choice, drawn
+from emulator.motors import MOTORS
+from emulator.virtual_drive import VirtualDrive
+from estimator.machine import PARAMETERS
+from estimator.mismatch.angle_rounding import resolution_of, unrounded
+from estimator.mismatch.diagnose import TOLERANCE
+from estimator.mismatch.explain import Choice as Names
+from estimator.mismatch.fitting import fitted
+from estimator.mismatch.surrogate import converter_step, stands_out
+from estimator.mismatch.thinning import settled
+from estimator.physics.rows import Rows, rows_of
+from tests.diagnosis.diagnosed import loaded
+from tests.effect_runs import at, with_effects
+from tests.samples import machine_of, rows_of_columns
+
+
+def rows_through(bits: int, noise: float) -> Rows:
+    """A second of a drive whose converters have so many bits."""
+    drive = {"adc_bits": bits, "adc_full": 20.0, "noise_i": noise}
+    scenario = with_effects(i_dq=1.0 + 3.0j, step=1.0, run=at(40.0), drive=drive)
+    columns = VirtualDrive(scenario).record(10_000)
+    return rows_of_columns(columns, machine_of(scenario.motor), scenario.drive.T_s)
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_a_converters_step_is_seen_by_the_values_it_tells(bits: int) -> None:
+    assert converter_step(rows_through(bits, 0.01)) == pytest.approx(40.0 / 2**bits, rel=1e-3)
+
+
+def test_no_step_is_seen_where_there_is_none() -> None:
+    assert converter_step(rows_through(0, 0.01)) == 0.0
+
+
+def judged(number: int, folder: Path) -> tuple[Names, Callable[[tuple[str, int]], bool]]:
+    """What a fit to a recording holds, and which of it stands out from surrogates."""
+    choice = Choice(2005, KINDS, (0.0, 1.0), tuple(MOTORS), 6.0)
+    there, columns = drawn(choice, number)
+    for name in ("out", "answers"):
+        (folder / name).mkdir()
+    write(there, columns, choice, "0001", folder / "out", folder / "answers")
+    runs, nominal = loaded(folder / "out", "0001")
+    rows = rows_of(runs, nominal, nominal.i_rated or np.nan)
+    step = resolution_of(rows, runs[0].resolution.theta_e)
+    rows = settled(unrounded(rows, step))
+    tolerance = dict.fromkeys(PARAMETERS, TOLERANCE)
+    found = fitted(rows, nominal, tolerance, step)
+    stands = partial(
+        stands_out, choice=found.choice, found=found, nominal=nominal, tolerance=tolerance, angle_step=step
+    )
+    return found.choice, stands
+
+
+@pytest.mark.slow
+def test_a_small_effect_stands_out_where_bounds_leave_a_doubt(tmp_path: Path) -> None:
+    """A saturation along d of five detection limits, where i_d changes by ten times its noise."""
+    choice, stands = judged(342, tmp_path)
+    assert [name for name, _ in choice] == ["d_axis_saturation"]
+    assert stands(choice[0])
+
+
+@pytest.mark.slow
+def test_what_noise_lends_a_name_does_not_stand_out(tmp_path: Path) -> None:
+    """A healthy drive, where i_q changes by twice its noise."""
+    choice, stands = judged(369, tmp_path)
+    assert "angle_offset" in dict(choice)
+    assert not any(stands(one) for one in choice)
