@@ -25,8 +25,8 @@ from estimator.mismatch.model import (
     current_error,
     effects_voltage,
     in_truth,
-    on_local_lines,
     residual,
+    with_local_course,
     with_machine,
 )
 from estimator.physics.ac_resistance import rung
@@ -225,7 +225,7 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
         i, sweep = i + delta, sweep + 1
         if "inverter_voltage_error" in model.effects:
             rows = replace(rows, kept=rows.kept | {LOST: gone})
-            lost = lost._replace(legs=legs_of(beside_bridge(on_local_lines(_with_currents(rows, i), model), model)))
+            lost = lost._replace(legs=legs_of(beside_bridge(with_local_course(_with_currents(rows, i), model), model)))
         moving = ~(np.maximum.reduceat(np.abs(delta), first) <= close)
         if not np.any(moving):
             return i

@@ -17,7 +17,7 @@ from estimator.mismatch.whitening import poles_of, whiten
 from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
-from estimator.physics.rows import FAST_RESISTANCE, FAST_STIFFNESS, LOST, OTHERS, Rows, Vector
+from estimator.physics.rows import LOST, OTHERS, Rows, Vector
 from estimator.physics.saturation import EFFECTS as SATURATIONS
 from estimator.physics.saturation import HARMONIC, saturated
 
@@ -60,7 +60,7 @@ def base_voltage(rows: Rows, model: Model) -> Vector:
 
 def in_truth(rows: Rows, model: Model) -> Rows:
     """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
-    truth = on_local_lines(_without_errors(rows, model), model)
+    truth = with_local_course(_without_errors(rows, model), model)
     if model.steep:
         truth = beside_bridge(truth, model)
         if any(BY_NAME[name].sees_voltage for name in model.effects):
@@ -76,19 +76,23 @@ def see_lost(truth: Rows, model: Model) -> None:
 
 
 def beside_bridge(truth: Rows, model: Model) -> Rows:
-    """The rows with what a bridge has to know of the model's other effects: how they move currents within a period."""
+    """The rows with what a bridge has to know of the model's other effects: what voltage they add."""
     others = {name: sizes for name, sizes in model.effects.items() if not BY_NAME[name].steep}
-    kept = {OTHERS: effects_voltage(replace(truth, kept=dict(truth.kept)), replace(model, effects=others))}
-    for name, sizes in others.items():
+    added = effects_voltage(replace(truth, kept=dict(truth.kept)), replace(model, effects=others))
+    return replace(truth, kept=truth.kept | {OTHERS: added})
+
+
+def with_local_course(truth: Rows, model: Model) -> Rows:
+    """The rows with what currents go by within a period: the straight lines that a saturating machine follows at these
+    currents for a while, and what is as fast beside it.
+    """
+    stiffness, resistance = 0.0, 0.0
+    for name, sizes in model.effects.items():
         if (fast_stiffness := BY_NAME[name].fast_stiffness) is not None:
-            kept[FAST_STIFFNESS] = np.full(len(truth), fast_stiffness(sizes))
+            stiffness += fast_stiffness(sizes)
         if (fast_resistance := BY_NAME[name].fast_resistance) is not None:
-            kept[FAST_RESISTANCE] = np.full(len(truth), fast_resistance(truth, sizes))
-    return replace(truth, kept=truth.kept | kept)
-
-
-def on_local_lines(truth: Rows, model: Model) -> Rows:
-    """The rows with the straight lines that a saturating machine follows at these currents for a while."""
+            resistance += fast_resistance(truth, sizes)
+    truth = replace(truth, fast_stiffness=stiffness, fast_resistance=resistance)
     if model.bend is not None:
         return truth.with_local_line(*model.bend.bent(truth))
     saturations = {name: sizes for name, sizes in model.effects.items() if name in (*SATURATIONS, HARMONIC)}
@@ -124,14 +128,27 @@ def _without_errors(rows: Rows, model: Model) -> Rows:
 
 def current_error(rows: Rows, model: Model) -> Vector | float:
     """Measured less true current vector at samples, A, stationary frame."""
-    total: Vector | float = 0.0
-    errors = [(BY_NAME[name].current_error, sizes) for name, sizes in model.effects.items()]
-    there = [(error, sizes) for error, sizes in errors if error is not None]
-    if there:
-        at = on_local_lines(rows, model)
-        for error, sizes in there:
-            total = total + error(at, sizes)
-    return total
+    errors = [(BY_NAME[name].current_error, name, sizes) for name, sizes in model.effects.items()]
+    there = [(error, name, sizes) for error, name, sizes in errors if error is not None]
+    if not there:
+        return 0.0
+    measured = with_local_course(rows, model)
+    found = {name: error(measured, sizes) for error, name, sizes in there}
+    for error, name, sizes in there:
+        if BY_NAME[name].moved is not None:
+            i_s = rows.i_s - sum(found.values())
+            true = replace(rows, i=i_s * rows.rotor.conj(), kept=rows.kept_of_angle_and_bridge())
+            found[name] = error(_on_their_way(with_local_course(true, model), model, name), sizes)
+    return sum(found.values())
+
+
+def _on_their_way(true: Rows, model: Model, name: str) -> Rows:
+    """The rows with the currents of which an effect's error of measurement is told, where it is one of true ones."""
+    moved = BY_NAME[name].moved
+    if moved is None:
+        return true
+    i = true.i + moved(true, model.effects[name]) * true.rotor.conj()
+    return with_local_course(replace(true, i=i, kept=true.kept_of_angle_and_bridge()), model)
 
 
 def frame_of(rows: Rows, truth: Rows) -> Vector:
@@ -189,7 +206,7 @@ def zero_residual(rows: Rows, smooth: Rows, model: Model) -> Array | None:
     truth = in_truth(smooth, model) if makes else smooth
     for effect in makes:
         assert effect.zero is not None
-        left = left - effect.zero(truth, model.effects[effect.name])
+        left = left - effect.zero(_on_their_way(truth, model, effect.name), model.effects[effect.name])
     return left
 
 

@@ -3,7 +3,7 @@
     i_k,measured(t) = i_k(t + skew)        i_k(t + skew) - i_k(t) = skew (-R_s i - j omega_e psi) / L of the phase
 
 Samples are taken in the middle of the zero vector, where the winding is short and the current falls by back-EMF and
-resistance alone. Derived here.
+resistance alone; that of a branch beside the machine falls as well. Derived here.
 """
 
 from typing import Any
@@ -24,25 +24,35 @@ def error(rows: Rows, sizes: Sizes) -> Vector:
     """Of the stationary current vector, A."""
     skew, phase = sizes
     axis = AXES[round(phase) % 3]
-    along: Any = _slope(rows, axis) * axis
+    along: Any = _of_phase(_slope(rows), axis) * axis
     return 2.0 / 3.0 * skew * along
+
+
+def halfway(rows: Rows, sizes: Sizes) -> Vector:
+    """What the stationary current vector has changed by (A) after half of the skew: its slope there is the mean one."""
+    return 0.5 * sizes[0] * _slope(rows)
 
 
 def zero(rows: Rows, sizes: Sizes) -> Real:
     """Mean of the three channels' errors, A."""
     skew, phase = sizes
-    return skew * _slope(rows, AXES[round(phase) % 3]) / 3.0
+    return skew * _of_phase(_slope(rows), AXES[round(phase) % 3]) / 3.0
 
 
-def _slope(rows: Rows, axis: complex) -> Real:
-    """How fast the phase's current changes at samples, A/s."""
+def _of_phase(x: Vector, axis: complex) -> Real:
+    return (x * axis.conjugate()).real
+
+
+def _slope(rows: Rows) -> Vector:
+    """How fast the stationary current vector changes at samples, A/s."""
     psi, g = rows.own_flux
     i, there = rows.i, rows.apart == 1  # over a gap no speed is known
     omega = np.where(there, rows.omega_e, 0.0)
     both = np.concatenate((there[:1], there)).astype(int) + np.concatenate((there, there[-1:]))
     omega = (np.concatenate((omega[:1], omega)) + np.concatenate((omega, omega[-1:]))) / np.maximum(both, 1)
-    slope = g(-rows.machine.R_s * i - 1j * omega * psi) + 1j * omega * i
-    return (slope * rows.rotor * axis.conjugate()).real
+    v = -rows.machine.R_s * i - 1j * omega * psi
+    slope = g(v) + rows.fast_stiffness * v + 1j * omega * i
+    return slope * rows.rotor
 
 
 EFFECT = Effect(
@@ -57,6 +67,7 @@ EFFECT = Effect(
     ("current_sensor_gain",),
     zero,
     current_error=error,
+    moved=halfway,
     told=lambda _rows, p: {f"skew_{'abc'[round(p[1])]}": (p[0], "s")},
     missed=2e-4,
 )

@@ -26,7 +26,7 @@ from estimator.physics.period_course import (
     rise_of,
     weight,
 )  # fmt: skip
-from estimator.physics.rows import AXES, FAST_RESISTANCE, FAST_STIFFNESS, OTHERS, Real, Rows, Vector
+from estimator.physics.rows import AXES, OTHERS, Real, Rows, Vector
 
 _MOVES = 1.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
 _NARROW = 0.03  # times the same: a spread of currents that does not matter
@@ -58,12 +58,12 @@ def legs_of(rows: Rows) -> Legs:
     """The legs of a recording's periods."""
     u_dc, middle, T_s = rows.u_dc, rows.middle, rows.T_s
     R_s, (L_d, L_q, psi_0), u_s = float(rows.machine.R_s), rows.local_line, rows.u * middle
-    if FAST_STIFFNESS in rows.kept:
-        L_d, L_q = (1.0 / (1.0 / L + rows.kept[FAST_STIFFNESS]) for L in (L_d, L_q))
+    if rows.fast_stiffness > 0.0:
+        L_d, L_q = (1.0 / (1.0 / L + rows.fast_stiffness) for L in (L_d, L_q))
     others = rows.kept[OTHERS] * middle if OTHERS in rows.kept else np.zeros(len(rows), np.complex128)
-    if FAST_RESISTANCE in rows.kept and len(rows):
-        R_s += float(rows.kept[FAST_RESISTANCE][0])
-        others = others - rows.kept[FAST_RESISTANCE] * rows.i_mean * middle
+    if rows.fast_resistance > 0.0:
+        R_s += rows.fast_resistance
+        others = others - rows.fast_resistance * rows.i_mean * middle
     if u_dc is None:
         none = np.zeros((0, 3))
         return Legs(

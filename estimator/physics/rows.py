@@ -37,11 +37,7 @@ LOST: Final = "lost by the bridge"
 """Voltage (V of each period, rotor frame) that terminals do not see."""
 OTHERS: Final = "others' voltage"
 """What effects other than the bridge's add (V of each period, rotor frame)."""
-FAST_STIFFNESS: Final = "fast stiffness"
-"""1/H of each period, by which a current changes faster within it than by the machine's inductances."""
-FAST_RESISTANCE: Final = "fast resistance"
-"""Ohm of each period, by which a current's change within it drops more than by R_s."""
-BRIDGED: Final = (LOST, OTHERS, FAST_STIFFNESS, FAST_RESISTANCE)
+BRIDGED: Final = (LOST, OTHERS)
 """Of a model with the bridge's voltage error."""
 _NO_SENSOR: Final = 1e-4  # of the current: no three sensors agree that closely
 _FOLLOWED: Final = 10  # periods that are not there
@@ -83,6 +79,8 @@ class Rows:
     angle_step: float = 0.0  # rad, resolution of the angle, where it has one
     angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves where turning averages it
     angle_hidden: float = 0.0  # rad, rms, of what no averaging shows: it looks like movement
+    fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances
+    fast_resistance: float = 0.0  # ohm, by which what changes within a period drops more than by R_s
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
     def __len__(self) -> int:
