@@ -29,7 +29,7 @@ from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import SHORTEST, fit_quality, longest
-from estimator.mismatch.remainder import LIKE_RESONANCE, excess_of, left_of, not_astray, upright
+from estimator.mismatch.remainder import LIKE_RESONANCE, excess_of, leaves_some, left_of, not_astray, upright
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.surrogate import stands_out
 from estimator.mismatch.thinning import settled
@@ -59,6 +59,7 @@ from estimator.twin import free_run
 TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
 _FEWEST: Final = 50 * STRETCHES  # rows
 _OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
+_FAR_OFF: Final = 3.0  # times the tolerance
 _MAPPED: Final = (
     "the flux linkages bend as no saturation curve of the library does: a free map of them over the currents is a part "
     "of this diagnosis"
@@ -204,9 +205,9 @@ def _judged(
         findings.append(_finding(rows, found, one, others, r_after))
     findings = [*saturations(rows, found, flux_map, machine_after), *findings]
     doubts = _once(doubts)
-    if findings and _no_help(found, fit):
+    if findings and (why := _withheld(found, fit, machine_after, nominal, tolerance, off)) is not None:
         richer = richer or experiment(rows, Model(nominal), found.noise, nominal, tolerance)
-        doubts.append(Ambiguity(tuple(finding.effect for finding in findings), _NO_HELP, richer, rivals=False))
+        doubts.append(Ambiguity(tuple(finding.effect for finding in findings), why, richer, rivals=False))
         findings = []
     if poorly is not None and richer is not None:
         why = f"{poorly}: what looks like it may be the machine's parameters, which this recording does not tell"
@@ -298,6 +299,21 @@ def _no_help(found: Fitted, fit: Fit) -> bool:
     if step.after <= step.before or run.after <= _HELPS * run.before:
         return False
     return run.after > _RISES * run.before or found.search.borne_out(found.choice) < _BORNE_OUT
+
+
+def _withheld(
+    found: Fitted, fit: Fit, after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float],
+    off: Mapping[str, str],
+) -> str | None:  # fmt: skip
+    """Why nothing gets a name, in a sentence's part: it does not help, or parameters that are `off` are no machine's,
+    where more than noise is left.
+    """
+    if _no_help(found, fit):
+        return _NO_HELP
+    for name, said in off.items() if leaves_some(found) else ():
+        if abs((after[name].value or 0.0) / getattr(nominal, name) - 1.0) > _FAR_OFF * tolerance[name]:
+            return f"{said}, and more than noise is left: names may be as wrong as this machine"
+    return None
 
 
 def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], left: Vector) -> Finding:

@@ -35,10 +35,15 @@ class Upright(NamedTuple):
 
 def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
     """What is left, where it is more than the effects' equations may miss, or an effect is not what it looks like."""
-    missed = found.search.missed(found.choice)
-    if excess_of(found) > missed + _NOTHING * 2.0 * int(rows.joined.sum()) or rings(*_flux_errors(rows, found), missed):
+    if leaves_some(found) or rings(*_flux_errors(rows, found), found.search.missed(found.choice)):
         return _described(rows, found)
     return None
+
+
+def leaves_some(found: Fitted) -> bool:
+    """More than noise and what the effects' equations may miss, be it an encoder's rounding."""
+    n = int(found.search.regression.rows.joined.sum())
+    return excess_of(found) > found.search.missed(found.choice) + _NOTHING * 2.0 * n
 
 
 def not_astray(
