@@ -50,6 +50,7 @@ _SURE: Final = 6.0  # standard errors of the noise's energy
 _HIDDEN: Final = 1.3  # of the rounding's energy
 _LIKE_RINGING: Final = (0.1, 0.01)  # of the rounding's energy, which the voltage's control follows; what rings plainly
 _FORM: Final = 0.5  # of the excess, that a form must explain to name it
+_ALL: Final = 0.8  # of the excess: a form that explains it is heard, however small its voltage
 _ROUNDS: Final = 8  # of fitting a form and the machine in turn
 _NEARER: Final = 0.001  # of the energy, that another round must explain
 _SIMPLER: Final = 0.5  # of what a voltage of two levels explains, that a line must explain to stand for it
@@ -120,19 +121,23 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
         rms_V = max(rms_V, math.hypot(abs(line.forth), abs(line.back)))
     u = math.sqrt(energy_of(rows.u) / len(rows))
     chance = _SURE * math.sqrt(2.0 * n) * variance
-    heard = loud > _EXCESS * n * variance + chance and rms_V > _LEAST_V * u
-    if not heard and not heard_ringing:
+    least = _EXCESS * n * variance + chance
+    enough = loud > least
+    heard = enough and rms_V > _LEAST_V * u
+    if not enough and not heard_ringing:
         return None
     machine = _of_machine(rows)
     left = beside(machine, z)
     excess = energy_of(left) - n * variance
     forms: list[Form | None] = [resonance(rows, left, noise, machine)]
-    if heard:
+    if enough:
         line, levels = _line(rows, left), _levels(rows, left)
         # Many changes are a rough copy of a line
         find = _line if levels is None or (line and line.gain > _SIMPLER * levels.gain) else _levels
         forms += [_apart(rows, left, machine, find), two_levels(rows, left, "rotor"), drift(rows, left)]
     best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
+    if not heard and not heard_ringing and (best is None or best.gain < max(_ALL * excess, least)):
+        return None
     if best is None or (heard and best.gain < _FORM * (excess - _HIDDEN * hidden)):
         place = place_of(rows, z, noise)
         return Unexplained(rms_V, place, f"{_what(place)} of {number(rms_V)} V rms {place.sentence}")
