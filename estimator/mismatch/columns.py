@@ -171,6 +171,7 @@ def _parts(
     long = len(rows) > _LONG
     there = [step for step in steps if step is not None]
     if long:
+        _ = rows.speed  # which is that of both sides
         _remember(rows, [step for step in there if step.effect.lasts])
     else:
         _prepare(rows, there)
@@ -187,7 +188,7 @@ def _parts(
 
 def _prepare(rows: Rows, steps: Sequence[_Step]) -> None:
     """Work out once, over all rows, what effects remember and what several of them use."""
-    _ = rows.D, rows.rotor, rows.six, rows.turn, rows.i_s, rows.i_mean
+    _ = rows.D, rows.speed, rows.rotor, rows.six, rows.turn, rows.i_s, rows.i_mean
     if rows.u_dc is not None:
         _ = rows.duties, rows.moment_of_pulses
     _remember(rows, steps)

@@ -129,6 +129,8 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
     machine = _of_machine(rows)
     left = beside(machine, z)
     excess = energy_of(left) - n * variance
+    if not heard_ringing and excess - _HIDDEN * hidden < least:
+        return None  # another machine explains it
     forms: list[Form | None] = [resonance(rows, left, noise, machine)]
     if enough:
         line, levels = _line(rows, left), _levels(rows, left)

@@ -113,8 +113,8 @@ def _without_errors(rows: Rows, model: Model) -> Rows:
         turned = cmath.exp(1j * angle)
         i = rows.i * turned if isinstance(error, float) else (rows.i_s - error) * rows.rotor.conj() * turned
         kept = rows.pulses_turned(turned) | {
-            "rotor": rows.rotor * turned.conjugate(), "middle": rows.middle * turned.conjugate(), "D": rows.D,
-            "turn": rows.turn * cmath.exp(-1j * angle / rows.machine.n_p),
+            "rotor": rows.rotor * turned.conjugate(), "middle": rows.middle * turned.conjugate(),
+            "D": rows.D, "speed": rows.speed, "turn": rows.turn * cmath.exp(-1j * angle / rows.machine.n_p),
         }  # fmt: skip
         return replace(rows, theta_e=rows.theta_e - angle, i=i, u=rows.u * turned, kept=kept)
     by_half = np.exp(-0.5j * angle)

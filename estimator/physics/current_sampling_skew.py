@@ -8,8 +8,6 @@ resistance alone; that of a branch beside the machine falls as well. Derived her
 
 from typing import Any
 
-import numpy as np
-
 from estimator.physics.current_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import AXES, Real, Rows, Vector
@@ -46,10 +44,7 @@ def _of_phase(x: Vector, axis: complex) -> Real:
 def _slope(rows: Rows) -> Vector:
     """How fast the stationary current vector changes at samples, A/s."""
     psi, g = rows.own_flux
-    i, there = rows.i, rows.apart == 1  # over a gap no speed is known
-    omega = np.where(there, rows.omega_e, 0.0)
-    both = np.concatenate((there[:1], there)).astype(int) + np.concatenate((there, there[-1:]))
-    omega = (np.concatenate((omega[:1], omega)) + np.concatenate((omega, omega[-1:]))) / np.maximum(both, 1)
+    i, omega = rows.i, rows.speed
     v = -rows.machine.R_s * i - 1j * omega * psi
     slope = g(v) + rows.fast_stiffness * v + 1j * omega * i
     return slope * rows.rotor

@@ -26,7 +26,7 @@ AXES: Final = tuple(complex(math.cos(k * TURN / 3.0), math.sin(k * TURN / 3.0)) 
 """Directions of the phases a, b, c."""
 
 
-_OF_ANGLE: Final = ("D", "rotor", "middle", "six", "turn")
+_OF_ANGLE: Final = ("D", "speed", "rotor", "middle", "six", "turn")
 OF_ANGLE_AND_BRIDGE: Final = (
     *_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses", "edges at start", "order",
 )  # fmt: skip
@@ -110,7 +110,7 @@ class Rows:
 
     def prepare(self) -> None:
         """Work out now what all models share."""
-        _ = self.D, self.rotor, self.middle, self.turn, self.i_s
+        _ = self.D, self.speed, self.rotor, self.middle, self.turn, self.i_s
         if self.u_dc is not None:
             _ = self.moment_of_pulses, self.power_of_pulses
 
@@ -155,6 +155,17 @@ class Rows:
     def omega_e(self) -> Real:
         """Electrical speed in each period, rad/s."""
         return self.D / self.T_s
+
+    @property
+    def speed(self) -> Real:
+        """Electrical speed at samples, rad/s: the mean of the periods before and after; over a gap none is known."""
+        return self.once("speed", self._speed)
+
+    def _speed(self) -> Real:
+        there = self.apart == 1
+        omega = np.where(there, self.omega_e, 0.0)
+        periods = np.concatenate((there[:1], there)).astype(int) + np.concatenate((there, there[-1:]))
+        return (np.concatenate((omega[:1], omega)) + np.concatenate((omega, omega[-1:]))) / np.maximum(periods, 1)
 
     @property
     def rotor(self) -> Vector:
@@ -210,7 +221,7 @@ class Rows:
         in it, which adds 2 j omega g_b conj(M).
         """
         R_s = float(self.machine.R_s)
-        mean = _mean_currents(self.i, self.half, self.u, self.D, self.joined, self.T_s, R_s, psi, g.a, g.b)
+        mean = _mean_currents(self.i, self.half, self.u, self.speed, self.T_s, R_s, psi, g.a, g.b)
         if self.u_dc is not None:
             _add_mean_of_pulses(mean, self.moment_of_pulses, self.D, self.T_s, R_s, g.a, g.b)
         return mean
@@ -323,17 +334,13 @@ def _balance(half: Vector, psi: Vector | Real, rate: float) -> Vector:
 
 @kernel
 def _mean_currents(
-    i: Vector, half: Vector, u: Vector, D: Real, joined: NDArray[np.bool_], T_s: float, R_s: float, psi: Vector,
-    g_a: Real, g_b: Vector,
+    i: Vector, half: Vector, u: Vector, speed: Real, T_s: float, R_s: float, psi: Vector, g_a: Real, g_b: Vector
 ) -> Vector:  # fmt: skip
-    n = len(u)
-    mean = np.empty(n, np.complex128)
-    for k in range(n):
+    mean = np.empty(len(u), np.complex128)
+    for k in range(len(u)):
         after, before = half[k], half[k].conjugate()
-        D_0 = D[k - 1] if k > 0 and joined[k - 1] else D[k]
-        D_1 = D[k + 1] if k + 1 < n and joined[k + 1] else D[k]
-        s_0 = _slope(i[k], u[k] * after, 0.5 * (D_0 + D[k]) / T_s, R_s, psi[k], g_a[k], g_b[k])
-        s_1 = _slope(i[k + 1], u[k] * before, 0.5 * (D[k] + D_1) / T_s, R_s, psi[k + 1], g_a[k + 1], g_b[k + 1])
+        s_0 = _slope(i[k], u[k] * after, speed[k], R_s, psi[k], g_a[k], g_b[k])
+        s_1 = _slope(i[k + 1], u[k] * before, speed[k + 1], R_s, psi[k + 1], g_a[k + 1], g_b[k + 1])
         mean[k] = 0.5 * (after * i[k + 1] + before * i[k]) + T_s / 12.0 * (before * s_0 - after * s_1)
     return mean
 
