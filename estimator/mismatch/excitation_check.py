@@ -31,6 +31,7 @@ _PLAIN: Final = 150.0  # log-odds of an even effect, from which on nothing that 
 _UNEVENLY: Final = 0.25  # of all that is left, that an uneven effect has to explain
 _LENDS: Final = 6.0  # times as much that noise and the machine lend an effect that is not even, at most
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
+_SIMULATED: Final = "a simulation without it, of the same noise and rounding, shows too much of it"
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -114,14 +115,12 @@ def not_borne_out(
         why = _why(search, left, one, cause)
         found[why] = (*found.get(why, ()), one)
         left = tuple(other for other in left if other != one)
+    for one in [each for each in left if each not in plain] if found else ():
+        rest = tuple(other for other in left if other != one)
+        if search.gain(rest, one) < _PLAIN and not stands_out(one, left):
+            found[_SIMULATED] = (*found.get(_SIMULATED, ()), one)
+            left = rest
     fit = search.fit(choice)
-    if found:
-        for one in left:
-            gain = search.gain(tuple(other for other in left if other != one), one)
-            if one not in plain and gain < _PLAIN and not stands_out(one, left):
-                why = _why(search, left, one, "noise")
-                found[why] = (*found.get(why, ()), one)
-                left = tuple(other for other in left if other != one)
     for one in left:
         if (distance := search.distance(fit, one)) < ENTRY:
             errors = math.sqrt(2.0 * distance)
