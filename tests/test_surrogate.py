@@ -56,8 +56,9 @@ def judged(number: int, folder: Path) -> tuple[Names, Callable[[tuple[str, int]]
     tolerance = dict.fromkeys(PARAMETERS, TOLERANCE)
     found = fitted(rows, nominal, tolerance, step)
     stands = partial(
-        stands_out, choice=found.choice, found=found, nominal=nominal, tolerance=tolerance, angle_step=step
-    )
+        stands_out, choice=found.choice, doubted=True, found=found, nominal=nominal, tolerance=tolerance,
+        angle_step=step,
+    )  # fmt: skip
     return found.choice, stands
 
 

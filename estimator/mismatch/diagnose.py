@@ -233,9 +233,11 @@ def _judged(
 
 def _doubted(
     found: Fitted, blind: Sequence[str], excess: float, resonance: Unexplained | None,
-    stands: Callable[[tuple[str, int], Choice], bool],
+    stands: Callable[[tuple[str, int], Choice, bool], bool],
 ) -> dict[str, Choice]:  # fmt: skip
-    """Effects that get no name, by why. `stands`: one stands out from what surrogates without it show."""
+    """Effects that get no name, by why. `stands`: one, which may be doubted, stands out from what surrogates without it
+    show.
+    """
     reasons = not_borne_out(found.search, found.choice, blind, excess, stands)
     already = [one for some in reasons.values() for one in some]
     losses = tuple(one for one in found.choice if one[0] in LIKE_RESONANCE and one not in already)

@@ -75,13 +75,14 @@ def like_machine(search: Search, choice: Choice) -> str | None:
 
 def not_borne_out(
     search: Search, choice: Choice, blind: Sequence[str], excess: float,
-    stands_out: Callable[[tuple[str, int], Choice], bool],
+    stands_out: Callable[[tuple[str, int], Choice, bool], bool],
 ) -> dict[str, Choice]:  # fmt: skip
     """Effects that noise of the currents alone may look like, or an encoder's rounding; by why, in a sentence's part.
 
     What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told,
     `excess` is the energy over noise that is left unexplained. Bounds say so first; an effect that does not look like
-    the machine may stand out nevertheless. Beside a doubt, others that are not plain have to stand out, too.
+    the machine may stand out nevertheless, though doubted. Others that are not plain have to stand out, too, and beside
+    a doubt as if they were doubted.
     """
     over_noise, by_angle, rest = _over_noise(search), _by_angle(search), _rest(search, excess)
     untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
@@ -108,16 +109,17 @@ def not_borne_out(
         one = min(weak, key=lambda each: min(worths[each].values()))
         if min(worths[one].values()) > 1.0:
             break
-        if worths[one]["machine"] > 1.0 and stands_out(one, left):
+        if worths[one]["machine"] > 1.0 and stands_out(one, left, True):
             plain.add(one)
             continue
         cause = min(worths[one], key=lambda name: worths[one][name])
         why = _why(search, left, one, cause)
         found[why] = (*found.get(why, ()), one)
         left = tuple(other for other in left if other != one)
-    for one in [each for each in left if each not in plain] if found else ():
+    beside_doubt = bool(found)
+    for one in [each for each in left if each not in plain]:
         rest = tuple(other for other in left if other != one)
-        if search.gain(rest, one) < _PLAIN and not stands_out(one, left):
+        if search.gain(rest, one) < _PLAIN and not stands_out(one, left, beside_doubt):
             found[_SIMULATED] = (*found.get(_SIMULATED, ()), one)
             left = rest
     fit = search.fit(choice)

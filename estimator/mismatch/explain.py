@@ -26,8 +26,9 @@ ENTRY: Final = 9.0  # log-odds that an effect must bring
 MOST: Final = 6  # effects
 FAINT: Final = 0.03  # of a typical size
 _OF_RIVALS: Final = 0.01  # of what others explain, that a faint effect may be which looks like them
-TRIED: Final = 6  # likeliest ones, of which one may be added
+PAIRED: Final = 6  # likeliest effects, of which two may be added together
 _MADE_UP_FOR: Final = 0.5  # of what one effect leaves, that two may, to be added together
+PLACED: Final = 0.25  # of what is left, that an effect has to explain, to be tried at its moment
 _ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
 FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
 _NOISE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
@@ -81,6 +82,11 @@ class Search:
         if choice not in self._fits:
             self._fits[choice] = self._solved(choice, self.gram)
         return self._fits[choice]
+
+    def unbounded(self, choice: Choice) -> Fit:
+        """The same where coefficients may have any value: what has a bound on one side shows what is on the other."""
+        choice = tuple(sorted(choice))
+        return self._unbounded(choice, self.places(choice), {}, self.gram)
 
     def fit_of_sizes(self, choice: Choice) -> Fit:
         """The same with the shapes of the present model as they are."""
@@ -199,7 +205,7 @@ class Search:
 
     def free_covariance(self, choice: Choice) -> Array:
         """Of a set's coefficients, none of them held at a bound: how far each may be off, whatever was held."""
-        return self._unbounded(choice, self.places(tuple(sorted(choice))), {}, self.gram).covariance
+        return self.unbounded(choice).covariance
 
     def parameter_scatter(self, fit: Fit) -> Array:
         """How every coefficient of a fit scatters over white noise, each less what the others make of it."""
@@ -272,23 +278,36 @@ class Search:
     def _added(self, choice: Choice) -> Choice:
         if len(choice) >= MOST:
             return choice
-        likely = sorted(self._free(choice), key=lambda more: -self.fit((*choice, more)).log_evidence)
-        single = next(((*choice, more) for more in likely[:TRIED] if self.gain(choice, more) > ENTRY), choice)
+        likely = self._likely(choice)
+        single = next(((*choice, more) for more in likely if self.gain(choice, more) > ENTRY), choice)
         return self._paired(choice, likely) or single if len(choice) + 1 < MOST else single
+
+    def _likely(self, choice: Choice) -> list[tuple[str, int]]:
+        """Effects that may be added, each with its likeliest shapes, likeliest first."""
+        by_name: dict[str, tuple[str, int]] = {}
+        for one in sorted(self._free(choice), key=lambda more: -self.fit((*choice, more)).log_evidence):
+            by_name.setdefault(one[0], one)
+        return list(by_name.values())
 
     def _paired(self, choice: Choice, likely: Sequence[tuple[str, int]]) -> Choice | None:
         """The set with two effects more, where either makes up for the other: both explain most, none much alone."""
-        by_name: dict[str, tuple[str, int]] = {}  # with the likeliest shapes
-        for one in likely:
-            by_name.setdefault(one[0], one)
-        tried = list(by_name.values())[:TRIED]
-        alone = min((self.fit((*choice, one)).chi2 for one in tried), default=0.0) - self.regression.count
-        pairs = sorted(combinations(tried, 2), key=lambda pair: self.fit((*choice, *pair)).chi2)
+        alone = min((self.fit((*choice, one)).chi2 for one in likely), default=0.0) - self.regression.count
+        pairs = sorted(combinations(likely[:PAIRED], 2), key=lambda pair: self.fit((*choice, *pair)).chi2)
         for one, other in pairs[:1]:
             left = self.fit((*choice, one, other)).chi2 - self.regression.count
             due = self.gain((*choice, one), other) > ENTRY and self.gain((*choice, other), one) > ENTRY
             if due and left < _MADE_UP_FOR * alone:
                 return (*choice, one, other)
+        return None
+
+    def to_place(self, choice: Choice) -> tuple[str, int] | None:
+        """A likely effect with a moment of its own, which explains too little elsewhere to be added: to be tried there.
+        """
+        left = self.fit(choice).chi2 - self.regression.count
+        for one in self._likely(choice):
+            if any(parameter.discrete for parameter in BY_NAME[one[0]].parameters):
+                explained = self.fit(choice).chi2 - self.fit((*choice, one)).chi2
+                return one if len(choice) < MOST and explained > max(PLACED * left, 2.0 * ENTRY) else None
         return None
 
     def without_needless(self, choice: Choice) -> Choice:
@@ -302,11 +321,13 @@ class Search:
         return choice
 
     def _exchanged(self, choice: Choice) -> Choice:
-        """One effect for another, or one shape for another of the same effect, where that is better."""
+        """One effect for another that brings its due, or one shape for another of the same, where that is better."""
         best, at = choice, self.fit(choice).log_evidence
         for one in choice:
             rest = tuple(c for c in choice if c != one)
             for other in self._free(rest):
-                if other != one and (there := self.fit((*rest, other)).log_evidence) > at + 1e-6:
+                if other == one or (there := self.fit((*rest, other)).log_evidence) <= at + 1e-6:
+                    continue
+                if other[0] == one[0] or self.gain(rest, other) > ENTRY:
                     best, at = (*rest, other), there
         return best

@@ -164,7 +164,11 @@ def _rounds(
         search.barred |= barred
         choice = search.best(_present(model))
         if (settled or nearly) and set(choice) == set(_present(model)):
-            return model, clean, search
+            placed = _placed(rows, clean, search, choice, times, nominal, tolerance, angle_step, library)
+            if placed is None:
+                return model, clean, search
+            model, clean, settled = placed
+            continue
         towards = moved(search, choice)
         better = _no_worse(rows, clean, model, towards, search)
         if better is not None:
@@ -181,6 +185,20 @@ def _rounds(
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
             break
     return model, clean, _search(rows, clean, model, nominal, tolerance, angle_step, library)
+
+
+def _placed(
+    rows: Rows, clean: Clean, search: Search, choice: Choice, times: int, nominal: Machine,
+    tolerance: Mapping[str, float], angle_step: float, library: Sequence[Effect],
+) -> tuple[Model, Clean, bool] | None:  # fmt: skip
+    """A set's model with one effect more that brings its due at its moment, where there is such an effect."""
+    one = search.to_place(choice)
+    if one is None:
+        return None
+    with_it = moved(search, (*choice, one))
+    model, clean, settled = polished(rows, clean, with_it, nominal, tolerance, angle_step, times)
+    needed = _search(rows, clean, model, nominal, tolerance, angle_step, library).without_needless(_present(model))
+    return (model, clean, settled) if (one[0], -1) in needed else None
 
 
 def _present(model: Model) -> Choice:

@@ -19,7 +19,7 @@ from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import LOST, OTHERS, Rows, Vector
 from estimator.physics.saturation import EFFECTS as SATURATIONS
-from estimator.physics.saturation import HARMONIC, saturated
+from estimator.physics.saturation import HARMONIC, curvature, saturated
 
 Array = NDArray[np.float64]
 Noise = tuple[float, float, float]
@@ -96,7 +96,9 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
     if model.bend is not None:
         return truth.with_local_line(*model.bend.bent(truth))
     saturations = {name: sizes for name, sizes in model.effects.items() if name in (*SATURATIONS, HARMONIC)}
-    return truth.with_local_line(*saturated(truth, saturations)) if saturations else truth
+    if not saturations:
+        return truth
+    return replace(truth, curvature=curvature(truth, saturations)).with_local_line(*saturated(truth, saturations))
 
 
 def _without_errors(rows: Rows, model: Model) -> Rows:

@@ -2,9 +2,11 @@
 
 The model without the effect is simulated from the recorded voltages, noise is laid over its currents, the converters'
 steps and the encoder's counts round it as they round the recording, and the same regression looks for the effect. What
-it finds is what noise, rounding and the machine's parameters lend a name here: a parametric bootstrap (B. Efron, R. J.
-Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6), which takes the place of bounds where these leave a
-doubt. Of what the library does not hold it knows nothing: that has to stay as small as in the surrogates.
+it finds, of whichever sign, is what noise, rounding and the machine's parameters lend a name here: a parametric
+bootstrap (B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6), which takes the place of
+bounds where these leave a doubt. Half of the surrogates keep the recording's own counts, on which the drive has acted:
+their rounding goes with the currents as it does there. Of what the library does not hold they know nothing: that has to
+stay as small as in the surrogates, or be unlike the effect by far.
 """
 
 import math
@@ -24,9 +26,13 @@ from estimator.physics.rows import AXES, Rows, Vector
 from estimator.twin import free_run
 
 _TIMES: Final = 4  # surrogates
-_ABOVE: Final = 30.0  # times what they lend an effect on the mean, that it has to explain
+_LEAST: Final = 20.0  # times what they lend an effect on the mean, that it has to explain,
+_ABOVE: Final = 30.0  # and what is in doubt,
+_FAR_ABOVE: Final = 100.0  # and what is less than a part of what they leave,
+_WITH_ANY_REST: Final = 300.0  # and an even effect where more is left than in them
 _LENT: Final = 2.0  # chi square that they lend it at least
-_BESIDE: Final = 0.05  # of what they leave, that it has to explain: a drive acts on rounding, too
+_BESIDE: Final = 0.05  # of what they leave, that part
+_EVEN: Final = 5.0  # scatter of an even effect, at most
 _UNEVEN: Final = 2.0  # times as uneven as there, at most
 _CHANCE: Final = 2.0  # standard deviations, by which what is left may exceed theirs
 _BINS: Final = 1 << 18  # of currents, to see a converter's steps
@@ -44,13 +50,13 @@ class _Lent(NamedTuple):
 
 
 def stands_out(
-    one: tuple[str, int], choice: Choice, found: Fitted, nominal: Machine, tolerance: Mapping[str, float],
-    angle_step: float,
+    one: tuple[str, int], choice: Choice, doubted: bool, found: Fitted, nominal: Machine,
+    tolerance: Mapping[str, float], angle_step: float,
 ) -> bool:  # fmt: skip
-    """An effect of a set explains far more than surrogates without it lend its name, as evenly as that, a part of what
-    they leave, and more than they do not.
+    """An effect of a set explains far more than surrogates without it lend its name.
 
-    `angle_step`: the angle's resolution, rad.
+    Where it is `doubted`: as evenly as that, and by how much more depends on what is left beside it, in the surrogates
+    and beyond. `angle_step`: the angle's resolution, rad.
     """
     search, rest = found.search, tuple(other for other in choice if other != one)
     bare = without(found, [name for name, _ in found.choice if name not in dict(rest)], nominal, tolerance, angle_step)
@@ -59,18 +65,20 @@ def stands_out(
     step = converter_step(rows)
     lent: list[_Lent] = []
     for k in range(_TIMES):
-        there = _surrogate(rows, bare, i, step, np.random.default_rng(k))
+        there = _surrogate(rows, bare, i, step, np.random.default_rng(k), own_counts=k % 2 == 0)
         lent.append(_lent(there, bare.model, one[0], nominal, tolerance, angle_step))
-    gained = search.fit(rest).chi2 - search.fit(choice).chi2
-    if gained < _ABOVE * max(float(np.mean([each.gained for each in lent])), _LENT):
-        return False
-    if search.scatter(search.fit(choice), one) > _UNEVEN * max(each.scatter for each in lent):
+    full = search.fit(choice)
+    gained, scatter = search.fit(rest).chi2 - full.chi2, search.scatter(full, one)
+    above = gained / max(float(np.mean([each.gained for each in lent])), _LENT)
+    if not doubted or above < _LEAST:
+        return above >= _LEAST
+    if scatter > _UNEVEN * max(each.scatter for each in lent):
         return False
     left = [each.excess for each in lent]
-    if gained < _BESIDE * float(np.mean(left)):
-        return False
     chance = _CHANCE * math.sqrt((float(np.var(left, ddof=1)) + 4.0 * len(rows)) * (1.0 + 1.0 / _TIMES))
-    return search.fit(choice).chi2 - search.regression.count - float(np.mean(left)) - chance < gained
+    if full.chi2 - search.regression.count - float(np.mean(left)) - chance >= gained:
+        return scatter < _EVEN and above >= _WITH_ANY_REST
+    return above >= (_ABOVE if gained >= _BESIDE * float(np.mean(left)) else _FAR_ABOVE)
 
 
 def converter_step(rows: Rows) -> float:
@@ -89,8 +97,12 @@ def _phases(i_s: Vector, zero: Array | None) -> list[Array]:
     return [(i_s * axis.conjugate()).real + (0.0 if zero is None else zero) for axis in AXES]
 
 
-def _surrogate(rows: Rows, bare: Fitted, i: Vector, step: float, chance: np.random.Generator) -> Rows:
-    """The rows with simulated currents (A), measured anew. `step`: of the converters, A."""
+def _surrogate(
+    rows: Rows, bare: Fitted, i: Vector, step: float, chance: np.random.Generator, *, own_counts: bool
+) -> Rows:
+    """The rows with simulated currents (A), measured anew. `step`: of the converters, A. Counts of the angle are those
+    of the recording, or begin elsewhere.
+    """
     off = (rows.i - i)[1:]
     noise = white_of(off.real, rows), white_of(off.imag, rows)
     left = zero_residual(rows, bare.smooth, bare.model)
@@ -109,7 +121,7 @@ def _surrogate(rows: Rows, bare: Fitted, i: Vector, step: float, chance: np.rand
     count = rows.angle_step
     if count == 0.0:
         return replace(rows, i=i, zero=zero, kept=rows.kept_of_angle_and_bridge())
-    grid = chance.uniform(0.0, count)
+    grid = 0.0 if own_counts else chance.uniform(0.0, count)
     theta_e = count * np.round((rows.theta_e + grid) / count) - grid
     off = theta_e - rows.theta_e
     turned = np.exp(-0.5j * (off[1:] + off[:-1]))
@@ -127,7 +139,7 @@ def _lent(
     choice = tuple((other, -1) for other in model.effects)
 
     def gained(one: tuple[str, int]) -> float:
-        return search.fit(choice).chi2 - search.fit((*choice, one)).chi2
+        return search.unbounded(choice).chi2 - search.unbounded((*choice, one)).chi2
 
     best = max((one for one in search.candidates() if one[0] == name), key=gained)
     return _Lent(gained(best), search.scatter(search.fit((*choice, best)), best), above_noise(z, noise, rows))

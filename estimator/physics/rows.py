@@ -54,6 +54,13 @@ class Stiffness:
         """Current (A) that belongs to a small flux linkage (Vs)."""
         return self.a * v + self.b * v.conj()
 
+    def __sub__(self, other: "Stiffness") -> "Stiffness":
+        return Stiffness(self.a - other.a, self.b - other.b)
+
+    def flux(self, i: Vector) -> Vector:
+        """Flux linkage (Vs) that belongs to a small current (A)."""
+        return (self.a * i - self.b * i.conj()) / (self.a * self.a - self.b.real**2 - self.b.imag**2)
+
     def __getitem__(self, samples: slice) -> "Stiffness":
         """At some samples."""
         return Stiffness(self.a[samples], self.b[samples])
@@ -81,6 +88,7 @@ class Rows:
     angle_hidden: float = 0.0  # rad, rms, of what no averaging shows: it looks like movement
     fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances
     fast_resistance: float = 0.0  # ohm, by which what changes within a period drops more than by R_s
+    curvature: tuple[float, float, float] = (0.0, 0.0, 0.0)  # a_d, a_q, c of the saturation curve, A/Vs^3
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
     def __len__(self) -> int:
@@ -278,11 +286,25 @@ class Rows:
         return psi, Stiffness(a, b)
 
     def flux_of_little(self, i: Vector) -> Vector:
-        """Flux linkage (Vs) that a small current (A, at samples) adds to the machine's, which may bend."""
+        """Flux linkage (Vs) that the machine, which may bend, has less where a current (A, at samples) flows beside it.
+
+        By its stiffness half way along the saturation curve.
+        """
         if LOCAL[3] not in self.kept:
             return self.machine.L_d * i.real + 1j * self.machine.L_q * i.imag
-        g = self.own_flux[1]
-        return (g.a * i - g.b * i.conj()) / (g.a * g.a - g.b.real**2 - g.b.imag**2)
+        psi, g = self.own_flux
+        less = g.flux(i)
+        if any(self.curvature):
+            less = (g - self._change_of_stiffness(psi, psi - 0.5 * less)).flux(i)
+        return less
+
+    def _change_of_stiffness(self, psi: Vector, other: Vector) -> Stiffness:
+        """From one flux linkage (Vs) to another along the saturation curve."""
+        a_d, a_q, c = self.curvature
+        d, q = psi.real**2 - other.real**2, psi.imag**2 - other.imag**2
+        dd, qq = 3.0 * a_d * d + c * q, 3.0 * a_q * q + c * d
+        dq = 2.0 * c * (psi.real * psi.imag - other.real * other.imag)
+        return Stiffness(0.5 * (dd + qq), 0.5 * (dd - qq) + 1j * dq)
 
     def with_local_line(self, psi: Vector, g: Stiffness) -> "Rows":
         """The same rows with flux linkages (Vs, at samples) that are no straight lines, of such stiffness."""

@@ -110,6 +110,12 @@ def saturated(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Vector, Stiffne
     return psi, stiffness(curve, psi, harmonic)
 
 
+def curvature(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[float, float, float]:
+    """a_d, a_q and c of their curve, A/Vs^3."""
+    curve = _curve(rows, effects)
+    return curve.a_d, curve.a_q, curve.c
+
+
 def _curve(rows: Rows, effects: Mapping[str, Sizes]) -> Curve:
     d, q, cross = (effects[name][0] if name in effects else 0.0 for name in EFFECTS)
     return curve_of(rows.machine, rows.i_rated, (d, q, cross))

@@ -65,6 +65,7 @@ _SETTLED: Final = 1e-3  # of the energy, by which a fit still changes it
 _ROUNDED: Final = 1.0 / 12.0  # variance of a number rounded to 1
 
 _SMALL: Final = 3.0  # limits: a size that is run is no larger
+_LEAST: Final = 1e-3  # of a size, that is run after it
 _SHIFTS: Final = {"voltage_early": 1, "voltage_late": -1}  # classes of one size: the row whose voltage a row has
 
 
@@ -88,9 +89,9 @@ class Oracle:
         return size / self.limit(name, size)
 
     def limit(self, name: str, size: float) -> float:
-        """Smallest size of a class that can be seen, sought from one above it on."""
+        """Smallest size of a class that can be seen, sought from one above it on, and below one that leads astray."""
         while size > _SMALL * (limit := self._limit(name, size)):
-            size = 0.5 * _SMALL * limit
+            size = max(0.5 * _SMALL * limit, _LEAST * size)
         return limit
 
     def signal(self, name: str, x: float) -> tuple[Array, Array]:
@@ -99,7 +100,10 @@ class Oracle:
         return errors - self._errors, change
 
     def _limit(self, name: str, x: float) -> float:
-        """By the energy that no machine of the series takes away, its parameters in deviations from the true ones."""
+        """By the energy that no machine of the series takes away, its parameters in deviations from the true ones.
+
+        Zero where the size is too large for any innovations to be told.
+        """
         columns, least, before = self.with_size(name, x), math.inf, math.inf
         off: Array = np.zeros(len(_PARAMETERS) + 1)
         last = off
