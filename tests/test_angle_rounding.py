@@ -64,6 +64,19 @@ def test_coarse_counts_are_smoothed_out() -> None:
     assert smooth.angle_hidden < 0.2 * before
 
 
+def test_where_no_mean_takes_the_rounding_off_periods_do_not_count() -> None:
+    count = 50.0 * NUMBER
+    turn: Array = 300.0 * T_S * np.arange(N, dtype=np.float64)
+    there, theta = rows(count, NUMBER, theta=turn)
+    smooth = unrounded(there, math.hypot(count, NUMBER))
+    counts, off = smooth.joined, (smooth.theta_e - theta)[1:]
+    assert there.joined.all()
+    assert counts[1000:-1000].all()
+    assert not counts[:20].any()
+    assert not counts[-20:].any()
+    assert np.std(off[counts]) < 0.2 * np.std(off[~counts])
+
+
 @pytest.mark.parametrize("order", [6.0, 2.0 / MACHINE.n_p])
 def test_a_swing_at_an_order_of_the_turn_stays_though_it_is_less_than_a_count(order: float) -> None:
     """Cogging moves a rotor; without that movement, its angle would look like a harmonic of the magnets' flux.

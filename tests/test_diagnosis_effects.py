@@ -103,6 +103,9 @@ def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_
     pytest.param(2005, 342, id="a saturation beyond what surrogates without it show"),
     pytest.param(2005, 374, id="a light rotor beside an offset of its current sensors"),
     pytest.param(2005, 379, id="a healthy drive at one level, which first steps made mad"),
+    pytest.param(2006, 174, id="a drift beside an iron loss of a saturated machine"),
+    pytest.param(2006, 351, id="a small saturation beside an encoder that is loud at the ends"),
+    pytest.param(2006, 353, id="a step that explains little but at its moment"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""
@@ -119,6 +122,18 @@ def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) ->
         assert diagnosis.verdict is (Verdict.EXPLAINED if known else Verdict.UNEXPLAINED)
     else:
         assert diagnosis.verdict in (Verdict.NO_MISMATCH, Verdict.NOT_ENOUGH_EXCITATION)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [48, 202])
+def test_what_rounding_lends_is_no_name(number: int, tmp_path: Path) -> None:
+    """Of an angle, to a saturation of less than a thousandth, in healthy drives with a free shaft."""
+    choice = Choice(2006, KINDS, (0.0, 1.0), tuple(ALL_MOTORS), 6.0)
+    there, columns = drawn(choice, number)
+    for folder in ("out", "answers"):
+        (tmp_path / folder).mkdir()
+    write(there, columns, choice, "0001", tmp_path / "out", tmp_path / "answers")
+    assert diagnose(*loaded(tmp_path / "out", "0001")).findings == ()
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ recordings can be rid of it. Knows nothing of effects.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final, cast
 
 import numpy as np
@@ -20,6 +21,8 @@ from estimator.physics.rows import Real, Rows
 _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
 _LONG: Final = (64, 128)  # the same, where no period is off by more than its rounding: it shows slow beats
 _ENDS: Final = 4  # halves, that a mean needs to either side
+_ENDS_AT_MOST: Final = 8  # a part of a run at either end, that may be left out
+_ROUGH: Final = 2.0  # times the variance that most of the angle has
 _STILL: Final = 1e-9  # rad in a period: no count
 _TWICE_ROUNDED: Final = 2.24  # resolutions, by which two roundings may differ from one period to the next
 _DIGITS: Final = 7  # of an angle, that tell values apart
@@ -40,11 +43,13 @@ def unrounded(rows: Rows, step: float) -> Rows:
     """The rows with an angle that turns smoothly. `step`: the angle's resolution as told, rad; 0 where not known.
 
     Where the currents' noise is louder, rounding is a part of it: what a rotor does in a few periods is kept then.
+    Near the ends of runs, where means are short or none, periods are not `joined`: rounding is louder there.
     """
     step = _step_of(rows, step)
     at, course, ends = _by_clock(rows)
     torque = np.interp(np.arange(len(course)), at, _torque(rows))
-    off, variance = (each[at] for each in _rounding(course, torque, ends, step, _numbers(rows, step), rows.machine.n_p))
+    each = _rounding(course, torque, ends, step, _numbers(rows, step), rows.machine.n_p)
+    rough, (off, variance) = _rough_ends(each[1], ends)[at], (x[at] for x in each)
     hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
     if rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows):
         return replace(rows, angle_step=step, angle_error=0.0, angle_hidden=hidden)
@@ -52,7 +57,7 @@ def unrounded(rows: Rows, step: float) -> Rows:
     turned = np.exp(0.5j * (off[1:] + off[:-1]))
     return replace(
         rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * off), u=rows.u * turned,
-        angle_step=step, angle_error=math.sqrt(float(np.mean(variance))),
+        joined=rows.joined & ~rough[1:] & ~rough[:-1], angle_step=step, angle_error=math.sqrt(float(np.mean(variance))),
         angle_hidden=hidden, kept=rows.pulses_turned(turned),
     )  # fmt: skip
 
@@ -184,6 +189,17 @@ def _rounding(
     off -= by_torque(off, torque, widths, step)
     off -= by_turn(off, (theta - off + pushed) / n_p, widths, step)
     return off - at_orders(off, theta - off + pushed, step), variance
+
+
+def _rough_ends(variance: Real, ends: Sequence[int]) -> NDArray[np.bool_]:
+    """Near the ends of runs, what keeps far more of the rounding than most does."""
+    rough = np.zeros(len(variance), np.bool_)
+    more = variance > _ROUGH * np.median(variance)
+    for begin, end in pairwise(ends):
+        most = (end - begin) // _ENDS_AT_MOST
+        for near in (slice(begin, begin + most), slice(end - most, end)):
+            rough[near] = more[near]
+    return rough
 
 
 def _around(x: NDArray[np.bool_], w: int) -> NDArray[np.intp]:

@@ -184,9 +184,8 @@ def _judged(
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
     fit, pictures = _shown(rows, found, r_after, plain or search)
-    if faint and _no_help(found, fit):  # without them the others may help
-        found = without(found, [name for name, _ in faint], nominal, tolerance, step)
-        return _judged(rows, nominal, tolerance, step, found, left_of(rows, found), progress, plain)
+    if faint and (other := _undoubted(rows, found, faint, fit, nominal, tolerance, step)) is not found:
+        return _judged(rows, nominal, tolerance, step, other, left_of(rows, other), progress, plain)
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
@@ -301,6 +300,16 @@ def _no_help(found: Fitted, fit: Fit) -> bool:
     if step.after <= step.before or run.after <= _HELPS * run.before:
         return False
     return run.after > _RISES * run.before or found.search.borne_out(found.choice) < _BORNE_OUT
+
+
+def _undoubted(
+    rows: Rows, found: Fitted, faint: Choice, fit: Fit, nominal: Machine, tolerance: Mapping[str, float], step: float
+) -> Fitted:
+    """The fit, or, where it went astray or what is in doubt does not help, one from which others may show."""
+    other = not_astray(rows, found, nominal, tolerance, step)
+    if other is not found and excess_of(other) < excess_of(found):
+        return other
+    return without(found, [name for name, _ in faint], nominal, tolerance, step) if _no_help(found, fit) else found
 
 
 def _withheld(

@@ -16,6 +16,7 @@ from estimator.mismatch.verdict import Ambiguity, Candidate, Experiment, Quantit
 from estimator.physics.library import BY_NAME
 
 SURE: Final = math.log(100.0)  # log-odds below which two effects are not told apart
+_UNLIKE: Final = 0.3  # correlation of signals, below which one does not stand for the other
 _POWER: Final = 2.326  # standard normal at 99 %
 
 
@@ -29,7 +30,8 @@ class Doubt:
 
 
 def rivals(search: Search, choice: Choice, one: tuple[str, int]) -> list[Doubt]:
-    """Other effects in the place of one, likeliest first."""
+    """Other effects in the place of one, likeliest first. One that is unlike it, beside which it is called for, is none.
+    """
     rest = tuple(c for c in choice if c != one)
     best: dict[str, tuple[str, int]] = {}
     taken = {name for name, _ in choice}
@@ -48,7 +50,10 @@ def rivals(search: Search, choice: Choice, one: tuple[str, int]) -> list[Doubt]:
         fitted = 0.5 * (there.chi2 - full.chi2)
         complexity = full.log_evidence - there.log_evidence - fitted
         said = (fitted - 0.5 * missed if fitted > 0.0 else fitted) / scatter + complexity
-        found.append(Doubt(other[0], said, _collinear(search, rest, one, other)))
+        collinear = _collinear(search, rest, one, other)
+        if abs(collinear) < _UNLIKE:
+            said = max(said, search.gain((*rest, other), one))
+        found.append(Doubt(other[0], said, collinear))
     return sorted(found, key=lambda doubt: doubt.log_odds)
 
 

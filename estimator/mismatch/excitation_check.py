@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.angle_rounding import hidden_energy, lent_energy
-from estimator.mismatch.explain import ENTRY, Choice, Search
+from estimator.mismatch.explain import ENTRY, Choice, Fit, Search
 from estimator.mismatch.model import Array
 from estimator.mismatch.words import number, percent
 
@@ -32,6 +32,7 @@ _UNEVENLY: Final = 0.25  # of all that is left, that an uneven effect has to exp
 _LENDS: Final = 6.0  # times as much that noise and the machine lend an effect that is not even, at most
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _SIMULATED: Final = "a simulation without it, of the same noise and rounding, shows too much of it"
+_AT_AN_END: Final = "its size comes out at the end of what is plausible"
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -124,11 +125,20 @@ def not_borne_out(
             left = rest
     fit = search.fit(choice)
     for one in left:
+        if _at_an_end(search, fit, one):
+            found[_AT_AN_END] = (*found.get(_AT_AN_END, ()), one)
+            continue
         if (distance := search.distance(fit, one)) < ENTRY:
             errors = math.sqrt(2.0 * distance)
             why = f"what is found of it lies {number(errors, 2)} standard errors from none"
             found[why] = (*found.get(why, ()), one)
     return found
+
+
+def _at_an_end(search: Search, fit: Fit, one: tuple[str, int]) -> bool:
+    """A size of an effect lies at the end of its plausible range, other than at none."""
+    sizes = {j: fit.value[fit.places.index(j)] for j in search.sizes_of(one)}
+    return any(size != 0.0 and not search.low[j] < size < search.high[j] for j, size in sizes.items())
 
 
 def _why(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> str:

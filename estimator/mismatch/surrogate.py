@@ -33,7 +33,7 @@ _WITH_ANY_REST: Final = 300.0  # and an even effect where more is left than in t
 _LENT: Final = 2.0  # chi square that they lend it at least
 _BESIDE: Final = 0.05  # of what they leave, that part
 _EVEN: Final = 5.0  # scatter of an even effect, at most
-_UNEVEN: Final = 2.0  # times as uneven as there, at most
+_UNEVEN: Final = 2.0  # times as uneven as there, at most, where it is not even
 _CHANCE: Final = 2.0  # standard deviations, by which what is left may exceed theirs
 _BINS: Final = 1 << 18  # of currents, to see a converter's steps
 _FEWEST_STEPS: Final = 50  # that currents go over, for these to be seen
@@ -53,10 +53,10 @@ def stands_out(
     one: tuple[str, int], choice: Choice, doubted: bool, found: Fitted, nominal: Machine,
     tolerance: Mapping[str, float], angle_step: float,
 ) -> bool:  # fmt: skip
-    """An effect of a set explains far more than surrogates without it lend its name.
+    """An effect of a set explains far more than surrogates without it lend its name, and as evenly as that.
 
-    Where it is `doubted`: as evenly as that, and by how much more depends on what is left beside it, in the surrogates
-    and beyond. `angle_step`: the angle's resolution, rad.
+    Where it is `doubted`, by how much more depends on what is left beside it, in the surrogates and beyond.
+    `angle_step`: the angle's resolution, rad.
     """
     search, rest = found.search, tuple(other for other in choice if other != one)
     bare = without(found, [name for name, _ in found.choice if name not in dict(rest)], nominal, tolerance, angle_step)
@@ -70,10 +70,10 @@ def stands_out(
     full = search.fit(choice)
     gained, scatter = search.fit(rest).chi2 - full.chi2, search.scatter(full, one)
     above = gained / max(float(np.mean([each.gained for each in lent])), _LENT)
-    if not doubted or above < _LEAST:
-        return above >= _LEAST
-    if scatter > _UNEVEN * max(each.scatter for each in lent):
+    if above < _LEAST or scatter > max(_EVEN, _UNEVEN * max(each.scatter for each in lent)):
         return False
+    if not doubted:
+        return True
     left = [each.excess for each in lent]
     chance = _CHANCE * math.sqrt((float(np.var(left, ddof=1)) + 4.0 * len(rows)) * (1.0 + 1.0 / _TIMES))
     if full.chi2 - search.regression.count - float(np.mean(left)) - chance >= gained:
