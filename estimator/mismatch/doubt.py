@@ -30,8 +30,7 @@ class Doubt:
 
 
 def rivals(search: Search, choice: Choice, one: tuple[str, int]) -> list[Doubt]:
-    """Other effects in the place of one, likeliest first. One that is unlike it, beside which it is called for, is none.
-    """
+    """Other effects in the place of one, likeliest first. None is one that is unlike it, and called for besides."""
     rest = tuple(c for c in choice if c != one)
     best: dict[str, tuple[str, int]] = {}
     taken = {name for name, _ in choice}
