@@ -1,5 +1,7 @@
 """What running the proofs gave: of each its proof, or why there is none; as text and as plain values."""
 
+import sys
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
@@ -26,6 +28,7 @@ def run(name: str, settings: Settings) -> Outcome:
         return Outcome(name, prove(settings), "")
     except Exception as error:  # noqa: BLE001 - one part that cannot run does not keep others from it
         why = " ".join(str(error).split()) or "no reason given"
+        print("".join(traceback.format_exception(error)), file=sys.stderr, flush=True)
         return Outcome(name, None, f"{name} could not run: {error.__class__.__name__}: {why}")
 
 
