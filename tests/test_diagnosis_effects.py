@@ -106,6 +106,7 @@ def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_
     pytest.param(2006, 174, id="a drift beside an iron loss of a saturated machine"),
     pytest.param(2006, 351, id="a small saturation beside an encoder that is loud at the ends"),
     pytest.param(2006, 353, id="a step that explains little but at its moment"),
+    pytest.param(2007, 11, id="an iron loss that a shift by two rows seems to undo"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""

@@ -34,6 +34,7 @@ _SAME_SPEED: Final = 0.015  # log
 _BEYOND: Final = 0.26  # log: 30 % on two parameters are beyond physics
 _MAGNETS: Final = 0.34  # log: 40 % on psi_f alone
 _HALVED: Final = 0.5  # of what the flux balance leaves: a form's due
+_BY_FAR: Final = 0.25  # of the same, where the flux balance is not closed even then
 _MORE: Final = 1.05  # of the same, which no cause leaves
 _CLOSED: Final = 0.007  # of rated current: what a closed flux balance may leave
 _RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
@@ -171,8 +172,8 @@ def _explains(h: _Hypothesis, stands: _Hypothesis, stretches: Stretches, nominal
     """Whether the recording as it stands is beyond what physics does, and undoing the cause brings it in order."""
     if h is stands or h.score - stands.score < ENTRY or not h.in_order or h.fit.left > _MORE * stands.fit.left:
         return False
-    if h.fit.left < _HALVED * stands.fit.left:
-        return True
+    if h.fit.left < _HALVED * stands.fit.left:  # which a lagging loss may do for a shift that is none
+        return h.fit.left < _BY_FAR * stands.fit.left or _left(h, stretches) < _CLOSED * (nominal.i_rated or math.inf)
     if np.sum(stands.fit.value[1:] < -3.0 * stands.fit.std[1:]) >= 2:  # inductances or flux below zero
         return True
     off = np.abs(np.log(np.maximum(stands.over_nominal, 0.02))) - 2.0 * stands.relative_std
