@@ -35,6 +35,7 @@ _BEYOND: Final = 0.26  # log: 30 % on two parameters are beyond physics
 _MAGNETS: Final = 0.34  # log: 40 % on psi_f alone
 _HALVED: Final = 0.5  # of what the flux balance leaves: a form's due
 _BY_FAR: Final = 0.25  # of the same, where the flux balance is not closed even then
+_MISREAD: Final = 0.75  # times what it is, as which a dc link may be read
 _MORE: Final = 1.05  # of the same, which no cause leaves
 _CLOSED: Final = 0.007  # of rated current: what a closed flux balance may leave
 _RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
@@ -200,12 +201,15 @@ def _rivals(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypoth
 
 
 def _alike(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis]) -> tuple[str, ...]:
-    """What does as well as the best, in words."""
+    """The best and what does as well, in words; none where nothing does."""
     found = [h.says for h in _rivals(best, stands, hypotheses) if _odds(best, h) < AS_GOOD and h.in_order]
+    read = best.scale.u if best is not stands and best.scale.i == 1.0 else 1.0
+    if read != 1.0 and _MISREAD < read < 1.0 / _MISREAD:
+        found.append(f"the dc link's voltage is read as {read:.2g} times what it is")
     weaker = 1.0 - stands.over_nominal[3]
     if best.scale.u == best.scale.i < 1.0 and weaker > 0.0:
         found.append(f"the magnets are {weaker:.0%} weaker than the nominal ones")
-    return tuple(found)
+    return (best.says, *found) if found else ()
 
 
 def _odds(best: _Hypothesis, other: _Hypothesis) -> float:
