@@ -84,6 +84,16 @@ def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_
     assert all(size.right for size in row.sizes.values()), row.sizes
 
 
+def of_population(seed: int, number: int, folder: Path) -> tuple[tuple[str, ...], Diagnosis]:
+    """What a recording of a population conceals, by classes, and what is said of it."""
+    choice = Choice(seed, KINDS, (0.0, 1.0), tuple(ALL_MOTORS), 6.0)
+    there, columns = drawn(choice, number)
+    for name in ("out", "answers"):
+        (folder / name).mkdir()
+    write(there, columns, choice, "0001", folder / "out", folder / "answers")
+    return tuple(there.classes), diagnose(*loaded(folder / "out", "0001"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "number"), [
     pytest.param(2003, 62, id="two effects that make up for each other"),
@@ -110,16 +120,11 @@ def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""
-    choice = Choice(seed, KINDS, (0.0, 1.0), tuple(ALL_MOTORS), 6.0)
-    there, columns = drawn(choice, number)
-    for folder in ("out", "answers"):
-        (tmp_path / folder).mkdir()
-    write(there, columns, choice, "0001", tmp_path / "out", tmp_path / "answers")
-    diagnosis = diagnose(*loaded(tmp_path / "out", "0001"))
-    known = {EFFECT[name] for name in there.classes if name in EFFECT}
+    classes, diagnosis = of_population(seed, number, tmp_path)
+    known = {EFFECT[name] for name in classes if name in EFFECT}
     assert {finding.effect for finding in diagnosis.findings} == known
     assert diagnosis.ambiguous == ()
-    if there.classes:
+    if classes:
         assert diagnosis.verdict is (Verdict.EXPLAINED if known else Verdict.UNEXPLAINED)
     else:
         assert diagnosis.verdict in (Verdict.NO_MISMATCH, Verdict.NOT_ENOUGH_EXCITATION)
@@ -129,12 +134,7 @@ def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) ->
 @pytest.mark.parametrize("number", [48, 202])
 def test_what_rounding_lends_is_no_name(number: int, tmp_path: Path) -> None:
     """Of an angle, to a saturation of less than a thousandth, in healthy drives with a free shaft."""
-    choice = Choice(2006, KINDS, (0.0, 1.0), tuple(ALL_MOTORS), 6.0)
-    there, columns = drawn(choice, number)
-    for folder in ("out", "answers"):
-        (tmp_path / folder).mkdir()
-    write(there, columns, choice, "0001", tmp_path / "out", tmp_path / "answers")
-    assert diagnose(*loaded(tmp_path / "out", "0001")).findings == ()
+    assert of_population(2006, number, tmp_path)[1].findings == ()
 
 
 @pytest.mark.slow
