@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from estimator.kernel import kernel
 from estimator.mismatch.averages import Array, energy_of, means, voltage_of
+from estimator.mismatch.branch import Branch
 from estimator.mismatch.model import filter_pole, whitened
-from estimator.mismatch.ringing import Resonance
 from estimator.mismatch.spectra import Line
 from estimator.physics.rows import Rows, Vector
 
@@ -61,7 +61,7 @@ class Drift:
         return cmath.phase(-self.change)
 
 
-Form = Line | TwoLevels | Resonance | Drift
+Form = Line | TwoLevels | Branch | Drift
 
 
 def two_levels(rows: Rows, z: Vector, frame: str) -> TwoLevels | None:

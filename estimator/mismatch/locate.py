@@ -24,10 +24,11 @@ from estimator.mismatch.averages import (
     usual_periods,
     voltage_of,
 )
+from estimator.mismatch.branch import Branch
 from estimator.mismatch.forms import Drift, Form, TwoLevels, drift, two_levels
 from estimator.mismatch.model import filter_pole, whitened
 from estimator.mismatch.regions import MOST, regions, together, worth
-from estimator.mismatch.ringing import Resonance, resonance, ringing
+from estimator.mismatch.ringing import resonance, ringing
 from estimator.mismatch.spectra import Line, energy_of_orders, noise_of_orders, strongest_line, white_level
 from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import degrees, number, percent
@@ -54,6 +55,7 @@ _ALL: Final = 0.8  # of the excess: a form that explains it is heard, however sm
 _ROUNDS: Final = 8  # of fitting a form and the machine in turn
 _NEARER: Final = 0.001  # of the energy, that another round must explain
 _SIMPLER: Final = 0.5  # of what a voltage of two levels explains, that a line must explain to stand for it
+_NEAR: Final = 0.05  # standard deviation of a resonance's frequency over it, to say so
 _STRAIGHT: Final = 0.3  # of an ellipse's long axis, that its short one may have
 
 Region = dict[str, float | str | tuple[float, float]]
@@ -146,21 +148,24 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
     return _unexplained(rows, best, excess, rms_V)
 
 
-def branch(rows: Rows, z: Vector, noise: tuple[float, float]) -> tuple[Unexplained, Vector] | None:
-    """The resonance that explains most of a residual flux error (Vs, rotor frame), and what of that is left then."""
-    z, machine = np.where(rows.joined, z, 0j), _of_machine(rows)
+def branch(rows: Rows, z: Vector, noise: tuple[float, float]) -> tuple[Unexplained, Branch] | None:
+    """The resonance that explains most of a residual flux error (Vs, rotor frame).
+
+    Its `changes` are those of R_s, L_d, L_q, psi_f and the angle's zero.
+    """
+    z, machine = np.where(rows.joined, z, 0j), np.concatenate((_of_machine(rows), _of_angle(rows)))
     form = resonance(rows, z, noise, machine)
     if form is None:
         return None
     excess = energy_of(beside(machine, z)) - np.count_nonzero(rows.joined) * (noise[0] ** 2 + noise[1] ** 2)
-    return _unexplained(rows, form, excess, _rms(rows, z, noise)), form.left
+    return _unexplained(rows, form, excess, _rms(rows, z, noise)), form
 
 
 def _unexplained(rows: Rows, form: Form, excess: float, rms_V: float) -> Unexplained:
     """Of a form; `excess`: energy over noise that it is a part of."""
     if isinstance(form, Line):
         rms_V = max(rms_V, math.hypot(abs(form.forth), abs(form.back)))
-    elif isinstance(form, Resonance):
+    elif isinstance(form, Branch):
         flux = math.sqrt(max(form.gain, 0.0) / np.count_nonzero(rows.joined))
         rms_V = max(rms_V, noise_of_means(rows, (flux, 0.0), usual_periods(rows))[0])
     description, place = _said(rows, form, min(form.gain / max(excess, form.gain), 1.0))
@@ -186,6 +191,13 @@ def _of_machine(rows: Rows) -> Array:
         rows.i_mean, rows.balance(rows.i.real), rows.balance(rows.i - rows.i.real), rows.balance(np.ones(len(rows.i)))
     )  # fmt: skip
     return np.array([parts(whitened(v, rows, rho)) for v in voltages])
+
+
+def _of_angle(rows: Rows) -> Array:
+    """What less of the angle makes of it."""
+    m, i = rows.machine, 1j * rows.i
+    voltage = 1j * (m.R_s * rows.i_mean - rows.u) + rows.balance(m.L_d * i.real + 1j * (m.L_q * i.imag))
+    return parts(whitened(voltage, rows, filter_pole(m, rows.T_s)))[None, :]
 
 
 def _apart(rows: Rows, z: Vector, machine: Array, find: Find) -> Line | TwoLevels | None:
@@ -293,9 +305,10 @@ def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
         along = f"along {degrees(form.direction)} of the rotor frame"
         what = f"a drift of {number(abs(form.change))} V from begin to end, {along}"
         return what, Place(f"growing with time, with {percent(share)} of the energy", region, share, 1.0)
-    near = f"{'near' if form.sure else 'above what was excited, roughly at'} {number(form.frequency / 1e3, 2)} kHz"
+    f = form.frequency / rows.T_s
+    near = f"{'near' if form.unsure < _NEAR else 'roughly at'} {number(f / 1e3, 2)} kHz"
     where = f"{near} in the stationary frame, with {percent(share)} of the energy"
-    region = {"frequency": form.frequency, "frame": "stationary"}
+    region = {"frequency": f, "frame": "stationary"}
     what = f"{RESONANCE} {near}: a current beside the machine's that follows the voltage"
     return what, Place(where, region, share, 1.0)
 

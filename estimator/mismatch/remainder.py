@@ -5,11 +5,12 @@ a voltage that comes and goes like an imbalance of a machine that cannot be. Kno
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimator.machine import Machine
+from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, without
@@ -20,8 +21,8 @@ from estimator.physics.rows import Rows, Vector
 
 _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
 _CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
-_ROUNDED: Final = 0.3  # of the angle's rounding, that a resonance may explain
-_AS_GOOD: Final = 0.5, 0.05  # of what losses leave, and explain, by which a resonance in their place may leave more
+_CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other
+_ROUNDED: Final = 0.01  # of the angle's rounding, that one may explain more of
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
 
 
@@ -75,34 +76,59 @@ def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, 
     return there, z, noise_of(z, None, rows)[:2]
 
 
-def _ringing(
-    rows: Rows, found: Fitted, nominal: Machine, tolerance: Mapping[str, float], step: float
-) -> tuple[Fitted, Unexplained, bool] | None:
-    """A fit without losses that rise with frequency, the resonance that explains as much as they do, and if plainly.
+class _Rung(NamedTuple):
+    """A resonance in the place of effects."""
 
-    Where they leave more than noise in their turn, nearly as much is enough. Plainly: it is heard, or explains more
-    than chance and an encoder's rounding leave, or by far more than it leaves and losses do.
+    bare: Fitted  # without them
+    told: Unexplained
+    left: float  # chi square beside it, above that of white noise
+
+
+def _ringing(
+    rows: Rows, found: Fitted, left: Unexplained | None, nominal: Machine, tolerance: Mapping[str, float], step: float
+) -> tuple[Fitted, Unexplained, bool] | None:
+    """A fit without effects in whose place a resonance explains as much, the resonance, and if it explains all they do.
+
+    In the place of losses, which rise with frequency; or of all effects, where there are losses or something is left.
     """
-    losses = [name for name, _ in found.choice if name in LIKE_RESONANCE]
-    if found.model.bend is not None or not losses:
+    losses, names = [name for name, _ in found.choice if name in LIKE_RESONANCE], [name for name, _ in found.choice]
+    if found.model.bend is not None or not (losses or (left is not None and names)):
         return None
-    bare = without(found, losses, nominal, tolerance, step)
-    told, excess = branch(*_flux_errors(rows, bare)), excess_of(found)
-    if told is None:
+    tried = [losses] * bool(losses) + [names] * (len(names) > len(losses))
+    rungs = [rung for drop in tried if (rung := _rung(rows, found, without(found, drop, nominal, tolerance, step)))]
+    if not rungs:
         return None
-    chance = np.sqrt(4.0 * len(rows))
-    machines = bare.model.machine, found.model.machine
-    without_any, beside_it = (above_noise(as_in(*machines, z), found.noise, rows) for z in (bare.z, told[1]))
-    by_losses, gain = without_any - excess, without_any - beside_it
-    unexplained = excess - found.search.missed(found.choice) - _CHANCE * chance
-    if beside_it >= excess + max(min(_AS_GOOD[0] * unexplained, _AS_GOOD[1] * by_losses), 0.0):
+    rung = min(rungs, key=lambda one: one.left)
+    more, hidden = excess_of(found) - rung.left, hidden_energy(rows) / (found.noise[0] * found.noise[1])
+    equal = _CERTAIN + found.search.missed(found.choice) + _ROUNDED * hidden
+    if more < -_CERTAIN or (not losses and more < equal):
         return None
-    alone = _described(rows, bare)
+    alone = _described(rows, rung.bare)
     if alone is not None and _has_form(alone) and not alone.description.startswith(RESONANCE):
         return None  # and that explains more
-    left = _CHANCE * chance + _ROUNDED * hidden_energy(rows) / (found.noise[0] * found.noise[1])
-    plain = gain > min(left, max(chance, OUTSHINES * by_losses, OUTSHINES * beside_it))
-    return bare, told[0], alone is not None or plain
+    if more > equal and (both := _rung(rows, found, found)) is not None and both.left < rung.left - _CERTAIN:
+        return None  # they explain some beside it
+    return rung.bare, rung.told, more > equal
+
+
+def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
+    """The best branch, as the machine moves on beside it."""
+    best: _Rung | None = None
+    at, model = _flux_errors(rows, bare), bare.model
+    while (told := branch(*at)) is not None:
+        left = above_noise(as_in(model.machine, found.model.machine, told[1].left), found.noise, rows)
+        if best is not None and left > best.left - _CERTAIN:
+            break
+        best = _Rung(bare, told[0], left)
+        *by, turned = map(float, told[1].changes)
+        moved = {name: getattr(model.machine, name) + change for name, change in zip(PARAMETERS, by, strict=True)}
+        if not min(moved.values()) > 0.0:
+            break
+        model = replace(model, machine=replace(model.machine, **moved), angle=model.angle + turned)
+        there = with_machine(rows, model.machine)
+        z = whitened(residual(there, bare.smooth, model), there, filter_pole(model.machine, rows.T_s))
+        at = there, z, at[2]
+    return best
 
 
 def upright(
@@ -120,7 +146,7 @@ def upright(
     before = found
     resonance: Unexplained | None = None
     faint: Unexplained | None = None
-    if (rung := _ringing(rows, found, nominal, tolerance, step)) is not None:
+    if (rung := _ringing(rows, found, left, nominal, tolerance, step)) is not None:
         bare, told, plain = rung
         if plain:
             found, left, resonance = bare, told, told

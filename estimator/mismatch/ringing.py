@@ -9,14 +9,14 @@ reach f, h itself shows; where they do not, the branch is a capacitance a / w, w
 past changes count: the voltage's control follows the current's noise in its turn. Knows nothing of effects.
 """
 
-import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple, cast
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from estimator.flux_balance import TURN
-from estimator.mismatch.averages import Array, beside, energy_of, parts
+from estimator.mismatch.averages import Array
+from estimator.mismatch.branch import Branch, fitted_branch
 from estimator.mismatch.spectra import welch
 from estimator.physics.rows import Rows, Vector
 
@@ -27,6 +27,7 @@ _DAMPING: Final = np.array([0.01, 0.03, 0.1, 0.2])
 _LINES: Final = 512  # frequencies of the colour
 _SURE: Final = 7.0  # standard errors of its size
 _PLAIN: Final = 0.25  # of it, that nothing else may ring with
+_STARTS: Final = (0.08, 0.1), (0.13, 0.1), (0.2, 0.07)  # w / 2 pi, damping: where else a branch is sought
 
 
 def _taps() -> Array:
@@ -36,16 +37,6 @@ def _taps() -> Array:
 
 
 _TAPPED: Final = _taps()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Resonance:
-    """A current beside the machine's that follows the voltage's changes."""
-
-    frequency: float  # Hz
-    sure: float  # standard errors of its size among fast changes; 0 where only slow ones show it
-    left: Vector  # Vs: the flux error less what the branch explains beside the machine
-    gain: float  # energy of the flux error (Vs^2, summed) that it explains beside the machine
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,23 +74,17 @@ def ringing(rows: Rows, z: Vector, noise: tuple[float, float]) -> tuple[float, b
     return None if found is None else (found.sure, found.plain)
 
 
-def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array) -> Resonance | None:
+def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array) -> Branch | None:
     """The branch that explains most of a flux error (Vs, rotor frame) beside a machine's parameters.
 
     machine: (m, 2 n), what changes of them make of the flux error, real parts before imaginary ones.
     """
-    n = len(rows)
     answer = _answer(rows, z)
     if answer is None:
         return None
-    found = _rings(answer, z, noise) or _largest(answer, machine)
-    if found is None:
-        return None
-    m, back = rows.machine, np.fft.ifft(_branch(found, answer.size) * answer.u)[:n] * rows.rotor[1:].conj()
-    taken = -parts(m.L_d * back.real + 1j * m.L_q * back.imag)
-    without = beside(machine, z)
-    left = beside(np.concatenate((machine, taken[None, :])), z)
-    return Resonance(found.f / rows.T_s, found.sure, z - (without - left), energy_of(without) - energy_of(left))
+    likely = _rings(answer, z, noise), _largest(answer, machine)
+    starts = [(one.f, one.damping) for one in likely if one is not None]
+    return fitted_branch(rows, z, noise, machine, [*starts, *_STARTS])
 
 
 def _answer(rows: Rows, z: Vector) -> _Answer | None:
@@ -156,9 +141,3 @@ def _sizes(gram: Array, cross: Array) -> tuple[Array, Array]:
     size = np.sqrt(np.maximum(np.einsum("fdj,fdj->fd", _TAPPED @ gram, _TAPPED), 1e-300))
     return _TAPPED @ cross / size, size
 
-
-def _branch(ringing: _Ringing, size: int) -> Vector:
-    """h / a as a spectrum, however long it rings."""
-    w, late = TURN * ringing.f, cast(Vector, np.exp(-1j * TURN * np.fft.fftfreq(size)))
-    kept, turn = math.exp(-ringing.damping * w), math.sqrt(1.0 - ringing.damping**2) * w
-    return kept * math.sin(turn) / (1.0 - 2.0 * kept * math.cos(turn) * late + (kept * late) ** 2)
