@@ -148,12 +148,16 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
     return _unexplained(rows, best, excess, rms_V)
 
 
-def branch(rows: Rows, z: Vector, noise: tuple[float, float]) -> tuple[Unexplained, Branch] | None:
+def branch(
+    rows: Rows, z: Vector, noise: tuple[float, float], smooth: Rows | None = None
+) -> tuple[Unexplained, Branch] | None:
     """The resonance that explains most of a residual flux error (Vs, rotor frame).
 
-    Its `changes` are those of R_s, L_d, L_q, psi_f and the angle's zero.
+    Its `changes` are those of R_s, L_d, L_q, psi_f and the angle's zero. smooth: the rows with less noise of the
+    currents, which would make inductances small.
     """
-    z, machine = np.where(rows.joined, z, 0j), np.concatenate((_of_machine(rows), _of_angle(rows)))
+    smooth = smooth or rows
+    z, machine = np.where(rows.joined, z, 0j), np.concatenate((_of_machine(smooth), _of_angle(smooth)))
     form = resonance(rows, z, noise, machine)
     if form is None:
         return None

@@ -115,7 +115,7 @@ def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
     """The best branch, as the machine moves on beside it."""
     best: _Rung | None = None
     at, model = _flux_errors(rows, bare), bare.model
-    while (told := branch(*at)) is not None:
+    while (told := branch(*at, with_machine(bare.smooth, model.machine))) is not None:
         left = above_noise(as_in(model.machine, found.model.machine, told[1].left), found.noise, rows)
         if best is not None and left > best.left - _CERTAIN:
             break
