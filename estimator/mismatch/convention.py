@@ -53,7 +53,8 @@ class Suspicion:
     machine: Machine  # the nominal one, with the right pole pairs
     odds: float  # against the recording as it stands
     rivals: tuple[Rival, ...]  # other causes, likeliest first
-    ambiguous: tuple[str, ...]  # causes that do as well, in words; empty where the cause is certain
+    ambiguous: tuple[str, ...]  # the cause and those that do as well, in words; empty where it is certain
+    rival_effects: tuple[str, ...]  # that do as well
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +119,7 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
         _sentence(best, stands, speed, rows), _parameters(correction, nominal, n_p), correction.undone(runs),
         nominal if n_p is None else replace(nominal, n_p=n_p), _odds(best, stands),
         tuple(Rival(h.name, _odds(best, h)) for h in _rivals(best, stands, hypotheses)), alike,
+        ("dc_link_gain",) if _read_as(best, stands) else (),
     )  # fmt: skip
 
 
@@ -203,13 +205,18 @@ def _rivals(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypoth
 def _alike(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis]) -> tuple[str, ...]:
     """The best and what does as well, in words; none where nothing does."""
     found = [h.says for h in _rivals(best, stands, hypotheses) if _odds(best, h) < AS_GOOD and h.in_order]
-    read = best.scale.u if best is not stands and best.scale.i == 1.0 else 1.0
-    if read != 1.0 and _MISREAD < read < 1.0 / _MISREAD:
+    if read := _read_as(best, stands):
         found.append(f"the dc link's voltage is read as {read:.2g} times what it is")
     weaker = 1.0 - stands.over_nominal[3]
     if best.scale.u == best.scale.i < 1.0 and weaker > 0.0:
         found.append(f"the magnets are {weaker:.0%} weaker than the nominal ones")
     return (best.says, *found) if found else ()
+
+
+def _read_as(best: _Hypothesis, stands: _Hypothesis) -> float | None:
+    """Times what it is, as which a dc link may be read in the place of a scale of the voltages."""
+    read = best.scale.u if best is not stands and best.scale.i == 1.0 else 1.0
+    return read if read != 1.0 and _MISREAD < read < 1.0 / _MISREAD else None
 
 
 def _odds(best: _Hypothesis, other: _Hypothesis) -> float:

@@ -145,7 +145,10 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     """The diagnosis of the corrected recording, and the cause that was corrected."""
     if suspicion.ambiguous:
         told = Experiment("look up the recording's units and conventions in the drive's manual")
-        doubt = Ambiguity(tuple(suspicion.ambiguous), suspicion.sentence, told)
+        said, *others = suspicion.sentence.removesuffix("."), *suspicion.ambiguous[1:]
+        why = f"perhaps {said[0].lower()}{said[1:]}; it would look the same if {' or if '.join(others)}"
+        names = (convention_error.NAME, *suspicion.rival_effects)
+        doubt = Ambiguity(names, why, told, rivals=len(names) > 1)
         return replace(diagnosis, verdict=Verdict.AMBIGUOUS, ambiguous=(doubt, *diagnosis.ambiguous))
     everywhere = Place("in every row", {}, 1.0, 1.0)
     finding = Finding(
