@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from emulator.conceal.recording import Choice, Concealed, drawn
 from estimator.machine import Machine
 from estimator.mismatch.angle_rounding import unrounded
+from estimator.mismatch.branch import Branch
 from estimator.mismatch.locate import branch, describe, place_of
 from estimator.mismatch.model import Model, filter_pole, noise_of, residual, whitened
 from estimator.mismatch.verdict import Place, Unexplained
@@ -264,16 +265,19 @@ def test_strangers_of_the_emulator_are_described(motor: str) -> None:
 @pytest.mark.parametrize("motor", ["beckhoff_am8141", "servo_4nm", "aalto_2k2"])
 def test_a_small_resonance_is_told_from_an_iron_loss(motor: str) -> None:
     """Too small to ring aloud; an iron loss's current is in phase with the voltage, that of a branch leads it."""
-    assert explained_by_a_branch("resonance", motor) > 1.0
-    assert explained_by_a_branch("iron_loss", motor) < 0.85
+    concealed, share, found = explained_by_a_branch("resonance", motor)
+    true, T_s = concealed.scenario.effects.resonance, concealed.scenario.drive.T_s
+    assert share > 1.0
+    assert found.frequency / T_s == pytest.approx(1.0 / (TURN * math.sqrt(true.L * true.C)), rel=0.01)
+    assert found.damping == pytest.approx(0.5 * true.R * math.sqrt(true.C / true.L), rel=0.1)
+    assert explained_by_a_branch("iron_loss", motor)[1] < 0.85
 
 
-def explained_by_a_branch(kind: str, motor: str) -> float:
-    """Share of the energy over noise."""
-    _, rows, z, noise = left_in(kind, motor, 1, (0.0, 0.05))
+def explained_by_a_branch(kind: str, motor: str) -> tuple[Concealed, float, Branch]:
+    """A recording, the share of the energy over noise that a branch explains of it, and the branch."""
+    concealed, rows, z, noise = left_in(kind, motor, 1, (0.0, 0.05))
     found = branch(rows, z, noise)
-    if found is None:
-        return 0.0
+    assert found is not None
     assert found[0].description.startswith("a resonance")
     before, after = (float(np.sum((x.real / noise[0]) ** 2 + (x.imag / noise[1]) ** 2)) for x in (z, found[1].left))
-    return (before - after) / (before - 2.0 * np.count_nonzero(rows.joined))
+    return concealed, (before - after) / (before - 2.0 * np.count_nonzero(rows.joined)), found[1]

@@ -126,9 +126,9 @@ def _within(f: float, damping: float, step: Array) -> tuple[float, float]:
 
 
 def _taken(rows: Rows, flux_s: Vector, alone: Vector) -> Vector:
-    """Flux error (Vs) of a branch's current, L i (Vs, stationary frame) for an L as large as the machine's.
+    """Flux error (Vs) that a branch makes whose L is as large as the machine's. flux_s: its L i (Vs, stationary frame).
 
-    alone: the voltage (V) that the measured current needs without it.
+    alone: the voltage (V) that the measured current needs where all of it is the machine's.
     """
     m = rows.machine
     i = rows.i - flux_s * rows.rotor.conj() / (0.5 * (m.L_d + m.L_q))

@@ -1,12 +1,13 @@
-"""Ringing: a branch of R, L and C at the machine's terminals, as a filter or a long cable makes, in a flux error.
+"""Ringing: whether a branch of R, L and C at the machine's terminals shows in a flux error, and where, roughly.
 
-Its current is measured beside the machine's and answers each change of the terminals' voltage,
+Its current is measured beside the machine's and answers each change of a period's mean voltage, more or less, by
 
     i_b[k] = sum over j >= 0 of h[j] (u[k-j] - u[k-j-1])        h[j] = a exp(-d w (j+1)) sin(sqrt(1 - d^2) w (j+1))
 
 with w = 2 pi f T_s of the resonance's frequency f and d its damping over the critical one. Where changes of the voltage
 reach f, h itself shows; where they do not, the branch is a capacitance a / w, whose current leads the voltage. Only
-past changes count: the voltage's control follows the current's noise in its turn. Knows nothing of effects.
+past changes count: the voltage's control follows the current's noise in its turn. `branch` goes on from there, by the
+bridge's pulses. Knows nothing of effects.
 """
 
 from dataclasses import dataclass
