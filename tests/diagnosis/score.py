@@ -95,6 +95,7 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         _measure("sizes within 10 % or 2 standard errors", lambda size: size.right, sizes, at_least=0.95),
         _measure("  of these, told at all", lambda size: size.value is not None, sizes),
         _measure(f"machine after within {MACHINE:.1%}, all four, exact sets", _machine_right, machines, at_least=1.0),
+        _measure(f"  or each within {DEVIATIONS:g} of its standard errors", _machine_told, machines),
         _measure("  before", lambda row: all(abs(off or 0.0) <= MACHINE for off in row.before.values()), machines),
         _measure(f"intervals of these, true values within {DEVIATIONS:g} standard errors", _held, deviations),
         _measure(f"intervals of sizes, true values within {DEVIATIONS:g} standard errors", _held, size_deviations),
@@ -230,6 +231,11 @@ def _named(row: Row) -> bool:
 
 def _machine_right(row: Row) -> bool:
     return all(off is not None and abs(off) <= MACHINE for off in row.after.values())
+
+
+def _machine_told(row: Row) -> bool:
+    """Of a parameter without a standard error nothing is claimed."""
+    return all(abs(off or 0.0) <= MACHINE or _held(row.deviations.get(name, 0.0)) for name, off in row.after.items())
 
 
 def _held(deviation: float) -> bool:
