@@ -49,7 +49,7 @@ from estimator.mismatch.verdict import (
     odds_of,
     verdict_of,
 )  # fmt: skip
-from estimator.physics import convention_error
+from estimator.physics import convention_error, voltage_delay
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows, Vector, by_phase, rows_of
@@ -64,6 +64,7 @@ _MAPPED: Final = (
     "the flux linkages bend as no saturation curve of the library does: a free map of them over the currents is a part "
     "of this diagnosis"
 )
+_MOST_OF_A_ROW: Final = 0.5
 _DELTA: Final = 1e-4  # of a size, for differences
 _HELPS: Final = 0.98  # of a free-running error without any effect, that effects leave at most
 _RISES: Final = 1.01  # times the same: more than chance
@@ -89,23 +90,37 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     if checks.stop or rows_there < _FEWEST:
         few = f"expected at least {_FEWEST} rows to tell effects from noise, came {rows_there}; record some seconds"
         return _no_verdict(checks.remarks if checks.stop else (*checks.remarks, few))
-    suspicion = suspected(long_enough, nominal, tolerance)
+    if (suspicion := suspected(long_enough, nominal, tolerance)) is not None:
+        diagnosis = _explained(long_enough, nominal, tolerance, checks.remarks, progress, suspicion)
+        if diagnosis is not None:
+            return diagnosis
+    diagnosis = _explained(long_enough, nominal, tolerance, checks.remarks, progress)
+    assert diagnosis is not None
+    return diagnosis
+
+
+def _explained(
+    runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, float], remarks: Sequence[str],
+    progress: Callable[[float, str], None], suspicion: Suspicion | None = None,
+) -> Diagnosis | None:  # fmt: skip
+    """The diagnosis of the recording without a suspected cause; None where the library takes some of that back."""
     if suspicion is not None:
-        long_enough, nominal = list(suspicion.runs), suspicion.machine
-    rated = nominal.i_rated or _highest_current(long_enough)
-    rows = rows_of(long_enough, nominal, rated)
-    told = long_enough[0].resolution.theta_e
+        runs, nominal = suspicion.runs, suspicion.machine
+    rows = rows_of(runs, nominal, nominal.i_rated or _highest_current(runs))
+    told = runs[0].resolution.theta_e
     resolution = resolution_of(rows, told)
     rows = settled(unrounded(rows, resolution))
     step = rows.angle_step if told == 0.0 < resolution else told  # counts may be told in finer numbers
     if longest(_odd_stretches(len(rows)) & rows.joined) < SHORTEST:
-        return _no_verdict((*checks.remarks, (
+        return _no_verdict((*remarks, (
             f"expected stretches of at least {SHORTEST} periods without a gap to judge by; record over a faster link, "
             "or by a capture buffer"
         )))  # fmt: skip
     rows.prepare()
     progress(0.0, "fitting")
     found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
+    if suspicion is not None and _taken_back(suspicion, found.model):
+        return None
     progress(0.7, "judging")
     left, plain, resonance = left_of(rows, found), None, None
     if left is not None:
@@ -121,10 +136,18 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
     said = sentence_of(diagnosis)
-    if suspicion is not None:
-        diagnosis = replace(diagnosis, remarks=(suspicion.sentence, *diagnosis.remarks))
-    diagnosis = replace(diagnosis, remarks=(*checks.remarks, *diagnosis.remarks), sentence=said)
-    return diagnosis if diagnosis.flux_map is None else replace(diagnosis, remarks=(*diagnosis.remarks, _MAPPED))
+    causes = () if suspicion is None else (suspicion.sentence,)
+    mapped = () if diagnosis.flux_map is None else (_MAPPED,)
+    return replace(diagnosis, remarks=(*remarks, *causes, *diagnosis.remarks, *mapped), sentence=said)
+
+
+def _taken_back(suspicion: Suspicion, model: Model) -> bool:
+    """Voltages were moved by rows too far: the library finds that they act later than the corrected rows say."""
+    shift, delay = suspicion.parameters.get("u_shift"), model.effects.get(voltage_delay.EFFECT.name)
+    if shift is None or shift.value is None or delay is None:
+        return False
+    periods, direction = delay
+    return periods * direction * math.copysign(1.0, shift.value) > _MOST_OF_A_ROW
 
 
 def _highest_current(runs: Sequence[Samples]) -> float:
