@@ -103,7 +103,7 @@ def _ringing(
     equal = _CERTAIN + found.search.missed(found.choice) + _ROUNDED * hidden
     if more < -_CERTAIN or (not losses and more < equal):
         return None
-    alone = _described(rows, rung.bare)
+    alone = _described(rows, rung.bare) if rung.left > _CHANCE * np.sqrt(4.0 * len(rows)) else None
     if alone is not None and _has_form(alone) and not alone.description.startswith(RESONANCE):
         return None  # and that explains more
     if more > equal and (both := _rung(rows, found, found)) is not None and both.left < rung.left - _CERTAIN:

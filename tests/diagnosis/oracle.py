@@ -66,6 +66,7 @@ _ROUNDED: Final = 1.0 / 12.0  # variance of a number rounded to 1
 
 _SMALL: Final = 3.0  # limits: a size that is run is no larger
 _LEAST: Final = 1e-3  # of a size, that is run after it
+_NOTHING: Final = 1e-12  # of it, at which one gives up
 _SHIFTS: Final = {"voltage_early": 1, "voltage_late": -1}  # classes of one size: the row whose voltage a row has
 
 
@@ -89,9 +90,15 @@ class Oracle:
         return size / self.limit(name, size)
 
     def limit(self, name: str, size: float) -> float:
-        """Smallest size of a class that can be seen, sought from one above it on, and below one that leads astray."""
+        """Smallest size of a class that can be seen, sought from one above it on, and below one that leads astray.
+
+        Not a number where every size does.
+        """
+        nothing = _NOTHING * size
         while size > _SMALL * (limit := self._limit(name, size)):
             size = max(0.5 * _SMALL * limit, _LEAST * size)
+            if size < nothing:
+                return math.nan
         return limit
 
     def signal(self, name: str, x: float) -> tuple[Array, Array]:
@@ -207,7 +214,7 @@ def weights(signal: Array, change: Array) -> Array:
 
 
 def limits(answers: Iterable[Mapping[str, Any]], jobs: int = 1) -> dict[str, dict[str, float]]:
-    """Size over limit by recording and class."""
+    """Size over limit by recording and class; no class of which no limit is known."""
     asked = list(answers)
     if jobs == 1:
         return {answer["recording"]: _of(answer) for answer in asked}
@@ -219,7 +226,8 @@ def _of(answer: Mapping[str, Any]) -> dict[str, float]:
     if not answer["classes"]:
         return {}
     oracle = Oracle(answer)
-    return {name: oracle.over_limit(name) for name in answer["classes"]}
+    ratios = {name: oracle.over_limit(name) for name in answer["classes"]}
+    return {name: ratio for name, ratio in ratios.items() if math.isfinite(ratio)}
 
 
 def answers_in(folder: Path) -> list[dict[str, Any]]:
