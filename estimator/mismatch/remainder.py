@@ -21,7 +21,7 @@ from estimator.physics.rows import Rows, Vector
 
 _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
 _CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
-_CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other
+_CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other, or at all
 _ROUNDED: Final = 0.01  # of the angle's rounding, that one may explain more of
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
 
@@ -112,10 +112,12 @@ def _ringing(
 
 
 def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
-    """The best branch, as the machine moves on beside it."""
+    """The best branch, as the machine moves on beside it; None where it explains little."""
     best: _Rung | None = None
     at, model = _flux_errors(rows, bare), bare.model
     while (told := branch(*at, with_machine(bare.smooth, model.machine))) is not None:
+        if told[1].gain < _CERTAIN * at[2][0] * at[2][1]:
+            break
         left = above_noise(as_in(model.machine, found.model.machine, told[1].left), found.noise, rows)
         if best is not None and left > best.left - _CERTAIN:
             break
