@@ -47,12 +47,21 @@ def parts(z: Vector) -> Array:
     return np.concatenate((z.real, z.imag))
 
 
+def whole(x: Array) -> Vector:
+    """The inverse of `parts`."""
+    n = len(x) // 2
+    return x[:n] + 1j * x[n:]
+
+
+def sizes_in(columns: Array, z: Vector) -> Array:
+    """Of columns (m, 2 n; see `parts`), by which they explain most of z."""
+    return np.array(np.linalg.lstsq(columns @ columns.T, columns @ parts(z), rcond=None)[0], np.float64)
+
+
 def beside(columns: Array, z: Vector, flux: Vector | None = None) -> Vector:
     """z less what columns (m, 2 n; see `parts`) explain of it, fitted alone or together with a flux error."""
     both = columns if flux is None else np.concatenate((columns, parts(flux)[None, :]))
-    sizes = np.linalg.lstsq(both @ both.T, both @ parts(z), rcond=None)[0]
-    fitted = sizes[: len(columns)] @ columns
-    return z - (fitted[: len(z)] + 1j * fitted[len(z) :])
+    return z - whole(sizes_in(both, z)[: len(columns)] @ columns)
 
 
 def usual_periods(rows: Rows) -> int:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
-from estimator.mismatch.averages import Array, beside, energy_of, parts
+from estimator.mismatch.averages import Array, beside, energy_of, parts, sizes_in, whole
 from estimator.mismatch.model import Model, base_voltage, filter_pole, whitened
 from estimator.physics.rows import AXES, Rows, Vector
 
@@ -57,7 +57,8 @@ class _Try(NamedTuple):
     gain: float  # chi square that it explains beside the machine
     f: float  # of the sampling rate
     damping: float
-    column: Array  # over the noise, beside the machine
+    taken: Array  # Vs, its flux error
+    column: Array  # the same over the noise, beside the machine
 
 
 def current_of(rows: Rows, frequency: float, damping: float) -> Vector:
@@ -89,8 +90,9 @@ def fitted_branch(
     y = apart(parts(z) * scale)
 
     def tried(f: float, d: float) -> _Try:
-        x = apart(parts(_taken(rows, current_of(rows, f, d), alone)) * scale)
-        return _Try(max(float(x @ y), 0.0) ** 2 / max(float(x @ x), 1e-300), f, d, x)
+        taken = parts(_taken(rows, current_of(rows, f, d), alone))
+        x = apart(taken * scale)
+        return _Try(max(float(x @ y), 0.0) ** 2 / max(float(x @ x), 1e-300), f, d, taken, x)
 
     best = max((tried(*at) for at in starts), key=lambda one: one.gain)
     if not best.gain > 0.0:
@@ -110,13 +112,11 @@ def fitted_branch(
         if better is None:
             break
         best = better
-    taken = parts(_taken(rows, current_of(rows, best.f, best.damping), alone))
-    both = np.concatenate((machine, taken[None, :]))
-    changes = np.array(np.linalg.lstsq(both @ both.T, both @ parts(z), rcond=None)[0], np.float64)
-    explained = changes @ both
-    left = z - (explained[: len(z)] + 1j * explained[len(z) :])
+    both = np.concatenate((machine, best.taken[None, :]))
+    sizes = sizes_in(both, z)
+    left = z - whole(sizes @ both)
     gain = energy_of(beside(machine, z)) - energy_of(left)
-    return Branch(best.f, best.damping, unsure, left, gain, changes[:-1])
+    return Branch(best.f, best.damping, unsure, left, gain, sizes[:-1])
 
 
 def _within(f: float, damping: float, step: Array) -> tuple[float, float]:

@@ -15,7 +15,17 @@ from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, without
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
-from estimator.mismatch.model import Model, Noise, as_in, filter_pole, noise_of, residual, whitened, with_machine
+from estimator.mismatch.model import (
+    Model,
+    Noise,
+    as_in,
+    filter_pole,
+    flux_errors,
+    noise_of,
+    residual,
+    whitened,
+    with_machine,
+)
 from estimator.mismatch.verdict import Unexplained
 from estimator.physics.rows import Rows, Vector
 
@@ -128,8 +138,7 @@ def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
             break
         model = replace(model, machine=replace(model.machine, **moved), angle=model.angle + turned)
         there = with_machine(rows, model.machine)
-        z = whitened(residual(there, bare.smooth, model), there, filter_pole(model.machine, rows.T_s))
-        at = there, z, at[2]
+        at = there, flux_errors(residual(there, bare.smooth, model), there, model), at[2]
     return best
 
 

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimator.flux_balance import TURN
-from estimator.mismatch.averages import Array
+from estimator.mismatch.averages import Array, whole
 from estimator.mismatch.branch import Branch, fitted_branch
 from estimator.mismatch.spectra import welch
 from estimator.physics.rows import Rows, Vector
@@ -125,8 +125,7 @@ def _rings(answer: _Answer, z: Vector, noise: tuple[float, float]) -> _Ringing |
 
 def _largest(answer: _Answer, machine: Array) -> _Ringing | None:
     """The branch that explains most of a current beside the machine, slow changes too: it need not be sure to ring."""
-    n = machine.shape[1] // 2
-    others = [np.fft.fft(_current(answer.rows, column[:n] + 1j * column[n:]), answer.size) for column in machine]
+    others = [np.fft.fft(_current(answer.rows, whole(column)), answer.size) for column in machine]
     gram, cross = answer.lagged(1.0, answer.i)
     to = np.array([answer.lagged(1.0, i)[1] for i in others])  # (m, taps)
     inner = np.array([[float(np.vdot(a, b).real) for b in others] for a in others]) / answer.size
@@ -141,4 +140,3 @@ def _sizes(gram: Array, cross: Array) -> tuple[Array, Array]:
     """Of all branches: their sizes in standard errors, where noise has unit variance, and one over the latter."""
     size = np.sqrt(np.maximum(np.einsum("fdj,fdj->fd", _TAPPED @ gram, _TAPPED), 1e-300))
     return _TAPPED @ cross / size, size
-
