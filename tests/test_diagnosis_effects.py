@@ -117,6 +117,10 @@ def of_population(seed: int, number: int, folder: Path) -> tuple[tuple[str, ...]
     pytest.param(2006, 351, id="a small saturation beside an encoder that is loud at the ends"),
     pytest.param(2006, 353, id="a step that explains little but at its moment"),
     pytest.param(2007, 11, id="an iron loss that a shift by two rows seems to undo"),
+    pytest.param(2007, 28, id="a small resonance that seems a rising resistance"),
+    pytest.param(2007, 262, id="a resonance that seems a loss, an offset and a drift"),
+    pytest.param(2008, 318, id="a row late beside a short, by a convention two late and one early"),
+    pytest.param(2008, 333, id="a healthy drive that a branch beside nothing seems to explain"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""
