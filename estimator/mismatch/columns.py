@@ -51,6 +51,7 @@ _LONG: Final = 200_000  # periods, from which on what effects remember takes muc
 _LEAD: Final = 1_000  # periods, of which most effects remember nothing in the end
 _SMALL_ANGLE: Final = 1e-4  # rad
 _FARTHEST: Final = (0.3, 3.0)  # of nominal values
+_AT_ONCE: Final = 1.4  # times an inductance: the noise of currents that no model has cleaned makes it small
 _ANYTHING: Final = (1e-2, 1e2)  # the same for the straight lines of a map
 
 Follow = Callable[[Model], tuple[Rows, Vector]]
@@ -217,8 +218,11 @@ def _columns(
         given = getattr(nominal, name)
         share = tolerance[name] if model.bend is None or name == "R_s" else 1.0  # straight lines are a part of a map
         low, high = _FARTHEST if share < 1.0 else _ANYTHING
+        present = getattr(model.machine, name)
         prior, bounds = (given, share * given), (low * given, high * given)
-        found.append(Column("machine", name, k, -1, prior, getattr(model.machine, name), bounds))
+        if name in ("L_d", "L_q") and share < 1.0:
+            bounds = max(bounds[0], present / _AT_ONCE), min(bounds[1], present * _AT_ONCE)
+        found.append(Column("machine", name, k, -1, prior, present, bounds))
     reach = max(angle_step, 1e-5)  # an angle is rounded or cut off
     found.append(Column("machine", "angle", 4, -1, (0.0, max(0.5 * angle_step, 1e-6)), model.angle, (-reach, reach)))
     if rows.zero is not None:

@@ -29,7 +29,7 @@ from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.quality import SHORTEST, fit_quality, longest
-from estimator.mismatch.remainder import LIKE_RESONANCE, excess_of, leaves_some, left_of, not_astray, upright
+from estimator.mismatch.remainder import LIKE_RESONANCE, alone, excess_of, leaves_some, left_of, not_astray, upright
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.surrogate import stands_out
 from estimator.mismatch.thinning import settled
@@ -118,27 +118,43 @@ def _explained(
         )))  # fmt: skip
     rows.prepare()
     progress(0.0, "fitting")
-    found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
-    if suspicion is not None and _taken_back(suspicion, found.model):
+    by_form = alone(rows, nominal, tolerance, step)
+    there = _by_effects(rows, nominal, tolerance, step, progress) if by_form is None else _There(*by_form)
+    if suspicion is not None and _taken_back(suspicion, there.found.model):
         return None
-    progress(0.7, "judging")
-    left, plain, resonance = left_of(rows, found), None, None
-    if left is not None:
-        found = not_astray(rows, found, nominal, tolerance, step)
-        left = left_of(rows, found)
-    if left is not None and (by_map := fitted_by_map(rows, nominal, tolerance, step, found, progress)) is not None:
-        by_map, left_by_map, _ = upright(rows, by_map, left_of(rows, by_map), nominal, tolerance, step)
-        if has_map(by_map):
-            found, left, plain = by_map, left_by_map, found.search
-    if plain is None:
-        found, left, resonance = upright(rows, found, left, nominal, tolerance, step)
-    diagnosis = _judged(rows, nominal, tolerance, step, found, left, progress, plain, resonance)
+    diagnosis = _judged(rows, nominal, tolerance, step, there, progress)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
     said = sentence_of(diagnosis)
     causes = () if suspicion is None else (suspicion.sentence,)
     mapped = () if diagnosis.flux_map is None else (_MAPPED,)
     return replace(diagnosis, remarks=(*remarks, *causes, *diagnosis.remarks, *mapped), sentence=said)
+
+
+class _There(NamedTuple):
+    """What a recording holds."""
+
+    found: Fitted
+    left: Unexplained | None
+    plain: Search | None = None  # what explains the rows without a flux map, where the model has one
+    resonance: Unexplained | None = None  # what explains as much as the losses of the model
+
+
+def _by_effects(
+    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, progress: Callable[[float, str], None]
+) -> _There:
+    found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
+    progress(0.7, "judging")
+    left = left_of(rows, found)
+    if left is not None:
+        found = not_astray(rows, found, nominal, tolerance, step)
+        left = left_of(rows, found)
+    if left is not None and (by_map := fitted_by_map(rows, nominal, tolerance, step, found, progress)) is not None:
+        by_map, left_by_map, _ = upright(rows, by_map, left_of(rows, by_map), nominal, tolerance, step)
+        if has_map(by_map):
+            return _There(by_map, left_by_map, found.search)
+    found, left, resonance = upright(rows, found, left, nominal, tolerance, step)
+    return _There(found, left, resonance=resonance)
 
 
 def _taken_back(suspicion: Suspicion, model: Model) -> bool:
@@ -188,14 +204,10 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
 
 
 def _judged(
-    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, found: Fitted,
-    left: Unexplained | None, progress: Callable[[float, str], None], plain: Search | None = None,
-    resonance: Unexplained | None = None,
+    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, there: _There,
+    progress: Callable[[float, str], None],
 ) -> Diagnosis:  # fmt: skip
-    """`plain`: what explains the rows without a flux map, where the model has one.
-
-    `resonance`: what explains as much as the losses of the model.
-    """
+    found, left, plain, resonance = there
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
     findings: list[Finding] = []
@@ -211,7 +223,7 @@ def _judged(
     r_after = residual(rows, found.smooth, model)
     fit, pictures = _shown(rows, found, r_after, plain or search)
     if faint and (other := _undoubted(rows, found, faint, fit, nominal, tolerance, step)) is not found:
-        return _judged(rows, nominal, tolerance, step, other, left_of(rows, other), progress, plain)
+        return _judged(rows, nominal, tolerance, step, _There(other, left_of(rows, other), plain), progress)
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None

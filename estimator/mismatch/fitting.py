@@ -113,6 +113,14 @@ def fitted(
     )  # fmt: skip
 
 
+def of_machine(rows: Rows, nominal: Machine, tolerance: Mapping[str, float], angle_step: float) -> Fitted:
+    """The machine without any effect, and a search that knows none."""
+    model, clean, _ = polished(rows, _raw(rows), Model(nominal), nominal, tolerance, angle_step)
+    assert clean.noise is not None
+    search = _search(rows, clean, model, nominal, tolerance, angle_step, ())
+    return Fitted(model, search, (), clean.z, clean.noise, clean.rows)
+
+
 def _fitted(
     rows: Rows, model: Model, nearly: bool, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
     progress: Callable[[float], None], library: Sequence[Effect],

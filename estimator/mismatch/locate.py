@@ -5,7 +5,6 @@ change of sign - or a line of a spectrum, or an order of the rotor's turning. Kn
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -29,7 +28,7 @@ from estimator.mismatch.forms import Drift, Form, TwoLevels, drift, two_levels
 from estimator.mismatch.model import filter_pole, whitened
 from estimator.mismatch.regions import MOST, regions, together, worth
 from estimator.mismatch.ringing import resonance, ringing
-from estimator.mismatch.spectra import Line, energy_of_orders, noise_of_orders, strongest_line, white_level
+from estimator.mismatch.spectra import Line, energy_of_orders, line_beside, noise_of_orders, strongest_line, white_level
 from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import degrees, number, percent
 from estimator.physics.rows import AXES, Rows, Vector
@@ -52,14 +51,13 @@ _HIDDEN: Final = 1.3  # of the rounding's energy
 _LIKE_RINGING: Final = (0.1, 0.01)  # of the rounding's energy, which the voltage's control follows; what rings plainly
 _FORM: Final = 0.5  # of the excess, that a form must explain to name it
 _ALL: Final = 0.8  # of the excess: a form that explains it is heard, however small its voltage
-_ROUNDS: Final = 8  # of fitting a form and the machine in turn
+_ROUNDS: Final = 8  # of fitting two levels and the machine in turn
 _NEARER: Final = 0.001  # of the energy, that another round must explain
 _SIMPLER: Final = 0.5  # of what a voltage of two levels explains, that a line must explain to stand for it
 _NEAR: Final = 0.05  # standard deviation of a resonance's frequency over it, to say so
 _STRAIGHT: Final = 0.3  # of an ellipse's long axis, that its short one may have
 
 Region = dict[str, float | str | tuple[float, float]]
-Find = Callable[[Rows, Vector], Line | TwoLevels | None]
 
 
 def place_of(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place:
@@ -137,8 +135,11 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
     if enough:
         line, levels = _line(rows, left), _levels(rows, left)
         # Many changes are a rough copy of a line
-        find = _line if levels is None or (line and line.gain > _SIMPLER * levels.gain) else _levels
-        forms += [_apart(rows, left, machine, find), two_levels(rows, left, "rotor"), drift(rows, left)]
+        if line is not None and (levels is None or line.gain > _SIMPLER * levels.gain):
+            apart = line_beside(rows, left, np.concatenate((machine, _of_angle(rows))), line)
+        else:
+            apart = _levels_apart(rows, left, machine)
+        forms += [apart, two_levels(rows, left, "rotor"), drift(rows, left)]
     best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
     if not heard and not heard_ringing and (best is None or best.gain < max(_ALL * excess, least)):
         return None
@@ -204,18 +205,19 @@ def _of_angle(rows: Rows) -> Array:
     return parts(whitened(voltage, rows, filter_pole(m, rows.T_s)))[None, :]
 
 
-def _apart(rows: Rows, z: Vector, machine: Array, find: Find) -> Line | TwoLevels | None:
-    """A form, where the machine is fitted beside it: fitted alone, its parameters hide a part of the form."""
+def _levels_apart(rows: Rows, z: Vector, machine: Array) -> TwoLevels | None:
+    """A voltage of two levels, where the machine is fitted beside it: fitted alone, its parameters hide a part of it.
+    """
     free, best = z, None
     for _ in range(_ROUNDS):
-        form = find(rows, free)
-        if form is None:
+        levels = _levels(rows, free)
+        if levels is None:
             break
-        free = beside(machine, z, form.flux)
-        gain = energy_of(z) - energy_of(free - form.flux)
+        free = beside(machine, z, levels.flux)
+        gain = energy_of(z) - energy_of(free - levels.flux)
         before = -math.inf if best is None else best.gain
         if gain > before:
-            best = replace(form, gain=gain)
+            best = replace(levels, gain=gain)
         if gain < before + _NEARER * energy_of(z):
             break
     return best

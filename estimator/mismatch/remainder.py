@@ -13,7 +13,7 @@ import numpy as np
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound, like_machine
-from estimator.mismatch.fitting import Fitted, fitted, without
+from estimator.mismatch.fitting import Fitted, fitted, of_machine, without
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
 from estimator.mismatch.model import (
     Model,
@@ -26,6 +26,7 @@ from estimator.mismatch.model import (
     whitened,
     with_machine,
 )
+from estimator.mismatch.thinning import thinned
 from estimator.mismatch.verdict import Unexplained
 from estimator.physics.rows import Rows, Vector
 
@@ -33,6 +34,7 @@ _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
 _CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
 _CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other, or at all
 _ROUNDED: Final = 0.01  # of the angle's rounding, that one may explain more of
+_FAR: Final = 5.0  # times what something without a name leaves, that the likeliest effects leave in its place
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
 
 
@@ -55,6 +57,42 @@ def leaves_some(found: Fitted) -> bool:
     """More than noise and what the effects' equations may miss, be it an encoder's rounding."""
     n = int(found.search.regression.rows.joined.sum())
     return excess_of(found) > found.search.missed(found.choice) + _NOTHING * 2.0 * n
+
+
+def alone(
+    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float
+) -> tuple[Fitted, Unexplained] | None:
+    """The machine without effects, and what it leaves: a form that is none of theirs and explains all but noise.
+
+    Far more is left beside the likeliest of them. None where it is not so, or plain in blocks of the rows.
+    """
+    part = thinned(rows)
+    if part is not rows and alone(part, nominal, tolerance, step) is None:
+        return None
+    bare = of_machine(rows, nominal, tolerance, step)
+    chance = _CHANCE * np.sqrt(4.0 * len(rows))
+    if excess_of(bare) < _FAR * chance or (left := _described(rows, bare)) is None:
+        return None
+    if not _has_form(left) or left.where.region["frame"] != "stationary":
+        return None
+    beside = (1.0 - left.where.energy_share) * excess_of(bare)
+    if left.description.startswith(RESONANCE):
+        rung = _rung(rows, bare, bare)
+        if rung is None or not _healthy(rung, nominal, tolerance, step):
+            return None
+        left, beside = rung.told, rung.left
+    if _FAR * (beside + chance) > excess_of(bare):
+        return None
+    found = without(bare, (), nominal, tolerance, step)
+    search = found.search
+    by_effects = excess_of(found) + search.fit(search.best(())).chi2 - search.fit(()).chi2
+    return (found, left) if _FAR * (beside + chance) < by_effects else None
+
+
+def _healthy(rung: "_Rung", nominal: Machine, tolerance: Mapping[str, float], step: float) -> bool:
+    """The machine beside a resonance is as its data sheet says: no other has lent its energy to it."""
+    shares = {name: abs(value / getattr(nominal, name) - 1.0) for name, value in rung.machine.items()}
+    return abs(rung.angle) <= step and all(share <= tolerance[name] for name, share in shares.items())
 
 
 def not_astray(
@@ -92,6 +130,8 @@ class _Rung(NamedTuple):
     bare: Fitted  # without them
     told: Unexplained
     left: float  # chi square beside it, above that of white noise
+    machine: Mapping[str, float]  # R_s, L_d, L_q, psi_f beside it
+    angle: float  # rad, by which the zero is turned there
 
 
 def _ringing(
@@ -131,9 +171,9 @@ def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
         left = above_noise(as_in(model.machine, found.model.machine, told[1].left), found.noise, rows)
         if best is not None and left > best.left - _CERTAIN:
             break
-        best = _Rung(bare, told[0], left)
         *by, turned = map(float, told[1].changes)
         moved = {name: getattr(model.machine, name) + change for name, change in zip(PARAMETERS, by, strict=True)}
+        best = _Rung(bare, told[0], left, moved, model.angle + turned)
         if not min(moved.values()) > 0.0:
             break
         model = replace(model, machine=replace(model.machine, **moved), angle=model.angle + turned)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
-from estimator.mismatch.averages import Array
+from estimator.mismatch.averages import Array, beside, energy_of, parts, sizes_in
 from estimator.mismatch.model import filter_pole
 from estimator.physics.rows import Rows, Vector
 
@@ -21,6 +21,8 @@ _SEGMENT: Final = 256  # periods of a Welch spectrum
 _ORDER_TURNS: Final = 8  # over which an order's amplitude is steady
 _BLOCK: Final = 64  # periods that are summed before a line's frequency is refined
 _SPARSE: Final = 3.0  # longest time by the clock, over the periods there are
+_STEPS: Final = 8  # of Newton's, to a line beside the machine
+_STILL: Final = 1e-5  # periods of a line over the whole recording: a step that changes nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +103,36 @@ def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: fl
     flux = made * rows.rotor[1:].conj() if frame == "stationary" else made
     gain = there * (abs(a) ** 2 + abs(b) ** 2)
     return Line(f, a / response(rows, f), b / response(rows, -f), flux, gain)
+
+
+def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
+    """The line (stationary frame) that explains most of a flux error beside columns of the machine, sought from one on.
+
+    machine: (m, 2 n), real parts before imaginary ones. Fitted alone, the machine hides a part of a line. By
+    Gauss-Newton of the frequency, where all else is linear.
+    """
+    back, time = np.where(rows.joined, rows.rotor[1:].conj(), 0j), (_by_clock(rows) - 0.5 * len(rows)) * rows.T_s
+    long = float(time[-1] - time[0])
+    most, f, best = energy_of(beside(machine, z)), line.frequency, line
+    for _ in range(_STEPS):
+        turning = np.exp(1j * TURN * f * time)
+        forth, aft = turning * back, turning.conj() * back
+        own = (forth, 1j * forth, aft, 1j * aft)
+        both = np.concatenate((machine, np.array([parts(x) for x in own])))
+        sizes = sizes_in(both, z)
+        a, b = complex(sizes[-4], sizes[-3]), complex(sizes[-2], sizes[-1])
+        flux: Vector = a * forth + b * aft
+        gain = most - energy_of(beside(both, z))
+        if best is not line and gain <= best.gain:
+            break
+        begin = np.exp(1j * TURN * f * time[0])
+        best = Line(f, a * begin / response(rows, f), b / begin / response(rows, -f), flux, gain)
+        faster = parts(1j * TURN * time * (a * forth - b * aft))
+        step = float(sizes_in(np.concatenate((both, faster[None, :])), z)[-1])
+        if abs(step) * long < _STILL or abs(step) * long > 1.0:
+            break
+        f += step
+    return best
 
 
 def _shifted(x: Vector, turns: float) -> Vector:
