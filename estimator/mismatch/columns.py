@@ -7,7 +7,7 @@ absolute; those of shapes count from the present value. Knows nothing of what is
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -15,7 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.machine import PARAMETERS, Machine
+from estimator.machine import PARAMETERS
+from estimator.mismatch.given import Given
 from estimator.mismatch.model import (
     Array,
     Model,
@@ -51,7 +52,6 @@ _LONG: Final = 200_000  # periods, from which on what effects remember takes muc
 _LEAD: Final = 1_000  # periods, of which most effects remember nothing in the end
 _SMALL_ANGLE: Final = 1e-4  # rad
 _FARTHEST: Final = (0.3, 3.0)  # of nominal values
-_AT_ONCE: Final = 1.4  # times an inductance: the noise of currents that no model has cleaned makes it small
 _ANYTHING: Final = (1e-2, 1e2)  # the same for the straight lines of a map
 
 Follow = Callable[[Model], tuple[Rows, Vector]]
@@ -99,9 +99,9 @@ class _Step:
 
 
 def regression(
-    rows: Rows, smooth: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    noise: Noise | None = None, library: Sequence[Effect] = LIBRARY, follow: Follow | None = None,
-    slopes: Slopes | None = None, response: Response | None = None,
+    rows: Rows, smooth: Rows, model: Model, given: Given, noise: Noise | None = None,
+    library: Sequence[Effect] = LIBRARY, follow: Follow | None = None, slopes: Slopes | None = None,
+    response: Response | None = None,
 ) -> Regression:  # fmt: skip
     """Sums of all columns; of the present model alone without a library.
 
@@ -115,7 +115,7 @@ def regression(
         see_lost(truth, model)
     if model.bend is not None:
         library = [effect for effect in library if effect.name not in SATURATIONS]
-    columns = _columns(smooth, model, nominal, tolerance, angle_step, library)
+    columns = _columns(smooth, model, given, library)
     steps = _steps(truth, model, columns)
     poles = poles_of(rows.joined, filter_pole(model.machine, rows.T_s))
     r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
@@ -163,9 +163,7 @@ def regression(
     return Regression(columns, gram, count, noise, rows, smooth, model, left)
 
 
-def _parts(
-    rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]
-) -> Iterator[tuple[int, slice, Rows]]:  # fmt: skip
+def _parts(rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]) -> Iterator[tuple[int, slice, Rows]]:
     """The rows part by part, with number of the stretch and place. Of many rows, most of what effects remember is
     worked out a stretch at a time.
     """
@@ -209,22 +207,19 @@ def _at(effect: Effect, shapes: Sequence[float], sizes: dict[int, float]) -> tup
     )
 
 
-def _columns(
-    rows: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    library: Sequence[Effect],
-) -> tuple[Column, ...]:  # fmt: skip
+def _columns(rows: Rows, model: Model, given: Given, library: Sequence[Effect]) -> tuple[Column, ...]:
     found: list[Column] = []
     for k, name in enumerate(PARAMETERS):
-        given = getattr(nominal, name)
-        share = tolerance[name] if model.bend is None or name == "R_s" else 1.0  # straight lines are a part of a map
+        nominal, tolerance = getattr(given.machine, name), given.tolerance[name]
+        share = tolerance if model.bend is None or name == "R_s" else 1.0  # straight lines are a part of a map
         low, high = _FARTHEST if share < 1.0 else _ANYTHING
-        present = getattr(model.machine, name)
-        prior, bounds = (given, share * given), (low * given, high * given)
-        if name in ("L_d", "L_q") and share < 1.0:
-            bounds = max(bounds[0], present / _AT_ONCE), min(bounds[1], present * _AT_ONCE)
-        found.append(Column("machine", name, k, -1, prior, present, bounds))
-    reach = max(angle_step, 1e-5)  # an angle is rounded or cut off
-    found.append(Column("machine", "angle", 4, -1, (0.0, max(0.5 * angle_step, 1e-6)), model.angle, (-reach, reach)))
+        if name in given.untold and share < 1.0:
+            low, high = 1.0 - share, 1.0 + share
+        prior, bounds = (nominal, share * nominal), (low * nominal, high * nominal)
+        found.append(Column("machine", name, k, -1, prior, getattr(model.machine, name), bounds))
+    reach = max(given.angle_step, 1e-5)  # an angle is rounded or cut off
+    prior = 0.0, max(0.5 * given.angle_step, 1e-6)
+    found.append(Column("machine", "angle", 4, -1, prior, model.angle, (-reach, reach)))
     if rows.zero is not None:
         found.append(Column("machine", "zero", 5, -1, (0.0, rows.i_rated), model.zero, (-math.inf, math.inf)))
     if model.bend is not None:

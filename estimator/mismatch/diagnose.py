@@ -18,12 +18,13 @@ from estimator.mismatch.columns import STRETCHES
 from estimator.mismatch.common_scale import scaled, scales_left_open, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
-from estimator.mismatch.excitation_check import attenuated, not_borne_out, poorly_told
+from estimator.mismatch.excitation_check import attenuated, not_borne_out, poorly_told, untold
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
-from estimator.mismatch.fitting import Fitted, fitted, moved, without
+from estimator.mismatch.fitting import Fitted, at_nominal, fitted, moved, without
 from estimator.mismatch.flux_map_fit import FluxMap, told_map
 from estimator.mismatch.flux_map_stage import fitted_by_map, has_map, saturations
+from estimator.mismatch.given import Given
 from estimator.mismatch.input_check import checked
 from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, residual, whitened, with_machine
@@ -118,11 +119,13 @@ def _explained(
         )))  # fmt: skip
     rows.prepare()
     progress(0.0, "fitting")
-    by_form = alone(rows, nominal, tolerance, step)
-    there = _by_effects(rows, nominal, tolerance, step, progress) if by_form is None else _There(*by_form)
+    given = Given(nominal, tolerance, step)
+    given = replace(given, untold=untold(at_nominal(rows, given)))
+    by_form = alone(rows, given)
+    there = _by_effects(rows, given, progress) if by_form is None else _There(*by_form)
     if suspicion is not None and _taken_back(suspicion, there.found.model):
         return None
-    diagnosis = _judged(rows, nominal, tolerance, step, there, progress)
+    diagnosis = _judged(rows, given, there, progress)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
     said = sentence_of(diagnosis)
@@ -140,20 +143,18 @@ class _There(NamedTuple):
     resonance: Unexplained | None = None  # what explains as much as the losses of the model
 
 
-def _by_effects(
-    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, progress: Callable[[float, str], None]
-) -> _There:
-    found = fitted(rows, nominal, tolerance, step, lambda share: progress(0.7 * share, "fitting"))
+def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]) -> _There:
+    found = fitted(rows, given, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
     left = left_of(rows, found)
     if left is not None:
-        found = not_astray(rows, found, nominal, tolerance, step)
+        found = not_astray(rows, found, given)
         left = left_of(rows, found)
-    if left is not None and (by_map := fitted_by_map(rows, nominal, tolerance, step, found, progress)) is not None:
-        by_map, left_by_map, _ = upright(rows, by_map, left_of(rows, by_map), nominal, tolerance, step)
+    if left is not None and (by_map := fitted_by_map(rows, given, found, progress)) is not None:
+        by_map, left_by_map, _ = upright(rows, by_map, left_of(rows, by_map), given)
         if has_map(by_map):
             return _There(by_map, left_by_map, found.search)
-    found, left, resonance = upright(rows, found, left, nominal, tolerance, step)
+    found, left, resonance = upright(rows, found, left, given)
     return _There(found, left, resonance=resonance)
 
 
@@ -203,11 +204,9 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     )
 
 
-def _judged(
-    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, there: _There,
-    progress: Callable[[float, str], None],
-) -> Diagnosis:  # fmt: skip
+def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, str], None]) -> Diagnosis:
     found, left, plain, resonance = there
+    nominal, tolerance = given.machine, given.tolerance
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
     findings: list[Finding] = []
@@ -216,14 +215,14 @@ def _judged(
     machine_before, machine_after, flux_map, off, blind, scales = _machine(found, plain, lent, nominal, tolerance)
     outside = list(off.values())
     poorly = poorly_told(search, choice, nominal, outside)
-    stands = partial(stands_out, found=found, nominal=nominal, tolerance=tolerance, angle_step=step)
+    stands = partial(stands_out, found=found, given=given)
     reasons = _doubted(found, blind, excess, resonance, stands)
     faint = tuple(one for some in reasons.values() for one in some)
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
     fit, pictures = _shown(rows, found, r_after, plain or search)
-    if faint and (other := _undoubted(rows, found, faint, fit, nominal, tolerance, step)) is not found:
-        return _judged(rows, nominal, tolerance, step, _There(other, left_of(rows, other), plain), progress)
+    if faint and (other := _undoubted(rows, found, faint, fit, given)) is not found:
+        return _judged(rows, given, _There(other, left_of(rows, other), plain), progress)
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
@@ -340,14 +339,12 @@ def _no_help(found: Fitted, fit: Fit) -> bool:
     return run.after > _RISES * run.before or found.search.borne_out(found.choice) < _BORNE_OUT
 
 
-def _undoubted(
-    rows: Rows, found: Fitted, faint: Choice, fit: Fit, nominal: Machine, tolerance: Mapping[str, float], step: float
-) -> Fitted:
+def _undoubted(rows: Rows, found: Fitted, faint: Choice, fit: Fit, given: Given) -> Fitted:
     """The fit, or, where it went astray or what is in doubt does not help, one from which others may show."""
-    other = not_astray(rows, found, nominal, tolerance, step)
+    other = not_astray(rows, found, given)
     if other is not found and excess_of(other) < excess_of(found):
         return other
-    return without(found, [name for name, _ in faint], nominal, tolerance, step) if _no_help(found, fit) else found
+    return without(found, [name for name, _ in faint], given) if _no_help(found, fit) else found
 
 
 def _withheld(

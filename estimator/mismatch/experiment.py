@@ -21,6 +21,7 @@ from estimator.mismatch.columns import STRETCHES, regression
 from estimator.mismatch.doubt import SURE, rivals
 from estimator.mismatch.excitation_check import STANDING
 from estimator.mismatch.explain import FAINT, Choice, Search
+from estimator.mismatch.given import Given
 from estimator.mismatch.model import (
     Array,
     Model,
@@ -70,7 +71,7 @@ def experiment(
     rows = with_machine(rows, model.machine)
     levels = _levels(rows)
     imagined = _imagined(rows, model, levels)
-    told = Search(regression(imagined, imagined, model, nominal, tolerance, 1e-5, noise, library))
+    told = Search(regression(imagined, imagined, model, Given(nominal, tolerance, 1e-5), noise, library))
     allowed = [k for k, (speed, i) in enumerate(levels) if _within_reach(rows, speed, i)] or [0]
     design = _Design(told, nominal, tolerance, tuple((name, -1) for name in model.effects), pair)
     here = [k for k in allowed if abs(levels[k][0] - levels[0][0]) < 1e-9]

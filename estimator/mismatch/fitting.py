@@ -7,7 +7,7 @@ words.
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final, NamedTuple
@@ -18,6 +18,7 @@ from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.columns import BENDS, Follow, Slopes, regression
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.flux_step import with_step_in_place
+from estimator.mismatch.given import Given
 from estimator.mismatch.model import (
     Model,
     Noise,
@@ -95,49 +96,53 @@ class _Following:
 
 
 def fitted(
-    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    progress: Callable[[float], None] = lambda _share: None, library: Sequence[Effect] = LIBRARY,
-    begin: Model | None = None,
+    rows: Rows, given: Given, progress: Callable[[float], None] = lambda _share: None,
+    library: Sequence[Effect] = LIBRARY, begin: Model | None = None,
 ) -> Fitted:  # fmt: skip
-    """The model that explains the rows. `angle_step`: the angle's resolution, rad.
+    """The model that explains the rows.
 
     Of a long recording, blocks of rows find it, and all of them have the last word. It begins with the nominal machine,
     or what is given.
     """
-    part, begin = thinned(rows), begin or Model(nominal)
+    part, begin = thinned(rows), begin or Model(given.machine)
     if part is rows:
-        return _fitted(rows, begin, False, nominal, tolerance, angle_step, progress, library)
-    found = _fitted(part, begin, False, nominal, tolerance, angle_step, lambda share: progress(0.5 * share), library)
+        return _fitted(rows, begin, False, given, progress, library)
+    found = _fitted(part, begin, False, given, lambda share: progress(0.5 * share), library)
     return _fitted(
-        rows, found.model, True, nominal, tolerance, angle_step, lambda share: progress(0.5 + 0.5 * share), library
+        rows, found.model, True, given, lambda share: progress(0.5 + 0.5 * share), library
     )  # fmt: skip
 
 
-def of_machine(rows: Rows, nominal: Machine, tolerance: Mapping[str, float], angle_step: float) -> Fitted:
+def at_nominal(rows: Rows, given: Given) -> Search:
+    """Around the nominal machine, of no effect, by currents as they are; of a long recording, by blocks of it."""
+    part = thinned(rows)
+    return _search(part, _raw(part), Model(given.machine), given, ())
+
+
+def of_machine(rows: Rows, given: Given) -> Fitted:
     """The machine without any effect, and a search that knows none."""
-    model, clean, _ = polished(rows, _raw(rows), Model(nominal), nominal, tolerance, angle_step)
+    model, clean, _ = polished(rows, _raw(rows), Model(given.machine), given)
     assert clean.noise is not None
-    search = _search(rows, clean, model, nominal, tolerance, angle_step, ())
+    search = _search(rows, clean, model, given, ())
     return Fitted(model, search, (), clean.z, clean.noise, clean.rows)
 
 
 def _fitted(
-    rows: Rows, model: Model, nearly: bool, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    progress: Callable[[float], None], library: Sequence[Effect],
-) -> Fitted:  # fmt: skip
+    rows: Rows, model: Model, nearly: bool, given: Given, progress: Callable[[float], None], library: Sequence[Effect]
+) -> Fitted:
     """From a model on; `nearly`: blocks of the rows have found it."""
     clean, settled = _raw(rows), False
     if nearly:
-        model, clean, settled = polished(rows, clean, model, nominal, tolerance, angle_step, _WHOLE[1])
+        model, clean, settled = polished(rows, clean, model, given, _WHOLE[1])
     again = True
     while True:
         model, clean, last = _rounds(
-            rows, clean, model, settled, nearly, nominal, tolerance, angle_step, progress, library
+            rows, clean, model, settled, nearly, given, progress, library
         )  # fmt: skip
         needed = last.without_needless(_present(model))
         if len(needed) == len(model.effects):
             break
-        model, clean, last = _pruned(rows, clean, model, needed, nominal, tolerance, angle_step, library)
+        model, clean, last = _pruned(rows, clean, model, needed, given, library)
         if not again or set(last.best(_present(model))) == set(_present(model)):
             break
         again = False  # others show without what led astray
@@ -146,33 +151,32 @@ def _fitted(
 
 
 def _pruned(
-    rows: Rows, clean: Clean, model: Model, needed: Choice, nominal: Machine, tolerance: Mapping[str, float],
-    angle_step: float, library: Sequence[Effect],
-) -> tuple[Model, Clean, Search]:  # fmt: skip
+    rows: Rows, clean: Clean, model: Model, needed: Choice, given: Given, library: Sequence[Effect]
+) -> tuple[Model, Clean, Search]:
     """The best model with only the effects that are needed, and of these only what brings its due then."""
     while True:
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
-        model, clean, _ = polished(rows, clean, kept, nominal, tolerance, angle_step)
-        last = _search(rows, clean, model, nominal, tolerance, angle_step, library)
+        model, clean, _ = polished(rows, clean, kept, given)
+        last = _search(rows, clean, model, given, library)
         needed = last.without_needless(_present(model))
         if len(needed) == len(model.effects):
             return model, clean, last
 
 
 def _rounds(
-    rows: Rows, clean: Clean, model: Model, settled: bool, nearly: bool, nominal: Machine,
-    tolerance: Mapping[str, float], angle_step: float, progress: Callable[[float], None], library: Sequence[Effect],
+    rows: Rows, clean: Clean, model: Model, settled: bool, nearly: bool, given: Given,
+    progress: Callable[[float], None], library: Sequence[Effect],
 ) -> tuple[Model, Clean, Search]:  # fmt: skip
     """Effects are added, taken away and exchanged until nothing changes."""
     rounds, times = _WHOLE if nearly else (ROUNDS, POLISHED)
     seen = [frozenset(model.effects)] if nearly else list[frozenset[str]]()
     barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
     for n in range(rounds):
-        search = _search(rows, clean, model, nominal, tolerance, angle_step, library)
+        search = _search(rows, clean, model, given, library)
         search.barred |= barred
         choice = search.best(_present(model))
         if (settled or nearly) and set(choice) == set(_present(model)):
-            placed = _placed(rows, clean, search, choice, times, nominal, tolerance, angle_step, library)
+            placed = _placed(rows, clean, search, choice, times, given, library)
             if placed is None:
                 return model, clean, search
             model, clean, settled = placed
@@ -182,30 +186,29 @@ def _rounds(
         if better is not None:
             model = better
         elif any(seed >= 0 for _, seed in choice):  # beyond the bend it may be better still
-            beyond, cleaner, _ = polished(rows, clean, towards, nominal, tolerance, angle_step, times)
+            beyond, cleaner, _ = polished(rows, clean, towards, given, times)
             if _left(rows, cleaner.rows, beyond, search) < search.regression.left:
                 model, clean = beyond, cleaner
             else:
                 barred |= {name for name, seed in choice if seed >= 0}
-        model, clean, settled = polished(rows, clean, model, nominal, tolerance, angle_step, times)
+        model, clean, settled = polished(rows, clean, model, given, times)
         progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
             break
-    return model, clean, _search(rows, clean, model, nominal, tolerance, angle_step, library)
+    return model, clean, _search(rows, clean, model, given, library)
 
 
 def _placed(
-    rows: Rows, clean: Clean, search: Search, choice: Choice, times: int, nominal: Machine,
-    tolerance: Mapping[str, float], angle_step: float, library: Sequence[Effect],
-) -> tuple[Model, Clean, bool] | None:  # fmt: skip
+    rows: Rows, clean: Clean, search: Search, choice: Choice, times: int, given: Given, library: Sequence[Effect]
+) -> tuple[Model, Clean, bool] | None:
     """A set's model with one effect more that brings its due at its moment, where there is such an effect."""
     one = search.to_place(choice)
     if one is None:
         return None
     with_it = moved(search, (*choice, one))
-    model, clean, settled = polished(rows, clean, with_it, nominal, tolerance, angle_step, times)
-    needed = _search(rows, clean, model, nominal, tolerance, angle_step, library).without_needless(_present(model))
+    model, clean, settled = polished(rows, clean, with_it, given, times)
+    needed = _search(rows, clean, model, given, library).without_needless(_present(model))
     return (model, clean, settled) if (one[0], -1) in needed else None
 
 
@@ -218,32 +221,28 @@ def _raw(rows: Rows) -> Clean:
 
 
 def _search(
-    rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    library: Sequence[Effect] = LIBRARY, slopes: Slopes | None = None,
+    rows: Rows, clean: Clean, model: Model, given: Given, library: Sequence[Effect] = LIBRARY,
+    slopes: Slopes | None = None,
 ) -> Search:  # fmt: skip
     """Of all effects, or, to polish them, of the model's alone."""
     follow, response = None if library else clean.follow, None
     if follow is not None and clean.response is not None and model.bend is not None:
         response = clean.response(model)
     return Search(regression(
-        rows, clean.rows, model, nominal, tolerance, angle_step, clean.noise, library, follow, slopes, response
+        rows, clean.rows, model, given, clean.noise, library, follow, slopes, response
     ))
 
 
-def without(
-    found: Fitted, dropped: Sequence[str], nominal: Machine, tolerance: Mapping[str, float], angle_step: float
-) -> Fitted:
+def without(found: Fitted, dropped: Sequence[str], given: Given) -> Fitted:
     """The best model without some of its effects, and without what does not bring its due then."""
     rows, clean = found.search.regression.rows, Clean(found.smooth, found.z, found.noise)
     needed = tuple(one for one in found.choice if one[0] not in dropped)
-    model, clean, last = _pruned(rows, clean, found.model, needed, nominal, tolerance, angle_step, LIBRARY)
+    model, clean, last = _pruned(rows, clean, found.model, needed, given, LIBRARY)
     assert clean.noise is not None
     return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
 
 
-def searched(
-    rows: Rows, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float, name: str
-) -> tuple[Search, Vector, Noise]:
+def searched(rows: Rows, model: Model, given: Given, name: str) -> tuple[Search, Vector, Noise]:
     """Around a model that is true of the rows: one more effect beside its own; what is left (Vs, whitened), its noise.
     """
     clean, following = _raw(rows), _Following(rows)
@@ -251,36 +250,30 @@ def searched(
         clean = cleaned(rows, clean.rows, model, following)
     assert clean.noise is not None
     library = tuple(BY_NAME[other] for other in {**model.effects, name: ()})
-    return _search(rows, clean, model, nominal, tolerance, angle_step, library), clean.z, clean.noise
+    return _search(rows, clean, model, given, library), clean.z, clean.noise
 
 
-def polished(
-    rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    times: int = POLISHED,
-) -> tuple[Model, Clean, bool]:
+def polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED) -> tuple[Model, Clean, bool]:
     """A set's best model, rows cleaned by it, and whether it moves no more."""
     if model.steep:
         part = thinned(rows, *_FEW)
         if part is not rows:
-            model, *_ = _polished(part, _raw(part), model, nominal, tolerance, angle_step, _FIND * times)
-    return _polished(rows, clean, model, nominal, tolerance, angle_step, times)
+            model, *_ = _polished(part, _raw(part), model, given, _FIND * times)
+    return _polished(rows, clean, model, given, times)
 
 
-def _polished(
-    rows: Rows, clean: Clean, model: Model, nominal: Machine, tolerance: Mapping[str, float], angle_step: float,
-    times: int,
-) -> tuple[Model, Clean, bool]:  # fmt: skip
+def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int) -> tuple[Model, Clean, bool]:
     settled, slopes, following = False, Slopes(), _Following(rows)
     for n in range(times):
         model = with_step_in_place(rows, clean.rows, model)
         clean = cleaned(rows, clean.rows, model, following)
         if n % _LASTS == 0:
             slopes.clear()
-        own = _search(rows, clean, model, nominal, tolerance, angle_step, (), slopes)
+        own = _search(rows, clean, model, given, (), slopes)
         towards = moved(own, _present(model))
         better = _no_worse(rows, clean, model, towards, own)
         if better is None and _bends(model) and not _close(own, model, towards, _STILL):
-            better = _by_shapes(rows, clean, model, towards, own, nominal, tolerance, angle_step)
+            better = _by_shapes(rows, clean, model, towards, own, given)
         if better is None:
             return model, clean, settled
         settled = _close(own, model, better, _STILL if clean.follow is None else _NEARLY)
@@ -327,10 +320,7 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
     return best[1] if best[0] <= 1.02 * search.regression.left + 0.02 else None
 
 
-def _by_shapes(
-    rows: Rows, clean: Clean, now: Model, towards: Model, search: Search, nominal: Machine,
-    tolerance: Mapping[str, float], angle_step: float,
-) -> Model | None:  # fmt: skip
+def _by_shapes(rows: Rows, clean: Clean, now: Model, towards: Model, search: Search, given: Given) -> Model | None:
     """A model with shapes on the way to others and sizes solved there, which leaves less: sizes trade with shapes."""
     for _ in range(_HALVINGS):
         towards = _between(now, towards)
@@ -339,7 +329,7 @@ def _by_shapes(
             both = zip(BY_NAME[name].parameters, sizes, towards.effects[name], strict=True)
             effects[name] = tuple(y if p.shape else x for p, x, y in both)
         there = replace(now, effects=effects)
-        own = _search(rows, clean, there, nominal, tolerance, angle_step, ())
+        own = _search(rows, clean, there, given, ())
         model = moved(own, _present(there), shaped=True)
         if _left_by(rows, clean, model, search) < search.regression.left:
             return model

@@ -9,11 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from estimator.machine import PARAMETERS, Machine
+from estimator.machine import PARAMETERS
 from estimator.mismatch.columns import as_parameters
 from estimator.mismatch.excitation_check import OUTSHINES
 from estimator.mismatch.fitting import Fitted, fitted
 from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
+from estimator.mismatch.given import Given
 from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, flux_errors, noise_of, residual, whitened
 from estimator.mismatch.remainder import above_noise, excess_of
@@ -25,10 +26,7 @@ _SPEEDS: Final = 0.2  # of the fastest, by which speeds differ where a map is to
 _PROMISING: Final = 0.8  # of what is left unexplained, that a first fit of a flux map leaves at most
 
 
-def fitted_by_map(
-    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float, found: Fitted,
-    progress: Callable[[float, str], None],
-) -> Fitted | None:  # fmt: skip
+def fitted_by_map(rows: Rows, given: Given, found: Fitted, progress: Callable[[float, str], None]) -> Fitted | None:
     """A free flux map in the place of the library's saturations, with the effects found beside it.
 
     None where it does not explain most of what the library leaves, or speed hardly changes: then all that depends on
@@ -38,7 +36,7 @@ def fitted_by_map(
     if fast - slow < _SPEEDS * fast:
         return None
     part, starts = thinned(rows), list[tuple[float, Model]]()
-    for model in (Model(nominal), found.model):
+    for model in (Model(given.machine), found.model):
         if (begin := begun(part, model)) is not None:
             z = flux_errors(residual(part, part, begin), part, begin)
             starts.append((above_noise(z, noise_of(z, None, part), part), begin))
@@ -47,7 +45,7 @@ def fitted_by_map(
     if least * len(rows) > _PROMISING * left * len(part):
         return None
     by_map = fitted(
-        rows, nominal, tolerance, step, lambda share: progress(0.7 + 0.04 * share, "fitting a flux map"), begin=begin
+        rows, given, lambda share: progress(0.7 + 0.04 * share, "fitting a flux map"), begin=begin
     )  # fmt: skip
     return by_map if left > OUTSHINES * excess_of(by_map) and has_map(by_map) else None
 
@@ -57,9 +55,7 @@ def has_map(found: Fitted) -> bool:
     return any(departure.told for departure in told_map(found.search, found.choice).departures().values())
 
 
-def saturations(
-    rows: Rows, found: Fitted, flux_map: FluxMap | None, after: Mapping[str, Quantity]
-) -> list[Finding]:
+def saturations(rows: Rows, found: Fitted, flux_map: FluxMap | None, after: Mapping[str, Quantity]) -> list[Finding]:
     """The saturations that a flux map shows, by how far each takes it from straight lines; none without a map."""
     shown: list[Finding] = []
     if flux_map is None:

@@ -10,10 +10,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimator.machine import PARAMETERS, Machine
+from estimator.machine import PARAMETERS
 from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, of_machine, without
+from estimator.mismatch.given import Given
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
 from estimator.mismatch.model import (
     Model,
@@ -59,17 +60,15 @@ def leaves_some(found: Fitted) -> bool:
     return excess_of(found) > found.search.missed(found.choice) + _NOTHING * 2.0 * n
 
 
-def alone(
-    rows: Rows, nominal: Machine, tolerance: Mapping[str, float], step: float
-) -> tuple[Fitted, Unexplained] | None:
+def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
     """The machine without effects, and what it leaves: a form that is none of theirs and explains all but noise.
 
     Far more is left beside the likeliest of them. None where it is not so, or plain in blocks of the rows.
     """
     part = thinned(rows)
-    if part is not rows and alone(part, nominal, tolerance, step) is None:
+    if part is not rows and alone(part, given) is None:
         return None
-    bare = of_machine(rows, nominal, tolerance, step)
+    bare = of_machine(rows, given)
     chance = _CHANCE * np.sqrt(4.0 * len(rows))
     if excess_of(bare) < _FAR * chance or (left := _described(rows, bare)) is None:
         return None
@@ -78,32 +77,30 @@ def alone(
     beside = (1.0 - left.where.energy_share) * excess_of(bare)
     if left.description.startswith(RESONANCE):
         rung = _rung(rows, bare, bare)
-        if rung is None or not _healthy(rung, nominal, tolerance, step):
+        if rung is None or not _healthy(rung, given):
             return None
         left, beside = rung.told, rung.left
     if _FAR * (beside + chance) > excess_of(bare):
         return None
-    found = without(bare, (), nominal, tolerance, step)
+    found = without(bare, (), given)
     search = found.search
     by_effects = excess_of(found) + search.fit(search.best(())).chi2 - search.fit(()).chi2
     return (found, left) if _FAR * (beside + chance) < by_effects else None
 
 
-def _healthy(rung: "_Rung", nominal: Machine, tolerance: Mapping[str, float], step: float) -> bool:
+def _healthy(rung: "_Rung", given: Given) -> bool:
     """The machine beside a resonance is as its data sheet says: no other has lent its energy to it."""
-    shares = {name: abs(value / getattr(nominal, name) - 1.0) for name, value in rung.machine.items()}
-    return abs(rung.angle) <= step and all(share <= tolerance[name] for name, share in shares.items())
+    shares = {name: abs(value / getattr(given.machine, name) - 1.0) for name, value in rung.machine.items()}
+    return abs(rung.angle) <= given.angle_step and all(share <= given.tolerance[name] for name, share in shares.items())
 
 
-def not_astray(
-    rows: Rows, found: Fitted, nominal: Machine, tolerance: Mapping[str, float], step: float
-) -> Fitted:
+def not_astray(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or, where the machine alone leaves less than with its effects, one that begins there: steps led astray.
     """
-    bare = without(found, [name for name, _ in found.choice], nominal, tolerance, step)
+    bare = without(found, [name for name, _ in found.choice], given)
     if not found.choice or excess_of(bare) >= excess_of(found):
         return found
-    return fitted(rows, nominal, tolerance, step, begin=bare.model)
+    return fitted(rows, given, begin=bare.model)
 
 
 def _described(rows: Rows, found: Fitted) -> Unexplained | None:
@@ -135,7 +132,7 @@ class _Rung(NamedTuple):
 
 
 def _ringing(
-    rows: Rows, found: Fitted, left: Unexplained | None, nominal: Machine, tolerance: Mapping[str, float], step: float
+    rows: Rows, found: Fitted, left: Unexplained | None, given: Given
 ) -> tuple[Fitted, Unexplained, bool] | None:
     """A fit without effects in whose place a resonance explains as much, the resonance, and if it explains all they do.
 
@@ -145,7 +142,7 @@ def _ringing(
     if found.model.bend is not None or not (losses or (left is not None and names)):
         return None
     tried = [losses] * bool(losses) + [names] * (len(names) > len(losses))
-    rungs = [rung for drop in tried if (rung := _rung(rows, found, without(found, drop, nominal, tolerance, step)))]
+    rungs = [rung for drop in tried if (rung := _rung(rows, found, without(found, drop, given)))]
     if not rungs:
         return None
     rung = min(rungs, key=lambda one: one.left)
@@ -182,9 +179,7 @@ def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
     return best
 
 
-def upright(
-    rows: Rows, found: Fitted, left: Unexplained | None, nominal: Machine, tolerance: Mapping[str, float], step: float
-) -> Upright:
+def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -> Upright:
     """A fit without effects that only lean on what is left, and what is left then.
 
     None of them where what is left without any has a form that explains more than they do, or where their machine is
@@ -192,12 +187,12 @@ def upright(
     show now. Nor one that looks like the machine, which is none with it.
     """
     while held_at_bound(found.search, found.choice) and (name := like_machine(found.search, found.choice)):
-        found = without(found, [name], nominal, tolerance, step)
+        found = without(found, [name], given)
         left = left_of(rows, found)
     before = found
     resonance: Unexplained | None = None
     faint: Unexplained | None = None
-    if (rung := _ringing(rows, found, left, nominal, tolerance, step)) is not None:
+    if (rung := _ringing(rows, found, left, given)) is not None:
         bare, told, plain = rung
         if plain:
             found, left, resonance = bare, told, told
@@ -205,14 +200,14 @@ def upright(
             faint = told
     while left is not None and (dropped := {*_outshone(found), *(alike := _alike(found, left))}):
         resonance = left if alike else resonance
-        found = without(found, sorted(dropped), nominal, tolerance, step)
+        found = without(found, sorted(dropped), given)
         left = _described(rows, found)
     if found is not before and left is resonance is None and set(found.search.best(found.choice)) != set(found.choice):
-        found = fitted(rows, nominal, tolerance, step, begin=found.model)
+        found = fitted(rows, given, begin=found.model)
         return Upright(found, left_of(rows, found), faint)
     left = resonance or left  # it is plainest where a loss takes its slow part
     if left is not None and found.choice:
-        bare = without(found, [name for name, _ in found.choice], nominal, tolerance, step)
+        bare = without(found, [name for name, _ in found.choice], given)
         alone = _described(rows, bare)
         if alone is not None and _has_form(alone):
             left_by_form = (1.0 - alone.where.energy_share) * excess_of(bare)

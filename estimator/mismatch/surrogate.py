@@ -10,16 +10,15 @@ stay as small as in the surrogates, or be unlike the effect by far.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimator.machine import Machine
 from estimator.mismatch.angle_rounding import unrounded
 from estimator.mismatch.explain import Choice
 from estimator.mismatch.fitting import Fitted, searched, without
+from estimator.mismatch.given import Given
 from estimator.mismatch.model import Array, Model, white_of, zero_residual
 from estimator.mismatch.remainder import above_noise
 from estimator.physics.rows import AXES, Rows, Vector
@@ -49,24 +48,20 @@ class _Lent(NamedTuple):
     excess: float  # chi square of what is left, above that of white noise
 
 
-def stands_out(
-    one: tuple[str, int], choice: Choice, doubted: bool, found: Fitted, nominal: Machine,
-    tolerance: Mapping[str, float], angle_step: float,
-) -> bool:  # fmt: skip
+def stands_out(one: tuple[str, int], choice: Choice, doubted: bool, found: Fitted, given: Given) -> bool:
     """An effect of a set explains far more than surrogates without it lend its name, and as evenly as that.
 
     Where it is `doubted`, by how much more depends on what is left beside it, in the surrogates and beyond.
-    `angle_step`: the angle's resolution, rad.
     """
     search, rest = found.search, tuple(other for other in choice if other != one)
-    bare = without(found, [name for name, _ in found.choice if name not in dict(rest)], nominal, tolerance, angle_step)
+    bare = without(found, [name for name, _ in found.choice if name not in dict(rest)], given)
     rows = bare.search.regression.rows
     i = free_run(rows, bare.model, len(rows) + 1)
     step = converter_step(rows)
     lent: list[_Lent] = []
     for k in range(_TIMES):
         there = _surrogate(rows, bare, i, step, np.random.default_rng(k), own_counts=k % 2 == 0)
-        lent.append(_lent(there, bare.model, one[0], nominal, tolerance, angle_step))
+        lent.append(_lent(there, bare.model, one[0], given))
     full = search.fit(choice)
     gained, scatter = search.fit(rest).chi2 - full.chi2, search.scatter(full, one)
     above = gained / max(float(np.mean([each.gained for each in lent])), _LENT)
@@ -131,11 +126,9 @@ def _surrogate(
     ), count)  # fmt: skip
 
 
-def _lent(
-    rows: Rows, model: Model, name: str, nominal: Machine, tolerance: Mapping[str, float], angle_step: float
-) -> _Lent:
+def _lent(rows: Rows, model: Model, name: str, given: Given) -> _Lent:
     """What of an effect is found in rows where it is not, beside the model that made them."""
-    search, z, noise = searched(rows, model, nominal, tolerance, angle_step, name)
+    search, z, noise = searched(rows, model, given, name)
     choice = tuple((other, -1) for other in model.effects)
 
     def gained(one: tuple[str, int]) -> float:
