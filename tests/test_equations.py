@@ -17,6 +17,7 @@ from estimator.machine import PARAMETERS
 from estimator.mismatch.columns import regression
 from estimator.mismatch.explain import Search
 from estimator.mismatch.fitting import moved
+from estimator.mismatch.given import Given
 from estimator.mismatch.model import Model, filter_pole, residual, whitened
 from estimator.mismatch.thinning import settled
 from estimator.physics.library import BY_NAME
@@ -62,11 +63,12 @@ def left_of(rows: Rows, model: Model) -> float:
 def fitted_to(rows: Rows, names: Sequence[str]) -> tuple[float, float]:
     """What the machine leaves, and what it leaves with effects of its own fitted."""
     machine, model = rows.machine, Model(rows.machine)
+    given = Given(machine, TOLERANCE, 1e-6)
     noise = NOISE * rows.i_rated * machine.L_d, NOISE * rows.i_rated * machine.L_q, 1e-3
     fits = [left_of(rows, model)]
     for _ in range(8):
         library = [BY_NAME[name] for name in names]
-        search = Search(regression(rows, rows, model, machine, TOLERANCE, 1e-6, noise, library))
+        search = Search(regression(rows, rows, model, given, noise, library))
         shapes = [[one for one in search.candidates() if one[0] == name] for name in names]
         present = tuple((name, -1) for name in model.effects)
         choice = present or max(product(*shapes), key=lambda some: search.fit(some).log_evidence)

@@ -20,6 +20,7 @@ from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.fitting import Fitted, fitted
 from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
+from estimator.mismatch.given import Given
 from estimator.mismatch.model import Model, flux_errors, residual
 from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.physics.rows import Rows, rows_of
@@ -59,7 +60,7 @@ def rows_from(scenario: Scenario) -> Rows:
 def fit_to(rows: Rows) -> Fitted:
     begin = begun(rows, Model(NOMINAL))
     assert begin is not None
-    return fitted(rows, NOMINAL, TOLERANCE, 0.0, begin=begin)
+    return fitted(rows, Given(NOMINAL, TOLERANCE, 0.0), begin=begin)
 
 
 @pytest.fixture(scope="module")

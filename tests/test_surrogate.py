@@ -17,6 +17,7 @@ from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.mismatch.diagnose import TOLERANCE
 from estimator.mismatch.explain import Choice as Names
 from estimator.mismatch.fitting import fitted
+from estimator.mismatch.given import Given
 from estimator.mismatch.surrogate import converter_step, stands_out
 from estimator.mismatch.thinning import settled
 from estimator.physics.rows import Rows, rows_of
@@ -53,13 +54,9 @@ def judged(number: int, folder: Path) -> tuple[Names, Callable[[tuple[str, int]]
     rows = rows_of(runs, nominal, nominal.i_rated or np.nan)
     step = resolution_of(rows, runs[0].resolution.theta_e)
     rows = settled(unrounded(rows, step))
-    tolerance = dict.fromkeys(PARAMETERS, TOLERANCE)
-    found = fitted(rows, nominal, tolerance, step)
-    stands = partial(
-        stands_out, choice=found.choice, doubted=True, found=found, nominal=nominal, tolerance=tolerance,
-        angle_step=step,
-    )  # fmt: skip
-    return found.choice, stands
+    given = Given(nominal, dict.fromkeys(PARAMETERS, TOLERANCE), step)
+    found = fitted(rows, given)
+    return found.choice, partial(stands_out, choice=found.choice, doubted=True, found=found, given=given)
 
 
 @pytest.mark.slow

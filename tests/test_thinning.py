@@ -11,6 +11,7 @@ from emulator.conceal.suite import Suite, make
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.columns import regression
 from estimator.mismatch.diagnose import diagnose
+from estimator.mismatch.given import Given
 from estimator.mismatch.model import Model
 from estimator.mismatch.thinning import BLOCKS, settled, thinned
 from estimator.mismatch.verdict import Verdict
@@ -61,12 +62,12 @@ def test_blocks_lie_at_all_places_of_what_comes_again_and_again() -> None:
 
 def test_what_effects_remember_is_the_same_a_stretch_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = settled(long_rows(60_001))
-    tolerance = dict.fromkeys(PARAMETERS, 0.1)
+    given = Given(MACHINE, dict.fromkeys(PARAMETERS, 0.1), 0.0)
     for effects in ({}, {"ac_resistance": (0.5, 60.0), "winding_resistance_drift": (0.1, 1.0, 0.0)}):
         model = Model(MACHINE, effects)
-        whole = regression(rows, rows, model, MACHINE, tolerance, 0.0)
+        whole = regression(rows, rows, model, given)
         monkeypatch.setattr("estimator.mismatch.columns._LONG", 10_000)
-        parts = regression(rows, rows, model, MACHINE, tolerance, 0.0)
+        parts = regression(rows, rows, model, given)
         monkeypatch.undo()
         size = np.sqrt(np.einsum("sii->i", whole.gram))
         off = np.abs(parts.gram - whole.gram) / np.outer(size, size)

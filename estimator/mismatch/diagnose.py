@@ -141,6 +141,7 @@ class _There(NamedTuple):
     left: Unexplained | None
     plain: Search | None = None  # what explains the rows without a flux map, where the model has one
     resonance: Unexplained | None = None  # what explains as much as the losses of the model
+    again: bool = False  # what was doubted, or led astray, has been taken away
 
 
 def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]) -> _There:
@@ -205,7 +206,7 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
 
 
 def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, str], None]) -> Diagnosis:
-    found, left, plain, resonance = there
+    found, left, plain, resonance, again = there
     nominal, tolerance = given.machine, given.tolerance
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
@@ -221,8 +222,8 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
     fit, pictures = _shown(rows, found, r_after, plain or search)
-    if faint and (other := _undoubted(rows, found, faint, fit, given)) is not found:
-        return _judged(rows, given, _There(other, left_of(rows, other), plain), progress)
+    if faint and (other := _undoubted(rows, found, faint, fit, given, again)) is not found:
+        return _judged(rows, given, _There(other, left_of(rows, other), plain, again=True), progress)
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
@@ -339,9 +340,9 @@ def _no_help(found: Fitted, fit: Fit) -> bool:
     return run.after > _RISES * run.before or found.search.borne_out(found.choice) < _BORNE_OUT
 
 
-def _undoubted(rows: Rows, found: Fitted, faint: Choice, fit: Fit, given: Given) -> Fitted:
+def _undoubted(rows: Rows, found: Fitted, faint: Choice, fit: Fit, given: Given, again: bool) -> Fitted:
     """The fit, or, where it went astray or what is in doubt does not help, one from which others may show."""
-    other = not_astray(rows, found, given)
+    other = found if again else not_astray(rows, found, given)
     if other is not found and excess_of(other) < excess_of(found):
         return other
     return without(found, [name for name, _ in faint], given) if _no_help(found, fit) else found

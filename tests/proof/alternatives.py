@@ -22,6 +22,7 @@ from estimator.mismatch.angle_rounding import unrounded
 from estimator.mismatch.diagnose import TOLERANCE, diagnose
 from estimator.mismatch.explain import Search
 from estimator.mismatch.fitting import fitted, moved
+from estimator.mismatch.given import Given
 from estimator.mismatch.model import residual
 from estimator.mismatch.thinning import settled
 from estimator.physics.rows import rows_of
@@ -113,11 +114,10 @@ def _ours(runs: Sequence[Samples], nominal: Machine) -> tuple[Word, tuple[str, .
     """
     said = diagnose(runs, nominal)
     named = tuple(finding.effect for finding in said.findings)
-    tolerance = dict.fromkeys(PARAMETERS, TOLERANCE)
     step, rated = runs[0].resolution.theta_e, cast(float, nominal.i_rated)
     rows = settled(unrounded(rows_of(runs, nominal, rated), step))
     rows.prepare()
-    found = fitted(rows, nominal, tolerance, step, lambda _share: None)
+    found = fitted(rows, Given(nominal, dict.fromkeys(PARAMETERS, TOLERANCE), step))
     regression = found.search.regression
     model = moved(Search(replace(regression, gram=regression.gram[0::2])), found.choice)
     e = residual(rows, rows, model)
