@@ -147,6 +147,16 @@ def test_a_stray_voltage_is_described_by_frequency_size_and_direction() -> None:
     assert found.where.region["frequency"] == pytest.approx(90.2, abs=1e-3)
 
 
+def test_of_a_slow_voltage_the_machine_hides_nothing() -> None:
+    """Fitted alone, the machine takes a part of it, and what is left gives a smaller one."""
+    found = described(ROWS.stationary(-np.cos(TURN * 9.7 * (TIME + 0.5 * T)) + 0j))
+    assert found.where.region["frequency"] == pytest.approx(9.7, abs=1e-4)
+    assert found.where.energy_share > 0.997
+    told = re.match(r"a 9\.70 Hz voltage of ([\d.]+) V fixed in the stationary frame, along 0 deg", found.description)
+    assert told, found.description
+    assert float(told[1]) == pytest.approx(1.0, rel=5e-3)
+
+
 def test_a_voltage_that_comes_and_goes_is_described_by_size_direction_and_number() -> None:
     there = (TIME % 0.4) > 0.32
     found = described(ROWS.stationary(-1.4 * there * np.exp(1j * math.radians(120.0))))

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from emulator.conceal.files import write
@@ -13,14 +12,12 @@ from emulator.conceal.recording import Choice, drawn
 from emulator.motors import MOTORS
 from emulator.virtual_drive import VirtualDrive
 from estimator.machine import PARAMETERS
-from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.mismatch.diagnose import TOLERANCE
 from estimator.mismatch.explain import Choice as Names
 from estimator.mismatch.fitting import fitted
-from estimator.mismatch.given import Given
+from estimator.mismatch.prepared import prepared
 from estimator.mismatch.surrogate import converter_step, stands_out
-from estimator.mismatch.thinning import settled
-from estimator.physics.rows import Rows, rows_of
+from estimator.physics.rows import Rows
 from tests.diagnosis.diagnosed import loaded
 from tests.effect_runs import at, with_effects
 from tests.samples import machine_of, rows_of_columns
@@ -51,10 +48,7 @@ def judged(number: int, folder: Path) -> tuple[Names, Callable[[tuple[str, int]]
         (folder / name).mkdir()
     write(there, columns, choice, "0001", folder / "out", folder / "answers")
     runs, nominal = loaded(folder / "out", "0001")
-    rows = rows_of(runs, nominal, nominal.i_rated or np.nan)
-    step = resolution_of(rows, runs[0].resolution.theta_e)
-    rows = settled(unrounded(rows, step))
-    given = Given(nominal, dict.fromkeys(PARAMETERS, TOLERANCE), step)
+    rows, given = prepared(runs, nominal, dict.fromkeys(PARAMETERS, TOLERANCE))
     found = fitted(rows, given)
     return found.choice, partial(stands_out, choice=found.choice, doubted=True, found=found, given=given)
 

@@ -12,28 +12,27 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.machine import PARAMETERS, UNITS, Machine
-from estimator.mismatch.angle_rounding import resolution_of, unrounded
+from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.columns import STRETCHES
-from estimator.mismatch.common_scale import scaled, scales_left_open, uncalibrated
+from estimator.mismatch.common_scale import scaled, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
-from estimator.mismatch.excitation_check import attenuated, not_borne_out, poorly_told, untold
+from estimator.mismatch.excitation_check import not_borne_out, poorly_told, untold
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, at_nominal, fitted, moved, without
-from estimator.mismatch.flux_map_fit import FluxMap, told_map
 from estimator.mismatch.flux_map_stage import fitted_by_map, has_map, saturations
 from estimator.mismatch.given import Given
 from estimator.mismatch.input_check import checked
 from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.pictures import traces
+from estimator.mismatch.prepared import prepared
 from estimator.mismatch.quality import SHORTEST, fit_quality, longest
 from estimator.mismatch.remainder import LIKE_RESONANCE, alone, excess_of, leaves_some, left_of, not_astray, upright
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.surrogate import stands_out
-from estimator.mismatch.thinning import settled
+from estimator.mismatch.told_machine import told_machine
 from estimator.mismatch.verdict import (
     Ambiguity,
     Diagnosis,
@@ -42,7 +41,6 @@ from estimator.mismatch.verdict import (
     Fit,
     Place,
     Quantity,
-    Range,
     Rival,
     Traces,
     Unexplained,
@@ -53,13 +51,12 @@ from estimator.mismatch.verdict import (
 from estimator.physics import convention_error, voltage_delay
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
-from estimator.physics.rows import Rows, Vector, by_phase, rows_of
+from estimator.physics.rows import Rows, Vector
 from estimator.samples import Samples
 from estimator.twin import free_run
 
 TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
 _FEWEST: Final = 50 * STRETCHES  # rows
-_OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
 _FAR_OFF: Final = 3.0  # times the tolerance
 _MAPPED: Final = (
     "the flux linkages bend as no saturation curve of the library does: a free map of them over the currents is a part "
@@ -107,19 +104,13 @@ def _explained(
     """The diagnosis of the recording without a suspected cause; None where the library takes some of that back."""
     if suspicion is not None:
         runs, nominal = suspicion.runs, suspicion.machine
-    rows = rows_of(runs, nominal, nominal.i_rated or _highest_current(runs))
-    told = runs[0].resolution.theta_e
-    resolution = resolution_of(rows, told)
-    rows = settled(unrounded(rows, resolution))
-    step = rows.angle_step if told == 0.0 < resolution else told  # counts may be told in finer numbers
+    rows, given = prepared(runs, nominal, tolerance)
     if longest(_odd_stretches(len(rows)) & rows.joined) < SHORTEST:
         return _no_verdict((*remarks, (
             f"expected stretches of at least {SHORTEST} periods without a gap to judge by; record over a faster link, "
             "or by a capture buffer"
         )))  # fmt: skip
-    rows.prepare()
     progress(0.0, "fitting")
-    given = Given(nominal, tolerance, step)
     given = replace(given, untold=untold(at_nominal(rows, given)))
     by_form = alone(rows, given)
     there = _by_effects(rows, given, progress) if by_form is None else _There(*by_form)
@@ -168,11 +159,6 @@ def _taken_back(suspicion: Suspicion, model: Model) -> bool:
     return periods * direction * math.copysign(1.0, shift.value) > _MOST_OF_A_ROW
 
 
-def _highest_current(runs: Sequence[Samples]) -> float:
-    """What stands for a rated current that is not known, A: a few wrong samples do not count."""
-    return float(np.quantile(np.concatenate([np.hypot(run.i_d, run.i_q) for run in runs]), 0.999))
-
-
 def _no_verdict(remarks: Sequence[str]) -> Diagnosis:
     """Nothing can be fitted: what is wrong, and what to record instead."""
     said = "not enough to judge: " + "; ".join(remarks)
@@ -213,7 +199,7 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
     findings: list[Finding] = []
     excess = excess_of(found)
     lent = max(excess, 0.0) if left is not None else 0.0
-    machine_before, machine_after, flux_map, off, blind, scales = _machine(found, plain, lent, nominal, tolerance)
+    machine_before, machine_after, flux_map, off, blind, scales = told_machine(found, plain, lent, given)
     outside = list(off.values())
     poorly = poorly_told(search, choice, nominal, outside)
     stands = partial(stands_out, found=found, given=given)
@@ -242,7 +228,7 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
         findings.append(_finding(rows, found, one, others, r_after))
     findings = [*saturations(rows, found, flux_map, machine_after), *findings]
     doubts = _once(doubts)
-    if findings and (why := _withheld(found, fit, machine_after, nominal, tolerance, off)) is not None:
+    if findings and (why := _withheld(found, fit, machine_after, given, off)) is not None:
         richer = richer or experiment(rows, Model(nominal), found.noise, nominal, tolerance)
         doubts.append(Ambiguity(tuple(finding.effect for finding in findings), why, richer, rivals=False))
         findings = []
@@ -281,39 +267,6 @@ def _doubted(
     return {**reasons, f"it may as well be {resonance.description}": losses} if resonance and losses else reasons
 
 
-class _Machine(NamedTuple):
-    """R_s, L_d, L_q, psi_f and what is said of them."""
-
-    before: dict[str, Quantity]
-    after: dict[str, Quantity]
-    flux_map: FluxMap | None
-    outside: dict[str, str]  # their tolerance: by name, in a sentence
-    blind: list[str]  # those that are not told
-    scales: dict[str, Range]  # that are left open
-
-
-def _machine(
-    found: Fitted, plain: Search | None, lent: float, nominal: Machine, tolerance: Mapping[str, float]
-) -> _Machine:
-    search, choice, scaled = found.search, found.choice, _scaled_by(found.smooth, found.model)
-    after = _parameters(search, choice, lent, scaled)
-    likely, compared, flux_map = _parameters(search, choice), list(PARAMETERS), None
-    if found.model.bend is not None:
-        flux_map = told_map(search, choice, lent)
-        for name, told in flux_map.machine().items():
-            std = None if told.value is None else math.hypot(told.std or 0.0, scaled * told.value)
-            after[name] = replace(told, std=std)
-        # Inductances of a data sheet are those of some current: a map's at no current need not be near them
-        compared = [name for name in ("R_s", "psi_f") if after[name].value is not None]
-    contact = _contact(found.model)
-    return _Machine(
-        _parameters(plain or search, ()), after, flux_map,
-        _outside({name: after[name] for name in compared}, nominal, tolerance, contact),
-        _blind({name: likely[name] for name in compared}, nominal, tolerance),
-        scales_left_open(after, nominal, tolerance, [name for name in compared if not contact or name != "R_s"]),
-    )  # fmt: skip
-
-
 def _shown(rows: Rows, found: Fitted, left: Vector, plain: Search) -> tuple[Fit, Traces]:
     """How well the model follows, by what every other stretch makes of it, and pictures of it.
 
@@ -349,16 +302,15 @@ def _undoubted(rows: Rows, found: Fitted, faint: Choice, fit: Fit, given: Given,
 
 
 def _withheld(
-    found: Fitted, fit: Fit, after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float],
-    off: Mapping[str, str],
-) -> str | None:  # fmt: skip
+    found: Fitted, fit: Fit, after: Mapping[str, Quantity], given: Given, off: Mapping[str, str]
+) -> str | None:
     """Why nothing gets a name, in a sentence's part: it does not help, or parameters that are `off` are no machine's,
     where more than noise is left.
     """
     if _no_help(found, fit):
         return _NO_HELP
     for name, said in off.items() if leaves_some(found) else ():
-        if abs((after[name].value or 0.0) / getattr(nominal, name) - 1.0) > _FAR_OFF * tolerance[name]:
+        if abs((after[name].value or 0.0) / getattr(given.machine, name) - 1.0) > _FAR_OFF * given.tolerance[name]:
             return f"{said}, and more than noise is left: names may be as wrong as this machine"
     return None
 
@@ -413,29 +365,6 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
     return told
 
 
-def _scaled_by(rows: Rows, model: Model) -> float:
-    """Share by which effects may scale all voltages without a trace."""
-    scales = [(BY_NAME[name].scales, sizes) for name, sizes in model.effects.items()]
-    return math.hypot(*(scale(rows, sizes) for scale, sizes in scales if scale is not None))
-
-
-def _parameters(search: Search, choice: Choice, lent: float = 0.0, scaled: float = 0.0) -> dict[str, Quantity]:
-    """R_s, L_d, L_q, psi_f of a fit; their intervals take in what noise of the currents may have made of them.
-
-    And what equations of effects miss. `lent`: energy over noise that what has no name may have lent to a parameter: as
-    much as it left. `scaled`: share by which all voltages may be scaled.
-    """
-    fit = search.fit(choice)
-    variance = np.maximum(fit.covariance.diagonal(), 0.0) * (search.parameter_scatter(fit) + lent)
-    variance = (variance + search.form_covariance(choice).diagonal())[: len(PARAMETERS)]
-    variance += np.sum(attenuated(search, choice) ** 2, axis=0) + (scaled * fit.value[: len(PARAMETERS)]) ** 2
-    held = fit.covariance.diagonal() <= 0.0  # at a bound, which says nothing of how far off it is
-    return {
-        name: Quantity(float(fit.value[k]), None if held[k] else math.sqrt(float(variance[k])), UNITS[name])
-        for k, name in enumerate(PARAMETERS)
-    }
-
-
 def _odd_stretches(n: int) -> NDArray[np.bool_]:
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
     held = np.zeros(n, np.bool_)
@@ -452,34 +381,3 @@ def _once(doubts: Sequence[Ambiguity]) -> list[Ambiguity]:
             seen.add(frozenset(doubt.effects))
             kept.append(doubt)
     return kept
-
-
-def _contact(model: Model) -> float:
-    """What phases may have more than the one that has least, as by bad contacts, has added to R_s, ohm."""
-    sizes = model.effects.get("phase_resistance_imbalance")
-    return 0.0 if sizes is None else -min(by_phase(*sizes))
-
-
-def _outside(
-    after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float], contact: float
-) -> dict[str, str]:
-    """Parameters that lie outside their tolerance, each in a sentence. `contact`: ohm that R_s may be higher by."""
-    said: dict[str, str] = {}
-    for name, quantity in after.items():
-        given, value, std = getattr(nominal, name), quantity.value, quantity.std or 0.0
-        assert value is not None
-        added = contact if name == "R_s" else 0.0
-        if max(value - added - given, given - value) > tolerance[name] * given + _OUTSIDE * std:
-            said[name] = (
-                f"{name} = {value:.4g} {quantity.unit} lies {100.0 * abs(value / given - 1.0):.2g} % from its nominal "
-                f"{given:.4g} {quantity.unit}, beyond the tolerance of {100.0 * tolerance[name]:.2g} %"
-            )
-    return said
-
-
-def _blind(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[str]:
-    """Parameters that a recording does not tell."""
-    return [
-        name for name in after
-        if (after[name].std or math.inf) > 0.5 * tolerance[name] * getattr(nominal, name)
-    ]  # fmt: skip

@@ -60,40 +60,6 @@ def leaves_some(found: Fitted) -> bool:
     return excess_of(found) > found.search.missed(found.choice) + _NOTHING * 2.0 * n
 
 
-def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
-    """The machine without effects, and what it leaves: a form that is none of theirs and explains all but noise.
-
-    Far more is left beside the likeliest of them. None where it is not so, or plain in blocks of the rows.
-    """
-    part = thinned(rows)
-    if part is not rows and alone(part, given) is None:
-        return None
-    bare = of_machine(rows, given)
-    chance = _CHANCE * np.sqrt(4.0 * len(rows))
-    if excess_of(bare) < _FAR * chance or (left := _described(rows, bare)) is None:
-        return None
-    if not _has_form(left) or left.where.region["frame"] != "stationary":
-        return None
-    beside = (1.0 - left.where.energy_share) * excess_of(bare)
-    if left.description.startswith(RESONANCE):
-        rung = _rung(rows, bare, bare)
-        if rung is None or not _healthy(rung, given):
-            return None
-        left, beside = rung.told, rung.left
-    if _FAR * (beside + chance) > excess_of(bare):
-        return None
-    found = without(bare, (), given)
-    search = found.search
-    by_effects = excess_of(found) + search.fit(search.best(())).chi2 - search.fit(()).chi2
-    return (found, left) if _FAR * (beside + chance) < by_effects else None
-
-
-def _healthy(rung: "_Rung", given: Given) -> bool:
-    """The machine beside a resonance is as its data sheet says: no other has lent its energy to it."""
-    shares = {name: abs(value / getattr(given.machine, name) - 1.0) for name, value in rung.machine.items()}
-    return abs(rung.angle) <= given.angle_step and all(share <= given.tolerance[name] for name, share in shares.items())
-
-
 def not_astray(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or, where the machine alone leaves less than with its effects, one that begins there: steps led astray.
     """
@@ -177,6 +143,40 @@ def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
         there = with_machine(rows, model.machine)
         at = there, flux_errors(residual(there, bare.smooth, model), there, model), at[2]
     return best
+
+
+def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
+    """The machine without effects, and what it leaves, where that is a form which explains all but noise.
+
+    The likeliest effects leave far more in its place. Of a long recording blocks are asked first.
+    """
+    part = thinned(rows)
+    if part is not rows and alone(part, given) is None:
+        return None
+    bare = of_machine(rows, given)
+    chance = _CHANCE * np.sqrt(4.0 * len(rows))
+    if excess_of(bare) < _FAR * chance or (left := _described(rows, bare)) is None:
+        return None
+    if not _has_form(left) or left.where.region["frame"] != "stationary":
+        return None
+    beside = (1.0 - left.where.energy_share) * excess_of(bare)
+    if left.description.startswith(RESONANCE):
+        rung = _rung(rows, bare, bare)
+        if rung is None or not _healthy(rung, given):
+            return None
+        left, beside = rung.told, rung.left
+    if _FAR * (beside + chance) > excess_of(bare):
+        return None
+    found = without(bare, (), given)
+    search = found.search
+    by_effects = excess_of(found) + search.fit(search.best(())).chi2 - search.fit(()).chi2
+    return (found, left) if _FAR * (beside + chance) < by_effects else None
+
+
+def _healthy(rung: _Rung, given: Given) -> bool:
+    """The machine beside a resonance is as its data sheet says: no other has lent its energy to it."""
+    shares = {name: abs(value / getattr(given.machine, name) - 1.0) for name, value in rung.machine.items()}
+    return abs(rung.angle) <= given.angle_step and all(share <= given.tolerance[name] for name, share in shares.items())
 
 
 def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -> Upright:

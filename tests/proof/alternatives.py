@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,11 @@ from emulator.conceal.files import answer_of, write
 from emulator.conceal.recording import Choice, drawn
 from emulator.motors import MOTORS
 from estimator.machine import PARAMETERS, UNITS, Machine
-from estimator.mismatch.angle_rounding import unrounded
 from estimator.mismatch.diagnose import TOLERANCE, diagnose
 from estimator.mismatch.explain import Search
 from estimator.mismatch.fitting import fitted, moved
-from estimator.mismatch.given import Given
 from estimator.mismatch.model import residual
-from estimator.mismatch.thinning import settled
-from estimator.physics.rows import rows_of
+from estimator.mismatch.prepared import prepared
 from estimator.samples import Samples
 from tests.diagnosis.diagnosed import loaded
 from tests.diagnosis.truth import EFFECT, truth_of
@@ -114,10 +111,8 @@ def _ours(runs: Sequence[Samples], nominal: Machine) -> tuple[Word, tuple[str, .
     """
     said = diagnose(runs, nominal)
     named = tuple(finding.effect for finding in said.findings)
-    step, rated = runs[0].resolution.theta_e, cast(float, nominal.i_rated)
-    rows = settled(unrounded(rows_of(runs, nominal, rated), step))
-    rows.prepare()
-    found = fitted(rows, Given(nominal, dict.fromkeys(PARAMETERS, TOLERANCE), step))
+    rows, given = prepared(runs, nominal, dict.fromkeys(PARAMETERS, TOLERANCE))
+    found = fitted(rows, given)
     regression = found.search.regression
     model = moved(Search(replace(regression, gram=regression.gram[0::2])), found.choice)
     e = residual(rows, rows, model)

@@ -1,0 +1,31 @@
+"""Prepared: a recording's rows and what is given of its drive, as every fit has them."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from estimator.machine import Machine
+from estimator.mismatch.angle_rounding import resolution_of, unrounded
+from estimator.mismatch.given import Given
+from estimator.mismatch.thinning import settled
+from estimator.physics.rows import Rows, rows_of
+from estimator.samples import Samples
+
+
+def prepared(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, float]) -> tuple[Rows, Given]:
+    """Rows of runs of at least 3 samples each, the angle's rounding taken out as far as the rotor's movement tells it.
+
+    tolerance: of R_s, L_d, L_q, psi_f, as a share.
+    """
+    rows = rows_of(runs, nominal, nominal.i_rated or _highest_current(runs))
+    told = runs[0].resolution.theta_e
+    resolution = resolution_of(rows, told)
+    rows = settled(unrounded(rows, resolution))
+    rows.prepare()
+    step = rows.angle_step if told == 0.0 < resolution else told  # counts may be told in finer numbers
+    return rows, Given(nominal, tolerance, step)
+
+
+def _highest_current(runs: Sequence[Samples]) -> float:
+    """What stands for a rated current that is not known, A: a few wrong samples do not count."""
+    return float(np.quantile(np.concatenate([np.hypot(run.i_d, run.i_q) for run in runs]), 0.999))
