@@ -6,15 +6,14 @@ from pathlib import Path
 import pytest
 
 from emulator.conceal.files import write
-from emulator.conceal.populations import KINDS
-from emulator.conceal.recording import Choice, drawn
+from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
-from emulator.motors import MOTORS as ALL_MOTORS
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.samples import Samples
+from tests.concealed_runs import population, recording_of
 from tests.diagnosis.diagnosed import Said, loaded
 from tests.diagnosis.oracle import answers_in
 from tests.diagnosis.rows import row_of
@@ -86,12 +85,8 @@ def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_
 
 def of_population(seed: int, number: int, folder: Path) -> tuple[tuple[str, ...], Diagnosis]:
     """What a recording of a population conceals, by classes, and what is said of it."""
-    choice = Choice(seed, KINDS, (0.0, 1.0), tuple(ALL_MOTORS), 6.0)
-    there, columns = drawn(choice, number)
-    for name in ("out", "answers"):
-        (folder / name).mkdir()
-    write(there, columns, choice, "0001", folder / "out", folder / "answers")
-    return tuple(there.classes), diagnose(*loaded(folder / "out", "0001"))
+    there, runs, nominal = recording_of(population(seed), number, folder)
+    return tuple(there.classes), diagnose(runs, nominal)
 
 
 @pytest.mark.slow

@@ -6,10 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from emulator.conceal.files import write
-from emulator.conceal.populations import KINDS
-from emulator.conceal.recording import Choice, drawn
-from emulator.motors import MOTORS
 from emulator.virtual_drive import VirtualDrive
 from estimator.machine import PARAMETERS
 from estimator.mismatch.diagnose import TOLERANCE
@@ -18,7 +14,7 @@ from estimator.mismatch.fitting import fitted
 from estimator.mismatch.prepared import prepared
 from estimator.mismatch.surrogate import converter_step, stands_out
 from estimator.physics.rows import Rows
-from tests.diagnosis.diagnosed import loaded
+from tests.concealed_runs import population, recording_of
 from tests.effect_runs import at, with_effects
 from tests.samples import machine_of, rows_of_columns
 
@@ -42,12 +38,7 @@ def test_no_step_is_seen_where_there_is_none() -> None:
 
 def judged(number: int, folder: Path) -> tuple[Names, Callable[[tuple[str, int]], bool]]:
     """What a fit to a recording holds, and which of it stands out from surrogates."""
-    choice = Choice(2005, KINDS, (0.0, 1.0), tuple(MOTORS), 6.0)
-    there, columns = drawn(choice, number)
-    for name in ("out", "answers"):
-        (folder / name).mkdir()
-    write(there, columns, choice, "0001", folder / "out", folder / "answers")
-    runs, nominal = loaded(folder / "out", "0001")
+    _, runs, nominal = recording_of(population(2005), number, folder)
     rows, given = prepared(runs, nominal, dict.fromkeys(PARAMETERS, TOLERANCE))
     found = fitted(rows, given)
     return found.choice, partial(stands_out, choice=found.choice, doubted=True, found=found, given=given)

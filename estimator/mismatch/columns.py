@@ -86,6 +86,7 @@ class Regression:
     smooth: Rows
     model: Model
     left: float  # mean of the whitened residual's square over that of noise, d and q together
+    untold: frozenset[str]  # inductances that stay within tolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +161,7 @@ def regression(
     change[P, :P] = offset
     gram = change @ gram @ change.T
     count = 2 * int(rows.joined.sum()) + (0 if zero is None else n)
-    return Regression(columns, gram, count, noise, rows, smooth, model, left)
+    return Regression(columns, gram, count, noise, rows, smooth, model, left, given.untold)
 
 
 def _parts(rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]) -> Iterator[tuple[int, slice, Rows]]:

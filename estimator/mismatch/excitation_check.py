@@ -19,7 +19,7 @@ from estimator.mismatch.words import number, percent
 
 OUTSHINES: Final = 3.0  # times what is left unexplained, that an effect in doubt has to explain
 _WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
-_TELLS: Final = 1.0  # times the same: below, nothing is told
+_MOVES: Final = 2.0  # times the same, of which noise itself is one: below, nothing is told
 _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
 _LEAST_ALIKE: Final = 1e-3  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
@@ -57,7 +57,7 @@ def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Seque
 def untold(search: Search) -> frozenset[str]:
     """Inductances of axes on which currents move less than their noise: a fit by these currents as they are, noise too.
     """
-    return frozenset(f"L_{axis}" for axis, over_noise in _over_noise(search).items() if over_noise < 1.0 + _TELLS)
+    return frozenset(f"L_{axis}" for axis, over_noise in _over_noise(search).items() if over_noise < _MOVES)
 
 
 def least_moved(search: Search) -> tuple[str, float]:
@@ -66,18 +66,12 @@ def least_moved(search: Search) -> tuple[str, float]:
 
 
 def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
-    """A parameter of the machine that a fit holds at its bound, and its value."""
-    fit = search.fit(choice)
+    """A parameter of the machine that a fit holds at its bound, and its value; not one that stays within tolerance."""
+    fit, within = search.fit(choice), search.regression.untold
     for name, value, variance in zip(PARAMETERS, fit.value, fit.covariance.diagonal(), strict=False):
-        if variance <= 0.0 and (name == "R_s" or not search.bent) and not _near(search, name, float(value)):
+        if variance <= 0.0 and name not in within and (name == "R_s" or not search.bent):
             return name, float(value)
     return None
-
-
-def _near(search: Search, name: str, value: float) -> bool:
-    """Within its tolerance, beyond which an inductance that is not told does not go."""
-    nominal, off = search.columns[PARAMETERS.index(name)].prior
-    return abs(value - nominal) < 1.001 * off
 
 
 def like_machine(search: Search, choice: Choice) -> str | None:

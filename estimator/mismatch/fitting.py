@@ -108,9 +108,7 @@ def fitted(
     if part is rows:
         return _fitted(rows, begin, False, given, progress, library)
     found = _fitted(part, begin, False, given, lambda share: progress(0.5 * share), library)
-    return _fitted(
-        rows, found.model, True, given, lambda share: progress(0.5 + 0.5 * share), library
-    )  # fmt: skip
+    return _fitted(rows, found.model, True, given, lambda share: progress(0.5 + 0.5 * share), library)
 
 
 def at_nominal(rows: Rows, given: Given) -> Search:
@@ -136,9 +134,7 @@ def _fitted(
         model, clean, settled = polished(rows, clean, model, given, _WHOLE[1])
     again = True
     while True:
-        model, clean, last = _rounds(
-            rows, clean, model, settled, nearly, given, progress, library
-        )  # fmt: skip
+        model, clean, last = _rounds(rows, clean, model, settled, nearly, given, progress, library)
         needed = last.without_needless(_present(model))
         if len(needed) == len(model.effects):
             break
@@ -228,9 +224,7 @@ def _search(
     follow, response = None if library else clean.follow, None
     if follow is not None and clean.response is not None and model.bend is not None:
         response = clean.response(model)
-    return Search(regression(
-        rows, clean.rows, model, given, clean.noise, library, follow, slopes, response
-    ))
+    return Search(regression(rows, clean.rows, model, given, clean.noise, library, follow, slopes, response))
 
 
 def without(found: Fitted, dropped: Sequence[str], given: Given) -> Fitted:

@@ -44,9 +44,7 @@ def fitted_by_map(rows: Rows, given: Given, found: Fitted, progress: Callable[[f
     left = excess_of(found)
     if least * len(rows) > _PROMISING * left * len(part):
         return None
-    by_map = fitted(
-        rows, given, lambda share: progress(0.7 + 0.04 * share, "fitting a flux map"), begin=begin
-    )  # fmt: skip
+    by_map = fitted(rows, given, lambda share: progress(0.7 + 0.04 * share, "fitting a flux map"), begin=begin)
     return by_map if left > OUTSHINES * excess_of(by_map) and has_map(by_map) else None
 
 

@@ -4,6 +4,7 @@ A stranger to the library that is strong enough makes effects up: a resonance lo
 a voltage that comes and goes like an imbalance of a machine that cannot be. Knows nothing of verdicts.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -63,10 +64,15 @@ def leaves_some(found: Fitted) -> bool:
 def not_astray(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or, where the machine alone leaves less than with its effects, one that begins there: steps led astray.
     """
-    bare = without(found, [name for name, _ in found.choice], given)
+    bare = _bare(found, given)
     if not found.choice or excess_of(bare) >= excess_of(found):
         return found
     return fitted(rows, given, begin=bare.model)
+
+
+def _bare(found: Fitted, given: Given) -> Fitted:
+    """The machine without any of the effects."""
+    return without(found, [name for name, _ in found.choice], given)
 
 
 def _described(rows: Rows, found: Fitted) -> Unexplained | None:
@@ -116,8 +122,8 @@ def _ringing(
     equal = _CERTAIN + found.search.missed(found.choice) + _ROUNDED * hidden
     if more < -_CERTAIN or (not losses and more < equal):
         return None
-    alone = _described(rows, rung.bare) if rung.left > _CHANCE * np.sqrt(4.0 * len(rows)) else None
-    if alone is not None and _has_form(alone) and not alone.description.startswith(RESONANCE):
+    form = _described(rows, rung.bare) if rung.left > _by_chance(rows) else None
+    if form is not None and _has_form(form) and not form.description.startswith(RESONANCE):
         return None  # and that explains more
     if more > equal and (both := _rung(rows, found, found)) is not None and both.left < rung.left - _CERTAIN:
         return None  # they explain some beside it
@@ -154,20 +160,20 @@ def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
     if part is not rows and alone(part, given) is None:
         return None
     bare = of_machine(rows, given)
-    chance = _CHANCE * np.sqrt(4.0 * len(rows))
-    if excess_of(bare) < _FAR * chance or (left := _described(rows, bare)) is None:
+    excess, chance = excess_of(bare), _by_chance(rows)
+    if excess < _FAR * chance or (left := _described(rows, bare)) is None:
         return None
     if not _has_form(left) or left.where.region["frame"] != "stationary":
         return None
-    beside = (1.0 - left.where.energy_share) * excess_of(bare)
+    beside = _left_by(left, excess)
     if left.description.startswith(RESONANCE):
         rung = _rung(rows, bare, bare)
         if rung is None or not _healthy(rung, given):
             return None
         left, beside = rung.told, rung.left
-    if _FAR * (beside + chance) > excess_of(bare):
+    if _FAR * (beside + chance) > excess:
         return None
-    found = without(bare, (), given)
+    found = _bare(bare, given)
     search = found.search
     by_effects = excess_of(found) + search.fit(search.best(())).chi2 - search.fit(()).chi2
     return (found, left) if _FAR * (beside + chance) < by_effects else None
@@ -207,13 +213,13 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
         return Upright(found, left_of(rows, found), faint)
     left = resonance or left  # it is plainest where a loss takes its slow part
     if left is not None and found.choice:
-        bare = without(found, [name for name, _ in found.choice], given)
-        alone = _described(rows, bare)
-        if alone is not None and _has_form(alone):
-            left_by_form = (1.0 - alone.where.energy_share) * excess_of(bare)
-            same = resonance is not None and alone.description.startswith(RESONANCE)
+        bare = _bare(found, given)
+        form = _described(rows, bare)
+        if form is not None and _has_form(form):
+            left_by_form = _left_by(form, excess_of(bare))
+            same = resonance is not None and form.description.startswith(RESONANCE)
             if same or left_by_form < excess_of(found) or held_at_bound(found.search, found.choice):
-                return Upright(bare, alone)
+                return Upright(bare, form)
     return Upright(found, left, faint)
 
 
@@ -221,6 +227,16 @@ def _has_form(left: Unexplained) -> bool:
     """It looks like something that the library does not hold: what goes by the rotor's turning may be its effects'."""
     region = left.where.region
     return "frame" in region and not region.keys() & {"electrical_order", "mechanical_order"}
+
+
+def _left_by(form: Unexplained, excess: float) -> float:
+    """What of an excess a form leaves."""
+    return (1.0 - form.where.energy_share) * excess
+
+
+def _by_chance(rows: Rows) -> float:
+    """Chi square that noise may leave above itself."""
+    return _CHANCE * math.sqrt(4.0 * len(rows))
 
 
 def excess_of(found: Fitted) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
-from estimator.mismatch.averages import Array, beside, energy_of, parts, sizes_in
+from estimator.mismatch.averages import Array, beside, energy_of, parts, sizes_in, whole
 from estimator.mismatch.model import filter_pole
 from estimator.physics.rows import Rows, Vector
 
@@ -122,7 +122,7 @@ def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
         sizes = sizes_in(both, z)
         a, b = complex(sizes[-4], sizes[-3]), complex(sizes[-2], sizes[-1])
         flux: Vector = a * forth + b * aft
-        gain = most - energy_of(beside(both, z))
+        gain = most - energy_of(z - whole(sizes @ both))
         if best is not line and gain <= best.gain:
             break
         begin = np.exp(1j * TURN * f * time[0])

@@ -34,7 +34,10 @@ class ToldMachine(NamedTuple):
 
 
 def told_machine(found: Fitted, plain: Search | None, lent: float, given: Given) -> ToldMachine:
-    """Of the fit without effects and with them. plain: without a flux map, where it has one. lent: see below."""
+    """Of the fit without effects and with them. plain: without a flux map, where it has one.
+
+    lent: energy over noise that what has no name may have lent to a parameter.
+    """
     search, choice, scaled = found.search, found.choice, _scaled_by(found.smooth, found.model)
     after = _parameters(search, choice, lent, scaled)
     likely, compared, flux_map = _parameters(search, choice), list(PARAMETERS), None

@@ -1,0 +1,23 @@
+"""Concealed recordings as their files have them."""
+
+from pathlib import Path
+
+from emulator.conceal.files import write
+from emulator.conceal.populations import KINDS
+from emulator.conceal.recording import Choice, Concealed, drawn
+from emulator.motors import MOTORS
+from estimator.machine import Machine
+from estimator.samples import Samples
+from tests.diagnosis.diagnosed import loaded
+
+
+def population(seed: int) -> Choice:
+    """What the sealed recordings of a seed are drawn from."""
+    return Choice(seed, KINDS, (0.0, 1.0), tuple(MOTORS), 6.0)
+
+
+def recording_of(choice: Choice, number: int, folder: Path) -> tuple[Concealed, list[Samples], Machine]:
+    """What it conceals, its runs, and the nominal machine. Its files are in the folder then."""
+    there, columns = drawn(choice, number)
+    write(there, columns, choice, "0001", folder, folder)
+    return (there, *loaded(folder, "0001"))
