@@ -55,6 +55,17 @@ class Suspicion:
     rivals: tuple[Rival, ...]  # other causes, likeliest first
     ambiguous: tuple[str, ...]  # the cause and those that do as well, in words; empty where it is certain
     rival_effects: tuple[str, ...]  # that do as well
+    scale: Scale = NO_SCALE  # a part of the cause
+
+    def contradicted(self, found: Machine, tolerance: Mapping[str, float]) -> bool:
+        """The machine that is found in the corrected recording is farther from the nominal one than as recorded."""
+        expected, spread = _expected(self.machine, tolerance)
+        value = np.array([getattr(found, name) for name in PARAMETERS]) * _by_scale(self.scale)
+        as_recorded = Fit(value, np.zeros(len(value)), 0.0, 0.0)
+        corrected, recorded = (
+            float(np.sum(_against_nominal(as_recorded, scale, expected, spread)[1])) for scale in (self.scale, NO_SCALE)
+        )
+        return corrected > recorded
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,13 +130,12 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
         _sentence(best, stands, speed, rows), _parameters(correction, nominal, n_p), correction.undone(runs),
         nominal if n_p is None else replace(nominal, n_p=n_p), _odds(best, stands),
         tuple(Rival(h.name, _odds(best, h)) for h in _rivals(best, stands, hypotheses)), alike,
-        ("dc_link_gain",) if _read_as(best, stands) else (),
+        ("dc_link_gain",) if _read_as(best, stands) else (), best.scale,
     )  # fmt: skip
 
 
 def _hypotheses(stretches: Stretches, nominal: Machine, tolerance: Mapping[str, float]) -> list[_Hypothesis]:
-    expected = np.array([getattr(nominal, name) for name in PARAMETERS])
-    spread = np.array([tolerance[name] for name in PARAMETERS]) / math.sqrt(3.0)
+    expected, spread = _expected(nominal, tolerance)
     per_unit = float(np.max(np.abs(stretches.u))) < PER_UNIT
     known = forms(nominal.n_p, per_unit=per_unit and stretches.u_dc is not None)
     fits = {form: fit(stretches, form.correction, nominal) for form in known}
@@ -143,10 +153,21 @@ def _hypotheses(stretches: Stretches, nominal: Machine, tolerance: Mapping[str, 
     return found
 
 
+def _expected(nominal: Machine, tolerance: Mapping[str, float]) -> tuple[Array, Array]:
+    """R_s, L_d, L_q, psi_f, and their relative standard deviations."""
+    expected = np.array([getattr(nominal, name) for name in PARAMETERS])
+    return expected, np.array([tolerance[name] for name in PARAMETERS]) / math.sqrt(3.0)
+
+
+def _by_scale(scale: Scale) -> Array:
+    """Times what they are, as which R_s, L_d, L_q, psi_f come out."""
+    Z = scale.u / scale.i
+    return np.array([Z, Z * scale.T_s, Z * scale.T_s, scale.u * scale.T_s])
+
+
 def _against_nominal(fitted: Fit, scale: Scale, expected: Array, spread: Array) -> tuple[Array, Array]:
     """Parameters over the nominal ones, and the log-odds that their distances cost."""
-    Z = scale.u / scale.i
-    by = expected * np.array([Z, Z * scale.T_s, Z * scale.T_s, scale.u * scale.T_s])
+    by = expected * _by_scale(scale)
     over = fitted.value / by
     off = np.log(np.maximum(over, 0.02))
     variance = spread**2 + (fitted.std / by / np.maximum(np.abs(over), 0.3)) ** 2

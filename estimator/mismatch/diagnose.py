@@ -18,6 +18,7 @@ from estimator.mismatch.common_scale import scaled, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
 from estimator.mismatch.excitation_check import not_borne_out, poorly_told, untold
+from estimator.mismatch.exchange import one_for_several, together
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, at_nominal, fitted, moved, without
@@ -114,7 +115,7 @@ def _explained(
     given = replace(given, untold=untold(at_nominal(rows, given)))
     by_form = alone(rows, given)
     there = _by_effects(rows, given, progress) if by_form is None else _There(*by_form)
-    if suspicion is not None and _taken_back(suspicion, there.found.model):
+    if suspicion is not None and _taken_back(suspicion, there.found.model, tolerance):
         return None
     diagnosis = _judged(rows, given, there, progress)
     if suspicion is not None:
@@ -138,6 +139,7 @@ class _There(NamedTuple):
 def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]) -> _There:
     found = fitted(rows, given, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
+    found = together(one_for_several(rows, found, given), given)
     left = left_of(rows, found)
     if left is not None:
         found = not_astray(rows, found, given)
@@ -150,8 +152,12 @@ def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]
     return _There(found, left, resonance=resonance)
 
 
-def _taken_back(suspicion: Suspicion, model: Model) -> bool:
-    """Voltages were moved by rows too far: the library finds that they act later than the corrected rows say."""
+def _taken_back(suspicion: Suspicion, model: Model, tolerance: Mapping[str, float]) -> bool:
+    """What the library finds speaks against the cause: a machine that fits better as recorded, or rows moved too far,
+    so that voltages act later than the corrected rows say.
+    """
+    if model.bend is None and suspicion.contradicted(model.machine, tolerance):
+        return True
     shift, delay = suspicion.parameters.get("u_shift"), model.effects.get(voltage_delay.EFFECT.name)
     if shift is None or shift.value is None or delay is None:
         return False

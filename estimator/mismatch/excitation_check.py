@@ -117,7 +117,8 @@ def not_borne_out(
         one = min(weak, key=lambda each: min(worths[each].values()))
         if min(worths[one].values()) > 1.0:
             break
-        if worths[one]["machine"] > 1.0 and stands_out(one, left, True):
+        like_noise = worths[one]["noise"] <= 1.0 and _like_untold(search, _signal(search, left, one))
+        if worths[one]["machine"] > 1.0 and not like_noise and stands_out(one, left, True):
             plain.add(one)
             continue
         cause = min(worths[one], key=lambda name: worths[one][name])
@@ -269,15 +270,29 @@ def _over_lent(search: Search, signal: Array, over_noise: Mapping[str, float]) -
     Noise in an inductance's column makes the inductance low, by its share of the column's energy. That leaves as much
     of the column, less what other parameters make of it; and of that, the part along the signal.
     """
-    columns = {axis: PARAMETERS.index(f"L_{axis}") for axis in over_noise}
+    alike = _alike(search, signal, [f"L_{axis}" for axis in over_noise])
+    lent = sum(
+        max(share, _LEAST_ALIKE) * len(search.regression.rows) / max(over_noise[name[-1]], 1.0)
+        for name, share in alike.items()
+    )
+    return _product(search, search.base, signal, signal) / (_LENT * lent)
+
+
+def _like_untold(search: Search, signal: Array) -> bool:
+    """A signal is mostly what an inductance would make whose axis' current is noise: it stands for that noise."""
+    return any(share > _DISTINCT for share in _alike(search, signal, sorted(search.regression.untold)).values())
+
+
+def _alike(search: Search, signal: Array, inductances: Sequence[str]) -> dict[str, float]:
+    """By inductance, the share of a signal's energy along its column, less what the other parameters make of both."""
+    columns = {name: PARAMETERS.index(name) for name in inductances}
     rest = [j for j in search.base if j not in columns.values()]
-    size, lent = _product(search, rest, signal, signal), 0.0
-    for axis, place in columns.items():
+    size, found = _product(search, rest, signal, signal), dict[str, float]()
+    for name, place in columns.items():
         column = np.eye(len(signal))[place]
         both = size * _product(search, rest, column, column)
-        alike = _product(search, rest, signal, column) ** 2 / both if both > 0.0 else 1.0
-        lent += max(min(alike, 1.0), _LEAST_ALIKE) * len(search.regression.rows) / max(over_noise[axis], 1.0)
-    return _product(search, search.base, signal, signal) / (_LENT * lent)
+        found[name] = min(_product(search, rest, signal, column) ** 2 / both, 1.0) if both > 0.0 else 1.0
+    return found
 
 
 def _apart(search: Search, signal: Array) -> float:

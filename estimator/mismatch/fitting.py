@@ -229,9 +229,29 @@ def _search(
 
 def without(found: Fitted, dropped: Sequence[str], given: Given) -> Fitted:
     """The best model without some of its effects, and without what does not bring its due then."""
+    kept = {name: sizes for name, sizes in found.model.effects.items() if name not in dropped}
+    return _needed_of(found, replace(found.model, effects=kept), given)
+
+
+def exchanged(found: Fitted, dropped: Sequence[str], one: tuple[str, int], given: Given) -> Fitted:
+    """The best model with another effect in the place of some, and without what does not bring its due then."""
+    choice = (*(each for each in found.choice if each[0] not in dropped), one)
+    return _needed_of(found, moved(found.search, choice), given)
+
+
+def with_more(found: Fitted, names: Sequence[str], given: Given) -> Fitted:
+    """The best model with effects of no shape besides, and without what does not bring its due then."""
+    none = {name: (0.0,) * len(BY_NAME[name].parameters) for name in names}
+    begin = replace(found.model, effects={**found.model.effects, **none})
     rows, clean = found.search.regression.rows, Clean(found.smooth, found.z, found.noise)
-    needed = tuple(one for one in found.choice if one[0] not in dropped)
-    model, clean, last = _pruned(rows, clean, found.model, needed, given, LIBRARY)
+    model, clean, _ = polished(rows, clean, begin, given, 2 * POLISHED)
+    return _needed_of(found, model, given)
+
+
+def _needed_of(found: Fitted, model: Model, given: Given) -> Fitted:
+    """The best model of those effects of a model that bring their due."""
+    rows, clean = found.search.regression.rows, Clean(found.smooth, found.z, found.noise)
+    model, clean, last = _pruned(rows, clean, model, _present(model), given, LIBRARY)
     assert clean.noise is not None
     return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
 

@@ -322,7 +322,7 @@ def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
 def _said_of_levels(rows: Rows, form: TwoLevels, share: float) -> tuple[str, Place]:
     volts = number(abs(form.step))
     along = f"along {degrees(form.direction)} of the {form.frame} frame"
-    region: Region = {"frame": form.frame, "direction": form.direction}
+    region: Region = {"frame": form.frame, "direction": form.direction, "changes": float(len(form.changes))}
     held = f"{percent(form.share)} of the samples hold {percent(share)} of the energy"
     if len(form.changes) == 1:
         t = float(form.changes[0])

@@ -37,6 +37,7 @@ _CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
 _CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other, or at all
 _ROUNDED: Final = 0.01  # of the angle's rounding, that one may explain more of
 _FAR: Final = 5.0  # times what something without a name leaves, that the likeliest effects leave in its place
+_ONCE: Final = 2.0  # changes, of what comes and goes
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
 
 
@@ -163,7 +164,7 @@ def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
     excess, chance = excess_of(bare), _by_chance(rows)
     if excess < _FAR * chance or (left := _described(rows, bare)) is None:
         return None
-    if not _has_form(left) or left.where.region["frame"] != "stationary":
+    if not _has_form(left) or left.where.region["frame"] != "stationary" or _stays(left):
         return None
     beside = _left_by(left, excess)
     if left.description.startswith(RESONANCE):
@@ -227,6 +228,12 @@ def _has_form(left: Unexplained) -> bool:
     """It looks like something that the library does not hold: what goes by the rotor's turning may be its effects'."""
     region = left.where.region
     return "frame" in region and not region.keys() & {"electrical_order", "mechanical_order"}
+
+
+def _stays(left: Unexplained) -> bool:
+    """A voltage that came or went once, as one that is there all the time looks beside a machine that is none."""
+    changes = left.where.region.get("changes")
+    return isinstance(changes, float) and changes <= _ONCE
 
 
 def _left_by(form: Unexplained, excess: float) -> float:

@@ -89,9 +89,14 @@ def _contact(model: Model) -> float:
 
 
 def _outside(after: Mapping[str, Quantity], given: Given, contact: float) -> dict[str, str]:
-    """Parameters that lie outside their tolerance, each in a sentence. `contact`: ohm that R_s may be higher by."""
+    """Parameters that lie outside their tolerance, each in a sentence. `contact`: ohm that R_s may be higher by.
+
+    Those that are not told were held within it.
+    """
     said: dict[str, str] = {}
     for name, quantity in after.items():
+        if name in given.untold:
+            continue
         nominal, tolerance = getattr(given.machine, name), given.tolerance[name]
         value, std = quantity.value, quantity.std or 0.0
         assert value is not None

@@ -1,0 +1,76 @@
+"""Exchange: other sets of effects for one that is found step by step, where equations bend.
+
+A search adds what explains most where the equations are lines. Beyond their bend one effect may explain what two do
+there: a loss that lags looks like a resistance that rises with frequency and an offset of the voltage. And an angle
+that is off and saturations make up for each other: none of them alone leads to the set. Knows nothing of verdicts.
+"""
+
+from typing import Final
+
+from estimator.machine import PARAMETERS
+from estimator.mismatch.explain import MOST, Choice, Search
+from estimator.mismatch.fitting import Fitted, exchanged, fitted, with_more
+from estimator.mismatch.given import Given
+from estimator.mismatch.remainder import excess_of, leaves_some
+from estimator.physics.library import BY_NAME
+from estimator.physics.rows import Rows
+
+_SEVERAL: Final = 2
+_NEARLY: Final = 2.0  # times what several effects leave: more, and the one is not worth what others may add to it
+_AS_MUCH: Final = 0.75  # of what several effects explain, that one has to explain before its equation bends
+_BENT: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation", "angle_offset")
+"""Effects that make up for each other, and for the machine's parameters."""
+
+
+def together(found: Fitted, given: Given) -> Fitted:
+    """The fit, or one that begins with all saturations and an angle's offset at once, and leaves less.
+
+    It is asked for where more than noise is left, or a parameter of the machine is beyond its tolerance.
+    """
+    more = [name for name in _BENT if name not in found.model.effects]
+    if found.model.bend is not None or not (leaves_some(found) or _beyond(found, given)):
+        return found
+    other = with_more(found, more, given)
+    return other if excess_of(other) < excess_of(found) and len(other.choice) <= MOST else found
+
+
+def _beyond(found: Fitted, given: Given) -> bool:
+    machine, nominal = found.model.machine, given.machine
+    return any(
+        abs(getattr(machine, name) / getattr(nominal, name) - 1.0) > given.tolerance[name]
+        for name in PARAMETERS if name not in given.untold
+    )  # fmt: skip
+
+
+def one_for_several(rows: Rows, found: Fitted, given: Given) -> Fitted:
+    """The fit, or one that leaves less with no more effects: others may show where one stands in for several."""
+    if found.model.bend is not None:
+        return found
+    for dropped, one in _instead(found.search, found.choice):
+        begin = exchanged(found, [name for name, _ in dropped], one, given)
+        if one[0] not in begin.model.effects or excess_of(begin) > _NEARLY * excess_of(found):
+            continue
+        other = fitted(rows, given, begin=begin.model)
+        if excess_of(other) < excess_of(found) and len(other.choice) <= len(found.choice):
+            return other
+    return found
+
+
+def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, int]]]:
+    """Effects of a set, and the one, at its likeliest shapes, that may stand in their place."""
+    full, found = search.fit(choice).chi2, list[tuple[Choice, tuple[str, int]]]()
+    present, candidates = {name for name, _ in choice}, search.candidates()
+    for name in dict.fromkeys(name for name, _ in candidates if name not in present):
+        alike = tuple(one for one in choice if name in _confused(one[0]) or one[0] in _confused(name))
+        if len(alike) < _SEVERAL:
+            continue
+        rest = tuple(one for one in choice if one not in alike)
+        left = {one: search.fit((*rest, one)).chi2 for one in candidates if one[0] == name}
+        one = min(left, key=lambda each: left[each])
+        if left[one] - full < (1.0 - _AS_MUCH) * (search.fit(rest).chi2 - full):
+            found.append((alike, one))
+    return found
+
+
+def _confused(name: str) -> tuple[str, ...]:
+    return BY_NAME[name].confused_with
