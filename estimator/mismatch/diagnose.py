@@ -17,8 +17,8 @@ from estimator.mismatch.columns import STRETCHES
 from estimator.mismatch.common_scale import scaled, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
-from estimator.mismatch.excitation_check import not_borne_out, poorly_told, untold
 from estimator.mismatch.exchange import one_for_several, together
+from estimator.mismatch.excitation_check import not_borne_out, poorly_told, untold
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, at_nominal, fitted, moved, without
