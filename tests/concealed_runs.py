@@ -6,7 +6,11 @@ from emulator.conceal.files import write
 from emulator.conceal.populations import KINDS
 from emulator.conceal.recording import Choice, Concealed, drawn
 from emulator.motors import MOTORS
-from estimator.machine import Machine
+from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.diagnose import TOLERANCE
+from estimator.mismatch.given import Given
+from estimator.mismatch.prepared import prepared
+from estimator.physics.rows import Rows
 from estimator.samples import Samples
 from tests.diagnosis.diagnosed import loaded
 
@@ -21,3 +25,9 @@ def recording_of(choice: Choice, number: int, folder: Path) -> tuple[Concealed, 
     there, columns = drawn(choice, number)
     write(there, columns, choice, "0001", folder, folder)
     return (there, *loaded(folder, "0001"))
+
+
+def rows_of(choice: Choice, number: int, folder: Path) -> tuple[Rows, Given]:
+    """Its rows as a diagnosis has them, and what is given of the drive."""
+    _, runs, nominal = recording_of(choice, number, folder)
+    return prepared(runs, nominal, dict.fromkeys(PARAMETERS, TOLERANCE))

@@ -150,6 +150,16 @@ def test_a_recording_too_short_for_a_fit_is_not_judged() -> None:
     assert suspected([], nominal, TOLERANCE) is None
 
 
+def test_a_scale_is_contradicted_by_a_machine_that_fits_better_as_recorded() -> None:
+    suspicion = found(scaled(u=1.5), NUMBERS[0])
+    nominal = suspicion.machine
+    names = ("R_s", "L_d", "L_q", "psi_f")
+    assert not suspicion.contradicted(nominal, TOLERANCE)
+    assert not suspicion.contradicted(replace(nominal, R_s=1.5 * nominal.R_s, L_d=0.8 * nominal.L_d), TOLERANCE)
+    as_recorded = {name: getattr(nominal, name) / 1.5 for name in names}
+    assert suspicion.contradicted(replace(nominal, **as_recorded), TOLERANCE)
+
+
 def test_a_motor_that_stands_without_voltage_or_current_is_not_judged() -> None:
     (run, *_), nominal = recording("none", 1)
     nothing = np.zeros(len(run), complex)

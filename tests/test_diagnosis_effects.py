@@ -141,12 +141,24 @@ def test_a_healthy_drive_gets_no_name(seed: int, number: int, tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_what_tells_little_gets_no_wrong_name(tmp_path: Path) -> None:
-    """Of a population that was looked at: a machine that runs astray, an encoder's beat, currents of a short alone."""
-    poor_suite.make(2004, 78, tmp_path / "out", tmp_path / "answers", 2, only=(52, 68, 69))
+def test_an_inductance_that_is_not_told_is_not_outside_its_tolerance(tmp_path: Path) -> None:
+    """A voltage that leads, beside a current that moves less than its noise."""
+    diagnosis = of_population(2009, 276, tmp_path)[1]
+    assert [finding.effect for finding in diagnosis.findings] == ["voltage_delay"]
+    assert diagnosis.ambiguous == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "numbers"), [
+    pytest.param(2004, (52, 68, 69), id="a machine that runs astray, an encoder's beat, currents of a short alone"),
+    pytest.param(2009, (13, 31), id="a rising resistance that scales the machine, a current that is noise"),
+])  # fmt: skip
+def test_what_tells_little_gets_no_wrong_name(seed: int, numbers: tuple[int, ...], tmp_path: Path) -> None:
+    """Of populations that were looked at."""
+    poor_suite.make(seed, 78, tmp_path / "out", tmp_path / "answers", 2, only=numbers)
     answers = answers_in(tmp_path / "answers")
     names = [answer["recording"] for answer in answers]
-    assert len(names) == 3
+    assert len(names) == len(numbers)
     said = {name: Said(diagnose(*loaded(tmp_path / "out", name)), "", 0.0) for name in names}
     assert poor_suite.wrong(answers, said) == []
 

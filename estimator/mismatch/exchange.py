@@ -8,6 +8,7 @@ that is off and saturations make up for each other: none of them alone leads to 
 from typing import Final
 
 from estimator.machine import PARAMETERS
+from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.explain import MOST, Choice, Search
 from estimator.mismatch.fitting import Fitted, exchanged, fitted, with_more
 from estimator.mismatch.given import Given
@@ -28,10 +29,16 @@ def together(found: Fitted, given: Given) -> Fitted:
     It is asked for where more than noise is left, or a parameter of the machine is beyond its tolerance.
     """
     more = [name for name in _BENT if name not in found.model.effects]
-    if found.model.bend is not None or not (leaves_some(found) or _beyond(found, given)):
+    if found.model.bend is not None or not (_leaves_more(found) or _beyond(found, given)):
         return found
     other = with_more(found, more, given)
     return other if excess_of(other) < excess_of(found) and len(other.choice) <= MOST else found
+
+
+def _leaves_more(found: Fitted) -> bool:
+    """Than noise, and than rounding of the angle."""
+    hidden = hidden_energy(found.search.regression.rows) / (found.noise[0] * found.noise[1])
+    return leaves_some(found) and excess_of(found) > hidden
 
 
 def _beyond(found: Fitted, given: Given) -> bool:

@@ -14,7 +14,7 @@ which an effect in proportion to its size reaches at
 
     limit = size sqrt(21.6 / lam)
 
-The size that is run is made smaller until it is no more than three limits, so that the proportion holds.
+The size that is run is a tenth of the limit to three limits, so that the proportion holds.
 
 What is assumed: shape and sign of the effect are known, its shape parameters too, and where in the recording it acts;
 the size alone is not. R_s, L_d, L_q and psi_f are unknown, normal about the data sheet's values with the deviation of a
@@ -64,7 +64,8 @@ _FITS: Final = 6  # of the parameters at most, each about the one before
 _SETTLED: Final = 1e-3  # of the energy, by which a fit still changes it
 _ROUNDED: Final = 1.0 / 12.0  # variance of a number rounded to 1
 
-_SMALL: Final = 3.0  # limits: a size that is run is no larger
+_FIRST: Final = 0.005  # of a size, that is run first
+_LOW, _SMALL = 0.1, 3.0  # limits: a size that is run is between
 _LEAST: Final = 1e-3  # of a size, that is run after it
 _NOTHING: Final = 1e-12  # of it, at which one gives up
 _SHIFTS: Final = {"voltage_early": 1, "voltage_late": -1}  # classes of one size: the row whose voltage a row has
@@ -90,14 +91,15 @@ class Oracle:
         return size / self.limit(name, size)
 
     def limit(self, name: str, size: float) -> float:
-        """Smallest size of a class that can be seen, sought from one above it on, and below one that leads astray.
+        """Smallest size of a class that can be seen. `size`: one from a part of which on it is sought.
 
         Not a number where every size does.
         """
-        nothing = _NOTHING * size
-        while size > _SMALL * (limit := self._limit(name, size)):
-            size = max(0.5 * _SMALL * limit, _LEAST * size)
-            if size < nothing:
+        x, nothing, low = _FIRST * size, _NOTHING * size, _LOW
+        while not low * (limit := self._limit(name, x)) <= x <= _SMALL * limit:
+            low = 0.0  # up once, and from there down
+            x = min(max(0.5 * _SMALL * limit, _LEAST * x), size)
+            if x < nothing:
                 return math.nan
         return limit
 

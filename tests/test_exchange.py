@@ -1,0 +1,39 @@
+"""Other sets of effects where steps that add one at a time lead astray."""
+
+from pathlib import Path
+
+import pytest
+
+from estimator.mismatch.exchange import one_for_several, together
+from estimator.mismatch.fitting import fitted
+from estimator.mismatch.remainder import excess_of
+from tests.concealed_runs import population, rows_of
+
+pytestmark = pytest.mark.slow
+
+
+def test_one_effect_takes_the_place_of_three_that_stand_for_it(tmp_path: Path) -> None:
+    """Of iron loss an angle's offset, a resistance that rises and an offset of the voltage; saturation shows then."""
+    rows, given = rows_of(population(2009), 275, tmp_path)
+    found = fitted(rows, given)
+    other = one_for_several(rows, found, given)
+    assert {name for name, _ in other.choice} == {"iron_loss", "q_axis_saturation"}
+    assert excess_of(other) < 0.5 * excess_of(found)
+    assert one_for_several(rows, other, given) is other
+
+
+@pytest.mark.parametrize(
+    ("number", "there"),
+    [
+        (183, {"cross_saturation", "q_axis_saturation", "angle_offset"}),
+        (76, {"encoder_eccentricity", "flux_harmonics", "d_axis_saturation"}),
+    ],
+    ids=["more than noise is left", "an inductance is beyond its tolerance"],
+)
+def test_saturations_and_an_angle_that_is_off_show_together(number: int, there: set[str], tmp_path: Path) -> None:
+    rows, given = rows_of(population(2009), number, tmp_path)
+    found = fitted(rows, given)
+    other = together(found, given)
+    assert {name for name, _ in found.choice} < there == {name for name, _ in other.choice}
+    assert excess_of(other) < 0.5 * excess_of(found)
+    assert set(together(other, given).choice) == set(other.choice)
