@@ -61,6 +61,9 @@ class Lost(NamedTuple):
     width: float  # A
 
 
+_NO_GUESS: Final = np.zeros(0, np.complex128)
+
+
 class Course(NamedTuple):
     """What currents are followed by."""
 
@@ -91,19 +94,21 @@ def free_run(rows: Rows, model: Model, window: int | None = None) -> Vector:
     return _simulated(rows, model, _starts(rows, window))
 
 
-def followed(rows: Rows, model: Model, share: float) -> tuple[Vector, Vector]:
+def followed(rows: Rows, model: Model, share: float, near: Vector | None = None) -> tuple[Vector, Vector]:
     """Currents (A) at samples that follow the model, and by a `share` a period the measured ones: with less noise.
 
     And the voltage (V, true rotor frame) that the bridge loses meanwhile, for currents that are known. Each run starts
-    from the measured ones. Effects are seen at these currents, so that noise is not driven by them.
+    from the measured ones. Effects are seen at these currents, so that noise is not driven by them. `near`: currents
+    that follow a model like it, from which they are found sooner.
     """
     truth = in_truth(rows, model)
     starts = _starts(rows, len(rows) + 1)
     course = _course(truth, _physics(model))
     close, limit = _bounds(truth)
     left = truth.u - _voltage(truth, course.ideal)
+    guess = _NO_GUESS if near is None else (near - rows.i) * rows.rotor * truth.rotor.conj()
     delta, lost = _carried(left, course.slopes, starts, truth.i, truth.rotor, truth.half, course.memory, course.lost,
-                           _END * close, limit, share)  # fmt: skip
+                           _END * close, limit, share, guess)  # fmt: skip
     return rows.i + delta * truth.rotor * rows.rotor.conj(), lost
 
 
@@ -221,7 +226,8 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
     i, first, sweep = rows.i, np.flatnonzero(starts), 0
     while True:
         left = rows.u - _voltage(_with_currents(rows, i), ideal)
-        delta, gone = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, _END * close, limit, 0.0)
+        delta, gone = _carried(left, slopes, starts, i, rows.rotor, rows.half, memory, lost, _END * close, limit, 0.0,
+                               _NO_GUESS)  # fmt: skip
         i, sweep = i + delta, sweep + 1
         if "inverter_voltage_error" in model.effects:
             rows = replace(rows, kept=rows.kept | {LOST: gone})
@@ -245,12 +251,12 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
 @kernel
 def _carried(
     left: Vector, slopes: Slopes, starts: Bools, i: Vector, rotor: Vector, half: Vector, memory: Memory, lost: Lost,
-    close: float, limit: float, forgotten: float,
+    close: float, limit: float, forgotten: float, guess: Vector,
 ) -> tuple[Vector, Vector]:  # fmt: skip
     """Changes of currents (A) at samples that undo what is left of voltages (V), from none where a window starts.
 
     The bridge's lost voltage (V) is no part of what is left: it is solved for in each period, and comes with them. A
-    share of the change is `forgotten` each period.
+    share of the change is `forgotten` each period. `guess`: changes that are not far off, or none.
     """
     delta, lost_there = np.zeros(len(left) + 1, np.complex128), np.zeros(len(left), np.complex128)
     R, share, late = memory
@@ -265,8 +271,11 @@ def _carried(
                 delta[k + 1] = solution(d, q, v)
             else:
                 i_0, i_1 = (i[k] + delta[k]) * rotor[k], i[k + 1] * rotor[k + 1]
+                begin = delta[k]
+                if len(guess):
+                    begin += guess[k + 1] / (1.0 - forgotten) - guess[k]
                 delta[k + 1], lost_there[k] = _solution_with_lost(
-                    d, q, v, lost, k, i_0, i_1, rotor[k + 1], delta[k], close
+                    d, q, v, lost, k, i_0, i_1, rotor[k + 1], begin, close
                 )
             there = abs(i[k + 1] + delta[k + 1])
             if there > limit:

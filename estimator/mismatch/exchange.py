@@ -10,7 +10,7 @@ from typing import Final
 from estimator.machine import PARAMETERS
 from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.explain import MOST, Choice, Search
-from estimator.mismatch.fitting import Fitted, exchanged, fitted, with_more
+from estimator.mismatch.fitting import Fitted, closely, exchanged, fitted, with_more
 from estimator.mismatch.given import Given
 from estimator.mismatch.remainder import excess_of, leaves_some
 from estimator.physics.library import BY_NAME
@@ -32,7 +32,7 @@ def together(found: Fitted, given: Given) -> Fitted:
     if found.model.bend is not None or not (_leaves_more(found) or _beyond(found, given)):
         return found
     other = with_more(found, more, given)
-    return other if excess_of(other) < excess_of(found) and len(other.choice) <= MOST else found
+    return closely(other, given) if excess_of(other) < excess_of(found) and len(other.choice) <= MOST else found
 
 
 def _leaves_more(found: Fitted) -> bool:

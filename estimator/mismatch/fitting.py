@@ -73,6 +73,9 @@ class Fitted:
     smooth: Rows
 
 
+_Polish = Callable[[Rows, Clean, Model, Given], tuple[Model, Clean, bool]]
+
+
 class _Following:
     """Rows with currents that follow a model, and the voltage (V) that the bridge loses. See `followed`.
 
@@ -89,7 +92,8 @@ class _Following:
             if (at, of) == (share, model):
                 return found
         there = with_machine(self._rows, model.machine)
-        i, lost = followed(there, model, share)
+        near = next((found[0].i for at, _, found in reversed(self._last) if at == share), None)
+        i, lost = followed(there, model, share, near)
         found = replace(there, i=i, kept=there.kept_of_angle_and_bridge()), lost
         self._last.append((share, model, found))
         return found
@@ -138,21 +142,25 @@ def _fitted(
         needed = last.without_needless(_present(model))
         if len(needed) == len(model.effects):
             break
-        model, clean, last = _pruned(rows, clean, model, needed, given, library)
+        model, clean, last = _pruned(rows, clean, model, needed, given, library, roughly_polished)
         if not again or set(last.best(_present(model))) == set(_present(model)):
             break
         again = False  # others show without what led astray
+    if model.steep:
+        model, clean, last = _pruned(rows, clean, model, _present(model), given, library, _closely_polished)
     assert clean.noise is not None
     return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
 
 
 def _pruned(
-    rows: Rows, clean: Clean, model: Model, needed: Choice, given: Given, library: Sequence[Effect]
-) -> tuple[Model, Clean, Search]:
+    rows: Rows, clean: Clean, model: Model, needed: Choice, given: Given, library: Sequence[Effect],
+    polish: _Polish | None = None,
+) -> tuple[Model, Clean, Search]:  # fmt: skip
     """The best model with only the effects that are needed, and of these only what brings its due then."""
+    polish = polish or polished
     while True:
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
-        model, clean, _ = polished(rows, clean, kept, given)
+        model, clean, _ = polish(rows, clean, kept, given)
         last = _search(rows, clean, model, given, library)
         needed = last.without_needless(_present(model))
         if len(needed) == len(model.effects):
@@ -187,7 +195,7 @@ def _rounds(
                 model, clean = beyond, cleaner
             else:
                 barred |= {name for name, seed in choice if seed >= 0}
-        model, clean, settled = polished(rows, clean, model, given, times)
+        model, clean, settled = roughly_polished(rows, clean, model, given, times)
         progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
         if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
@@ -240,18 +248,23 @@ def exchanged(found: Fitted, dropped: Sequence[str], one: tuple[str, int], given
 
 
 def with_more(found: Fitted, names: Sequence[str], given: Given) -> Fitted:
-    """The best model with effects of no shape besides, and without what does not bring its due then."""
+    """A model with effects of no shape besides, and without what does not bring its due then; roughly the best."""
     none = {name: (0.0,) * len(BY_NAME[name].parameters) for name in names}
     begin = replace(found.model, effects={**found.model.effects, **none})
     rows, clean = found.search.regression.rows, Clean(found.smooth, found.z, found.noise)
-    model, clean, _ = polished(rows, clean, begin, given, 2 * POLISHED)
-    return _needed_of(found, model, given)
+    begin, *_ = roughly_polished(rows, clean, begin, given, 2 * POLISHED)
+    return _needed_of(found, begin, given, roughly_polished)
 
 
-def _needed_of(found: Fitted, model: Model, given: Given) -> Fitted:
+def closely(found: Fitted, given: Given) -> Fitted:
+    """The best model of a rough one's effects, and without what does not bring its due then."""
+    return _needed_of(found, found.model, given) if found.model.steep else found
+
+
+def _needed_of(found: Fitted, model: Model, given: Given, polish: _Polish | None = None) -> Fitted:
     """The best model of those effects of a model that bring their due."""
     rows, clean = found.search.regression.rows, Clean(found.smooth, found.z, found.noise)
-    model, clean, last = _pruned(rows, clean, model, _present(model), given, LIBRARY)
+    model, clean, last = _pruned(rows, clean, model, _present(model), given, LIBRARY, polish)
     assert clean.noise is not None
     return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
 
@@ -274,6 +287,22 @@ def polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = 
         if part is not rows:
             model, *_ = _polished(part, _raw(part), model, given, _FIND * times)
     return _polished(rows, clean, model, given, times)
+
+
+def roughly_polished(
+    rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED
+) -> tuple[Model, Clean, bool]:
+    """The same of blocks of the rows, where a model costs much to follow: good enough to seek other effects by."""
+    part = thinned(rows, *_FEW) if model.steep else rows
+    if part is rows:
+        return polished(rows, clean, model, given, times)
+    model, _, settled = _polished(part, _raw(part), model, given, _FIND * times)
+    return model, cleaned(rows, clean.rows, model, _Following(rows)), settled
+
+
+def _closely_polished(rows: Rows, clean: Clean, model: Model, given: Given) -> tuple[Model, Clean, bool]:
+    """The same of a model that is the best of blocks of the rows."""
+    return _polished(rows, clean, model, given, POLISHED)
 
 
 def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int) -> tuple[Model, Clean, bool]:
