@@ -139,7 +139,10 @@ class _There(NamedTuple):
 def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]) -> _There:
     found = fitted(rows, given, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
-    found = together(one_for_several(rows, found, given), given)
+    found = one_for_several(rows, found, given)
+    progress(0.71, "judging")
+    found = together(found, given)
+    progress(0.72, "judging")
     left = left_of(rows, found)
     if left is not None:
         found = not_astray(rows, found, given)

@@ -282,10 +282,9 @@ def searched(rows: Rows, model: Model, given: Given, name: str) -> tuple[Search,
 
 def polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED) -> tuple[Model, Clean, bool]:
     """A set's best model, rows cleaned by it, and whether it moves no more."""
-    if model.steep:
-        part = thinned(rows, *_FEW)
-        if part is not rows:
-            model, *_ = _polished(part, _raw(part), model, given, _FIND * times)
+    part = _few(rows, model)
+    if part is not rows:
+        model, *_ = _polished(part, _raw(part), model, given, _FIND * times)
     return _polished(rows, clean, model, given, times)
 
 
@@ -293,11 +292,16 @@ def roughly_polished(
     rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED
 ) -> tuple[Model, Clean, bool]:
     """The same of blocks of the rows, where a model costs much to follow: good enough to seek other effects by."""
-    part = thinned(rows, *_FEW) if model.steep else rows
+    part = _few(rows, model)
     if part is rows:
-        return polished(rows, clean, model, given, times)
+        return _polished(rows, clean, model, given, times)
     model, _, settled = _polished(part, _raw(part), model, given, _FIND * times)
     return model, cleaned(rows, clean.rows, model, _Following(rows)), settled
+
+
+def _few(rows: Rows, model: Model) -> Rows:
+    """Rows that find what costs much to follow."""
+    return thinned(rows, *_FEW) if model.steep else rows
 
 
 def _closely_polished(rows: Rows, clean: Clean, model: Model, given: Given) -> tuple[Model, Clean, bool]:
