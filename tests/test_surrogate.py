@@ -7,14 +7,11 @@ from pathlib import Path
 import pytest
 
 from emulator.virtual_drive import VirtualDrive
-from estimator.machine import PARAMETERS
-from estimator.mismatch.diagnose import TOLERANCE
 from estimator.mismatch.explain import Choice as Names
 from estimator.mismatch.fitting import fitted
-from estimator.mismatch.prepared import prepared
 from estimator.mismatch.surrogate import converter_step, stands_out
 from estimator.physics.rows import Rows
-from tests.concealed_runs import population, recording_of
+from tests.concealed_runs import population, rows_of
 from tests.effect_runs import at, with_effects
 from tests.samples import machine_of, rows_of_columns
 
@@ -38,8 +35,7 @@ def test_no_step_is_seen_where_there_is_none() -> None:
 
 def judged(number: int, folder: Path) -> tuple[Names, Callable[[tuple[str, int]], bool]]:
     """What a fit to a recording holds, and which of it stands out from surrogates."""
-    _, runs, nominal = recording_of(population(2005), number, folder)
-    rows, given = prepared(runs, nominal, dict.fromkeys(PARAMETERS, TOLERANCE))
+    rows, given = rows_of(population(2005), number, folder)
     found = fitted(rows, given)
     return found.choice, partial(stands_out, choice=found.choice, doubted=True, found=found, given=given)
 

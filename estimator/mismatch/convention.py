@@ -60,12 +60,9 @@ class Suspicion:
     def contradicted(self, found: Machine, tolerance: Mapping[str, float]) -> bool:
         """The machine that is found in the corrected recording is farther from the nominal one than as recorded."""
         expected, spread = _expected(self.machine, tolerance)
-        value = np.array([getattr(found, name) for name in PARAMETERS]) * _by_scale(self.scale)
-        as_recorded = Fit(value, np.zeros(len(value)), 0.0, 0.0)
-        corrected, recorded = (
-            float(np.sum(_against_nominal(as_recorded, scale, expected, spread)[1])) for scale in (self.scale, NO_SCALE)
-        )
-        return corrected > recorded
+        over = np.array([getattr(found, name) for name in PARAMETERS]) / expected
+        corrected, recorded = (np.sum(_cost(times, spread**2)) for times in (over, over * _by_scale(self.scale)))
+        return bool(corrected > recorded)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,9 +166,14 @@ def _against_nominal(fitted: Fit, scale: Scale, expected: Array, spread: Array) 
     """Parameters over the nominal ones, and the log-odds that their distances cost."""
     by = expected * _by_scale(scale)
     over = fitted.value / by
-    off = np.log(np.maximum(over, 0.02))
     variance = spread**2 + (fitted.std / by / np.maximum(np.abs(over), 0.3)) ** 2
-    return over, -np.log((1.0 - _TAIL) * np.exp(-0.5 * off**2 / variance) + _TAIL)
+    return over, _cost(over, variance)
+
+
+def _cost(over: Array, variance: Array) -> Array:
+    """Log-odds that parameters cost by their distances from the nominal ones, given the variance of the logarithms."""
+    off = np.log(np.maximum(over, 0.02))
+    return -np.log((1.0 - _TAIL) * np.exp(-0.5 * off**2 / variance) + _TAIL)
 
 
 def _base(fitted: Fit, nominal: Machine) -> tuple[Scale, ...]:

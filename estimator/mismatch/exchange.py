@@ -28,10 +28,9 @@ def together(found: Fitted, given: Given) -> Fitted:
 
     It is asked for where more than noise is left, or a parameter of the machine is beyond its tolerance.
     """
-    more = [name for name in _BENT if name not in found.model.effects]
-    if found.model.bend is not None or not (_leaves_more(found) or _beyond(found, given)):
+    if not (_leaves_more(found) or _beyond(found, given)):
         return found
-    other = with_more(found, more, given)
+    other = with_more(found, [name for name in _BENT if name not in found.model.effects], given)
     return closely(other, given) if excess_of(other) < excess_of(found) and len(other.choice) <= MOST else found
 
 
@@ -42,17 +41,12 @@ def _leaves_more(found: Fitted) -> bool:
 
 
 def _beyond(found: Fitted, given: Given) -> bool:
-    machine, nominal = found.model.machine, given.machine
-    return any(
-        abs(getattr(machine, name) / getattr(nominal, name) - 1.0) > given.tolerance[name]
-        for name in PARAMETERS if name not in given.untold
-    )  # fmt: skip
+    machine, told = found.model.machine, [name for name in PARAMETERS if name not in given.untold]
+    return not all(given.within(name, getattr(machine, name)) for name in told)
 
 
 def one_for_several(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or one that leaves less with no more effects: others may show where one stands in for several."""
-    if found.model.bend is not None:
-        return found
     for dropped, one in _instead(found.search, found.choice):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects or excess_of(begin) > _NEARLY * excess_of(found):

@@ -1,21 +1,19 @@
 """Fitting: a recording, a nominal machine and the library to the model that explains it, found step by step.
 
-Each round linearises the model where it stands, lets the search add at most one effect, and moves on. What is left of
-the voltage also tells the currents' noise: less of it makes columns that are not correlated with it. Knows nothing of
-words.
+Each round linearises the model where it stands, lets the search add at most one effect, and moves on, by rows that the
+model so far has taken noise off. Knows nothing of words.
 """
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.columns import BENDS, Follow, Slopes, regression
+from estimator.mismatch.cleaning import Clean, Following, cleaned, raw
+from estimator.mismatch.columns import BENDS, Slopes, regression
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.flux_step import with_step_in_place
 from estimator.mismatch.given import Given
@@ -25,17 +23,13 @@ from estimator.mismatch.model import (
     as_in,
     filter_pole,
     flux_errors,
-    noise_of,
     residual,
     with_machine,
-    zero_residual,
 )
 from estimator.mismatch.thinning import thinned
 from estimator.physics.effect import Effect, Sizes
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
-from estimator.response import Response
-from estimator.twin import followed, response_of
 
 ROUNDS: Final = 9
 POLISHED: Final = 6  # times a round
@@ -46,19 +40,6 @@ _LASTS: Final = 4  # steps, that slopes of what the bridge loses serve
 _STILL: Final = 0.1  # standard errors: a step that does not matter
 _NEARLY: Final = 2.0  # the same where it leads to the end
 _HALVINGS: Final = 3
-_FOLLOWED: Final = (0.02, 0.1, 0.4)  # a period, of what is between measured currents and those that follow the model
-_NOISY: Final = 1.5  # times the noise: what is between them is no more
-_AVERAGED: Final = 25  # periods to each side; slower than that is not noise
-
-
-class Clean(NamedTuple):
-    """Rows with less noise of their currents, by a model."""
-
-    rows: Rows
-    z: Vector  # Vs, whitened residual
-    noise: Noise | None  # None where no model has told it yet
-    follow: Follow | None = None  # rows and lost voltage by another model, where currents follow it
-    response: Callable[[Model], Response] | None = None  # and what the lost voltage answers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,29 +55,6 @@ class Fitted:
 
 
 _Polish = Callable[[Rows, Clean, Model, Given], tuple[Model, Clean, bool]]
-
-
-class _Following:
-    """Rows with currents that follow a model, and the voltage (V) that the bridge loses. See `followed`.
-
-    The last two are kept: a step that was tried is taken, and then looked around from.
-    """
-
-    def __init__(self, rows: Rows) -> None:
-        self._rows = rows
-        self._last: deque[tuple[float, Model, tuple[Rows, Vector]]] = deque(maxlen=2)
-        self.farthest = 0  # of `_FOLLOWED`, that measured currents have asked for so far
-
-    def __call__(self, share: float, model: Model) -> tuple[Rows, Vector]:
-        for at, of, found in self._last:
-            if (at, of) == (share, model):
-                return found
-        there = with_machine(self._rows, model.machine)
-        near = next((found[0].i for at, _, found in reversed(self._last) if at == share), None)
-        i, lost = followed(there, model, share, near)
-        found = replace(there, i=i, kept=there.kept_of_angle_and_bridge()), lost
-        self._last.append((share, model, found))
-        return found
 
 
 def fitted(
@@ -118,22 +76,20 @@ def fitted(
 def at_nominal(rows: Rows, given: Given) -> Search:
     """Around the nominal machine, of no effect, by currents as they are; of a long recording, by blocks of it."""
     part = thinned(rows)
-    return _search(part, _raw(part), Model(given.machine), given, ())
+    return _search(part, raw(part), Model(given.machine), given, ())
 
 
 def of_machine(rows: Rows, given: Given) -> Fitted:
     """The machine without any effect, and a search that knows none."""
-    model, clean, _ = polished(rows, _raw(rows), Model(given.machine), given)
-    assert clean.noise is not None
-    search = _search(rows, clean, model, given, ())
-    return Fitted(model, search, (), clean.z, clean.noise, clean.rows)
+    model, clean, _ = polished(rows, raw(rows), Model(given.machine), given)
+    return _found(model, clean, _search(rows, clean, model, given, ()))
 
 
 def _fitted(
     rows: Rows, model: Model, nearly: bool, given: Given, progress: Callable[[float], None], library: Sequence[Effect]
 ) -> Fitted:
     """From a model on; `nearly`: blocks of the rows have found it."""
-    clean, settled = _raw(rows), False
+    clean, settled = raw(rows), False
     if nearly:
         model, clean, settled = polished(rows, clean, model, given, _WHOLE[1])
     again = True
@@ -147,17 +103,20 @@ def _fitted(
             break
         again = False  # others show without what led astray
     if model.steep:
-        model, clean, last = _pruned(rows, clean, model, _present(model), given, library, _closely_polished)
+        model, clean, last = _pruned(rows, clean, model, _present(model), given, library, _polished)
+    return _found(model, clean, last)
+
+
+def _found(model: Model, clean: Clean, search: Search) -> Fitted:
     assert clean.noise is not None
-    return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
+    return Fitted(model, search, _present(model), clean.z, clean.noise, clean.rows)
 
 
 def _pruned(
     rows: Rows, clean: Clean, model: Model, needed: Choice, given: Given, library: Sequence[Effect],
-    polish: _Polish | None = None,
+    polish: _Polish,
 ) -> tuple[Model, Clean, Search]:  # fmt: skip
     """The best model with only the effects that are needed, and of these only what brings its due then."""
-    polish = polish or polished
     while True:
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
         model, clean, _ = polish(rows, clean, kept, given)
@@ -220,10 +179,6 @@ def _present(model: Model) -> Choice:
     return tuple((name, -1) for name in model.effects)
 
 
-def _raw(rows: Rows) -> Clean:
-    return Clean(rows, np.zeros(0, np.complex128), None)
-
-
 def _search(
     rows: Rows, clean: Clean, model: Model, given: Given, library: Sequence[Effect] = LIBRARY,
     slopes: Slopes | None = None,
@@ -238,13 +193,13 @@ def _search(
 def without(found: Fitted, dropped: Sequence[str], given: Given) -> Fitted:
     """The best model without some of its effects, and without what does not bring its due then."""
     kept = {name: sizes for name, sizes in found.model.effects.items() if name not in dropped}
-    return _needed_of(found, replace(found.model, effects=kept), given)
+    return _needed_of(found, replace(found.model, effects=kept), given, polished)
 
 
 def exchanged(found: Fitted, dropped: Sequence[str], one: tuple[str, int], given: Given) -> Fitted:
     """The best model with another effect in the place of some, and without what does not bring its due then."""
     choice = (*(each for each in found.choice if each[0] not in dropped), one)
-    return _needed_of(found, moved(found.search, choice), given)
+    return _needed_of(found, moved(found.search, choice), given, polished)
 
 
 def with_more(found: Fitted, names: Sequence[str], given: Given) -> Fitted:
@@ -258,21 +213,20 @@ def with_more(found: Fitted, names: Sequence[str], given: Given) -> Fitted:
 
 def closely(found: Fitted, given: Given) -> Fitted:
     """The best model of a rough one's effects, and without what does not bring its due then."""
-    return _needed_of(found, found.model, given) if found.model.steep else found
+    return _needed_of(found, found.model, given, polished) if found.model.steep else found
 
 
-def _needed_of(found: Fitted, model: Model, given: Given, polish: _Polish | None = None) -> Fitted:
+def _needed_of(found: Fitted, model: Model, given: Given, polish: _Polish) -> Fitted:
     """The best model of those effects of a model that bring their due."""
     rows, clean = found.search.regression.rows, Clean(found.smooth, found.z, found.noise)
     model, clean, last = _pruned(rows, clean, model, _present(model), given, LIBRARY, polish)
-    assert clean.noise is not None
-    return Fitted(model, last, _present(model), clean.z, clean.noise, clean.rows)
+    return _found(model, clean, last)
 
 
 def searched(rows: Rows, model: Model, given: Given, name: str) -> tuple[Search, Vector, Noise]:
     """Around a model that is true of the rows: one more effect beside its own; what is left (Vs, whitened), its noise.
     """
-    clean, following = _raw(rows), _Following(rows)
+    clean, following = raw(rows), Following(rows)
     for _ in range(2):  # by currents of which the model has taken noise off
         clean = cleaned(rows, clean.rows, model, following)
     assert clean.noise is not None
@@ -284,7 +238,7 @@ def polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = 
     """A set's best model, rows cleaned by it, and whether it moves no more."""
     part = _few(rows, model)
     if part is not rows:
-        model, *_ = _polished(part, _raw(part), model, given, _FIND * times)
+        model, *_ = _polished(part, raw(part), model, given, _FIND * times)
     return _polished(rows, clean, model, given, times)
 
 
@@ -295,8 +249,8 @@ def roughly_polished(
     part = _few(rows, model)
     if part is rows:
         return _polished(rows, clean, model, given, times)
-    model, _, settled = _polished(part, _raw(part), model, given, _FIND * times)
-    return model, cleaned(rows, clean.rows, model, _Following(rows)), settled
+    model, _, settled = _polished(part, raw(part), model, given, _FIND * times)
+    return model, cleaned(rows, clean.rows, model, Following(rows)), settled
 
 
 def _few(rows: Rows, model: Model) -> Rows:
@@ -304,13 +258,9 @@ def _few(rows: Rows, model: Model) -> Rows:
     return thinned(rows, *_FEW) if model.steep else rows
 
 
-def _closely_polished(rows: Rows, clean: Clean, model: Model, given: Given) -> tuple[Model, Clean, bool]:
-    """The same of a model that is the best of blocks of the rows."""
-    return _polished(rows, clean, model, given, POLISHED)
-
-
-def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int) -> tuple[Model, Clean, bool]:
-    settled, slopes, following = False, Slopes(), _Following(rows)
+def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED) -> tuple[Model, Clean, bool]:
+    """The same of rows as they are, of a model that is near it."""
+    settled, slopes, following = False, Slopes(), Following(rows)
     for n in range(times):
         model = with_step_in_place(rows, clean.rows, model)
         clean = cleaned(rows, clean.rows, model, following)
@@ -452,56 +402,3 @@ def moved(search: Search, choice: Choice, *, shaped: bool = False) -> Model:
         Machine(**of, n_p=machine.n_p, i_rated=machine.i_rated), effects,
         found["machine", -1, 4], found.get(("machine", -1, 5), 0.0), bend,
     )  # fmt: skip
-
-
-def cleaned(rows: Rows, smooth: Rows, model: Model, following: _Following) -> Clean:
-    """Rows with less noise of their currents than these, and how much of it is white noise.
-
-    Only what changes within a few periods, and no more than white noise makes of it, counts as noise. An effect of the
-    currents sees them as they were: from time to time that settles - but where it drops as much of a fast change as the
-    inductances do, and currents follow the model at once.
-    """
-    rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
-    if model.steep:
-        return _followed(rows, model, following)
-    if any(BY_NAME[name].fast_resistance is not None for name in model.effects):
-        return _followed(rows, model, following)._replace(follow=None, response=None)
-    z = flux_errors(residual(rows, smooth, model), rows, model)
-    noise = noise_of(z, zero_residual(rows, smooth, model), rows)
-    w = min(_AVERAGED, max(1, len(z) // 4))
-    sums = np.cumsum(np.concatenate((np.zeros(w + 1), z, np.zeros(w))))
-    fast = z - (sums[2 * w + 1 :] - sums[: -2 * w - 1]) / (2 * w + 1)
-    m = model.machine
-    part_d = min(1.0, noise[0] ** 2 / max(float(np.mean(fast.real**2)), 1e-300))
-    part_q = min(1.0, noise[1] ** 2 / max(float(np.mean(fast.imag**2)), 1e-300))
-    i = rows.i.copy()
-    i[1:] += part_d * fast.real / m.L_d + 1j * part_q * fast.imag / m.L_q
-    return Clean(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), z, noise)
-
-
-def _followed(rows: Rows, model: Model, following: _Following) -> Clean:
-    """The same for effects that change more within the noise of currents than these do in a period.
-
-    Currents follow the model, as closely as it is true.
-    """
-    m = model.machine
-
-    def by(share: float) -> tuple[Clean, Noise]:
-        follow = partial(following, share)
-        smooth, _ = follow(model)
-        z = flux_errors(residual(rows, smooth, model), rows, model)
-        noise = noise_of(z, zero_residual(rows, smooth, model), rows)
-        return Clean(smooth, z, noise, follow, partial(_response, rows, smooth, share)), noise
-
-    while True:
-        clean, noise = by(_FOLLOWED[following.farthest])
-        off = clean.rows.i - rows.i
-        d, q = off.real * (m.L_d / noise[0]), off.imag * (m.L_q / noise[1])
-        loud = max(float(np.mean(d**2)), float(np.mean(q**2)))
-        if loud < _NOISY**2 or following.farthest == len(_FOLLOWED) - 1:
-            return clean
-        following.farthest += 1
-
-
-def _response(rows: Rows, smooth: Rows, share: float, model: Model) -> Response:
-    return response_of(with_machine(rows, model.machine), model, share, smooth.i)

@@ -14,3 +14,7 @@ class Given:
     tolerance: Mapping[str, float]  # of R_s, L_d, L_q, psi_f as a share
     angle_step: float  # rad, the angle's resolution
     untold: frozenset[str] = frozenset()  # inductances that the recording does not tell: they stay within tolerance
+
+    def within(self, name: str, value: float) -> bool:
+        """A parameter lies within its tolerance."""
+        return abs(value / getattr(self.machine, name) - 1.0) <= self.tolerance[name]

@@ -164,7 +164,7 @@ def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
     excess, chance = excess_of(bare), _by_chance(rows)
     if excess < _FAR * chance or (left := _described(rows, bare)) is None:
         return None
-    if not _has_form(left) or left.where.region["frame"] != "stationary" or _stays(left):
+    if not _has_form(left) or left.where.region["frame"] != "stationary" or _came_once(left):
         return None
     beside = _left_by(left, excess)
     if left.description.startswith(RESONANCE):
@@ -182,8 +182,8 @@ def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
 
 def _healthy(rung: _Rung, given: Given) -> bool:
     """The machine beside a resonance is as its data sheet says: no other has lent its energy to it."""
-    shares = {name: abs(value / getattr(given.machine, name) - 1.0) for name, value in rung.machine.items()}
-    return abs(rung.angle) <= given.angle_step and all(share <= given.tolerance[name] for name, share in shares.items())
+    as_told = all(given.within(name, value) for name, value in rung.machine.items())
+    return as_told and abs(rung.angle) <= given.angle_step
 
 
 def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -> Upright:
@@ -230,7 +230,7 @@ def _has_form(left: Unexplained) -> bool:
     return "frame" in region and not region.keys() & {"electrical_order", "mechanical_order"}
 
 
-def _stays(left: Unexplained) -> bool:
+def _came_once(left: Unexplained) -> bool:
     """A voltage that came or went once, as one that is there all the time looks beside a machine that is none."""
     changes = left.where.region.get("changes")
     return isinstance(changes, float) and changes <= _ONCE
