@@ -26,6 +26,7 @@ class Magnetics(NamedTuple):
     i_f: float  # A, what the magnets are worth in current
     psi_f: float  # Vs
     psi_0: float  # Vs, magnet flux that harmonics are a share of
+    kappa: float  # 1/H, amplitude of the inductances' harmonic
     curve: Curve
     harmonics: Harmonics
     ripples: bool  # there are harmonics
@@ -38,14 +39,15 @@ def magnetics_of(
 ) -> Magnetics:
     """The relation of a machine whose magnets gave psi_0 (Vs) when they were new and cool."""
     mapped = flux_map.w.shape[0] > 0
-    psi_f, a_d = machine.psi_f, curve.a_d
+    psi_f, a_d, kappa = machine.psi_f, curve.a_d, harmonics.inductance / machine.L_q
     if mapped:  # the map holds the magnets as they were
         g_d = 1.0 / machine.L_d
-        return Magnetics(g_d, 1.0 / machine.L_q, g_d * (psi_f - psi_0), psi_f, psi_0, curve, harmonics, ripples, True)
+        g_q, i_f = 1.0 / machine.L_q, g_d * (psi_f - psi_0)
+        return Magnetics(g_d, g_q, i_f, psi_f, psi_0, kappa, curve, harmonics, ripples, True)
     g_d = 1.0 / machine.L_d - 3.0 * a_d * psi_0**2
     g_q = 1.0 / machine.L_q - curve.c * psi_0**2
     i_f = g_d * psi_f + a_d * psi_f**3
-    return Magnetics(g_d, g_q, i_f, psi_f, psi_0, curve, harmonics, ripples, False)
+    return Magnetics(g_d, g_q, i_f, psi_f, psi_0, kappa, curve, harmonics, ripples, False)
 
 
 @kernel
@@ -103,9 +105,8 @@ def current_and_pull(m: Magnetics, flux_map: FluxMap, psi: complex, rotor: compl
     h, dh = _rippling_flux(m, six)
     x = psi - h
     y = x - m.psi_f
-    kappa = m.harmonics.inductance * m.g_q
-    i = _smooth_current(m, flux_map, x) + kappa * six.real * y
-    along = i.real * dh.real + i.imag * dh.imag + 3.0 * kappa * six.imag * (y.real**2 + y.imag**2)
+    i = _smooth_current(m, flux_map, x) + m.kappa * six.real * y
+    along = i.real * dh.real + i.imag * dh.imag + 3.0 * m.kappa * six.imag * (y.real**2 + y.imag**2)
     return i, psi.real * i.imag - psi.imag * i.real + along
 
 
@@ -117,8 +118,7 @@ def field_energy(m: Magnetics, flux_map: FluxMap, psi: complex, rotor: complex) 
     six = sixth(rotor)
     x = psi - _rippling_flux(m, six)[0]
     y = x - m.psi_f
-    kappa = m.harmonics.inductance * m.g_q
-    return 1.5 * (_smooth_energy(m, flux_map, x) + 0.5 * kappa * six.real * (y.real**2 + y.imag**2))
+    return 1.5 * (_smooth_energy(m, flux_map, x) + 0.5 * m.kappa * six.real * (y.real**2 + y.imag**2))
 
 
 @kernel

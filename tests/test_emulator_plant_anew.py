@@ -108,7 +108,7 @@ def test_field_iron_skin_and_shaft_together_are_as_from_one_energy() -> None:
         d, q = x.real, x.imag
         smooth = g_d * d * d / 2.0 + a_d * d**4 / 4.0 + g_q * q * q / 2.0 + a_q * q**4 / 4.0 + c * (d * q) ** 2 / 2.0
         magnets = (g_d * psi_f + a_d * psi_f**3) * d
-        return smooth - magnets + ripple.inductance * g_q * math.cos(six) * abs(x - psi_f) ** 2 / 2.0
+        return smooth - magnets + ripple.inductance / M.L_q * math.cos(six) * abs(x - psi_f) ** 2 / 2.0
 
     def slope(of: Callable[[float], float]) -> float:
         return (of(1e-5) - of(-1e-5)) / 2e-5

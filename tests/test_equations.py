@@ -10,6 +10,7 @@ import pytest
 from emulator.conceal.populations import KINDS
 from emulator.conceal.recording import Choice, drawn
 from emulator.motors import MOTORS as ALL_MOTORS
+from emulator.physics.demagnetisation import Demagnetisation
 from emulator.physics.saturation import Saturation
 from emulator.scenarios import Scenario
 from emulator.virtual_drive import VirtualDrive
@@ -147,6 +148,24 @@ def test_a_harmonic_of_the_inductances_acts_on_the_saturated_machine() -> None:
     print(f"{by_adding:.3g} per mille of rated current where voltages are added, {together:.3g} together")
     assert together < MISSED["inductance_harmonics"]
     assert by_adding > 5.0 * together
+
+
+@pytest.mark.slow
+def test_magnets_that_lose_flux_move_where_a_machine_saturates() -> None:
+    """Inductances rise with it."""
+    scenario = with_effect("none", "servo_4nm")
+    drops, step = Saturation(L_d_drop=0.1, cross_drop=0.2), Demagnetisation(share=0.05, time=0.9, duration=0.002)
+    rows = rows_without_noise(
+        replace(scenario, effects=scenario.effects._replace(saturation=drops, demagnetisation=step))
+    )
+    saturations = {"d_axis_saturation": (0.1,), "cross_saturation": (0.2,)}
+    lost = {"magnet_flux_step": (-0.05, 0.901 / SECONDS, 0.002)}
+    together = left_of(rows, Model(rows.machine, saturations | lost))
+    added = rows.with_voltage(rows.u - BY_NAME["magnet_flux_step"].voltage(rows, lost["magnet_flux_step"]))
+    by_adding = left_of(added, Model(rows.machine, saturations))
+    print(f"{by_adding:.3g} per mille of rated current where voltages are added, {together:.3g} together")
+    assert together < 0.2
+    assert by_adding > 20.0 * together
 
 
 @pytest.mark.slow

@@ -38,8 +38,10 @@ from estimator.mismatch.whitening import poles_of, whiten_into
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter
 from estimator.physics.library import BY_NAME, LIBRARY
+from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import Rows, Vector
 from estimator.physics.saturation import EFFECTS as SATURATIONS
+from estimator.physics.saturation import bends
 from estimator.response import Response, answer
 
 STRETCHES: Final = 48
@@ -412,6 +414,8 @@ def _coupled(rows: Rows, model: Model, parameter: str) -> Vector:
     m, total = model.machine, np.zeros(len(rows), np.complex128)
     if parameter in ("L_d", "L_q"):
         more = rows.own_flux[0] - rows.flux(rows.i)
+        if bends(model.effects):
+            more = more - change_of(rows, model.effects)
         along: Vector = (more.real if parameter == "L_d" else 1j * more.imag) / getattr(m, parameter)
         return rows.balance(along)
     for name, sizes in model.effects.items():

@@ -17,7 +17,7 @@ from estimator.mismatch.columns import STRETCHES
 from estimator.mismatch.common_scale import scaled, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
-from estimator.mismatch.exchange import one_for_several, together
+from estimator.mismatch.exchange import one_for_others, together
 from estimator.mismatch.excitation_check import not_borne_out, poorly_told, untold
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
@@ -58,7 +58,6 @@ from estimator.twin import free_run
 
 TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
 _FEWEST: Final = 50 * STRETCHES  # rows
-_FAR_OFF: Final = 3.0  # times the tolerance
 _MAPPED: Final = (
     "the flux linkages bend as no saturation curve of the library does: a free map of them over the currents is a part "
     "of this diagnosis"
@@ -139,7 +138,7 @@ class _There(NamedTuple):
 def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]) -> _There:
     found = fitted(rows, given, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
-    found = one_for_several(rows, found, given)
+    found = one_for_others(rows, found, given)
     progress(0.71, "judging")
     found = together(found, given)
     progress(0.72, "judging")
@@ -319,7 +318,7 @@ def _withheld(
     if _no_help(found, fit):
         return _NO_HELP
     for name, said in off.items() if leaves_some(found) else ():
-        if abs((after[name].value or 0.0) / getattr(given.machine, name) - 1.0) > _FAR_OFF * given.tolerance[name]:
+        if given.far_off(name, after[name].value or 0.0):
             return f"{said}, and more than noise is left: names may be as wrong as this machine"
     return None
 

@@ -1,24 +1,25 @@
 """Exchange: other sets of effects for one that is found step by step, where equations bend.
 
-A search adds what explains most where the equations are lines. Beyond their bend one effect may explain what two do
-there: a loss that lags looks like a resistance that rises with frequency and an offset of the voltage. And an angle
-that is off and saturations make up for each other: none of them alone leads to the set. Knows nothing of verdicts.
+A search adds what explains most where the equations are lines, at shapes to begin with. Beyond their bend one effect
+may explain what two do there: a loss that lags looks like a resistance that rises with frequency and an offset of the
+voltage. And what another explains may be this one's at a shape in between. And an angle that is off and saturations
+make up for each other: none of them alone leads to the set. Knows nothing of verdicts.
 """
 
 from typing import Final
 
 from estimator.machine import PARAMETERS
 from estimator.mismatch.angle_rounding import hidden_energy
-from estimator.mismatch.explain import MOST, Choice, Search
+from estimator.mismatch.explain import ENTRY, MOST, Choice, Search
 from estimator.mismatch.fitting import Fitted, closely, exchanged, fitted, with_more
 from estimator.mismatch.given import Given
 from estimator.mismatch.remainder import excess_of, leaves_some
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
 
-_SEVERAL: Final = 2
 _NEARLY: Final = 2.0  # times what several effects leave: more, and the one is not worth what others may add to it
 _AS_MUCH: Final = 0.75  # of what several effects explain, that one has to explain before its equation bends
+_ALL_BUT: Final = 0.05  # of what one effect explains, that another may explain less at a shape to begin with
 _BENT: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation", "angle_offset")
 """Effects that make up for each other, and for the machine's parameters."""
 
@@ -45,32 +46,45 @@ def _beyond(found: Fitted, given: Given) -> bool:
     return not all(given.within(name, getattr(machine, name)) for name in told)
 
 
-def one_for_several(rows: Rows, found: Fitted, given: Given) -> Fitted:
-    """The fit, or one that leaves less with no more effects: others may show where one stands in for several."""
+def one_for_others(rows: Rows, found: Fitted, given: Given) -> Fitted:
+    """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
+    for several.
+    """
     for dropped, one in _instead(found.search, found.choice):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
-        if one[0] not in begin.model.effects or excess_of(begin) > _NEARLY * excess_of(found):
+        most = _NEARLY * excess_of(found) if len(dropped) > 1 else excess_of(found) - 2.0 * ENTRY
+        if one[0] not in begin.model.effects or excess_of(begin) > most:
             continue
         other = fitted(rows, given, begin=begin.model)
-        if excess_of(other) < excess_of(found) and len(other.choice) <= len(found.choice):
+        fewer = len(found.choice) - len(other.choice)
+        if fewer >= 0 and excess_of(other) < excess_of(found) + 2.0 * ENTRY * fewer:
             return other
     return found
 
 
 def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, int]]]:
-    """Effects of a set, and the one, at its likeliest shapes, that may stand in their place."""
+    """Effects of a set that are confused with one, and that one, at its likeliest shapes: it may stand in their place.
+
+    One that is in the place of another alone has shapes which lie between those that a search knows.
+    """
     full, found = search.fit(choice).chi2, list[tuple[Choice, tuple[str, int]]]()
     present, candidates = {name for name, _ in choice}, search.candidates()
     for name in dict.fromkeys(name for name, _ in candidates if name not in present):
         alike = tuple(one for one in choice if name in _confused(one[0]) or one[0] in _confused(name))
-        if len(alike) < _SEVERAL:
+        if len(alike) < 2 and not (alike and _has_shape(name)):
             continue
         rest = tuple(one for one in choice if one not in alike)
         left = {one: search.fit((*rest, one)).chi2 for one in candidates if one[0] == name}
         one = min(left, key=lambda each: left[each])
-        if left[one] - full < (1.0 - _AS_MUCH) * (search.fit(rest).chi2 - full):
+        less = 1.0 - _AS_MUCH if len(alike) > 1 else _ALL_BUT
+        if left[one] - full < less * (search.fit(rest).chi2 - full):
             found.append((alike, one))
     return found
+
+
+def _has_shape(name: str) -> bool:
+    """One that moves by small steps."""
+    return any(parameter.shape and not parameter.discrete for parameter in BY_NAME[name].parameters)
 
 
 def _confused(name: str) -> tuple[str, ...]:

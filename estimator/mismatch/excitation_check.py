@@ -75,10 +75,16 @@ def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
 
 
 def like_machine(search: Search, choice: Choice) -> str | None:
-    """The effect that looks most like the machine's parameters, where it is too much like them for a name."""
+    """The effect that looks most like the machine's parameters, where it is too much like them for a name: but for a
+    share, or but for what rounding of the angle makes.
+    """
     apart = {one[0]: _apart(search, _signal(search, choice, one)) for one in choice}
     name = min(apart, key=lambda name: apart[name], default=None)
-    return name if name is not None and apart[name] < _APART else None
+    if name is None or apart[name] < _APART:
+        return name
+    one = next(each for each in choice if each[0] == name)
+    rounded = apart[name] < _DISTINCT and _gained(search, choice, one) < _by_angle(search)
+    return name if rounded else None
 
 
 def not_borne_out(

@@ -2,8 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from estimator.machine import Machine
+
+_FAR_OFF: Final = 3.0  # times the tolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,6 +18,10 @@ class Given:
     angle_step: float  # rad, the angle's resolution
     untold: frozenset[str] = frozenset()  # inductances that the recording does not tell: they stay within tolerance
 
-    def within(self, name: str, value: float) -> bool:
-        """A parameter lies within its tolerance."""
-        return abs(value / getattr(self.machine, name) - 1.0) <= self.tolerance[name]
+    def within(self, name: str, value: float, times: float = 1.0) -> bool:
+        """A parameter lies within its tolerance, or so many times that."""
+        return abs(value / getattr(self.machine, name) - 1.0) <= times * self.tolerance[name]
+
+    def far_off(self, name: str, value: float) -> bool:
+        """A parameter is none that a machine of such a data sheet has."""
+        return not self.within(name, value, _FAR_OFF)

@@ -18,8 +18,7 @@ from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import LOST, OTHERS, Rows, Vector
-from estimator.physics.saturation import EFFECTS as SATURATIONS
-from estimator.physics.saturation import HARMONIC, curvature, saturated
+from estimator.physics.saturation import bends, curvature, saturated
 
 Array = NDArray[np.float64]
 Noise = tuple[float, float, float]
@@ -95,10 +94,9 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
     truth = replace(truth, fast_stiffness=stiffness, fast_resistance=resistance)
     if model.bend is not None:
         return truth.with_local_line(*model.bend.bent(truth))
-    saturations = {name: sizes for name, sizes in model.effects.items() if name in (*SATURATIONS, HARMONIC)}
-    if not saturations:
+    if not bends(model.effects):
         return truth
-    return replace(truth, curvature=curvature(truth, saturations)).with_local_line(*saturated(truth, saturations))
+    return replace(truth, curvature=curvature(truth, model.effects)).with_local_line(*saturated(truth, model.effects))
 
 
 def _without_errors(rows: Rows, model: Model) -> Rows:

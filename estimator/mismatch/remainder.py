@@ -193,7 +193,7 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
     none: they are its disguise. Where nothing is left without those that are gone, they had led astray: others may
     show now. Nor one that looks like the machine, which is none with it.
     """
-    while held_at_bound(found.search, found.choice) and (name := like_machine(found.search, found.choice)):
+    while _no_machine(found, given) and (name := like_machine(found.search, found.choice)):
         found = without(found, [name], given)
         left = left_of(rows, found)
     before = found
@@ -222,6 +222,14 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
             if same or left_by_form < excess_of(found) or held_at_bound(found.search, found.choice):
                 return Upright(bare, form)
     return Upright(found, left, faint)
+
+
+def _no_machine(found: Fitted, given: Given) -> bool:
+    """A parameter is held at its bound, or far off."""
+    if held_at_bound(found.search, found.choice):
+        return True
+    told = [name for name in PARAMETERS if name not in given.untold] if found.model.bend is None else []
+    return any(given.far_off(name, getattr(found.model.machine, name)) for name in told)
 
 
 def _has_form(left: Unexplained) -> bool:

@@ -2,27 +2,24 @@
 
     psi_f(t) = psi_f (1 + change min(max((t - time) / duration + 1/2, 0), 1))
 
-psi_f is that before; `time` is the middle of the loss. S. Ruoho, E. Dlala, A. Arkkio, "Comparison of demagnetization
-models for finite-element analysis of permanent-magnet synchronous machines", IEEE Trans. Magnetics, 2007.
+psi_f is that before; `time` is the middle of the loss; with saturation beside it, see `saturation`. S. Ruoho, E. Dlala,
+A. Arkkio, "Comparison of demagnetization models for finite-element analysis of permanent-magnet synchronous machines",
+IEEE Trans. Magnetics, 2007.
 """
 
-import numpy as np
-
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.magnet_flux import STEP
 from estimator.physics.rows import Rows, Vector
+from estimator.physics.saturation import together
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    change, time, duration = sizes
-    lost = np.clip((rows.t - rows.span[0] - time * rows.span[1]) / duration + 0.5, 0.0, 1.0)
-    if not lost.any():
-        return np.zeros(len(rows), np.complex128)
-    return rows.balance(change * rows.machine.psi_f * lost)
+    return together(rows, {STEP: sizes})
 
 
 EFFECT = Effect(
-    "magnet_flux_step", "a step of the magnets' flux",
+    STEP, "a step of the magnets' flux",
     (
         Parameter("change", "1", constant(0.05), constant(-0.5), constant(0.0)),
         Parameter("time", "1", constant(0.5), constant(0.01), constant(0.99), shape=True, discrete=True),
@@ -35,6 +32,7 @@ EFFECT = Effect(
     told=lambda rows, p: {
         "change": (p[0], "1"), "time": (rows.span[0] + p[1] * rows.span[1], "s"), "duration": (p[2], "s"),
     },
+    together=together,
     in_proportion_to="psi_f",
     missed=2e-4,
 )

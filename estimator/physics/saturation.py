@@ -2,14 +2,15 @@
 
     i_d = g_d psi_d + a_d psi_d^3 + c psi_d psi_q^2 - i_F        i_q = g_q psi_q + a_q psi_q^3 + c psi_d^2 psi_q
 
-psi_d holds the magnets' flux; i_d is zero at psi_f. A harmonic of the inductances adds inverse_6 / L_q cos 6 theta_e
-(psi - psi_f) to the current: what bends and what turns with the rotor share one flux linkage. Z. Qu, T. Tuovinen,
-M. Hinkkanen, "Inclusion of magnetic saturation in dynamic models of synchronous reluctance motors", ICEM 2012,
-exponents S = T = 2, U = V = 0. L_d and L_q are those at no current; a drop is the share by which an inductance is lower
-at rated current.
+psi_d holds the magnets' flux; i_d is zero at psi_m, that of the magnets, where i_F = g_d psi_m + a_d psi_m^3. It is
+psi_f at the start: a drift or a step of it moves where on the curve the machine works, so that inductances rise as
+magnets lose flux. A harmonic of the inductances adds inverse_6 / L_q cos 6 theta_e (psi - psi_m) to the current: what
+bends and what turns with the rotor share one flux linkage. Z. Qu, T. Tuovinen, M. Hinkkanen, "Inclusion of magnetic
+saturation in dynamic models of synchronous reluctance motors", ICEM 2012, exponents S = T = 2, U = V = 0. L_d and L_q
+are those at no current and psi_f; a drop is the share by which an inductance is lower at rated current.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.physics.effect import Sizes
+from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import Real, Rows, Stiffness, Vector
 
 EFFECTS: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation")
@@ -32,7 +34,6 @@ class Curve(NamedTuple):
     a_d: float  # A/Vs^3
     a_q: float
     c: float
-    i_F: float  # A
 
 
 def curve_of(machine: Machine, i_rated: float, drops: tuple[float, float, float]) -> Curve:
@@ -43,23 +44,26 @@ def curve_of(machine: Machine, i_rated: float, drops: tuple[float, float, float]
     a_d = L_d_drop * i_rated / (3.0 * psi_f * added_d**2 + added_d**3)
     a_q = L_q_drop * i_rated / added_q**3
     c = cross_drop / (1.0 - cross_drop) / L_q / (2.0 * psi_f * added_d + added_d**2)
-    g_d, g_q = 1.0 / L_d - 3.0 * a_d * psi_f**2, 1.0 / L_q - c * psi_f**2
-    return Curve(*map(float, (g_d, g_q, a_d, a_q, c, g_d * psi_f + a_d * psi_f**3)))
+    return Curve(*map(float, (1.0 / L_d - 3.0 * a_d * psi_f**2, 1.0 / L_q - c * psi_f**2, a_d, a_q, c)))
 
 
-def flux_of(curve: Curve, machine: Machine, i: Vector, harmonic: Real | float = 0.0) -> Vector:
-    """Flux linkage (Vs) at currents (A); `harmonic`: of the inverse inductances, 1/H."""
-    start = machine.psi_f + machine.L_d * i.real + 1j * machine.L_q * i.imag
-    return _on_curve(i, start, curve, float(machine.psi_f), np.broadcast_to(np.float64(harmonic), i.shape))
+def flux_of(
+    curve: Curve, machine: Machine, i: Vector, harmonic: Real | float = 0.0, change: Real | float = 0.0
+) -> Vector:
+    """Flux linkage (Vs) at currents (A); `harmonic`: of the inverse inductances, 1/H; `change`: of psi_f, Vs."""
+    psi_m, harmonic = (np.broadcast_to(np.float64(x), i.shape) for x in (machine.psi_f + change, harmonic))
+    start = psi_m + machine.L_d * i.real + 1j * machine.L_q * i.imag
+    return _on_curve(i, start, curve, psi_m, harmonic)
 
 
 @kernel
-def _on_curve(i: Vector, start: Vector, curve: Curve, psi_f: float, harmonic: Real) -> Vector:
+def _on_curve(i: Vector, start: Vector, curve: Curve, psi_m: Real, harmonic: Real) -> Vector:
     """Flux linkages at currents by Newton's method."""
     a_d, a_q, c = curve.a_d, curve.a_q, curve.c
     psi = np.empty(len(i), np.complex128)
     for k in range(len(i)):
-        g_d, g_q, i_F = curve.g_d + harmonic[k], curve.g_q + harmonic[k], curve.i_F + harmonic[k] * psi_f
+        g_d, g_q, magnets = curve.g_d + harmonic[k], curve.g_q + harmonic[k], psi_m[k]
+        i_F = (g_d + a_d * magnets * magnets) * magnets
         d, q = start[k].real, start[k].imag
         for _ in range(12):
             miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i[k].real
@@ -68,9 +72,9 @@ def _on_curve(i: Vector, start: Vector, curve: Curve, psi_f: float, harmonic: Re
             det = dd * qq - dq * dq
             step_d, step_q = (qq * miss_d - dq * miss_q) / det, (dd * miss_q - dq * miss_d) / det
             # Far out, where the curve bends, a whole step would overshoot
-            reach = 0.5 * (abs(d) + abs(q) + psi_f)
+            reach = 0.5 * (abs(d) + abs(q) + magnets)
             d, q = d - min(max(step_d, -reach), reach), q - min(max(step_q, -reach), reach)
-            if max(abs(step_d), abs(step_q)) < 1e-12 * psi_f:
+            if max(abs(step_d), abs(step_q)) < 1e-12 * magnets:
                 break
         psi[k] = complex(d, q)
     return psi
@@ -102,11 +106,13 @@ def mean_of_ripple(curve: Curve, rows: Rows, psi: Vector) -> Vector:
 
 
 def saturated(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Vector, Stiffness]:
-    """Flux linkages (Vs) at samples with one or several of the three, or a harmonic beside, and their stiffness."""
+    """Flux linkages (Vs) at samples and their stiffness, with one or several of the three, or a harmonic or a change of
+    the magnets' flux beside.
+    """
     curve, harmonic = _curve(rows, effects), 0.0
     if HARMONIC in effects:
         harmonic = effects[HARMONIC][0] / rows.machine.L_q * rows.six.real
-    psi = flux_of(curve, rows.machine, rows.i, harmonic)
+    psi = flux_of(curve, rows.machine, rows.i, harmonic, change_of(rows, effects))
     return psi, stiffness(curve, psi, harmonic)
 
 
@@ -122,11 +128,18 @@ def _curve(rows: Rows, effects: Mapping[str, Sizes]) -> Curve:
 
 
 def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
-    """What one or several of the three, or a harmonic of the inductances beside, add to the voltage of constant
+    """What saturations, a harmonic of the inductances and changes of the magnets' flux add to the voltage of constant
     inductances, V: not the sum of what each adds.
     """
+    if not bends(effects):
+        return rows.balance(np.broadcast_to(np.float64(change_of(rows, effects)), rows.i.shape))
     psi, g = saturated(rows, effects)
     more = rows.mean_current(psi, g) - rows.i_mean
     if rows.u_dc is not None:
         more = more + mean_of_ripple(_curve(rows, effects), rows, psi)
     return rows.balance(psi - rows.flux(rows.i)) + rows.machine.R_s * more
+
+
+def bends(effects: Collection[str]) -> bool:
+    """There is one of the three, or a harmonic of the inductances: flux linkages are no straight lines."""
+    return any(name in effects for name in (*EFFECTS, HARMONIC))

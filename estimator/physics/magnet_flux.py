@@ -1,0 +1,39 @@
+"""The magnets' flux linkage as it changes within a recording: what `magnet_flux_drift` and `magnet_flux_step` share.
+
+On a curve that saturates, the inductances rise as magnets lose flux: see `saturation`.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+
+from estimator.physics.effect import Sizes
+from estimator.physics.rows import Real, Rows
+
+DRIFT: Final = "magnet_flux_drift"
+STEP: Final = "magnet_flux_step"
+
+
+def drifted(rows: Rows, sizes: Sizes) -> Real:
+    """Change since the start, Vs at samples."""
+    change, time_constant = sizes
+    t = (rows.t - rows.span[0]) / rows.span[1]
+    course = (1.0 - np.exp(-t / time_constant)) / (1.0 - math.exp(-1.0 / time_constant))
+    return change * rows.machine.psi_f * course
+
+
+def stepped(rows: Rows, sizes: Sizes) -> Real:
+    """The same."""
+    change, time, duration = sizes
+    lost = np.clip((rows.t - rows.span[0] - time * rows.span[1]) / duration + 0.5, 0.0, 1.0)
+    return change * rows.machine.psi_f * lost
+
+
+CHANGES: Final[Mapping[str, Callable[[Rows, Sizes], Real]]] = {DRIFT: drifted, STEP: stepped}
+
+
+def change_of(rows: Rows, effects: Mapping[str, Sizes]) -> Real | float:
+    """What those of the effects that change the magnets' flux linkage add to it, Vs at samples."""
+    return sum((CHANGES[name](rows, sizes) for name, sizes in effects.items() if name in CHANGES), start=0.0)
