@@ -19,7 +19,7 @@ from estimator.physics.rows import Rows
 
 _NEARLY: Final = 2.0  # times what several effects leave: more, and the one is not worth what others may add to it
 _AS_MUCH: Final = 0.75  # of what several effects explain, that one has to explain before its equation bends
-_ALL_BUT: Final = 0.05  # of what one effect explains, that another may explain less at a shape to begin with
+_ALL_BUT: Final = 0.1  # of what one effect explains, that another may explain less at a shape to begin with
 _BENT: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation", "angle_offset")
 """Effects that make up for each other, and for the machine's parameters."""
 
@@ -55,7 +55,7 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Fitted:
         most = _NEARLY * excess_of(found) if len(dropped) > 1 else excess_of(found) - 2.0 * ENTRY
         if one[0] not in begin.model.effects or excess_of(begin) > most:
             continue
-        other = fitted(rows, given, begin=begin.model)
+        other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
         fewer = len(found.choice) - len(other.choice)
         if fewer >= 0 and excess_of(other) < excess_of(found) + 2.0 * ENTRY * fewer:
             return other
@@ -63,28 +63,28 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Fitted:
 
 
 def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, int]]]:
-    """Effects of a set that are confused with one, and that one, at its likeliest shapes: it may stand in their place.
+    """Effects of a set, and the one, at its likeliest shapes, that may stand in their place.
 
-    One that is in the place of another alone has shapes which lie between those that a search knows.
+    In the place of several, one that they are confused with; in that of one alone, one whose equation bends.
     """
     full, found = search.fit(choice).chi2, list[tuple[Choice, tuple[str, int]]]()
     present, candidates = {name for name, _ in choice}, search.candidates()
     for name in dict.fromkeys(name for name, _ in candidates if name not in present):
         alike = tuple(one for one in choice if name in _confused(one[0]) or one[0] in _confused(name))
-        if len(alike) < 2 and not (alike and _has_shape(name)):
-            continue
-        rest = tuple(one for one in choice if one not in alike)
-        left = {one: search.fit((*rest, one)).chi2 for one in candidates if one[0] == name}
-        one = min(left, key=lambda each: left[each])
-        less = 1.0 - _AS_MUCH if len(alike) > 1 else _ALL_BUT
-        if left[one] - full < less * (search.fit(rest).chi2 - full):
-            found.append((alike, one))
+        tried = [(alike, 1.0 - _AS_MUCH)] * (len(alike) > 1)
+        tried += [((one,), _ALL_BUT) for one in choice] * _bends(name)
+        for dropped, most in tried:
+            rest = tuple(one for one in choice if one not in dropped)
+            left = {one: search.fit((*rest, one)).chi2 for one in candidates if one[0] == name}
+            one = min(left, key=lambda each: left[each])
+            if left[one] - full < most * (search.fit(rest).chi2 - full):
+                found.append((dropped, one))
     return found
 
 
-def _has_shape(name: str) -> bool:
-    """One that moves by small steps."""
-    return any(parameter.shape and not parameter.discrete for parameter in BY_NAME[name].parameters)
+def _bends(name: str) -> bool:
+    """By shapes that move in small steps, or as one of those that make up for each other."""
+    return name in _BENT or any(one.shape and not one.discrete for one in BY_NAME[name].parameters)
 
 
 def _confused(name: str) -> tuple[str, ...]:

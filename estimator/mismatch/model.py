@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from estimator.machine import Machine
 from estimator.mismatch.whitening import poles_of, whiten
+from estimator.physics import winding_resistance_drift
 from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
+from estimator.physics.magnet_flux import CHANGES, change_of
 from estimator.physics.rows import LOST, OTHERS, Rows, Vector
 from estimator.physics.saturation import bends, curvature, saturated
 
@@ -75,9 +77,22 @@ def see_lost(truth: Rows, model: Model) -> None:
 
 
 def beside_bridge(truth: Rows, model: Model) -> Rows:
-    """The rows with what a bridge has to know of the model's other effects: what voltage they add."""
-    others = {name: sizes for name, sizes in model.effects.items() if not BY_NAME[name].steep}
+    """The rows with what a bridge has to know of the model's other effects: what voltage they add.
+
+    But for those that make the flux linkage bend: currents go along that within a period. Of these it is what a current
+    that stays takes, as the rotor turns.
+    """
+    bent = bends(model.effects)
+    others = {
+        name: sizes for name, sizes in model.effects.items()
+        if not BY_NAME[name].steep and not (bent and BY_NAME[name].together)
+    }  # fmt: skip
     added = effects_voltage(replace(truth, kept=dict(truth.kept)), replace(model, effects=others))
+    for name, sizes in model.effects.items():
+        effect = BY_NAME[name]
+        if name not in others and effect.emf is not None:
+            v = effect.emf(truth, sizes)
+            added += 0.5 * (truth.half * v[1:] + truth.half.conj() * v[:-1])
     return replace(truth, kept=truth.kept | {OTHERS: added})
 
 
@@ -91,7 +106,7 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
             stiffness += fast_stiffness(sizes)
         if (fast_resistance := BY_NAME[name].fast_resistance) is not None:
             resistance += fast_resistance(truth, sizes)
-    truth = replace(truth, fast_stiffness=stiffness, fast_resistance=resistance)
+    truth = replace(_drifting(truth, model), fast_stiffness=stiffness, fast_resistance=resistance)
     if model.bend is not None:
         return truth.with_local_line(*model.bend.bent(truth))
     if not bends(model.effects):
@@ -99,8 +114,27 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
     return replace(truth, curvature=curvature(truth, model.effects)).with_local_line(*saturated(truth, model.effects))
 
 
+def _drifting(truth: Rows, model: Model) -> Rows:
+    """The rows with what the winding's resistance and the magnets' flux have come to."""
+    heat, R_s_ratio, psi_f_ratio = model.effects.get(winding_resistance_drift.EFFECT.name), None, None
+    if heat is not None:
+        R_s_ratio = 1.0 + winding_resistance_drift.rise(truth, heat)
+    if any(name in CHANGES for name in model.effects):
+        psi_f_ratio = 1.0 + change_of(truth, model.effects) / truth.machine.psi_f
+    return replace(truth, R_s_ratio=R_s_ratio, psi_f_ratio=psi_f_ratio)
+
+
 def _without_errors(rows: Rows, model: Model) -> Rows:
-    rows = with_machine(rows, model.machine)
+    rows = _unturned(with_machine(rows, model.machine), model)
+    error = _current_error(rows, model)
+    if isinstance(error, float):
+        return rows
+    i = (rows.i_s - error) * rows.rotor.conj()
+    return replace(rows, i=i, kept=rows.kept_of_angle_and_bridge())
+
+
+def _unturned(rows: Rows, model: Model) -> Rows:
+    """The rows by the true angle, and with the true voltage."""
     angle: Array | float = model.angle
     for name, sizes in model.effects.items():
         effect = BY_NAME[name]
@@ -108,38 +142,49 @@ def _without_errors(rows: Rows, model: Model) -> Rows:
             angle = angle + effect.angle_error(rows, sizes)
         if effect.misreads_voltage:
             rows = rows.with_voltage(rows.u - effect.voltage(rows, sizes))
-    error = current_error(rows, model)
+    i_s = rows.i_s
     if isinstance(angle, float):
         turned = cmath.exp(1j * angle)
-        i = rows.i * turned if isinstance(error, float) else (rows.i_s - error) * rows.rotor.conj() * turned
         kept = rows.pulses_turned(turned) | {
-            "rotor": rows.rotor * turned.conjugate(), "middle": rows.middle * turned.conjugate(),
+            "rotor": rows.rotor * turned.conjugate(), "middle": rows.middle * turned.conjugate(), "i_s": i_s,
             "D": rows.D, "speed": rows.speed, "turn": rows.turn * cmath.exp(-1j * angle / rows.machine.n_p),
         }  # fmt: skip
-        return replace(rows, theta_e=rows.theta_e - angle, i=i, u=rows.u * turned, kept=kept)
+        return replace(rows, theta_e=rows.theta_e - angle, i=rows.i * turned, u=rows.u * turned, kept=kept)
     by_half = np.exp(-0.5j * angle)
     rotor, half = rows.rotor * (by_half * by_half), rows.half * (by_half[1:] * by_half[:-1].conj())
     turned = (by_half[1:] * by_half[:-1]).conj()
-    kept = rows.pulses_turned(turned) | {"rotor": rotor, "D": rows.D - np.diff(angle)}
+    kept = rows.pulses_turned(turned) | {"rotor": rotor, "D": rows.D - np.diff(angle), "i_s": i_s}
     return replace(
-        rows, theta_e=rows.theta_e - angle, half=half, i=(rows.i_s - error) * rotor.conj(), u=rows.u * turned, kept=kept
+        rows, theta_e=rows.theta_e - angle, half=half, i=i_s * rotor.conj(), u=rows.u * turned, kept=kept
     )
 
 
 def current_error(rows: Rows, model: Model) -> Vector | float:
     """Measured less true current vector at samples, A, stationary frame."""
+    return _current_error(_unturned(rows, model), model)
+
+
+def _current_error(rows: Rows, model: Model) -> Vector | float:
+    """The same, of rows by the true angle."""
     errors = [(BY_NAME[name].current_error, name, sizes) for name, sizes in model.effects.items()]
     there = [(error, name, sizes) for error, name, sizes in errors if error is not None]
     if not there:
         return 0.0
-    measured = with_local_course(rows, model)
+    measured = _with_emf(with_local_course(rows, model), model)
     found = {name: error(measured, sizes) for error, name, sizes in there}
     for error, name, sizes in there:
         if BY_NAME[name].moved is not None:
             i_s = rows.i_s - sum(found.values())
             true = replace(rows, i=i_s * rows.rotor.conj(), kept=rows.kept_of_angle_and_bridge())
-            found[name] = error(_on_their_way(with_local_course(true, model), model, name), sizes)
+            true = _with_emf(with_local_course(true, model), model)
+            found[name] = error(_on_their_way(true, model, name), sizes)
     return sum(found.values())
+
+
+def _with_emf(truth: Rows, model: Model) -> Rows:
+    """The rows with what the model's effects take, at samples, from the voltage that drives the current."""
+    each = [effect.emf(truth, sizes) for name, sizes in model.effects.items() if (effect := BY_NAME[name]).emf]
+    return replace(truth, emf=sum(each)) if each else truth
 
 
 def _on_their_way(true: Rows, model: Model, name: str) -> Rows:
@@ -148,7 +193,7 @@ def _on_their_way(true: Rows, model: Model, name: str) -> Rows:
     if moved is None:
         return true
     i = true.i + moved(true, model.effects[name]) * true.rotor.conj()
-    return with_local_course(replace(true, i=i, kept=true.kept_of_angle_and_bridge()), model)
+    return _with_emf(with_local_course(replace(true, i=i, kept=true.kept_of_angle_and_bridge()), model), model)
 
 
 def frame_of(rows: Rows, truth: Rows) -> Vector:

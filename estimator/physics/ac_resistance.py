@@ -24,6 +24,13 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return rise * rows.machine.R_s * (currents[:, 0] + rise * currents[:, 1])
 
 
+def emf(rows: Rows, sizes: Sizes) -> Vector:
+    """What the rung takes at samples, V."""
+    rise, corner = sizes
+    over = _over(rows.i_s, rows, corner, _beside_straight(rows, corner))
+    return rise * rows.machine.R_s * over * rows.rotor.conj()
+
+
 def _currents(rows: Rows, corner: float) -> Vector:
     """Mean currents (A, n x 2) of each period through a rung's resistance: its own, and what a rung of `rise` 1 adds.
 
@@ -107,5 +114,6 @@ EFFECT = Effect(
     in_proportion_to="R_s",
     missed=3e-5,
     remembers=voltage,
+    emf=emf,
     fast_resistance=lambda rows, p: p[0] * rows.machine.R_s,
 )

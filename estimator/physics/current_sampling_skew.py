@@ -3,7 +3,8 @@
     i_k,measured(t) = i_k(t + skew)        i_k(t + skew) - i_k(t) = skew (-R_s i - j omega_e psi) / L of the phase
 
 Samples are taken in the middle of the zero vector, where the winding is short and the current falls by back-EMF and
-resistance alone; that of a branch beside the machine falls as well. Derived here.
+resistance alone, harmonics and a rung's voltage among them; that of a branch beside the machine falls as well. Derived
+here.
 """
 
 from typing import Any
@@ -46,6 +47,8 @@ def _slope(rows: Rows) -> Vector:
     psi, g = rows.own_flux
     i, omega = rows.i, rows.speed
     v = -rows.machine.R_s * i - 1j * omega * psi
+    if rows.emf is not None:
+        v = v - rows.emf
     slope = g(v) + rows.fast_stiffness * v + 1j * omega * i
     return slope * rows.rotor
 

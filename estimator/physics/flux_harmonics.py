@@ -9,21 +9,34 @@ looks alike from both sides has cosines on d and sines on q. D. Hanselman, "Brus
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Real, Rows, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
+    psi, per_angle = _flux(rows, sizes)
+    v, omega = per_angle + 1j * psi, rows.omega_e
+    return rows.balance(psi) + rows.machine.R_s * rows.bent(omega * v[:-1], omega * v[1:])
+
+
+def emf(rows: Rows, sizes: Sizes) -> Vector:
+    """Back-EMF at samples, V."""
+    psi, per_angle = _flux(rows, sizes)
+    return rows.speed * (per_angle + 1j * psi)
+
+
+def _flux(rows: Rows, sizes: Sizes) -> tuple[Vector, Vector]:
+    """Flux linkage (Vs) at samples, and its derivative by the angle (Vs)."""
     d_6, q_6, d_12, q_12 = sizes
-    psi_f, six = rows.machine.psi_f, rows.six
+    psi_f: Real | float = rows.machine.psi_f if rows.psi_f_ratio is None else rows.machine.psi_f * rows.psi_f_ratio
+    six = rows.six
     psi = psi_f * (d_6 * six.real + 1j * q_6 * six.imag)
-    by_angle = 6.0 * psi_f * (-d_6 * six.imag + 1j * q_6 * six.real)
+    per_angle = 6.0 * psi_f * (-d_6 * six.imag + 1j * q_6 * six.real)
     if d_12 != 0.0 or q_12 != 0.0:
         twelve = six * six
         psi = psi + psi_f * (d_12 * twelve.real + 1j * q_12 * twelve.imag)
-        by_angle = by_angle + 12.0 * psi_f * (-d_12 * twelve.imag + 1j * q_12 * twelve.real)
-    emf, omega = by_angle + 1j * psi, rows.omega_e
-    return rows.balance(psi) + rows.machine.R_s * rows.bent(omega * emf[:-1], omega * emf[1:])
+        per_angle = per_angle + 12.0 * psi_f * (-d_12 * twelve.imag + 1j * q_12 * twelve.real)
+    return psi, per_angle
 
 
 _SHARES = constant(0.02), constant(-0.2), constant(0.2)
@@ -36,5 +49,6 @@ EFFECT = Effect(
     "ripple at 6 and 12 times the electrical frequency that grows with speed and does not depend on current",
     ("inductance_harmonics", "inverter_voltage_error"),
     in_proportion_to="psi_f",
+    emf=emf,
     missed=1e-4,
 )

@@ -16,6 +16,14 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return together(rows, {HARMONIC: sizes})
 
 
+def emf(rows: Rows, sizes: Sizes) -> Vector:
+    """What a current that stays takes at samples, as inductances turn, V."""
+    psi, g = rows.own_flux
+    per_angle = -6.0 * sizes[0] / rows.machine.L_q * rows.six.imag
+    psi_m = rows.machine.psi_f if rows.psi_f_ratio is None else rows.machine.psi_f * rows.psi_f_ratio
+    return -rows.speed * g.flux(per_angle * (psi - psi_m))
+
+
 EFFECT = Effect(
     HARMONIC, "harmonics of the inductances",
     (Parameter("inverse_6", "1", constant(0.05), constant(-0.3), constant(0.3)),),
@@ -24,5 +32,6 @@ EFFECT = Effect(
     "ripple at 6 times the electrical frequency in proportion to current, with speed and with how fast current changes",
     ("flux_harmonics",),
     together=together,
+    emf=emf,
     missed=1e-4,
 )

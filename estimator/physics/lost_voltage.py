@@ -46,9 +46,9 @@ class Legs(NamedTuple):
     middle: Vector  # exp(j theta_e) in the middle
     T_s: float  # s
     R_s: float  # ohm
-    L_d: Real  # H, what a voltage on d alone makes of its current
-    L_q: Real  # H
-    psi_0: Vector  # Vs, at no current of the straight lines that go on from here
+    a: Real  # 1/H, stiffness of the straight lines that go on from here: see `rows.Stiffness`
+    b: Vector  # 1/H, rotor frame
+    psi_0: Vector  # Vs, at no current of these lines
     others: Vector  # V, stationary, what other effects add
     D: Real  # rad, electrical, by which the rotor turns in each period
     room: Room
@@ -57,9 +57,8 @@ class Legs(NamedTuple):
 def legs_of(rows: Rows) -> Legs:
     """The legs of a recording's periods."""
     u_dc, middle, T_s = rows.u_dc, rows.middle, rows.T_s
-    R_s, (L_d, L_q, psi_0), u_s = float(rows.machine.R_s), rows.local_line, rows.u * middle
-    if rows.fast_stiffness > 0.0:
-        L_d, L_q = (1.0 / (1.0 / L + rows.fast_stiffness) for L in (L_d, L_q))
+    R_s, (g, psi_0), u_s = float(rows.machine.R_s), rows.local_line, rows.u * middle
+    a, b = g.a + rows.fast_stiffness, g.b
     others = rows.kept[OTHERS] * middle if OTHERS in rows.kept else np.zeros(len(rows), np.complex128)
     if rows.fast_resistance > 0.0:
         R_s += rows.fast_resistance
@@ -68,12 +67,12 @@ def legs_of(rows: Rows) -> Legs:
         none = np.zeros((0, 3))
         return Legs(
             np.zeros(0), none, none.astype(np.int8), none.astype(np.int8), none.astype(np.complex128), middle,
-            T_s, R_s, L_d, L_q, psi_0, others, rows.D, empty_room(),
+            T_s, R_s, a, b, psi_0, others, rows.D, empty_room(),
         )  # fmt: skip
     edges, order = edges_at_start(rows), rows.once("order", lambda: _orders(rows.duties))
-    ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, L_d, L_q))
+    ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, a, b))
     return Legs(
-        u_dc, rows.duties, edges, order, ripple, middle, T_s, R_s, L_d, L_q, psi_0, others, rows.D, empty_room()
+        u_dc, rows.duties, edges, order, ripple, middle, T_s, R_s, a, b, psi_0, others, rows.D, empty_room()
     )
 
 
@@ -81,12 +80,11 @@ def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
     """The legs before a motor that stands, taken as leaving no rail at a period's start."""
     u_s = np.ascontiguousarray(2.0 / 3.0 * u_dc * (duties @ np.array(AXES)), np.complex128)
     middle = np.ones(len(duties), np.complex128)
-    everywhere, none = np.full(len(duties), L), np.zeros(len(duties))
-    no_flux = np.zeros(len(duties), np.complex128)
-    ripple = _ripples(u_dc, duties, u_s, middle, T_s, everywhere, everywhere)
+    a, none, no_flux = np.full(len(duties), 1.0 / L), np.zeros(len(duties)), np.zeros(len(duties), np.complex128)
+    ripple = _ripples(u_dc, duties, u_s, middle, T_s, a, no_flux)
     edges = np.zeros(duties.shape, np.int8)
     return Legs(
-        u_dc, duties, edges, _orders(duties), ripple, middle, T_s, 0.0, everywhere, everywhere, no_flux, no_flux,
+        u_dc, duties, edges, _orders(duties), ripple, middle, T_s, 0.0, a, no_flux, no_flux, no_flux,
         none, empty_room(),
     )  # fmt: skip
 
@@ -177,7 +175,7 @@ def _by_drops(
     axes, lost, by_real, by_imag = (A, B, C), 0j, 0j, 0j
     known = len(legs.u_dc) > 0
     u_dc = legs.u_dc[k] if known else 0.0
-    bow_s = _bow(legs.psi_0[k].real, legs.L_d[k], legs.D[k], legs.middle[k]) if known else 0j
+    bow_s = _bow(legs, k) if known else 0j
     for leg in range(3):
         axis = axes[leg]
         start, end, volts, by_end = phase(i_0, axis), phase(i_1, axis), 0.0, 0.0
@@ -239,8 +237,8 @@ def _laid_out(
     """
     u_dc, T_s, room, lost, nearest, closest = legs.u_dc[k], legs.T_s, legs.room, 0j, 0, math.inf
     near = _MOVES * _moves(legs, k, dead_time) + spread
-    bow = _bow(legs.psi_0[k].real, legs.L_d[k], legs.D[k], legs.middle[k])
-    damping = legs.R_s * T_s * (0.5 / legs.L_d[k] + 0.5 / legs.L_q[k])
+    bow = _bow(legs, k)
+    damping = legs.R_s * T_s * legs.a[k]
     for leg in range(3):
         axis, rise = axis_of(leg), rise_of(legs.duties[k, leg])
         bowed = phase(bow, axis) * 4.0 * rise * (1.0 - rise)
@@ -264,7 +262,7 @@ def _laid_out(
 @kernel
 def _moves(legs: Legs, k: int, dead_time: float) -> float:
     """What the link's voltage makes of a current in a dead time, A."""
-    return legs.u_dc[k] / min(legs.L_d[k], legs.L_q[k]) * dead_time
+    return legs.u_dc[k] * (legs.a[k] + abs(legs.b[k])) * dead_time
 
 
 @kernel
@@ -277,7 +275,7 @@ def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, changes: int,
 @kernel
 def _period(legs: Legs, k: int) -> Period:
     return Period(
-        legs.u_dc[k], legs.T_s, legs.R_s, legs.L_d[k], legs.L_q[k], legs.psi_0[k], legs.others[k], legs.D[k],
+        legs.u_dc[k], legs.T_s, legs.R_s, legs.a[k], legs.b[k], legs.psi_0[k], legs.others[k], legs.D[k],
         legs.middle[k],
     )
 
@@ -292,16 +290,15 @@ def _ideal(legs: Legs, k: int) -> complex:
 
 
 @kernel
-def _bow(psi_f: float, L_d: float, D: float, middle: complex) -> complex:
+def _bow(legs: Legs, k: int) -> complex:
     """What the current (A, stationary) is beside a straight line in the middle of a period: its magnets turn."""
-    return -0.125 * psi_f / L_d * D * D * middle
+    return -0.125 * legs.D[k] * legs.D[k] * _driven(legs.psi_0[k], legs.a[k], legs.b[k]) * legs.middle[k]
 
 
 @kernel
-def _driven(u: complex, middle: complex, L_d: float, L_q: float) -> complex:
-    """di/dt (A/s) that a voltage (V) drives, both in the stationary frame."""
-    in_rotor = u * middle.conjugate()
-    return complex(in_rotor.real / L_d, in_rotor.imag / L_q) * middle
+def _driven(u: complex, a: float, b: complex) -> complex:
+    """di/dt (A/s) that a voltage (V) drives, both in the rotor frame."""
+    return a * u + b * u.conjugate()
 
 
 @kernel
@@ -326,17 +323,17 @@ def _orders(duties: Real) -> NDArray[np.int8]:
 
 
 @kernel
-def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, L_d: Real, L_q: Real) -> Vector:
+def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, a: Real, b: Vector) -> Vector:
     """The current's ripple (A, stationary) when each leg rises: the integral of the voltage less its mean."""
     ripple = np.empty(duties.shape, np.complex128)
     for k in range(len(duties)):
-        a, b, c = rise_of(duties[k, 0]), rise_of(duties[k, 1]), rise_of(duties[k, 2])
+        on_a, on_b, on_c = rise_of(duties[k, 0]), rise_of(duties[k, 1]), rise_of(duties[k, 2])
         for leg in range(3):
             when = rise_of(duties[k, leg])
             area = -u_s[k] * when
             area += 2.0 / 3.0 * u_dc[k] * (
-                A * max(0.0, when - a) + B * max(0.0, when - b) + C * max(0.0, when - c)
+                A * max(0.0, when - on_a) + B * max(0.0, when - on_b) + C * max(0.0, when - on_c)
             )
-            ripple[k, leg] = _driven(area * T_s, middle[k], L_d[k], L_q[k])
+            ripple[k, leg] = _driven(area * T_s * middle[k].conjugate(), a[k], b[k]) * middle[k]
     return ripple
 

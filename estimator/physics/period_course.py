@@ -41,8 +41,8 @@ class Period(NamedTuple):
     u_dc: float  # V
     T_s: float  # s
     R_s: float  # ohm
-    L_d: float  # H
-    L_q: float  # H
+    a: float  # 1/H, stiffness of straight lines: see `rows.Stiffness`
+    b: complex  # 1/H, rotor frame
     psi_0: complex  # Vs, rotor frame, at no current of these straight lines
     others: complex  # V, stationary, what other effects add
     D: float  # rad, electrical, by which the rotor turns
@@ -166,7 +166,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     what the machine's parameters say.
     """
     T_s, high, free, zero = period.T_s, room.high, room.free, room.zero
-    alike, apart = 0.5 / period.L_d + 0.5 / period.L_q, 0.5 / period.L_d - 0.5 / period.L_q  # of its mirror
+    alike = period.a
     full, damping, loose = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0
     by_real, by_imag, held, held_real, held_imag, t = 0j, 0j, 0j, 0j, 0j, 0.0
     none = _ROUNDING * full * alike * T_s
@@ -179,11 +179,11 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
         if until > t:
             turned = period.D * (0.5 * (t + until) / T_s - 0.5)
             rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
-            twice = apart * rotor * rotor
+            twice = period.b * rotor * rotor  # of its mirror
             was, was_held, crossed, crossed_real, crossed_imag = 0j, 0j, False, 0.0, 0.0
             for n in range(_CHANGES + 1):
                 span, first, floats = until - t, -1, 0
-                falls = _falls(period, rotor, alike, twice, i) + beside
+                falls = _falls(period, rotor, twice, i) + beside
                 more_real, more_imag, level_real, level_imag = -1.0 + 0j, -1j, 0j, 0j
                 if loose > 0:
                     for leg in range(3):
@@ -197,7 +197,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
                 level = high[0] * A + high[1] * B + high[2] * C
                 rate = full * (alike * level + twice * level.conjugate()) - falls
                 if span > _SHORT * T_s:  # by the current in the middle
-                    rate += falls - beside - _falls(period, rotor, alike, twice, i + 0.5 * span * rate)
+                    rate += falls - beside - _falls(period, rotor, twice, i + 0.5 * span * rate)
                 if loose > 0:
                     if floats == 1:
                         axis = axis_of(0 if zero[0] else 1 if zero[1] else 2)
@@ -240,12 +240,13 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
 
 
 @kernel
-def _falls(period: Period, rotor: complex, alike: float, twice: complex, i: complex) -> complex:
+def _falls(period: Period, rotor: complex, twice: complex, i: complex) -> complex:
     """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s."""
-    induced = 1j * (period.D / period.T_s) * rotor
-    induced *= period.psi_0 + (period.L_d - period.L_q) * rotor * i.conjugate()
+    a, b = period.a, period.b
+    mirrored = -2.0 / (a * a - b.real * b.real - b.imag * b.imag) * b  # L_d - L_q, where the axes are apart
+    induced = 1j * (period.D / period.T_s) * rotor * (period.psi_0 + mirrored * rotor * i.conjugate())
     against = period.R_s * i + period.others + induced
-    return alike * against + twice * against.conjugate()
+    return a * against + twice * against.conjugate()
 
 
 @kernel

@@ -2,9 +2,9 @@
 
     u_k = ... + excess_k i_k        excess_a + excess_b + excess_c = 0
 
-R_s is the mean of the three. In the rotor frame the excess turns with twice the electrical frequency, in proportion to
-current. Symmetrical components: C. L. Fortescue, "Method of symmetrical co-ordinates applied to the solution of
-polyphase networks", Trans. AIEE 37, 1918.
+R_s is the mean of the three; an excess rises with it, as the winding warms up. In the rotor frame the excess turns with
+twice the electrical frequency, in proportion to current. Symmetrical components: C. L. Fortescue, "Method of
+symmetrical co-ordinates applied to the solution of polyphase networks", Trans. AIEE 37, 1918.
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, no_shapes
@@ -15,6 +15,8 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     alpha, beta = sizes
     i_s = rows.i_mean * rows.middle
+    if rows.R_s_ratio is not None:
+        i_s = i_s * rows.R_s_ratio
     # Clarke of excess_k i_k with a zero sum: the excesses' vector conjugate times the conjugate current, halved
     return rows.stationary(0.5 * (alpha - 1j * beta) * i_s.conj())
 

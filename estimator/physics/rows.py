@@ -31,7 +31,7 @@ OF_ANGLE_AND_BRIDGE: Final = (
     *_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses", "edges at start", "order",
 )  # fmt: skip
 """What is worked out `once` and depends neither on the machine nor on currents."""
-LOCAL: Final = ("local L_d", "local L_q", "local psi_0", "stiffness a", "stiffness b", "bent flux")
+LOCAL: Final = ("local a", "local b", "local psi_0", "stiffness a", "stiffness b", "bent flux")
 """Of straight lines that a saturating machine follows for a while."""
 LOST: Final = "lost by the bridge"
 """Voltage (V of each period, rotor frame) that terminals do not see."""
@@ -89,6 +89,9 @@ class Rows:
     fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances
     fast_resistance: float = 0.0  # ohm, by which what changes within a period drops more than by R_s
     curvature: tuple[float, float, float] = (0.0, 0.0, 0.0)  # a_d, a_q, c of the saturation curve, A/Vs^3
+    R_s_ratio: Real | None = None  # of each period: R_s over that at the start, where it drifts
+    psi_f_ratio: Real | None = None  # at samples: psi_f over that at the start, where it drifts
+    emf: Vector | None = None  # V at samples, that effects take from what drives the current between pulses
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
     def __len__(self) -> int:
@@ -101,12 +104,12 @@ class Rows:
         n = len(self)
 
         def cut(whole: Any) -> Any:
-            return whole[a : b + (len(whole) - n)]
+            return None if whole is None else whole[a : b + (len(whole) - n)]
 
         return replace(
             self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u),
-            joined=cut(self.joined), heat=cut(self.heat), u_dc=None if self.u_dc is None else cut(self.u_dc),
-            zero=None if self.zero is None else cut(self.zero),
+            joined=cut(self.joined), heat=cut(self.heat), u_dc=cut(self.u_dc), zero=cut(self.zero),
+            R_s_ratio=cut(self.R_s_ratio), psi_f_ratio=cut(self.psi_f_ratio), emf=cut(self.emf),
             kept={key: cut(whole) for key, whole in self.kept.items()},
         )  # fmt: skip
 
@@ -270,12 +273,14 @@ class Rows:
         return _flux(i, float(m.L_d), float(m.L_q), float(m.psi_f))
 
     @property
-    def local_line(self) -> tuple[Real, Real, Vector]:
-        """L_d, L_q (H) and flux at no current (Vs) of the straight lines that each period's flux linkages go along."""
+    def local_line(self) -> tuple[Stiffness, Vector]:
+        """Stiffness and flux at no current (Vs) of the straight lines that each period's flux linkages go along."""
         m, n = self.machine, len(self)
-        everywhere = zip(LOCAL[:3], (m.L_d, m.L_q, complex(m.psi_f)), strict=True)
-        L_d, L_q, psi_0 = (self.once(key, partial(np.full, n, value)) for key, value in everywhere)
-        return L_d, L_q, psi_0
+        everywhere = 0.5 * (1.0 / m.L_d + 1.0 / m.L_q), complex(0.5 * (1.0 / m.L_d - 1.0 / m.L_q)), complex(m.psi_f)
+        a, b, psi_0 = (
+            self.once(key, partial(np.full, n, value)) for key, value in zip(LOCAL[:3], everywhere, strict=True)
+        )
+        return Stiffness(a, b), psi_0
 
     @property
     def own_flux(self) -> tuple[Vector, Stiffness]:
@@ -309,9 +314,9 @@ class Rows:
     def with_local_line(self, psi: Vector, g: Stiffness) -> "Rows":
         """The same rows with flux linkages (Vs, at samples) that are no straight lines, of such stiffness."""
         at_samples = g.a, g.b, psi
-        L_d, L_q = (2.0 / (x[1:] + x[:-1]) for x in (g.a + g.b.real, g.a - g.b.real))
-        psi, i = (0.5 * (x[1:] + x[:-1]) for x in (psi, self.i))
-        lines = L_d, L_q, psi - L_d * i.real - 1j * L_q * i.imag, *at_samples
+        b, psi, i = (0.5 * (x[1:] + x[:-1]) for x in (g.b, psi, self.i))
+        middle = Stiffness(0.5 * (g.a[1:] + g.a[:-1]), b)
+        lines = middle.a, b, psi - middle.flux(i), *at_samples
         kept = {key: value for key, value in self.kept.items() if key in (*OF_ANGLE_AND_BRIDGE, "i_s", "i_mean")}
         return replace(self, kept=kept | dict(zip(LOCAL, lines, strict=True)))
 

@@ -20,9 +20,14 @@ from estimator.physics.rows import Real, Rows, Vector
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
+    return rows.machine.R_s * rise(rows, sizes) * rows.i_mean
+
+
+def rise(rows: Rows, sizes: Sizes) -> Real:
+    """Of R_s in each period, as a share of that at the start."""
     heating, _, cooling = sizes
     late = np.expm1((rows.span[0] - rows.t[:-1]) / (sizes[1] * rows.span[1]))
-    return rows.machine.R_s * (np.expm1(np.log1p(heating) * _course(rows, sizes)[:-1]) + cooling * late) * rows.i_mean
+    return np.expm1(np.log1p(heating) * _course(rows, sizes)[:-1]) + cooling * late
 
 
 def _course(rows: Rows, sizes: Sizes) -> Real:
