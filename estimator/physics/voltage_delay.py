@@ -14,8 +14,7 @@ from estimator.physics.rows import Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     periods, direction = sizes
-    u, joined = rows.u, rows.joined
-    change: Vector = np.diff(u) * (joined[1:] & joined[:-1])  # none over a gap
+    change: Vector = np.diff(rows.u) * (rows.apart[:-1] == 1)  # none over a gap
     none = np.zeros(1, np.complex128)
     return periods * (np.concatenate((none, change)) if direction > 0.0 else np.concatenate((-change, none)))
 
