@@ -193,9 +193,12 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
     none: they are its disguise. Where nothing is left without those that are gone, they had led astray: others may
     show now. Nor one that looks like the machine, which is none with it.
     """
-    while _no_machine(found, given) and (name := like_machine(found.search, found.choice)):
-        found = without(found, [name], given)
-        left = left_of(rows, found)
+    while (held := held_at_bound(found.search, found.choice) is not None) or _far_off(found, given):
+        name = like_machine(found.search, found.choice)
+        other = found if name is None else without(found, [name], given)
+        if other is found or not (held or (_is_machine(other, given) and _by_rounding(other, found))):
+            break
+        found, left = other, left_of(rows, other)
     before = found
     resonance: Unexplained | None = None
     faint: Unexplained | None = None
@@ -224,12 +227,22 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
     return Upright(found, left, faint)
 
 
-def _no_machine(found: Fitted, given: Given) -> bool:
-    """A parameter is held at its bound, or far off."""
-    if held_at_bound(found.search, found.choice):
-        return True
+def _far_off(found: Fitted, given: Given) -> bool:
+    """A parameter is as no machine of the data sheet has it."""
     told = [name for name in PARAMETERS if name not in given.untold] if found.model.bend is None else []
     return any(given.far_off(name, getattr(found.model.machine, name)) for name in told)
+
+
+def _by_rounding(other: Fitted, found: Fitted) -> bool:
+    """What one fit leaves more than another may be the angle's rounding."""
+    return excess_of(other) - excess_of(found) <= hidden_energy(other.search.regression.rows) / (
+        other.noise[0] * other.noise[1]
+    )
+
+
+def _is_machine(found: Fitted, given: Given) -> bool:
+    """No parameter is far off, or held at its bound."""
+    return held_at_bound(found.search, found.choice) is None and not _far_off(found, given)
 
 
 def _has_form(left: Unexplained) -> bool:
