@@ -116,6 +116,9 @@ def of_population(seed: int, number: int, folder: Path) -> tuple[tuple[str, ...]
     pytest.param(2007, 262, id="a resonance that seems a loss, an offset and a drift"),
     pytest.param(2008, 318, id="a row late beside a short, by a convention two late and one early"),
     pytest.param(2008, 333, id="a healthy drive that a branch beside nothing seems to explain"),
+    pytest.param(2010, 71, id="magnets that warm up in a machine that saturates"),
+    pytest.param(2010, 117, id="a voltage a row late beside a loss and a short, and rows that are lost"),
+    pytest.param(2010, 191, id="an offset that an encoder's rounding makes up"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""

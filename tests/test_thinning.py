@@ -54,6 +54,24 @@ def test_blocks_are_rows_as_they_are_from_the_first_to_the_last() -> None:
     assert part.span == rows.span
 
 
+def gapped_rows(gaps: int) -> Rows:
+    rows = long_rows(30_001)
+    t, joined = rows.t.copy(), rows.joined.copy()
+    for k in np.linspace(1_000, 29_000, gaps).astype(int):
+        joined[k] = False
+        t[k + 1 :] += T_s
+    return replace(rows, t=t, joined=joined)
+
+
+@pytest.mark.parametrize(("gaps", "after"), [(1, 12), (100, 12), (500, 2), (1_000, 0)])
+def test_what_is_next_to_a_gap_does_not_count_as_long_as_that_is_little(gaps: int, after: int) -> None:
+    rows = gapped_rows(gaps)
+    left_out = ~settled(rows).joined
+    at = np.flatnonzero(~rows.joined)
+    assert all(left_out[k - 1 : k + after + 1].all() for k in at)
+    assert not any(left_out[k + after + 1] or left_out[k - 2] for k in at)
+
+
 def test_blocks_lie_at_all_places_of_what_comes_again_and_again() -> None:
     rows = long_rows(96_001)
     first = np.rint((thinned(rows, 9600).t - rows.t[0]) / T_s).astype(int)

@@ -18,7 +18,7 @@ _WORTH: Final = 2  # times as many, from which on it saves time
 _SETTLING: Final = 100  # periods, in which the fields and filters of effects settle
 _PART: Final = 10  # as many times longer is a run at least
 _FEW: Final = 0.05  # of all periods
-_AFTER: Final = 12  # periods after a gap, in which a branch beside the machine settles
+_NEXT_TO_GAP: Final = (-1, *range(1, 13))  # periods; after it a branch beside the machine settles
 _GOLDEN: Final = 0.6180339887498949
 
 
@@ -29,9 +29,8 @@ def settled(rows: Rows) -> Rows:
     nor what a branch beside the machine carries.
     """
     joined, gap = rows.joined.copy(), np.flatnonzero(~rows.joined & ~rows.pauses)
-    around = min(int(_FEW * len(rows)) // max(len(gap), 1), _AFTER + 1) if len(gap) else 0
-    for place in range(-1, around - 1):
-        joined[np.clip(gap + (place + (place >= 0)), 0, len(rows) - 1)] = False
+    for place in _NEXT_TO_GAP[: int(_FEW * len(rows)) // max(len(gap), 1)]:
+        joined[np.clip(gap + place, 0, len(rows) - 1)] = False
     ends = [0, *(np.flatnonzero(rows.pauses) + 1).tolist(), len(rows)]
     for begin, end in pairwise(ends):
         joined[begin : begin + min(_SETTLING, (end - begin) // _PART)] = False
