@@ -8,7 +8,6 @@ make up for each other: none of them alone leads to the set. Knows nothing of ve
 
 from typing import Final
 
-from estimator.machine import PARAMETERS
 from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.explain import ENTRY, MOST, Choice, Search
 from estimator.mismatch.fitting import Fitted, closely, exchanged, fitted, with_more
@@ -42,8 +41,7 @@ def _leaves_more(found: Fitted) -> bool:
 
 
 def _beyond(found: Fitted, given: Given) -> bool:
-    machine, told = found.model.machine, [name for name in PARAMETERS if name not in given.untold]
-    return not all(given.within(name, getattr(machine, name)) for name in told)
+    return not all(given.within(name, getattr(found.model.machine, name)) for name in given.told)
 
 
 def one_for_others(rows: Rows, found: Fitted, given: Given) -> Fitted:

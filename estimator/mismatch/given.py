@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from estimator.machine import Machine
+from estimator.machine import PARAMETERS, Machine
 
 _FAR_OFF: Final = 3.0  # times the tolerance
 
@@ -17,6 +17,11 @@ class Given:
     tolerance: Mapping[str, float]  # of R_s, L_d, L_q, psi_f as a share
     angle_step: float  # rad, the angle's resolution
     untold: frozenset[str] = frozenset()  # inductances that the recording does not tell: they stay within tolerance
+
+    @property
+    def told(self) -> list[str]:
+        """Parameters that the recording may tell."""
+        return [name for name in PARAMETERS if name not in self.untold]
 
     def within(self, name: str, value: float, times: float = 1.0) -> bool:
         """A parameter lies within its tolerance, or so many times that."""

@@ -170,19 +170,19 @@ def _current_error(rows: Rows, model: Model) -> Vector | float:
     there = [(error, name, sizes) for error, name, sizes in errors if error is not None]
     if not there:
         return 0.0
-    measured = _with_emf(with_local_course(rows, model), model)
+    measured = _with_slopes(rows, model)
     found = {name: error(measured, sizes) for error, name, sizes in there}
     for error, name, sizes in there:
         if BY_NAME[name].moved is not None:
             i_s = rows.i_s - sum(found.values())
             true = replace(rows, i=i_s * rows.rotor.conj(), kept=rows.kept_of_angle_and_bridge())
-            true = _with_emf(with_local_course(true, model), model)
-            found[name] = error(_on_their_way(true, model, name), sizes)
+            found[name] = error(_on_their_way(_with_slopes(true, model), model, name), sizes)
     return sum(found.values())
 
 
-def _with_emf(truth: Rows, model: Model) -> Rows:
-    """The rows with what the model's effects take, at samples, from the voltage that drives the current."""
+def _with_slopes(rows: Rows, model: Model) -> Rows:
+    """The rows with what currents go by within a period, and what effects take from the voltage that drives them."""
+    truth = with_local_course(rows, model)
     each = [effect.emf(truth, sizes) for name, sizes in model.effects.items() if (effect := BY_NAME[name]).emf]
     return replace(truth, emf=sum(each)) if each else truth
 
@@ -193,7 +193,7 @@ def _on_their_way(true: Rows, model: Model, name: str) -> Rows:
     if moved is None:
         return true
     i = true.i + moved(true, model.effects[name]) * true.rotor.conj()
-    return _with_emf(with_local_course(replace(true, i=i, kept=true.kept_of_angle_and_bridge()), model), model)
+    return _with_slopes(replace(true, i=i, kept=true.kept_of_angle_and_bridge()), model)
 
 
 def frame_of(rows: Rows, truth: Rows) -> Vector:

@@ -229,15 +229,14 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
 
 def _far_off(found: Fitted, given: Given) -> bool:
     """A parameter is as no machine of the data sheet has it."""
-    told = [name for name in PARAMETERS if name not in given.untold] if found.model.bend is None else []
+    told = given.told if found.model.bend is None else []
     return any(given.far_off(name, getattr(found.model.machine, name)) for name in told)
 
 
 def _by_rounding(other: Fitted, found: Fitted) -> bool:
     """What one fit leaves more than another may be the angle's rounding."""
-    return excess_of(other) - excess_of(found) <= hidden_energy(other.search.regression.rows) / (
-        other.noise[0] * other.noise[1]
-    )
+    hidden = hidden_energy(other.search.regression.rows) / (other.noise[0] * other.noise[1])
+    return excess_of(other) - excess_of(found) <= hidden
 
 
 def _is_machine(found: Fitted, given: Given) -> bool:
