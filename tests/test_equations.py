@@ -37,9 +37,9 @@ MISSED = {  # per mille of rated current; 0.1 where not told
 CLASSES = sorted(set(EFFECT) - {"dc_link_gain", "demagnetisation", "winding_heat"})
 
 
-def with_effect(kind: str, motor: str) -> Scenario:
-    """What a recording of one effect is made of."""
-    return drawn(Choice(1200, (kind,), (0.5, 1.0), (motor,), 0.2), 1)[0].scenario
+def with_effect(kind: str, motor: str, length: float = 0.2) -> Scenario:
+    """What a recording of one effect is made of, whose drifts are those of so many seconds."""
+    return drawn(Choice(1200, (kind,), (0.5, 1.0), (motor,), length), 1)[0].scenario
 
 
 def rows_without_noise(scenario: Scenario) -> Rows:
@@ -169,17 +169,37 @@ def test_magnets_that_lose_flux_move_where_a_machine_saturates() -> None:
 
 
 @pytest.mark.slow
-def test_a_dead_time_acts_on_the_saturated_machine() -> None:
+@pytest.mark.parametrize(("section", "first", "second", "most"), [
+    ("imbalance", "imbalance", "winding_heat", 0.05), ("harmonics", "flux_harmonics", "magnet_heat", 1.0),
+    ("current_sensing", "current_skew", "flux_harmonics", 0.05),
+    ("current_sensing", "current_skew", "inductance_harmonics", 0.05),
+    ("current_sensing", "current_skew", "angle_offset", 0.05), ("current_sensing", "current_skew", "skin", 0.05),
+])  # fmt: skip
+def test_effects_act_on_each_other(section: str, first: str, second: str, most: float) -> None:
+    """Resistances warm up, harmonics fall with the magnets, a late channel sees what drives the current."""
+    one, scenario = with_effect(first, "servo_4nm").effects, with_effect(second, "servo_4nm", SECONDS)
+    rows = rows_without_noise(
+        replace(scenario, effects=scenario.effects._replace(**{section: getattr(one, section)}))
+    )
+    before, after = fitted_to(rows, [EFFECT[first], EFFECT[second]])
+    print(f"{first} and {second}: {before:.3g} per mille of rated current, {after:.3g} with both")
+    assert after < most
+    assert before > 10.0 * after
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "drops", "size"), [
+    ("q_axis_saturation", Saturation(L_q_drop=0.3), 0.3), ("cross_saturation", Saturation(cross_drop=0.2), 0.2),
+])  # fmt: skip
+def test_a_dead_time_acts_on_the_saturated_machine(name: str, drops: Saturation, size: float) -> None:
     """Ripple and clamping go by the inductances at the period's currents, not by those at no current."""
     scenario = with_effect("dead_time", "servo_4nm")
     inverter = scenario.effects.inverter
-    rows = rows_without_noise(
-        replace(scenario, effects=scenario.effects._replace(saturation=Saturation(L_q_drop=0.3)))
-    )
+    rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(saturation=drops)))
     sizes = (inverter.dead_time, 0.0, 3e-4 * rows.i_rated)
-    both = Model(rows.machine, {"q_axis_saturation": (0.3,), "inverter_voltage_error": sizes})
-    without = left_of(rows, Model(rows.machine, {"q_axis_saturation": (0.3,)}))
-    print(f"{without:.3g} per mille of rated current, {left_of(rows, both):.3g} with the dead time")
+    both = Model(rows.machine, {name: (size,), "inverter_voltage_error": sizes})
+    without = left_of(rows, Model(rows.machine, {name: (size,)}))
+    print(f"{name}: {without:.3g} per mille of rated current, {left_of(rows, both):.3g} with the dead time")
     assert left_of(rows, both) < 0.02 * without
 
 
