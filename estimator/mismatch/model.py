@@ -18,7 +18,7 @@ from estimator.physics import winding_resistance_drift
 from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
-from estimator.physics.magnet_flux import CHANGES, change_of
+from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import LOST, OTHERS, Rows, Vector
 from estimator.physics.saturation import bends, curvature, saturated
 
@@ -116,12 +116,11 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
 
 def _drifting(truth: Rows, model: Model) -> Rows:
     """The rows with what the winding's resistance and the magnets' flux have come to."""
-    heat, R_s_ratio, psi_f_ratio = model.effects.get(winding_resistance_drift.EFFECT.name), None, None
-    if heat is not None:
-        R_s_ratio = 1.0 + winding_resistance_drift.rise(truth, heat)
-    if any(name in CHANGES for name in model.effects):
-        psi_f_ratio = 1.0 + change_of(truth, model.effects) / truth.machine.psi_f
-    return replace(truth, R_s_ratio=R_s_ratio, psi_f_ratio=psi_f_ratio)
+    heat = model.effects.get(winding_resistance_drift.EFFECT.name)
+    return replace(
+        truth, R_s_ratio=1.0 if heat is None else 1.0 + winding_resistance_drift.rise(truth, heat),
+        psi_f_ratio=1.0 + change_of(truth, model.effects) / truth.machine.psi_f,
+    )  # fmt: skip
 
 
 def _without_errors(rows: Rows, model: Model) -> Rows:
@@ -184,7 +183,7 @@ def _with_slopes(rows: Rows, model: Model) -> Rows:
     """The rows with what currents go by within a period, and what effects take from the voltage that drives them."""
     truth = with_local_course(rows, model)
     each = [effect.emf(truth, sizes) for name, sizes in model.effects.items() if (effect := BY_NAME[name]).emf]
-    return replace(truth, emf=sum(each)) if each else truth
+    return replace(truth, emf=sum(each, start=0.0))
 
 
 def _on_their_way(true: Rows, model: Model, name: str) -> Rows:

@@ -46,9 +46,7 @@ def _slope(rows: Rows) -> Vector:
     """How fast the stationary current vector changes at samples, A/s."""
     psi, g = rows.own_flux
     i, omega = rows.i, rows.speed
-    v = -rows.machine.R_s * i - 1j * omega * psi
-    if rows.emf is not None:
-        v = v - rows.emf
+    v = -rows.machine.R_s * i - 1j * omega * psi - rows.emf
     slope = g(v) + rows.fast_stiffness * v + 1j * omega * i
     return slope * rows.rotor
 

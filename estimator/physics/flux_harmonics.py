@@ -9,7 +9,7 @@ looks alike from both sides has cosines on d and sines on q. D. Hanselman, "Brus
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Real, Rows, Vector
+from estimator.physics.rows import Rows, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -28,8 +28,7 @@ def emf(rows: Rows, sizes: Sizes) -> Vector:
 def _flux(rows: Rows, sizes: Sizes) -> tuple[Vector, Vector]:
     """Flux linkage (Vs) at samples, and its derivative by the angle (Vs)."""
     d_6, q_6, d_12, q_12 = sizes
-    psi_f: Real | float = rows.machine.psi_f if rows.psi_f_ratio is None else rows.machine.psi_f * rows.psi_f_ratio
-    six = rows.six
+    psi_f, six = rows.machine.psi_f * rows.psi_f_ratio, rows.six
     psi = psi_f * (d_6 * six.real + 1j * q_6 * six.imag)
     per_angle = 6.0 * psi_f * (-d_6 * six.imag + 1j * q_6 * six.real)
     if d_12 != 0.0 or q_12 != 0.0:

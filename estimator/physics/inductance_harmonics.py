@@ -20,8 +20,7 @@ def emf(rows: Rows, sizes: Sizes) -> Vector:
     """What a current that stays takes at samples, as inductances turn, V."""
     psi, g = rows.own_flux
     per_angle = -6.0 * sizes[0] / rows.machine.L_q * rows.six.imag
-    psi_m = rows.machine.psi_f if rows.psi_f_ratio is None else rows.machine.psi_f * rows.psi_f_ratio
-    return -rows.speed * g.flux(per_angle * (psi - psi_m))
+    return -rows.speed * g.flux(per_angle * (psi - rows.machine.psi_f * rows.psi_f_ratio))
 
 
 EFFECT = Effect(

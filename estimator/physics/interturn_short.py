@@ -19,9 +19,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     axis = AXES[round(phase) % 3]
     loop = conductance * (_driven(rows, sizes) * axis.conjugate()).real * axis
     mean = rows.stationary(0.5 * (loop[:-1] + loop[1:]))
-    if rows.R_s_ratio is not None:
-        mean = mean * rows.R_s_ratio
-    return -rows.machine.R_s * mean - rows.balance(rows.flux_of_little(loop * rows.rotor.conj()))
+    return -rows.machine.R_s * rows.R_s_ratio * mean - rows.balance(rows.flux_of_little(loop * rows.rotor.conj()))
 
 
 def _driven(rows: Rows, sizes: Sizes) -> Vector:

@@ -42,9 +42,7 @@ def branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -
     speed = np.abs(rows.omega_e) + _SLOWEST
     share = speed / (speed + omega_h)  # R_i / R_c
     x = rows.T_s * share / lag
-    lost = (rows.machine.R_s if behind_R_s else 0.0) * rows.i_mean * rows.middle
-    if rows.R_s_ratio is not None:
-        lost = lost * rows.R_s_ratio
+    lost = (rows.machine.R_s if behind_R_s else 0.0) * rows.R_s_ratio * rows.i_mean * rows.middle
     if LOST in rows.kept:
         lost = lost + rows.kept[LOST] * rows.middle
     if rows.u_dc is None:

@@ -14,9 +14,7 @@ from estimator.physics.rows import Rows, Vector, by_phase
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     alpha, beta = sizes
-    i_s = rows.i_mean * rows.middle
-    if rows.R_s_ratio is not None:
-        i_s = i_s * rows.R_s_ratio
+    i_s = rows.i_mean * rows.middle * rows.R_s_ratio
     # Clarke of excess_k i_k with a zero sum: the excesses' vector conjugate times the conjugate current, halved
     return rows.stationary(0.5 * (alpha - 1j * beta) * i_s.conj())
 

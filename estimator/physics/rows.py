@@ -89,9 +89,9 @@ class Rows:
     fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances
     fast_resistance: float = 0.0  # ohm, by which what changes within a period drops more than by R_s
     curvature: tuple[float, float, float] = (0.0, 0.0, 0.0)  # a_d, a_q, c of the saturation curve, A/Vs^3
-    R_s_ratio: Real | None = None  # of each period: R_s over that at the start, where it drifts
-    psi_f_ratio: Real | None = None  # at samples: psi_f over that at the start, where it drifts
-    emf: Vector | None = None  # V at samples, that effects take from what drives the current between pulses
+    R_s_ratio: Real | float = 1.0  # of each period: R_s over that at the start
+    psi_f_ratio: Real | float = 1.0  # at samples: psi_f over that at the start
+    emf: Vector | float = 0.0  # V at samples, that effects take from what drives the current between pulses
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
     def __len__(self) -> int:
@@ -104,7 +104,7 @@ class Rows:
         n = len(self)
 
         def cut(whole: Any) -> Any:
-            return None if whole is None else whole[a : b + (len(whole) - n)]
+            return whole if whole is None or isinstance(whole, float) else whole[a : b + (len(whole) - n)]
 
         return replace(
             self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u),

@@ -132,7 +132,8 @@ def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
     inductances, V: not the sum of what each adds.
     """
     if not bends(effects):
-        return rows.balance(np.broadcast_to(np.float64(change_of(rows, effects)), rows.i.shape))
+        change = np.broadcast_to(np.float64(change_of(rows, effects)), rows.i.shape)
+        return rows.balance(change) if change.any() else np.zeros(len(rows), np.complex128)
     psi, g = saturated(rows, effects)
     more = rows.mean_current(psi, g) - rows.i_mean
     if rows.u_dc is not None:
