@@ -137,9 +137,9 @@ def _shot(period: Period, i_0: complex, i_1: complex, last: Shot, changes: int, 
     end, by_real, by_imag, held, held_real, held_imag = _course(period, i_0, last.beside, changes, room)
     off, least = i_1 - end, _DRAWN * period.T_s**2
     xx, yy, xy = phase(by_real, by_real) + least, phase(by_imag, by_imag) + least, phase(by_real, by_imag)
-    det = xx * yy - xy * xy
+    over = 1.0 / (xx * yy - xy * xy)
     x, y = phase(by_real, off) - least * last.beside.real, phase(by_imag, off) - least * last.beside.imag
-    step, longest = complex(x * yy - y * xy, y * xx - x * xy) / det, last.longest
+    step, longest = complex((x * yy - y * xy) * over, (y * xx - x * xy) * over), last.longest
     if phase(step, last.step) < 0.0:
         longest = min(longest, abs(last.step))
     if longest < math.inf:
@@ -147,9 +147,9 @@ def _shot(period: Period, i_0: complex, i_1: complex, last: Shot, changes: int, 
         if abs(step) > longest:
             step *= longest / abs(step)
     x, y = by_real.real, by_imag.real
-    along_real = (held_real * (x * yy - y * xy) + held_imag * (y * xx - x * xy)) / det
+    along_real = ((x * yy - y * xy) * over) * held_real + ((y * xx - x * xy) * over) * held_imag
     x, y = by_real.imag, by_imag.imag
-    along_imag = (held_real * (x * yy - y * xy) + held_imag * (y * xx - x * xy)) / det
+    along_imag = ((x * yy - y * xy) * over) * held_real + ((y * xx - x * xy) * over) * held_imag
     held += held_real * step.real + held_imag * step.imag
     return Shot(held, along_real, along_imag, last.beside + step, step, longest)
 
@@ -166,8 +166,9 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     what the machine's parameters say.
     """
     T_s, high, free, zero = period.T_s, room.high, room.free, room.zero
-    alike = period.a
+    alike, per_T = period.a, 1.0 / T_s
     full, damping, loose = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0
+    of_i, of_mirrored, of_magnets, of_others = _falls(period)
     by_real, by_imag, held, held_real, held_imag, t = 0j, 0j, 0j, 0j, 0j, 0.0
     none = _ROUNDING * full * alike * T_s
     for leg in range(3):
@@ -177,13 +178,16 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     for change in range(changes + 1):
         until = room.moments[change] if change < changes else T_s
         if until > t:
-            turned = period.D * (0.5 * (t + until) / T_s - 0.5)
+            turned = period.D * (0.5 * (t + until) * per_T - 0.5)
             rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
-            twice = period.b * rotor * rotor  # of its mirror
+            square = rotor * rotor
+            twice = period.b * square  # of its mirror
+            by_mirrored, by_turning = of_mirrored * square, of_magnets * rotor + of_others
+            by_turning += twice * period.others.conjugate() + beside
             was, was_held, crossed, crossed_real, crossed_imag = 0j, 0j, False, 0.0, 0.0
             for n in range(_CHANGES + 1):
                 span, first, floats = until - t, -1, 0
-                falls = _falls(period, rotor, twice, i) + beside
+                falls = of_i * i + by_mirrored * i.conjugate() + by_turning
                 more_real, more_imag, level_real, level_imag = -1.0 + 0j, -1j, 0j, 0j
                 if loose > 0:
                     for leg in range(3):
@@ -197,15 +201,16 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
                 level = high[0] * A + high[1] * B + high[2] * C
                 rate = full * (alike * level + twice * level.conjugate()) - falls
                 if span > _SHORT * T_s:  # by the current in the middle
-                    rate += falls - beside - _falls(period, rotor, twice, i + 0.5 * span * rate)
+                    way = 0.5 * span * rate
+                    rate -= of_i * way + by_mirrored * way.conjugate()
                 if loose > 0:
                     if floats == 1:
                         axis = axis_of(0 if zero[0] else 1 if zero[1] else 2)
                         drives = alike * axis + twice * axis.conjugate()
-                        own = drives / phase(drives, axis)
+                        own = (1.0 / phase(drives, axis)) * drives
                         more_real += own * axis.real
                         more_imag += own * axis.imag
-                        lifts = axis / (full * phase(drives, axis))
+                        lifts = (1.0 / (full * phase(drives, axis))) * axis
                         level_real, level_imag = lifts * axis.real, lifts * axis.imag
                     elif floats > 1:
                         rate, more_real, more_imag = 0j, 0j, 0j
@@ -219,7 +224,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
                             current, fall = phase(i, axis_of(leg)), -phase(rate, axis_of(leg))
                             if current * fall > 0.0 and current / fall < span and abs(current) >= none and n < _CHANGES:
                                 span, first = current / fall, leg
-                held += level * (span * weight(damping, (t + 0.5 * span) / T_s))
+                held += level * (span * weight(damping, (t + 0.5 * span) * per_T))
                 held_real += level_real * span
                 held_imag += level_imag * span
                 i += rate * span
@@ -236,17 +241,19 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
             leg, to = room.whose[change], room.to[change]
             loose += int(to == _NONE) - int(free[leg])
             free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
-    return i, by_real, by_imag, held / T_s, held_real / T_s, held_imag / T_s
+    return i, by_real, by_imag, per_T * held, per_T * held_real, per_T * held_imag
 
 
 @kernel
-def _falls(period: Period, rotor: complex, twice: complex, i: complex) -> complex:
-    """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s."""
-    a, b = period.a, period.b
-    mirrored = -2.0 / (a * a - b.real * b.real - b.imag * b.imag) * b  # L_d - L_q, where the axes are apart
-    induced = 1j * (period.D / period.T_s) * rotor * (period.psi_0 + mirrored * rotor * i.conjugate())
-    against = period.R_s * i + period.others + induced
-    return a * against + twice * against.conjugate()
+def _falls(period: Period) -> tuple[complex, complex, complex, complex]:
+    """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s: what multiplies it, its
+    mirror image times the rotor's direction squared, that direction; and the rest.
+    """
+    a, b, omega, psi_0 = period.a, period.b, period.D / period.T_s, period.psi_0
+    saliency = -2.0 / (a * a - b.real * b.real - b.imag * b.imag) * b  # L_d - L_q, where the axes are apart
+    of_i = complex(a * period.R_s, -omega * (b.real * saliency.real + b.imag * saliency.imag))
+    of_mirrored = (1j * omega * a) * saliency + period.R_s * b
+    return of_i, of_mirrored, (1j * omega) * (a * psi_0 - b * psi_0.conjugate()), a * period.others
 
 
 @kernel
