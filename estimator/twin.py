@@ -24,13 +24,13 @@ from estimator.mismatch.model import (
     beside_bridge,
     current_error,
     effects_voltage,
+    frame_of,
     in_truth,
     residual,
     with_local_course,
     with_machine,
 )
 from estimator.physics.ac_resistance import rung
-from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.library import BY_NAME
 from estimator.physics.lost_voltage import SHOTS, Legs, legs_of, lost_after
 from estimator.physics.rows import BRIDGED, LOCAL, LOST, OF_ANGLE_AND_BRIDGE, Rows, Vector
@@ -46,7 +46,7 @@ _FARTHEST: Final = 10.0  # of the largest current measured, or rated: as far as 
 _CLOSE: Final = 1e-4  # of the rms current: a change of currents that ends the sweeps
 _END: Final = 1e-2  # of that: a step of Newton's method that is the last, so that what currents change by can be told
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
-_SHORT: Final = 1e-4  # of the period, and of the dc link's voltage: the same of dead time and drop
+_SHORT: Final = 1e-4  # of the period: the same of dead time
 _ROUNDS: Final = 20  # of Newton's method in a period
 _WHOLE: Final = 5  # of them with whole steps
 _OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, *LOCAL, *BRIDGED, "ripple")  # of the measured currents at most
@@ -97,7 +97,7 @@ def free_run(rows: Rows, model: Model, window: int | None = None) -> Vector:
 def followed(rows: Rows, model: Model, share: float, near: Vector | None = None) -> tuple[Vector, Vector]:
     """Currents (A) at samples that follow the model, and by a `share` a period the measured ones: with less noise.
 
-    And the voltage (V, true rotor frame) that the bridge loses meanwhile, for currents that are known. Each run starts
+    And the voltage (V, measured frame) that the bridge loses meanwhile, for currents that are known. Each run starts
     from the measured ones. Effects are seen at these currents, so that noise is not driven by them. `near`: currents
     that follow a model like it, from which they are found sooner.
     """
@@ -109,7 +109,7 @@ def followed(rows: Rows, model: Model, share: float, near: Vector | None = None)
     guess = _NO_GUESS if near is None else (near - rows.i) * rows.rotor * truth.rotor.conj()
     delta, lost = _carried(left, course.slopes, starts, truth.i, truth.rotor, truth.half, course.memory, course.lost,
                            _END * close, limit, share, guess)  # fmt: skip
-    return rows.i + delta * truth.rotor * rows.rotor.conj(), lost
+    return rows.i + delta * truth.rotor * rows.rotor.conj(), lost * frame_of(rows, truth)
 
 
 def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
@@ -118,8 +118,7 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
     course = _course(truth, _physics(model))
     i_s = in_truth(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), model).i_s
     legs, dead_time, u_drop, width = course.lost
-    steps = _SPAN * rows.i_rated, _SHORT * rows.T_s, _SHORT * bus(rows)
-    found = _lost_around(legs, i_s, dead_time, u_drop, width, *steps)
+    found = _lost_around(legs, i_s, dead_time, u_drop, width, _SPAN * rows.i_rated, _SHORT * rows.T_s)
     back = truth.middle.conj()
     return Response(
         course.slopes, (found[0], found[1]), (found[2], found[3]), (found[4] * back, found[5] * back),
@@ -129,7 +128,7 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
 
 @kernel
 def _lost_around(
-    legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float, span: float, time: float, volts: float
+    legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float, span: float, time: float
 ) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
     """Slopes of the lost voltage (V, stationary) by the currents at start and end, dead time and drop."""
     n = len(i_s) - 1
@@ -138,14 +137,16 @@ def _lost_around(
         np.empty(n, np.complex128), np.empty(n, np.complex128), np.empty(n, np.complex128),
     )  # fmt: skip
     for k in range(n):
-        here = lost_after(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width, 0j, SHOTS)
-        right = lost_after(legs, k, i_s[k] + span, i_s[k + 1], dead_time, u_drop, width, 0j, SHOTS).volts
-        up = lost_after(legs, k, i_s[k] + 1j * span, i_s[k + 1], dead_time, u_drop, width, 0j, SHOTS).volts
-        later = lost_after(legs, k, i_s[k], i_s[k + 1], dead_time + time, u_drop, width, 0j, SHOTS).volts
-        more = lost_after(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop + volts, width, 0j, SHOTS).volts
+        i_0, i_1 = i_s[k], i_s[k + 1]
+        here = lost_after(legs, k, i_0, i_1, dead_time, u_drop, width, 0j, SHOTS)
+        near = here.beside
+        right = lost_after(legs, k, i_0 + span, i_1, dead_time, u_drop, width, near, SHOTS).volts
+        up = lost_after(legs, k, i_0 + 1j * span, i_1, dead_time, u_drop, width, near, SHOTS).volts
+        later = lost_after(legs, k, i_0, i_1, dead_time + time, u_drop, width, near, SHOTS).volts
+        by_drop = lost_after(legs, k, i_0, i_1, 0.0, 1.0, width, 0j, 1).volts  # in proportion
         found[0][k], found[1][k] = (right - here.volts) / span, (up - here.volts) / span
         found[2][k], found[3][k] = here.by_real, here.by_imag
-        found[4][k], found[5][k] = (later - here.volts) / time, (more - here.volts) / volts
+        found[4][k], found[5][k] = (later - here.volts) / time, by_drop
     return found
 
 

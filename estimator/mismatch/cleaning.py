@@ -32,6 +32,7 @@ class Clean(NamedTuple):
     noise: Noise | None  # None where no model has told it yet
     follow: Follow | None = None  # rows and lost voltage by another model, where currents follow it
     response: Callable[[Model], Response] | None = None  # and what the lost voltage answers
+    following: "Following | None" = None  # what it all comes from, where currents follow this model
 
 
 class Following:
@@ -44,6 +45,10 @@ class Following:
         self._rows = rows
         self._last: deque[tuple[float, Model, tuple[Rows, Vector]]] = deque(maxlen=2)
         self.farthest = 0  # of `_FOLLOWED`, that measured currents have asked for so far
+
+    def knows(self, model: Model) -> bool:
+        """Currents that follow it are kept."""
+        return any(of == model for _, of, _ in self._last)
 
     def __call__(self, share: float, model: Model) -> tuple[Rows, Vector]:
         for at, of, found in self._last:
@@ -99,7 +104,7 @@ def _followed(rows: Rows, model: Model, following: Following) -> Clean:
         smooth, _ = follow(model)
         z = flux_errors(residual(rows, smooth, model), rows, model)
         noise = noise_of(z, zero_residual(rows, smooth, model), rows)
-        return Clean(smooth, z, noise, follow, partial(_response, rows, smooth, share)), noise
+        return Clean(smooth, z, noise, follow, partial(_response, rows, smooth, share), following), noise
 
     while True:
         clean, noise = by(_FOLLOWED[following.farthest])

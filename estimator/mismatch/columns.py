@@ -57,7 +57,7 @@ _FARTHEST: Final = (0.3, 3.0)  # of nominal values
 _ANYTHING: Final = (1e-2, 1e2)  # the same for the straight lines of a map
 
 Follow = Callable[[Model], tuple[Rows, Vector]]
-"""Rows with currents that follow a model, and the voltage (V, true rotor frame) that the bridge loses meanwhile."""
+"""Rows with currents that follow a model, and the voltage (V, measured frame) that the bridge loses meanwhile."""
 Slopes = dict[tuple[str, int], Vector]
 """What that voltage changes by, by owner and place of a column: volts a unit of its parameter."""
 
@@ -131,9 +131,11 @@ def regression(
     coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
     answering = _answering(columns, response)
     lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
+    into_truth = frame_of(rows, truth).conj()
+    lost = {j: volts * into_truth for j, volts in lost.items()}
     lost |= {j: volts for j, volts in answering.items() if volts is not None}
     bridges = {j for j in lost if columns[j].owner != "machine" and BY_NAME[columns[j].owner].steep}
-    r, rotor = r * frame_of(rows, truth).conj(), rows.rotor[1:]
+    r, rotor = r * into_truth, rows.rotor[1:]
     n, P = len(rows), len(columns)
     which, answers = np.array(list(answering), np.intp), np.zeros((P, 2), np.complex128)
     gram = np.zeros((STRETCHES, P + 1, P + 1))
@@ -232,8 +234,8 @@ def _columns(rows: Rows, model: Model, given: Given, library: Sequence[Effect]) 
     for effect in library or [BY_NAME[name] for name in model.effects]:
         if effect.name in model.effects:
             found.extend(_own_columns(effect, rows, model.effects[effect.name]))
-            if not any(parameter.shape for parameter in effect.parameters):
-                continue  # it has no other shape
+            if effect.steep or not any(parameter.shape for parameter in effect.parameters):
+                continue  # it has no other shape, or finds it
         for seed, _ in enumerate(effect.shapes(rows) if library else ()):
             for k in effect.sizes:
                 parameter = effect.parameters[k]
@@ -335,7 +337,7 @@ def _lost_slopes(
 ) -> dict[int, Vector]:
     """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow.
 
-    Of the machine's parameters and of sizes, where it is not known `otherwise`. These currents are known, so that no
+    Of the machine's parameters, the angle and sizes, where it is not known `otherwise`. These currents are known, so that no
     spread of them smooths it.
     """
     present, found = None, dict[int, Vector]()
@@ -347,10 +349,14 @@ def _lost_slopes(
             found[j] = known[of]
             continue
         if column.owner == "machine":
-            if column.parameter not in PARAMETERS:
+            if column.parameter == "angle":
+                h = _SMALL_ANGLE
+                other = replace(model, angle=model.angle + h)
+            elif column.parameter in PARAMETERS:
+                machine = replace(model.machine, **{column.parameter: getattr(model.machine, column.parameter) + h})
+                other = replace(model, machine=machine)
+            else:
                 continue
-            machine = replace(model.machine, **{column.parameter: getattr(model.machine, column.parameter) + h})
-            other = replace(model, machine=machine)
         elif column.seed < 0 and not column.shape:
             sizes = tuple(x + h * (k == column.place) for k, x in enumerate(model.effects[column.owner]))
             other = replace(model, effects={**model.effects, column.owner: sizes})

@@ -83,6 +83,14 @@ class Search:
             self._fits[choice] = self._solved(choice, self.gram)
         return self._fits[choice]
 
+    def promised(self, choice: Choice) -> float:
+        """By how much a set's best coefficients leave less than the present ones, over noise, a period."""
+        fit = self.fit(choice)
+        there, at = list(fit.places), np.array([self.columns[j].offset for j in fit.places])
+        left = float(self.gram[-1, -1] - 2.0 * at @ self.gram[there, -1] + at @ self.gram[np.ix_(there, there)] @ at)
+        prior = float(np.sum(self.weight[there] * (at - self.mean[there]) ** 2))
+        return (left + prior - fit.chi2) / len(self.regression.rows)
+
     def unbounded(self, choice: Choice) -> Fit:
         """The same where coefficients may have any value: what has a bound on one side shows what is on the other."""
         choice = tuple(sorted(choice))

@@ -30,6 +30,7 @@ from estimator.mismatch.thinning import thinned
 from estimator.physics.effect import Effect, Sizes
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows, Vector
+from estimator.response import Response
 
 ROUNDS: Final = 9
 POLISHED: Final = 6  # times a round
@@ -40,6 +41,7 @@ _LASTS: Final = 4  # steps, that slopes of what the bridge loses serve
 _STILL: Final = 0.1  # standard errors: a step that does not matter
 _NEARLY: Final = 2.0  # the same where it leads to the end
 _HALVINGS: Final = 3
+_OF_HALF: Final = 0.75  # of what a line promises, at half of the way: who brings it is not past a bend
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,12 +183,10 @@ def _present(model: Model) -> Choice:
 
 def _search(
     rows: Rows, clean: Clean, model: Model, given: Given, library: Sequence[Effect] = LIBRARY,
-    slopes: Slopes | None = None,
+    slopes: Slopes | None = None, response: Response | None = None,
 ) -> Search:  # fmt: skip
     """Of all effects, or, to polish them, of the model's alone."""
-    follow, response = None if library else clean.follow, None
-    if follow is not None and clean.response is not None and model.bend is not None:
-        response = clean.response(model)
+    follow = None if library else clean.follow
     return Search(regression(rows, clean.rows, model, given, clean.noise, library, follow, slopes, response))
 
 
@@ -260,13 +260,16 @@ def _few(rows: Rows, model: Model) -> Rows:
 
 def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED) -> tuple[Model, Clean, bool]:
     """The same of rows as they are, of a model that is near it."""
-    settled, slopes, following = False, Slopes(), Following(rows)
+    settled, slopes, response, following = False, Slopes(), None, clean.following
+    if following is None or not following.knows(model):
+        following = Following(rows)
     for n in range(times):
         model = with_step_in_place(rows, clean.rows, model)
         clean = cleaned(rows, clean.rows, model, following)
         if n % _LASTS == 0:
             slopes.clear()
-        own = _search(rows, clean, model, given, (), slopes)
+            response = None if clean.response is None else clean.response(model)
+        own = _search(rows, clean, model, given, (), slopes, response)
         towards = moved(own, _present(model))
         better = _no_worse(rows, clean, model, towards, own)
         if better is None and _bends(model) and not _close(own, model, towards, _STILL):
@@ -306,12 +309,13 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
     None where there is none.
     """
     model, best = towards, (math.inf, towards)
+    enough = search.regression.left - (_OF_HALF * search.promised(_present(towards)) if _bends(towards) else 0.0)
     for _ in range(_HALVINGS):
         left = _left_by(rows, clean, model, search)
         if left >= best[0]:
             break
         best = left, model
-        if left <= search.regression.left and not _bends(model):
+        if left <= enough:
             break
         model = _between(now, model)
     return best[1] if best[0] <= 1.02 * search.regression.left + 0.02 else None
@@ -326,7 +330,8 @@ def _by_shapes(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sea
             both = zip(BY_NAME[name].parameters, sizes, towards.effects[name], strict=True)
             effects[name] = tuple(y if p.shape else x for p, x, y in both)
         there = replace(now, effects=effects)
-        own = _search(rows, clean, there, given, ())
+        response = None if clean.response is None else clean.response(there)
+        own = _search(rows, clean, there, given, (), response=response)
         model = moved(own, _present(there), shaped=True)
         if _left_by(rows, clean, model, search) < search.regression.left:
             return model
