@@ -55,16 +55,24 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return _compiled(function, fastmath=False)
 
 
+def inner_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """The same for what other kernels call a million times: it makes no arrays, so that it counts no references to them.
+    """
+    return _compiled(function, fastmath=False, counted=False)
+
+
 def summing_kernel(function: Callable[P, R]) -> Callable[P, R]:
     """The same for sums whose order does not matter, so that several of their terms go at once."""
     return _compiled(function, fastmath={"reassoc", "contract"})
 
 
-def _compiled(function: Callable[P, R], fastmath: bool | set[str]) -> Callable[P, R]:
+def _compiled(function: Callable[P, R], fastmath: bool | set[str], *, counted: bool = True) -> Callable[P, R]:
     before = getattr(numba_config, "CACHE_DIR", "")
     setattr(numba_config, "CACHE_DIR", _FOLDER or "")  # noqa: B010 - numba declares its settings at run time
     try:
-        compiler = numba.njit(cache=_FOLDER is not None, fastmath=fastmath, error_model="numpy", nogil=True)
+        compiler = numba.njit(
+            cache=_FOLDER is not None, fastmath=fastmath, error_model="numpy", nogil=True, _nrt=counted
+        )  # fmt: skip
         return cast(Callable[P, R], compiler(function))
     finally:
         setattr(numba_config, "CACHE_DIR", before)  # noqa: B010

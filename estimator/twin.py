@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernel import kernel
+from estimator.kernel import inner_kernel, kernel
 from estimator.mismatch.model import (
     Model,
     base_voltage,
@@ -287,7 +287,7 @@ def _carried(
     return delta, lost_there
 
 
-@kernel
+@inner_kernel
 def _solution_with_lost(
     d: complex, q: complex, v: complex, lost: Lost, k: int, i_0: complex, i_1: complex, rotor: complex, x: complex,
     close: float,

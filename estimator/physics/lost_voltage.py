@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernel import kernel
+from estimator.kernel import inner_kernel, kernel
 from estimator.physics.period_course import (
     A,
     B,
@@ -139,7 +139,7 @@ class Loss(NamedTuple):
     settled: bool  # another shot would change nothing
 
 
-@kernel
+@inner_kernel
 def lost_after(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float,
     beside: complex, shots: int,
@@ -164,7 +164,7 @@ def lost_after(
     return Loss(volts, by_real, by_imag, beside, settled)
 
 
-@kernel
+@inner_kernel
 def _by_drops(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float
 ) -> tuple[complex, complex, complex]:  # fmt: skip
@@ -213,7 +213,7 @@ def _by_drops(
     return 2.0 / 3.0 * lost, 2.0 / 3.0 * by_real, 2.0 / 3.0 * by_imag
 
 
-@kernel
+@inner_kernel
 def _by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, spread: float) -> complex:
     """Lost voltage (V, stationary) of the dead times alone."""
     lost, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, spread)
@@ -228,7 +228,7 @@ def _by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: flo
     return 0.5 * (lower + _between_edges(legs, k, i_0 + off, i_1 + off, changes, moves))
 
 
-@kernel
+@inner_kernel
 def _laid_out(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, spread: float
 ) -> tuple[complex, int, int]:
@@ -259,20 +259,20 @@ def _laid_out(
     return lost, nearest, cut(legs.duties[k], dead_time, T_s, room)
 
 
-@kernel
+@inner_kernel
 def _moves(legs: Legs, k: int, dead_time: float) -> float:
     """What the link's voltage makes of a current in a dead time, A."""
     return legs.u_dc[k] * (legs.a[k] + abs(legs.b[k])) * dead_time
 
 
-@kernel
+@inner_kernel
 def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, changes: int, moves: float) -> complex:
     """Lost voltage (V, stationary) of a period that takes the current from one end to the other."""
     last = course_between(_period(legs, k), i_0, i_1, 0j, SHOTS, _CLOSE * moves, changes, legs.room)
     return 2.0 / 3.0 * legs.u_dc[k] * (_ideal(legs, k) - last.held)
 
 
-@kernel
+@inner_kernel
 def _period(legs: Legs, k: int) -> Period:
     return Period(
         legs.u_dc[k], legs.T_s, legs.R_s, legs.a[k], legs.b[k], legs.psi_0[k], legs.others[k], legs.D[k],
@@ -280,7 +280,7 @@ def _period(legs: Legs, k: int) -> Period:
     )
 
 
-@kernel
+@inner_kernel
 def _ideal(legs: Legs, k: int) -> complex:
     """How high the legs are commanded to be held on average, along their axes."""
     ideal = 0j
@@ -289,19 +289,19 @@ def _ideal(legs: Legs, k: int) -> complex:
     return ideal
 
 
-@kernel
+@inner_kernel
 def _bow(legs: Legs, k: int) -> complex:
     """What the current (A, stationary) is beside a straight line in the middle of a period: its magnets turn."""
     return -0.125 * legs.D[k] * legs.D[k] * _driven(legs.psi_0[k], legs.a[k], legs.b[k]) * legs.middle[k]
 
 
-@kernel
+@inner_kernel
 def _driven(u: complex, a: float, b: complex) -> complex:
     """di/dt (A/s) that a voltage (V) drives, both in the rotor frame."""
     return a * u + b * u.conjugate()
 
 
-@kernel
+@inner_kernel
 def _soft(i: float, width: float) -> float:
     return math.sqrt(i * i + width * width)
 
