@@ -55,8 +55,9 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return _compiled(function, fastmath=False)
 
 
-def inner_kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """The same for what other kernels call a million times: it makes no arrays, so that it counts no references to them.
+def lean_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """The same for one that makes no arrays, so that it counts no references to those it is given: of small functions
+    that are given many, that is most of the time.
     """
     return _compiled(function, fastmath=False, counted=False)
 
@@ -70,9 +71,8 @@ def _compiled(function: Callable[P, R], fastmath: bool | set[str], *, counted: b
     before = getattr(numba_config, "CACHE_DIR", "")
     setattr(numba_config, "CACHE_DIR", _FOLDER or "")  # noqa: B010 - numba declares its settings at run time
     try:
-        compiler = numba.njit(
-            cache=_FOLDER is not None, fastmath=fastmath, error_model="numpy", nogil=True, _nrt=counted
-        )  # fmt: skip
-        return cast(Callable[P, R], compiler(function))
+        jit = cast(Callable[..., Callable[[Callable[P, R]], Callable[P, R]]], numba.njit)
+        caches = _FOLDER is not None
+        return jit(cache=caches, fastmath=fastmath, error_model="numpy", nogil=True, _nrt=counted)(function)
     finally:
         setattr(numba_config, "CACHE_DIR", before)  # noqa: B010

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernel import kernel
+from estimator.kernel import lean_kernel
 from estimator.physics.rows import Vector
 
 Bools = NDArray[np.bool_]
@@ -63,7 +63,7 @@ class Response(NamedTuple):
         )  # fmt: skip
 
 
-@kernel
+@lean_kernel
 def answer(v: NDArray[np.complex128], which: NDArray[np.intp], of: Response, state: NDArray[np.complex128]) -> None:
     """Add to some voltages of the model (columns x periods, V) what the bridge loses in answer; `state` (columns x 2)
     goes on from stretch to stretch.
@@ -92,7 +92,7 @@ def answer(v: NDArray[np.complex128], which: NDArray[np.intp], of: Response, sta
         state[c, 0], state[c, 1] = delta, i_x
 
 
-@kernel
+@lean_kernel
 def solution(d: complex, q: complex, v: complex) -> complex:
     """x of d Re x + q Im x = v."""
     det = d.real * q.imag - d.imag * q.real

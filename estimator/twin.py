@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernel import inner_kernel, kernel
+from estimator.kernel import lean_kernel
 from estimator.mismatch.model import (
     Model,
     base_voltage,
@@ -118,7 +118,8 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
     course = _course(truth, _physics(model))
     i_s = in_truth(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), model).i_s
     legs, dead_time, u_drop, width = course.lost
-    found = _lost_around(legs, i_s, dead_time, u_drop, width, _SPAN * rows.i_rated, _SHORT * rows.T_s)
+    found = np.empty((6, len(rows)), np.complex128)
+    _lost_around(found, legs, i_s, dead_time, u_drop, width, _SPAN * rows.i_rated, _SHORT * rows.T_s)
     back = truth.middle.conj()
     return Response(
         course.slopes, (found[0], found[1]), (found[2], found[3]), (found[4] * back, found[5] * back),
@@ -126,17 +127,13 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
     )  # fmt: skip
 
 
-@kernel
+@lean_kernel
 def _lost_around(
-    legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float, span: float, time: float
-) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
-    """Slopes of the lost voltage (V, stationary) by the currents at start and end, dead time and drop."""
-    n = len(i_s) - 1
-    found = (
-        np.empty(n, np.complex128), np.empty(n, np.complex128), np.empty(n, np.complex128),
-        np.empty(n, np.complex128), np.empty(n, np.complex128), np.empty(n, np.complex128),
-    )  # fmt: skip
-    for k in range(n):
+    found: NDArray[np.complex128], legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float, span: float,
+    time: float,
+) -> None:  # fmt: skip
+    """Write slopes of the lost voltage (V, stationary) by the currents at start and end, dead time and drop (6 x n)."""
+    for k in range(found.shape[1]):
         i_0, i_1 = i_s[k], i_s[k + 1]
         here = lost_after(legs, k, i_0, i_1, dead_time, u_drop, width, 0j, SHOTS)
         near = here.beside
@@ -144,10 +141,9 @@ def _lost_around(
         up = lost_after(legs, k, i_0 + 1j * span, i_1, dead_time, u_drop, width, near, SHOTS).volts
         later = lost_after(legs, k, i_0, i_1, dead_time + time, u_drop, width, near, SHOTS).volts
         by_drop = lost_after(legs, k, i_0, i_1, 0.0, 1.0, width, 0j, 1).volts  # in proportion
-        found[0][k], found[1][k] = (right - here.volts) / span, (up - here.volts) / span
-        found[2][k], found[3][k] = here.by_real, here.by_imag
-        found[4][k], found[5][k] = (later - here.volts) / time, by_drop
-    return found
+        found[0, k], found[1, k] = (right - here.volts) / span, (up - here.volts) / span
+        found[2, k], found[3, k] = here.by_real, here.by_imag
+        found[4, k], found[5, k] = (later - here.volts) / time, by_drop
 
 
 def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
@@ -249,7 +245,6 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
             slopes = _slopes(_with_currents(rows, i), _without(ideal, "ac_resistance"))
 
 
-@kernel
 def _carried(
     left: Vector, slopes: Slopes, starts: Bools, i: Vector, rotor: Vector, half: Vector, memory: Memory, lost: Lost,
     close: float, limit: float, forgotten: float, guess: Vector,
@@ -260,6 +255,16 @@ def _carried(
     share of the change is `forgotten` each period. `guess`: changes that are not far off, or none.
     """
     delta, lost_there = np.zeros(len(left) + 1, np.complex128), np.zeros(len(left), np.complex128)
+    _carry(delta, lost_there, left, slopes, starts, i, rotor, half, memory, lost, close, limit, forgotten, guess)
+    return delta, lost_there
+
+
+@lean_kernel
+def _carry(
+    delta: Vector, lost_there: Vector, left: Vector, slopes: Slopes, starts: Bools, i: Vector, rotor: Vector,
+    half: Vector, memory: Memory, lost: Lost, close: float, limit: float, forgotten: float, guess: Vector,
+) -> None:  # fmt: skip
+    """Write the same, and the voltages, which begin as zeros."""
     R, share, late = memory
     i_x = 0j
     for k in range(len(left)):
@@ -284,10 +289,9 @@ def _carried(
             delta[k + 1] *= 1.0 - forgotten
         i_0, i_1 = delta[k] * rotor[k], delta[k + 1] * rotor[k + 1]
         i_x += share * (i_0 - i_x) + late * (i_1 - i_0)
-    return delta, lost_there
 
 
-@inner_kernel
+@lean_kernel
 def _solution_with_lost(
     d: complex, q: complex, v: complex, lost: Lost, k: int, i_0: complex, i_1: complex, rotor: complex, x: complex,
     close: float,

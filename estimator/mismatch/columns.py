@@ -130,16 +130,15 @@ def regression(
         straighten = straightening(rows, model, model.bend) * across[:, :, None]
     coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
     answering = _answering(columns, response)
-    lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
     into_truth = frame_of(rows, truth).conj()
-    lost = {j: volts * into_truth for j, volts in lost.items()}
+    moves = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
+    lost = {j: volts * into_truth for j, volts in moves.items()}
     lost |= {j: volts for j, volts in answering.items() if volts is not None}
     bridges = {j for j in lost if columns[j].owner != "machine" and BY_NAME[columns[j].owner].steep}
     r, rotor = r * into_truth, rows.rotor[1:]
     n, P = len(rows), len(columns)
     which, answers = np.array(list(answering), np.intp), np.zeros((P, 2), np.complex128)
-    gram = np.zeros((STRETCHES, P + 1, P + 1))
-    state = np.zeros(P + 1, np.complex128)
+    gram, state = np.zeros((STRETCHES, P + 1, P + 1)), np.zeros(P + 1, np.complex128)
     volts, white = np.empty((P + 1) * _PART, np.complex128), np.empty((P + 1) * 2 * _PART)
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
     for s, cut, part in _parts(truth, steps, edges):
@@ -337,8 +336,8 @@ def _lost_slopes(
 ) -> dict[int, Vector]:
     """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow.
 
-    Of the machine's parameters, the angle and sizes, where it is not known `otherwise`. These currents are known, so that no
-    spread of them smooths it.
+    Of the machine's parameters, the angle and sizes, where it is not known `otherwise`. These currents are known, so
+    that no spread of them smooths it.
     """
     present, found = None, dict[int, Vector]()
     for j, column in enumerate(columns):

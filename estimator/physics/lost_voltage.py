@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernel import inner_kernel, kernel
+from estimator.kernel import kernel, lean_kernel
 from estimator.physics.period_course import (
     A,
     B,
@@ -99,34 +99,42 @@ def _edges(stays_high: NDArray[np.bool_]) -> NDArray[np.int8]:
     return (stays_high & ~before).astype(np.int8) - (before & ~stays_high)
 
 
-@kernel
 def lost_by_dead_time(legs: Legs, i_s: Vector, dead_time: float, spread: float) -> Vector:
     """Voltage (V) that dead times lose in each period, from currents (A) at samples; both in the stationary frame."""
     lost = np.zeros(len(legs.middle), np.complex128)
     if len(legs.u_dc) > 0 and dead_time != 0.0:
-        for k in range(len(lost)):
-            lost[k] = _by_dead_time(legs, k, i_s[k], i_s[k + 1], dead_time, spread)
+        _add_dead_time(lost, legs, i_s[:-1], i_s[1:], dead_time, spread)
     return lost
 
 
-@kernel
 def lost_by_drops(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
     """The same by drops, and by the dead time of legs that leave a rail."""
-    lost = np.empty(len(legs.middle), np.complex128)
-    for k in range(len(lost)):
-        lost[k], _, _ = _by_drops(legs, k, i_s[k], i_s[k + 1], dead_time, u_drop, width)
+    lost = np.zeros(len(legs.middle), np.complex128)
+    _add_drops(lost, legs, i_s[:-1], i_s[1:], dead_time, u_drop, width)
     return lost
 
 
-@kernel
 def lost_between(legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
     """Lost voltage (V) of periods that need not join, from currents (A) at their ends; all in the stationary frame."""
-    lost = np.empty(len(begin), np.complex128)
-    for k in range(len(lost)):
-        lost[k], _, _ = _by_drops(legs, k, begin[k], end[k], dead_time, u_drop, width)
-        if dead_time != 0.0 and len(legs.u_dc) > 0:
-            lost[k] += _by_dead_time(legs, k, begin[k], end[k], dead_time, width)
+    lost = np.zeros(len(begin), np.complex128)
+    _add_drops(lost, legs, begin, end, dead_time, u_drop, width)
+    if len(legs.u_dc) > 0 and dead_time != 0.0:
+        _add_dead_time(lost, legs, begin, end, dead_time, width)
     return lost
+
+
+@lean_kernel
+def _add_dead_time(lost: Vector, legs: Legs, begin: Vector, end: Vector, dead_time: float, spread: float) -> None:
+    for k in range(len(lost)):
+        lost[k] += _by_dead_time(legs, k, begin[k], end[k], dead_time, spread)
+
+
+@lean_kernel
+def _add_drops(
+    lost: Vector, legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, width: float
+) -> None:  # fmt: skip
+    for k in range(len(lost)):
+        lost[k] += _by_drops(legs, k, begin[k], end[k], dead_time, u_drop, width)[0]
 
 
 class Loss(NamedTuple):
@@ -139,7 +147,7 @@ class Loss(NamedTuple):
     settled: bool  # another shot would change nothing
 
 
-@inner_kernel
+@lean_kernel
 def lost_after(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float,
     beside: complex, shots: int,
@@ -164,7 +172,7 @@ def lost_after(
     return Loss(volts, by_real, by_imag, beside, settled)
 
 
-@inner_kernel
+@lean_kernel
 def _by_drops(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float
 ) -> tuple[complex, complex, complex]:  # fmt: skip
@@ -213,7 +221,7 @@ def _by_drops(
     return 2.0 / 3.0 * lost, 2.0 / 3.0 * by_real, 2.0 / 3.0 * by_imag
 
 
-@inner_kernel
+@lean_kernel
 def _by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, spread: float) -> complex:
     """Lost voltage (V, stationary) of the dead times alone."""
     lost, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, spread)
@@ -228,7 +236,7 @@ def _by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: flo
     return 0.5 * (lower + _between_edges(legs, k, i_0 + off, i_1 + off, changes, moves))
 
 
-@inner_kernel
+@lean_kernel
 def _laid_out(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, spread: float
 ) -> tuple[complex, int, int]:
@@ -259,20 +267,20 @@ def _laid_out(
     return lost, nearest, cut(legs.duties[k], dead_time, T_s, room)
 
 
-@inner_kernel
+@lean_kernel
 def _moves(legs: Legs, k: int, dead_time: float) -> float:
     """What the link's voltage makes of a current in a dead time, A."""
     return legs.u_dc[k] * (legs.a[k] + abs(legs.b[k])) * dead_time
 
 
-@inner_kernel
+@lean_kernel
 def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, changes: int, moves: float) -> complex:
     """Lost voltage (V, stationary) of a period that takes the current from one end to the other."""
     last = course_between(_period(legs, k), i_0, i_1, 0j, SHOTS, _CLOSE * moves, changes, legs.room)
     return 2.0 / 3.0 * legs.u_dc[k] * (_ideal(legs, k) - last.held)
 
 
-@inner_kernel
+@lean_kernel
 def _period(legs: Legs, k: int) -> Period:
     return Period(
         legs.u_dc[k], legs.T_s, legs.R_s, legs.a[k], legs.b[k], legs.psi_0[k], legs.others[k], legs.D[k],
@@ -280,7 +288,7 @@ def _period(legs: Legs, k: int) -> Period:
     )
 
 
-@inner_kernel
+@lean_kernel
 def _ideal(legs: Legs, k: int) -> complex:
     """How high the legs are commanded to be held on average, along their axes."""
     ideal = 0j
@@ -289,19 +297,19 @@ def _ideal(legs: Legs, k: int) -> complex:
     return ideal
 
 
-@inner_kernel
+@lean_kernel
 def _bow(legs: Legs, k: int) -> complex:
     """What the current (A, stationary) is beside a straight line in the middle of a period: its magnets turn."""
     return -0.125 * legs.D[k] * legs.D[k] * _driven(legs.psi_0[k], legs.a[k], legs.b[k]) * legs.middle[k]
 
 
-@inner_kernel
+@lean_kernel
 def _driven(u: complex, a: float, b: complex) -> complex:
     """di/dt (A/s) that a voltage (V) drives, both in the rotor frame."""
     return a * u + b * u.conjugate()
 
 
-@inner_kernel
+@lean_kernel
 def _soft(i: float, width: float) -> float:
     return math.sqrt(i * i + width * width)
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernel import inner_kernel
+from estimator.kernel import lean_kernel
 from estimator.physics.rows import AXES, Real
 
 A, B, C = AXES
@@ -55,7 +55,7 @@ def empty_room() -> Room:
     return Room(out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy())
 
 
-@inner_kernel
+@lean_kernel
 def cut(duties: Real, dead_time: float, T_s: float, room: Room) -> int:
     """Put in order where switches change, and say how often.
 
@@ -90,7 +90,7 @@ def cut(duties: Real, dead_time: float, T_s: float, room: Room) -> int:
     return count
 
 
-@inner_kernel
+@lean_kernel
 def _put(room: Room, count: int, t: float, leg: int, to: int) -> int:
     place = count
     while place > 0 and room.moments[place - 1] > t:
@@ -112,7 +112,7 @@ class Shot(NamedTuple):
     longest: float  # A/s, that such a change may be
 
 
-@inner_kernel
+@lean_kernel
 def course_between(
     period: Period, i_0: complex, i_1: complex, beside: complex, shots: int, close: float, changes: int, room: Room
 ) -> Shot:  # fmt: skip
@@ -129,7 +129,7 @@ def course_between(
     return last
 
 
-@inner_kernel
+@lean_kernel
 def _shot(period: Period, i_0: complex, i_1: complex, last: Shot, changes: int, room: Room) -> Shot:
     """A step of Newton's method. The course is nearly straight from one change of sign to the next: what is sought
     may lie where it bends, so from the first step that leads back on they halve.
@@ -154,7 +154,7 @@ def _shot(period: Period, i_0: complex, i_1: complex, last: Shot, changes: int, 
     return Shot(held, along_real, along_imag, last.beside + step, step, longest)
 
 
-@inner_kernel
+@lean_kernel
 def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes twice as long
     period: Period, i: complex, beside: complex, changes: int, room: Room
 ) -> tuple[complex, complex, complex, complex, complex, complex]:  # fmt: skip
@@ -244,7 +244,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     return i, by_real, by_imag, per_T * held, per_T * held_real, per_T * held_imag
 
 
-@inner_kernel
+@lean_kernel
 def _falls(period: Period) -> tuple[complex, complex, complex, complex]:
     """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s: what multiplies it, its
     mirror image times the rotor's direction squared, that direction; and the rest.
@@ -256,7 +256,7 @@ def _falls(period: Period) -> tuple[complex, complex, complex, complex]:
     return of_i, of_mirrored, (1j * omega) * (a * psi_0 - b * psi_0.conjugate()), a * period.others
 
 
-@inner_kernel
+@lean_kernel
 def _float(
     high: Real, zero: NDArray[np.bool_], full: float, alike: float, twice: complex, falls: complex
 ) -> None:  # fmt: skip
@@ -274,7 +274,7 @@ def _float(
         zero[leg] = zero[leg] and 0.0 < high[leg] < 1.0
 
 
-@inner_kernel
+@lean_kernel
 def weight(damping: float, part: float) -> float:
     """What a voltage lost after that part of a period counts as, for who knows the currents at both ends.
 
@@ -283,17 +283,17 @@ def weight(damping: float, part: float) -> float:
     return 1.0 - damping * (0.5 - part)
 
 
-@inner_kernel
+@lean_kernel
 def axis_of(leg: int) -> complex:
     return A if leg == 0 else B if leg == 1 else C
 
 
-@inner_kernel
+@lean_kernel
 def phase(i: complex, axis: complex) -> float:
     return i.real * axis.real + i.imag * axis.imag
 
 
-@inner_kernel
+@lean_kernel
 def rise_of(duty: float) -> float:
     """When a leg rises, as a share of the period; it falls at 1 less that."""
     return 0.5 * (1.0 - duty)
