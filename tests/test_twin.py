@@ -16,6 +16,10 @@ from emulator.physics.skin import Skin
 from emulator.physics.timing import Timing
 from emulator.scenarios import PAPER, Excitation, Run, Scenario
 from emulator.virtual_drive import VirtualDrive
+from estimator.machine import PARAMETERS
+from estimator.mismatch.cleaning import raw
+from estimator.mismatch.fitting import polished
+from estimator.mismatch.given import Given
 from estimator.mismatch.model import Model, filter_pole, noise_of, whitened
 from estimator.mismatch.quality import fit_quality
 from estimator.physics.library import LIBRARY
@@ -132,6 +136,16 @@ def test_currents_that_follow_a_model_are_the_same_when_found_from_those_of_anot
     assert np.quantile(off, 0.98) < 1e-5  # where a phase current changes sign, Newton's method may end elsewhere
     assert np.max(off) < 1e-3
     assert rms(lost_again - lost) < 1e-3 * rms(lost)
+
+
+def test_what_a_bridge_loses_does_not_turn_with_an_angle_that_is_tried() -> None:
+    """Where it loses more than the magnets induce, one that did would lead the angle away from its offset."""
+    offset, low_speed = 0.03, 100.0  # rad, rpm
+    effects = NONE._replace(inverter=ONES.inverter, angle_sensing=ONES.angle_sensing)
+    rows = rows_from(drive_with(effects, NOISE, low_speed))
+    begin = Model(TRUTH, {**SIZES["inverter"], "angle_offset": (0.0,)})
+    found, *_ = polished(rows, raw(rows), begin, Given(TRUTH, dict.fromkeys(PARAMETERS, 0.2), 0.0), times=1)
+    assert found.effects["angle_offset"][0] == pytest.approx(offset, rel=0.1)
 
 
 def test_a_free_run_follows_all_effects_at_once(everything: Rows) -> None:
