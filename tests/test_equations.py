@@ -110,6 +110,22 @@ def test_a_current_beside_the_machines_acts_on_inductances_that_change(
     assert before > 50.0 * after
 
 
+def test_a_dead_time_is_followed_to_the_voltage_limit() -> None:
+    """A leg that stays at a rail has no edge, and a pulse shorter than two dead times is of two periods."""
+    scenario = with_effect("dead_time", "baldor_ecs101m")
+    drive = replace(scenario.drive, noise_i=0.0, adc_bits=0, encoder_counts=0)
+    c = VirtualDrive(replace(scenario, drive=drive)).record(5_000)
+    machine = machine_of(scenario.motor)
+    rows = settled(rows_of_columns(c, machine, drive.T_s))
+    at_limit = np.count_nonzero(np.abs(rows.duties - 0.5) == 0.5) / len(rows)
+    bridge = {"inverter_voltage_error": (scenario.effects.inverter.dead_time, 0.0, 1e-4 * rows.i_rated)}
+    left = left_of(rows, Model(machine, bridge))
+    print(f"{left:.3g} per mille of rated current, {100.0 * at_limit:.2g} % of periods with a leg at a rail")
+    assert at_limit > 0.003
+    assert left < 0.2  # 1 where legs at a rail lose a dead time, too
+    assert left_of(rows, Model(machine)) > 100.0
+
+
 @pytest.mark.slow
 def test_a_light_rotor_changes_its_speed_within_a_period() -> None:
     """By 1.4 rad/s, electrical, where current and inertia are those of an outrunner without load."""

@@ -20,7 +20,7 @@ Lang, "Inverter nonlinearities and discrete-time vector current control", IEEE T
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes
-from estimator.physics.lost_voltage import edges_at_start, legs_of, lost_by_dead_time, lost_by_drops
+from estimator.physics.lost_voltage import duties_before, legs_of, lost_by_dead_time, lost_by_drops
 from estimator.physics.rows import Rows, Vector
 
 _UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transistor's
@@ -59,6 +59,6 @@ EFFECT = Effect(
     ("winding_resistance_drift", "flux_harmonics"),
     steep=True,
     missed=1e-4,
-    remembers=lambda rows, _sizes: None if rows.u_dc is None else edges_at_start(rows),
+    remembers=lambda rows, _sizes: None if rows.u_dc is None else duties_before(rows),
     scales=_scales,
 )  # fmt: skip

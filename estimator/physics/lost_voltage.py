@@ -24,6 +24,7 @@ from estimator.physics.period_course import (
     empty_room,
     phase,
     rise_of,
+    still_dead,
     weight,
 )  # fmt: skip
 from estimator.physics.rows import AXES, OTHERS, Real, Rows, Vector
@@ -40,7 +41,7 @@ class Legs(NamedTuple):
 
     u_dc: Real  # V; of no length where it is not known: then each end's current counts for half a period
     duties: Real  # (n, 3)
-    edges: NDArray[np.int8]  # (n, 3): 1 where a leg rises at the period's start, -1 where it falls
+    before: Real  # (n, 3): the duties of the period before
     order: NDArray[np.int8]  # (n, 3): the legs as they rise
     ripple: Vector  # (n, 3): A, stationary, when each leg rises
     middle: Vector  # exp(j theta_e) in the middle
@@ -66,13 +67,13 @@ def legs_of(rows: Rows) -> Legs:
     if u_dc is None:
         none = np.zeros((0, 3))
         return Legs(
-            np.zeros(0), none, none.astype(np.int8), none.astype(np.int8), none.astype(np.complex128), middle,
-            T_s, R_s, a, b, psi_0, others, rows.D, empty_room(),
+            np.zeros(0), none, none, none.astype(np.int8), none.astype(np.complex128), middle, T_s,
+            R_s, a, b, psi_0, others, rows.D, empty_room(),
         )  # fmt: skip
-    edges, order = edges_at_start(rows), rows.once("order", lambda: _orders(rows.duties))
+    before, order = duties_before(rows), rows.once("order", lambda: _orders(rows.duties))
     ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, a, b))
     return Legs(
-        u_dc, rows.duties, edges, order, ripple, middle, T_s, R_s, a, b, psi_0, others, rows.D, empty_room()
+        u_dc, rows.duties, before, order, ripple, middle, T_s, R_s, a, b, psi_0, others, rows.D, empty_room()
     )
 
 
@@ -82,21 +83,20 @@ def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
     middle = np.ones(len(duties), np.complex128)
     a, none, no_flux = np.full(len(duties), 1.0 / L), np.zeros(len(duties)), np.zeros(len(duties), np.complex128)
     ripple = _ripples(u_dc, duties, u_s, middle, T_s, a, no_flux)
-    edges = np.zeros(duties.shape, np.int8)
     return Legs(
-        u_dc, duties, edges, _orders(duties), ripple, middle, T_s, 0.0, a, no_flux, no_flux, no_flux,
+        u_dc, duties, duties, _orders(duties), ripple, middle, T_s, 0.0, a, no_flux, no_flux, no_flux,
         none, empty_room(),
     )  # fmt: skip
 
 
-def edges_at_start(rows: Rows) -> NDArray[np.int8]:
-    """Where a leg rises (1) or falls (-1) at a period's start, (n, 3): before, it stood at the other rail."""
-    return rows.once("edges at start", lambda: _edges(rows.duties >= 1.0))
+def duties_before(rows: Rows) -> Real:
+    """The duties of the period before, (n, 3); of the same one where there was none."""
+    return rows.once("duties before", lambda: _before(rows.duties, rows.joined))
 
 
-def _edges(stays_high: NDArray[np.bool_]) -> NDArray[np.int8]:
-    before = np.concatenate((stays_high[:1], stays_high[:-1]))
-    return (stays_high & ~before).astype(np.int8) - (before & ~stays_high)
+def _before(duties: Real, joined: NDArray[np.bool_]) -> Real:
+    before = np.concatenate((duties[:1], duties[:-1]))
+    return np.where(np.concatenate((joined[:1], joined[:-1]))[:, None], before, duties)
 
 
 def lost_by_dead_time(legs: Legs, i_s: Vector, dead_time: float, spread: float) -> Vector:
@@ -108,7 +108,7 @@ def lost_by_dead_time(legs: Legs, i_s: Vector, dead_time: float, spread: float) 
 
 
 def lost_by_drops(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
-    """The same by drops, and by the dead time of legs that leave a rail."""
+    """The same by drops, and by the dead time of legs that come to stay high."""
     lost = np.zeros(len(legs.middle), np.complex128)
     _add_drops(lost, legs, i_s[:-1], i_s[1:], dead_time, u_drop, width)
     return lost
@@ -176,7 +176,7 @@ def lost_after(
 def _by_drops(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float
 ) -> tuple[complex, complex, complex]:  # fmt: skip
-    """Lost voltage (V, stationary) of drops, and of the dead time of legs that leave a rail; its slopes (ohm).
+    """Lost voltage (V, stationary) of drops, and of the dead time of legs that come to stay high; its slopes (ohm).
 
     Slopes by the real and imaginary part of the current at the end.
     """
@@ -215,9 +215,8 @@ def _by_drops(
         lost += axis * (u_drop * volts)
         by_real += axis * (u_drop * by_end * axis.real)
         by_imag += axis * (u_drop * by_end * axis.imag)
-        edge = legs.edges[k, leg] if known else 0
-        if edge != 0:  # a leg that leaves a rail has an edge at the period's start
-            lost += axis * (u_dc / legs.T_s * 0.5 * dead_time * (edge + start / soft_start))
+        if known and legs.duties[k, leg] >= 1.0 > legs.before[k, leg]:  # a leg that stays high rises at the start
+            lost += axis * (u_dc / legs.T_s * 0.5 * dead_time * (1.0 + start / soft_start))
     return 2.0 / 3.0 * lost, 2.0 / 3.0 * by_real, 2.0 / 3.0 * by_imag
 
 
@@ -246,25 +245,31 @@ def _laid_out(
     u_dc, T_s, room, lost, nearest, closest = legs.u_dc[k], legs.T_s, legs.room, 0j, 0, math.inf
     near = _MOVES * _moves(legs, k, dead_time) + spread
     bow = _bow(legs, k)
-    damping = legs.R_s * T_s * legs.a[k]
+    damping, dead = legs.R_s * T_s * legs.a[k], dead_time / T_s
     for leg in range(3):
         axis, rise = axis_of(leg), rise_of(legs.duties[k, leg])
         bowed = phase(bow, axis) * 4.0 * rise * (1.0 - rise)
         start, end = phase(i_0, axis) + bowed, phase(i_1, axis) + bowed
         away = (end - start) * rise + phase(legs.ripple[k, leg], axis)
-        at_rise, at_fall = start + away, end - away
-        close = min(abs(at_rise), abs(at_fall))
+        at_rise, at_fall, at_last = start + away, end - away, start - away
+        left = still_dead(legs.before[k, leg], dead)
+        close = min(abs(at_rise), abs(at_fall), abs(at_last) if left > 0.0 else math.inf)
         if close < _NEARER * closest:
             nearest, closest = leg, close
         room.out[leg, 0] = 0 if abs(at_rise) < near else 1 if at_rise > 0.0 else -1
         room.out[leg, 1] = 0 if abs(at_fall) < near else 1 if at_fall > 0.0 else -1
-        if rise < 0.5 and at_rise > 0.0:
-            lost += 2.0 / 3.0 * axis * u_dc * min(1.0 - 2.0 * rise, dead_time / T_s) * weight(damping, rise)
-        if rise > 0.0 and at_fall < 0.0:
-            lost -= 2.0 / 3.0 * axis * u_dc * min(2.0 * rise, dead_time / T_s) * weight(damping, 1.0 - rise)
+        room.out[leg, 2] = 0 if abs(at_last) < near else 1 if at_last > 0.0 else -1
+        high = 0.0
+        if 0.0 < rise < 0.5 and at_rise > 0.0:
+            lost += 2.0 / 3.0 * axis * u_dc * min(1.0 - 2.0 * rise, dead) * weight(damping, rise)
+        if 0.0 < rise < 0.5 and at_fall < 0.0:
+            high += min(dead, rise)
+        if at_last < 0.0:
+            high += min(left, rise)
+        lost -= 2.0 / 3.0 * axis * u_dc * high * weight(damping, 1.0 - rise)
     if closest >= near:
         return lost, -1, 0
-    return lost, nearest, cut(legs.duties[k], dead_time, T_s, room)
+    return lost, nearest, cut(legs.duties[k], legs.before[k], dead_time, T_s, room)
 
 
 @lean_kernel

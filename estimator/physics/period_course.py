@@ -25,7 +25,8 @@ _SHORT = 0.05  # of a period, in which the resistive drop hardly changes
 class Room(NamedTuple):
     """Room to work in, for a period."""
 
-    out: NDArray[np.int8]  # (3, 2): of each leg as it rises and falls, 1 where its current surely flows out, -1 into it
+    out: NDArray[np.int8]  # (3, 3): of each leg as it rises, falls and last fell, 1 where its current surely flows out,
+    # -1 into it
     first: NDArray[np.int8]  # (3,): of each leg's switches on at the begin, 0 the lower, 1 the upper, 2 none
     moments: Real  # (15,) s, where switches change, in order
     whose: NDArray[np.int8]  # (15,): the leg
@@ -51,12 +52,20 @@ class Period(NamedTuple):
 
 def empty_room() -> Room:
     legs, changes, flags = np.empty(3, np.int8), np.empty(15, np.int8), np.zeros(3, np.bool_)
-    out, moments = np.zeros((3, 2), np.int8), np.empty(15)
+    out, moments = np.zeros((3, 3), np.int8), np.empty(15)
     return Room(out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy())
 
 
 @lean_kernel
-def cut(duties: Real, dead_time: float, T_s: float, room: Room) -> int:
+def still_dead(before: float, dead: float) -> float:
+    """How much of a dead time is left of the period before, whose duty is given, where a leg begins low; as shares of a
+    period. A leg that stayed high falls only now.
+    """
+    return max(dead - rise_of(before), 0.0) if before < 1.0 else dead
+
+
+@lean_kernel
+def cut(duties: Real, before: Real, dead_time: float, T_s: float, room: Room) -> int:
     """Put in order where switches change, and say how often.
 
     Of a leg whose current surely flows out, the diode that goes on is the lower one, as if its lower switch were on;
@@ -66,15 +75,16 @@ def cut(duties: Real, dead_time: float, T_s: float, room: Room) -> int:
     for leg in range(3):
         duty = duties[leg]
         room.first[leg] = 1 if duty >= 1.0 else 0
-        if not 0.0 < duty < 1.0:
+        if duty >= 1.0:
             continue
-        rise, at_rise, at_fall = rise_of(duty) * T_s, room.out[leg, 0], room.out[leg, 1]
-        fall = T_s - rise
-        over = fall + dead_time - T_s  # a dead time that goes on into the next period, whose begin is like this one's
-        if over > 0.0 and at_fall <= 0:
-            room.first[leg] = _NONE if at_fall == 0 else 1
-            if over < rise:
-                count = _put(room, count, over, leg, 0)
+        rise, (at_rise, at_fall, at_last) = rise_of(duty) * T_s, room.out[leg]
+        fall, dead = T_s - rise, still_dead(before[leg], dead_time / T_s) * T_s
+        if dead > 0.0 and at_last <= 0:
+            room.first[leg] = _NONE if at_last == 0 else 1
+            if dead < rise:
+                count = _put(room, count, dead, leg, 0)
+        if duty <= 0.0:
+            continue
         if at_rise == 0:
             count = _put(room, count, rise, leg, _NONE)
         if at_rise < 0:
@@ -85,7 +95,7 @@ def cut(duties: Real, dead_time: float, T_s: float, room: Room) -> int:
             count = _put(room, count, fall, leg, _NONE)
         if at_fall > 0:
             count = _put(room, count, fall, leg, 0)
-        elif over < 0.0:
+        elif fall + dead_time < T_s:
             count = _put(room, count, fall + dead_time, leg, 0)
     return count
 

@@ -28,7 +28,7 @@ AXES: Final = tuple(complex(math.cos(k * TURN / 3.0), math.sin(k * TURN / 3.0)) 
 
 _OF_ANGLE: Final = ("D", "speed", "rotor", "middle", "six", "turn")
 OF_ANGLE_AND_BRIDGE: Final = (
-    *_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses", "edges at start", "order",
+    *_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses", "duties before", "order",
 )  # fmt: skip
 """What is worked out `once` and depends neither on the machine nor on currents."""
 LOCAL: Final = ("local a", "local b", "local psi_0", "stiffness a", "stiffness b", "bent flux")
@@ -40,6 +40,7 @@ OTHERS: Final = "others' voltage"
 BRIDGED: Final = (LOST, OTHERS)
 """Of a model with the bridge's voltage error."""
 _NO_SENSOR: Final = 1e-4  # of the current: no three sensors agree that closely
+_NO_PULSE: Final = 1e-5  # of a period: no bridge makes one so short; a leg stays at its rail
 _FOLLOWED: Final = 10  # periods that are not there
 
 
@@ -135,7 +136,7 @@ class Rows:
 
     def pulses_turned(self, by: Vector | complex) -> dict[str, Any]:
         """What has been worked out of pulses, in a frame where vectors of periods are `by` (of length 1) times it."""
-        powers = {"duties": 0, "edges at start": 0, "order": 0, "moment of pulses": 1, "size of pulses": 0}
+        powers = {"duties": 0, "duties before": 0, "order": 0, "moment of pulses": 1, "size of pulses": 0}
         powers["square of pulses"] = 2
         return {
             key: self.kept[key] * by**power if power else self.kept[key]
@@ -436,7 +437,8 @@ def _duties_of(u_s: Vector, u_dc: Real) -> Real:
             u[leg] = u_s[k].real * AXES[leg].real + u_s[k].imag * AXES[leg].imag
         lift = 0.5 * (max(u[0], u[1], u[2]) + min(u[0], u[1], u[2]))
         for leg in range(3):
-            duties[k, leg] = min(max(0.5 + (u[leg] - lift) / u_dc[k], 0.0), 1.0)
+            duty = 0.5 + (u[leg] - lift) / u_dc[k]
+            duties[k, leg] = 0.0 if duty < _NO_PULSE else 1.0 if duty > 1.0 - _NO_PULSE else duty
     return duties
 
 
