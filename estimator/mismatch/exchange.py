@@ -9,17 +9,18 @@ make up for each other: none of them alone leads to the set. Knows nothing of ve
 from typing import Final
 
 from estimator.mismatch.angle_rounding import hidden_energy
+from estimator.mismatch.excitation_check import at_an_end
 from estimator.mismatch.explain import ENTRY, MOST, Choice, Search
 from estimator.mismatch.fitting import Fitted, closely, exchanged, fitted, with_more
 from estimator.mismatch.given import Given
 from estimator.mismatch.remainder import excess_of, leaves_some
-from estimator.physics.library import BY_NAME
+from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
 
 _NEARLY: Final = 2.0  # times what several effects leave: more, and the one is not worth what others may add to it
 _AS_MUCH: Final = 0.75  # of what several effects explain, that one has to explain before its equation bends
 _ALL_BUT: Final = 0.1  # of what one effect explains, that another may explain less at a shape to begin with
-_BENT: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation", "angle_offset")
+_BENT: Final = tuple(effect.name for effect in LIBRARY if effect.bends)
 """Effects that make up for each other, and for the machine's parameters."""
 
 
@@ -63,7 +64,8 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Fitted:
 def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, int]]]:
     """Effects of a set, and the one, at its likeliest shapes, that may stand in their place.
 
-    In the place of several, one that they are confused with; in that of one alone, one whose equation bends.
+    In the place of several, one that they are confused with; in that of one alone, one whose equation bends; in that of
+    one at the end of what is plausible, itself at other shapes.
     """
     full, found = search.fit(choice).chi2, list[tuple[Choice, tuple[str, int]]]()
     present, candidates = {name for name, _ in choice}, search.candidates()
@@ -77,6 +79,10 @@ def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, in
             one = min(left, key=lambda each: left[each])
             if left[one] - full < most * (search.fit(rest).chi2 - full):
                 found.append((dropped, one))
+    for one in (each for each in choice if at_an_end(search, search.fit(choice), each)):
+        rest = tuple(other for other in choice if other != one)
+        seeds = [other for other in candidates if other[0] == one[0] and other != one]
+        found += [((one,), max(seeds, key=lambda other: search.fit((*rest, other)).log_evidence))] * bool(seeds)
     return found
 
 

@@ -103,7 +103,11 @@ def not_borne_out(
     alike: Choice = ()
     found: dict[str, Choice] = {}
     if len(untold) > 1:
-        alike = tuple(one for one in choice if _apart(search, _signal(search, choice, one)) < _DISTINCT)
+        signals = {one: _signal(search, choice, one) for one in choice}
+        alike = tuple(
+            one for one, signal in signals.items() if _apart(search, signal) < _DISTINCT
+            and (_like_untold(search, signal) or not stands_out(one, choice, True))
+        )  # fmt: skip
     if alike:
         found[
             f"this recording does not tell {' and '.join(untold)}, and at one level effects and the machine's "
@@ -139,7 +143,7 @@ def not_borne_out(
             left = rest
     fit = search.fit(choice)
     for one in left:
-        if _at_an_end(search, fit, one):
+        if at_an_end(search, fit, one):
             found[_AT_AN_END] = (*found.get(_AT_AN_END, ()), one)
             continue
         if (distance := search.distance(fit, one)) < ENTRY:
@@ -149,7 +153,7 @@ def not_borne_out(
     return found
 
 
-def _at_an_end(search: Search, fit: Fit, one: tuple[str, int]) -> bool:
+def at_an_end(search: Search, fit: Fit, one: tuple[str, int]) -> bool:
     """A size of an effect lies at the end of its plausible range, other than at none."""
     sizes = {j: fit.value[fit.places.index(j)] for j in search.sizes_of(one)}
     return any(size != 0.0 and not search.low[j] < size < search.high[j] for j, size in sizes.items())

@@ -7,7 +7,7 @@ unexplained does not lend its energy to a name.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final, cast
@@ -29,6 +29,7 @@ _OF_RIVALS: Final = 0.01  # of what others explain, that a faint effect may be w
 PAIRED: Final = 6  # likeliest effects, of which two may be added together
 _MADE_UP_FOR: Final = 0.5  # of what one effect leaves, that two may, to be added together
 PLACED: Final = 0.25  # of what is left, that an effect has to explain, to be tried at its moment
+_EXCHANGED: Final = 0.01  # of what is left, that an effect has to explain more of than the one whose place it takes
 _ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
 FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
 _NOISE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
@@ -96,10 +97,12 @@ class Search:
         choice = tuple(sorted(choice))
         return self._unbounded(choice, self.places(choice), {}, self.gram)
 
-    def fit_of_sizes(self, choice: Choice) -> Fit:
-        """The same with the shapes of the present model as they are."""
+    def fit_of_sizes(self, choice: Choice, held: Collection[str] = ()) -> Fit:
+        """The same with the shapes of the present model as they are, and all of some effects."""
         choice = tuple(sorted(choice))
-        return self._solved(choice, self.gram, {j: 0.0 for j in self.places(choice) if self.columns[j].shape})
+        columns = {j: self.columns[j] for j in self.places(choice)}
+        as_is = {j: c.offset for j, c in columns.items() if c.shape or c.owner in held}
+        return self._solved(choice, self.gram, as_is)
 
     def _solved(self, choice: Choice, gram: Array, held: dict[int, float] | None = None) -> Fit:
         """The best coefficients within their bounds: those beyond are held at theirs, and all others solved anew."""
@@ -199,13 +202,21 @@ class Search:
             return math.inf
         own = [n for n, j in enumerate(fit.places) if (self.columns[j].owner, self.columns[j].seed) == one]
         shapes = [n for n in own if self.columns[fit.places[n]].shape and fit.covariance[n, n] > 0.0]
-        std = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-300))  # sizes may differ by many orders of magnitude
-        correlation, x = fit.covariance / np.outer(std, std), (fit.value / std)[told]
+        covariance = self.scattered(fit, fit.covariance, one)
+        std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))  # sizes may differ by many orders of magnitude
+        correlation, x = covariance / np.outer(std, std), (fit.value / std)[told]
         spread = correlation[np.ix_(told, told)]
         if shapes:
             across = correlation[np.ix_(shapes, told)]
             spread = spread - across.T @ np.linalg.lstsq(correlation[np.ix_(shapes, shapes)], across, rcond=1e-12)[0]
-        return 0.5 * float(x @ np.linalg.lstsq(spread, x, rcond=1e-12)[0]) / self.scatter(fit, one)
+        return 0.5 * float(x @ np.linalg.lstsq(spread, x, rcond=1e-12)[0])
+
+    def scattered(self, fit: Fit, covariance: Array, one: tuple[str, int]) -> Array:
+        """A fit's covariance for noise as it scatters along an effect. What is known before the data does not scatter:
+        an angle's zero within its count, that an offset trades with, least of all.
+        """
+        by = self.scatter(fit, one)
+        return by * covariance - (by - 1.0) * (covariance * self.weight[list(fit.places)]) @ covariance
 
     def plain(self) -> Fit:
         """Of R_s, L_d, L_q, psi_f and the zeros of angle and currents in a machine of straight lines."""
@@ -331,11 +342,12 @@ class Search:
     def _exchanged(self, choice: Choice) -> Choice:
         """One effect for another that brings its due, or one shape for another of the same, where that is better."""
         best, at = choice, self.fit(choice).log_evidence
+        least = _EXCHANGED * 0.5 * max(self.fit(choice).chi2 - self.regression.count, 0.0)
         for one in choice:
             rest = tuple(c for c in choice if c != one)
             for other in self._free(rest):
                 if other == one or (there := self.fit((*rest, other)).log_evidence) <= at + 1e-6:
                     continue
-                if other[0] == one[0] or self.gain(rest, other) > ENTRY:
+                if other[0] == one[0] or (there > at + least and self.gain(rest, other) > ENTRY):
                     best, at = (*rest, other), there
         return best

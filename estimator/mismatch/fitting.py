@@ -5,7 +5,7 @@ model so far has taken noise off. Knows nothing of words.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -273,7 +273,7 @@ def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int =
         towards = moved(own, _present(model))
         better = _no_worse(rows, clean, model, towards, own)
         if better is None and _bends(model) and not _close(own, model, towards, _STILL):
-            better = _by_shapes(rows, clean, model, towards, own, given)
+            better = _by_bends(rows, clean, model, towards, own, given)
         if better is None:
             return model, clean, settled
         settled = _close(own, model, better, _STILL if clean.follow is None else _NEARLY)
@@ -321,26 +321,28 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
     return best[1] if best[0] <= 1.02 * search.regression.left + 0.02 else None
 
 
-def _by_shapes(rows: Rows, clean: Clean, now: Model, towards: Model, search: Search, given: Given) -> Model | None:
-    """A model with shapes on the way to others and sizes solved there, which leaves less: sizes trade with shapes."""
+def _by_bends(rows: Rows, clean: Clean, now: Model, towards: Model, search: Search, given: Given) -> Model | None:
+    """A model with what bends on the way to another, and all else solved there, which leaves less: they trade."""
+    held = [name for name in now.effects if BY_NAME[name].bends]
     for _ in range(_HALVINGS):
         towards = _between(now, towards)
         effects: dict[str, Sizes] = {}
         for name, sizes in now.effects.items():
             both = zip(BY_NAME[name].parameters, sizes, towards.effects[name], strict=True)
-            effects[name] = tuple(y if p.shape else x for p, x, y in both)
+            effects[name] = tuple(y if p.shape or name in held else x for p, x, y in both)
         there = replace(now, effects=effects)
         response = None if clean.response is None else clean.response(there)
         own = _search(rows, clean, there, given, (), response=response)
-        model = moved(own, _present(there), shaped=True)
+        model = moved(own, _present(there), shaped=True, held=held)
         if _left_by(rows, clean, model, search) < search.regression.left:
             return model
     return None
 
 
 def _bends(model: Model) -> bool:
-    """A shape moves by small steps, for which equations are no lines."""
-    return any(p.shape and not p.discrete for name in model.effects for p in BY_NAME[name].parameters)
+    """A shape moves by small steps, or a size multiplies others, for which equations are no lines."""
+    effects = [BY_NAME[name] for name in model.effects]
+    return any(effect.bends or any(p.shape and not p.discrete for p in effect.parameters) for effect in effects)
 
 
 def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
@@ -380,9 +382,9 @@ def _between(one: Model, other: Model) -> Model:
     return Model(machine, effects, 0.5 * (one.angle + other.angle), 0.5 * (one.zero + other.zero), bend)
 
 
-def moved(search: Search, choice: Choice, *, shaped: bool = False) -> Model:
-    """The model that a set's coefficients make; one that is `shaped` keeps its shapes."""
-    fit = search.fit_of_sizes(choice) if shaped else search.fit(choice)
+def moved(search: Search, choice: Choice, *, shaped: bool = False, held: Collection[str] = ()) -> Model:
+    """The model that a set's coefficients make; one that is `shaped` keeps its shapes, and all of effects `held`."""
+    fit = search.fit_of_sizes(choice, held) if shaped else search.fit(choice)
     value = dict(zip(fit.places, fit.value.tolist(), strict=True))
     now, rows = search.regression.model, search.regression.smooth
     found = {(c.owner, c.seed, c.place): value[j] for j, c in enumerate(search.columns) if j in value}

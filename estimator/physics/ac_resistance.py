@@ -112,7 +112,7 @@ EFFECT = Effect(
     "R_s that rises with speed and with how fast current is excited",
     ("iron_loss", "winding_resistance_drift"),
     in_proportion_to="R_s",
-    missed=3e-5,
+    missed=1e-5,
     remembers=voltage,
     emf=emf,
     fast_resistance=lambda rows, p: p[0] * rows.machine.R_s,

@@ -24,5 +24,6 @@ EFFECT = Effect(
     "u_d in proportion to speed, and to changes of speed",
     ("iron_loss", "voltage_delay"),
     angle_error=lambda _rows, sizes: sizes[0],
-    missed=5e-5,
+    bends=True,
+    missed=1e-6,
 )

@@ -23,5 +23,6 @@ EFFECT = Effect(
     "psi_d that falls with i_q squared, L_q that falls with i_d",
     ("q_axis_saturation", "d_axis_saturation"),
     together=together,
+    bends=True,
     missed=3e-5,
 )

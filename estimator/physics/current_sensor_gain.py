@@ -42,5 +42,5 @@ EFFECT = Effect(
     zero,
     current_error=error,
     told=lambda _rows, p: {f"gain_{k}": (1.0 + x, "1") for k, x in zip("abc", by_phase(*p), strict=True)},
-    missed=5e-5,
+    missed=1e-5,
 )

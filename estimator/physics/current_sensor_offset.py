@@ -42,5 +42,5 @@ EFFECT = Effect(
     ("inverter_voltage_error",),
     current_error=error,
     told=lambda _rows, p: {f"offset_{k}": (x, "A") for k, x in zip("abc", by_phase(*p), strict=True)},
-    missed=5e-5,
+    missed=1e-5,
 )

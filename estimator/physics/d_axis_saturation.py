@@ -22,5 +22,6 @@ EFFECT = Effect(
     "L_d falls as i_d rises, in proportion to speed on the q axis and to the change of i_d on the d axis",
     ("magnet_flux_drift", "cross_saturation"),
     together=together,
+    bends=True,
     missed=3e-5,
 )

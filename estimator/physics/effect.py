@@ -57,6 +57,7 @@ class Effect:
     lasts: bool = False  # it remembers all of the recording, not its last tenths of a second
     sees_voltage: bool = False  # it follows the voltage at the terminals, of which a bridge may lose some
     emf: Callable[[Rows, Sizes], Vector] | None = None  # V at samples, that it takes from what drives the current
+    bends: bool = False  # its size multiplies the machine's parameters, and they trade along a curve
     steep: bool = False  # it changes more with a current than the noise of the current allows to see
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
     in_proportion_to: str = ""  # the parameter of the machine that `voltage` grows with, where it is one alone

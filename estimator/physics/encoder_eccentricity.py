@@ -58,5 +58,5 @@ EFFECT = Effect(
     ("magnet_flux_drift",),
     angle_error=measured_less_true,
     told=_told,
-    missed=5e-5,
+    missed=1e-5,
 )

@@ -49,5 +49,5 @@ EFFECT = Effect(
     ("inductance_harmonics", "inverter_voltage_error"),
     in_proportion_to="psi_f",
     emf=emf,
-    missed=1e-4,
+    missed=2e-5,
 )

@@ -39,7 +39,7 @@ EFFECT = Effect(
     "current of twice the electrical frequency in the rotor frame that grows with speed, without load too",
     ("iron_loss", "current_sensor_gain"),
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
-    missed=1e-3,
+    missed=1e-4,
     remembers=_driven,
     sees_voltage=True,
 )  # fmt: skip

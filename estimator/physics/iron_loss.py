@@ -80,7 +80,7 @@ EFFECT = Effect(
     "u_d too high by speed squared times L_q psi_f / R_c, without load",
     ("angle_offset", "q_axis_saturation"),
     told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
-    missed=3e-4,
+    missed=1e-4,
     fast_stiffness=lambda p: p[0] / p[2],
     remembers=_driven,
     sees_voltage=True,

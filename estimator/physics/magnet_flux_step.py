@@ -34,5 +34,5 @@ EFFECT = Effect(
     },
     together=together,
     in_proportion_to="psi_f",
-    missed=2e-4,
+    missed=5e-5,
 )

@@ -27,5 +27,5 @@ EFFECT = Effect(
     "voltage of twice the electrical frequency in the rotor frame, in proportion to current, at any speed",
     ("current_sensor_gain", "interturn_short"),
     told=lambda _rows, p: {f"excess_{k}": (x, "ohm") for k, x in zip("abc", by_phase(*p), strict=True)},
-    missed=1e-4,
+    missed=3e-5,
 )

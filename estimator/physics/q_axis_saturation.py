@@ -22,5 +22,6 @@ EFFECT = Effect(
     "a cubic of i_q in u_d, in proportion to speed, and an L_q that falls with abs(i_q)",
     ("cross_saturation", "iron_loss"),
     together=together,
+    bends=True,
     missed=3e-5,
 )

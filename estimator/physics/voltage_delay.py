@@ -31,5 +31,5 @@ EFFECT = Effect(
     ("angle_offset",),
     misreads_voltage=True,
     told=lambda _rows, p: {"periods": (p[0] * p[1], "1")},
-    missed=5e-5,
+    missed=2e-5,
 )
