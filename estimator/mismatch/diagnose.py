@@ -17,7 +17,7 @@ from estimator.mismatch.columns import STRETCHES
 from estimator.mismatch.common_scale import scaled, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
-from estimator.mismatch.exchange import one_for_others, together
+from estimator.mismatch.exchange import one_for_others, together, without_idle
 from estimator.mismatch.excitation_check import not_borne_out, poorly_told, untold
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
@@ -140,7 +140,7 @@ def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]
     progress(0.7, "judging")
     found = one_for_others(rows, found, given)
     progress(0.71, "judging")
-    found = together(found, given)
+    found = without_idle(together(found, given), given)
     progress(0.72, "judging")
     left = left_of(rows, found)
     if left is not None:

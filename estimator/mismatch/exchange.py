@@ -11,7 +11,7 @@ from typing import Final
 from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import at_an_end
 from estimator.mismatch.explain import ENTRY, MOST, Choice, Search
-from estimator.mismatch.fitting import Fitted, closely, exchanged, fitted, with_more
+from estimator.mismatch.fitting import Fitted, closely, exchanged, fitted, with_more, without
 from estimator.mismatch.given import Given
 from estimator.mismatch.remainder import excess_of, leaves_some
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -33,6 +33,18 @@ def together(found: Fitted, given: Given) -> Fitted:
         return found
     other = with_more(found, [name for name in _BENT if name not in found.model.effects], given)
     return closely(other, given) if excess_of(other) < excess_of(found) and len(other.choice) <= MOST else found
+
+
+def without_idle(found: Fitted, given: Given) -> Fitted:
+    """The fit without effects that bend and whose place the machine's parameters take: without them no more is left.
+
+    Where the equations are lines they do explain, but only around a machine that has made room for them.
+    """
+    for name in [name for name, _ in found.choice if BY_NAME[name].bends]:
+        other = without(found, [name], given)
+        if excess_of(other) <= excess_of(found):
+            found = other
+    return found
 
 
 def _leaves_more(found: Fitted) -> bool:
