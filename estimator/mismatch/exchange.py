@@ -8,12 +8,11 @@ make up for each other: none of them alone leads to the set. Knows nothing of ve
 
 from typing import Final
 
-from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import at_an_end
 from estimator.mismatch.explain import ENTRY, MOST, Choice, Search
 from estimator.mismatch.fitting import Fitted, closely, exchanged, fitted, with_more, without
 from estimator.mismatch.given import Given
-from estimator.mismatch.remainder import excess_of, leaves_some
+from estimator.mismatch.remainder import ROUNDED, excess_of, hidden_of, leaves_some
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
 
@@ -49,8 +48,7 @@ def without_idle(found: Fitted, given: Given) -> Fitted:
 
 def _leaves_more(found: Fitted) -> bool:
     """Than noise, and than rounding of the angle."""
-    hidden = hidden_energy(found.search.regression.rows) / (found.noise[0] * found.noise[1])
-    return leaves_some(found) and excess_of(found) > hidden
+    return leaves_some(found) and excess_of(found) > hidden_of(found)
 
 
 def _beyond(found: Fitted, given: Given) -> bool:
@@ -61,9 +59,10 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
     for several.
     """
+    less = 2.0 * ENTRY + ROUNDED * hidden_of(found)
     for dropped, one in _instead(found.search, found.choice):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
-        most = _NEARLY * excess_of(found) if len(dropped) > 1 else excess_of(found) - 2.0 * ENTRY
+        most = _NEARLY * excess_of(found) if len(dropped) > 1 else excess_of(found) - less
         if one[0] not in begin.model.effects or excess_of(begin) > most:
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)

@@ -35,7 +35,7 @@ from estimator.physics.rows import Rows, Vector
 _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
 _CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
 _CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other, or at all
-_ROUNDED: Final = 0.01  # of the angle's rounding, that one may explain more of
+ROUNDED: Final = 0.01  # of the angle's rounding, that one of two models may explain more of by chance
 _FAR: Final = 5.0  # times what something without a name leaves, that the likeliest effects leave in its place
 _ONCE: Final = 2.0  # changes, of what comes and goes
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
@@ -119,8 +119,8 @@ def _ringing(
     if not rungs:
         return None
     rung = min(rungs, key=lambda one: one.left)
-    more, hidden = excess_of(found) - rung.left, hidden_energy(rows) / (found.noise[0] * found.noise[1])
-    equal = _CERTAIN + found.search.missed(found.choice) + _ROUNDED * hidden
+    more = excess_of(found) - rung.left
+    equal = _CERTAIN + found.search.missed(found.choice) + ROUNDED * hidden_of(found)
     if more < -_CERTAIN or (not losses and more < equal):
         return None
     form = _described(rows, rung.bare) if rung.left > _by_chance(rows) else None
@@ -235,8 +235,7 @@ def _far_off(found: Fitted, given: Given) -> bool:
 
 def _by_rounding(other: Fitted, found: Fitted) -> bool:
     """What one fit leaves more than another may be the angle's rounding."""
-    hidden = hidden_energy(other.search.regression.rows) / (other.noise[0] * other.noise[1])
-    return excess_of(other) - excess_of(found) <= hidden
+    return excess_of(other) - excess_of(found) <= hidden_of(other)
 
 
 def _is_machine(found: Fitted, given: Given) -> bool:
@@ -269,6 +268,11 @@ def _by_chance(rows: Rows) -> float:
 def excess_of(found: Fitted) -> float:
     """Chi square of what is left, above that of white noise."""
     return above_noise(found.z, found.noise, found.search.regression.rows)
+
+
+def hidden_of(found: Fitted) -> float:
+    """Chi square that rounding of the angle may leave."""
+    return hidden_energy(found.search.regression.rows) / (found.noise[0] * found.noise[1])
 
 
 def above_noise(z: Vector, noise: Noise, rows: Rows) -> float:
