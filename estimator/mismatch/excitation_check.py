@@ -24,6 +24,7 @@ _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below
 _LEAST_ALIKE: Final = 1e-3  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
 _APART: Final = 2e-5  # of its energy, that an even effect must have beyond what the machine's parameters look like
+_APART_UNTOLD: Final = 2e-4  # the same, where noise may lead one of these
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
 _FAINTLY: Final = 0.05  # of all that is left: the same for faint effects
@@ -80,7 +81,7 @@ def like_machine(search: Search, choice: Choice) -> str | None:
     """
     apart = {one[0]: _apart(search, _signal(search, choice, one)) for one in choice}
     name = min(apart, key=lambda name: apart[name], default=None)
-    if name is None or apart[name] < _APART:
+    if name is None or apart[name] < _least_apart(search):
         return name
     one = next(each for each in choice if each[0] == name)
     rounded = apart[name] < _DISTINCT and _gained(search, choice, one) < _by_angle(search)
@@ -120,7 +121,7 @@ def not_borne_out(
                 "noise": _over_lent(search, _signal(search, left, one), over_noise) / _lends(search, left, one),
                 "angle": _gained(search, left, one) / (by_angle * _lends(search, left, one, even=_UNEVEN)),
                 "rest": _over_rest(search, left, one, rest),
-                "machine": _apart(search, _signal(search, left, one)) / (_APART * _lends(search, left, one)),
+                "machine": _apart(search, _signal(search, left, one)) / (_least_apart(search) * _lends(search, left, one)),
             }
             for one in weak
         }
@@ -203,7 +204,7 @@ def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place:
     unit[place] = 1.0
     scatter, lends = _scatter(search, (*choice, one), one), _lends(search, (*choice, one), one)
     rest = _rest(search, excess)
-    if _apart(search, unit) < _APART * lends:
+    if _apart(search, unit) < _least_apart(search) * lends:
         return math.inf
     beside = rest.least(faint=True)
     if scatter < _EVEN:
@@ -310,6 +311,11 @@ def _apart(search: Search, signal: Array) -> float:
     parameters = [j for j in search.base if search.columns[j].parameter not in ("angle", "zero")]
     whole = float(signal @ search.gram[:-1, :-1] @ signal)
     return _product(search, parameters, signal, signal) / whole if whole > 0.0 else 1.0
+
+
+def _least_apart(search: Search) -> float:
+    """Share of an effect's energy that has to be beyond what the machine's parameters look like."""
+    return _APART_UNTOLD if search.regression.untold else _APART
 
 
 def _product(search: Search, without: Sequence[int], x: Array, y: Array) -> float:
