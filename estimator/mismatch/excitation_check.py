@@ -100,6 +100,7 @@ def not_borne_out(
     a doubt as if they were doubted.
     """
     over_noise, by_angle, rest = _over_noise(search), _by_angle(search), _rest(search, excess)
+    least_apart = _least_apart(search)
     untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
     alike: Choice = ()
     found: dict[str, Choice] = {}
@@ -121,7 +122,7 @@ def not_borne_out(
                 "noise": _over_lent(search, _signal(search, left, one), over_noise) / _lends(search, left, one),
                 "angle": _gained(search, left, one) / (by_angle * _lends(search, left, one, even=_UNEVEN)),
                 "rest": _over_rest(search, left, one, rest),
-                "machine": _apart(search, _signal(search, left, one)) / (_least_apart(search) * _lends(search, left, one)),
+                "machine": _apart(search, _signal(search, left, one)) / (least_apart * _lends(search, left, one)),
             }
             for one in weak
         }
