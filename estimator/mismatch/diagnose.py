@@ -142,10 +142,8 @@ def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]
     progress(0.71, "judging")
     found = without_idle(together(found, given), given)
     progress(0.72, "judging")
+    found = not_astray(rows, found, given)
     left = left_of(rows, found)
-    if left is not None:
-        found = not_astray(rows, found, given)
-        left = left_of(rows, found)
     if left is not None and (by_map := fitted_by_map(rows, given, found, progress)) is not None:
         by_map, left_by_map, _ = upright(rows, by_map, left_of(rows, by_map), given)
         if has_map(by_map):

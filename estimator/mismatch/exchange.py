@@ -93,7 +93,8 @@ def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, in
     for one in (each for each in choice if at_an_end(search, search.fit(choice), each)):
         rest = tuple(other for other in choice if other != one)
         seeds = [other for other in candidates if other[0] == one[0] and other != one]
-        found += [((one,), max(seeds, key=lambda other: search.fit((*rest, other)).log_evidence))] * bool(seeds)
+        if seeds:
+            found.append(((one,), max(seeds, key=lambda other: search.fit((*rest, other)).log_evidence)))
     return found
 
 

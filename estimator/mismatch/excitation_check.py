@@ -26,6 +26,7 @@ _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
 _APART: Final = 2e-5  # of its energy, that an even effect must have beyond what the machine's parameters look like
 _APART_UNTOLD: Final = 2e-4  # the same, where noise may lead one of these
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
+_LITTLE: Final = 0.05  # the same, that parameters may look like which are not told
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
 _FAINTLY: Final = 0.05  # of all that is left: the same for faint effects
 _EVEN, _UNEVEN = 3.0, 10.0  # times what chance makes of an effect's size in a stretch: below it is even, above uneven
@@ -84,7 +85,7 @@ def like_machine(search: Search, choice: Choice) -> str | None:
     if name is None or apart[name] < _least_apart(search):
         return name
     one = next(each for each in choice if each[0] == name)
-    rounded = apart[name] < _DISTINCT and _gained(search, choice, one) < _by_angle(search)
+    rounded = apart[name] < _DISTINCT and search.explained(choice, one) < _by_angle(search)
     return name if rounded else None
 
 
@@ -108,7 +109,7 @@ def not_borne_out(
         signals = {one: _signal(search, choice, one) for one in choice}
         alike = tuple(
             one for one, signal in signals.items() if _apart(search, signal) < _DISTINCT
-            and (_like_untold(search, signal) or not stands_out(one, choice, True))
+            and (_share_like(search, signal, untold) > _LITTLE or not stands_out(one, choice, True))
         )  # fmt: skip
     if alike:
         found[
@@ -120,7 +121,7 @@ def not_borne_out(
         worths = {
             one: {
                 "noise": _over_lent(search, _signal(search, left, one), over_noise) / _lends(search, left, one),
-                "angle": _gained(search, left, one) / (by_angle * _lends(search, left, one, even=_UNEVEN)),
+                "angle": search.explained(left, one) / (by_angle * _lends(search, left, one, even=_UNEVEN)),
                 "rest": _over_rest(search, left, one, rest),
                 "machine": _apart(search, _signal(search, left, one)) / (least_apart * _lends(search, left, one)),
             }
@@ -244,7 +245,7 @@ def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: _Rest
     stretch to stretch and plain. Of one whose size is not the same by far: some times what is unexplained, and a
     quarter of all that is left.
     """
-    gained, scatter = _gained(search, choice, one), _scatter(search, choice, one)
+    gained, scatter = search.explained(choice, one), _scatter(search, choice, one)
     least = rest.least(faint=search.faint(search.fit(choice), one))
     if scatter > _UNEVEN:
         least = max(least, OUTSHINES * rest.unexplained, _UNEVENLY * rest.whole)
@@ -309,9 +310,20 @@ def _alike(search: Search, signal: Array, inductances: Sequence[str]) -> dict[st
 
 def _apart(search: Search, signal: Array) -> float:
     """Share of a signal's energy that the machine's parameters do not look like."""
-    parameters = [j for j in search.base if search.columns[j].parameter not in ("angle", "zero")]
     whole = float(signal @ search.gram[:-1, :-1] @ signal)
-    return _product(search, parameters, signal, signal) / whole if whole > 0.0 else 1.0
+    return _product(search, _parameters(search), signal, signal) / whole if whole > 0.0 else 1.0
+
+
+def _share_like(search: Search, signal: Array, names: Sequence[str]) -> float:
+    """Share of a signal's energy that some of the machine's parameters look like, and all others do not."""
+    others = [j for j in _parameters(search) if search.columns[j].parameter not in names]
+    whole = float(signal @ search.gram[:-1, :-1] @ signal)
+    return _product(search, others, signal, signal) / whole - _apart(search, signal) if whole > 0.0 else 0.0
+
+
+def _parameters(search: Search) -> list[int]:
+    """Columns of the machine's parameters."""
+    return [j for j in search.base if search.columns[j].parameter not in ("angle", "zero")]
 
 
 def _least_apart(search: Search) -> float:
@@ -324,11 +336,6 @@ def _product(search: Search, without: Sequence[int], x: Array, y: Array) -> floa
     inner = search.gram[:-1, :-1]
     A = inner[np.ix_(without, without)] + np.diag(search.weight[without])
     return float(x @ inner @ y - (x @ inner[:, without]) @ cast(Array, np.linalg.solve(A, inner[without] @ y)))
-
-
-def _gained(search: Search, choice: Choice, one: tuple[str, int]) -> float:
-    """Energy that nothing else of a set would explain, over that of the noise."""
-    return search.fit(tuple(other for other in choice if other != one)).chi2 - search.fit(choice).chi2
 
 
 def _over_noise(search: Search) -> dict[str, float]:

@@ -260,30 +260,28 @@ class Search:
                 total += np.outer(along, along)
         return total
 
+    def explained(self, choice: Choice, one: tuple[str, int]) -> float:
+        """Chi square that nothing else of a set would explain."""
+        return self.fit(tuple(other for other in choice if other != one)).chi2 - self.fit(choice).chi2
+
     def missed(self, choice: Choice) -> float:
         """What the equations of a set's effects may leave of them, as a part of chi square."""
-        full = self.fit(choice).chi2
-        total = BEND_MISSED * max(self.plain().chi2 - full, 0.0) if self.bent else 0.0
-        for one in choice:
-            explained = self.fit(tuple(c for c in choice if c != one)).chi2 - full
-            total += BY_NAME[one[0]].missed * max(explained, 0.0)
-        return total
+        total = BEND_MISSED * max(self.plain().chi2 - self.fit(choice).chi2, 0.0) if self.bent else 0.0
+        return total + sum(BY_NAME[one[0]].missed * max(self.explained(choice, one), 0.0) for one in choice)
 
     def lent(self, choice: Choice, more: tuple[str, int], *, faint: bool) -> float:
         """What of chi square the equations of a set's effects may lend another: no one looks like half of all left.
 
         A faint one: all that they miss, and a part of what those explain that look like it.
         """
-        full = self.fit(choice).chi2
         if not faint:
-            left = full - self.regression.count
+            left = self.fit(choice).chi2 - self.regression.count
             return min(self.missed(choice), _ALIKE * max(left, _NOISE * self.regression.count))
         alike = [
             one for one in choice
             if one[0] in BY_NAME[more[0]].confused_with or more[0] in BY_NAME[one[0]].confused_with
         ]  # fmt: skip
-        explained = [self.fit(tuple(c for c in choice if c != one)).chi2 - full for one in alike]
-        return self.missed(choice) + _OF_RIVALS * sum(explained)
+        return self.missed(choice) + _OF_RIVALS * sum(self.explained(choice, one) for one in alike)
 
     def best(self, start: Choice = ()) -> Choice:
         """A set with at most one effect more, that nothing taken away or exchanged makes better."""

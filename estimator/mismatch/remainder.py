@@ -63,12 +63,17 @@ def leaves_some(found: Fitted) -> bool:
 
 
 def not_astray(rows: Rows, found: Fitted, given: Given) -> Fitted:
-    """The fit, or, where the machine alone leaves less than with its effects, one that begins there: steps led astray.
+    """The fit, or, where it leaves some and the machine alone or with the strongest of its effects leaves less than
+    with all, one that begins there: steps led astray.
     """
-    bare = _bare(found, given)
-    if not found.choice or excess_of(bare) >= excess_of(found):
+    if not found.choice or excess_of(found) < hidden_of(found) + _by_chance(rows):
         return found
-    return fitted(rows, given, begin=bare.model)
+    fewer = [_bare(found, given)]
+    if len(found.choice) > 1:
+        strongest = max(found.choice, key=lambda one: found.search.explained(found.choice, one))
+        fewer.append(without(found, [name for name, _ in found.choice if name != strongest[0]], given))
+    least = min(fewer, key=excess_of, default=found)
+    return fitted(rows, given, begin=least.model) if excess_of(least) < excess_of(found) else found
 
 
 def _bare(found: Fitted, given: Given) -> Fitted:
@@ -284,11 +289,7 @@ def above_noise(z: Vector, noise: Noise, rows: Rows) -> float:
 def _outshone(found: Fitted) -> list[str]:
     """Effects that explain little beside what is left without a name: they only lean on it."""
     search, choice, excess = found.search, found.choice, excess_of(found)
-    full = search.fit(choice).chi2
-    return [
-        one[0] for one in choice
-        if search.fit(tuple(c for c in choice if c != one)).chi2 - full < OUTSHINES * excess
-    ]  # fmt: skip
+    return [one[0] for one in choice if search.explained(choice, one) < OUTSHINES * excess]
 
 
 def _alike(found: Fitted, left: Unexplained) -> list[str]:

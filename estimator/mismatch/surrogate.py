@@ -4,10 +4,10 @@ The model without the effect is simulated from the recorded voltages, noise is l
 steps and the encoder's counts round it as they round the recording, and the same regression looks for the effect. What
 it finds is what noise, rounding and the machine's parameters lend a name here: a parametric bootstrap (B. Efron, R. J.
 Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6), which takes the place of bounds where these leave a
-doubt. What is opposite to what the recording shows is lent to none: without it there would be more. Half of the
-surrogates keep the recording's own counts, on which the drive has acted: their rounding goes with the currents as it
-does there. Of what the library does not hold they know nothing: that has to stay as small as in the surrogates, or be
-unlike the effect by far.
+doubt. What is opposite to what the recording shows, the same from stretch to stretch, lends it nothing: without it
+there would be more. Half of the surrogates keep the recording's own counts, on which the drive has acted: their
+rounding goes with the currents as it does there. Of what the library does not hold they know nothing: that has to stay
+as small as in the surrogates, or be unlike the effect by far.
 """
 
 import math
@@ -44,7 +44,7 @@ _UNROUNDED: Final = 0.05  # steps: noise that is there at least before a convert
 class _Lent(NamedTuple):
     """What a surrogate shows of an effect that is not there."""
 
-    gained: float  # chi square; 0 where it is the opposite of what the recording shows
+    gained: float  # chi square; below 0 where it is the opposite of what the recording shows
     scatter: float
     excess: float  # chi square of what is left, above that of white noise
 
@@ -65,7 +65,8 @@ def stands_out(one: tuple[str, int], choice: Choice, doubted: bool, found: Fitte
         there = _surrogate(rows, bare, i, step, np.random.default_rng(k), own_counts=k % 2 == 0)
         lent.append(_lent(there, bare.model, one[0], sizes, given))
     gained, scatter = search.fit(rest).chi2 - shown.chi2, search.scatter(shown, one)
-    above = gained / max(float(np.mean([each.gained for each in lent])), _LENT)
+    lends = [max(each.gained, 0.0) if scatter < _EVEN else abs(each.gained) for each in lent]
+    above = gained / max(float(np.mean(lends)), _LENT)
     if above < _LEAST or scatter > max(_EVEN, _UNEVEN * max(each.scatter for each in lent)):
         return False
     if not doubted:
@@ -142,4 +143,4 @@ def _lent(rows: Rows, model: Model, name: str, shown: Array, given: Given) -> _L
     own = [fit.places.index(j) for j in search.sizes_of(best)]
     alike = float(fit.value[own] @ np.linalg.solve(fit.covariance[np.ix_(own, own)], shown))
     scatter = search.scatter(search.fit((*choice, best)), best)
-    return _Lent(gained(best) if alike > 0.0 else 0.0, scatter, above_noise(z, noise, rows))
+    return _Lent(math.copysign(gained(best), alike), scatter, above_noise(z, noise, rows))
