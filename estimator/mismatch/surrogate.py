@@ -2,12 +2,11 @@
 
 The model without the effect is simulated from the recorded voltages, noise is laid over its currents, the converters'
 steps and the encoder's counts round it as they round the recording, and the same regression looks for the effect. What
-it finds is what noise, rounding and the machine's parameters lend a name here: a parametric bootstrap (B. Efron, R. J.
-Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6), which takes the place of bounds where these leave a
-doubt. What is opposite to what the recording shows, the same from stretch to stretch, lends it nothing: without it
-there would be more. Half of the surrogates keep the recording's own counts, on which the drive has acted: their
-rounding goes with the currents as it does there. Of what the library does not hold they know nothing: that has to stay
-as small as in the surrogates, or be unlike the effect by far.
+it finds, of whichever sign, is what noise, rounding and the machine's parameters lend a name here: a parametric
+bootstrap (B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6), which takes the place of
+bounds where these leave a doubt. Half of the surrogates keep the recording's own counts, on which the drive has acted:
+their rounding goes with the currents as it does there. Of what the library does not hold they know nothing: that has to
+stay as small as in the surrogates, or be unlike the effect by far.
 """
 
 import math
@@ -44,7 +43,7 @@ _UNROUNDED: Final = 0.05  # steps: noise that is there at least before a convert
 class _Lent(NamedTuple):
     """What a surrogate shows of an effect that is not there."""
 
-    gained: float  # chi square; below 0 where it is the opposite of what the recording shows
+    gained: float  # chi square
     scatter: float
     excess: float  # chi square of what is left, above that of white noise
 
@@ -58,22 +57,21 @@ def stands_out(one: tuple[str, int], choice: Choice, doubted: bool, found: Fitte
     bare = without(found, [name for name, _ in found.choice if name not in dict(rest)], given)
     rows = bare.search.regression.rows
     i = free_run(rows, bare.model, len(rows) + 1)
-    step, shown = converter_step(rows), search.fit(choice)
-    sizes = np.array([shown.value[shown.places.index(j)] for j in search.sizes_of(one)])
+    step = converter_step(rows)
     lent: list[_Lent] = []
     for k in range(_TIMES):
         there = _surrogate(rows, bare, i, step, np.random.default_rng(k), own_counts=k % 2 == 0)
-        lent.append(_lent(there, bare.model, one[0], sizes, given))
-    gained, scatter = search.fit(rest).chi2 - shown.chi2, search.scatter(shown, one)
-    lends = [max(each.gained, 0.0) if scatter < _EVEN else abs(each.gained) for each in lent]
-    above = gained / max(float(np.mean(lends)), _LENT)
+        lent.append(_lent(there, bare.model, one[0], given))
+    full = search.fit(choice)
+    gained, scatter = search.explained(choice, one), search.scatter(full, one)
+    above = gained / max(float(np.mean([each.gained for each in lent])), _LENT)
     if above < _LEAST or scatter > max(_EVEN, _UNEVEN * max(each.scatter for each in lent)):
         return False
     if not doubted:
         return True
     left = [each.excess for each in lent]
     chance = _CHANCE * math.sqrt((float(np.var(left, ddof=1)) + 4.0 * len(rows)) * (1.0 + 1.0 / _TIMES))
-    if shown.chi2 - search.regression.count - float(np.mean(left)) - chance >= gained:
+    if full.chi2 - search.regression.count - float(np.mean(left)) - chance >= gained:
         return scatter < _EVEN and above >= _WITH_ANY_REST
     return above >= (_ABOVE if gained >= _BESIDE * float(np.mean(left)) else _FAR_ABOVE)
 
@@ -128,10 +126,8 @@ def _surrogate(
     ), count)  # fmt: skip
 
 
-def _lent(rows: Rows, model: Model, name: str, shown: Array, given: Given) -> _Lent:
-    """What of an effect is found in rows where it is not, beside the model that made them. `shown`: its sizes in the
-    recording.
-    """
+def _lent(rows: Rows, model: Model, name: str, given: Given) -> _Lent:
+    """What of an effect is found in rows where it is not, beside the model that made them."""
     search, z, noise = searched(rows, model, given, name)
     choice = tuple((other, -1) for other in model.effects)
 
@@ -139,8 +135,4 @@ def _lent(rows: Rows, model: Model, name: str, shown: Array, given: Given) -> _L
         return search.unbounded(choice).chi2 - search.unbounded((*choice, one)).chi2
 
     best = max((one for one in search.candidates() if one[0] == name), key=gained)
-    fit = search.unbounded((*choice, best))
-    own = [fit.places.index(j) for j in search.sizes_of(best)]
-    alike = float(fit.value[own] @ np.linalg.solve(fit.covariance[np.ix_(own, own)], shown))
-    scatter = search.scatter(search.fit((*choice, best)), best)
-    return _Lent(math.copysign(gained(best), alike), scatter, above_noise(z, noise, rows))
+    return _Lent(gained(best), search.scatter(search.fit((*choice, best)), best), above_noise(z, noise, rows))
