@@ -24,7 +24,7 @@ _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below
 _LEAST_ALIKE: Final = 1e-3  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
 _APART: Final = 2e-5  # of its energy, that an even effect must have beyond what the machine's parameters look like
-_APART_UNTOLD: Final = 2e-4  # the same, where noise may lead one of these
+_APART_UNTOLD: Final = 2e-4  # the same, where noise or an effect may have led one of these
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
 _LITTLE: Final = 0.05  # the same, that parameters may look like which are not told
 _BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
@@ -82,7 +82,7 @@ def like_machine(search: Search, choice: Choice) -> str | None:
     """
     apart = {one[0]: _apart(search, _signal(search, choice, one)) for one in choice}
     name = min(apart, key=lambda name: apart[name], default=None)
-    if name is None or apart[name] < _least_apart(search):
+    if name is None or apart[name] < _APART_UNTOLD:
         return name
     one = next(each for each in choice if each[0] == name)
     rounded = apart[name] < _DISTINCT and search.explained(choice, one) < _by_angle(search)
