@@ -139,7 +139,6 @@ def test_what_one_level_makes_of_an_inductance_is_doubted_beside_a_name(tmp_path
     assert [doubt.effects for doubt in diagnosis.ambiguous] == [("q_axis_saturation",)]
 
 
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "number"), [
     pytest.param(2006, 48, id="an angle's rounding and a free shaft"),

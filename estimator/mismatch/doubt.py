@@ -40,8 +40,7 @@ def rivals(search: Search, choice: Choice, one: tuple[str, int]) -> list[Doubt]:
         known = best.get(other[0])
         if known is None or search.fit((*rest, other)).log_evidence > search.fit((*rest, known)).log_evidence:
             best[other[0]] = other
-    full, without = search.fit(choice), search.fit(rest)
-    missed = BY_NAME[one[0]].missed * max(0.0, without.chi2 - full.chi2)
+    full, missed = search.fit(choice), BY_NAME[one[0]].missed * max(0.0, search.explained(choice, one))
     scatter = search.scatter(full, one)
     found: list[Doubt] = []
     for other in best.values():
