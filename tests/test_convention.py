@@ -9,6 +9,8 @@ import pytest
 from emulator.conceal.populations import STRANGERS
 from estimator.machine import PARAMETERS
 from estimator.mismatch.convention import AS_GOOD, Suspicion, suspected
+from estimator.mismatch.diagnose import diagnose
+from estimator.mismatch.verdict import Verdict
 from estimator.physics.convention_error import UNIT
 from tests.convention_runs import (
     TURN,
@@ -158,6 +160,23 @@ def test_a_scale_is_contradicted_by_a_machine_that_fits_better_as_recorded() -> 
     assert not suspicion.contradicted(replace(nominal, R_s=1.5 * nominal.R_s, L_d=0.8 * nominal.L_d), TOLERANCE)
     as_recorded = {name: getattr(nominal, name) / 1.5 for name in names}
     assert suspicion.contradicted(replace(nominal, **as_recorded), TOLERANCE)
+
+
+def test_a_scale_that_leaves_parameters_off_gets_no_name() -> None:
+    """A dc link read as three quarters of what it is: as rms values it would leave R_s and L_d 16 % too high."""
+    runs, nominal = recording("none", NUMBERS[2])
+    true = {name: quantity.value or 0.0 for name, quantity in diagnose(runs, nominal).machine_after.items()}
+    told = {name: true[name] / times for name, times in {"R_s": 1.09, "L_d": 1.09, "L_q": 0.93, "psi_f": 0.93}.items()}
+    runs, nominal = made(scaled(u=0.75), (runs, replace(nominal, **told)))
+    suspicion = suspected(runs, nominal, TOLERANCE)
+    assert suspicion is not None
+    assert suspicion.cause == "voltage_rms"
+    said = diagnose(runs, nominal)
+    assert said.verdict is Verdict.AMBIGUOUS
+    assert not said.findings
+    (doubt,) = said.ambiguous
+    assert {"dc_link_gain", "convention_error"} <= {*doubt.effects}
+    assert "the voltages are rms values" in doubt.reason
 
 
 def test_a_motor_that_stands_without_voltage_or_current_is_not_judged() -> None:

@@ -1,8 +1,6 @@
 """Each effect's equation beside the edge-accurate drive that has it, without any noise: what it misses of it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -12,23 +10,14 @@ from emulator.conceal.recording import Choice, drawn
 from emulator.motors import MOTORS as ALL_MOTORS
 from emulator.physics.demagnetisation import Demagnetisation
 from emulator.physics.saturation import Saturation
-from emulator.scenarios import Scenario
 from emulator.virtual_drive import VirtualDrive
-from estimator.machine import PARAMETERS
-from estimator.mismatch.columns import regression
-from estimator.mismatch.explain import Search
-from estimator.mismatch.fitting import moved
-from estimator.mismatch.given import Given
-from estimator.mismatch.model import Model, filter_pole, residual, whitened
+from estimator.mismatch.model import Model
 from estimator.mismatch.thinning import settled
 from estimator.physics.library import BY_NAME
-from estimator.physics.rows import Rows
 from tests.diagnosis.truth import EFFECT
+from tests.equations import SECONDS, fitted_to, left_of, rows_without_noise, with_effect
 from tests.samples import machine_of, rows_of_columns
 
-SECONDS = 2.0
-TOLERANCE = dict.fromkeys(PARAMETERS, 0.3)
-NOISE = 5e-4  # of rated current, that the fit weighs rows by
 MOTORS = ("servo_4nm", "mini_cheetah")  # whose current settles in 29 and in 3 control periods
 MISSED = {  # per mille of rated current; 0.1 where not told
     "dead_time": 1.0, "drops": 2.5, "flux_harmonics": 0.3, "inductance_harmonics": 0.4, "current_skew": 0.15,
@@ -37,53 +26,12 @@ MISSED = {  # per mille of rated current; 0.1 where not told
 CLASSES = sorted(set(EFFECT) - {"dc_link_gain", "demagnetisation", "winding_heat"})
 
 
-def with_effect(kind: str, motor: str, length: float = 0.2) -> Scenario:
-    """What a recording of one effect is made of, whose drifts are those of so many seconds."""
-    return drawn(Choice(1200, (kind,), (0.5, 1.0), (motor,), length), 1)[0].scenario
-
-
-def rows_without_noise(scenario: Scenario) -> Rows:
-    """A recording by ideal sensors, and the machine that it has."""
-    drive = replace(scenario.drive, noise_i=0.0, adc_bits=0, encoder_counts=0, timer_counts=0)
-    timing = scenario.effects.timing._replace(lost=0.0)
-    ideal = replace(scenario, drive=drive, effects=scenario.effects._replace(timing=timing))
-    c = VirtualDrive(ideal).record(round(SECONDS / drive.T_s))
-    machine = machine_of(scenario.motor)
-    machine = replace(machine, R_s=machine.R_s * (1.0 + sum(scenario.effects.imbalance) / 3.0))
-    return settled(rows_of_columns(c, machine, drive.T_s))
-
-
-def left_of(rows: Rows, model: Model) -> float:
-    """What a model leaves, rms of the current's error, per mille of rated current."""
-    m = rows.machine
-    z = whitened(residual(rows, rows, model), rows, filter_pole(m, rows.T_s))
-    i = z.real / m.L_d + 1j * z.imag / m.L_q
-    return 1e3 * float(np.sqrt(np.mean(np.abs(i) ** 2) / 2.0)) / rows.i_rated
-
-
-def fitted_to(rows: Rows, names: Sequence[str]) -> tuple[float, float]:
-    """What the machine leaves, and what it leaves with effects of its own fitted."""
-    machine, model = rows.machine, Model(rows.machine)
-    given = Given(machine, TOLERANCE, 1e-6)
-    noise = NOISE * rows.i_rated * machine.L_d, NOISE * rows.i_rated * machine.L_q, 1e-3
-    fits = [left_of(rows, model)]
-    for _ in range(8):
-        library = [BY_NAME[name] for name in names]
-        search = Search(regression(rows, rows, model, given, noise, library))
-        shapes = [[one for one in search.candidates() if one[0] == name] for name in names]
-        present = tuple((name, -1) for name in model.effects)
-        choice = present or max(product(*shapes), key=lambda some: search.fit(some).log_evidence)
-        model = moved(search, choice)
-        fits.append(left_of(rows, model))
-    return fits[0], min(fits)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("motor", MOTORS)
 @pytest.mark.parametrize("kind", ["none", *CLASSES])
 def test_an_equation_misses_little_of_its_effect(kind: str, motor: str) -> None:
     rows = rows_without_noise(with_effect(kind, motor))
-    before, after = fitted_to(rows, [] if kind == "none" else [EFFECT[kind]])
+    before, after, _ = fitted_to(rows, [] if kind == "none" else [EFFECT[kind]])
     print(f"{motor} {kind}: {before:.3g} per mille of rated current, {after:.3g} with the effect")
     assert after < MISSED.get(kind, 0.1)
     assert kind == "none" or before > 10.0 * after
@@ -104,7 +52,7 @@ def test_a_current_beside_the_machines_acts_on_inductances_that_change(
     scenario = with_effect("none", motor)
     sections = {first: getattr(one, first), second: getattr(other, second)}
     rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(**sections)))
-    before, after = fitted_to(rows, [EFFECT[kind] for kind in kinds])
+    before, after, _ = fitted_to(rows, [EFFECT[kind] for kind in kinds])
     print(f"{first} and {second}, {motor}: {before:.3g} per mille of rated current, {after:.3g} with both")
     assert after < most
     assert before > 50.0 * after
@@ -197,7 +145,7 @@ def test_effects_act_on_each_other(section: str, first: str, second: str, most: 
     rows = rows_without_noise(
         replace(scenario, effects=scenario.effects._replace(**{section: getattr(one, section)}))
     )
-    before, after = fitted_to(rows, [EFFECT[first], EFFECT[second]])
+    before, after, _ = fitted_to(rows, [EFFECT[first], EFFECT[second]])
     print(f"{first} and {second}: {before:.3g} per mille of rated current, {after:.3g} with both")
     assert after < most
     assert before > 10.0 * after
@@ -229,7 +177,7 @@ def test_a_dead_time_acts_on_currents_that_other_effects_change_within_a_period(
     scenario = with_effect(kind, motor)
     inverter = with_effect("dead_time", motor).effects.inverter
     rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(inverter=inverter)))
-    before, after = fitted_to(rows, ["inverter_voltage_error", EFFECT[kind]])
+    before, after, _ = fitted_to(rows, ["inverter_voltage_error", EFFECT[kind]])
     print(f"dead time and {kind}, {motor}: {before:.3g} per mille of rated current, {after:.3g} with both")
     assert after < most
     assert before > 100.0 * after

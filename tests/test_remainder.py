@@ -6,9 +6,9 @@ import pytest
 
 from emulator.conceal.recording import Choice
 from estimator.mismatch.excitation_check import untold
-from estimator.mismatch.fitting import at_nominal
+from estimator.mismatch.fitting import at_nominal, of_machine
 from estimator.mismatch.given import Given
-from estimator.mismatch.remainder import alone
+from estimator.mismatch.remainder import alone, leaves_some, left_of
 from estimator.physics.rows import Rows
 from tests.concealed_runs import population, rows_of
 
@@ -42,6 +42,17 @@ def test_a_branch_beside_a_machine_that_is_none_is_not_taken_for_all(tmp_path: P
 def test_a_voltage_that_comes_once_is_not_taken_for_all(tmp_path: Path) -> None:
     """Offsets of current sensors beside a small R_s, which a voltage of some seconds explains nearly as well."""
     assert alone(*rows_of(population(2009), 139, tmp_path)) is None
+
+
+@pytest.mark.parametrize("number", [123, 160, 303])
+def test_a_faint_resonance_is_told(number: int, tmp_path: Path) -> None:
+    """Of 230 to 1500 of chi square, where noise alone leaves 120,000 give or take 500."""
+    rows, given = rows_of(population(2013), number, tmp_path)
+    found = of_machine(rows, given)
+    assert not leaves_some(found)
+    left = left_of(rows, found)
+    assert left is not None
+    assert "a resonance" in left.description
 
 
 def test_an_inductance_is_not_told_by_a_current_that_moves_less_than_its_noise(tmp_path: Path) -> None:

@@ -36,6 +36,7 @@ _DAMPINGS: Final = 0.003, 0.7
 _DELTA: Final = 0.01  # of their logarithms, for differences
 _STEPS: Final = 0.3, 1.0  # of them, at most
 _ROUNDS: Final = 4
+_PROMISED: Final = 0.2  # of what a branch explains in the end, where one begins
 _THIRDS: Final = 2  # of a step, and a third of it, one has to explain more
 
 
@@ -74,12 +75,14 @@ def current_of(rows: Rows, frequency: float, damping: float) -> Vector:
 
 
 def fitted_branch(
-    rows: Rows, z: Vector, noise: tuple[float, float], machine: Array, starts: Sequence[tuple[float, float]]
-) -> Branch | None:
+    rows: Rows, z: Vector, noise: tuple[float, float], machine: Array, starts: Sequence[tuple[float, float]],
+    least: float = 0.0,
+) -> Branch | None:  # fmt: skip
     """The branch nearest to the best of some frequencies and dampings; None where its current would be negative.
 
     noise: of a flux error z (Vs, rotor frame), white, on d and q. machine: (m, 2 n), what changes of the machine's
-    parameters make of it, real parts before imaginary ones.
+    parameters make of it, real parts before imaginary ones. least: chi square that it has to explain; None where no
+    start explains a part of that.
     """
     scale = np.repeat([1.0 / noise[0], 1.0 / noise[1]], len(rows))
     basis, alone = np.linalg.qr((machine * scale).T)[0], base_voltage(rows, Model(rows.machine))
@@ -95,7 +98,7 @@ def fitted_branch(
         return _Try(max(float(x @ y), 0.0) ** 2 / max(float(x @ x), 1e-300), f, d, taken, x)
 
     best = max((tried(*at) for at in starts), key=lambda one: one.gain)
-    if not best.gain > 0.0:
+    if not best.gain > _PROMISED * least:
         return None
     unsure = math.inf
     for _ in range(_ROUNDS):

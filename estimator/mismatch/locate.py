@@ -150,16 +150,16 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
 
 
 def branch(
-    rows: Rows, z: Vector, noise: tuple[float, float], smooth: Rows | None = None
+    rows: Rows, z: Vector, noise: tuple[float, float], smooth: Rows | None = None, least: float = 0.0
 ) -> tuple[Unexplained, Branch] | None:
     """The resonance that explains most of a residual flux error (Vs, rotor frame).
 
     Its `changes` are those of R_s, L_d, L_q, psi_f and the angle's zero. smooth: the rows with less noise of the
-    currents, which would make inductances small.
+    currents, which would make inductances small. least: chi square that it has to explain, roughly.
     """
     smooth = smooth or rows
     z, machine = np.where(rows.joined, z, 0j), np.concatenate((_of_machine(smooth), _of_angle(smooth)))
-    form = resonance(rows, z, noise, machine)
+    form = resonance(rows, z, noise, machine, least)
     if form is None:
         return None
     excess = energy_of(beside(machine, z)) - np.count_nonzero(rows.joined) * (noise[0] ** 2 + noise[1] ** 2)

@@ -35,6 +35,7 @@ from estimator.physics.rows import Rows, Vector
 _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
 _CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
 _CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other, or at all
+_RESOUNDS: Final = 150.0  # chi square of a resonance: of machines without any it was 65 at most
 ROUNDED: Final = 0.01  # of the angle's rounding, that one of two models may explain more of by chance
 _FAR: Final = 5.0  # times what something without a name leaves, that the likeliest effects leave in its place
 _ONCE: Final = 2.0  # changes, of what comes and goes
@@ -51,9 +52,17 @@ class Upright(NamedTuple):
 
 def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
     """What is left, where it is more than the effects' equations may miss, or an effect is not what it looks like."""
+    left: Unexplained | None = None
     if leaves_some(found) or rings(*_flux_errors(rows, found), found.search.missed(found.choice)):
-        return _described(rows, found)
-    return None
+        left = _described(rows, found)
+    return _faint_resonance(rows, found) if left is None and not found.choice else left
+
+
+def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
+    """One that is there for certain beside the machine, however little of all that is left."""
+    at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found)
+    told = branch(*at, with_machine(found.smooth, found.model.machine), least)
+    return told[0] if told is not None and told[1].gain > least * at[2][0] * at[2][1] else None
 
 
 def leaves_some(found: Fitted) -> bool:

@@ -75,17 +75,20 @@ def ringing(rows: Rows, z: Vector, noise: tuple[float, float]) -> tuple[float, b
     return None if found is None else (found.sure, found.plain)
 
 
-def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array) -> Branch | None:
+def resonance(
+    rows: Rows, z: Vector, noise: tuple[float, float], machine: Array, least: float = 0.0
+) -> Branch | None:
     """The branch that explains most of a flux error (Vs, rotor frame) beside a machine's parameters.
 
-    machine: (m, 2 n), what changes of them make of the flux error, real parts before imaginary ones.
+    machine: (m, 2 n), what changes of them make of the flux error, real parts before imaginary ones. least: as
+    `fitted_branch` has it.
     """
     answer = _answer(rows, z)
     if answer is None:
         return None
     likely = _rings(answer, z, noise), _largest(answer, machine)
     starts = [(one.f, one.damping) for one in likely if one is not None]
-    return fitted_branch(rows, z, noise, machine, [*starts, *_STARTS])
+    return fitted_branch(rows, z, noise, machine, [*starts, *_STARTS], least)
 
 
 def _answer(rows: Rows, z: Vector) -> _Answer | None:
