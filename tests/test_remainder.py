@@ -5,10 +5,11 @@ from pathlib import Path
 import pytest
 
 from emulator.conceal.recording import Choice
+from estimator.mismatch.exchange import together
 from estimator.mismatch.excitation_check import untold
-from estimator.mismatch.fitting import at_nominal, of_machine
+from estimator.mismatch.fitting import at_nominal, fitted, of_machine
 from estimator.mismatch.given import Given
-from estimator.mismatch.remainder import alone, leaves_some, left_of
+from estimator.mismatch.remainder import alone, leaves_some, left_of, upright
 from estimator.physics.rows import Rows
 from tests.concealed_runs import population, rows_of
 
@@ -53,6 +54,20 @@ def test_a_faint_resonance_is_told(number: int, tmp_path: Path) -> None:
     left = left_of(rows, found)
     assert left is not None
     assert "a resonance" in left.description
+
+
+@pytest.mark.slow
+def test_an_effect_that_takes_a_parameter_off_its_data_sheet_is_dropped(tmp_path: Path) -> None:
+    """A saturation beside a short and an angle offset, where L_q is a fifth too high, by an encoder's rounding."""
+    rows, given = rows_of(population(2013), 95, tmp_path)
+    found = together(fitted(rows, given), given)
+    assert "q_axis_saturation" in found.model.effects
+    assert not given.within("L_q", found.model.machine.L_q, 1.5)
+    upheld, left, _ = upright(rows, found, left_of(rows, found), given)
+    assert left is None
+    assert set(upheld.model.effects) == {"interturn_short", "angle_offset"}
+    assert given.within("L_q", upheld.model.machine.L_q)
+    assert upheld.model.effects["angle_offset"][0] == pytest.approx(0.0265, rel=0.1)
 
 
 def test_an_inductance_is_not_told_by_a_current_that_moves_less_than_its_noise(tmp_path: Path) -> None:

@@ -76,16 +76,22 @@ def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
     return None
 
 
+def apart(search: Search, choice: Choice) -> dict[str, float]:
+    """The share of each effect's energy that does not look like the machine's parameters, least first."""
+    shares = {one[0]: _apart(search, _signal(search, choice, one)) for one in choice}
+    return dict(sorted(shares.items(), key=lambda item: item[1]))
+
+
 def like_machine(search: Search, choice: Choice) -> str | None:
     """The effect that looks most like the machine's parameters, where it is too much like them for a name: but for a
     share, or but for what rounding of the angle makes.
     """
-    apart = {one[0]: _apart(search, _signal(search, choice, one)) for one in choice}
-    name = min(apart, key=lambda name: apart[name], default=None)
-    if name is None or apart[name] < _APART_UNTOLD:
+    shares = apart(search, choice)
+    name = next(iter(shares), None)
+    if name is None or shares[name] < _APART_UNTOLD:
         return name
     one = next(each for each in choice if each[0] == name)
-    rounded = apart[name] < _DISTINCT and search.explained(choice, one) < _by_angle(search)
+    rounded = shares[name] < _DISTINCT and search.explained(choice, one) < _by_angle(search)
     return name if rounded else None
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.machine import PARAMETERS
 from estimator.mismatch.angle_rounding import hidden_energy
-from estimator.mismatch.excitation_check import OUTSHINES, held_at_bound, like_machine
+from estimator.mismatch.excitation_check import OUTSHINES, apart, held_at_bound, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, of_machine, without
 from estimator.mismatch.given import Given
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
@@ -38,6 +38,8 @@ _CERTAIN: Final = 50.0  # chi square, by which one of two models explains more t
 _RESOUNDS: Final = 150.0  # chi square of a resonance: of machines without any it was 65 at most
 ROUNDED: Final = 0.01  # of the angle's rounding, that one of two models may explain more of by chance
 _FAR: Final = 5.0  # times what something without a name leaves, that the likeliest effects leave in its place
+_CLEARLY_OFF: Final = 1.2  # times the tolerance, that a parameter lies beyond for certain
+_TRADES: Final = 0.01  # of its energy, that an effect has beyond what the machine's parameters look like
 _ONCE: Final = 2.0  # changes, of what comes and goes
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
 
@@ -213,6 +215,8 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
         if other is found or not (held or (_is_machine(other, given) and _by_rounding(other, found))):
             break
         found, left = other, left_of(rows, other)
+    if (other := _as_told(found, given)) is not found:
+        found, left = other, left_of(rows, other)
     before = found
     resonance: Unexplained | None = None
     faint: Unexplained | None = None
@@ -245,6 +249,22 @@ def _far_off(found: Fitted, given: Given) -> bool:
     """A parameter is as no machine of the data sheet has it."""
     told = given.told if found.model.bend is None else []
     return any(given.far_off(name, getattr(found.model.machine, name)) for name in told)
+
+
+def _as_told(found: Fitted, given: Given) -> Fitted:
+    """The fit, or one without an effect that takes a parameter which it looks like off the data sheet's and explains no
+    more than rounding of the angle may.
+    """
+    if found.model.bend is not None or _within(found, given, _CLEARLY_OFF):
+        return found
+    trading = [name for name, share in apart(found.search, found.choice).items() if share < _TRADES]
+    others = (without(found, [name], given) for name in trading)
+    return next((other for other in others if _within(other, given) and _by_rounding(other, found)), found)
+
+
+def _within(found: Fitted, given: Given, times: float = 1.0) -> bool:
+    """All parameters are as the data sheet says, or so many times their tolerance off."""
+    return all(given.within(name, getattr(found.model.machine, name), times) for name in given.told)
 
 
 def _by_rounding(other: Fitted, found: Fitted) -> bool:
