@@ -18,7 +18,7 @@ from estimator.mismatch.model import Array
 from estimator.mismatch.words import number, percent
 
 OUTSHINES: Final = 3.0  # times what is left unexplained, that an effect in doubt has to explain
-_WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
+WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
 _MOVES: Final = 2.0  # times the same, of which noise itself is one: below, nothing is told
 _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
 _LEAST_ALIKE: Final = 1e-3  # of that noise's energy, whatever the effect
@@ -51,7 +51,7 @@ def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Seque
             f"{number(getattr(nominal, name))} {UNITS[name]} has"
         )
     axis, over_noise = least_moved(search)
-    if outside and over_noise < _WEAK:
+    if outside and over_noise < WEAK:
         return f"i_{axis} changes by only {number(math.sqrt(over_noise), 2)} times its noise; {outside[0]}"
     return None
 

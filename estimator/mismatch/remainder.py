@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.machine import PARAMETERS
 from estimator.mismatch.angle_rounding import hidden_energy
-from estimator.mismatch.excitation_check import OUTSHINES, apart, held_at_bound, like_machine
+from estimator.mismatch.excitation_check import OUTSHINES, WEAK, apart, held_at_bound, least_moved, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, of_machine, without
 from estimator.mismatch.given import Given
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
@@ -57,11 +57,16 @@ def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
     left: Unexplained | None = None
     if leaves_some(found) or rings(*_flux_errors(rows, found), found.search.missed(found.choice)):
         left = _described(rows, found)
-    return _faint_resonance(rows, found) if left is None and not found.choice else left
+    return _faint_resonance(rows, found) if left is None else left
 
 
 def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
-    """One that is there for certain beside the machine, however little of all that is left."""
+    """One that is there for certain beside the machine alone, however little of all that is left.
+
+    Not where currents move little beyond their noise: voltages that answer noise look like it.
+    """
+    if found.choice or least_moved(found.search)[1] < WEAK:
+        return None
     at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found)
     told = branch(*at, with_machine(found.smooth, found.model.machine), least)
     return told[0] if told is not None and told[1].gain > least * at[2][0] * at[2][1] else None
