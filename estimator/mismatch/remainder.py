@@ -35,7 +35,7 @@ from estimator.physics.rows import Rows, Vector
 _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
 _CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
 _CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other, or at all
-_RESOUNDS: Final = 150.0  # chi square of a resonance: of machines without any it was 65 at most
+_RESOUNDS: Final = 150.0  # chi square of a resonance: of machines without any it was 65, more only by loud rounding
 ROUNDED: Final = 0.01  # of the angle's rounding, that one of two models may explain more of by chance
 _FAR: Final = 5.0  # times what something without a name leaves, that the likeliest effects leave in its place
 _CLEARLY_OFF: Final = 1.2  # times the tolerance, that a parameter lies beyond for certain
