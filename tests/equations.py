@@ -33,7 +33,7 @@ from tests.diagnosis.truth import EFFECT
 from tests.samples import machine_of, rows_of_columns
 
 SECONDS = 2.0
-NOISE = 5e-4  # of rated current, that the fit weighs rows by
+_NOISE = 5e-4  # of rated current, that the fit weighs rows by
 _TOLERANCE = dict.fromkeys(PARAMETERS, 0.3)
 _ROUNDS = 8
 _UPPER_HALF = 0.5, 1.0  # of a class's range of sizes
@@ -77,7 +77,7 @@ def fitted_to(rows: Rows, names: Sequence[str]) -> Left:
     """What the machine leaves, and what it leaves with effects of its own fitted."""
     machine, model = rows.machine, Model(rows.machine)
     given = Given(machine, _TOLERANCE, 1e-6)
-    noise = NOISE * rows.i_rated * machine.L_d, NOISE * rows.i_rated * machine.L_q, 1e-3
+    noise = _NOISE * rows.i_rated * machine.L_d, _NOISE * rows.i_rated * machine.L_q, 1e-3
     library = [BY_NAME[name] for name in names]
     before = least = left_of(rows, model)
     explained = 0.0
@@ -90,7 +90,7 @@ def fitted_to(rows: Rows, names: Sequence[str]) -> Left:
         model = moved(search, choice)
         least = min(least, left_of(rows, model))
         explained = sum(search.explained(choice, one) for one in choice)
-    chi2 = 2.0 * len(rows) * (1e-3 * least / NOISE) ** 2
+    chi2 = 2.0 * len(rows) * (1e-3 * least / _NOISE) ** 2
     return Left(before, least, chi2 / explained if explained > 0.0 else 0.0)
 
 

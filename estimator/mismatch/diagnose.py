@@ -178,17 +178,17 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     """The diagnosis of the corrected recording, and the cause that was corrected: in doubt where another does as well,
     or where parameters are off as by another scale still.
     """
+    said = suspicion.sentence.removesuffix(".")
+    perhaps = f"perhaps {said[0].lower()}{said[1:]}"
     if suspicion.ambiguous:
         told = Experiment("look up the recording's units and conventions in the drive's manual")
-        said, *others = suspicion.sentence.removesuffix("."), *suspicion.ambiguous[1:]
-        why = f"perhaps {said[0].lower()}{said[1:]}; it would look the same if {' or if '.join(others)}"
+        why = f"{perhaps}; it would look the same if {' or if '.join(suspicion.ambiguous[1:])}"
         names = (convention_error.NAME, *suspicion.rival_effects)
         doubt = Ambiguity(names, why, told, rivals=len(names) > 1)
         return replace(diagnosis, verdict=Verdict.AMBIGUOUS, ambiguous=(doubt, *diagnosis.ambiguous))
     off = [doubt for doubt in diagnosis.ambiguous if diagnosis.remarks and convention_error.NAME in doubt.effects]
     if off:
-        said = suspicion.sentence.removesuffix(".")
-        doubt = replace(off[0], reason=f"perhaps {said[0].lower()}{said[1:]}; but even then {off[0].reason}")
+        doubt = replace(off[0], reason=f"{perhaps}; but even then {off[0].reason}")
         others = [other for other in diagnosis.ambiguous if other not in off]
         return replace(diagnosis, ambiguous=(doubt, *others))
     everywhere = Place("in every row", {}, 1.0, 1.0)

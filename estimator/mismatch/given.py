@@ -6,7 +6,7 @@ from typing import Final
 
 from estimator.machine import PARAMETERS, Machine
 
-_FAR_OFF: Final = 3.0  # times the tolerance
+FAR_OFF: Final = 3.0  # times the tolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,4 +29,4 @@ class Given:
 
     def far_off(self, name: str, value: float) -> bool:
         """A parameter is none that a machine of such a data sheet has."""
-        return not self.within(name, value, _FAR_OFF)
+        return not self.within(name, value, FAR_OFF)

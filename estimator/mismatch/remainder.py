@@ -15,7 +15,7 @@ from estimator.machine import PARAMETERS
 from estimator.mismatch.angle_rounding import hidden_energy
 from estimator.mismatch.excitation_check import OUTSHINES, WEAK, apart, held_at_bound, least_moved, like_machine
 from estimator.mismatch.fitting import Fitted, fitted, of_machine, without
-from estimator.mismatch.given import Given
+from estimator.mismatch.given import FAR_OFF, Given
 from estimator.mismatch.locate import RESONANCE, branch, describe, rings
 from estimator.mismatch.model import (
     Model,
@@ -252,15 +252,14 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
 
 def _far_off(found: Fitted, given: Given) -> bool:
     """A parameter is as no machine of the data sheet has it."""
-    told = given.told if found.model.bend is None else []
-    return any(given.far_off(name, getattr(found.model.machine, name)) for name in told)
+    return not _within(found, given, FAR_OFF)
 
 
 def _as_told(found: Fitted, given: Given) -> Fitted:
     """The fit, or one without an effect that takes a parameter which it looks like off the data sheet's and explains no
     more than rounding of the angle may.
     """
-    if found.model.bend is not None or _within(found, given, _CLEARLY_OFF):
+    if _within(found, given, _CLEARLY_OFF):
         return found
     trading = [name for name, share in apart(found.search, found.choice).items() if share < _TRADES]
     others = (without(found, [name], given) for name in trading)
@@ -268,8 +267,9 @@ def _as_told(found: Fitted, given: Given) -> Fitted:
 
 
 def _within(found: Fitted, given: Given, times: float = 1.0) -> bool:
-    """All parameters are as the data sheet says, or so many times their tolerance off."""
-    return all(given.within(name, getattr(found.model.machine, name), times) for name in given.told)
+    """All parameters are as the data sheet says, or so many times their tolerance off; of a map nothing is compared."""
+    told = given.told if found.model.bend is None else []
+    return all(given.within(name, getattr(found.model.machine, name), times) for name in told)
 
 
 def _by_rounding(other: Fitted, found: Fitted) -> bool:
