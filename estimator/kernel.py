@@ -73,6 +73,6 @@ def _compiled(function: Callable[P, R], fastmath: bool | set[str], *, counted: b
     try:
         jit = cast(Callable[..., Callable[[Callable[P, R]], Callable[P, R]]], numba.njit)
         caches = _FOLDER is not None
-        return jit(cache=caches, fastmath=fastmath, error_model="numpy", nogil=True, _nrt=counted)(function)
+        return jit(cache=caches, fastmath=fastmath, error_model="numpy", nogil=True, _nrt=counted, forceinline=not counted)(function)
     finally:
         setattr(numba_config, "CACHE_DIR", before)  # noqa: B010

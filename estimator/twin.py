@@ -31,6 +31,7 @@ from estimator.mismatch.model import (
     with_machine,
 )
 from estimator.physics.ac_resistance import rung
+from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.library import BY_NAME
 from estimator.physics.lost_voltage import SHOTS, Legs, legs_of, lost_after
 from estimator.physics.rows import BRIDGED, LOCAL, LOST, OF_ANGLE_AND_BRIDGE, Rows, Vector
@@ -47,6 +48,7 @@ _CLOSE: Final = 1e-4  # of the rms current: a change of currents that ends the s
 _END: Final = 1e-2  # of that: a step of Newton's method that is the last, so that what currents change by can be told
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
 _SHORT: Final = 1e-4  # of the period: the same of dead time
+_LITTLE: Final = 1e-5  # of the dc link: the same of drops
 _ROUNDS: Final = 20  # of Newton's method in a period
 _WHOLE: Final = 5  # of them with whole steps
 _OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, *LOCAL, *BRIDGED, "ripple")  # of the measured currents at most
@@ -119,7 +121,9 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
     i_s = in_truth(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), model).i_s
     legs, dead_time, u_drop, width = course.lost
     found = np.empty((6, len(rows)), np.complex128)
-    _lost_around(found, legs, i_s, dead_time, u_drop, width, _SPAN * rows.i_rated, _SHORT * rows.T_s)
+    _lost_around(
+        found, legs, i_s, dead_time, u_drop, width, _SPAN * rows.i_rated, _SHORT * rows.T_s, _LITTLE * bus(rows)
+    )
     back = truth.middle.conj()
     return Response(
         course.slopes, (found[0], found[1]), (found[2], found[3]), (found[4] * back, found[5] * back),
@@ -130,7 +134,7 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
 @lean_kernel
 def _lost_around(
     found: NDArray[np.complex128], legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float, span: float,
-    time: float,
+    time: float, drop: float,
 ) -> None:  # fmt: skip
     """Write slopes of the lost voltage (V, stationary) by the currents at start and end, dead time and drop (6 x n)."""
     for k in range(found.shape[1]):
@@ -140,7 +144,8 @@ def _lost_around(
         right = lost_after(legs, k, i_0 + span, i_1, dead_time, u_drop, width, near, SHOTS).volts
         up = lost_after(legs, k, i_0 + 1j * span, i_1, dead_time, u_drop, width, near, SHOTS).volts
         later = lost_after(legs, k, i_0, i_1, dead_time + time, u_drop, width, near, SHOTS).volts
-        by_drop = lost_after(legs, k, i_0, i_1, 0.0, 1.0, width, 0j, 1).volts  # in proportion
+        more = lost_after(legs, k, i_0, i_1, 0.0, u_drop + drop, width, 0j, 1).volts
+        by_drop = (more - lost_after(legs, k, i_0, i_1, 0.0, u_drop, width, 0j, 1).volts) / drop
         found[0, k], found[1, k] = (right - here.volts) / span, (up - here.volts) / span
         found[2, k], found[3, k] = here.by_real, here.by_imag
         found[4, k], found[5, k] = (later - here.volts) / time, by_drop

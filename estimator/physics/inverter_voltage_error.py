@@ -58,7 +58,7 @@ EFFECT = Effect(
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding_resistance_drift", "flux_harmonics"),
     steep=True,
-    missed=1e-4,
+    missed=3e-5,
     remembers=lambda rows, _sizes: None if rows.u_dc is None else duties_before(rows),
     scales=_scales,
 )  # fmt: skip

@@ -33,6 +33,11 @@ _MOVES = 1.5  # times what u_dc / L makes of a current in a dead time: no curren
 _NARROW = 0.03  # times the same: a spread of currents that does not matter
 _CLOSE = 0.003  # times the same: where the last shot may end
 SHOTS: Final = 12  # at a period's end, where it lies in a bend
+_COURSES = 4  # times that a current's course through zero is followed by what drops make of it
+_STRAIGHT = 5e-3  # of a zero crossing's width, by which drops may bend it unseen
+_OF_ARC = 1.0 / 12.0  # of what a slope's change along a piece adds up to: the arc's mean above its chord
+_SAME = 1e-3  # of a drop, by which another course may change its mean unseen
+_BACK = 0.2  # of a width, that what bends a current by a width takes back in the next course
 _NEARER = 1.0 - 1e-6  # as near: of two legs alike, the first
 
 
@@ -180,44 +185,134 @@ def _by_drops(
 
     Slopes by the real and imaginary part of the current at the end.
     """
-    axes, lost, by_real, by_imag = (A, B, C), 0j, 0j, 0j
+    lost, by_real, by_imag = 0j, 0j, 0j
     known = len(legs.u_dc) > 0
-    u_dc = legs.u_dc[k] if known else 0.0
-    bow_s = _bow(legs, k) if known else 0j
+    if known and u_drop != 0.0:
+        _follow_drops(legs, k, i_0, i_1, u_drop, width)
     for leg in range(3):
-        axis = axes[leg]
-        start, end, volts, by_end = phase(i_0, axis), phase(i_1, axis), 0.0, 0.0
-        soft_start, soft_end = _soft(start, width), _soft(end, width)
+        axis, volts, by_end = axis_of(leg), 0.0, 0.0
         if not known:
-            volts = 0.5 * (start / soft_start + end / soft_end)
+            start, end = phase(i_0, axis), phase(i_1, axis)
+            soft_end = _soft(end, width)
+            volts = 0.5 * (start / _soft(start, width) + end / soft_end)
             by_end = 0.5 * width * width / (soft_end * soft_end * soft_end)
         elif u_drop != 0.0:
-            # Mean of the sign over the period, piece by piece between the edges, from both ends to the middle
-            slope, early, bow = end - start, 0.0, phase(bow_s, axis)
-            was_up, was_down, soft_was_up, soft_was_down = start, end, soft_start, soft_end
-            for part in range(4):
-                late, away = 0.5, 0.0
-                if part < 3:
-                    other = legs.order[k, part]
-                    late, away = rise_of(legs.duties[k, other]), phase(legs.ripple[k, other], axis)
-                bowed = bow * 4.0 * late * (1.0 - late)
-                up, down = start + slope * late + away + bowed, end - slope * late - away + bowed
-                soft_up, soft_down = _soft(up, width), _soft(down, width)
-                over_up, over_down = 1.0 / (soft_was_up + soft_up), 1.0 / (soft_was_down + soft_down)
-                mean_up, mean_down = (was_up + up) * over_up, (was_down + down) * over_down
-                volts += (late - early) * (mean_up + mean_down)
-                # of neither where the other end is: the ends move by the share of the period that is behind them
-                by_up = early * (1.0 - mean_up * was_up / soft_was_up) + late * (1.0 - mean_up * up / soft_up)
-                by_down = (1.0 - early) * (1.0 - mean_down * was_down / soft_was_down)
-                by_down += (1.0 - late) * (1.0 - mean_down * down / soft_down)
-                by_end += (late - early) * (by_up * over_up + by_down * over_down)
-                early, was_up, was_down, soft_was_up, soft_was_down = late, up, down, soft_up, soft_down
+            volts, by_end = legs.room.loss[leg]
         lost += axis * (u_drop * volts)
         by_real += axis * (u_drop * by_end * axis.real)
         by_imag += axis * (u_drop * by_end * axis.imag)
         if known and legs.duties[k, leg] >= 1.0 > legs.before[k, leg]:  # a leg that stays high rises at the start
-            lost += axis * (u_dc / legs.T_s * 0.5 * dead_time * (1.0 + start / soft_start))
+            start = phase(i_0, axis)
+            lost += axis * (legs.u_dc[k] / legs.T_s * 0.5 * dead_time * (1.0 + start / _soft(start, width)))
     return 2.0 / 3.0 * lost, 2.0 / 3.0 * by_real, 2.0 / 3.0 * by_imag
+
+
+@lean_kernel
+def _follow_drops(legs: Legs, k: int, i_0: complex, i_1: complex, u_drop: float, width: float) -> None:
+    """Put in the room what drops do in period k, and how it changes with the currents at the end.
+
+    Near zero a drop bends the course of its current: while it is less than its mean, the current gets ahead. So the
+    course is followed again by what was found.
+    """
+    room, bends = legs.room, 2.0 / 3.0 * u_drop * legs.T_s  # Vs
+    bow, damping, alike = _bow(legs, k), _damping(legs, k), bends * legs.a[k]
+    twice = bends * legs.b[k] * legs.middle[k] * legs.middle[k]  # of the mirror image
+    strength = abs(bends) * (legs.a[k] + abs(legs.b[k])) / width
+    near = 1.0 / (1.0 + _BACK * strength)
+    for course in range(_COURSES):
+        changes = 0.0
+        for leg in range(3):
+            if course == 0 or strength * room.varies[leg] * room.varies[leg] > _STRAIGHT:
+                before = room.mean[leg]
+                _mean_signs(legs, k, leg, i_0, i_1, width, bow, damping, course > 0)
+                changes = max(changes, abs(room.mean[leg] - before))
+        most = max(room.varies[0], room.varies[1], room.varies[2])
+        if strength * most * most < _STRAIGHT or (course > 0 and changes < _SAME) or course == _COURSES - 1:
+            break
+        if course == 0:
+            _none_of(room)
+        early, up, down = 0.0, 0j, 0j
+        for part in range(4):
+            late, more_up, more_down = rise_of(legs.duties[k, legs.order[k, part]]) if part < 3 else 0.5, 0j, 0j
+            for leg in range(3):
+                axis = (late - early) * axis_of(leg)
+                up += axis * (room.sign[leg, part, 0] - room.mean[leg])
+                down += axis * (room.sign[leg, part, 1] - room.mean[leg])
+                more_up += axis * (_OF_ARC * room.change[leg, part, 0])
+                more_down += axis * (_OF_ARC * room.change[leg, part, 1])
+            room.ahead[part, 0] -= near * (room.ahead[part, 0] + alike * up + twice * up.conjugate())
+            room.ahead[part, 1] -= near * (room.ahead[part, 1] - alike * down - twice * down.conjugate())
+            room.arc[part, 0] -= near * (room.arc[part, 0] - alike * more_up - twice * more_up.conjugate())
+            room.arc[part, 1] -= near * (room.arc[part, 1] + alike * more_down + twice * more_down.conjugate())
+            early = late
+
+
+@lean_kernel
+def _none_of(room: Room) -> None:
+    """Drops bend no course yet."""
+    for part in range(4):
+        for side in range(2):
+            room.ahead[part, side], room.arc[part, side] = 0j, 0j
+
+
+@lean_kernel
+def _mean_signs(
+    legs: Legs, k: int, leg: int, i_0: complex, i_1: complex, width: float, bow_s: complex, damping: float, bent: bool
+) -> None:  # fmt: skip
+    """Put in the room a phase current's mean sign, between edges and over the period, also as `weight` has it, and the
+    slope (1/A) of that by the current at the end; and how much it varies.
+
+    From both ends to the middle. `bent`: by drops, as the room says.
+    """
+    axis, room = axis_of(leg), legs.room
+    start, end, bow = phase(i_0, axis), phase(i_1, axis), phase(bow_s, axis)
+    slope, early, least, most = end - start, 0.0, 1.0, -1.0
+    mean, volts, by_end = 0.0, 0.0, 0.0
+    was_up, was_down, soft_was_up, soft_was_down = start, end, _soft(start, width), _soft(end, width)
+    sign_was_up, sign_was_down = start / soft_was_up, end / soft_was_down
+    for part in range(4):
+        late, away = 0.5, 0.0
+        if part < 3:
+            other = legs.order[k, part]
+            late, away = rise_of(legs.duties[k, other]), phase(legs.ripple[k, other], axis)
+        bowed = bow * 4.0 * late * (1.0 - late)
+        up, down = start + slope * late + away + bowed, end - slope * late - away + bowed
+        if bent:
+            up, down = up + phase(room.ahead[part, 0], axis), down + phase(room.ahead[part, 1], axis)
+        soft_up, soft_down = _soft(up, width), _soft(down, width)
+        sign_up, sign_down = up / soft_up, down / soft_down
+        over_up, over_down = 1.0 / (soft_was_up + soft_up), 1.0 / (soft_was_down + soft_down)
+        mean_up, mean_down = (was_up + up) * over_up, (was_down + down) * over_down
+        # of neither where the other end is: the ends move by the share of the period that is behind them
+        by_up = early * (1.0 - mean_up * sign_was_up) + late * (1.0 - mean_up * sign_up)
+        by_down = (1.0 - early) * (1.0 - mean_down * sign_was_down) + (1.0 - late) * (1.0 - mean_down * sign_down)
+        if bent:
+            mean_up += phase(room.arc[part, 0], axis) * _rise(sign_up - sign_was_up, up - was_up, soft_up, width)
+            mean_down += phase(room.arc[part, 1], axis) * _rise(
+                sign_down - sign_was_down, down - was_down, soft_down, width
+            )
+        span, middle = late - early, 0.5 * (late + early)
+        mean += span * (mean_up + mean_down)
+        volts += span * (mean_up * weight(damping, middle) + mean_down * weight(damping, 1.0 - middle))
+        by_end += span * (by_up * over_up + by_down * over_down)
+        room.sign[leg, part, 0], room.sign[leg, part, 1] = mean_up, mean_down
+        room.change[leg, part, 0], room.change[leg, part, 1] = sign_up - sign_was_up, sign_down - sign_was_down
+        least, most = min(least, mean_up, mean_down), max(most, mean_up, mean_down)
+        early, was_up, was_down, soft_was_up, soft_was_down = late, up, down, soft_up, soft_down
+        sign_was_up, sign_was_down = sign_up, sign_down
+    room.mean[leg], room.loss[leg, 0], room.loss[leg, 1], room.varies[leg] = mean, volts, by_end, most - least
+
+
+@lean_kernel
+def _rise(change: float, along: float, soft: float, width: float) -> float:
+    """Mean slope (1/A) of a current's sign along a piece of its course."""
+    return change / along if abs(along) > 1e-3 * width else width * width / (soft * soft * soft)
+
+
+@lean_kernel
+def _damping(legs: Legs, k: int) -> float:
+    """R_s T_s / L."""
+    return legs.R_s * legs.T_s * legs.a[k]
 
 
 @lean_kernel
@@ -245,7 +340,7 @@ def _laid_out(
     u_dc, T_s, room, lost, nearest, closest = legs.u_dc[k], legs.T_s, legs.room, 0j, 0, math.inf
     near = _MOVES * _moves(legs, k, dead_time) + spread
     bow = _bow(legs, k)
-    damping, dead = legs.R_s * T_s * legs.a[k], dead_time / T_s
+    damping, dead = _damping(legs, k), dead_time / T_s
     for leg in range(3):
         axis, rise = axis_of(leg), rise_of(legs.duties[k, leg])
         bowed = phase(bow, axis) * 4.0 * rise * (1.0 - rise)

@@ -34,6 +34,13 @@ class Room(NamedTuple):
     high: Real  # (3,) what share of the link's voltage each leg has
     free: NDArray[np.bool_]  # (3,) none of its switches is on
     zero: NDArray[np.bool_]  # (3,) nor is a diode: its current has come to zero
+    sign: Real  # (3, 4, 2) mean of each phase current's sign between edges, from the period's start on and from its end
+    varies: Real  # (3,) by how much in the period
+    mean: Real  # (3,) over the period
+    loss: Real  # (3, 2) the same as what is lost at the end counts, and its slope, 1/A
+    change: Real  # (3, 4, 2) of the sign itself, from edge to edge
+    arc: NDArray[np.complex128]  # (4, 2) A, stationary: mean of how far drops bend the current between these edges
+    ahead: NDArray[np.complex128]  # (4, 2) A, stationary: how far drops bend the current's course at these edges
 
 
 class Period(NamedTuple):
@@ -53,7 +60,10 @@ class Period(NamedTuple):
 def empty_room() -> Room:
     legs, changes, flags = np.empty(3, np.int8), np.empty(15, np.int8), np.zeros(3, np.bool_)
     out, moments = np.zeros((3, 3), np.int8), np.empty(15)
-    return Room(out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy())
+    return Room(
+        out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy(), np.empty((3, 4, 2)), np.empty(3),
+        np.zeros(3), np.empty((3, 2)), np.empty((3, 4, 2)), np.empty((4, 2), np.complex128), np.empty((4, 2), np.complex128),
+    )  # fmt: skip
 
 
 @lean_kernel
