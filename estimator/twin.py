@@ -60,7 +60,7 @@ class Lost(NamedTuple):
     legs: Legs
     dead_time: float  # s
     u_drop: float  # V
-    width: float  # A
+    knee: float  # A, of the drop
 
 
 _NO_GUESS: Final = np.zeros(0, np.complex128)
@@ -119,10 +119,10 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
     truth = in_truth(rows, model)
     course = _course(truth, _physics(model))
     i_s = in_truth(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), model).i_s
-    legs, dead_time, u_drop, width = course.lost
+    legs, dead_time, u_drop, knee = course.lost
     found = np.empty((6, len(rows)), np.complex128)
     _lost_around(
-        found, legs, i_s, dead_time, u_drop, width, _SPAN * rows.i_rated, _SHORT * rows.T_s, _LITTLE * bus(rows)
+        found, legs, i_s, dead_time, u_drop, knee, _SPAN * rows.i_rated, _SHORT * rows.T_s, _LITTLE * bus(rows)
     )
     back = truth.middle.conj()
     return Response(
@@ -133,19 +133,19 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
 
 @lean_kernel
 def _lost_around(
-    found: NDArray[np.complex128], legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float, span: float,
+    found: NDArray[np.complex128], legs: Legs, i_s: Vector, dead_time: float, u_drop: float, knee: float, span: float,
     time: float, drop: float,
 ) -> None:  # fmt: skip
     """Write slopes of the lost voltage (V, stationary) by the currents at start and end, dead time and drop (6 x n)."""
     for k in range(found.shape[1]):
         i_0, i_1 = i_s[k], i_s[k + 1]
-        here = lost_after(legs, k, i_0, i_1, dead_time, u_drop, width, 0j, SHOTS)
+        here = lost_after(legs, k, i_0, i_1, dead_time, u_drop, knee, 0j, SHOTS)
         near = here.beside
-        right = lost_after(legs, k, i_0 + span, i_1, dead_time, u_drop, width, near, SHOTS).volts
-        up = lost_after(legs, k, i_0 + 1j * span, i_1, dead_time, u_drop, width, near, SHOTS).volts
-        later = lost_after(legs, k, i_0, i_1, dead_time + time, u_drop, width, near, SHOTS).volts
-        more = lost_after(legs, k, i_0, i_1, 0.0, u_drop + drop, width, 0j, 1).volts
-        by_drop = (more - lost_after(legs, k, i_0, i_1, 0.0, u_drop, width, 0j, 1).volts) / drop
+        right = lost_after(legs, k, i_0 + span, i_1, dead_time, u_drop, knee, near, SHOTS).volts
+        up = lost_after(legs, k, i_0 + 1j * span, i_1, dead_time, u_drop, knee, near, SHOTS).volts
+        later = lost_after(legs, k, i_0, i_1, dead_time + time, u_drop, knee, near, SHOTS).volts
+        more = lost_after(legs, k, i_0, i_1, 0.0, u_drop + drop, knee, 0j, 1).volts
+        by_drop = (more - lost_after(legs, k, i_0, i_1, 0.0, u_drop, knee, 0j, 1).volts) / drop
         found[0, k], found[1, k] = (right - here.volts) / span, (up - here.volts) / span
         found[2, k], found[3, k] = here.by_real, here.by_imag
         found[4, k], found[5, k] = (later - here.volts) / time, by_drop
@@ -208,7 +208,8 @@ def _slopes(rows: Rows, model: Model) -> Slopes:
 def _course(rows: Rows, model: Model) -> Course:
     """Of a model without errors of measurement, around true currents."""
     ideal = _without(model, "inverter_voltage_error")
-    lost = Lost(legs_of(rows), *map(float, model.effects.get("inverter_voltage_error", (0.0, 0.0, 1.0))))
+    dead_time, u_drop, _, knee = map(float, model.effects.get("inverter_voltage_error", (0.0, 0.0, 1.0, 1.0)))
+    lost = Lost(legs_of(rows), dead_time, u_drop, knee)
     rise, corner = model.effects.get("ac_resistance", (0.0, 1.0))
     x, share, late = rung(rows.T_s, float(corner))
     memory = Memory(float(rise) * rows.machine.R_s / x, share, late)
@@ -305,13 +306,13 @@ def _solution_with_lost(
 
     Newton's method; steps that go on for long are halved: lost voltage changes fast where a phase current changes sign.
     """
-    legs, dead_time, u_drop, width = lost
+    legs, dead_time, u_drop, knee = lost
     back, beside, here = legs.middle[k].conjugate(), 0j, 0j
     for n in range(_ROUNDS):
         end = i_1 + x * rotor
         shots = 1 if n < _WHOLE else SHOTS
         here, by_real, by_imag, beside, settled = lost_after(
-            legs, k, i_0, end, dead_time, u_drop, width, beside, shots
+            legs, k, i_0, end, dead_time, u_drop, knee, beside, shots
         )
         d_lost, q_lost = by_real * rotor.real + by_imag * rotor.imag, by_imag * rotor.real - by_real * rotor.imag
         off = d * x.real + q * x.imag + here * back - v

@@ -318,11 +318,13 @@ class Search:
         return None
 
     def to_place(self, choice: Choice) -> tuple[str, int] | None:
-        """A likely effect with a moment of its own, which explains too little elsewhere to be added: to be tried there.
+        """The likeliest effect that is no line - it has a moment of its own, or bends - and explains a part of what is
+        left, but too little as a line to be added: to be tried where it is best.
         """
         left = self.fit(choice).chi2 - self.regression.count
         for one in self._likely(choice):
-            if any(parameter.discrete for parameter in BY_NAME[one[0]].parameters):
+            effect = BY_NAME[one[0]]
+            if effect.bends or any(parameter.discrete for parameter in effect.parameters):
                 explained = self.fit(choice).chi2 - self.fit((*choice, one)).chi2
                 return one if len(choice) < MOST and explained > max(PLACED * left, 2.0 * ENTRY) else None
         return None

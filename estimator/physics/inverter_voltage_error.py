@@ -12,7 +12,8 @@ uncertain by that.
 
 Near them the current's ripple has both signs within a period, and comes to zero and stays there within a dead time: the
 period is followed from edge to edge. Currents are known within zero_crossing_width, over which a dead time's loss is
-averaged; drops pass softly, i / sqrt(i^2 + zero_crossing_width^2). S.-G. Jeong, M.-H. Park, "The analysis and
+averaged; drops soften below knee, i / sqrt(i^2 + knee^2), as semiconductors' do. The two are apart: with one width for
+both, 0.43 us of dead time beside 1.2 V of drops came out as 0.50 us and 0.6 V, and R_s 2.5 % off. S.-G. Jeong, M.-H. Park, "The analysis and
 compensation of dead-time effects in PWM inverters", IEEE Trans. Industrial Electronics 38(2), 1991; R. B. Sepe, J. H.
 Lang, "Inverter nonlinearities and discrete-time vector current control", IEEE Trans. Industry Applications, 1994.
 """
@@ -28,12 +29,12 @@ _UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transisto
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Lost voltage, V."""
-    dead_time, u_drop, width = sizes
-    legs, dead_time, width = legs_of(rows), float(dead_time), float(width)
+    dead_time, u_drop, width, knee = map(float, sizes)
+    legs = legs_of(rows)
     by_dead_time = rows.once(
         f"lost in {dead_time!r} s, by {width!r} A", lambda: lost_by_dead_time(legs, rows.i_s, dead_time, width)
     )
-    return rows.stationary(by_dead_time + lost_by_drops(legs, rows.i_s, dead_time, float(u_drop), width))
+    return rows.stationary(by_dead_time + lost_by_drops(legs, rows.i_s, dead_time, u_drop, knee))
 
 
 def bus(rows: Rows) -> float:
@@ -52,9 +53,11 @@ EFFECT = Effect(
         Parameter("u_drop", "V", lambda rows: 0.003 * bus(rows), lambda _: 0.0, lambda rows: 0.03 * bus(rows)),
         Parameter("zero_crossing_width", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 3e-4 * rows.i_rated,
                   lambda rows: 0.2 * rows.i_rated, shape=True),
+        Parameter("knee", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 3e-4 * rows.i_rated,
+                  lambda rows: 0.2 * rows.i_rated, shape=True),
     ),
     voltage,
-    lambda rows: ((0.001 * rows.i_rated,), (0.01 * rows.i_rated,)),
+    lambda rows: tuple((width * rows.i_rated, 0.01 * rows.i_rated) for width in (0.001, 0.01)),
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding_resistance_drift", "flux_harmonics"),
     steep=True,

@@ -112,10 +112,10 @@ def lost_by_dead_time(legs: Legs, i_s: Vector, dead_time: float, spread: float) 
     return lost
 
 
-def lost_by_drops(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
+def lost_by_drops(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, knee: float) -> Vector:
     """The same by drops, and by the dead time of legs that come to stay high."""
     lost = np.zeros(len(legs.middle), np.complex128)
-    _add_drops(lost, legs, i_s[:-1], i_s[1:], dead_time, u_drop, width)
+    _add_drops(lost, legs, i_s[:-1], i_s[1:], dead_time, u_drop, knee)
     return lost
 
 
@@ -136,10 +136,10 @@ def _add_dead_time(lost: Vector, legs: Legs, begin: Vector, end: Vector, dead_ti
 
 @lean_kernel
 def _add_drops(
-    lost: Vector, legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, width: float
+    lost: Vector, legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, knee: float
 ) -> None:  # fmt: skip
     for k in range(len(lost)):
-        lost[k] += _by_drops(legs, k, begin[k], end[k], dead_time, u_drop, width)[0]
+        lost[k] += _by_drops(legs, k, begin[k], end[k], dead_time, u_drop, knee)[0]
 
 
 class Loss(NamedTuple):
@@ -154,14 +154,14 @@ class Loss(NamedTuple):
 
 @lean_kernel
 def lost_after(
-    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float,
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, knee: float,
     beside: complex, shots: int,
 ) -> Loss:  # fmt: skip
     """What period k loses for currents (A) that are known, after so many shots more at the end.
 
     beside: 0 for the first, then that of the last.
     """
-    volts, by_real, by_imag = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, width)
+    volts, by_real, by_imag = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, knee)
     settled = True
     if dead_time != 0.0 and len(legs.u_dc) > 0:
         far, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, 0.0)
@@ -179,7 +179,7 @@ def lost_after(
 
 @lean_kernel
 def _by_drops(
-    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, width: float
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, knee: float
 ) -> tuple[complex, complex, complex]:  # fmt: skip
     """Lost voltage (V, stationary) of drops, and of the dead time of legs that come to stay high; its slopes (ohm).
 
@@ -188,14 +188,14 @@ def _by_drops(
     lost, by_real, by_imag = 0j, 0j, 0j
     known = len(legs.u_dc) > 0
     if known and u_drop != 0.0:
-        _follow_drops(legs, k, i_0, i_1, u_drop, width)
+        _follow_drops(legs, k, i_0, i_1, u_drop, knee)
     for leg in range(3):
         axis, volts, by_end = axis_of(leg), 0.0, 0.0
         if not known:
             start, end = phase(i_0, axis), phase(i_1, axis)
-            soft_end = _soft(end, width)
-            volts = 0.5 * (start / _soft(start, width) + end / soft_end)
-            by_end = 0.5 * width * width / (soft_end * soft_end * soft_end)
+            soft_end = _soft(end, knee)
+            volts = 0.5 * (start / _soft(start, knee) + end / soft_end)
+            by_end = 0.5 * knee * knee / (soft_end * soft_end * soft_end)
         elif u_drop != 0.0:
             volts, by_end = legs.room.loss[leg]
         lost += axis * (u_drop * volts)
@@ -203,12 +203,12 @@ def _by_drops(
         by_imag += axis * (u_drop * by_end * axis.imag)
         if known and legs.duties[k, leg] >= 1.0 > legs.before[k, leg]:  # a leg that stays high rises at the start
             start = phase(i_0, axis)
-            lost += axis * (legs.u_dc[k] / legs.T_s * 0.5 * dead_time * (1.0 + start / _soft(start, width)))
+            lost += axis * (legs.u_dc[k] / legs.T_s * 0.5 * dead_time * (1.0 + start / _soft(start, knee)))
     return 2.0 / 3.0 * lost, 2.0 / 3.0 * by_real, 2.0 / 3.0 * by_imag
 
 
 @lean_kernel
-def _follow_drops(legs: Legs, k: int, i_0: complex, i_1: complex, u_drop: float, width: float) -> None:
+def _follow_drops(legs: Legs, k: int, i_0: complex, i_1: complex, u_drop: float, knee: float) -> None:
     """Put in the room what drops do in period k, and how it changes with the currents at the end.
 
     Near zero a drop bends the course of its current: while it is less than its mean, the current gets ahead. So the
@@ -217,14 +217,14 @@ def _follow_drops(legs: Legs, k: int, i_0: complex, i_1: complex, u_drop: float,
     room, bends = legs.room, 2.0 / 3.0 * u_drop * legs.T_s  # Vs
     bow, damping, alike = _bow(legs, k), _damping(legs, k), bends * legs.a[k]
     twice = bends * legs.b[k] * legs.middle[k] * legs.middle[k]  # of the mirror image
-    strength = abs(bends) * (legs.a[k] + abs(legs.b[k])) / width
+    strength = abs(bends) * (legs.a[k] + abs(legs.b[k])) / knee
     near = 1.0 / (1.0 + _BACK * strength)
     for course in range(_COURSES):
         changes = 0.0
         for leg in range(3):
             if course == 0 or strength * room.varies[leg] * room.varies[leg] > _STRAIGHT:
                 before = room.mean[leg]
-                _mean_signs(legs, k, leg, i_0, i_1, width, bow, damping, course > 0)
+                _mean_signs(legs, k, leg, i_0, i_1, knee, bow, damping, course > 0)
                 changes = max(changes, abs(room.mean[leg] - before))
         most = max(room.varies[0], room.varies[1], room.varies[2])
         if strength * most * most < _STRAIGHT or (course > 0 and changes < _SAME) or course == _COURSES - 1:
@@ -257,7 +257,7 @@ def _none_of(room: Room) -> None:
 
 @lean_kernel
 def _mean_signs(
-    legs: Legs, k: int, leg: int, i_0: complex, i_1: complex, width: float, bow_s: complex, damping: float, bent: bool
+    legs: Legs, k: int, leg: int, i_0: complex, i_1: complex, knee: float, bow_s: complex, damping: float, bent: bool
 ) -> None:  # fmt: skip
     """Put in the room a phase current's mean sign, between edges and over the period, also as `weight` has it, and the
     slope (1/A) of that by the current at the end; and how much it varies.
@@ -268,7 +268,7 @@ def _mean_signs(
     start, end, bow = phase(i_0, axis), phase(i_1, axis), phase(bow_s, axis)
     slope, early, least, most = end - start, 0.0, 1.0, -1.0
     mean, volts, by_end = 0.0, 0.0, 0.0
-    was_up, was_down, soft_was_up, soft_was_down = start, end, _soft(start, width), _soft(end, width)
+    was_up, was_down, soft_was_up, soft_was_down = start, end, _soft(start, knee), _soft(end, knee)
     sign_was_up, sign_was_down = start / soft_was_up, end / soft_was_down
     for part in range(4):
         late, away = 0.5, 0.0
@@ -279,7 +279,7 @@ def _mean_signs(
         up, down = start + slope * late + away + bowed, end - slope * late - away + bowed
         if bent:
             up, down = up + phase(room.ahead[part, 0], axis), down + phase(room.ahead[part, 1], axis)
-        soft_up, soft_down = _soft(up, width), _soft(down, width)
+        soft_up, soft_down = _soft(up, knee), _soft(down, knee)
         sign_up, sign_down = up / soft_up, down / soft_down
         over_up, over_down = 1.0 / (soft_was_up + soft_up), 1.0 / (soft_was_down + soft_down)
         mean_up, mean_down = (was_up + up) * over_up, (was_down + down) * over_down
@@ -287,9 +287,9 @@ def _mean_signs(
         by_up = early * (1.0 - mean_up * sign_was_up) + late * (1.0 - mean_up * sign_up)
         by_down = (1.0 - early) * (1.0 - mean_down * sign_was_down) + (1.0 - late) * (1.0 - mean_down * sign_down)
         if bent:
-            mean_up += phase(room.arc[part, 0], axis) * _rise(sign_up - sign_was_up, up - was_up, soft_up, width)
+            mean_up += phase(room.arc[part, 0], axis) * _rise(sign_up - sign_was_up, up - was_up, soft_up, knee)
             mean_down += phase(room.arc[part, 1], axis) * _rise(
-                sign_down - sign_was_down, down - was_down, soft_down, width
+                sign_down - sign_was_down, down - was_down, soft_down, knee
             )
         span, middle = late - early, 0.5 * (late + early)
         mean += span * (mean_up + mean_down)
@@ -304,9 +304,9 @@ def _mean_signs(
 
 
 @lean_kernel
-def _rise(change: float, along: float, soft: float, width: float) -> float:
+def _rise(change: float, along: float, soft: float, knee: float) -> float:
     """Mean slope (1/A) of a current's sign along a piece of its course."""
-    return change / along if abs(along) > 1e-3 * width else width * width / (soft * soft * soft)
+    return change / along if abs(along) > 1e-3 * knee else knee * knee / (soft * soft * soft)
 
 
 @lean_kernel
@@ -410,8 +410,8 @@ def _driven(u: complex, a: float, b: complex) -> complex:
 
 
 @lean_kernel
-def _soft(i: float, width: float) -> float:
-    return math.sqrt(i * i + width * width)
+def _soft(i: float, knee: float) -> float:
+    return math.sqrt(i * i + knee * knee)
 
 
 @kernel
