@@ -47,6 +47,7 @@ class Left(NamedTuple):
     before: float  # by the machine
     after: float  # by the machine with effects fitted
     missed: float  # share of the energy that only the effects explain, which they leave
+    model: Model  # of the least that was left
 
 
 def with_effect(kind: str, motor: str, length: float = 0.2) -> Scenario:
@@ -80,7 +81,7 @@ def fitted_to(rows: Rows, names: Sequence[str]) -> Left:
     noise = _NOISE * rows.i_rated * machine.L_d, _NOISE * rows.i_rated * machine.L_q, 1e-3
     library = [BY_NAME[name] for name in names]
     before = least = left_of(rows, model)
-    explained = 0.0
+    explained, best = 0.0, model
     for _ in range(_ROUNDS):
         model = with_step_in_place(rows, rows, model)
         search = Search(regression(rows, rows, model, given, noise, library))
@@ -88,10 +89,11 @@ def fitted_to(rows: Rows, names: Sequence[str]) -> Left:
         present = tuple((name, -1) for name in model.effects)
         choice = present or max(product(*shapes), key=lambda some: search.fit(some).log_evidence)
         model = moved(search, choice)
-        least = min(least, left_of(rows, model))
+        if (left := left_of(rows, model)) < least:
+            least, best = left, model
         explained = sum(search.explained(choice, one) for one in choice)
     chi2 = 2.0 * len(rows) * (1e-3 * least / _NOISE) ** 2
-    return Left(before, least, chi2 / explained if explained > 0.0 else 0.0)
+    return Left(before, least, chi2 / explained if explained > 0.0 else 0.0, best)
 
 
 def _missed(case: tuple[str, str]) -> float:

@@ -31,7 +31,7 @@ CLASSES = sorted(set(EFFECT) - {"dc_link_gain", "demagnetisation", "winding_heat
 @pytest.mark.parametrize("kind", ["none", *CLASSES])
 def test_an_equation_misses_little_of_its_effect(kind: str, motor: str) -> None:
     rows = rows_without_noise(with_effect(kind, motor))
-    before, after, _ = fitted_to(rows, [] if kind == "none" else [EFFECT[kind]])
+    before, after, *_ = fitted_to(rows, [] if kind == "none" else [EFFECT[kind]])
     print(f"{motor} {kind}: {before:.3g} per mille of rated current, {after:.3g} with the effect")
     assert after < MISSED.get(kind, 0.1)
     assert kind == "none" or before > 10.0 * after
@@ -52,7 +52,7 @@ def test_a_current_beside_the_machines_acts_on_inductances_that_change(
     scenario = with_effect("none", motor)
     sections = {first: getattr(one, first), second: getattr(other, second)}
     rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(**sections)))
-    before, after, _ = fitted_to(rows, [EFFECT[kind] for kind in kinds])
+    before, after, *_ = fitted_to(rows, [EFFECT[kind] for kind in kinds])
     print(f"{first} and {second}, {motor}: {before:.3g} per mille of rated current, {after:.3g} with both")
     assert after < most
     assert before > 50.0 * after
@@ -66,7 +66,7 @@ def test_a_dead_time_is_followed_to_the_voltage_limit() -> None:
     machine = machine_of(scenario.motor)
     rows = settled(rows_of_columns(c, machine, drive.T_s))
     at_limit = np.count_nonzero(np.abs(rows.duties - 0.5) == 0.5) / len(rows)
-    bridge = {"inverter_voltage_error": (scenario.effects.inverter.dead_time, 0.0, 1e-4 * rows.i_rated)}
+    bridge = {"inverter_voltage_error": (scenario.effects.inverter.dead_time, 0.0, 1e-4 * rows.i_rated, 0.01 * rows.i_rated)}
     left = left_of(rows, Model(machine, bridge))
     print(f"{left:.3g} per mille of rated current, {100.0 * at_limit:.2g} % of periods with a leg at a rail")
     assert at_limit > 0.003
@@ -145,10 +145,29 @@ def test_effects_act_on_each_other(section: str, first: str, second: str, most: 
     rows = rows_without_noise(
         replace(scenario, effects=scenario.effects._replace(**{section: getattr(one, section)}))
     )
-    before, after, _ = fitted_to(rows, [EFFECT[first], EFFECT[second]])
+    before, after, *_ = fitted_to(rows, [EFFECT[first], EFFECT[second]])
     print(f"{first} and {second}: {before:.3g} per mille of rated current, {after:.3g} with both")
     assert after < most
     assert before > 10.0 * after
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motor", ["emrax_208_hv", "servo_4nm", "hbl48zl400"])
+def test_a_dead_time_and_drops_of_one_inverter_are_told_apart(motor: str) -> None:
+    """Each bends the course of a current near zero, by which the other acts; and each passes zero in its own width."""
+    scenario, drops = with_effect("dead_time", motor), with_effect("drops", motor).effects.inverter
+    inverter = drops._replace(dead_time=0.3 * scenario.effects.inverter.dead_time)
+    rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(inverter=inverter)))
+    before, after, missed, model = fitted_to(rows, ["inverter_voltage_error"])
+    dead_time, u_drop, _, knee = model.effects["inverter_voltage_error"]
+    print(
+        f"{motor}: {before:.3g} per mille of rated current, {after:.3g} with both ({missed:.1e} missed); "
+        f"dead time {dead_time / inverter.dead_time:.3f}, drops {2.0 * u_drop / (drops.u_transistor + drops.u_diode):.3f}"
+    )
+    assert missed < 3e-4
+    assert dead_time == pytest.approx(inverter.dead_time, rel=0.03)
+    assert u_drop == pytest.approx(0.5 * (drops.u_transistor + drops.u_diode), rel=0.03)
+    assert knee == pytest.approx(0.01 * rows.i_rated, rel=0.1)
 
 
 @pytest.mark.slow
@@ -160,7 +179,7 @@ def test_a_dead_time_acts_on_the_saturated_machine(name: str, drops: Saturation,
     scenario = with_effect("dead_time", "servo_4nm")
     inverter = scenario.effects.inverter
     rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(saturation=drops)))
-    sizes = (inverter.dead_time, 0.0, 3e-4 * rows.i_rated)
+    sizes = (inverter.dead_time, 0.0, 3e-4 * rows.i_rated, 0.01 * rows.i_rated)
     both = Model(rows.machine, {name: (size,), "inverter_voltage_error": sizes})
     without = left_of(rows, Model(rows.machine, {name: (size,)}))
     print(f"{name}: {without:.3g} per mille of rated current, {left_of(rows, both):.3g} with the dead time")
@@ -177,7 +196,7 @@ def test_a_dead_time_acts_on_currents_that_other_effects_change_within_a_period(
     scenario = with_effect(kind, motor)
     inverter = with_effect("dead_time", motor).effects.inverter
     rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(inverter=inverter)))
-    before, after, _ = fitted_to(rows, ["inverter_voltage_error", EFFECT[kind]])
+    before, after, *_ = fitted_to(rows, ["inverter_voltage_error", EFFECT[kind]])
     print(f"dead time and {kind}, {motor}: {before:.3g} per mille of rated current, {after:.3g} with both")
     assert after < most
     assert before > 100.0 * after

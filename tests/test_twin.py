@@ -42,7 +42,7 @@ ONES = NONE._replace(
 )
 """In the library's terms: `SIZES`."""
 SIZES = {
-    "inverter": {"inverter_voltage_error": (2e-6, 1.0, 0.005 * RATED)},
+    "inverter": {"inverter_voltage_error": (2e-6, 1.0, 0.005 * RATED, 0.01 * RATED)},
     "saturation": {"d_axis_saturation": (0.1,), "q_axis_saturation": (0.2,), "cross_saturation": (0.05,)},
     "skin": {"ac_resistance": (1.0, 300.0)},
     "imbalance": {"phase_resistance_imbalance": (0.1 * PAPER.motor.R_s, 0.0)},
@@ -129,7 +129,7 @@ def test_with_a_drives_effect_a_free_run_follows_it_and_without_it_does_not(name
 def test_currents_that_follow_a_model_are_the_same_when_found_from_those_of_another() -> None:
     rows = rows_from(drive_with(NONE._replace(inverter=ONES.inverter), NOISE))
     model = Model(TRUTH, SIZES["inverter"])
-    near, _ = followed(rows, Model(TRUTH, {"inverter_voltage_error": (2.5e-6, 0.5, 0.01 * RATED)}), 0.02)
+    near, _ = followed(rows, Model(TRUTH, {"inverter_voltage_error": (2.5e-6, 0.5, 0.01 * RATED, 0.01 * RATED)}), 0.02)
     (i, lost), (again, lost_again) = followed(rows, model, 0.02), followed(rows, model, 0.02, near)
     off = np.abs(again - i) / RATED
     assert rms(near - i) > 1e-2 * RATED
@@ -169,7 +169,7 @@ def test_sizes_of_zero_are_the_machine_alone(everything: Rows) -> None:
 def test_what_a_free_run_finds_implies_the_recorded_voltage(everything: Rows, more: float) -> None:
     """Narrow zero crossings, as of currents without noise, and wrong sizes."""
     sizes = {name: tuple(more * size for size in sizes) for name, sizes in ALL_SIZES.items()}
-    sizes["inverter_voltage_error"] = (more * 2e-6, more * 1.0, 3e-4 * RATED)
+    sizes["inverter_voltage_error"] = (more * 2e-6, more * 1.0, 3e-4 * RATED, 3e-4 * RATED)
     model = Model(replace(TRUTH, R_s=1.3 * TRUTH.R_s), sizes)
     rows = replace(everything, i=free_run(everything, model, 500), kept={})
     within = np.arange(1, len(rows) + 1) % 500 != 0  # the others end in a measured current
@@ -178,7 +178,7 @@ def test_what_a_free_run_finds_implies_the_recorded_voltage(everything: Rows, mo
 
 
 def test_a_step_implies_the_recorded_voltage_from_the_measured_current(everything: Rows) -> None:
-    model = Model(TRUTH, ALL_SIZES | {"inverter_voltage_error": (2e-6, 1.0, 3e-4 * RATED)})  # no spread of currents
+    model = Model(TRUTH, ALL_SIZES | {"inverter_voltage_error": (2e-6, 1.0, 3e-4 * RATED, 3e-4 * RATED)})  # no spread of currents
     step = one_step(everything, model)
     for first in (0, 1):
         i = everything.i.copy()

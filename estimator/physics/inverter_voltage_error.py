@@ -21,7 +21,7 @@ Lang, "Inverter nonlinearities and discrete-time vector current control", IEEE T
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes
-from estimator.physics.lost_voltage import duties_before, legs_of, lost_by_dead_time, lost_by_drops
+from estimator.physics.lost_voltage import duties_before, legs_of, lost_by_both
 from estimator.physics.rows import Rows, Vector
 
 _UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transistor's
@@ -31,10 +31,12 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Lost voltage, V."""
     dead_time, u_drop, width, knee = map(float, sizes)
     legs = legs_of(rows)
-    by_dead_time = rows.once(
-        f"lost in {dead_time!r} s, by {width!r} A", lambda: lost_by_dead_time(legs, rows.i_s, dead_time, width)
-    )
-    return rows.stationary(by_dead_time + lost_by_drops(legs, rows.i_s, dead_time, u_drop, knee))
+    def both(u_drop: float) -> Vector:
+        return lost_by_both(legs, rows.i_s, dead_time, u_drop, width, knee)
+
+    if u_drop != 0.0:
+        return rows.stationary(both(u_drop))
+    return rows.stationary(rows.once(f"lost in {dead_time!r} s, by {width!r} A", lambda: both(0.0)))
 
 
 def bus(rows: Rows) -> float:
@@ -61,7 +63,7 @@ EFFECT = Effect(
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding_resistance_drift", "flux_harmonics"),
     steep=True,
-    missed=3e-5,
+    missed=1e-4,
     remembers=lambda rows, _sizes: None if rows.u_dc is None else duties_before(rows),
     scales=_scales,
 )  # fmt: skip

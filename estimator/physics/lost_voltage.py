@@ -106,40 +106,32 @@ def _before(duties: Real, joined: NDArray[np.bool_]) -> Real:
 
 def lost_by_dead_time(legs: Legs, i_s: Vector, dead_time: float, spread: float) -> Vector:
     """Voltage (V) that dead times lose in each period, from currents (A) at samples; both in the stationary frame."""
-    lost = np.zeros(len(legs.middle), np.complex128)
-    if len(legs.u_dc) > 0 and dead_time != 0.0:
-        _add_dead_time(lost, legs, i_s[:-1], i_s[1:], dead_time, spread)
-    return lost
+    return lost_by_both(legs, i_s, dead_time, 0.0, spread, 1.0)
 
 
-def lost_by_drops(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, knee: float) -> Vector:
-    """The same by drops, and by the dead time of legs that come to stay high."""
+def lost_by_both(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, spread: float, knee: float) -> Vector:
+    """The same by dead times and drops."""
     lost = np.zeros(len(legs.middle), np.complex128)
-    _add_drops(lost, legs, i_s[:-1], i_s[1:], dead_time, u_drop, knee)
+    _add_both(lost, legs, i_s[:-1], i_s[1:], dead_time, u_drop, spread, knee)
     return lost
 
 
 def lost_between(legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
     """Lost voltage (V) of periods that need not join, from currents (A) at their ends; all in the stationary frame."""
     lost = np.zeros(len(begin), np.complex128)
-    _add_drops(lost, legs, begin, end, dead_time, u_drop, width)
-    if len(legs.u_dc) > 0 and dead_time != 0.0:
-        _add_dead_time(lost, legs, begin, end, dead_time, width)
+    _add_both(lost, legs, begin, end, dead_time, u_drop, width, width)
     return lost
 
 
 @lean_kernel
-def _add_dead_time(lost: Vector, legs: Legs, begin: Vector, end: Vector, dead_time: float, spread: float) -> None:
-    for k in range(len(lost)):
-        lost[k] += _by_dead_time(legs, k, begin[k], end[k], dead_time, spread)
-
-
-@lean_kernel
-def _add_drops(
-    lost: Vector, legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, knee: float
+def _add_both(
+    lost: Vector, legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, spread: float, knee: float
 ) -> None:  # fmt: skip
+    edges = len(legs.u_dc) > 0 and dead_time != 0.0
     for k in range(len(lost)):
         lost[k] += _by_drops(legs, k, begin[k], end[k], dead_time, u_drop, knee)[0]
+        if edges:
+            lost[k] += _by_dead_time(legs, k, begin[k], end[k], dead_time, u_drop, spread)
 
 
 class Loss(NamedTuple):
@@ -164,12 +156,12 @@ def lost_after(
     volts, by_real, by_imag = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, knee)
     settled = True
     if dead_time != 0.0 and len(legs.u_dc) > 0:
-        far, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, 0.0)
+        far, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, u_drop, 0.0)
         if nearest < 0:
             volts += far
         else:
             close, full = _CLOSE * _moves(legs, k, dead_time), 2.0 / 3.0 * legs.u_dc[k]
-            last = course_between(_period(legs, k), i_0, i_1, beside, shots, close, changes, legs.room)
+            last = course_between(_period(legs, k, u_drop), i_0, i_1, beside, shots, close, changes, legs.room)
             volts += full * (_ideal(legs, k) - last.held)
             by_real -= full * last.held_real
             by_imag -= full * last.held_imag
@@ -188,7 +180,7 @@ def _by_drops(
     lost, by_real, by_imag = 0j, 0j, 0j
     known = len(legs.u_dc) > 0
     if known and u_drop != 0.0:
-        _follow_drops(legs, k, i_0, i_1, u_drop, knee)
+        _follow_drops(legs, k, i_0, i_1, dead_time, u_drop, knee)
     for leg in range(3):
         axis, volts, by_end = axis_of(leg), 0.0, 0.0
         if not known:
@@ -208,51 +200,80 @@ def _by_drops(
 
 
 @lean_kernel
-def _follow_drops(legs: Legs, k: int, i_0: complex, i_1: complex, u_drop: float, knee: float) -> None:
+def _follow_drops(
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, knee: float
+) -> None:  # fmt: skip
     """Put in the room what drops do in period k, and how it changes with the currents at the end.
 
-    Near zero a drop bends the course of its current: while it is less than its mean, the current gets ahead. So the
-    course is followed again by what was found.
+    Near zero a drop bends the course of its current: while it is less than its mean, the current gets ahead. And dead
+    times shift it after each edge. So the course is followed again by what was found.
     """
     room, bends = legs.room, 2.0 / 3.0 * u_drop * legs.T_s  # Vs
-    bow, damping, alike = _bow(legs, k), _damping(legs, k), bends * legs.a[k]
-    twice = bends * legs.b[k] * legs.middle[k] * legs.middle[k]  # of the mirror image
+    bow, damping, alike = _bow(legs, k), _damping(legs, k), legs.a[k]
+    twice = legs.b[k] * legs.middle[k] * legs.middle[k]  # of the mirror image
+    jolt, moves = 2.0 / 3.0 * legs.u_dc[k] * dead_time, _moves(legs, k, dead_time)  # Vs, A
     strength = abs(bends) * (legs.a[k] + abs(legs.b[k])) / knee
-    near = 1.0 / (1.0 + _BACK * strength)
+    near, varied = 1.0 / (1.0 + _BACK * strength), strength + 2.0 / 3.0 * moves / knee
     for course in range(_COURSES):
         changes = 0.0
         for leg in range(3):
-            if course == 0 or strength * room.varies[leg] * room.varies[leg] > _STRAIGHT:
+            if course == 0 or varied * room.varies[leg] * room.varies[leg] > _STRAIGHT:
                 before = room.mean[leg]
                 _mean_signs(legs, k, leg, i_0, i_1, knee, bow, damping, course > 0)
                 changes = max(changes, abs(room.mean[leg] - before))
         most = max(room.varies[0], room.varies[1], room.varies[2])
-        if strength * most * most < _STRAIGHT or (course > 0 and changes < _SAME) or course == _COURSES - 1:
+        if varied * most * most < _STRAIGHT or (course > 0 and changes < _SAME) or course == _COURSES - 1:
             break
         if course == 0:
             _none_of(room)
+        if jolt > 0.0:
+            _shift(legs, k, jolt, moves)
         early, up, down = 0.0, 0j, 0j
         for part in range(4):
-            late, more_up, more_down = rise_of(legs.duties[k, legs.order[k, part]]) if part < 3 else 0.5, 0j, 0j
+            late, more_up, more_down = room.late[part], 0j, 0j
             for leg in range(3):
-                axis = (late - early) * axis_of(leg)
-                up += axis * (room.sign[leg, part, 0] - room.mean[leg])
+                axis = (bends * (late - early)) * axis_of(leg)
+                up -= axis * (room.sign[leg, part, 0] - room.mean[leg])
                 down += axis * (room.sign[leg, part, 1] - room.mean[leg])
                 more_up += axis * (_OF_ARC * room.change[leg, part, 0])
-                more_down += axis * (_OF_ARC * room.change[leg, part, 1])
-            room.ahead[part, 0] -= near * (room.ahead[part, 0] + alike * up + twice * up.conjugate())
-            room.ahead[part, 1] -= near * (room.ahead[part, 1] - alike * down - twice * down.conjugate())
-            room.arc[part, 0] -= near * (room.arc[part, 0] - alike * more_up - twice * more_up.conjugate())
-            room.arc[part, 1] -= near * (room.arc[part, 1] + alike * more_down + twice * more_down.conjugate())
+                more_down -= axis * (_OF_ARC * room.change[leg, part, 1])
+            room.ahead[part, 0] += near * (alike * up + twice * up.conjugate() - room.ahead[part, 0])
+            room.ahead[part, 1] += near * (alike * down + twice * down.conjugate() - room.ahead[part, 1])
+            room.arc[part, 0] += near * (alike * more_up + twice * more_up.conjugate() - room.arc[part, 0])
+            room.arc[part, 1] += near * (alike * more_down + twice * more_down.conjugate() - room.arc[part, 1])
             early = late
 
 
 @lean_kernel
+def _shift(legs: Legs, k: int, jolt: float, moves: float) -> None:
+    """Put in the room how far dead times shift the current at edges, and how much farther after them.
+
+    A leg rises late where its current flows out, and falls late where it flows into it: each shifts the flux linkage by
+    `jolt` (Vs); and all that is made up for evenly, as the end is known. moves: A, what a dead time makes of a current
+    that comes to zero in it.
+    """
+    room, whole = legs.room, 0j
+    alike, twice = legs.a[k], legs.b[k] * legs.middle[k] * legs.middle[k]
+    for part in range(3):
+        leg = legs.order[k, part]
+        axis = jolt * axis_of(leg) if 0.0 < room.late[part] < 0.5 else 0j
+        by_axis, out, into = alike * axis + twice * axis.conjugate(), room.edge[leg, 0], -room.edge[leg, 1]
+        room.jump[part, 0] = -0.5 * (1.0 + out / _soft(out, moves)) * by_axis
+        room.jump[part, 1] = -0.5 * (1.0 + into / _soft(into, moves)) * by_axis
+        whole += room.jump[part, 0] - room.jump[part, 1]
+    up, down = 0j, 0j
+    for part in range(4):
+        room.shift[part, 0], room.shift[part, 1] = up - room.late[part] * whole, down + room.late[part] * whole
+        up, down = up + room.jump[part, 0], down + room.jump[part, 1]
+
+
+@lean_kernel
 def _none_of(room: Room) -> None:
-    """Drops bend no course yet."""
+    """Nothing bends the course yet."""
     for part in range(4):
         for side in range(2):
             room.ahead[part, side], room.arc[part, side] = 0j, 0j
+            room.shift[part, side], room.jump[part, side] = 0j, 0j
 
 
 @lean_kernel
@@ -279,6 +300,11 @@ def _mean_signs(
         up, down = start + slope * late + away + bowed, end - slope * late - away + bowed
         if bent:
             up, down = up + phase(room.ahead[part, 0], axis), down + phase(room.ahead[part, 1], axis)
+        room.late[part] = late
+        if part < 3 and legs.order[k, part] == leg:
+            room.edge[leg, 0], room.edge[leg, 1] = up, down
+        if bent:
+            up, down = up + phase(room.shift[part, 0], axis), down + phase(room.shift[part, 1], axis)
         soft_up, soft_down = _soft(up, knee), _soft(down, knee)
         sign_up, sign_down = up / soft_up, down / soft_down
         over_up, over_down = 1.0 / (soft_was_up + soft_up), 1.0 / (soft_was_down + soft_down)
@@ -300,6 +326,10 @@ def _mean_signs(
         least, most = min(least, mean_up, mean_down), max(most, mean_up, mean_down)
         early, was_up, was_down, soft_was_up, soft_was_down = late, up, down, soft_up, soft_down
         sign_was_up, sign_was_down = sign_up, sign_down
+        if bent:
+            was_up, was_down = up + phase(room.jump[part, 0], axis), down + phase(room.jump[part, 1], axis)
+            soft_was_up, soft_was_down = _soft(was_up, knee), _soft(was_down, knee)
+            sign_was_up, sign_was_down = was_up / soft_was_up, was_down / soft_was_down
     room.mean[leg], room.loss[leg, 0], room.loss[leg, 1], room.varies[leg] = mean, volts, by_end, most - least
 
 
@@ -316,23 +346,23 @@ def _damping(legs: Legs, k: int) -> float:
 
 
 @lean_kernel
-def _by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, spread: float) -> complex:
-    """Lost voltage (V, stationary) of the dead times alone."""
-    lost, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, spread)
+def _by_dead_time(legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, spread: float) -> complex:
+    """Lost voltage (V, stationary) of the dead times alone, beside drops that the room has."""
+    lost, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, u_drop, spread)
     if nearest < 0:
         return lost
     moves = _moves(legs, k, dead_time)
     if spread < _NARROW * moves:
-        return _between_edges(legs, k, i_0, i_1, changes, moves)
+        return _between_edges(legs, k, i_0, i_1, u_drop, changes, moves)
     # Currents spread, as noise makes them: the mean of two that have this spread
     off = spread * axis_of(nearest)
-    lower = _between_edges(legs, k, i_0 - off, i_1 - off, changes, moves)
-    return 0.5 * (lower + _between_edges(legs, k, i_0 + off, i_1 + off, changes, moves))
+    lower = _between_edges(legs, k, i_0 - off, i_1 - off, u_drop, changes, moves)
+    return 0.5 * (lower + _between_edges(legs, k, i_0 + off, i_1 + off, u_drop, changes, moves))
 
 
 @lean_kernel
 def _laid_out(
-    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, spread: float
+    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, spread: float
 ) -> tuple[complex, int, int]:
     """Lost voltage (V, stationary) where each edge's diode is known, and -1; else the leg whose current is nearest zero
     at an edge, and how often switches change on the period's course.
@@ -347,6 +377,8 @@ def _laid_out(
         start, end = phase(i_0, axis) + bowed, phase(i_1, axis) + bowed
         away = (end - start) * rise + phase(legs.ripple[k, leg], axis)
         at_rise, at_fall, at_last = start + away, end - away, start - away
+        if u_drop != 0.0:
+            at_rise, at_fall = room.edge[leg, 0], room.edge[leg, 1]
         left = still_dead(legs.before[k, leg], dead)
         close = min(abs(at_rise), abs(at_fall), abs(at_last) if left > 0.0 else math.inf)
         if close < _NEARER * closest:
@@ -374,17 +406,19 @@ def _moves(legs: Legs, k: int, dead_time: float) -> float:
 
 
 @lean_kernel
-def _between_edges(legs: Legs, k: int, i_0: complex, i_1: complex, changes: int, moves: float) -> complex:
+def _between_edges(
+    legs: Legs, k: int, i_0: complex, i_1: complex, u_drop: float, changes: int, moves: float
+) -> complex:  # fmt: skip
     """Lost voltage (V, stationary) of a period that takes the current from one end to the other."""
-    last = course_between(_period(legs, k), i_0, i_1, 0j, SHOTS, _CLOSE * moves, changes, legs.room)
+    last = course_between(_period(legs, k, u_drop), i_0, i_1, 0j, SHOTS, _CLOSE * moves, changes, legs.room)
     return 2.0 / 3.0 * legs.u_dc[k] * (_ideal(legs, k) - last.held)
 
 
 @lean_kernel
-def _period(legs: Legs, k: int) -> Period:
+def _period(legs: Legs, k: int, u_drop: float) -> Period:
     return Period(
         legs.u_dc[k], legs.T_s, legs.R_s, legs.a[k], legs.b[k], legs.psi_0[k], legs.others[k], legs.D[k],
-        legs.middle[k],
+        legs.middle[k], u_drop,
     )
 
 

@@ -40,7 +40,11 @@ class Room(NamedTuple):
     loss: Real  # (3, 2) the same as what is lost at the end counts, and its slope, 1/A
     change: Real  # (3, 4, 2) of the sign itself, from edge to edge
     arc: NDArray[np.complex128]  # (4, 2) A, stationary: mean of how far drops bend the current between these edges
-    ahead: NDArray[np.complex128]  # (4, 2) A, stationary: how far drops bend the current's course at these edges
+    ahead: NDArray[np.complex128]  # (4, 2) A: how far drops bend it at these edges
+    late: Real  # (4,) share of the period at which the legs rise, in order, and its middle
+    edge: Real  # (3, 2) A, each leg's current as it rises and falls, by drops
+    shift: NDArray[np.complex128]  # (4, 2) A, stationary: how far dead times shift it at these edges
+    jump: NDArray[np.complex128]  # (4, 2) A: and how much farther on an edge's other side
 
 
 class Period(NamedTuple):
@@ -55,6 +59,7 @@ class Period(NamedTuple):
     others: complex  # V, stationary, what other effects add
     D: float  # rad, electrical, by which the rotor turns
     middle: complex  # exp(j theta_e) in the middle
+    u_drop: float  # V, whose changes in the period the room has
 
 
 def empty_room() -> Room:
@@ -63,6 +68,7 @@ def empty_room() -> Room:
     return Room(
         out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy(), np.empty((3, 4, 2)), np.empty(3),
         np.zeros(3), np.empty((3, 2)), np.empty((3, 4, 2)), np.empty((4, 2), np.complex128), np.empty((4, 2), np.complex128),
+        np.empty(4), np.empty((3, 2)), np.empty((4, 2), np.complex128), np.empty((4, 2), np.complex128),
     )  # fmt: skip
 
 
@@ -204,6 +210,9 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
             twice = period.b * square  # of its mirror
             by_mirrored, by_turning = of_mirrored * square, of_magnets * rotor + of_others
             by_turning += twice * period.others.conjugate() + beside
+            if period.u_drop != 0.0:
+                drops = period.u_drop * _drops_beside(0.5 * (t + until) * per_T, room)
+                by_turning += alike * drops + twice * drops.conjugate()
             was, was_held, crossed, crossed_real, crossed_imag = 0j, 0j, False, 0.0, 0.0
             for n in range(_CHANGES + 1):
                 span, first, floats = until - t, -1, 0
@@ -262,6 +271,19 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
             loose += int(to == _NONE) - int(free[leg])
             free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
     return i, by_real, by_imag, per_T * held, per_T * held_real, per_T * held_imag
+
+
+@lean_kernel
+def _drops_beside(when: float, room: Room) -> complex:
+    """What drops take at a share of the period, over the size of one (stationary)."""
+    side = 0 if when < 0.5 else 1
+    away, part = min(when, 1.0 - when), 0
+    while part < 3 and away > room.late[part]:
+        part += 1
+    drops = 0j
+    for leg in range(3):
+        drops += axis_of(leg) * room.sign[leg, part, side]
+    return 2.0 / 3.0 * drops
 
 
 @lean_kernel
