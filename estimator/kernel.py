@@ -56,8 +56,8 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def lean_kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """The same for one that makes no arrays, so that it counts no references to those it is given: of small functions
-    that are given many, that is most of the time.
+    """The same for one that makes no arrays, so that it counts no references to those it is given, and is a part of
+    whoever calls it: of small functions that are given many arrays, handing these on is most of the time.
     """
     return _compiled(function, fastmath=False, counted=False)
 
@@ -73,6 +73,8 @@ def _compiled(function: Callable[P, R], fastmath: bool | set[str], *, counted: b
     try:
         jit = cast(Callable[..., Callable[[Callable[P, R]], Callable[P, R]]], numba.njit)
         caches = _FOLDER is not None
-        return jit(cache=caches, fastmath=fastmath, error_model="numpy", nogil=True, _nrt=counted, forceinline=not counted)(function)
+        return jit(
+            cache=caches, fastmath=fastmath, error_model="numpy", nogil=True, _nrt=counted, forceinline=not counted
+        )(function)
     finally:
         setattr(numba_config, "CACHE_DIR", before)  # noqa: B010

@@ -32,8 +32,9 @@ from estimator.mismatch.model import (
 )
 from estimator.physics.ac_resistance import rung
 from estimator.physics.inverter_voltage_error import bus
+from estimator.physics.legs import Legs, legs_of
 from estimator.physics.library import BY_NAME
-from estimator.physics.lost_voltage import SHOTS, Legs, legs_of, lost_after
+from estimator.physics.lost_voltage import SHOTS, lost_after, lost_in
 from estimator.physics.rows import BRIDGED, LOCAL, LOST, OF_ANGLE_AND_BRIDGE, Rows, Vector
 from estimator.response import Memory, Response, Slopes, solution
 
@@ -60,6 +61,7 @@ class Lost(NamedTuple):
     legs: Legs
     dead_time: float  # s
     u_drop: float  # V
+    spread: float  # A, of currents as they are known
     knee: float  # A, of the drop
 
 
@@ -119,10 +121,10 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
     truth = in_truth(rows, model)
     course = _course(truth, _physics(model))
     i_s = in_truth(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), model).i_s
-    legs, dead_time, u_drop, knee = course.lost
+    legs, dead_time, u_drop, spread, knee = course.lost
     found = np.empty((6, len(rows)), np.complex128)
     _lost_around(
-        found, legs, i_s, dead_time, u_drop, knee, _SPAN * rows.i_rated, _SHORT * rows.T_s, _LITTLE * bus(rows)
+        found, legs, i_s, dead_time, u_drop, spread, knee, _SPAN * rows.i_rated, _SHORT * rows.T_s, _LITTLE * bus(rows)
     )
     back = truth.middle.conj()
     return Response(
@@ -133,8 +135,8 @@ def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
 
 @lean_kernel
 def _lost_around(
-    found: NDArray[np.complex128], legs: Legs, i_s: Vector, dead_time: float, u_drop: float, knee: float, span: float,
-    time: float, drop: float,
+    found: NDArray[np.complex128], legs: Legs, i_s: Vector, dead_time: float, u_drop: float, spread: float, knee: float,
+    span: float, time: float, drop: float,
 ) -> None:  # fmt: skip
     """Write slopes of the lost voltage (V, stationary) by the currents at start and end, dead time and drop (6 x n)."""
     for k in range(found.shape[1]):
@@ -143,12 +145,12 @@ def _lost_around(
         near = here.beside
         right = lost_after(legs, k, i_0 + span, i_1, dead_time, u_drop, knee, near, SHOTS).volts
         up = lost_after(legs, k, i_0 + 1j * span, i_1, dead_time, u_drop, knee, near, SHOTS).volts
-        later = lost_after(legs, k, i_0, i_1, dead_time + time, u_drop, knee, near, SHOTS).volts
-        more = lost_after(legs, k, i_0, i_1, 0.0, u_drop + drop, knee, 0j, 1).volts
-        by_drop = (more - lost_after(legs, k, i_0, i_1, 0.0, u_drop, knee, 0j, 1).volts) / drop
+        spread_here = lost_in(legs, k, i_0, i_1, dead_time, u_drop, spread, knee)
+        later = lost_in(legs, k, i_0, i_1, dead_time + time, u_drop, spread, knee)
+        more = lost_in(legs, k, i_0, i_1, dead_time, u_drop + drop, spread, knee)
         found[0, k], found[1, k] = (right - here.volts) / span, (up - here.volts) / span
         found[2, k], found[3, k] = here.by_real, here.by_imag
-        found[4, k], found[5, k] = (later - here.volts) / time, by_drop
+        found[4, k], found[5, k] = (later - spread_here) / time, (more - spread_here) / drop
 
 
 def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
@@ -208,8 +210,7 @@ def _slopes(rows: Rows, model: Model) -> Slopes:
 def _course(rows: Rows, model: Model) -> Course:
     """Of a model without errors of measurement, around true currents."""
     ideal = _without(model, "inverter_voltage_error")
-    dead_time, u_drop, _, knee = map(float, model.effects.get("inverter_voltage_error", (0.0, 0.0, 1.0, 1.0)))
-    lost = Lost(legs_of(rows), dead_time, u_drop, knee)
+    lost = Lost(legs_of(rows), *map(float, model.effects.get("inverter_voltage_error", (0.0, 0.0, 1.0, 1.0))))
     rise, corner = model.effects.get("ac_resistance", (0.0, 1.0))
     x, share, late = rung(rows.T_s, float(corner))
     memory = Memory(float(rise) * rows.machine.R_s / x, share, late)
@@ -306,7 +307,7 @@ def _solution_with_lost(
 
     Newton's method; steps that go on for long are halved: lost voltage changes fast where a phase current changes sign.
     """
-    legs, dead_time, u_drop, knee = lost
+    legs, dead_time, u_drop, _, knee = lost
     back, beside, here = legs.middle[k].conjugate(), 0j, 0j
     for n in range(_ROUNDS):
         end = i_1 + x * rotor

@@ -66,8 +66,8 @@ def test_a_dead_time_is_followed_to_the_voltage_limit() -> None:
     machine = machine_of(scenario.motor)
     rows = settled(rows_of_columns(c, machine, drive.T_s))
     at_limit = np.count_nonzero(np.abs(rows.duties - 0.5) == 0.5) / len(rows)
-    bridge = {"inverter_voltage_error": (scenario.effects.inverter.dead_time, 0.0, 1e-4 * rows.i_rated, 0.01 * rows.i_rated)}
-    left = left_of(rows, Model(machine, bridge))
+    sizes = (scenario.effects.inverter.dead_time, 0.0, 1e-4 * rows.i_rated, 0.01 * rows.i_rated)
+    left = left_of(rows, Model(machine, {"inverter_voltage_error": sizes}))
     print(f"{left:.3g} per mille of rated current, {100.0 * at_limit:.2g} % of periods with a leg at a rail")
     assert at_limit > 0.003
     assert left < 0.2  # 1 where legs at a rail lose a dead time, too
@@ -160,13 +160,14 @@ def test_a_dead_time_and_drops_of_one_inverter_are_told_apart(motor: str) -> Non
     rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(inverter=inverter)))
     before, after, missed, model = fitted_to(rows, ["inverter_voltage_error"])
     dead_time, u_drop, _, knee = model.effects["inverter_voltage_error"]
+    mean_drop = 0.5 * (drops.u_transistor + drops.u_diode)
     print(
-        f"{motor}: {before:.3g} per mille of rated current, {after:.3g} with both ({missed:.1e} missed); "
-        f"dead time {dead_time / inverter.dead_time:.3f}, drops {2.0 * u_drop / (drops.u_transistor + drops.u_diode):.3f}"
+        f"{motor}: {before:.3g} per mille of rated current, {after:.3g} with both, {missed:.1e} missed; "
+        f"dead time {dead_time / inverter.dead_time:.3f} and drops {u_drop / mean_drop:.3f} of what they are"
     )
     assert missed < 3e-4
     assert dead_time == pytest.approx(inverter.dead_time, rel=0.03)
-    assert u_drop == pytest.approx(0.5 * (drops.u_transistor + drops.u_diode), rel=0.03)
+    assert u_drop == pytest.approx(mean_drop, rel=0.03)
     assert knee == pytest.approx(0.01 * rows.i_rated, rel=0.1)
 
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from estimator.physics.lost_voltage import legs_at_rest, lost_between
+from estimator.physics.legs import legs_at_rest
+from estimator.physics.lost_voltage import lost_between
 from estimator.physics.rows import AXES
 
 U_DC, T_s, L = 545.0, 1e-4, 0.02  # V, s, H

@@ -178,7 +178,8 @@ def test_what_a_free_run_finds_implies_the_recorded_voltage(everything: Rows, mo
 
 
 def test_a_step_implies_the_recorded_voltage_from_the_measured_current(everything: Rows) -> None:
-    model = Model(TRUTH, ALL_SIZES | {"inverter_voltage_error": (2e-6, 1.0, 3e-4 * RATED, 3e-4 * RATED)})  # no spread of currents
+    no_spread = {"inverter_voltage_error": (2e-6, 1.0, 3e-4 * RATED, 3e-4 * RATED)}
+    model = Model(TRUTH, ALL_SIZES | no_spread)
     step = one_step(everything, model)
     for first in (0, 1):
         i = everything.i.copy()

@@ -336,8 +336,8 @@ def _lost_slopes(
 ) -> dict[int, Vector]:
     """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow.
 
-    Of the machine's parameters, the angle and sizes, where it is not known `otherwise`. These currents are known, so
-    that no spread of them smooths it.
+    Of the machine's parameters, the angle, sizes, and the bridge's shapes, where it is not known `otherwise`. These
+    currents are known, so that no spread of them smooths it.
     """
     present, found = None, dict[int, Vector]()
     for j, column in enumerate(columns):
@@ -356,7 +356,7 @@ def _lost_slopes(
                 other = replace(model, machine=machine)
             else:
                 continue
-        elif column.seed < 0 and not column.shape:
+        elif column.seed < 0 and (not column.shape or _follows(column)):
             sizes = tuple(x + h * (k == column.place) for k, x in enumerate(model.effects[column.owner]))
             other = replace(model, effects={**model.effects, column.owner: sizes})
         else:
@@ -365,6 +365,12 @@ def _lost_slopes(
             present = follow(model)[1]
         found[j] = known[of] = (follow(other)[1] - present) / h
     return found
+
+
+def _follows(column: Column) -> bool:
+    """A shape of the bridge's that currents answer which follow a model."""
+    effect = BY_NAME[column.owner]
+    return effect.steep and not effect.parameters[column.place].smooths
 
 
 def _add_zero_channel(

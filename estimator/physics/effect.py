@@ -25,6 +25,7 @@ class Parameter:
     high: Callable[[Rows], float] | None = None
     shape: bool = False
     discrete: bool = False  # a shape that does not move by small steps
+    smooths: bool = False  # a shape that is how far currents are known, and nothing to those that follow a model
 
 
 @dataclass(frozen=True, slots=True)

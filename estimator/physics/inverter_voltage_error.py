@@ -12,16 +12,19 @@ uncertain by that.
 
 Near them the current's ripple has both signs within a period, and comes to zero and stays there within a dead time: the
 period is followed from edge to edge. Currents are known within zero_crossing_width, over which a dead time's loss is
-averaged; drops soften below knee, i / sqrt(i^2 + knee^2), as semiconductors' do. The two are apart: with one width for
-both, 0.43 us of dead time beside 1.2 V of drops came out as 0.50 us and 0.6 V, and R_s 2.5 % off. S.-G. Jeong, M.-H. Park, "The analysis and
-compensation of dead-time effects in PWM inverters", IEEE Trans. Industrial Electronics 38(2), 1991; R. B. Sepe, J. H.
-Lang, "Inverter nonlinearities and discrete-time vector current control", IEEE Trans. Industry Applications, 1994.
+averaged; drops soften below knee, i / sqrt(i^2 + knee^2), as those of semiconductors do. With one width for both, 0.43
+us of dead time beside 1.2 V of drops came out as 0.50 us and 0.6 V, and R_s 2.5 % off.
+
+S.-G. Jeong, M.-H. Park, "The analysis and compensation of dead-time effects in PWM inverters", IEEE Trans. Industrial
+Electronics 38(2), 1991; R. B. Sepe, J. H. Lang, "Inverter nonlinearities and discrete-time vector current control",
+IEEE Trans. Industry Applications, 1994.
 """
 
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes
-from estimator.physics.lost_voltage import duties_before, legs_of, lost_by_both
+from estimator.physics.legs import duties_before, legs_of
+from estimator.physics.lost_voltage import lost_by_both
 from estimator.physics.rows import Rows, Vector
 
 _UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transistor's
@@ -54,7 +57,7 @@ EFFECT = Effect(
         Parameter("dead_time", "s", lambda rows: 0.01 * rows.T_s, lambda _: 0.0, lambda rows: 0.06 * rows.T_s),
         Parameter("u_drop", "V", lambda rows: 0.003 * bus(rows), lambda _: 0.0, lambda rows: 0.03 * bus(rows)),
         Parameter("zero_crossing_width", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 3e-4 * rows.i_rated,
-                  lambda rows: 0.2 * rows.i_rated, shape=True),
+                  lambda rows: 0.2 * rows.i_rated, shape=True, smooths=True),
         Parameter("knee", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 3e-4 * rows.i_rated,
                   lambda rows: 0.2 * rows.i_rated, shape=True),
     ),

@@ -65,10 +65,10 @@ class Period(NamedTuple):
 def empty_room() -> Room:
     legs, changes, flags = np.empty(3, np.int8), np.empty(15, np.int8), np.zeros(3, np.bool_)
     out, moments = np.zeros((3, 3), np.int8), np.empty(15)
+    arc, ahead, shift, jump = np.empty((4, 4, 2), np.complex128)
     return Room(
         out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy(), np.empty((3, 4, 2)), np.empty(3),
-        np.zeros(3), np.empty((3, 2)), np.empty((3, 4, 2)), np.empty((4, 2), np.complex128), np.empty((4, 2), np.complex128),
-        np.empty(4), np.empty((3, 2)), np.empty((4, 2), np.complex128), np.empty((4, 2), np.complex128),
+        np.zeros(3), np.empty((3, 2)), np.empty((3, 4, 2)), arc, ahead, np.empty(4), np.empty((3, 2)), shift, jump,
     )  # fmt: skip
 
 

@@ -38,7 +38,8 @@ from estimator.mismatch.standstill.tones import (
     harmonics,
     waveform,
 )
-from estimator.physics.lost_voltage import legs_at_rest, lost_between
+from estimator.physics.legs import legs_at_rest
+from estimator.physics.lost_voltage import lost_between
 
 Terms = tuple[str, ...]
 Index = NDArray[np.int64]
