@@ -112,24 +112,27 @@ def _sections(
     if said.remarks:
         yield _section("Remarks on the recording", _list(said.remarks))
     if (traces := said.traces) is not None:
-        floor = None if said.fit is None else said.fit.one_step_rms_V.noise_floor
+        of = _means(traces.periods)
         yield _section("The mismatch in time", picture(
-            "over-time", figures.over_time(traces, floor),
-            "Residual of the voltage, one step ahead: what R_s, L_d, L_q and psi_f alone leave, and what is left with "
-            "the effects found.",
+            "over-time", figures.over_time(traces),
+            f"Residual of the voltage, one step ahead, as {of}, d and q together: what R_s, L_d, L_q and psi_f alone "
+            "leave, and what is left with the effects found"
+            f"{'' if traces.floor_V is None else '; dotted, what noise alone leaves of the same'}.",
         ))
         if traces.maps:
             maps = [
-                picture(f"map-{k}", figures.location(shown), f"Rms of the residual by {shown.x} and {shown.y}.")
+                picture(f"map-{k}", figures.location(shown),
+                        f"Rms of the residual, as {of}, by {shown.x} and {shown.y}.")
                 for k, shown in enumerate(traces.maps)
             ]
             yield _section("Where it is", "".join(maps))
         yield _section("A short stretch", picture(
             "stretch", figures.stretch(traces),
-            "Where the mismatch is largest: voltages one step ahead, currents of a free run.",
+            f"Where the mismatch is largest: voltages one step ahead, as {of}, and currents of a free run.",
         ))
         yield _section("By frequency", picture(
-            "spectrum", figures.spectrum(traces), "Amplitude density of the residual. White noise is a level line.",
+            "spectrum", figures.spectrum(traces),
+            "Amplitude density of the residual of single periods, d and q together. White noise is a level line.",
         ))
     yield _section("Point by point", "".join(
         picture(f"scatter-{k}", figures.scatter(shown), f"What is missed of {shown.y} at points that took no part in "
@@ -144,6 +147,10 @@ def _sections(
     if said.detectable:
         yield _section("What would have been seen", _detectable(said.detectable))
     yield _section("The recording", _sources(recording))
+
+
+def _means(periods: int) -> str:
+    return f"means over {periods} periods" if periods > 1 else "values of single periods"
 
 
 def _section(title: str, body: str) -> str:

@@ -29,15 +29,15 @@ Figure = dict[str, Any]
 Values = NDArray[np.float64]
 
 
-def over_time(traces: Traces, noise_floor: float | None) -> Figure:
-    """The mismatch over the recording."""
+def over_time(traces: Traces) -> Figure:
+    """The mismatch over the recording, beside what noise leaves of the same means."""
     data = [
         _line(traces.t, traces.before_V, "before", BEFORE, width=1.6),
         _line(traces.t, traces.after_V, "after", AFTER, width=1.6),
     ]
-    if noise_floor is not None and math.isfinite(noise_floor) and len(traces.t):
+    if traces.floor_V is not None and math.isfinite(traces.floor_V) and len(traces.t):
         ends = traces.t[[0, -1]]
-        data.append(_line(ends, np.full(2, noise_floor), "noise floor", INK, width=1, dash="dot"))
+        data.append(_line(ends, np.full(2, traces.floor_V), "noise floor", INK, width=1, dash="dot"))
     return _figure(data, 250, xaxis=_axis("time, s"), yaxis=_axis("residual, V rms", rangemode="tozero"))
 
 

@@ -69,6 +69,7 @@ def _traces() -> Traces:
             Map("electrical angle, deg", "current, A", edges_x, edges_y, before, 0.4 + 0 * before),
             Map("speed, rpm", "i_q, A", np.linspace(0, 3e3, 7), edges_y - 3, before[:, :6], before[:, :6] / 5),
         ),
+        periods=10, floor_V=0.38,
     )  # fmt: skip
 
 

@@ -105,6 +105,19 @@ def test_pictures_have_one_colour_for_before_and_one_for_after() -> None:
     assert (alone["x"][-1], alone["x"][0], final["x"][0]) == (12.0, -12.0, None)
 
 
+def test_pictures_in_time_and_place_say_over_how_many_periods_they_are_means_and_have_the_floor_of_those() -> None:
+    shown = page(EXPLAINED)
+    floor = next(line for line in shown.figures["over-time"]["data"] if line["name"] == "noise floor")
+    assert floor["y"] == [0.38, 0.38]  # not the 0.39 V of single periods
+    assert "one step ahead, as means over 10 periods, d and q together" in shown.words
+    assert "Rms of the residual, as means over 10 periods, by speed, rpm and i_q, A." in shown.words
+    traces = EXPLAINED.traces
+    assert traces is not None
+    unknown = page(replace(EXPLAINED, traces=replace(traces, floor_V=None, periods=1)))
+    assert [line["name"] for line in unknown.figures["over-time"]["data"]] == ["before", "after"]
+    assert "as values of single periods" in unknown.words
+
+
 def test_a_diagnosis_without_pictures_or_fit_leaves_them_out() -> None:
     assert page(NOTHING_TOLD).headings == ["Remarks on the recording", "The recording"]
     assert page(NOTHING_TOLD).figures == {}
