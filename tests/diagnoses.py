@@ -144,6 +144,16 @@ AMBIGUOUS = replace(
     unexplained=Unexplained(0.7, _WHERE, "a 90 Hz voltage of 1.0 V fixed in the stationary frame"),
 )  # fmt: skip
 
+CONVENTION = replace(
+    EXPLAINED,
+    sentence="The recording follows a convention that differs from the one expected: u scale 150 %.",
+    findings=(
+        Finding("convention_error", {"u_scale": _quantity(1.5, None, "1")}, Place("in every row", {}, 1.0, 1.0), 1e30,
+                (), {}),
+    ),
+    fit=Fit(True, Before(16.5, 16.5, 16.4), Before(0.012, 0.012), 0.0, Before(1.04, 1.04)),
+)  # fmt: skip
+
 UNEXPLAINED = replace(AMBIGUOUS, verdict=Verdict.UNEXPLAINED, ambiguous=(), sentence="None of these: a 90 Hz voltage.")
 
 NO_MISMATCH = replace(
@@ -157,7 +167,7 @@ NOTHING_TOLD = Diagnosis(
 
 ALL = {
     "explained": EXPLAINED, "ambiguous": AMBIGUOUS, "unexplained": UNEXPLAINED, "no mismatch": NO_MISMATCH,
-    "nothing told": NOTHING_TOLD,
+    "nothing told": NOTHING_TOLD, "convention": CONVENTION,
 }  # fmt: skip
 
 

@@ -110,6 +110,15 @@ def test_it_says_sentence_findings_and_figures_before_and_after(
     assert "iron loss or winding resistance drift? they are collinear to 0.99 here" in capsys.readouterr().out
 
 
+def test_a_convention_alone_has_no_figures_before_it_was_undone(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pmsm_bench("diagnose", "convention.csv", "--nominal", "m.toml", monkeypatch=monkeypatch) == 0
+    rows = [" ".join(line.replace("│", " ").split()) for line in capsys.readouterr().out.splitlines()]
+    assert "u, one step – 16.5 V 16.4 V" in rows
+    assert "i, free run – 12.0 mA" in rows
+
+
 def test_many_recordings_are_many_diagnoses_told_in_their_order_and_a_bad_one_stops_none(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,7 +13,7 @@ import pytest
 from bench.report import report
 from bench.report_figures import AFTER, BEFORE, WIDTH
 from estimator.mismatch.verdict import Candidate, Diagnosis
-from tests.diagnoses import ALL, AMBIGUOUS, EXPLAINED, NO_MISMATCH, NOMINAL, NOTHING_TOLD, RECORDING
+from tests.diagnoses import ALL, AMBIGUOUS, CONVENTION, EXPLAINED, NO_MISMATCH, NOMINAL, NOTHING_TOLD, RECORDING
 
 
 class Page(HTMLParser):
@@ -89,6 +89,15 @@ def test_what_cannot_be_told_comes_with_the_experiment_and_what_is_left_with_its
     ):
         assert said in shown.words, said
     assert shown.headings.index("What is unexplained") < shown.headings.index("The mismatch in time")
+
+
+def test_a_convention_alone_has_no_figures_before_it_was_undone_and_explains_no_variance() -> None:
+    words = page(CONVENTION).words
+    assert "16.5 V" in words
+    assert words.count("16.5 V") == 1
+    assert "variance is explained" not in words
+    assert "once its convention is undone" in words
+    assert "100 % of the mismatch's energy" not in words
 
 
 def test_pictures_have_one_colour_for_before_and_one_for_after() -> None:

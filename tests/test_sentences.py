@@ -6,7 +6,7 @@ import pytest
 
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.verdict import Ambiguity, Diagnosis, Experiment, Quantity, Range, Verdict
-from tests.diagnoses import EXPLAINED
+from tests.diagnoses import CONVENTION, EXPLAINED
 
 
 def with_size(name: str, told: Quantity) -> Diagnosis:
@@ -26,6 +26,17 @@ def with_size(name: str, told: Quantity) -> Diagnosis:
 )
 def test_a_size_and_its_error_are_of_one_kind(name: str, told: Quantity, said: str) -> None:
     assert f"left out: {said}; it hid" in sentence_of(with_size(name, told))
+
+
+def test_a_convention_alone_has_no_before_to_compare_with() -> None:
+    text = sentence_of(CONVENTION)
+    assert text.startswith("The recording follows a convention that differs from the one expected: ")
+    assert "error goes from" not in text
+
+
+def test_beside_a_convention_errors_are_those_of_the_recording_without_it() -> None:
+    both = replace(EXPLAINED, findings=(*CONVENTION.findings, *EXPLAINED.findings))
+    assert "Once that convention is undone, on stretches that took no part" in sentence_of(both)
 
 
 def test_what_is_beyond_tolerance_is_said_beside_what_is_found() -> None:

@@ -290,15 +290,29 @@ def _before_and_after(content: Mapping[str, Any]) -> Table:
         table.add_column(heading, justify="left" if not heading else "right")
     voltage, current = fit["one_step_rms_V"], fit["free_run_rms_A"]
     what = "u, one step" if loo is None else "u"
-    table.add_row(what, *(quantity(value, "V", like=voltage["before"]) for value in voltage.values()))
+    compared = _compared(content)
+    table.add_row(what, *_errors(voltage, "V", compared=compared))
     if current["before"] is not None:
-        table.add_row("i, free run", *(quantity(value, "A", like=current["before"]) for value in current.values()))
+        table.add_row("i, free run", *_errors(current, "A", compared=compared))
     before, after = content["machine"]["before"], content["machine"]["after"]
     for name in {**before, **after}:
         sizes = [machine.get(name) for machine in (before, after)]
         like = next((size["value"] for size in sizes[::-1] if size is not None), None)
         table.add_row(name, *("–" if s is None else quantity(s["value"], s["unit"], s["std"], like) for s in sizes))
     return table
+
+
+def _errors(rms: Mapping[str, float | None], unit: str, *, compared: bool) -> list[str]:
+    told = [quantity(value, unit, like=rms["before"]) for value in rms.values()]
+    return told if compared else ["–", *told[1:]]
+
+
+def _compared(content: Mapping[str, Any]) -> bool:
+    """Before and after are of two models; see `estimator.mismatch.sentences.compares`."""
+    named = {finding["effect"] for finding in content["findings"]}
+    named |= {name for ambiguity in content["ambiguous"] for name in ambiguity["effects"]}
+    voltage = content["fit"]["one_step_rms_V"]
+    return "convention_error" not in named or voltage["before"] != voltage["after"]
 
 
 def _caption(fit: Mapping[str, Any], loo: Mapping[str, Any] | None) -> str:

@@ -25,12 +25,13 @@ def sentence_of(diagnosis: Diagnosis) -> str:
                 f"leaving out one {loo.left_out} at a time the error goes from {quantity(loo.before, loo.unit)} to "
                 f"{quantity(loo.after, loo.unit)}"
             )
-        elif fit is not None:
+        elif fit is not None and compares(diagnosis):
             u, i = fit.one_step_rms_V, fit.free_run_rms_A
+            undone = any(finding.effect == convention_error.NAME for finding in diagnosis.findings)
             said.append(
-                f"on stretches that took no part in the fit the one-step error goes from {quantity(u.before, 'V')} to "
-                f"{quantity(u.after, 'V')} and the free-running one from {quantity(i.before, 'A')} to "
-                f"{quantity(i.after, 'A')}"
+                f"{'once that convention is undone, ' if undone else ''}on stretches that took no part in the fit the "
+                f"one-step error goes from {quantity(u.before, 'V')} to {quantity(u.after, 'V')} and the free-running "
+                f"one from {quantity(i.before, 'A')} to {quantity(i.after, 'A')}"
             )
     for doubt in diagnosis.ambiguous:
         titles = [_title(name) for name in doubt.effects]
@@ -59,6 +60,16 @@ def sentence_of(diagnosis: Diagnosis) -> str:
         said.append(diagnosis.experiment.sentence)
     text = ". ".join(part[0].upper() + part[1:] for part in said if part)
     return text + "."
+
+
+def compares(diagnosis: Diagnosis) -> bool:
+    """Whether a fit's before and after are of two models. Where a convention alone is named, both are of the recording
+    without it, and of the same model.
+    """
+    doubted = (name for doubt in diagnosis.ambiguous for name in doubt.effects)
+    named = {finding.effect for finding in diagnosis.findings} | set(doubted)
+    u = None if diagnosis.fit is None else diagnosis.fit.one_step_rms_V
+    return u is not None and (convention_error.NAME not in named or u.before != u.after)
 
 
 def _title(name: str) -> str:
