@@ -183,7 +183,11 @@ def work(request: Request, tell: Tell) -> Result:
         os._exit(3)
     if name == "endless":
         threading.Event().wait()
-    diagnosis = ALL[name.replace("_", " ")]
+    if name == "overtaken":  # somebody else writes where its output is to go
+        (request.file.parent / "out.json").write_text("mine", encoding="utf-8")
+    if name == "homeless":  # somebody takes the folder of its outputs away
+        (request.file.parent / "out").rmdir()
+    diagnosis = ALL.get(name.replace("_", " "), EXPLAINED)
     content = as_json(Diagnosed(replace(RECORDING, path=str(request.file)), request.nominal, diagnosis))
     content["remarks"] += [f"trust {dict(request.trust)}"] if request.trust else []
     machine = machine_text(diagnosis, request.nominal, request.file.name) if diagnosis.machine_after else None
