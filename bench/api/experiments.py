@@ -4,7 +4,7 @@ from datetime import datetime
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import quote
 
-from fastapi import Depends, FastAPI, Path, Request, Response
+from fastapi import FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -68,7 +68,8 @@ def install(app: FastAPI, service: Service) -> None:
     @app.post("/api/drives/{name}/experiments", summary="Do what a diagnosis asks for", status_code=202,
               responses=_ASKED | DRIVE, openapi_extra=body_of("ExperimentRequestModel"), dependencies=known)
     def ask_experiment(
-        name: DriveName, request: Request, response: Response, given: Annotated[dict[str, Any], Depends(json_object)]
+        name: DriveName, request: Request, response: Response,
+        given: Annotated[dict[str, Any], json_object({"holds": [_HOLD]})],
     ) -> ExperimentRunModel:
         """Holds levels of current, and of speed where the drive controls it, and records every control period.
 
