@@ -57,7 +57,10 @@ def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
         "ambiguous": said.ambiguous,
         "unexplained": said.unexplained,
         "detectable": said.detectable,
-        "machine": {"before": said.machine_before, "after": said.machine_after, "scales": said.scales},
+        "machine": {
+            "nominal": diagnosed.nominal.told, "before": said.machine_before, "after": said.machine_after,
+            "scales": said.scales,
+        },
         "flux_map": None if said.flux_map is None else {k: v.tolist() for k, v in _fields(said.flux_map).items()},
         "fit": None if fit is None else _fit(fit),
         "candidates": said.candidates,

@@ -62,6 +62,12 @@ class Nominal:
         return 2.0 * math.pi * self.n_p / self.encoder_counts if self.n_p and self.encoder_counts else 0.0
 
     @property
+    def told(self) -> dict[str, float]:
+        """What is known of the motor itself, by name, SI."""
+        others = {"n_p": self.n_p, "i_rated": self.i_rated}
+        return {**self.given, **{name: value for name, value in others.items() if value is not None}}
+
+    @property
     def machine(self) -> Machine | None:
         """The whole machine, or None while a parameter or the pole pairs are unknown."""
         if self.n_p is None or any(name not in self.given for name in PARAMETERS):
