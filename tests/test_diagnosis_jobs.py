@@ -158,7 +158,8 @@ def test_so_many_may_wait_and_no_more_and_none_is_left_at_the_end(tmp_path: Path
     ("given", "said"),
     [
         ({"trust": {"R": 0.2}}, "trust: expected R_s, L_d, L_q, psi_f, got 'R'"),
-        ({"trust": {"R_s": "20%"}}, "trust: R_s: expected a share above 0, such as 0.2 for 20 %, got '20%'"),
+        ({"trust": {"R_s": "20%"}}, "trust: R_s: expected a share above 0 and at most 10 (1000 %), "
+         "such as 0.2 for 20 %, got '20%'"),
         ({"trust": [1]}, "trust: expected an object, got [1]"),
         ({"nominal": "m.toml"}, "nominal: expected an object, got 'm.toml'"),
         ({"nominal": {"machine": {"R_s": -1}}}, "nominal: [machine] R_s = -1: expected a finite number of ohm"),
