@@ -14,6 +14,7 @@ from bench.errors import RecordingError
 from bench.machine_file import Nominal
 from bench.recording import Summary
 from bench.report import report
+from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.verdict import (
     Ambiguity,
     Before,
@@ -144,6 +145,8 @@ AMBIGUOUS = replace(
     unexplained=Unexplained(0.7, _WHERE, "a 90 Hz voltage of 1.0 V fixed in the stationary frame"),
 )  # fmt: skip
 
+DOUBTFUL = replace(AMBIGUOUS, sentence=sentence_of(AMBIGUOUS), experiment=AMBIGUOUS.ambiguous[0].experiment)
+
 CONVENTION = replace(
     EXPLAINED,
     sentence="The recording follows a convention that differs from the one expected: u scale 150 %.",
@@ -167,8 +170,10 @@ NOTHING_TOLD = Diagnosis(
 
 ALL = {
     "explained": EXPLAINED, "ambiguous": AMBIGUOUS, "unexplained": UNEXPLAINED, "no mismatch": NO_MISMATCH,
-    "nothing told": NOTHING_TOLD, "convention": CONVENTION,
+    "nothing told": NOTHING_TOLD,
 }  # fmt: skip
+
+OTHERS = {"convention": CONVENTION, "doubtful": DOUBTFUL}
 
 
 def work(request: Request, tell: Tell) -> Result:
@@ -187,7 +192,7 @@ def work(request: Request, tell: Tell) -> Result:
         (request.file.parent / "out.json").write_text("mine", encoding="utf-8")
     if name == "homeless":  # somebody takes the folder of its outputs away
         (request.file.parent / "out").rmdir()
-    diagnosis = ALL.get(name.replace("_", " "), EXPLAINED)
+    diagnosis = (ALL | OTHERS).get(name.replace("_", " "), EXPLAINED)
     content = as_json(Diagnosed(replace(RECORDING, path=str(request.file)), request.nominal, diagnosis))
     content["remarks"] += [f"trust {dict(request.trust)}"] if request.trust else []
     machine = machine_text(diagnosis, request.nominal, request.file.name) if diagnosis.machine_after else None

@@ -107,7 +107,19 @@ def test_it_says_sentence_findings_and_figures_before_and_after(
     ):
         assert row in rows, said
     pmsm_bench("diagnose", "ambiguous.csv", "--nominal", "m.toml", monkeypatch=monkeypatch)
-    assert "iron loss or winding resistance drift? they are collinear to 0.99 here" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "iron loss or winding resistance drift? they are collinear to 0.99 here" in said
+    assert said.count("record 500 and 2000 rpm at the same currents") == 1
+
+
+def test_what_the_sentence_says_is_not_said_again(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pmsm_bench("diagnose", "doubtful.csv", "--nominal", "m.toml", monkeypatch=monkeypatch) == 1
+    said = capsys.readouterr().out
+    assert "Cannot tell iron loss from drift of the winding's resistance: they are collinear to 0.99 here" in said
+    for once in ("they are collinear", "ecord 500 and 2000 rpm at the same currents"):
+        assert said.count(once) == 1, said
 
 
 def test_a_convention_alone_has_no_figures_before_it_was_undone(

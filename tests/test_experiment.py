@@ -97,6 +97,17 @@ def test_a_proposal_that_cannot_be_worked_out_is_none_and_no_error() -> None:
     assert told.sentence.startswith("no levels of speed and current can be chosen")
 
 
+def test_where_encoder_counts_beat_with_the_period_the_speed_is_told_once() -> None:
+    rows = replace(rows_at(), angle_step=1e-3, angle_hidden=1e-3)  # rad
+    for machine in (NOMINAL, replace(NOMINAL, psi_f=0.3)):
+        told = experiment(rows, Model(machine), NOISE, NOMINAL, TOLERANCE)
+        for speed in told.speeds_rpm:
+            assert told.sentence.count(f"{speed:.4g}") == 1
+        assert "rpm, where encoder counts do not beat with the period, each" in told.sentence
+        assert "same speed" not in told.sentence
+        assert "speed of" not in told.sentence
+
+
 def test_of_a_motor_that_stands_one_that_turns_is_wanted() -> None:
     told = experiment(
         rows_at(replace(HELD, run=Run(speed_rpm=0.0))), Model(NOMINAL), NOISE, NOMINAL, TOLERANCE

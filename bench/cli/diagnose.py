@@ -280,14 +280,21 @@ class _Shown:
             self._console.print(_findings(content["findings"]))
         if content["fit"] is not None:
             self._console.print(_before_and_after(content))
+        said = [content["sentence"]]
         for ambiguity in content["ambiguous"]:
             names = " or ".join(map(words, ambiguity["effects"]))
-            self._say(f"{names}? {ambiguity['reason']}; to tell: {ambiguity['experiment']['sentence']}")
-        instead = content["experiment"]
-        if instead is not None and instead not in [ambiguity["experiment"] for ambiguity in content["ambiguous"]]:
-            self._say(instead["sentence"])
+            self._once(f"{names}? ", ambiguity["reason"], said)
+            self._once("to tell: ", ambiguity["experiment"]["sentence"], said)
+        if content["experiment"] is not None:
+            self._once("", content["experiment"]["sentence"], said)
         for remark in content["remarks"]:
             self._say(remark)
+
+    def _once(self, lead: str, text: str, said: list[str]) -> None:
+        """Say what no sentence has said, whose first letter may be a capital."""
+        if not any(text[1:] in already for already in said):
+            said.append(text)
+            self._say(f"{lead}{text}")
 
     def _say(self, text: str) -> None:
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -251,11 +251,7 @@ def _said(
     seconds = DURATION / len(holds)
     run = tuple(Hold(_round(speed * rpm), _round(i.real), _round(i.imag), seconds) for speed, i in holds)
     speeds, i_d, i_q = (_different(run, name) for name in ("speed_rpm", "i_d", "i_q"))
-    new = _new_levels(rows, speeds, i_d, i_q)
-    same = " at the same speed" if len(speeds) == 1 and not any("speed" in part for part in new) else ""
-    levels = f"{' and '.join(new)}{same}" if new else "the same levels again"
-    if beat_of(rows) > 0.0:
-        levels += f", at {number(abs(run[0].speed_rpm), 4)} rpm, where encoder counts do not beat with the period"
+    levels = _levels_said(rows, speeds, i_d, i_q)
     each = f"each with steps of {number(STEP * rows.i_rated, 2)} A around it"
     if pair is None:
         sentence = f"record {levels}, {each}, {DURATION:g} s in all: that would tell R_s, L_d, L_q and psi_f"
@@ -281,6 +277,18 @@ def _round(x: float) -> float:
 
 def _different(run: Sequence[Hold], name: str) -> tuple[float, ...]:
     return tuple(dict.fromkeys(getattr(hold, name) for hold in sorted(run, key=lambda hold: getattr(hold, name))))
+
+
+def _levels_said(rows: Rows, speeds: Sequence[float], i_d: Sequence[float], i_q: Sequence[float]) -> str:
+    """What to record, and at which speed."""
+    beats = beat_of(rows) > 0.0
+    new = _new_levels(rows, () if beats else speeds, i_d, i_q)
+    if beats:
+        *most, last = (number(abs(speed), 4) for speed in speeds)
+        at = f"at {', '.join(most)} and {last} rpm" if most else f"at {last} rpm"
+        return f"{' and '.join(new) or 'the same currents'} {at}, where encoder counts do not beat with the period"
+    same = " at the same speed" if len(speeds) == 1 and not any("speed" in part for part in new) else ""
+    return f"{' and '.join(new)}{same}" if new else "the same levels again"
 
 
 def _new_levels(rows: Rows, speeds: Sequence[float], i_d: Sequence[float], i_q: Sequence[float]) -> list[str]:
