@@ -141,7 +141,8 @@ def _sections(
     ))
     if said.candidates:
         yield _section("What was considered", picture(
-            "candidates", figures.odds(said.candidates), "Effects by their odds; those chosen are marked.",
+            "candidates", figures.odds(said.candidates),
+            "Effects by their odds, alone and in the end; those chosen are marked.",
         ))
     if said.machine_before or said.machine_after:
         yield _section("Parameters", _parameters(said, nominal))
