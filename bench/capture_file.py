@@ -160,7 +160,7 @@ def write_new(path: Path, write: Callable[[BinaryIO], object]) -> Path:
         write(file)
         file.flush()
         os.fsync(file.fileno())
-        return _first_free(path, lambda name: _place(unfinished, name))[0]
+        return _first_free(path, lambda name: give_name(unfinished, name))[0]
 
 
 def check_place(path: Path) -> None:
@@ -180,7 +180,7 @@ def _unfinished(path: Path) -> Generator[tuple[Path, BinaryIO]]:
             name.unlink(missing_ok=True)
 
 
-def _place(unfinished: Path, name: Path) -> None:
+def give_name(unfinished: Path, name: Path) -> None:
     """Give a written file its name. Raises FileExistsError where that is another's."""
     try:
         os.link(unfinished, name)

@@ -5,7 +5,7 @@ The JSON is described by `diagnosis.schema.json`. Knows nothing of terminals and
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, Final, cast
 
 from bench.diagnosed_machine import machine_text
@@ -20,7 +20,12 @@ MOST_ODDS: Final = 1e12  # beyond, a figure says no more than that
 
 def diagnose_recording(request: Request, tell: Tell = lambda share, phase: None) -> Diagnosed:
     """Read and diagnose a file. Raises ConfigError, RecordingError, and what `tell` raises to cancel."""
-    return format_of(request).diagnose(request, tell)
+    diagnosed, nominal = format_of(request).diagnose(request, tell), request.nominal
+    if not nominal.effects:
+        return diagnosed
+    said = diagnosed.diagnosis
+    unused = f"the effects in {nominal.source}'s [effects] are not used by a diagnosis: it looks for them anew"
+    return replace(diagnosed, diagnosis=replace(said, remarks=(*said.remarks, unused)))
 
 
 def work(request: Request, tell: Tell) -> Result:
@@ -52,7 +57,10 @@ def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
         "ambiguous": said.ambiguous,
         "unexplained": said.unexplained,
         "detectable": said.detectable,
-        "machine": {"before": said.machine_before, "after": said.machine_after, "scales": said.scales},
+        "machine": {
+            "nominal": diagnosed.nominal.told, "before": said.machine_before, "after": said.machine_after,
+            "scales": said.scales,
+        },
         "flux_map": None if said.flux_map is None else {k: v.tolist() for k, v in _fields(said.flux_map).items()},
         "fit": None if fit is None else _fit(fit),
         "candidates": said.candidates,

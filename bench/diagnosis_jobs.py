@@ -1,7 +1,8 @@
 """Diagnoses of the service's recordings: asked for, worked on one at a time in a process, watched, cancelled.
 
 The process lives as long as its job; nothing of the service waits for it. Of each recording there is the latest
-diagnosis, of the last twenty, until the service ends or another is asked for. Knows nothing of HTTP.
+diagnosis, of the last twenty, until the service ends; its result stays until another one is done. Knows nothing of
+HTTP.
 """
 
 import threading
@@ -82,6 +83,7 @@ class DiagnosisJobs:
         self._folder, self._nominals, self._work = folder.absolute(), nominals, work
         self._lock = threading.Lock()  # guards what follows
         self._jobs: dict[str, Job] = {}  # by recording, the oldest first
+        self._done: dict[str, Job] = {}  # those of them, or their forerunners, that have a result
         self._runs: dict[str, _Run] = {}  # that have not ended
         self._current: _Run | None = None
         self._thread: threading.Thread | None = None
@@ -117,8 +119,10 @@ class DiagnosisJobs:
         return job
 
     def done(self, id_: str) -> Job:
-        """A diagnosis that is there. Raises UnknownRecordingError; ConflictError while it is not done."""
+        """A recording's latest diagnosis that was done. Raises UnknownRecordingError; ConflictError while none is."""
         job = self.one(id_)
+        with self._lock:
+            job = self._done.get(job.recording, job)
         if job.state is not JobState.DONE:
             why = f": {job.reason}" if job.reason else ""
             raise ConflictError(f"the diagnosis of {job.recording} is {job.state}{why}, there is no result")
@@ -253,9 +257,12 @@ class DiagnosisJobs:
         if job.state is JobState.QUEUED:
             self._jobs.pop(job.recording, None)  # a new one is the newest
         self._jobs[job.recording] = job
+        if job.state is JobState.DONE:
+            self._done[job.recording] = job
         ended = [id_ for id_ in self._jobs if id_ not in self._runs]
         for id_ in ended[: max(0, len(ended) - _REMEMBERED)]:
             del self._jobs[id_]
+            self._done.pop(id_, None)
 
 
 def _object(given: Mapping[str, Any], key: str) -> dict[str, object] | None:

@@ -85,7 +85,10 @@ def checked_trust(given: Mapping[str, object]) -> dict[str, float]:
         if name not in PARAMETERS:
             raise ConfigError(f"trust: expected {', '.join(PARAMETERS)}, got {shown(name)}")
         if isinstance(share, bool) or not isinstance(share, int | float) or not 0 < share <= MOST_TRUST:
-            raise ConfigError(f"trust: {name}: expected a share above 0, such as 0.2 for 20 %, got {shown(share)}")
+            raise ConfigError(
+                f"trust: {name}: expected a share above 0 and at most {MOST_TRUST:g} "
+                f"({100 * MOST_TRUST:g} %), such as 0.2 for 20 %, got {shown(share)}"
+            )
         checked[name] = float(share)
     return checked
 

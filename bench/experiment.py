@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Final, cast
@@ -29,6 +29,7 @@ from drivers.drive import Drive
 from drivers.errors import DriveError, FaultError, GoneError, NoReplyError
 from drivers.wire.cia402 import State
 from drivers.wire.dictionary import CAPTURE_SAMPLES
+from estimator.machine import UNITS
 from estimator.mismatch.verdict import Hold
 
 SIGNALS: Final = (*NEEDED, "u_dc")
@@ -46,6 +47,9 @@ _OFF, _REFERENCE = 0, 1  # speed control: none, after the reference
 _TO_MOVE: Final = ("i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "speed_ref", "speed_step")
 _SETTINGS: Final = (*_TO_MOVE, "excitation_kind", "step_time", "speed_control", "field_weakening", "watchdog_time")
 _RPM: Final = math.tau / 60.0  # rad/s
+_ALIKE: Final = 2.0  # times a parameter of one motor, by two data sheets, cold or hot
+_OVERLOAD: Final = 1.1  # of rated current
+_MOTOR: Final = {**UNITS, "n_p": "pole pairs", "i_rated": "A"}
 
 
 class CancelledError(BenchError):
@@ -58,10 +62,11 @@ class Plan:
 
     holds: tuple[Hold, ...]
     step: float = 0.0  # A, random steps of i_d and i_q within +- this around each level
+    machine: Mapping[str, float] = field(default_factory=dict[str, float])  # the motor it is for, as `Nominal.told`
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> "Plan":
-        """From an experiment of a diagnosis, or `holds` and `step` alone. Raises LimitError, in a sentence."""
+        """From an experiment of a diagnosis, or `holds`, `step`, `machine` alone. Raises LimitError, in a sentence."""
         holds = given.get("holds")
         if not isinstance(holds, list) or not holds:
             sentence = given.get("sentence")
@@ -72,6 +77,7 @@ class Plan:
         return cls(
             tuple(_hold(k, hold) for k, hold in enumerate(cast(list[object], holds), start=1)),
             number("step", given.get("step", 0.0), 0.0, 1e6),
+            _machine(given.get("machine")),
         )
 
     @property
@@ -105,10 +111,16 @@ class Recorded:
 
 
 def experiment_of(diagnosis: Mapping[str, Any], number_: int | None = None) -> Mapping[str, Any]:
-    """The experiment that a diagnosis (as JSON) asks for, by the number of the ambiguity, from 1. Raises LimitError.
+    """The experiment that a diagnosis (as JSON) asks for, with its `machine`. Raises LimitError.
 
-    Without a number: the first that a drive can do, or what to record instead.
+    By the number of the ambiguity, from 1; without one: the first that a drive can do, or what to record instead.
     """
+    machine = diagnosis.get("machine")
+    nominal = cast(dict[str, Any], machine).get("nominal") if isinstance(machine, dict) else None
+    return _asked(diagnosis, number_) | ({"machine": nominal} if nominal else {})
+
+
+def _asked(diagnosis: Mapping[str, Any], number_: int | None) -> dict[str, Any]:
     doubts = diagnosis.get("ambiguous")
     asked = [doubt["experiment"] for doubt in cast(list[Any], doubts or ()) if _has_experiment(doubt)]
     if number_ is not None:
@@ -124,6 +136,22 @@ def experiment_of(diagnosis: Mapping[str, Any], number_: int | None = None) -> M
         raise LimitError(f"no drive can do what the diagnosis asks for: {asked[0].get('sentence')}")
     said = f": it is {diagnosis['verdict']}" if isinstance(diagnosis.get("verdict"), str) else ""
     raise LimitError(f"expected a diagnosis that asks for an experiment, got one that does not{said}")
+
+
+def check_motor(plan: Plan, known: Mapping[str, float], whose: str) -> None:
+    """Raise LimitError where the plan is meant for another motor than the one that is `known`, see `Nominal.told`."""
+    for name, meant in plan.machine.items():
+        there = known.get(name, 0.0)
+        if there <= 0.0:  # not known
+            continue
+        most = 1.0 if name == "n_p" else _OVERLOAD if name == "i_rated" else _ALIKE
+        least = 0.0 if name == "i_rated" else 1.0 / most
+        if not least <= meant / there <= most:
+            unit = _MOTOR[name]
+            raise LimitError(
+                f"the diagnosis is of a motor with {name} = {meant:.4g} {unit}, {whose} has {there:.4g} {unit}: "
+                "expected the same motor"
+            )
 
 
 def check(drive: Drive, plan: Plan) -> None:
@@ -170,9 +198,11 @@ class _UnderWay:
         found = operation.fault(drive)
         if found is not None:
             raise FaultError(f"the drive is in fault: {found.text} (0x{found.code:04X}); reset it first", found.code)
+        R_s, L_d, L_q, psi_f = (drive.read(f"control_{name}") for name in ("R_s", "L_d", "L_q", "psi_f"))
+        own = {"R_s": R_s, "L_d": L_d, "L_q": L_q, "psi_f": psi_f, "n_p": self._n_p}
+        check_motor(self._plan, own, "the drive's current control")
         trip, omega_full = drive.read("overcurrent_trip"), drive.identity.omega_full
         most_current = _REACH * (trip if trip > 0.0 else drive.identity.i_full)
-        R_s, L_d, L_q, psi_f = (drive.read(f"control_{name}") for name in ("R_s", "L_d", "L_q", "psi_f"))
         u_most = _REACH * drive.read("u_dc") / math.sqrt(3.0)
         for k, hold in enumerate(self._plan.holds, start=1):
             most = math.hypot(abs(hold.i_d) + step, abs(hold.i_q) + step)
@@ -372,6 +402,19 @@ def _hold(k: int, given: object) -> Hold:
         number(f"hold {k}: i_d", given["i_d"], -1e6, 1e6), number(f"hold {k}: i_q", given["i_q"], -1e6, 1e6),
         number(f"hold {k}: seconds", given["seconds"], 0.01, LONGEST),
     )  # fmt: skip
+
+
+def _machine(given: object) -> dict[str, float]:
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise LimitError(f"machine: expected an object of {', '.join(_MOTOR)}, got {shown(given)}")
+    for name in cast(Mapping[str, object], given):
+        if name not in _MOTOR:
+            raise LimitError(f"machine: expected {', '.join(_MOTOR)}, got {shown(name)}")
+    return {
+        name: number(f"machine: {name}", value, 1e-9, 1e9) for name, value in cast(Mapping[str, object], given).items()
+    }
 
 
 def _has_experiment(doubt: object) -> bool:

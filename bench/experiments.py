@@ -18,6 +18,7 @@ from bench.capture_file import check_place
 from bench.errors import BenchError, ConflictError, UnavailableError, shown
 from bench.experiment import CancelledError, Plan, Progress
 from bench.lease import Leases
+from bench.machine_file import Nominal
 from drivers.errors import DriveError
 
 LATEST: Final = "latest"
@@ -68,8 +69,12 @@ class _Run:
 class Experiments:
     """Everything about experiments, until `leave`."""
 
-    def __init__(self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Leases) -> None:
+    def __init__(
+        self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Leases,
+        nominals: Mapping[str, Nominal],
+    ) -> None:  # fmt: skip
         self._folder, self._urls, self._links, self._leases = folder.absolute(), urls, links, leases
+        self._nominals = nominals
         self._lock = threading.Lock()  # guards what follows
         self._known: dict[str, Status] = {}  # oldest first
         self._runs: dict[str, _Run] = {}  # under way
@@ -78,6 +83,7 @@ class Experiments:
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
         """Have a drive do an experiment. Raises LimitError, ConflictError, UnavailableError, DriveError."""
         plan, asked = Plan.of(given), datetime.now(UTC)
+        experiment.check_motor(plan, self._nominals[drive].told, f"drive {drive}'s machine file")
         self._check_folder()
         link = self._links[drive].drive()  # from here on it is known which device that is
         id_ = f"{drive}-experiment-{asked:%Y%m%d-%H%M%S}-{asked.microsecond // 1000:03d}"

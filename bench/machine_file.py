@@ -15,17 +15,16 @@
     dead_time = 2e-6
     dead_time_std = 3e-8    # standard error
 
-Every key may be left out: what is not known is not written, and nothing is assumed in its place. A table [flux_map], as
-a diagnosis writes it, is for other tools and is not read.
+Every key may be left out: what is not known is not written, and nothing is assumed in its place. Effects have the names
+that a diagnosis gives them. A table [flux_map], as a diagnosis writes it, is for other tools and is not read.
 """
 
 import math
-import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, cast
+from typing import cast
 
 from bench.errors import ConfigError, shown
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS, Machine
@@ -42,7 +41,6 @@ KEYS = {
         "encoder_counts": (2, 2**30, "counts"),
     },
 }
-_NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +54,18 @@ class Nominal:
     u_dc: float | None = None  # V
     encoder_counts: int | None = None  # of a mechanical turn
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])  # by name, SI
+    source: str = field(default="", compare=False)  # the file
 
     @property
     def theta_step(self) -> float:
         """Electrical angle of an encoder's count in rad; 0 where it is not known."""
         return 2.0 * math.pi * self.n_p / self.encoder_counts if self.n_p and self.encoder_counts else 0.0
+
+    @property
+    def told(self) -> dict[str, float]:
+        """What is known of the motor itself, by name, SI."""
+        others = {"n_p": self.n_p, "i_rated": self.i_rated}
+        return {**self.given, **{name: value for name, value in others.items() if value is not None}}
 
     @property
     def machine(self) -> Machine | None:
@@ -89,6 +94,7 @@ def nominal_of(content: Mapping[str, object], path: str | Path) -> Nominal:
         u_dc=drive.get("u_dc"),
         encoder_counts=int(drive["encoder_counts"]) if "encoder_counts" in drive else None,
         effects=_effects(content.get("effects", {}), path),
+        source=str(path),
     )
 
 
@@ -110,8 +116,8 @@ def _effects(content: object, path: str | Path) -> dict[str, Mapping[str, float]
     effects: dict[str, Mapping[str, float]] = {}
     for name, table in _expect_table(content, "effects", path).items():
         where = f"{path}: [effects.{name}]"
-        if not _NAME.fullmatch(name):
-            raise ConfigError(f"{path}: [effects]: expected names as inverter_voltage_error, came {shown(name)}")
+        if name not in (known := _known_effects()):
+            raise ConfigError(f"{path}: [effects]: unknown effect {shown(name)}, expected one of {', '.join(known)}")
         for key, value in _expect_table(table, f"effects.{name}", path).items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < math.inf:
                 raise ConfigError(f"{where} {shown(key)}: expected a finite number, came {shown(value)}")
@@ -119,6 +125,13 @@ def _effects(content: object, path: str | Path) -> dict[str, Mapping[str, float]
             key: float(min(max(value, -1e300), 1e300)) for key, value in cast("dict[str, float]", table).items()
         }
     return effects
+
+
+def _known_effects() -> tuple[str, ...]:
+    from estimator.physics import convention_error
+    from estimator.physics.library import BY_NAME
+
+    return (*BY_NAME, convention_error.NAME)
 
 
 def load_toml(path: str | Path) -> dict[str, object]:

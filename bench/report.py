@@ -17,6 +17,7 @@ from bench.engineering import number, odds, quantity, scaled, words
 from bench.machine_file import Nominal
 from bench.recording import Summary
 from estimator.machine import PARAMETERS, UNITS
+from estimator.mismatch.sentences import compares
 from estimator.mismatch.verdict import Ambiguity, Before, Diagnosis, Experiment, Finding, Fit, Place, Quantity, Range
 
 _STYLE: Final = f"""
@@ -93,7 +94,7 @@ def _sections(
     yield f'<div class="verdict{settled}">{escape(words(said.verdict))}</div>'
     yield f'<p class="sentence">{escape(said.sentence)}</p>'
     if said.fit is not None:
-        yield _fit(said.fit)
+        yield _fit(said.fit, compared=compares(said))
     if said.findings:
         yield _section("What was left out", _findings(said.findings))
     if said.flux_map is not None:
@@ -112,24 +113,27 @@ def _sections(
     if said.remarks:
         yield _section("Remarks on the recording", _list(said.remarks))
     if (traces := said.traces) is not None:
-        floor = None if said.fit is None else said.fit.one_step_rms_V.noise_floor
+        of = _means(traces.periods)
         yield _section("The mismatch in time", picture(
-            "over-time", figures.over_time(traces, floor),
-            "Residual of the voltage, one step ahead: what R_s, L_d, L_q and psi_f alone leave, and what is left with "
-            "the effects found.",
+            "over-time", figures.over_time(traces),
+            f"Residual of the voltage, one step ahead, as {of}, d and q together: what R_s, L_d, L_q and psi_f alone "
+            "leave, and what is left with the effects found"
+            f"{'' if traces.floor_V is None else '; dotted, what noise alone leaves of the same'}.",
         ))
         if traces.maps:
             maps = [
-                picture(f"map-{k}", figures.location(shown), f"Rms of the residual by {shown.x} and {shown.y}.")
+                picture(f"map-{k}", figures.location(shown),
+                        f"Rms of the residual, as {of}, by {shown.x} and {shown.y}.")
                 for k, shown in enumerate(traces.maps)
             ]
             yield _section("Where it is", "".join(maps))
         yield _section("A short stretch", picture(
             "stretch", figures.stretch(traces),
-            "Where the mismatch is largest: voltages one step ahead, currents of a free run.",
+            f"Where the mismatch is largest: voltages one step ahead, as {of}, and currents of a free run.",
         ))
         yield _section("By frequency", picture(
-            "spectrum", figures.spectrum(traces), "Amplitude density of the residual. White noise is a level line.",
+            "spectrum", figures.spectrum(traces),
+            "Amplitude density of the residual of single periods, d and q together. White noise is a level line.",
         ))
     yield _section("Point by point", "".join(
         picture(f"scatter-{k}", figures.scatter(shown), f"What is missed of {shown.y} at points that took no part in "
@@ -137,7 +141,8 @@ def _sections(
     ))
     if said.candidates:
         yield _section("What was considered", picture(
-            "candidates", figures.odds(said.candidates), "Effects by their odds; those chosen are marked.",
+            "candidates", figures.odds(said.candidates),
+            "Effects by their odds, alone and in the end; those chosen are marked.",
         ))
     if said.machine_before or said.machine_after:
         yield _section("Parameters", _parameters(said, nominal))
@@ -146,13 +151,20 @@ def _sections(
     yield _section("The recording", _sources(recording))
 
 
+def _means(periods: int) -> str:
+    return f"means over {periods} periods" if periods > 1 else "values of single periods"
+
+
 def _section(title: str, body: str) -> str:
     return f"<section><h2>{escape(title)}</h2>{body}</section>\n" if body else ""
 
 
-def _fit(fit: Fit) -> str:
+def _fit(fit: Fit, *, compared: bool) -> str:
+    """How well it follows; `compared`: before and after are of two models."""
+
     def row(what: str, before: str, after: str, floor: str = "") -> str:
-        cells = f'<td class="n before">{before}</td><td class="n after">{after}</td><td class="n">{floor}</td>'
+        first = before if compared else "–"
+        cells = f'<td class="n before">{first}</td><td class="n after">{after}</td><td class="n">{floor}</td>'
         return f"<tr><td>{what}</td>{cells}</tr>"
 
     def both(what: str, value: Before, unit: str) -> str:
@@ -164,7 +176,10 @@ def _fit(fit: Fit) -> str:
     held_out = "stretches that took no part in the fit" if fit.held_out else "the rows it was fitted on"
     if loo is not None:
         held_out = f"rows that took no part in the fit: one {loo.left_out} at a time, {loo.groups} in all"
-    explained = number(100 * fit.explained if math.isfinite(fit.explained) else None)
+    explained = "the voltages and currents are the recording's once its convention is undone"
+    if compared:
+        share = number(100 * fit.explained if math.isfinite(fit.explained) else None)
+        explained = f"{share} % of the mismatch's variance is explained"
     return (
         '<table class="keep"><tr><th>Residual, rms</th><th class="n">before</th><th class="n">after</th>'
         '<th class="n">noise floor</th></tr>'
@@ -174,7 +189,7 @@ def _fit(fit: Fit) -> str:
         + ("" if loo is None else "".join(
             row(f"with {escape(words(name))}", "", quantity(rms, loo.unit)) for name, rms in loo.alternatives.items()
         ))
-        + f'</table><p class="muted">Judged on {held_out}; {explained} % of the mismatch\'s variance is explained.</p>'
+        + f'</table><p class="muted">Judged on {held_out}; {explained}.</p>'
     )
 
 
@@ -203,6 +218,8 @@ def _rivals(finding: Finding) -> str:
 
 def _where(place: Place) -> str:
     region = ", ".join(f"{words(name)} {_bounds(value)}" for name, value in place.region.items())
+    if place.energy_share == place.samples_share == 1.0:  # everywhere, as the sentence says
+        return escape(place.sentence)
     shares = (
         f"{number(100 * place.energy_share, digits=2)} % of the mismatch's energy in "
         f"{number(100 * place.samples_share, digits=2)} % of the rows"

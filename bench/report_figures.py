@@ -29,15 +29,15 @@ Figure = dict[str, Any]
 Values = NDArray[np.float64]
 
 
-def over_time(traces: Traces, noise_floor: float | None) -> Figure:
-    """The mismatch over the recording."""
+def over_time(traces: Traces) -> Figure:
+    """The mismatch over the recording, beside what noise leaves of the same means."""
     data = [
         _line(traces.t, traces.before_V, "before", BEFORE, width=1.6),
         _line(traces.t, traces.after_V, "after", AFTER, width=1.6),
     ]
-    if noise_floor is not None and math.isfinite(noise_floor) and len(traces.t):
+    if traces.floor_V is not None and math.isfinite(traces.floor_V) and len(traces.t):
         ends = traces.t[[0, -1]]
-        data.append(_line(ends, np.full(2, noise_floor), "noise floor", INK, width=1, dash="dot"))
+        data.append(_line(ends, np.full(2, traces.floor_V), "noise floor", INK, width=1, dash="dot"))
     return _figure(data, 250, xaxis=_axis("time, s"), yaxis=_axis("residual, V rms", rangemode="tozero"))
 
 
@@ -71,7 +71,7 @@ def location(shown: Map) -> Figure:
         coloraxis={"colorscale": _MAP, "cmin": 0.0, "cmax": _rounded(most) or 1.0,
                    "colorbar": {"title": {"text": "V rms", "side": "right"}, "thickness": 10, "outlinewidth": 0}},
         annotations=[_caption("before", BEFORE, 0.23), _caption("after", AFTER, 0.77)], showlegend=False,
-        margin={"l": 58, "r": 10, "t": 26, "b": 42},
+        margin={"l": 72, "r": 10, "t": 26, "b": 42},
     )  # fmt: skip
 
 
@@ -136,7 +136,7 @@ def spectrum(traces: Traces) -> Figure | None:
         _line(traces.frequency, after, "after", AFTER, width=1.2),
     ]
     y = _axis("residual, V/√Hz", type="log", exponentformat="power", dtick=1)
-    return _figure(data, 260, xaxis=_axis("frequency, Hz"), yaxis=y)
+    return _figure(data, 260, xaxis=_axis("frequency, Hz"), yaxis=y, margin={"l": 72, "r": 16, "t": 30, "b": 42})
 
 
 def odds(candidates: Sequence[Candidate]) -> Figure:
@@ -157,13 +157,14 @@ def odds(candidates: Sequence[Candidate]) -> Figure:
     told = ["≤10<sup>−12</sup>", "10<sup>−6</sup>", "1", "10<sup>6</sup>", "≥10<sup>12</sup>"]
 
     def axis(title: str, domain: list[float]) -> dict[str, Any]:
-        return _axis(title, domain=domain, range=[-13, 13], tickvals=ticks, ticktext=told, zeroline=True)
+        axis = _axis(title, domain=domain, range=[-13, 13], tickvals=ticks, ticktext=told, zeroline=True)
+        return axis | {"tickfont": {"size": 11}}
 
     return _figure(
         [bars([c.log10_odds_alone for c in rows], ""), bars([c.log10_odds_after for c in rows], "2")],
         86 + 22 * len(rows),
-        xaxis=axis("odds alone, against no effect", [0.0, 0.47]),
-        xaxis2=axis("odds for a place beside the chosen", [0.53, 1.0]),
+        xaxis=axis("alone, against no effect", [0.0, 0.43]),
+        xaxis2=axis("for a place beside the chosen", [0.57, 1.0]),
         yaxis=_axis("", showgrid=False), yaxis2=_axis("", anchor="x2", showgrid=False, showticklabels=False),
         showlegend=False, margin={"l": 196, "r": 26, "t": 8, "b": 46}, bargap=0.3,
     )

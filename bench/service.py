@@ -54,8 +54,9 @@ class Service:
         self._pumps = {name: self._pump(name, url) for name, url in self._urls.items()}
         self._leases = Leases(self._device)
         self.captures = Captures(config.captures, self._urls, self._pumps, self._leases)
-        self.experiments = Experiments(config.captures, self._urls, self._pumps, self._leases)
-        self.diagnoses = DiagnosisJobs(config.captures, {drive.name: drive.nominal for drive in config.drives})
+        nominals = {drive.name: drive.nominal for drive in config.drives}
+        self.experiments = Experiments(config.captures, self._urls, self._pumps, self._leases, nominals)
+        self.diagnoses = DiagnosisJobs(config.captures, nominals)
         self._writes = count(1)
         self._started = time.monotonic()
 

@@ -14,6 +14,7 @@ from bench.errors import RecordingError
 from bench.machine_file import Nominal
 from bench.recording import Summary
 from bench.report import report
+from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.verdict import (
     Ambiguity,
     Before,
@@ -69,6 +70,7 @@ def _traces() -> Traces:
             Map("electrical angle, deg", "current, A", edges_x, edges_y, before, 0.4 + 0 * before),
             Map("speed, rpm", "i_q, A", np.linspace(0, 3e3, 7), edges_y - 3, before[:, :6], before[:, :6] / 5),
         ),
+        periods=10, floor_V=0.38,
     )  # fmt: skip
 
 
@@ -143,6 +145,18 @@ AMBIGUOUS = replace(
     unexplained=Unexplained(0.7, _WHERE, "a 90 Hz voltage of 1.0 V fixed in the stationary frame"),
 )  # fmt: skip
 
+DOUBTFUL = replace(AMBIGUOUS, sentence=sentence_of(AMBIGUOUS), experiment=AMBIGUOUS.ambiguous[0].experiment)
+
+CONVENTION = replace(
+    EXPLAINED,
+    sentence="The recording follows a convention that differs from the one expected: u scale 150 %.",
+    findings=(
+        Finding("convention_error", {"u_scale": _quantity(1.5, None, "1")}, Place("in every row", {}, 1.0, 1.0), 1e30,
+                (), {}),
+    ),
+    fit=Fit(True, Before(16.5, 16.5, 16.4), Before(0.012, 0.012), 0.0, Before(1.04, 1.04)),
+)  # fmt: skip
+
 UNEXPLAINED = replace(AMBIGUOUS, verdict=Verdict.UNEXPLAINED, ambiguous=(), sentence="None of these: a 90 Hz voltage.")
 
 NO_MISMATCH = replace(
@@ -159,6 +173,8 @@ ALL = {
     "nothing told": NOTHING_TOLD,
 }  # fmt: skip
 
+OTHERS = {"convention": CONVENTION, "doubtful": DOUBTFUL}
+
 
 def work(request: Request, tell: Tell) -> Result:
     """Diagnoses by the names of files, in place of the diagnosis: `explained.csv`; others fail, die, or have no end."""
@@ -172,7 +188,11 @@ def work(request: Request, tell: Tell) -> Result:
         os._exit(3)
     if name == "endless":
         threading.Event().wait()
-    diagnosis = ALL[name.replace("_", " ")]
+    if name == "overtaken":  # somebody else writes where its output is to go
+        (request.file.parent / "out.json").write_text("mine", encoding="utf-8")
+    if name == "homeless":  # somebody takes the folder of its outputs away
+        (request.file.parent / "out").rmdir()
+    diagnosis = (ALL | OTHERS).get(name.replace("_", " "), EXPLAINED)
     content = as_json(Diagnosed(replace(RECORDING, path=str(request.file)), request.nominal, diagnosis))
     content["remarks"] += [f"trust {dict(request.trust)}"] if request.trust else []
     machine = machine_text(diagnosis, request.nominal, request.file.name) if diagnosis.machine_after else None

@@ -307,6 +307,10 @@ i_q_ref = 3.0
 """
 
 
+NOTE = "return document.getElementById(arguments[0]).layout?.annotations?.[0]?.text ?? ''"
+NOTHING = "no values since this page was opened"  # however long the service has run
+
+
 def test_what_several_parameters_cannot_be_told_for_is_said_once(browser: Chrome, tmp_path: Path) -> None:
     scenario = tmp_path / "steady.toml"
     scenario.write_text(STEADY, encoding="utf-8")
@@ -317,6 +321,7 @@ def test_what_several_parameters_cannot_be_told_for_is_said_once(browser: Chrome
         for name in SANE:
             assert tile(browser, name).get_attribute("data-status") == "not_told"
             assert tile(browser, name).find_element(By.CLASS_NAME, "reason").text == ""
+            until(browser, lambda plot=f"plot-{name}": run(browser, NOTE, plot) == NOTHING, f"{NOTHING!r} in the plot")
         browser.get("about:blank")
 
 

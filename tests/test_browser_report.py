@@ -22,6 +22,24 @@ return [...document.querySelectorAll("figure > div")].filter(place => {
 }).map(place => place.id)
 """
 
+_TOGETHER = """
+const found = [];
+const look = (figure, gap, ...places) => {
+  const texts = [...figure.querySelectorAll(places.map(place => `${place} text`).join())]
+    .filter(text => text.textContent.trim()).map(text => [text.textContent, text.getBoundingClientRect()]);
+  for (const [k, [one, a]] of texts.entries())
+    for (const [other, b] of texts.slice(k + 1))
+      if (a.left < b.right + gap && b.left < a.right + gap && a.top < b.bottom - 2 && b.top < a.bottom - 2)
+        found.push(`${figure.id}: ${one} | ${other}`);
+};
+for (const figure of document.querySelectorAll("figure > div")) {
+  look(figure, 8, ".xtick", ".x2tick");
+  look(figure, 8, ".g-xtitle", ".g-x2title");
+  look(figure, 1, ".ytick", ".g-ytitle", ".xtick", ".g-xtitle");
+}
+return found;
+"""
+
 
 @pytest.mark.parametrize("name", ALL)
 def test_a_report_is_drawn_without_a_network_and_printed(browser: Chrome, tmp_path: Path, name: str) -> None:
@@ -35,4 +53,13 @@ def test_a_report_is_drawn_without_a_network_and_printed(browser: Chrome, tmp_pa
     assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
     printed = base64.b64decode(browser.print_page())
     assert printed.startswith(b"%PDF")
+    browser.get("about:blank")
+
+
+def test_no_words_of_a_picture_run_together(browser: Chrome, tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    page.write_text(report(ALL["explained"], RECORDING, NOMINAL), encoding="utf-8")
+    browser.get(page.as_uri())
+    until(browser, lambda: browser.execute_script(_CUT) == [], "all pictures")
+    assert browser.execute_script(_TOGETHER) == []
     browser.get("about:blank")

@@ -91,7 +91,7 @@ def test_what_is_only_measured_cannot_be_written(drive: Drive) -> None:
 
 def test_a_value_that_cannot_be_is_refused_before_the_wire(drive: Drive) -> None:
     for name, value, sentence in (
-        ("stream_periods", 0.0, r"\(stream_periods\) takes at least 1 1, got 0"),
+        ("stream_periods", 0.0, r"\(stream_periods\) takes at least 1, got 0$"),
         ("bandwidth", 1e9, r"\(bandwidth\) takes at most 10000.0 rad/s, got 1"),
         ("control_R_s", 0.0, r"\(control_R_s\) takes at least 0.0001 ohm, got 0.0"),
         ("i_q_ref", float("nan"), r"\(i_q_ref\) takes a finite number, got nan"),

@@ -149,6 +149,16 @@ def test_what_the_reader_noticed_is_among_the_remarks(recording: Path, tmp_path:
     assert "rows left out for want of a value: 1 of 4000 (i_d in 1)" in said.remarks
 
 
+def test_effects_of_the_nominal_machine_are_not_used_and_a_remark_says_so(recording: Path) -> None:
+    plain = diagnose_recording(Request(recording, NOMINAL)).diagnosis
+    with_effects = replace(NOMINAL, effects={"iron_loss": {"conductance": 1e-3}}, source="found.toml")
+    said = diagnose_recording(Request(recording, with_effects)).diagnosis
+    assert said.sentence == plain.sentence
+    assert said.remarks == (*plain.remarks, (
+        "the effects in found.toml's [effects] are not used by a diagnosis: it looks for them anew"
+    ))  # fmt: skip
+
+
 def test_a_machine_that_is_not_whole_is_refused_and_too_few_rows_give_no_verdict(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -178,8 +188,8 @@ def test_trust_is_a_share_by_parameter(items: list[str], shares: dict[str, float
     ("item", "said"),
     [
         ("R=20%", "trust: expected R_s, L_d, L_q, psi_f, got 'R'"),
-        ("R_s", "trust: R_s: expected a share above 0, such as 0.2 for 20 %, got ''"),
-        ("R_s=20", "expected a share above 0, such as 0.2 for 20 %, got 20.0"),
+        ("R_s", "trust: R_s: expected a share above 0 and at most 10 (1000 %), such as 0.2 for 20 %, got ''"),
+        ("R_s=20", "expected a share above 0 and at most 10 (1000 %), such as 0.2 for 20 %, got 20.0"),
         ("R_s=0", "got 0.0"),
         ("R_s=-5%", "got -0.05"),
         ("R_s=nan", "got nan"),

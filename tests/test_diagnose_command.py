@@ -107,7 +107,28 @@ def test_it_says_sentence_findings_and_figures_before_and_after(
     ):
         assert row in rows, said
     pmsm_bench("diagnose", "ambiguous.csv", "--nominal", "m.toml", monkeypatch=monkeypatch)
-    assert "iron loss or winding resistance drift? they are collinear to 0.99 here" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "iron loss or winding resistance drift? they are collinear to 0.99 here" in said
+    assert said.count("record 500 and 2000 rpm at the same currents") == 1
+
+
+def test_what_the_sentence_says_is_not_said_again(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pmsm_bench("diagnose", "doubtful.csv", "--nominal", "m.toml", monkeypatch=monkeypatch) == 1
+    said = capsys.readouterr().out
+    assert "Cannot tell iron loss from drift of the winding's resistance: they are collinear to 0.99 here" in said
+    for once in ("they are collinear", "ecord 500 and 2000 rpm at the same currents"):
+        assert said.count(once) == 1, said
+
+
+def test_a_convention_alone_has_no_figures_before_it_was_undone(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pmsm_bench("diagnose", "convention.csv", "--nominal", "m.toml", monkeypatch=monkeypatch) == 0
+    rows = [" ".join(line.replace("│", " ").split()) for line in capsys.readouterr().out.splitlines()]
+    assert "u, one step – 16.5 V 16.4 V" in rows
+    assert "i, free run – 12.0 mA" in rows
 
 
 def test_many_recordings_are_many_diagnoses_told_in_their_order_and_a_bad_one_stops_none(
@@ -193,6 +214,89 @@ def test_an_output_that_cannot_be_written_is_told_and_stops_no_other(
     said = capsys.readouterr()
     assert said.err == "pmsm-bench: no_mismatch.csv: no_mismatch/o.json: cannot be written: No such file or directory\n"
     assert (folder / "explained" / "o.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("out", "why"),
+    [("absent/x", "No such file or directory"), ("x" * 300, "File name too long"), ("m.toml/x", "Not a directory")],
+    ids=["no folder", "a long name", "no folder but a file"],
+)
+def test_an_output_that_cannot_be_written_is_told_before_the_recording_is_worked_on(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], out: str, why: str
+) -> None:
+    options = ("--nominal", "m.toml", "--json", out)
+    assert pmsm_bench("diagnose", "endless.csv", *options, monkeypatch=monkeypatch) == 2
+    assert capsys.readouterr().err == f"pmsm-bench: endless.csv: {out}: cannot be written: {why}\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "out", "said"),
+    [("explained", "/dev/full", "/dev/full: cannot be written: No space left on device"),
+     ("homeless", "out/x.json", "out/x.json: cannot be written: No such file or directory"),
+     ("overtaken", "out.json", "out.json exists already, expected a new file")],
+    ids=["disk full", "folder gone", "name taken"],
+)  # fmt: skip
+def test_a_verdict_is_told_also_where_its_output_cannot_be_written_after_all(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str, out: str, said: str
+) -> None:
+    (folder / "out").mkdir()
+    options = ("--nominal", "m.toml", "--json", out, "--report", "r.html")
+    assert pmsm_bench("diagnose", f"{name}.csv", *options, monkeypatch=monkeypatch) == 2
+    shown = capsys.readouterr()
+    assert shown.out.startswith(f"{name}.csv: explained\n{EXPLAINED.sentence}\n")
+    assert shown.err == f"pmsm-bench: {name}.csv: {said}\n"
+    assert (folder / "r.html").is_file()
+    assert not list(folder.rglob("*.unfinished"))
+    if name == "overtaken":
+        assert (folder / "out.json").read_text(encoding="utf-8") == "mine"
+
+
+def test_of_several_recordings_it_is_told_how_many_lack_their_files(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "full").symlink_to("/dev/full")
+    files = ("explained.csv", "full.csv", "--nominal", "m.toml", "--json", "{stem}")
+    assert pmsm_bench("diagnose", *files, monkeypatch=monkeypatch) == 2
+    assert capsys.readouterr().out.splitlines()[-1] == (
+        "2 recordings: 2 explained; outputs of 1 cannot be written"
+    )
+
+
+@pytest.mark.parametrize("out", ["out", "out.json", "new/"])
+def test_an_output_of_one_recording_may_be_a_folder(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, out: str
+) -> None:
+    if out != "new/":
+        (folder / out).mkdir()
+    options = ("--nominal", "m.toml", "--json", out)
+    assert pmsm_bench("diagnose", "explained.csv", *options, monkeypatch=monkeypatch) == 0
+    assert [path.name for path in (folder / out).iterdir()] == ["explained.json"]
+
+
+def test_a_name_as_long_as_the_file_system_takes_is_written(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = ("--nominal", "m.toml", "--json", "x" * 255)
+    assert pmsm_bench("diagnose", "explained.csv", *options, monkeypatch=monkeypatch) == 0
+    assert (folder / ("x" * 255)).is_file()
+
+
+def test_a_link_that_leads_nowhere_is_taken_and_an_empty_file_is_not(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "out.json").symlink_to("elsewhere.json")
+    options = ("explained.csv", "--nominal", "m.toml", "--json")
+    assert pmsm_bench("diagnose", *options, "out.json", monkeypatch=monkeypatch) == 2
+    assert capsys.readouterr().err == "pmsm-bench: --json: out.json exists already, expected a new file\n"
+    assert not (folder / "elsewhere.json").exists()
+    (folder / "empty.json").touch()
+    assert pmsm_bench("diagnose", *options, "empty.json", monkeypatch=monkeypatch) == 0
+    assert (folder / "empty.json").stat().st_size > 0
+
+
+def test_a_machine_file_whose_name_is_too_long_is_refused_in_a_sentence(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pmsm_bench("diagnose", "explained.csv", "--nominal", "x" * 300, monkeypatch=monkeypatch) == 2
+    assert capsys.readouterr().err == f"pmsm-bench: {'x' * 300}: cannot be read: File name too long\n"
 
 
 def test_on_a_terminal_a_bar_is_below_what_is_said_and_gone_at_the_end(folder: Path) -> None:

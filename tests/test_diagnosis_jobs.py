@@ -77,6 +77,24 @@ def test_a_diagnosis_is_worked_on_in_a_process_that_is_gone_with_it(jobs: Diagno
     assert ended(jobs, "explained") is JobState.DONE
 
 
+def test_a_result_stays_until_another_one_is_done(jobs: DiagnosisJobs) -> None:
+    jobs.ask("explained", {"trust": {"R_s": 0.2}})
+    assert ended(jobs, "explained") is JobState.DONE
+    first = jobs.done("explained")
+    jobs.ask("endless", {})  # what comes after it waits
+    assert jobs.ask("explained", {}).state is JobState.QUEUED
+    assert jobs.one("explained").state is JobState.QUEUED
+    assert jobs.done("explained") == first
+    assert jobs.report("explained").startswith("<!doctype html>")
+    assert "[machine]" in jobs.machine("explained")
+    assert jobs.cancel("explained").state is JobState.CANCELLED
+    assert jobs.done("explained") == first
+    jobs.ask("explained", {})
+    jobs.cancel("endless")
+    assert ended(jobs, "explained") is JobState.DONE
+    assert jobs.done("explained").asked > first.asked
+
+
 def test_one_is_under_way_and_the_others_wait_their_turn(jobs: DiagnosisJobs) -> None:
     before = set(children(os.getpid()))
     jobs.ask("endless", {})
@@ -140,7 +158,8 @@ def test_so_many_may_wait_and_no_more_and_none_is_left_at_the_end(tmp_path: Path
     ("given", "said"),
     [
         ({"trust": {"R": 0.2}}, "trust: expected R_s, L_d, L_q, psi_f, got 'R'"),
-        ({"trust": {"R_s": "20%"}}, "trust: R_s: expected a share above 0, such as 0.2 for 20 %, got '20%'"),
+        ({"trust": {"R_s": "20%"}}, "trust: R_s: expected a share above 0 and at most 10 (1000 %), "
+         "such as 0.2 for 20 %, got '20%'"),
         ({"trust": [1]}, "trust: expected an object, got [1]"),
         ({"nominal": "m.toml"}, "nominal: expected an object, got 'm.toml'"),
         ({"nominal": {"machine": {"R_s": -1}}}, "nominal: [machine] R_s = -1: expected a finite number of ohm"),
@@ -238,7 +257,8 @@ def test_a_diagnosis_is_cancelled_over_rest_and_the_drive_streams_on(
 
 @pytest.mark.parametrize(
     ("body", "said"),
-    [(b'{"trust": {"R_s": 0}}', "trust: R_s: expected a share above 0"), (b"[]", "expected a JSON object such as "),
+    [(b'{"trust": {"R_s": 0}}', "trust: R_s: expected a share above 0"),
+     (b"[]", 'expected a JSON object such as {"trust": {"R_s": 0.2}}, got []'),
      (b'{"nominal": {"machine": {"n_p": 1e400}}}', "nominal: [machine] n_p: expected a whole number of pole pairs")],
     ids=str,
 )  # fmt: skip

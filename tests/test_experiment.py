@@ -79,6 +79,35 @@ def test_levels_keep_within_the_dc_link_and_where_that_is_unknown_within_what_wa
     check_within_limits(told, 2700.0, 1.2 * float(np.max(np.abs(unknown.u))))
 
 
+def test_where_the_fastest_speed_asks_for_too_much_voltage_slower_ones_are_chosen() -> None:
+    strong = replace(NOMINAL, psi_f=0.5)  # Vs: 251 V at 1200 rpm
+    told = experiment(rows_at(), Model(strong), NOISE, NOMINAL, TOLERANCE)
+    assert 0.0 < max(told.speeds_rpm) < 700.0
+
+
+def test_where_no_level_is_within_reach_none_is_proposed_and_a_sentence_says_so() -> None:
+    told = experiment(rows_at(), Model(replace(NOMINAL, psi_f=10.0)), NOISE, NOMINAL, TOLERANCE)
+    assert told.holds == ()
+    assert told.sentence.startswith("no levels of speed and current can be chosen")
+
+
+def test_a_proposal_that_cannot_be_worked_out_is_none_and_no_error() -> None:
+    told = experiment(rows_at(), Model(NOMINAL), NOISE, NOMINAL, dict.fromkeys(PARAMETERS, 0.0))
+    assert told.holds == ()
+    assert told.sentence.startswith("no levels of speed and current can be chosen")
+
+
+def test_where_encoder_counts_beat_with_the_period_the_speed_is_told_once() -> None:
+    rows = replace(rows_at(), angle_step=1e-3, angle_hidden=1e-3)  # rad
+    for machine in (NOMINAL, replace(NOMINAL, psi_f=0.3)):
+        told = experiment(rows, Model(machine), NOISE, NOMINAL, TOLERANCE)
+        for speed in told.speeds_rpm:
+            assert told.sentence.count(f"{speed:.4g}") == 1
+        assert "rpm, where encoder counts do not beat with the period, each" in told.sentence
+        assert "same speed" not in told.sentence
+        assert "speed of" not in told.sentence
+
+
 def test_of_a_motor_that_stands_one_that_turns_is_wanted() -> None:
     told = experiment(
         rows_at(replace(HELD, run=Run(speed_rpm=0.0))), Model(NOMINAL), NOISE, NOMINAL, TOLERANCE

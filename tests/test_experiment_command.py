@@ -188,6 +188,9 @@ def test_the_service_does_it_under_the_drives_lease_and_hands_out_the_recording(
         assert httpx.delete(f"{routes}/latest").status_code == 409
         beyond = httpx.post(routes, json={"holds": [DONE["holds"][0] | {"i_q": 99.0}]})
         assert (beyond.status_code, "overcurrent trip" in beyond.json()["detail"]) == (422, True)
+        another = httpx.post(routes, json=DONE | {"machine": {"psi_f": 0.0052}})
+        assert another.status_code == 422
+        assert "psi_f = 0.0052 Vs, the drive's current control has 0.12 Vs" in another.json()["detail"]
         assert httpx.put(f"{root}/drives/emulated/signals", json={"i_q_ref": 0.0}).status_code == 200
         assert httpx.get(f"{routes}/nothing").status_code == 404
         httpx.post(routes, json=LONG)

@@ -3,7 +3,7 @@
 import math
 import threading
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,10 @@ import pytest
 
 from bench import experiment
 from bench.errors import LimitError
-from bench.experiment import CancelledError, Hold, Plan, Progress, experiment_of
+from bench.experiment import CancelledError, Hold, Plan, Progress, check_motor, experiment_of
+from bench.experiments import Experiments
+from bench.lease import Leases
+from bench.machine_file import Nominal
 from bench.recording import read_recording
 from drivers import operation
 from drivers.connect import connect
@@ -170,6 +173,41 @@ def test_a_bench_that_is_gone_leaves_a_drive_that_goes_off_by_itself() -> None:
         until(lambda: int(bench.drive.read("error_code")) == 0x8130, "the watchdog does not act")
 
 
+MEANT: Told = {"R_s": 0.97, "L_d": 4.2e-3, "L_q": 6.3e-3, "psi_f": 0.118, "n_p": 4, "i_rated": 6.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "meant", "said"),
+    [("psi_f", 0.0052, "psi_f = 0.0052 Vs, x's file has 0.118 Vs: "), ("n_p", 7, "n_p = 7 pole pairs, x's file has 4 "),
+     ("i_rated", 20.0, "i_rated = 20 A, x's file has 6 A"), ("L_q", 0.05, "L_q = 0.05 H, x's file has 0.0063 H")],
+)  # fmt: skip
+def test_what_is_meant_for_another_motor_is_refused_with_both_values(name: str, meant: float, said: str) -> None:
+    plan = Plan.of({"holds": [asdict(HOLDS[0])], "machine": MEANT | {name: meant}})
+    with pytest.raises(LimitError, match="the diagnosis is of a motor with ") as refused:
+        check_motor(plan, MEANT, "x's file")
+    assert said in str(refused.value)
+    check_motor(plan, {other: value for other, value in MEANT.items() if other != name}, "x's file")  # not known
+
+
+def test_one_motor_by_two_data_sheets_is_the_same_and_a_plan_for_none_is_for_any() -> None:
+    other = {"R_s": 1.4, "L_d": 3.5e-3, "L_q": 8e-3, "psi_f": 0.13, "n_p": 4, "i_rated": 5.0}
+    check_motor(Plan(HOLDS, 0.3, other), MEANT, "x")
+    check_motor(Plan(HOLDS, 0.3), MEANT, "x")
+
+
+def test_a_drives_machine_file_is_asked_before_the_drive_is(tmp_path: Path) -> None:
+    experiments = Experiments(tmp_path, {}, {}, Leases(lambda _: None), {"x": Nominal({"psi_f": 0.118})})
+    with pytest.raises(LimitError, match=r"drive x's machine file has 0\.118 Vs"):
+        experiments.ask("x", {"holds": [asdict(HOLDS[0])], "machine": {"psi_f": 0.0052}})
+
+
+def test_a_drive_that_controls_another_motor_refuses_before_anything_changes(drive: Drive) -> None:
+    operation.enable(drive)
+    with pytest.raises(LimitError, match=r"psi_f = 0\.0052 Vs, the drive's current control has 0\.12 Vs"):
+        experiment.run(drive, Plan(HOLDS, 0.3, MEANT | {"psi_f": 0.0052}))
+    assert operation.state(drive) is State.OPERATION_ENABLED
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -180,6 +218,9 @@ def test_a_bench_that_is_gone_leaves_a_drive_that_goes_off_by_itself() -> None:
         ({"holds": [{"speed_rpm": 1, "i_d": "x", "i_q": 0, "seconds": 1}]}, "hold 1: i_d"),
         ({"holds": [{"speed_rpm": 1, "i_d": 0, "i_q": 0, "seconds": 0}]}, "hold 1: seconds"),
         ({"holds": [{"speed_rpm": 1, "i_d": 0, "i_q": 0, "seconds": 1}], "step": -1}, "step"),
+        ({"holds": [asdict(HOLDS[0])], "machine": 3}, "machine: expected an object of R_s, L_d, L_q, "),
+        ({"holds": [asdict(HOLDS[0])], "machine": {"R": 1}}, "psi_f, n_p, i_rated, got 'R'"),
+        ({"holds": [asdict(HOLDS[0])], "machine": {"R_s": "1"}}, "machine: R_s: expected a number"),
     ],
 )
 def test_a_plan_that_cannot_be_is_refused(given: dict[str, Any], said: str) -> None:
@@ -198,6 +239,8 @@ def test_the_experiment_is_the_ambiguity_asked_for_or_the_first_that_a_drive_can
     assert experiment_of(diagnosis) == first
     assert experiment_of(diagnosis, 3) == second
     assert experiment_of({"ambiguous": [], "experiment": instead}) == instead
+    assert experiment_of(diagnosis | {"machine": {"nominal": MEANT, "after": {}}}) == first | {"machine": MEANT}
+    assert experiment_of(diagnosis | {"machine": {"after": {}}}) == first
     refusals: list[tuple[Told, int | None, str]] = [
         (diagnosis, 4, "an ambiguity from 1 to 3, which the diagnosis has, got 4"),
         (diagnosis | {"ambiguous": [], "experiment": None}, None, "asks for an experiment, got one that does not"),

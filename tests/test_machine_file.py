@@ -88,6 +88,13 @@ def test_an_unknown_table_or_a_key_outside_names_the_tables(load: Load):
         assert "[machine] and [drive]" in refusal(load, content)
 
 
+def test_effects_have_the_names_that_a_diagnosis_gives_them(load: Load):
+    known = load(WHOLE + "[effects.iron_loss]\nconductance = 1e-3\n[effects.convention_error]\nu_scale = 1.5\n")
+    assert known.effects == {"iron_loss": {"conductance": 1e-3}, "convention_error": {"u_scale": 1.5}}
+    said = refusal(load, WHOLE + "[effects.ironloss]\nconductance = 1e-3\n")
+    assert "unknown effect 'ironloss', expected one of inverter_voltage_error, d_axis_saturation, " in said
+
+
 def test_a_file_without_a_machine_says_so(load: Load):
     assert "[machine] is missing" in refusal(load, "")
     assert "expected a table [machine]" in refusal(load, "machine = 3\n")

@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from estimator.mismatch.model import Model
 from estimator.mismatch.pictures import traces
+from estimator.mismatch.quality import floor_of_means
 from estimator.mismatch.verdict import Traces
 from tests.test_locate import ROWS, T, run
 
@@ -33,6 +35,19 @@ def test_rms_in_time_is_that_of_the_mismatch_and_not_of_noise() -> None:
     assert np.nanmax(found.before_V) > 1.0
     assert found.t[np.nanargmax(found.before_V)] == pytest.approx(3.2, abs=0.03)
     assert len(found.t) == 300
+
+
+def test_the_floor_is_what_noise_leaves_of_the_same_means() -> None:
+    def floor(periods: int) -> float:
+        return floor_of_means(ROWS, Model(ROWS.machine), (SIGMA, SIGMA, 1.0), periods)
+
+    n = np.random.default_rng(7).normal(size=(2, len(ROWS) + 1))
+    noise = ROWS.balance(SIGMA * (n[0] + 1j * n[1]))
+    found = traces(ROWS, noise, noise, ROWS.i, ROWS.i, floor)
+    assert found.periods == 10
+    assert found.floor_V is not None
+    assert math.sqrt(np.nanmean(found.after_V**2)) == pytest.approx(found.floor_V, rel=0.03)
+    assert found.floor_V == pytest.approx(floor(1) / 10.0, rel=0.03)
 
 
 def test_the_window_is_where_the_mismatch_is_largest() -> None:

@@ -13,7 +13,7 @@ import pytest
 from bench.report import report
 from bench.report_figures import AFTER, BEFORE, WIDTH
 from estimator.mismatch.verdict import Candidate, Diagnosis
-from tests.diagnoses import ALL, AMBIGUOUS, EXPLAINED, NO_MISMATCH, NOMINAL, NOTHING_TOLD, RECORDING
+from tests.diagnoses import ALL, AMBIGUOUS, CONVENTION, EXPLAINED, NO_MISMATCH, NOMINAL, NOTHING_TOLD, RECORDING
 
 
 class Page(HTMLParser):
@@ -91,6 +91,15 @@ def test_what_cannot_be_told_comes_with_the_experiment_and_what_is_left_with_its
     assert shown.headings.index("What is unexplained") < shown.headings.index("The mismatch in time")
 
 
+def test_a_convention_alone_has_no_figures_before_it_was_undone_and_explains_no_variance() -> None:
+    words = page(CONVENTION).words
+    assert "16.5 V" in words
+    assert words.count("16.5 V") == 1
+    assert "variance is explained" not in words
+    assert "once its convention is undone" in words
+    assert "100 % of the mismatch's energy" not in words
+
+
 def test_pictures_have_one_colour_for_before_and_one_for_after() -> None:
     figures = page(EXPLAINED).figures
     assert list(figures) == ["over-time", "map-0", "map-1", "stretch", "spectrum", "candidates"]
@@ -103,6 +112,19 @@ def test_pictures_have_one_colour_for_before_and_one_for_after() -> None:
     alone, final = figures["candidates"]["data"]
     assert alone["y"][-1] == "<b>✓ inverter voltage error</b>"
     assert (alone["x"][-1], alone["x"][0], final["x"][0]) == (12.0, -12.0, None)
+
+
+def test_pictures_in_time_and_place_say_over_how_many_periods_they_are_means_and_have_the_floor_of_those() -> None:
+    shown = page(EXPLAINED)
+    floor = next(line for line in shown.figures["over-time"]["data"] if line["name"] == "noise floor")
+    assert floor["y"] == [0.38, 0.38]  # not the 0.39 V of single periods
+    assert "one step ahead, as means over 10 periods, d and q together" in shown.words
+    assert "Rms of the residual, as means over 10 periods, by speed, rpm and i_q, A." in shown.words
+    traces = EXPLAINED.traces
+    assert traces is not None
+    unknown = page(replace(EXPLAINED, traces=replace(traces, floor_V=None, periods=1)))
+    assert [line["name"] for line in unknown.figures["over-time"]["data"]] == ["before", "after"]
+    assert "as values of single periods" in unknown.words
 
 
 def test_a_diagnosis_without_pictures_or_fit_leaves_them_out() -> None:

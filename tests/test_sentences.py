@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from estimator.mismatch.sentences import sentence_of
+from estimator.mismatch.sentences import quantity, sentence_of
 from estimator.mismatch.verdict import Ambiguity, Diagnosis, Experiment, Quantity, Range, Verdict
-from tests.diagnoses import EXPLAINED
+from tests.diagnoses import CONVENTION, EXPLAINED
 
 
 def with_size(name: str, told: Quantity) -> Diagnosis:
@@ -16,16 +16,54 @@ def with_size(name: str, told: Quantity) -> Diagnosis:
 @pytest.mark.parametrize(
     ("name", "told", "said"),
     [
-        ("gain_b", Quantity(1.0131, 1.4e-5, "1"), "gain b 101.3100 % ± 0.0014 %"),
-        ("L_q_drop", Quantity(0.256, 0.0179, "1"), "L q drop 25.6 % ± 1.79 %"),
+        ("gain_b", Quantity(1.0131, 1.4e-5, "1"), "gain b 101.3100 ± 0.0014 %"),
+        ("L_q_drop", Quantity(0.256, 0.0179, "1"), "L q drop 25.6 ± 1.8 %"),
         ("d_6", Quantity(-0.0313, None, "1"), "d 6 -3.13 %"),
-        ("periods", Quantity(1.0, 3e-4, "1"), "periods 1 ± 0.0003"),
-        ("dead_time", Quantity(2e-6, 3e-8, "s"), "dead time 2 us ± 30 ns"),
-        ("dead_time", Quantity(0.0, 5e-9, "s"), "dead time 0 s ± 5 ns"),
+        ("periods", Quantity(1.0, 3e-4, "1"), "periods 1.00000 ± 0.00030"),
+        ("dead_time", Quantity(2e-6, 3e-8, "s"), "dead time 2.000 ± 0.030 us"),
+        ("dead_time", Quantity(0.0, 5e-9, "s"), "dead time 0.0 ± 5.0 ns"),
+        ("dead_time", Quantity(1.28e-10, None, "s"), "dead time 128 ps"),
+        ("conductance", Quantity(7.04e-6, 3.1e-7, "S"), "conductance 7.04 ± 0.31 uS"),
+        ("u_drop", Quantity(4.76e-3, 0.0473, "V"), "u drop 5 ± 47 mV"),
+        ("L_d_most", Quantity(0.0565, 0.00201, "H"), "L d most 56.5 ± 2.0 mH"),
+        ("scale", Quantity(0.974, 0.0097, "1"), "scale 97.40 ± 0.97 %"),
+        ("R", Quantity(4321.0, 1234.0, "ohm"), "R 4.3 ± 1.2 kohm"),
     ],
 )
 def test_a_size_and_its_error_are_of_one_kind(name: str, told: Quantity, said: str) -> None:
     assert f"left out: {said}; it hid" in sentence_of(with_size(name, told))
+
+
+def test_a_convention_alone_has_no_before_to_compare_with() -> None:
+    text = sentence_of(CONVENTION)
+    assert text.startswith("The recording follows a convention that differs from the one expected: ")
+    assert "error goes from" not in text
+
+
+def test_beside_a_convention_errors_are_those_of_the_recording_without_it() -> None:
+    both = replace(EXPLAINED, findings=(*CONVENTION.findings, *EXPLAINED.findings))
+    assert "Once that convention is undone, on stretches that took no part" in sentence_of(both)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "said"),
+    [(1.28e-10, "s", "128 ps"), (7.04e-6, "S", "7.04 uS"), (0.9996, "V", "1 V"), (1234.0, "Hz", "1.23 kHz"),
+     (0.0, "V", "0 V"), (None, "V", "unknown"), (0.0435, "rad", "0.0435 rad"), (0.031, "1", "3.1 %"),
+     (2e-15, "s", "0.002 ps")],
+)  # fmt: skip
+def test_small_sizes_have_prefixes_as_in_the_report(value: float | None, unit: str, said: str) -> None:
+    assert quantity(value, unit) == said
+
+
+def test_what_an_effect_hid_as_has_prefixes_too() -> None:
+    hidden = replace(EXPLAINED.findings[0], absorbed_as={"R_s": -0.00452, "L_q": 1.2e-4})
+    assert "it hid as -4.52 mohm of R_s, +120 uH of L_q; " in sentence_of(replace(EXPLAINED, findings=(hidden,)))
+
+
+def test_pole_pairs_and_rows_are_counts_and_no_shares() -> None:
+    told = {"pole_pairs": Quantity(4.0, None, "1"), "u_shift": Quantity(1.0, None, "1")}
+    text = sentence_of(replace(CONVENTION, findings=(replace(CONVENTION.findings[0], parameters=told),)))
+    assert "pole pairs 4, u shift 1" in text
 
 
 def test_what_is_beyond_tolerance_is_said_beside_what_is_found() -> None:

@@ -1,5 +1,6 @@
 """A drive's signals over REST and the command line: read, written, judged before anything is written, refused."""
 
+import json
 import subprocess
 from collections.abc import Iterator
 
@@ -58,6 +59,7 @@ def test_a_sequence_is_commanded_while_the_drive_streams_and_its_currents_follow
         ({"i_q_ref": 2.0, "i_q_reff": 1.0}, "no signal 'i_q_reff'; there is i_q_ref"),
         ({"i_q_ref": 2.0, "i_full": 1.0}, "0x2010:1 (i_full) cannot be written"),
         ({"i_q_ref": 2.0, "bandwidth": 1e6}, "0x2200:6 (bandwidth) takes at most 10000.0 rad/s, got 1000000.0"),
+        ({"excitation_kind": 99}, "0x2300:12 (excitation_kind) takes at most 4, got 99"),
         ({"i_q_ref": 2.0, "n_p": 2.5}, "0x2200:1 (n_p) takes a whole number, got 2.5"),
         ({"i_q_ref": "2"}, "0x2300:2 (i_q_ref) takes a number, got '2'"),
         ({"i_q_ref": True}, "0x2300:2 (i_q_ref) takes a number, got true"),
@@ -90,7 +92,27 @@ def test_what_the_drive_refuses_is_told_with_what_was_written_before(client: htt
 def test_unknown_drives_and_signals_are_told(client: httpx.Client) -> None:
     assert problem(client.get("/api/drives/nobody/signals"), 404).startswith("no drive 'nobody'")
     assert problem(client.put("/api/drives/nobody/signals", json={"i_q_ref": 1.0}), 404).startswith("no drive")
-    assert problem(client.get(SIGNALS, params={"names": "i_q_ref,nothing"}), 422) == "no signal 'nothing'"
+    assert problem(client.get(SIGNALS, params={"names": "i_q_ref,nothing"}), 422) == (
+        f"no signal 'nothing'; a read that names none tells all {len(client.get(SIGNALS).json()['signals'])}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("path", "example"),
+    [(SIGNALS, {"i_q_ref": 2.0}), (f"{DRIVE}/window", {"length": 2000}), (f"{DRIVE}/captures", {"length": 2000}),
+     (f"{DRIVE}/experiments", {"holds": [{"speed_rpm": 1200.0, "i_d": -1.8, "i_q": 2.0, "seconds": 0.5}]})],
+    ids=["signals", "window", "captures", "experiments"],
+)  # fmt: skip
+def test_a_body_that_is_no_object_is_refused_with_an_example_of_this_route(
+    client: httpx.Client, path: str, example: dict[str, object]
+) -> None:
+    method = "PUT" if path in (SIGNALS, f"{DRIVE}/window") else "POST"
+    shown = json.dumps(example)
+    said = problem(client.request(method, path, content=b"[]"), 422)
+    assert said == f"expected a JSON object such as {shown}, got []"
+    assert problem(client.request(method, path, content=b"{"), 422) == (
+        f"the body is not JSON, expected an object such as {shown}"
+    )
 
 
 def test_nobody_writes_while_a_capture_has_the_drive(client: httpx.Client) -> None:

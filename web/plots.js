@@ -55,10 +55,11 @@ export function drawPlot(parameter, history, span_s, exponent) {
   const unit = prefixed(exponent, parameter.unit);
   const runs = history.runs(now - span_s * 1000);
   const colours = palette();
-  canvas.setAttribute("aria-label", summary(parameter, runs, unit, 10 ** exponent, span_s));
+  const nothing = history.points.length === 0 ? "no values since this page was opened" : "no values in this time";
+  canvas.setAttribute("aria-label", summary(parameter, runs, unit, 10 ** exponent, span_s, nothing));
   // @ts-ignore the classic script's global
   window.Plotly.react(canvas, traces(runs, now, 10 ** exponent, unit, colours),
-    layout(span_s, unit, range(runs, 10 ** exponent), colours), CONFIG);
+    layout(span_s, unit, range(runs, 10 ** exponent), colours, nothing), CONFIG);
 }
 
 /**
@@ -141,8 +142,9 @@ function range(runs, scale) {
  * @param {string} unit
  * @param {[number, number] | null} limits
  * @param {Record<string, string>} colours
+ * @param {string} nothing said where there is nothing to draw
  */
-function layout(span_s, unit, limits, colours) {
+function layout(span_s, unit, limits, colours, nothing) {
   const axis = { gridcolor: colours.line, zeroline: false, fixedrange: true, linecolor: colours.line, showline: true,
     ticks: "outside", ticklen: 4, tickcolor: colours.line };
   return {
@@ -158,7 +160,7 @@ function layout(span_s, unit, limits, colours) {
       hoverformat: ".0f", ticksuffix: " s", showspikes: false },
     yaxis: { ...axis, title: { text: unit, standoff: 4 }, nticks: 6, exponentformat: "none", separatethousands: false,
       ...(limits === null ? { range: [0, 1], showticklabels: false } : { range: limits }) },
-    annotations: limits !== null ? [] : [{ text: "no values in this time", showarrow: false, xref: "paper",
+    annotations: limits !== null ? [] : [{ text: nothing, showarrow: false, xref: "paper",
       yref: "paper", x: 0.5, y: 0.5, font: { size: 13 } }],
   };
 }
@@ -179,11 +181,12 @@ function timeTicks(span_s) {
  * @param {string} unit
  * @param {number} scale
  * @param {number} span_s
+ * @param {string} nothing said where there is nothing to draw
  */
-function summary(parameter, runs, unit, scale, span_s) {
+function summary(parameter, runs, unit, scale, span_s, nothing) {
   const values = runs.flat().map((p) => p.value / scale);
   const what = `${parameter.meaning} over the last ${span_s / 60} minutes`;
-  if (values.length === 0) return `${what}: no values`;
+  if (values.length === 0) return `${what}: ${nothing}`;
   const [low, high] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
   return `${what}: between ${fixed(low, 2)} and ${fixed(high, 2)} ${unit}`;
 }

@@ -1,6 +1,7 @@
 """What routes have in common: names in their paths, JSON bodies, the refusals that their descriptions tell."""
 
 import json
+from collections.abc import Mapping
 from typing import Annotated, Any, Final, cast
 
 from fastapi import Depends, Path, Request
@@ -34,14 +35,17 @@ def body_of(model: str, *, required: bool = True) -> dict[str, Any]:
     return {"requestBody": {"required": required, "content": {"application/json": schema}}}
 
 
-async def json_object(request: Request) -> dict[str, Any]:
-    """The request's body. Raises LimitError when it is no JSON object."""
-    return _object(await _body(request))
+def json_object(example: Mapping[str, Any], *, required: bool = True) -> Any:
+    """The dependency that is the request's body, or an empty object where none is required and none came.
 
+    Raises LimitError, with the example, when it is no JSON object.
+    """
 
-async def json_object_if_any(request: Request) -> dict[str, Any]:
-    """The request's body, an empty object where there is none. Raises LimitError when it is no JSON object."""
-    return _object(await _body(request) or b"{}")
+    async def body(request: Request) -> dict[str, Any]:
+        text = await _body(request)
+        return _object(text if text or required else b"{}", json.dumps(example))
+
+    return Depends(body)
 
 
 async def _body(request: Request) -> bytes:
@@ -53,11 +57,11 @@ async def _body(request: Request) -> bytes:
     return text
 
 
-def _object(text: bytes) -> dict[str, Any]:
+def _object(text: bytes, example: str) -> dict[str, Any]:
     try:
         body = json.loads(text)
     except (ValueError, RecursionError):
-        raise LimitError("the body is not JSON, expected an object such as {\"length\": 2000}") from None
+        raise LimitError(f"the body is not JSON, expected an object such as {example}") from None
     if not isinstance(body, dict):
-        raise LimitError(f"expected a JSON object such as {{\"length\": 2000}}, got {shown(body)}")
+        raise LimitError(f"expected a JSON object such as {example}, got {shown(body)}")
     return cast(dict[str, Any], body)

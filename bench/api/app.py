@@ -6,7 +6,7 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import Depends, FastAPI, Request
+from fastapi import FastAPI, Request
 from fastapi.responses import FileResponse, HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
@@ -86,7 +86,7 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
 
     @app.put("/api/drives/{name}/window", summary="Change settings; the samples held stay",
              responses=_CHANGE | DRIVE, openapi_extra=body_of("WindowChangeModel"), dependencies=known)
-    def put_window(name: DriveName, change: Annotated[dict[str, Any], Depends(json_object)]) -> WindowModel:
+    def put_window(name: DriveName, change: Annotated[dict[str, Any], json_object({"length": 2000})]) -> WindowModel:
         """Takes effect at once, on the samples held and those to come. What the body leaves out stays as it is.
 
         The window keeps its samples under every method. rls and ekf begin with the next sample after they are chosen;

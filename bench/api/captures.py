@@ -3,10 +3,10 @@
 from typing import Annotated, Any, Final
 from urllib.parse import quote
 
-from fastapi import Depends, FastAPI, Path, Request, Response
+from fastapi import FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object_if_any, of_known
+from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.capture_models import CaptureModel, CapturesModel, capture_model
 from bench.service import Service
 
@@ -38,7 +38,7 @@ def install(app: FastAPI, service: Service) -> None:
               dependencies=known)
     def ask(
         name: DriveName, request: Request, response: Response,
-        given: Annotated[dict[str, Any], Depends(json_object_if_any)],
+        given: Annotated[dict[str, Any], json_object({"length": 2000}, required=False)],
     ) -> CaptureModel:
         """Arms the recorder; the rest happens by itself: waiting for the trigger, upload, recording on disk.
 

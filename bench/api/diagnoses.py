@@ -3,10 +3,10 @@
 from typing import Annotated, Any, Final
 from urllib.parse import quote
 
-from fastapi import Depends, FastAPI, Path, Response
+from fastapi import FastAPI, Path, Response
 from fastapi.responses import HTMLResponse, JSONResponse
 
-from bench.api.answers import ANY, PROBLEM, SHAPES, Answers, body_of, json_object_if_any
+from bench.api.answers import ANY, PROBLEM, SHAPES, Answers, body_of, json_object
 from bench.api.diagnosis_models import DIAGNOSIS, DiagnosisJobModel, job_model
 from bench.service import Service
 
@@ -36,7 +36,8 @@ def install(app: FastAPI, service: Service) -> None:
     @app.post(_ROOT, summary="Diagnose a recording", status_code=202, responses=_ASKED,
               openapi_extra=body_of("DiagnosisRequestModel", required=False))
     def ask_diagnosis(
-        id_: RecordingId, response: Response, given: Annotated[dict[str, Any], Depends(json_object_if_any)]
+        id_: RecordingId, response: Response,
+        given: Annotated[dict[str, Any], json_object({"trust": {"R_s": 0.2}}, required=False)],
     ) -> DiagnosisJobModel:
         """Which physics the recording shows that the nominal machine leaves out. One at a time, the others wait.
 
@@ -53,7 +54,10 @@ def install(app: FastAPI, service: Service) -> None:
 
     @app.get(f"{_ROOT}/result", summary="A diagnosis", responses=_RESULT | _NOT_NOW | _ONE)
     def diagnosis_result(id_: RecordingId) -> JSONResponse:
-        """All that is said, as `pmsm-bench diagnose --json` writes it."""
+        """All that is said, as `pmsm-bench diagnose --json` writes it.
+
+        While another one is under way, or where it has failed or been cancelled, that of the last that was done.
+        """
         return JSONResponse(jobs.done(id_).content)
 
     @app.get(f"{_ROOT}/report.html", summary="A diagnosis as a page", response_class=HTMLResponse,

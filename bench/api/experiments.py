@@ -4,7 +4,7 @@ from datetime import datetime
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import quote
 
-from fastapi import Depends, FastAPI, Path, Request, Response
+from fastapi import FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,7 +17,7 @@ from bench.service import Service
 _ONE: Answers = DRIVE | {404: {"description": "No drive, or no experiment, of that name"} | PROBLEM}
 _ASKED: Answers = {
     409: {"description": "Another writer has the drive, or the drive refused"} | PROBLEM,
-    422: {"description": "Not levels that the drive could hold; nothing has moved"} | PROBLEM,
+    422: {"description": "Not levels that the drive could hold, or of another motor; nothing has moved"} | PROBLEM,
     503: {"description": "There is no link to the drive"} | PROBLEM,
 }
 _NOT_NOW: Answers = {409: {"description": "The experiment is in another state"} | PROBLEM}
@@ -35,12 +35,16 @@ class HoldModel(BaseModel):
 
 
 class ExperimentRequestModel(BaseModel):
-    """What to hold, one after the other: an experiment of a diagnosis, or its holds and step alone."""
+    """What to hold, one after the other: an experiment of a diagnosis, or its holds, step and machine alone."""
 
     model_config = ConfigDict(extra="allow", json_schema_extra={"examples": [{"holds": [_HOLD], "step": 0.6}]})
 
     holds: list[HoldModel] = Field(description="one after the other", examples=[[_HOLD]])
     step: float = Field(0.0, description="A, random steps of i_d and i_q within +- this around each", examples=[0.6])
+    machine: dict[str, float] = Field(
+        {}, description="the motor it is meant for: any of R_s, L_d, L_q, psi_f, n_p, i_rated; another one is refused",
+        examples=[{"psi_f": 0.12, "n_p": 4}],
+    )
 
 
 class ExperimentRunModel(BaseModel):
@@ -68,7 +72,8 @@ def install(app: FastAPI, service: Service) -> None:
     @app.post("/api/drives/{name}/experiments", summary="Do what a diagnosis asks for", status_code=202,
               responses=_ASKED | DRIVE, openapi_extra=body_of("ExperimentRequestModel"), dependencies=known)
     def ask_experiment(
-        name: DriveName, request: Request, response: Response, given: Annotated[dict[str, Any], Depends(json_object)]
+        name: DriveName, request: Request, response: Response,
+        given: Annotated[dict[str, Any], json_object({"holds": [_HOLD]})],
     ) -> ExperimentRunModel:
         """Holds levels of current, and of speed where the drive controls it, and records every control period.
 

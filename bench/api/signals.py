@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, Any
 
-from fastapi import Depends, FastAPI, Query, Request
+from fastapi import FastAPI, Query, Request
 from pydantic import BaseModel, Field
 
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
@@ -61,7 +61,7 @@ def install(app: FastAPI, service: Service) -> None:
     @app.put("/api/drives/{name}/signals", summary="Write signals", responses=_WRITE | DRIVE,
              openapi_extra=body_of("SignalValuesModel"), dependencies=known)
     def put_signals(
-        name: DriveName, request: Request, values: Annotated[dict[str, Any], Depends(json_object)]
+        name: DriveName, request: Request, values: Annotated[dict[str, Any], json_object({"i_q_ref": 2.0})]
     ) -> SignalsModel:
         """Currents, excitation sequences, speed, limits, commands: in the order given, and read back.
 

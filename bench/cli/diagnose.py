@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from bench.cli.output import check_new
+from bench.cli.output import check_new, check_output, takes_all, write_whole
 from bench.diagnosis_request import SETTLED, WORK, Request, Result, json_text
 from bench.engineering import odds, quantity, words
 from bench.errors import BenchError, ConfigError
@@ -41,8 +41,19 @@ class Options:
     force: bool
 
 
-def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, Path | None], options: Options) -> int:
-    """Diagnose recordings, print and write what is said of them; the exit code. Raises ConfigError before any work."""
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What has become of a recording."""
+
+    result: Result | None  # None: it was refused
+    refusal: str = ""  # in a sentence; with a result, of files that cannot be written
+
+
+def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str | None], options: Options) -> int:
+    """Diagnose recordings, print and write what is said of them; the exit code. Raises ConfigError before any work.
+
+    An output is a file, a name with {stem}, or a folder: one that is there, or a name that ends with a slash.
+    """
     if options.jobs is not None and options.jobs < 1:
         raise ConfigError(f"--jobs: expected at least 1, got {options.jobs}")
     places = _places(files, outputs)
@@ -52,12 +63,13 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, Path 
     wanted = outputs.get("--report") is not None
     requests: list[Request] = []
     told: list[int] = []  # place among the files of each request
-    outcomes: dict[int, Result | str] = {}
+    outcomes: dict[int, _Outcome] = {}
     for k, file in enumerate(files):
         try:
             machine = shared or (Nominal({}) if nominal is None else load_machine(_nominal_of(nominal, file)))
+            _check_writable(places[k])
         except BenchError as error:
-            outcomes[k] = str(error)
+            outcomes[k] = _Outcome(None, str(error))
         else:
             requests.append(_request(file, machine, options, report=wanted))
             told.append(k)
@@ -69,7 +81,10 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, Path 
                 bar.at(len(outcomes) + sum(s for n, s in enumerate(shares) if told[n] not in outcomes), said.phase)
                 continue
             place = told[k]
-            outcomes[place] = said.why if isinstance(said, Failed) else _written(said.result, places[place])
+            outcomes[place] = (
+                _Outcome(None, said.why) if isinstance(said, Failed)
+                else _written(said.result, places[place], force=options.force)
+            )  # fmt: skip
             bar.at(len(outcomes), "")
             show.as_far_as(files, outcomes, bar)
         show.as_far_as(files, outcomes, bar)
@@ -96,7 +111,7 @@ def _request(file: Path, machine: Nominal, options: Options, *, report: bool) ->
 
 def _shared(nominal: Path | None) -> Nominal | None:
     """The machine of all recordings, where it is one."""
-    return None if nominal is None or STEM in str(nominal) or nominal.is_dir() else load_machine(nominal)
+    return None if nominal is None or STEM in str(nominal) or _is_folder(nominal) else load_machine(nominal)
 
 
 def _nominal_of(nominal: Path, file: Path) -> Path:
@@ -108,23 +123,31 @@ def _nominal_of(nominal: Path, file: Path) -> Path:
 # --- files
 
 
-def _places(files: Sequence[Path], outputs: Mapping[str, Path | None]) -> list[dict[str, Path]]:
+def _places(files: Sequence[Path], outputs: Mapping[str, str | None]) -> list[dict[str, Path]]:
     """Where each recording's outputs go, by option."""
     places = [dict[str, Path]() for _ in files]
     for option, out in outputs.items():
         if out is None:
             continue
-        suffix = _SUFFIXES[option]
-        pattern = str(out)
-        if STEM not in pattern and (len(files) > 1 or out.is_dir()):
-            if out.suffix == suffix or (out.exists() and not out.is_dir()):
+        suffix, folder = _SUFFIXES[option], Path(out)
+        pattern = out
+        meant = out.endswith(os.sep) or _is_folder(folder)
+        if STEM not in out and (len(files) > 1 or meant):
+            if not meant and (folder.suffix == suffix or os.path.lexists(folder)):
                 raise ConfigError(f"{option}: several recordings need a folder or a name with {STEM}, got {out}")
-            pattern = str(out / f"{STEM}{suffix}")
-            with _as_refusal(out):
-                out.mkdir(parents=True, exist_ok=True)
+            pattern = str(folder / f"{STEM}{suffix}")
+            with _as_refusal(folder):
+                folder.mkdir(parents=True, exist_ok=True)
         for place, file in zip(places, files, strict=True):
             place[option] = Path(pattern.replace(STEM, stem_of(file)))
     return places
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # a name that cannot be, which whoever reads or writes it will say
+        return False
 
 
 def _check(files: Sequence[Path], nominal: Path | None, places: Sequence[Mapping[str, Path]], *, force: bool) -> None:
@@ -137,47 +160,40 @@ def _check(files: Sequence[Path], nominal: Path | None, places: Sequence[Mapping
         for option, path in place.items():
             if (whose := taken.get(path.resolve())) is not None:
                 raise ConfigError(f"{option}: {path}: expected a file of its own, this is {whose}")
-            if not _takes_all(path):
+            if not takes_all(path):
                 taken[path.resolve()] = "another output"
             if not force:
                 check_new(option, path)
 
 
-def _takes_all(path: Path) -> bool:
-    """A pipe or a device."""
-    return path.exists() and not path.is_file() and not path.is_dir()
+def _check_writable(place: Mapping[str, Path]) -> None:
+    """Refuse a recording before it is worked on where its outputs cannot be written."""
+    for path in place.values():
+        with _as_refusal(path):
+            check_output(path)
 
 
-def _written(result: Result, place: Mapping[str, Path]) -> Result | str:
-    """The result, once its files are written; a sentence where they cannot be."""
+def _written(result: Result, place: Mapping[str, Path], *, force: bool) -> _Outcome:
+    """The result, its files written; and a sentence where one cannot be."""
     texts = {"--json": json_text(result.content), "--report": result.report, "--machine": result.machine}
-    try:
-        for option, path in place.items():
-            if (text := texts[option]) is not None:
-                with _as_refusal(path):
-                    _write(path, text)
-    except ConfigError as error:
-        return str(error)
-    return result
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    if _takes_all(path) or path.is_dir():
-        path.write_text(text, encoding="utf-8")
-        return
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
-    try:
-        unfinished.write_text(text, encoding="utf-8")
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    refusals: list[str] = []
+    for option, path in place.items():
+        if (text := texts[option]) is None:
+            continue
+        try:
+            with _as_refusal(path):
+                write_whole(path, text, over=force)
+        except ConfigError as error:
+            refusals.append(str(error))
+    return _Outcome(result, "; ".join(refusals))
 
 
 @contextmanager
 def _as_refusal(path: Path) -> Generator[None]:
     try:
         yield
+    except FileExistsError:
+        raise ConfigError(f"{path} exists already, expected a new file") from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
@@ -221,33 +237,41 @@ class _Shown:
     def __init__(self, total: int, *, machine: bool) -> None:
         self._total, self._machine, self._next = total, machine, 0
         self._verdicts = Counter[str]()
+        self._unwritten = 0
         self._console = Console()
 
-    def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, Result | str], bar: _Bar) -> None:
+    def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, _Outcome], bar: _Bar) -> None:
         """Show those whose turn has come."""
         self._console = bar.output
         while self._next in outcomes:
             file, outcome = files[self._next], outcomes[self._next]
             self._next += 1
-            if isinstance(outcome, str):
+            if outcome.result is None:
                 self._verdicts["refused"] += 1
-                bar.refuse(outcome if outcome.startswith(str(file)) else f"{file}: {outcome}")
-                continue
-            self._verdicts[outcome.content["verdict"]] += 1
-            self._say(f"{file}: {words(outcome.content['verdict'])}")
-            self._say(outcome.content["sentence"])
-            if self._total == 1:
-                self._details(outcome.content)
-            if self._machine and outcome.machine is None:
-                self._say("no machine file: nothing could be fitted")
+            else:
+                self._verdict(file, outcome.result)
+                self._unwritten += bool(outcome.refusal)
+            if why := outcome.refusal:
+                bar.refuse(why if why.startswith(str(file)) else f"{file}: {why}")
+
+    def _verdict(self, file: Path, result: Result) -> None:
+        content = result.content
+        self._verdicts[content["verdict"]] += 1
+        self._say(f"{file}: {words(content['verdict'])}")
+        self._say(content["sentence"])
+        if self._total == 1:
+            self._details(content)
+        if self._machine and result.machine is None:
+            self._say("no machine file: nothing could be fitted")
 
     def end(self) -> int:
         """The exit code; in words, too, where there were several. After the bar."""
         self._console = Console()
         if self._total > 1:
             counts = ", ".join(f"{count} {words(verdict)}" for verdict, count in self._verdicts.most_common())
-            self._say(f"{self._total} recordings: {counts}")
-        if self._verdicts["refused"]:
+            unwritten = f"; outputs of {self._unwritten} cannot be written" if self._unwritten else ""
+            self._say(f"{self._total} recordings: {counts}{unwritten}")
+        if self._verdicts["refused"] or self._unwritten:
             return BAD
         return 0 if set(self._verdicts) <= set(SETTLED) else OPEN
 
@@ -256,14 +280,21 @@ class _Shown:
             self._console.print(_findings(content["findings"]))
         if content["fit"] is not None:
             self._console.print(_before_and_after(content))
+        said = [content["sentence"]]
         for ambiguity in content["ambiguous"]:
             names = " or ".join(map(words, ambiguity["effects"]))
-            self._say(f"{names}? {ambiguity['reason']}; to tell: {ambiguity['experiment']['sentence']}")
-        instead = content["experiment"]
-        if instead is not None and instead not in [ambiguity["experiment"] for ambiguity in content["ambiguous"]]:
-            self._say(instead["sentence"])
+            self._once(f"{names}? ", ambiguity["reason"], said)
+            self._once("to tell: ", ambiguity["experiment"]["sentence"], said)
+        if content["experiment"] is not None:
+            self._once("", content["experiment"]["sentence"], said)
         for remark in content["remarks"]:
             self._say(remark)
+
+    def _once(self, lead: str, text: str, said: list[str]) -> None:
+        """Say what no sentence has said, whose first letter may be a capital."""
+        if not any(text[1:] in already for already in said):
+            said.append(text)
+            self._say(f"{lead}{text}")
 
     def _say(self, text: str) -> None:
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
@@ -290,15 +321,29 @@ def _before_and_after(content: Mapping[str, Any]) -> Table:
         table.add_column(heading, justify="left" if not heading else "right")
     voltage, current = fit["one_step_rms_V"], fit["free_run_rms_A"]
     what = "u, one step" if loo is None else "u"
-    table.add_row(what, *(quantity(value, "V", like=voltage["before"]) for value in voltage.values()))
+    compared = _compared(content)
+    table.add_row(what, *_errors(voltage, "V", compared=compared))
     if current["before"] is not None:
-        table.add_row("i, free run", *(quantity(value, "A", like=current["before"]) for value in current.values()))
+        table.add_row("i, free run", *_errors(current, "A", compared=compared))
     before, after = content["machine"]["before"], content["machine"]["after"]
     for name in {**before, **after}:
         sizes = [machine.get(name) for machine in (before, after)]
         like = next((size["value"] for size in sizes[::-1] if size is not None), None)
         table.add_row(name, *("–" if s is None else quantity(s["value"], s["unit"], s["std"], like) for s in sizes))
     return table
+
+
+def _errors(rms: Mapping[str, float | None], unit: str, *, compared: bool) -> list[str]:
+    told = [quantity(value, unit, like=rms["before"]) for value in rms.values()]
+    return told if compared else ["–", *told[1:]]
+
+
+def _compared(content: Mapping[str, Any]) -> bool:
+    """Before and after are of two models; see `estimator.mismatch.sentences.compares`."""
+    named = {finding["effect"] for finding in content["findings"]}
+    named |= {name for ambiguity in content["ambiguous"] for name in ambiguity["effects"]}
+    voltage = content["fit"]["one_step_rms_V"]
+    return "convention_error" not in named or voltage["before"] != voltage["after"]
 
 
 def _caption(fit: Mapping[str, Any], loo: Mapping[str, Any] | None) -> str:

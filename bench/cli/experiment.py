@@ -36,8 +36,8 @@ def by_service(name: str, service: str, file: Path, ambiguity: int | None, out: 
     asked = _asked(file, ambiguity)
     with httpx.Client(timeout=_TIMEOUT) as client:
         rest = Rest(client, service)
-        said = rest.call("POST", name, "experiments", body={"holds": asked["holds"], "step": asked.get("step", 0.0)},
-                         key="state")
+        body = {key: asked[key] for key in ("holds", "step", "machine") if key in asked}
+        said = rest.call("POST", name, "experiments", body=body, key="state")
         id_ = str(said["id"])
         try:
             with _bar() as show:

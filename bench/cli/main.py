@@ -199,12 +199,12 @@ def diagnose(
         list[str] | None, typer.Option(metavar="R_s=20%,...", help="how far off a nominal value may be (10 % each)")
     ] = None,
     json_out: Annotated[
-        Path | None,
+        str | None,
         typer.Option("--json", metavar="OUT", help="as JSON; of several recordings a folder, or a name with {stem}"),
     ] = None,
-    report: Annotated[Path | None, typer.Option(metavar="OUT.html", help="as a page; likewise")] = None,
+    report: Annotated[str | None, typer.Option(metavar="OUT.html", help="as a page; likewise")] = None,
     machine: Annotated[
-        Path | None, typer.Option(metavar="OUT.toml", help="the machine with its effects; likewise")
+        str | None, typer.Option(metavar="OUT.toml", help="the machine with its effects; likewise")
     ] = None,
     jobs: Annotated[int | None, typer.Option(metavar="N", help="recordings at a time (default: one per core)")] = None,
     mapping: Annotated[list[str] | None, typer.Option("--map", metavar="NAME=COLUMN,...", help="columns")] = None,

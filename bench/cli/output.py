@@ -1,11 +1,16 @@
 """Files that a command writes because an option says so, and the wait for what fills them."""
 
+import contextlib
+import errno
+import os
+import secrets
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from bench.capture_file import check_place
+from bench.capture_file import check_place, give_name
 from bench.errors import ConfigError
 
 _PERIOD: Final = 0.1  # s between two looks
@@ -13,12 +18,67 @@ _PERIOD: Final = 0.1  # s between two looks
 
 def check_new(option: str, path: Path) -> None:
     """Raise ConfigError where a file with something in it would be lost. Pipes and devices take what they are given."""
-    try:
-        lost = path.is_file() and path.stat().st_size > 0
-    except OSError:
-        return  # writing it says why
-    if lost:
+    if _taken(path):
         raise ConfigError(f"{option}: {path} exists already, expected a new file")
+
+
+def takes_all(path: Path) -> bool:
+    """A pipe or a device."""
+    try:
+        return path.exists() and not path.is_file() and not path.is_dir()
+    except OSError:
+        return False
+
+
+def check_output(path: Path) -> None:
+    """Raise OSError, before any work, where no file of that name can be written."""
+    if takes_all(path):
+        return
+    with contextlib.suppress(FileNotFoundError):
+        path.lstat()
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    with _unfinished(path.parent) as part:
+        part.open("xb").close()
+
+
+def write_whole(path: Path, text: str, *, over: bool) -> None:
+    """Write a file whole or not at all. Raises OSError; FileExistsError where one is there that is not to be written
+    `over`, also if it has appeared since it was looked for.
+    """
+    if takes_all(path):
+        path.write_text(text, encoding="utf-8")
+        return
+    with _unfinished(path.parent) as part:
+        part.write_text(text, encoding="utf-8")
+        if over:
+            part.replace(path)
+            return
+        try:
+            give_name(part, path)
+        except FileExistsError:
+            if _taken(path):
+                raise
+            part.replace(path)  # an empty file
+
+
+@contextmanager
+def _unfinished(folder: Path) -> Generator[Path]:
+    """A name that nobody else has; what has it is gone afterwards."""
+    part = folder / f".{secrets.token_hex(4)}.unfinished"
+    try:
+        yield part
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def _taken(path: Path) -> bool:
+    """A file with something in it, or a link that leads nowhere yet."""
+    try:
+        return path.stat().st_size > 0 if path.is_file() else path.is_symlink() and not path.exists()
+    except OSError:
+        return False  # writing it says why
 
 
 def check_recording(path: Path) -> None:

@@ -129,6 +129,17 @@ def check_range(signal: Signal, value: float) -> None:
     """Raise ValueError, in a sentence, when the value may not be written to the signal."""
     low, high = signal.minimum, signal.maximum
     if low is not None and value < low:
-        raise ValueError(f"{signal} takes at least {low} {signal.unit}, got {value}")
+        raise ValueError(f"{signal} takes at least {_told(signal, low)}, got {_number(signal, value)}")
     if high is not None and value > high:
-        raise ValueError(f"{signal} takes at most {high} {signal.unit}, got {value}")
+        raise ValueError(f"{signal} takes at most {_told(signal, high)}, got {_number(signal, value)}")
+
+
+def _told(signal: Signal, value: float) -> str:
+    """A value with its unit, where it has one."""
+    return _number(signal, value) + ("" if signal.unit == "1" else f" {signal.unit}")
+
+
+def _number(signal: Signal, value: float) -> str:
+    """A whole number as one where the signal takes no others."""
+    whole = signal.type is not WireType.F32 and math.isfinite(value) and value == int(value)
+    return f"{int(value) if whole else value}"

@@ -29,7 +29,7 @@ from estimator.mismatch.locate import place_of
 from estimator.mismatch.model import Model, filter_pole, residual, whitened, with_machine
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.prepared import prepared
-from estimator.mismatch.quality import SHORTEST, fit_quality, longest
+from estimator.mismatch.quality import SHORTEST, fit_quality, floor_of_means, longest
 from estimator.mismatch.remainder import LIKE_RESONANCE, alone, excess_of, leaves_some, left_of, not_astray, upright
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.surrogate import stands_out
@@ -290,7 +290,11 @@ def _shown(rows: Rows, found: Fitted, left: Vector, plain: Search) -> tuple[Fit,
     by_half = moved(before, ()), moved(after, found.choice, shaped=True)
     runs = free_run(rows, by_half[0]), free_run(rows, by_half[1])
     fit = fit_quality(rows, *by_half, runs, _odd_stretches(len(rows)), found.noise)
-    return fit, traces(rows, residual(rows, rows, moved(plain, ())), left, *runs)
+
+    def floor(periods: int) -> float:
+        return floor_of_means(rows, by_half[1], found.noise, periods)
+
+    return fit, traces(rows, residual(rows, rows, moved(plain, ())), left, *runs, floor)
 
 
 def _no_help(found: Fitted, fit: Fit) -> bool:

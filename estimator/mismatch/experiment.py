@@ -55,6 +55,10 @@ _HELD: Final = 0.15  # of rated current, of the fastest speed: within it, one le
 _MOST_ODDS: Final = 1e12
 _TIMED: Final = frozenset({"winding_resistance_drift", "magnet_flux_drift", "magnet_flux_step"})
 """What moves with time alone, which no level tells."""
+_NONE: Final = (
+    "no levels of speed and current can be chosen that would tell; see that the recording is of one machine, and of "
+    "that whose data are given"
+)
 
 
 def experiment(
@@ -63,20 +67,33 @@ def experiment(
 ) -> Experiment:  # fmt: skip
     """What would tell one effect of the model from a rival; without them, what would tell the machine's parameters.
 
-    `noise`: that of the recording, see `columns`.
+    `noise`: that of the recording, see `columns`. Without holds where none can be chosen: a proposal that fails takes
+    nothing away from a verdict.
     """
+    try:
+        return _chosen(rows, model, noise, nominal, tolerance, pair)
+    except (ArithmeticError, np.linalg.LinAlgError):  # of a model that is no machine's
+        return Experiment(_NONE)
+
+
+def _chosen(
+    rows: Rows, model: Model, noise: Noise, nominal: Machine, tolerance: Mapping[str, float],
+    pair: tuple[str, str] | None,
+) -> Experiment:  # fmt: skip
     timed = _TIMED - set(pair or ())
     model = replace(model, effects={name: sizes for name, sizes in model.effects.items() if name not in timed})
     library = [effect for effect in LIBRARY if effect.name not in timed]
     rows = with_machine(rows, model.machine)
     levels = _levels(rows)
+    allowed = [k for k, (speed, i) in enumerate(levels) if _within_reach(rows, speed, i)]
+    if not allowed:
+        return Experiment(_NONE)
     imagined = _imagined(rows, model, levels)
     told = Search(regression(imagined, imagined, model, Given(nominal, tolerance, 1e-5), noise, library))
-    allowed = [k for k, (speed, i) in enumerate(levels) if _within_reach(rows, speed, i)] or [0]
     design = _Design(told, nominal, tolerance, tuple((name, -1) for name in model.effects), pair)
     here = [k for k in allowed if abs(levels[k][0] - levels[0][0]) < 1e-9]
     chosen = design.best(here)
-    if not design.satisfied(chosen) and len(here) < len(allowed):
+    if len(here) < len(allowed) and not (chosen and design.satisfied(chosen)):
         chosen = design.best(allowed)
     return _said(rows, [levels[k] for k in chosen], pair, design.odds(chosen))
 
@@ -234,11 +251,7 @@ def _said(
     seconds = DURATION / len(holds)
     run = tuple(Hold(_round(speed * rpm), _round(i.real), _round(i.imag), seconds) for speed, i in holds)
     speeds, i_d, i_q = (_different(run, name) for name in ("speed_rpm", "i_d", "i_q"))
-    new = _new_levels(rows, speeds, i_d, i_q)
-    same = " at the same speed" if len(speeds) == 1 and not any("speed" in part for part in new) else ""
-    levels = f"{' and '.join(new)}{same}" if new else "the same levels again"
-    if beat_of(rows) > 0.0:
-        levels += f", at {number(abs(run[0].speed_rpm), 4)} rpm, where encoder counts do not beat with the period"
+    levels = _levels_said(rows, speeds, i_d, i_q)
     each = f"each with steps of {number(STEP * rows.i_rated, 2)} A around it"
     if pair is None:
         sentence = f"record {levels}, {each}, {DURATION:g} s in all: that would tell R_s, L_d, L_q and psi_f"
@@ -264,6 +277,18 @@ def _round(x: float) -> float:
 
 def _different(run: Sequence[Hold], name: str) -> tuple[float, ...]:
     return tuple(dict.fromkeys(getattr(hold, name) for hold in sorted(run, key=lambda hold: getattr(hold, name))))
+
+
+def _levels_said(rows: Rows, speeds: Sequence[float], i_d: Sequence[float], i_q: Sequence[float]) -> str:
+    """What to record, and at which speed."""
+    beats = beat_of(rows) > 0.0
+    new = _new_levels(rows, () if beats else speeds, i_d, i_q)
+    if beats:
+        *most, last = (number(abs(speed), 4) for speed in speeds)
+        at = f"at {', '.join(most)} and {last} rpm" if most else f"at {last} rpm"
+        return f"{' and '.join(new) or 'the same currents'} {at}, where encoder counts do not beat with the period"
+    same = " at the same speed" if len(speeds) == 1 and not any("speed" in part for part in new) else ""
+    return f"{' and '.join(new)}{same}" if new else "the same levels again"
 
 
 def _new_levels(rows: Rows, speeds: Sequence[float], i_d: Sequence[float], i_q: Sequence[float]) -> list[str]:

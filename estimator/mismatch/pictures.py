@@ -4,6 +4,7 @@ Shows mean voltages over several periods, as single ones show the noise of the c
 Knows nothing of effects, nor of how a picture is drawn.
 """
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -19,8 +20,14 @@ _CELLS: Final = 24  # of a map, either way
 _LEAST: Final = 3  # means in a cell
 
 
-def traces(rows: Rows, r_before: Vector, r_after: Vector, i_before: Vector, i_after: Vector) -> Traces:
-    """What to draw of residual voltages (V of each period) and free-running currents (A at samples, or NaN)."""
+def traces(
+    rows: Rows, r_before: Vector, r_after: Vector, i_before: Vector, i_after: Vector,
+    floor: Callable[[int], float] | None = None,
+) -> Traces:  # fmt: skip
+    """What to draw of residual voltages (V of each period) and free-running currents (A at samples, or NaN).
+
+    `floor`: what noise alone leaves (V rms) of means over so many periods.
+    """
     m = usual_periods(rows)
     before, after = means(rows, r_before, m), means(rows, r_after, m)
     edges = np.linspace(float(rows.t[0]), float(rows.t[-1]), min(_BINS, max(1, len(before.v))) + 1)
@@ -42,6 +49,8 @@ def traces(rows: Rows, r_before: Vector, r_after: Vector, i_before: Vector, i_af
         frequency=_frequency(rows),
         spectrum=(_spectrum(rows, r_before), _spectrum(rows, r_after)),
         maps=_maps(rows, before, after),
+        periods=m,
+        floor_V=None if floor is None else floor(m),
     )
 
 

@@ -93,17 +93,36 @@ def _low_over_white(z: Vector, used: Bools) -> float:
     return 0.5 * (ratio(parts.real) + ratio(parts.imag))
 
 
+def floor_of_means(rows: Rows, model: Model, noise: tuple[float, float, float], periods: int) -> float:
+    """Rms of the length (V, d and q together) that noise alone leaves of voltages averaged over m periods.
+
+    Only the ends of a mean keep their noise whole; in between, (1 - rho) of it is left:
+
+        (1 + rho^2 + (m - 1) (1 - rho)^2) |L n|^2 / (m T_s)^2
+    """
+    machine, m = model.machine, periods
+    rho = math.exp(-2.0 * machine.R_s * rows.T_s / (machine.L_d + machine.L_q))
+    left = 1.0 + rho**2 + (m - 1) * (1.0 - rho) ** 2
+    return math.sqrt(left * _flux_noise(rows, model, noise)) / (m * rows.T_s)
+
+
+def _flux_noise(rows: Rows, model: Model, noise: tuple[float, float, float]) -> float:
+    """Mean |L n|^2 of d and q together, Vs^2."""
+    m = model.machine
+    psi_d, psi_q, _ = noise
+    if model.bend is None:
+        return psi_d**2 + psi_q**2
+    dd, qq, dq = model.bend.inductances(m, rows.i)
+    by_d, by_q = float(np.mean(dd**2 + dq**2)), float(np.mean(qq**2 + dq**2))
+    return (psi_d / m.L_d) ** 2 * by_d + (psi_q / m.L_q) ** 2 * by_q
+
+
 def _floors(rows: Rows, model: Model, noise: tuple[float, float, float]) -> tuple[float, float]:
     """Rms (V, A) that noise alone leaves one step ahead and in free runs."""
     m, T_s = model.machine, rows.T_s
     decay = math.exp(-4.0 * m.R_s * T_s / (m.L_d + m.L_q))  # rho^2
     psi_d, psi_q, _ = noise
-    flux = psi_d**2 + psi_q**2
-    if model.bend is not None:
-        dd, qq, dq = model.bend.inductances(m, rows.i)
-        by_d, by_q = float(np.mean(dd**2 + dq**2)), float(np.mean(qq**2 + dq**2))
-        flux = (psi_d / m.L_d) ** 2 * by_d + (psi_q / m.L_q) ** 2 * by_q
-    volts = math.sqrt((1.0 + decay) * flux / 2.0) / T_s
     window = round(WINDOW / T_s)
     starts = (decay - decay**window) / (1.0 - decay) / window  # mean of rho^2k within a window
-    return volts, math.sqrt((1.0 + starts) * ((psi_d / m.L_d) ** 2 + (psi_q / m.L_q) ** 2) / 2.0)
+    amperes = math.sqrt((1.0 + starts) * ((psi_d / m.L_d) ** 2 + (psi_q / m.L_q) ** 2) / 2.0)
+    return floor_of_means(rows, model, noise, 1) / math.sqrt(2.0), amperes

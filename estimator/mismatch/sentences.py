@@ -7,8 +7,9 @@ from estimator.mismatch.verdict import Diagnosis, Finding, Quantity, Verdict
 from estimator.physics import convention_error
 from estimator.physics.library import BY_NAME
 
-_PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
-_COUNTS = ("periods", "phase")
+_PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+_COUNTS = ("periods", "phase", "pole_pairs", "u_shift", "theta_shift", "u_mirrored", "i_mirrored")  # without a unit
+_MOST_DECIMALS = 9
 _GAIN = "a gain of all voltages or of all currents, by which the parameters are off then"
 _CLOSE = 0.02  # of a scale, that needs no words
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
@@ -25,12 +26,13 @@ def sentence_of(diagnosis: Diagnosis) -> str:
                 f"leaving out one {loo.left_out} at a time the error goes from {quantity(loo.before, loo.unit)} to "
                 f"{quantity(loo.after, loo.unit)}"
             )
-        elif fit is not None:
+        elif fit is not None and compares(diagnosis):
             u, i = fit.one_step_rms_V, fit.free_run_rms_A
+            undone = any(finding.effect == convention_error.NAME for finding in diagnosis.findings)
             said.append(
-                f"on stretches that took no part in the fit the one-step error goes from {quantity(u.before, 'V')} to "
-                f"{quantity(u.after, 'V')} and the free-running one from {quantity(i.before, 'A')} to "
-                f"{quantity(i.after, 'A')}"
+                f"{'once that convention is undone, ' if undone else ''}on stretches that took no part in the fit the "
+                f"one-step error goes from {quantity(u.before, 'V')} to {quantity(u.after, 'V')} and the free-running "
+                f"one from {quantity(i.before, 'A')} to {quantity(i.after, 'A')}"
             )
     for doubt in diagnosis.ambiguous:
         titles = [_title(name) for name in doubt.effects]
@@ -61,6 +63,16 @@ def sentence_of(diagnosis: Diagnosis) -> str:
     return text + "."
 
 
+def compares(diagnosis: Diagnosis) -> bool:
+    """Whether a fit's before and after are of two models. Where a convention alone is named, both are of the recording
+    without it, and of the same model.
+    """
+    doubted = (name for doubt in diagnosis.ambiguous for name in doubt.effects)
+    named = {finding.effect for finding in diagnosis.findings} | set(doubted)
+    u = None if diagnosis.fit is None else diagnosis.fit.one_step_rms_V
+    return u is not None and (convention_error.NAME not in named or u.before != u.after)
+
+
 def _title(name: str) -> str:
     if name == convention_error.NAME:
         return convention_error.TITLE
@@ -73,7 +85,7 @@ def _plural(title: str) -> bool:
 
 def _finding(finding: Finding) -> str:
     sizes = ", ".join(_size(name, q) for name, q in finding.parameters.items() if q.value is not None)
-    hid = ", ".join(f"{change:+.3g} {UNITS[name]} of {name}" for name, change in finding.absorbed_as.items())
+    hid = ", ".join(_signed(change, UNITS[name]) + f" of {name}" for name, change in finding.absorbed_as.items())
     if finding.effect == convention_error.NAME:
         return f"the recording follows {convention_error.TITLE}: {sizes}"
     title = BY_NAME[finding.effect].title
@@ -83,19 +95,20 @@ def _finding(finding: Finding) -> str:
     return f"{text}; it acts {finding.where.sentence}"
 
 
+def _signed(change: float, unit: str) -> str:
+    return f"{'+' if change > 0.0 else ''}{quantity(change, unit)}"
+
+
 def _size(name: str, told: Quantity) -> str:
-    """A size with its standard error, both of one kind: a count, a share or a quantity with a unit."""
-    value, std = told.value or 0.0, told.std or 0.0
+    """A size with its standard error: a count, a share or a quantity with a unit."""
+    value, std = told.value or 0.0, told.std
     if told.unit != "1":
-        said = [quantity(x, told.unit) for x in (value, std)]
+        said = quantity(value, told.unit, std)
     elif name in _COUNTS:
-        said = [f"{x:.4g}" for x in (value, std)]
-    elif std > 0.0:
-        decimals = min(max(1 - math.floor(math.log10(100.0 * std)), 0), 6)
-        said = [f"{100.0 * value:.{decimals}f} %", f"{100.0 * std:.3g} %"]
+        said = _with_error(value, std, 4)
     else:
-        said = [f"{100.0 * value:.3g} %"]
-    return f"{name.replace('_', ' ')} {' ± '.join(said if std > 0.0 else said[:1])}"
+        said = f"{_with_error(100.0 * value, None if std is None else 100.0 * std)} %"
+    return f"{name.replace('_', ' ')} {said}"
 
 
 def _detectable(diagnosis: Diagnosis) -> str:
@@ -123,15 +136,28 @@ def _limit(diagnosis: Diagnosis, name: str) -> float:
     return math.inf if value is None else value
 
 
-def quantity(value: float | None, unit: str) -> str:
-    """A number with an engineering prefix; shares in per cent."""
+def quantity(value: float | None, unit: str, std: float | None = None) -> str:
+    """A number with an engineering prefix, and its standard error: `2.000 ± 0.030 us`; shares in per cent."""
     if value is None or not math.isfinite(value):
         return "unknown"
+    scale, shown = _scaled(max(abs(value), std or 0.0), unit)
+    return f"{_with_error(value / scale, None if std is None else std / scale)} {shown}".rstrip()
+
+
+def _scaled(size: float, unit: str) -> tuple[float, str]:
+    """By what to divide a number of that size, and the unit of the quotient."""
     if unit == "1":
-        return f"{100.0 * value:.3g} %" if abs(value) < 1.0 else f"{value:.4g}"
-    if unit in ("rad", "rad/s", "Hz", "S") or value == 0.0:
-        return f"{value:.3g} {unit}"
-    for scale, prefix in _PREFIXES:
-        if abs(value) >= scale:
-            return f"{value / scale:.3g} {prefix}{unit}"
-    return f"{value:.3g} {unit}"
+        return (0.01, "%") if size < 1.0 else (1.0, "")
+    if unit in ("rad", "rad/s") or size == 0.0 or not math.isfinite(size):
+        return 1.0, unit
+    scale, prefix = next((one for one in _PREFIXES if size >= 0.9995 * one[0]), _PREFIXES[-1])
+    return scale, f"{prefix}{unit}"
+
+
+def _with_error(value: float, std: float | None, digits: int = 3) -> str:
+    """A number and its standard error to two digits of that; without one, to so many digits."""
+    if not std or not math.isfinite(std):
+        return f"{value:.{digits}g}"
+    places = 1 - math.floor(math.log10(std))
+    decimals = min(max(places, 0), _MOST_DECIMALS)
+    return f"{value:.{decimals}f} ± {round(std, places):.{decimals}f}"

@@ -172,7 +172,10 @@ class Map:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Traces:
-    """Series for pictures: a one-step residual before and after, in V."""
+    """Series for pictures: a one-step residual before and after, in V. Rms values are of d and q together.
+
+    In time and in maps it is that of means over some periods, in spectra that of single ones.
+    """
 
     t: Array  # s, bins over the recording
     before_V: Array  # rms in each bin
@@ -183,6 +186,8 @@ class Traces:
     frequency: Array  # Hz
     spectrum: tuple[Array, Array]  # amplitude density before, after, V/sqrt(Hz)
     maps: tuple[Map, ...]
+    periods: int = 1  # that means are over
+    floor_V: float | None = None  # rms that noise alone leaves of such means
 
 
 @dataclass(frozen=True, slots=True, eq=False)

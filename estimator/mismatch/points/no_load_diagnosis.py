@@ -153,7 +153,7 @@ def _leaning(search: Search, name: str, log_odds: float, was: float) -> Ambiguit
     """An effect that the points lean to, without bearing its name."""
     fit = search.fit((name,))
     size = search.problem.effects[name][0]
-    value = f"{quantity(fit.value(*size.key), size.unit)} ± {quantity(fit.std(*size.key), size.unit)}"
+    value = quantity(fit.value(*size.key), size.unit, fit.std(*size.key))
     now = _error(search, (name,))
     odds = f"by odds of {odds_text(log_odds)}" + (f", where {odds_text(ENTRY)} are asked for" * (log_odds <= ENTRY))
     reason = (
@@ -199,9 +199,9 @@ def _offset(fit: Fit) -> list[str]:
     if abs(value) < 2.0 * std:
         return []
     if VOLTAGE_ERROR in fit.choice:
-        return [f"{quantity(value, 'V')} ± {quantity(std, 'V')} are the same at all levels: R off, by that over i_q"]
+        return [f"{quantity(value, 'V', std)} are the same at all levels: R off, by that over i_q"]
     return [
-        f"{quantity(value, 'V')} ± {quantity(std, 'V')} are the same at all levels: R off, by that over i_q, or the "
+        f"{quantity(value, 'V', std)} are the same at all levels: R off, by that over i_q, or the "
         "inverter's voltage error of a motor that takes much i_q; these points cannot tell"
     ]
 

@@ -219,7 +219,7 @@ def _remarks(
             said.append(f"{title} is not borne out: the recording calls for none")
             continue
         said.append(
-            f"{title} is not borne out: with {quantity(size.value, size.unit)} ± {quantity(size.std, size.unit)} of it "
+            f"{title} is not borne out: with {quantity(size.value, size.unit, size.std)} of it "
             f"the error on an angle left out is {quantity(tried[terms].rms, 'A')}, without it "
             f"{quantity(tried[chosen].rms, 'A')}"
         )

@@ -279,7 +279,7 @@ def _remarks(sweep: Sweep, found: Tried, summed: Sum) -> list[str]:
         turned = math.degrees(float(np.angle(measured / implied)))
         said.append(
             f"third harmonic of current at {tones.frequency[0]:g} Hz, which no resistance makes: measured "
-            f"{quantity(abs(measured), 'A')} ± {quantity(float(doubt), 'A')}, by the model "
+            f"{quantity(abs(measured), 'A', float(doubt))}, by the model "
             f"{quantity(abs(implied), 'A')}; they are {turned:.0f} deg apart"
         )
     if summed.remark:
