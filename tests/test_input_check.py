@@ -9,7 +9,7 @@ from emulator.conceal.populations import STRANGERS
 from estimator.machine import Machine
 from estimator.mismatch.input_check import checked
 from estimator.samples import Samples
-from tests.convention_runs import LENGTH, TURN, currents, made, recording, speed, voltages, with_vectors
+from tests.convention_runs import LENGTH, TURN, currents, made, recording, scaled, speed, voltages, with_vectors
 
 NUMBERS = (1, 2, 3, 5, 8)
 
@@ -147,6 +147,30 @@ def test_a_machine_in_other_units_is_told(number: int) -> None:
     assert "the nominal psi_f seem to be in thousandths" in only(runs, in_mWb, stop=True)
     between_lines = replace(nominal, R_s=2.0 * nominal.R_s)
     assert "half the nominal R_s" in only(runs, between_lines, stop=False)
+
+
+UNITS = {
+    "the voltages seem to be in mV, expected V": scaled(u=1e3),
+    "the currents seem to be in mA, expected A": scaled(i=1e3),
+    "voltages and currents both seem to be in mV and mA, expected V and A": scaled(u=1e3, i=1e3),
+    "the voltages seem to be in uV, expected V": scaled(u=1e6),
+}
+
+
+@pytest.mark.parametrize("says", UNITS)
+def test_a_recording_in_smaller_units_is_told_by_them_and_the_data_sheet_is_not_blamed(says: str) -> None:
+    for kind, number in [*(("none", number) for number in NUMBERS), ("drops", 2), ("dead_time", 6), ("telegraph", 5)]:
+        runs, nominal = made(UNITS[says], recording(kind, number, seed=31))
+        said = only(runs, nominal, stop=True)
+        assert said.startswith(f"{says}: as it stands, the recording asks for "), (kind, number)
+        links = [replace(run, u_dc=None if run.u_dc is None else 1e3 * run.u_dc) for run in runs]
+        assert only(links, nominal, stop=True) == said
+
+
+def test_currents_that_the_motor_may_carry_leave_it_to_a_data_sheet_in_milliohms_and_millihenries() -> None:
+    runs, nominal = recording("none", 1)
+    in_milli = replace(nominal, R_s=1e3 * nominal.R_s, L_d=1e3 * nominal.L_d, L_q=1e3 * nominal.L_q)
+    assert "the nominal L_d and L_q seem to be in thousandths" in only(runs, in_milli, stop=True)
 
 
 def test_two_drives_in_one_recording_are_told() -> None:

@@ -1,0 +1,124 @@
+"""Data sheet: nominal values and a recording that differ by more than physics makes of a machine.
+
+What a rough fit tells, in sentences. Small units of a recording are thought of before the data sheet is blamed. Knows
+no effect.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from estimator.machine import PARAMETERS, UNITS, Machine
+from estimator.mismatch.correction import Correction
+from estimator.mismatch.rough_fit import Fit, Stretches, fit
+from estimator.mismatch.words import number
+
+_TOLD: Final = 0.3  # of a value, its standard error at most
+_NEAR: Final = 3.0  # times, by which physics changes L_d, L_q and psi_f
+_NEAR_R_S: Final = 20.0  # the same for R_s: a dead time at small currents looks like it
+_CLOSED: Final = 0.99  # of the voltages' mean square, that is explained
+_LOUD: Final = 6.0  # times the rated current, which no drive carries
+_PREFIXES: Final = ((1e3, "m"), (1e6, "u"))
+
+
+class Wrong(NamedTuple):
+    """Something wrong with a recording, in a sentence."""
+
+    sentence: str
+    stop: bool = False  # no verdict is possible
+
+
+class _Compared(NamedTuple):
+    """What a rough fit says of a nominal machine."""
+
+    fit: Fit
+    over: dict[str, float]  # R_s, L_d, L_q, psi_f over the nominal ones
+    told: dict[str, bool]  # with some certainty
+
+    def near(self, name: str, factor: float) -> bool:
+        """A parameter is told, and so many times the nominal one but for physics."""
+        return self.told[name] and 1.0 / _NEAR < self.over[name] / factor < _NEAR
+
+
+def units(stretches: Stretches, nominal: Machine) -> Iterator[Wrong]:
+    """A recording, or a nominal machine, in other units."""
+    compared = _compared(stretches, nominal)
+    recorded = _recorded(compared, stretches, nominal)
+    if recorded is not None:
+        yield Wrong(recorded, stop=True)
+        return
+    yield from _given(compared, nominal)
+
+
+def _compared(stretches: Stretches, nominal: Machine) -> _Compared:
+    found = fit(stretches, Correction(), nominal)
+    over = {name: float(value) / getattr(nominal, name) for name, value in zip(PARAMETERS, found.value, strict=True)}
+    certain = found.std < _TOLD * np.abs(found.value)
+    told = {name: bool(is_certain) for name, is_certain in zip(PARAMETERS, certain, strict=True)}
+    return _Compared(found, over, told)
+
+
+def _recorded(compared: _Compared, stretches: Stretches, nominal: Machine) -> str | None:
+    """Voltages, currents or both in a smaller unit, in a sentence.
+
+    Currents that a motor of such a rated current may carry leave it to the nominal values.
+    """
+    loud = nominal.i_rated is None or float(np.quantile(np.abs(stretches.i), 0.999)) > _LOUD * nominal.i_rated
+    for factor, letter in _PREFIXES:
+        for says, u, i in (
+            (f"the voltages seem to be in {letter}V, expected V", factor, 1.0),
+            (f"the currents seem to be in {letter}A, expected A", 1.0, factor),
+            (f"voltages and currents both seem to be in {letter}V and {letter}A, expected V and A", factor, factor),
+        ):
+            if (loud or i in (1.0, u)) and _scaled(compared, u, u / i):
+                return f"{says}: as it stands, the recording asks for {_asked(compared, nominal)}"
+    return None
+
+
+def _scaled(compared: _Compared, u: float, Z: float) -> bool:
+    """Parameters are as voltages so many times too high, and impedances so many times, make them."""
+    told, over = compared.told, compared.over
+    inductances = [name for name in ("L_d", "L_q") if told[name]]
+    if told["psi_f"] and not compared.near("psi_f", u):
+        return False
+    if not told["psi_f"] and (u == 1.0 or compared.fit.share < _CLOSED):
+        return False
+    if told["R_s"] and not 1.0 / _NEAR_R_S < abs(over["R_s"]) / Z < _NEAR_R_S:
+        return False
+    return bool(inductances) and all(compared.near(name, Z) for name in inductances)
+
+
+def _asked(compared: _Compared, nominal: Machine) -> str:
+    """What is told of the machine, beside the nominal values."""
+    names = [name for name in PARAMETERS if compared.told[name] and name != "R_s"]
+    asked = [f"{name} = {number(compared.over[name] * getattr(nominal, name))} {UNITS[name]}" for name in names]
+    given = [f"{number(getattr(nominal, name))} {UNITS[name]}" for name in names]
+    return f"{_and(asked)}, nominal {'is' if len(names) == 1 else 'are'} {_and(given)}"
+
+
+def _and(words: Sequence[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _given(compared: _Compared, nominal: Machine) -> Iterator[Wrong]:
+    """A nominal machine in other units."""
+    over, told = compared.over, compared.told
+    likely = {name for name in PARAMETERS if compared.near(name, 1.0)}
+    closed = compared.fit.share > _CLOSED
+    for names in (("R_s",), ("L_d", "L_q"), ("psi_f",)):
+        others = set(PARAMETERS) - {*names, "R_s"}
+        for unit, says in ((1e-3, "thousandths (milli)"), (1e-6, "millionths (micro)"), (1e3, "thousands (kilo)")):
+            if closed and likely >= others and all(compared.near(name, unit) for name in names):
+                first = names[0]
+                given, asked = getattr(nominal, first), over[first] * getattr(nominal, first)
+                yield Wrong(f"the nominal {' and '.join(names)} seem to be in {says} of the unit: {first} is given as "
+                            f"{given:.4g} {UNITS[first]}, the recording asks for {asked:.3g}; expected SI units", True)
+    if likely >= {"L_d", "L_q", "psi_f"} and told["R_s"] and compared.fit.share > 0.999:
+        near = {name for name in PARAMETERS if abs(math.log(over[name])) < 0.2} if over["R_s"] > 0.0 else set[str]()
+        half = {name for name in PARAMETERS if abs(math.log(max(over[name], 1e-9) * 2.0)) < 0.12}
+        if half in ({"R_s"}, {"R_s", "L_d", "L_q"}) and near == set(PARAMETERS) - half:
+            yield Wrong(f"the recording asks for half the nominal {', '.join(sorted(half))}: a line-to-line value, "
+                        "expected that of a phase")
