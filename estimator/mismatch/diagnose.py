@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.bad_samples import without_bad
 from estimator.mismatch.columns import STRETCHES
 from estimator.mismatch.common_scale import scaled, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
@@ -82,7 +83,9 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     Raises ValueError, in a sentence, for samples that cannot be diagnosed.
     """
     tolerance = {name: (trust or {}).get(name, TOLERANCE) for name in PARAMETERS}
+    runs, left_out = without_bad(runs, nominal)
     checks = checked(runs, nominal)
+    checks = checks._replace(remarks=(*left_out, *checks.remarks))
     long_enough = [run for run in runs if len(run) >= 3]
     rows_there = sum(map(len, long_enough))
     if checks.stop or rows_there < _FEWEST:
