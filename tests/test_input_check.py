@@ -1,13 +1,17 @@
 """Input check: what is wrong with a recording is said in a sentence, and nothing is said of one that is in order."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from emulator.conceal.populations import STRANGERS
+from emulator.conceal.populations import POPULATIONS, STRANGERS
 from estimator.machine import Machine
+from estimator.mismatch.data_sheet import contradicted
+from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.input_check import checked
+from estimator.mismatch.verdict import Verdict
 from estimator.samples import Samples
 from tests.convention_runs import LENGTH, TURN, currents, made, recording, scaled, speed, voltages, with_vectors
 
@@ -171,6 +175,55 @@ def test_currents_that_the_motor_may_carry_leave_it_to_a_data_sheet_in_milliohms
     runs, nominal = recording("none", 1)
     in_milli = replace(nominal, R_s=1e3 * nominal.R_s, L_d=1e3 * nominal.L_d, L_q=1e3 * nominal.L_q)
     assert "the nominal L_d and L_q seem to be in thousandths" in only(runs, in_milli, stop=True)
+
+
+WRONG: dict[str, Callable[[Machine], Machine]] = {
+    "the nominal R_s is ": lambda m: replace(m, R_s=10.0 * m.R_s),
+    "the nominal psi_f is ": lambda m: replace(m, psi_f=5.0 * m.psi_f),
+    "the nominal L_d is ": lambda m: replace(m, L_d=12.0 * m.L_d, L_q=12.0 * m.L_q),
+    "the nominal L_q is ": lambda m: replace(m, L_q=m.L_q / 6.0),
+}
+
+
+@pytest.mark.parametrize("says", WRONG)
+def test_a_nominal_value_that_is_wrong_by_a_factor_is_told_with_what_the_recording_says(says: str) -> None:
+    for number in (1, 2, 3, 5):
+        runs, nominal = recording("none", number)
+        assert contradicted(runs, nominal) is None
+        said = contradicted(runs, WRONG[says](nominal))
+        assert said is not None, number
+        assert said.startswith(says)
+        assert "the recording says" in said
+
+
+def test_exchanged_inductances_are_told_where_they_are_far_apart() -> None:
+    far = [recording("none", number) for number in range(1, 9)]
+    far = [(runs, nominal) for runs, nominal in far if nominal.L_q > 3.0 * nominal.L_d]
+    assert far
+    for runs, nominal in far:
+        exchanged = replace(nominal, L_d=nominal.L_q, L_q=nominal.L_d)
+        assert "the nominal L_d and L_q seem to be exchanged" in str(contradicted(runs, exchanged))
+        assert diagnose(runs, exchanged).verdict is Verdict.NOT_ENOUGH_EXCITATION
+
+
+@pytest.mark.parametrize("kind", ["two", "three", *POPULATIONS])
+def test_physics_is_no_wrong_data_sheet(kind: str) -> None:
+    for number in range(1, 7):
+        assert contradicted(*recording(kind, number, seed=31, length=1.0)) is None, number
+
+
+def test_a_resistance_that_is_too_high_at_every_current_is_no_dead_time() -> None:
+    said = [contradicted(runs, replace(nominal, R_s=nominal.R_s / 10.0))
+            for runs, nominal in (recording("none", number) for number in range(1, 9))]
+    assert sum(one is not None for one in said) >= 2
+    assert all(one.startswith("the nominal R_s is ") for one in said if one is not None)
+
+
+def test_values_that_are_off_by_less_are_left_to_the_diagnosis() -> None:
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        for other in ({"R_s": nominal.R_s / 3.0}, {"R_s": 3.0 * nominal.R_s}, {"psi_f": 2.5 * nominal.psi_f}):
+            assert contradicted(runs, replace(nominal, **other)) is None
 
 
 def test_two_drives_in_one_recording_are_told() -> None:

@@ -12,13 +12,21 @@ import numpy as np
 
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.correction import Correction
-from estimator.mismatch.rough_fit import Fit, Stretches, fit
+from estimator.mismatch.rough_fit import Fit, Stretches, fit, stretches_of
 from estimator.mismatch.words import number
+from estimator.samples import Samples
 
 _TOLD: Final = 0.3  # of a value, its standard error at most
 _NEAR: Final = 3.0  # times, by which physics changes L_d, L_q and psi_f
 _NEAR_R_S: Final = 20.0  # the same for R_s: a dead time at small currents looks like it
 _CLOSED: Final = 0.99  # of the voltages' mean square, that is explained
+_SURE: Final = 0.05  # of a value, its standard error, where the data sheet is to be wrong
+_FAR_R_S: Final = 5.0  # times, by which R_s is off by more than any temperature makes it
+_FEWEST: Final = 4  # stretches
+_APART: Final = 1.5  # times the current, at which R_s is looked at again
+_ALIKE: Final = 0.15  # by which it may differ then
+_FAR_L: Final = 4.0  # times, by which an inductance is higher than any effect makes it
+_SATURATED: Final = 8.0  # times, by which saturation and harmonics may lower it
 _LOUD: Final = 6.0  # times the rated current, which no drive carries
 _PREFIXES: Final = ((1e3, "m"), (1e6, "u"))
 
@@ -122,3 +130,72 @@ def _given(compared: _Compared, nominal: Machine) -> Iterator[Wrong]:
         if half in ({"R_s"}, {"R_s", "L_d", "L_q"}) and near == set(PARAMETERS) - half:
             yield Wrong(f"the recording asks for half the nominal {', '.join(sorted(half))}: a line-to-line value, "
                         "expected that of a phase")
+
+
+# --- Values that are wrong
+
+
+def contradicted(runs: Sequence[Samples], nominal: Machine) -> str | None:
+    """Nominal values that the recording contradicts by more than physics, in a sentence; None where it does not surely.
+
+    L_d and L_q exchanged; else values that are wrong by a factor. Lower inductances are left to saturation and to
+    harmonics, a higher R_s that falls with the current to dead time.
+    """
+    stretches = stretches_of(runs)
+    if stretches is None:
+        return None
+    compared = _compared(stretches, nominal)
+    if compared.fit.share < _CLOSED:
+        return None
+    if _exchanged(compared, nominal):
+        return f"the nominal L_d and L_q seem to be exchanged: the recording asks for {_asked(compared, nominal)}"
+    wrong = [name for name in PARAMETERS if _far(compared, name)]
+    if "R_s" not in wrong and _resists(stretches, nominal):
+        wrong.insert(0, "R_s")
+    others = [name for name in PARAMETERS if name not in (*wrong, "R_s")]
+    if not wrong or not all(compared.near(name, 1.0) for name in others):
+        return None
+    said = [
+        f"the nominal {name} is {number(getattr(nominal, name))} {UNITS[name]}, the recording says "
+        f"{number(compared.over[name] * getattr(nominal, name))} {UNITS[name]}" for name in wrong
+    ]  # fmt: skip
+    return f"{_and(said)}: beyond what physics makes of a machine; expected the values of the recorded motor"
+
+
+def _exchanged(compared: _Compared, nominal: Machine) -> bool:
+    """Each inductance is the other's nominal one, which are far apart."""
+    ratio = nominal.L_q / nominal.L_d
+    apart = max(ratio, 1.0 / ratio) > _NEAR
+    return apart and compared.near("psi_f", 1.0) and all(
+        _sure(compared, name) and 0.5 < compared.over[name] / times < 1.5
+        for name, times in (("L_d", ratio), ("L_q", 1.0 / ratio))
+    )
+
+
+def _far(compared: _Compared, name: str) -> bool:
+    """A parameter is told surely, and is no nominal one that physics has changed."""
+    over = compared.over[name]
+    if not _sure(compared, name):
+        return False
+    if name == "R_s":
+        return 0.0 < over < 1.0 / _FAR_R_S
+    if name == "psi_f":
+        return over > _NEAR or 0.0 < over < 1.0 / _NEAR
+    return over > _FAR_L or 0.0 < over < 1.0 / _SATURATED
+
+
+def _resists(stretches: Stretches, nominal: Machine) -> bool:
+    """R_s is far too high at high currents, and as high at low ones: drops of an inverter are not."""
+    size = np.sqrt(np.mean(np.abs(stretches.i) ** 2, axis=1))
+    order = np.argsort(size)
+    low, high = order[: len(order) // 2], order[len(order) // 2 :]
+    if len(low) < _FEWEST or float(np.mean(size[high])) < _APART * float(np.mean(size[low])):
+        return False
+    at_low, at_high = (_compared(stretches.at(places), nominal) for places in (low, high))
+    alike = abs(at_high.over["R_s"] / at_low.over["R_s"] - 1.0) < _ALIKE
+    return alike and at_high.over["R_s"] > _FAR_R_S and _sure(at_high, "R_s") and at_low.told["R_s"]
+
+
+def _sure(compared: _Compared, name: str) -> bool:
+    k = PARAMETERS.index(name)
+    return bool(compared.fit.std[k] < _SURE * abs(compared.fit.value[k]))

@@ -17,6 +17,7 @@ from estimator.mismatch.bad_samples import without_bad
 from estimator.mismatch.columns import STRETCHES
 from estimator.mismatch.common_scale import scaled, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
+from estimator.mismatch.data_sheet import contradicted
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
 from estimator.mismatch.exchange import one_for_others, together, without_idle
 from estimator.mismatch.excitation_check import not_borne_out, poorly_told, untold
@@ -95,6 +96,8 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
         diagnosis = _explained(long_enough, nominal, tolerance, checks.remarks, progress, suspicion)
         if diagnosis is not None:
             return diagnosis
+    elif (wrong := contradicted(long_enough, nominal)) is not None:
+        return _no_verdict((*checks.remarks, wrong))
     diagnosis = _explained(long_enough, nominal, tolerance, checks.remarks, progress)
     assert diagnosis is not None
     return diagnosis
