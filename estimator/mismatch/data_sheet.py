@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.correction import Correction
@@ -186,7 +187,7 @@ def _far(compared: _Compared, name: str) -> bool:
 
 def _resists(stretches: Stretches, nominal: Machine) -> bool:
     """R_s is far too high at high currents, and as high at low ones: drops of an inverter are not."""
-    size = np.sqrt(np.mean(np.abs(stretches.i) ** 2, axis=1))
+    size: NDArray[np.float64] = np.sqrt(np.mean(np.abs(stretches.i) ** 2, axis=1))
     order = np.argsort(size)
     low, high = order[: len(order) // 2], order[len(order) // 2 :]
     if len(low) < _FEWEST or float(np.mean(size[high])) < _APART * float(np.mean(size[low])):
