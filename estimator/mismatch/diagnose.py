@@ -35,6 +35,7 @@ from estimator.mismatch.quality import SHORTEST, fit_quality, longest
 from estimator.mismatch.remainder import LIKE_RESONANCE, alone, excess_of, leaves_some, left_of, not_astray, upright
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.surrogate import stands_out
+from estimator.mismatch.told_drive import believed
 from estimator.mismatch.told_machine import told_machine
 from estimator.mismatch.verdict import (
     Ambiguity,
@@ -110,6 +111,8 @@ def _explained(
     """The diagnosis of the recording without a suspected cause; None where the library takes some of that back."""
     if suspicion is not None:
         runs, nominal = suspicion.runs, suspicion.machine
+    runs, not_used = believed(runs)
+    remarks = (*remarks, *not_used)
     rows, given = prepared(runs, nominal, tolerance)
     if longest(_odd_stretches(len(rows)) & rows.joined) < SHORTEST:
         return _no_verdict((*remarks, (

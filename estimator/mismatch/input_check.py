@@ -16,6 +16,7 @@ from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.correction import Correction
 from estimator.mismatch.data_sheet import Wrong, units
 from estimator.mismatch.rough_fit import Fit, Stretches, fit, speed_over_rate, stretches_of
+from estimator.mismatch.told_drive import MOST
 from estimator.samples import Samples
 
 Array = NDArray[np.float64]
@@ -158,7 +159,7 @@ def _saturated(runs: Sequence[Samples]) -> Iterator[Wrong]:
     if u_dc is None:
         return
     u = np.concatenate([np.hypot(run.u_d, run.u_q) for run in runs])
-    share = float(np.mean(u > 0.995 * u_dc / _LINE))
+    share = float(np.mean((u > 0.995 * u_dc / _LINE) & (u < MOST * u_dc)))
     if share > _SATURATED:
         yield Wrong(f"the voltage is at its limit, u_dc/sqrt(3), in {share:.0%} of the rows, expected below it: what "
                     "is recorded may not be what acted; record at a lower speed or with a higher dc link")
