@@ -52,6 +52,7 @@ from estimator.mismatch.verdict import (
     odds_of,
     verdict_of,
 )  # fmt: skip
+from estimator.mismatch.words import continued
 from estimator.physics import convention_error, voltage_delay
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
@@ -128,7 +129,7 @@ def _explained(
     diagnosis = _judged(rows, given, there, progress)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
-    said = sentence_of(diagnosis)
+    said = sentence_of(diagnosis, "" if suspicion is None else suspicion.says)
     causes = () if suspicion is None else (suspicion.sentence,)
     mapped = () if diagnosis.flux_map is None else (_MAPPED,)
     return replace(diagnosis, remarks=(*remarks, *causes, *diagnosis.remarks, *mapped), sentence=said)
@@ -188,7 +189,7 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     or where parameters are off as by another scale still.
     """
     said = suspicion.sentence.removesuffix(".")
-    perhaps = f"perhaps {said[0].lower()}{said[1:]}"
+    perhaps = f"perhaps {continued(said)}"
     if suspicion.ambiguous:
         told = Experiment("look up the recording's units and conventions in the drive's manual")
         why = f"{perhaps}; it would look the same if {' or if '.join(suspicion.ambiguous[1:])}"
