@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -46,6 +47,18 @@ def test_many_gaps_are_told_with_what_is_missing() -> None:
     (run, *_), nominal = recording("none", 1)
     pieces = [run[k : k + 100] for k in range(0, 6000, 125)]
     assert "1175 of 5975 rows are missing, in 47 gaps" in only(pieces, nominal, stop=False)
+
+
+def test_rows_that_are_lost_one_by_one_end_the_diagnosis_where_hardly_any_follow_each_other() -> None:
+    (run, *_), nominal = recording("none", 1)
+    kept = np.flatnonzero(np.random.default_rng(1).random(len(run)) > 0.3)
+    edges = [0, *(np.flatnonzero(np.diff(kept) > 1) + 1).tolist(), len(kept)]
+    pieces = [run[kept[a] : kept[b - 1] + 1] for a, b in pairwise(edges)]
+    said = only(pieces, nominal, stop=True)
+    assert f"{kept[-1] + 1 - len(kept)} of {kept[-1] + 1} rows are missing" in said
+    assert "in runs of less than 20: too few follow each other" in said
+    bursts = [run[k : k + 60] for k in range(0, 6000, 90)]
+    assert not checked(bursts, nominal).stop
 
 
 @pytest.mark.parametrize("column", ["theta_e", "i_q", "u_d"])

@@ -27,6 +27,8 @@ _COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")
 _STILL: Final = 0.1  # rad, electrical, in all: a rotor that stands
 _IDLE: Final = 0.005  # of rated current
 _LOST: Final = 0.05  # of the rows
+_MOST_LOST: Final = 0.2  # of the rows, where no verdict is to be had
+_TORN: Final = 0.5  # of the rows, that lie in short runs then
 _SATURATED: Final = 0.5  # of the rows
 _CLIPPED: Final = 0.003  # of the rows
 _PILED: Final = 3.0  # rows at the top over rows in the band three times as wide below it; a sine has 1
@@ -116,7 +118,12 @@ def _gaps(runs: Sequence[Samples]) -> Iterator[Wrong]:
     rows = sum(map(len, runs))
     missing = [_missing(a, b) for a, b in pairwise(runs)]
     lost = sum(count for count in missing if 0.0 < count < _JUMP)
-    if lost > _LOST * (rows + lost) or (len(runs) > 1 and rows < 2 * _SHORT * len(runs)):
+    torn = sum(len(run) for run in runs if len(run) < _SHORT)
+    if lost > _MOST_LOST * (rows + lost) and torn > _TORN * rows:
+        yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, and {torn} of those "
+                    f"left lie in runs of less than {_SHORT}: too few follow each other to tell noise from voltages; record "
+                    "over a faster link or by a capture buffer, expected every control period", True)
+    elif lost > _LOST * (rows + lost) or (len(runs) > 1 and rows < 2 * _SHORT * len(runs)):
         yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, expected hardly any: "
                     "record over a faster link or by a capture buffer")
 
