@@ -121,8 +121,8 @@ def _gaps(runs: Sequence[Samples]) -> Iterator[Wrong]:
     torn = sum(len(run) for run in runs if len(run) < _SHORT)
     if lost > _MOST_LOST * (rows + lost) and torn > _TORN * rows:
         yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, and {torn} of those "
-                    f"left lie in runs of less than {_SHORT}: too few follow each other to tell noise from voltages; record "
-                    "over a faster link or by a capture buffer, expected every control period", True)
+                    f"left lie in runs of less than {_SHORT}: too few follow each other to tell noise from voltages; "
+                    "expected every control period, record over a faster link or by a capture buffer", True)
     elif lost > _LOST * (rows + lost) or (len(runs) > 1 and rows < 2 * _SHORT * len(runs)):
         yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, expected hardly any: "
                     "record over a faster link or by a capture buffer")
@@ -190,8 +190,9 @@ def _phase_currents(stretches: Stretches) -> Iterator[Wrong]:
     ratio = complex(np.mean(stretches.i_s * i.conj())) / max(power, 1e-300)
     left = float(np.mean(np.abs(stretches.i_s - ratio * i) ** 2)) / max(power, 1e-300)
     if left > 0.1:
-        yield Wrong("i_a, i_b, i_c and theta_e do not give i_d and i_q, expected that by the amplitude-invariant "
-                    "transformation: check the phases' order and the angle")
+        yield Wrong("i_a, i_b, i_c and the angle - theta_e, or the integral of omega_e - do not give i_d and i_q, "
+                    "expected that by the amplitude-invariant transformation: check the phases' order, the angle and "
+                    "the speed's unit")
     elif abs(ratio - 1.0) > 0.05:
         yield Wrong(f"i_a, i_b, i_c are {abs(ratio):.3g} times what i_d and i_q say, turned by "
                     f"{math.degrees(math.atan2(ratio.imag, ratio.real)):.0f} degrees, expected the same peak values")
