@@ -166,6 +166,18 @@ def test_a_machine_in_other_units_is_told(number: int) -> None:
     assert "half the nominal R_s" in only(runs, between_lines, stop=False)
 
 
+def test_an_angle_made_of_a_speed_in_rpm_is_told_by_the_phase_currents() -> None:
+    told = 0
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        times = 60.0 / TURN / nominal.n_p
+        in_rpm = [replace(run, theta_e=times * (np.unwrap(run.theta_e) - run.theta_e[0]), omega_e=times * run.omega_e)
+                  for run in runs]
+        said = " ".join(checked(in_rpm, nominal).remarks)
+        told += f"turns {times:.4g} times as fast" in said and "mechanical and in rpm" in said
+    assert told >= 4
+
+
 UNITS = {
     "the voltages seem to be in mV, expected V": scaled(u=1e3),
     "the currents seem to be in mA, expected A": scaled(i=1e3),

@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.causes import speed_as
 from estimator.mismatch.correction import Correction
 from estimator.mismatch.data_sheet import Wrong, units
-from estimator.mismatch.rough_fit import Fit, Stretches, fit, speed_over_rate, stretches_of
+from estimator.mismatch.rough_fit import TURNED, Fit, Stretches, fit, speed_over_rate, stretches_of
 from estimator.mismatch.told_drive import MOST
 from estimator.samples import Samples
 
 Array = NDArray[np.float64]
+Vector = NDArray[np.complex128]
 
 FEWEST: Final = 50  # rows
 _SHORT: Final = 20  # rows of a run
@@ -56,7 +58,7 @@ def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
             scaled = list(units(stretches, nominal))
             if any(wrong.stop for wrong in scaled):  # all else follows from it
                 return Checked(tuple(wrong.sentence for wrong in scaled), stop=True)
-            found += [*_speed(stretches), *_phase_currents(stretches), *scaled, *_joined(runs, nominal)]
+            found += [*_speed(stretches), *_phase_currents(stretches, nominal.n_p), *scaled, *_joined(runs, nominal)]
     return Checked(tuple(wrong.sentence for wrong in found), any(wrong.stop for wrong in found))
 
 
@@ -182,14 +184,36 @@ def _speed(stretches: Stretches) -> Iterator[Wrong]:
                     "rad and rad/s, of one sign, and the right T_s")
 
 
-def _phase_currents(stretches: Stretches) -> Iterator[Wrong]:
+def _turned_over_currents(stretches: Stretches, i: Vector) -> float:
+    """Angle turned over that between the phase currents and i_d, i_q; NaN where there is none to be seen."""
+    assert stretches.i_s is not None
+    size = np.min(np.abs(i), axis=1)
+    clear = size > 0.3 * float(np.sqrt(np.mean(np.abs(i) ** 2)))
+    between = np.unwrap(np.angle(stretches.i_s[clear] * stretches.i[clear].conj()), axis=1)
+    by_currents = between[:, -1] - between[:, 0]
+    theta = np.unwrap(stretches.theta_e[clear], axis=1)
+    by_angle = theta[:, -1] - theta[:, 0]
+    turned = float(by_currents @ by_currents)
+    if turned < TURNED**2 * max(len(by_currents), 1):
+        return math.nan
+    ratio = float(by_angle @ by_currents) / turned
+    left = by_angle - ratio * by_currents
+    return ratio if left @ left < 0.001 * (by_angle @ by_angle) else math.nan
+
+
+def _phase_currents(stretches: Stretches, n_p: int) -> Iterator[Wrong]:
     if stretches.i_s is None:
         return
     i = stretches.i * np.exp(1j * stretches.theta_e)
     power = float(np.mean(np.abs(i) ** 2))
     ratio = complex(np.mean(stretches.i_s * i.conj())) / max(power, 1e-300)
     left = float(np.mean(np.abs(stretches.i_s - ratio * i) ** 2)) / max(power, 1e-300)
-    if left > 0.1:
+    speed = speed_as(_turned_over_currents(stretches, i), n_p, _SAME)
+    if left > 0.1 and speed is not None and "rpm" in speed[1]:
+        yield Wrong(f"the angle - theta_e, or the integral of omega_e - turns {speed[0]:.4g} times as fast as i_a, "
+                    f"i_b, i_c and i_d, i_q tell: it seems to be made of a speed that is {speed[1]}, expected "
+                    "electrical and in rad/s", True)
+    elif left > 0.1:
         yield Wrong("i_a, i_b, i_c and the angle - theta_e, or the integral of omega_e - do not give i_d and i_q, "
                     "expected that by the amplitude-invariant transformation: check the phases' order, the angle and "
                     "the speed's unit")
