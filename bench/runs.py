@@ -81,10 +81,24 @@ def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
     if not 1e-7 <= T <= 10:
         raise RecordingError(f"t steps by {step:g} s, expected 1e-07 to 10 s a control period: is t in seconds?")
     if T_s is not None and abs(T - T_s) > DRIFT * T_s:
-        ratio = round(T / T_s)
-        hint = f"; rows that cover {ratio} periods each need periods = {ratio}" if ratio > 1 else ""
-        raise RecordingError(f"expected T_s = {T_s:g} s, the times say {T:g} s{hint}")
+        raise RecordingError(f"expected T_s = {T_s:g} s, the times say {T:g} s{_looks_like(step, T, T_s)}")
     return Clock(step, T if T_s is None else T_s, periods)
+
+
+def _looks_like(step: float, T: float, T_s: float) -> str:
+    """What times may be that say another control period, in a sentence's part."""
+    ratio = T / T_s
+    guesses = [f"in {unit}" for unit, factor in (("ms", 1e3), ("us", 1e6)) if abs(ratio / factor - 1.0) < DRIFT]
+    if abs(step - 1.0) < 1e-9:
+        guesses.insert(0, "a row number")
+    if guesses:
+        return f": is t {' or '.join(guesses)}? expected s"
+    if round(ratio) > 1 and abs(ratio / round(ratio) - 1.0) < DRIFT:
+        return (
+            f": is it one row in {round(ratio)}? A diagnosis needs every control period; for a replay, rows that cover "
+            f"{round(ratio)} periods each need periods = {round(ratio)}"
+        )
+    return ""
 
 
 def _expect_advance(t: Column, rows: NDArray[np.int64]) -> None:

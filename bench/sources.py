@@ -88,10 +88,10 @@ def find_sources(
         wanted += MEANS
     missing = [name for name in wanted if not is_there(name)]
     if missing:
-        raise RecordingError(
-            f"{path}: missing columns: {', '.join(missing)}; present: {_list(present)}; "
-            "map a column to each of them or set it to a constant"
-        )
+        remedy = "map a column to each of them or set it to a constant"
+        if missing == ["t"]:
+            remedy = "expected the time of every row in s, map a column to it"
+        raise RecordingError(f"{path}: missing columns: {', '.join(missing)}; present: {_list(present)}; {remedy}")
     wanted += [name for name in ("theta_e", "periods") if is_there(name)]
     if optional:
         wanted += ["u_dc"] if is_there("u_dc") else []

@@ -11,6 +11,7 @@ from estimator.machine import PARAMETERS
 from estimator.mismatch.convention import AS_GOOD, Suspicion, suspected
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.verdict import Verdict
+from estimator.mismatch.words import begun
 from estimator.physics.convention_error import UNIT
 from tests.convention_runs import (
     TURN,
@@ -85,7 +86,7 @@ def test_what_users_do_to_a_recording_is_named_and_undone(name: str) -> None:
             told = suspicion.parameters.get(key)
             assert (1.0 if told is None else told.value) == pytest.approx(value), key
         assert all(quantity.unit == UNIT[key] for key, quantity in suspicion.parameters.items())
-        assert suspicion.sentence[0].isupper()
+        assert suspicion.sentence.startswith(begun(suspicion.says))
         assert suspicion.sentence.endswith(".")
         honest, nominal = recording("none", number)
         for run, true in zip(suspicion.runs, honest, strict=True):
@@ -100,6 +101,20 @@ def test_what_users_do_to_a_recording_is_named_and_undone(name: str) -> None:
             np.testing.assert_allclose(np.unwrap(run.theta_e) - run.theta_e[0], turned - turned[0], atol=1e-6)
         assert suspicion.machine == nominal
         assert suspected(suspicion.runs, suspicion.machine, TOLERANCE) is None
+
+
+def test_a_sentence_that_begins_with_a_symbol_leaves_it_as_it_is() -> None:
+    assert found(axes_swapped, 1).sentence.startswith("d and q are swapped in voltages and currents: ")
+    assert found(phases_swapped(1, 2), 1).sentence.startswith("Phases b and c of the currents are swapped: ")
+    assert begun("u_d has the wrong sign") == "u_d has the wrong sign"
+
+
+def test_the_verdict_names_the_cause_and_not_only_a_scale() -> None:
+    degrees, cause, _ = FOUND["an angle in degrees"]
+    said = diagnose(*made(degrees, recording("none", 3, length=1.0)))
+    assert [finding.effect for finding in said.findings] == ["convention_error"], cause
+    assert ": the angle is in degrees, expected rad" in said.sentence
+    assert "theta scale" not in said.sentence
 
 
 def test_poles_given_for_pole_pairs_are_told_with_the_right_number() -> None:

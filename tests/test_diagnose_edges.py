@@ -8,6 +8,7 @@ import pytest
 
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import diagnose
+from estimator.mismatch.excitation_check import at_its_bound
 from estimator.mismatch.model import noise_of
 from estimator.mismatch.verdict import Verdict
 from estimator.physics.rows import rows_of
@@ -59,3 +60,12 @@ def test_a_current_that_does_not_move_at_all_has_some_noise(healthy: tuple[Sampl
     run, nominal = healthy
     rows = rows_of([run], nominal, nominal.i_rated or 1.0)
     assert min(noise_of(np.zeros(len(rows), np.complex128), np.zeros(len(rows) + 1), rows)) > 0.0
+
+
+def test_a_parameter_at_the_end_of_its_range_is_not_told_as_an_estimate(healthy: tuple[Samples, Machine]) -> None:
+    nominal = replace(healthy[1], R_s=6.3)
+    assert at_its_bound("R_s", 0.3 * 6.3, nominal) == (
+        "R_s lies at the end of the range searched, 0.30 times its nominal 6.30 ohm, or beyond it"
+    )
+    scarcely = replace(nominal, R_s=healthy[1].R_s * 4.0)
+    assert any("R_s lies at the end" in said for said in diagnose([healthy[0]], scarcely).remarks)

@@ -1,15 +1,20 @@
 """Input check: what is wrong with a recording is said in a sentence, and nothing is said of one that is in order."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from emulator.conceal.populations import STRANGERS
+from emulator.conceal.populations import POPULATIONS, STRANGERS
 from estimator.machine import Machine
+from estimator.mismatch.data_sheet import contradicted
+from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.input_check import checked
+from estimator.mismatch.verdict import Verdict
 from estimator.samples import Samples
-from tests.convention_runs import LENGTH, TURN, currents, made, recording, speed, voltages, with_vectors
+from tests.convention_runs import LENGTH, TURN, currents, made, recording, scaled, speed, voltages, with_vectors
 
 NUMBERS = (1, 2, 3, 5, 8)
 
@@ -42,6 +47,18 @@ def test_many_gaps_are_told_with_what_is_missing() -> None:
     (run, *_), nominal = recording("none", 1)
     pieces = [run[k : k + 100] for k in range(0, 6000, 125)]
     assert "1175 of 5975 rows are missing, in 47 gaps" in only(pieces, nominal, stop=False)
+
+
+def test_rows_that_are_lost_one_by_one_end_the_diagnosis_where_hardly_any_follow_each_other() -> None:
+    (run, *_), nominal = recording("none", 1)
+    kept = np.flatnonzero(np.random.default_rng(1).random(len(run)) > 0.3)
+    edges = [0, *(np.flatnonzero(np.diff(kept) > 1) + 1).tolist(), len(kept)]
+    pieces = [run[kept[a] : kept[b - 1] + 1] for a, b in pairwise(edges)]
+    said = only(pieces, nominal, stop=True)
+    assert f"{kept[-1] + 1 - len(kept)} of {kept[-1] + 1} rows are missing" in said
+    assert "in runs of less than 20: too few follow each other" in said
+    bursts = [run[k : k + 60] for k in range(0, 6000, 90)]
+    assert not checked(bursts, nominal).stop
 
 
 @pytest.mark.parametrize("column", ["theta_e", "i_q", "u_d"])
@@ -147,6 +164,91 @@ def test_a_machine_in_other_units_is_told(number: int) -> None:
     assert "the nominal psi_f seem to be in thousandths" in only(runs, in_mWb, stop=True)
     between_lines = replace(nominal, R_s=2.0 * nominal.R_s)
     assert "half the nominal R_s" in only(runs, between_lines, stop=False)
+
+
+def test_an_angle_made_of_a_speed_in_rpm_is_told_by_the_phase_currents() -> None:
+    told = 0
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        times = 60.0 / TURN / nominal.n_p
+        in_rpm = [replace(run, theta_e=times * (np.unwrap(run.theta_e) - run.theta_e[0]), omega_e=times * run.omega_e)
+                  for run in runs]
+        said = " ".join(checked(in_rpm, nominal).remarks)
+        told += f"turns {times:.4g} times as fast" in said and "mechanical and in rpm" in said
+    assert told >= 4
+
+
+UNITS = {
+    "the voltages seem to be in mV, expected V": scaled(u=1e3),
+    "the currents seem to be in mA, expected A": scaled(i=1e3),
+    "voltages and currents both seem to be in mV and mA, expected V and A": scaled(u=1e3, i=1e3),
+    "the voltages seem to be in uV, expected V": scaled(u=1e6),
+}
+
+
+@pytest.mark.parametrize("says", UNITS)
+def test_a_recording_in_smaller_units_is_told_by_them_and_the_data_sheet_is_not_blamed(says: str) -> None:
+    for kind, number in [*(("none", number) for number in NUMBERS), ("drops", 2), ("dead_time", 6), ("telegraph", 5)]:
+        runs, nominal = made(UNITS[says], recording(kind, number, seed=31))
+        said = only(runs, nominal, stop=True)
+        assert said.startswith(f"{says}: as it stands, the recording asks for "), (kind, number)
+        links = [replace(run, u_dc=None if run.u_dc is None else 1e3 * run.u_dc) for run in runs]
+        assert only(links, nominal, stop=True) == said
+
+
+def test_currents_that_the_motor_may_carry_leave_it_to_a_data_sheet_in_milliohms_and_millihenries() -> None:
+    runs, nominal = recording("none", 1)
+    in_milli = replace(nominal, R_s=1e3 * nominal.R_s, L_d=1e3 * nominal.L_d, L_q=1e3 * nominal.L_q)
+    assert "the nominal L_d and L_q seem to be in thousandths" in only(runs, in_milli, stop=True)
+
+
+WRONG: dict[str, Callable[[Machine], Machine]] = {
+    "the nominal R_s is ": lambda m: replace(m, R_s=10.0 * m.R_s),
+    "the nominal psi_f is ": lambda m: replace(m, psi_f=5.0 * m.psi_f),
+    "the nominal L_d is ": lambda m: replace(m, L_d=12.0 * m.L_d, L_q=12.0 * m.L_q),
+    "the nominal L_q is ": lambda m: replace(m, L_q=m.L_q / 6.0),
+}
+
+
+@pytest.mark.parametrize("says", WRONG)
+def test_a_nominal_value_that_is_wrong_by_a_factor_is_told_with_what_the_recording_says(says: str) -> None:
+    for number in (1, 2, 3, 5):
+        runs, nominal = recording("none", number)
+        assert contradicted(runs, nominal) is None
+        said = contradicted(runs, WRONG[says](nominal))
+        assert said is not None, number
+        assert said.startswith(says)
+        assert "the recording says" in said
+
+
+def test_exchanged_inductances_are_told_where_they_are_far_apart() -> None:
+    far = [recording("none", number) for number in range(1, 9)]
+    far = [(runs, nominal) for runs, nominal in far if nominal.L_q > 3.0 * nominal.L_d]
+    assert far
+    for runs, nominal in far:
+        exchanged = replace(nominal, L_d=nominal.L_q, L_q=nominal.L_d)
+        assert "the nominal L_d and L_q seem to be exchanged" in str(contradicted(runs, exchanged))
+        assert diagnose(runs, exchanged).verdict is Verdict.NOT_ENOUGH_EXCITATION
+
+
+@pytest.mark.parametrize("kind", ["two", "three", *POPULATIONS])
+def test_physics_is_no_wrong_data_sheet(kind: str) -> None:
+    for number in range(1, 7):
+        assert contradicted(*recording(kind, number, seed=31, length=1.0)) is None, number
+
+
+def test_a_resistance_that_is_too_high_at_every_current_is_no_dead_time() -> None:
+    said = [contradicted(runs, replace(nominal, R_s=nominal.R_s / 10.0))
+            for runs, nominal in (recording("none", number) for number in range(1, 9))]
+    assert sum(one is not None for one in said) >= 2
+    assert all(one.startswith("the nominal R_s is ") for one in said if one is not None)
+
+
+def test_values_that_are_off_by_less_are_left_to_the_diagnosis() -> None:
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        for other in ({"R_s": nominal.R_s / 3.0}, {"R_s": 3.0 * nominal.R_s}, {"psi_f": 2.5 * nominal.psi_f}):
+            assert contradicted(runs, replace(nominal, **other)) is None
 
 
 def test_two_drives_in_one_recording_are_told() -> None:

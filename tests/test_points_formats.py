@@ -13,7 +13,7 @@ import pytest
 
 from bench.diagnose import diagnose_recording, work
 from bench.diagnosis_request import Request, schema
-from bench.errors import BenchError, ConfigError
+from bench.errors import BenchError, ConfigError, RecordingError
 from bench.formats import FORMATS, checked_format, format_of
 from bench.machine_file import Nominal, load_machine
 from emulator.physics.legs import Inverter
@@ -27,6 +27,7 @@ validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]
 DROP = Inverter(u_transistor=1.0, u_diode=1.0)
 RPM = 30.0 / math.pi
 NOTHING = Nominal({})
+MACHINE = Nominal({"R_s": 1.0, "L_d": 4e-3, "L_q": 6e-3, "psi_f": 0.1}, n_p=4)
 
 
 @pytest.fixture(scope="module")
@@ -145,6 +146,7 @@ def test_formats_are_told_by_what_is_in_the_file(dropping: Points, freely: NoLoa
     mapped = {"n": t, "a": t, "b": t, "c": t, "d": t}
     for name, columns, mapping in (
         ("points", cells, {}), ("recording", cells | {"t": t}, {}), ("lea-thermal", slow, {}),
+        ("recording", cells | {"theta_e": t}, {}), ("recording", cells | {"i_a": t, "i_b": t, "i_c": t}, {}),
         ("points", mapped, {"speed_rpm": "n", "i_d": "a", "i_q": "b", "u_d": "c", "u_q": "d"}),
     ):
         path = written(tmp_path / "file.csv", columns)
@@ -175,6 +177,20 @@ def test_what_is_wrong_with_a_file_is_one_sentence(name: str, text: str, expecte
         diagnose_recording(Request(path, NOTHING, format=name))
     assert expected in str(raised.value) and "\n" not in str(raised.value)
     assert str(raised.value).startswith(str(path))
+
+
+def test_a_recording_without_times_is_no_steady_points_and_says_so(dropping: Points, tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", columns_of(dropping) | {"theta_e": np.zeros(len(dropping))})
+    with pytest.raises(RecordingError, match=r"missing columns: t; present: .* expected the time of every row"):
+        diagnose_recording(Request(path, MACHINE, format="auto"))
+
+
+def test_more_rows_than_operating_points_are_are_refused_unless_they_are_a_log(tmp_path: Path) -> None:
+    many = {name: np.zeros(3001) for name in ("u_d", "u_q", "i_d", "i_q", "omega_e")}
+    with pytest.raises(RecordingError, match="expected at most 3000 steady points, one operating point a row"):
+        diagnose_recording(Request(written(tmp_path / "a.csv", many), NOTHING, format="points"))
+    log = written(tmp_path / "b.csv", many | {"t": np.arange(3001.0)})
+    assert diagnose_recording(Request(log, NOTHING, format="points")).recording.rows == 3001
 
 
 def test_options_that_no_format_takes_are_refused(tmp_path: Path) -> None:

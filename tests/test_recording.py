@@ -305,6 +305,17 @@ def test_a_control_period_that_disagrees_is_refused_naming_both(write: Write):
     assert "need periods = 10" in refusal(write("a.csv", table()), T_s=1e-5)
 
 
+def test_what_times_look_like_that_disagree_is_told(write: Write):
+    for t, said in (
+        (np.arange(8) * 0.1, "the times say 0.1 s: is t in ms? expected s"),
+        (np.arange(8.0), "the times say 1 s: is t a row number? expected s"),
+        (np.arange(8) * 1e-3, "is it one row in 10? A diagnosis needs every control period; for a replay, rows"),
+    ):
+        assert said in refusal(write("a.csv", table(t=t)), T_s=1e-4)
+    assert "is t a row number or in ms? expected s" in refusal(write("a.csv", table(t=np.arange(8.0))), T_s=1e-3)
+    assert "is t a row number or in us? expected s" in refusal(write("a.csv", table(t=np.arange(8.0))), T_s=1e-6)
+
+
 def test_times_in_another_unit_are_told_by_their_size(write: Write):
     assert "t steps by 100 s" in refusal(write("a.csv", table(t=np.arange(8) * 100.0)))
 

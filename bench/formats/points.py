@@ -25,15 +25,19 @@ from estimator.mismatch.points.table import Points, steady
 VOLTAGES_AND_CURRENTS: Final = ("u_d", "u_q", "i_d", "i_q")
 KNOWN: Final = (*VOLTAGES_AND_CURRENTS, "omega_e", "speed_rpm", "t")
 CONSTANTS: Final = ("n_p",)
-_MOST: Final = 1_000_000  # rows
+OF_PERIODS: Final = ("theta_e", "i_a", "i_b", "i_c")  # told by recordings only
+_MOST: Final = 1_000_000  # rows of a log in time
+_MOST_APART: Final = 3_000  # rows, each an operating point
 _RAD_S: Final = math.pi / 30.0  # of 1 rpm
 
 Column = NDArray[np.float64]
 
 
 def sniff(path: Path, mapping: Mapping[str, str]) -> bool:
-    """Voltages, currents and a speed, and no time; or a time beside a speed in rpm."""
+    """Voltages, currents and a speed, and no time; or a time beside a speed in rpm. Nothing of single periods."""
     present = {*column_names(path), *mapping}
+    if present & set(OF_PERIODS):
+        return False
     speed = "speed_rpm" in present or ("omega_e" in present and "t" not in present)
     return speed and present >= set(VOLTAGES_AND_CURRENTS)
 
@@ -50,8 +54,12 @@ def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnos
             f"{request.file}: speed_rpm is mechanical, expected the pole pairs: n_p in --nominal MACHINE.toml, "
             "or --set n_p=..."
         )
-    too_many = f"expected at most {_MOST} steady points, came more: is it a recording?"
-    cells = read_whole(request.file, columns, _MOST, too_many)
+    most = _MOST if "t" in columns or rate is not None else _MOST_APART
+    too_many = (
+        f"expected at most {most} steady points, one operating point a row, came more; a log of them needs a column t "
+        "(s), and so does a recording of every control period, with theta_e or omega_e"
+    )
+    cells = read_whole(request.file, columns, most, too_many)
     omega_e = cells["omega_e"] if "omega_e" in cells else cells["speed_rpm"] * _RAD_S * (n_p or 1)
     nominal = replace(request.nominal, n_p=n_p)
     rows = len(omega_e)

@@ -20,6 +20,7 @@ from estimator.mismatch.causes import ANGLE_ROWS, DELAYS, NO_FORM, NO_SCALE, SCA
 from estimator.mismatch.correction import Correction
 from estimator.mismatch.rough_fit import Fit, Stretches, fit, rows_of_angle, speed_over_rate, stretches_of
 from estimator.mismatch.verdict import Quantity, Rival
+from estimator.mismatch.words import begun
 from estimator.physics.convention_error import UNIT
 from estimator.samples import Samples
 
@@ -47,7 +48,8 @@ class Suspicion:
     """A cause that is no physics, and the recording without it."""
 
     cause: str
-    sentence: str
+    says: str  # the same in words
+    sentence: str  # and what undoing it brings
     parameters: Mapping[str, Quantity]  # as in `physics.convention_error`
     runs: tuple[Samples, ...]  # corrected
     machine: Machine  # the nominal one, with the right pole pairs
@@ -124,7 +126,8 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
     alike = _alike(best, stands, hypotheses)
     return Suspicion(
         best.name if best is not stands else ANGLE_ROWS[rows].name if rows else "speed_unit",
-        _sentence(best, stands, speed, rows), _parameters(correction, nominal, n_p), correction.undone(runs),
+        "; ".join(_says(best, stands, speed, rows)), _sentence(best, stands, speed, rows),
+        _parameters(correction, nominal, n_p), correction.undone(runs),
         nominal if n_p is None else replace(nominal, n_p=n_p), _odds(best, stands),
         tuple(Rival(h.name, _odds(best, h)) for h in _rivals(best, stands, hypotheses)), alike,
         ("dc_link_gain",) if _read_as(best, stands) else (), best.scale,
@@ -247,8 +250,18 @@ def _odds(best: _Hypothesis, other: _Hypothesis) -> float:
     return math.exp(700.0 if best is other else min(best.score - other.score, 700.0))
 
 
+def _says(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] | None, rows: int) -> list[str]:
+    """What was followed instead of what is expected."""
+    parts = [] if best is stands else [best.says]
+    if rows:
+        parts.append(f"{ANGLE_ROWS[rows].says}, as the phase currents tell")
+    if speed is not None:
+        parts.append(f"the speed is {speed[1]}, expected electrical and in rad/s, as the angle's rate of change tells")
+    return parts
+
+
 def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] | None, rows: int) -> str:
-    parts: list[str] = []
+    parts = _says(best, stands, speed, rows)
     if best is not stands:
         before, after = math.sqrt(stands.fit.left), math.sqrt(best.fit.left)
         if after < 0.7 * before:
@@ -256,13 +269,8 @@ def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] |
         else:
             undone = (f"R_s, L_d, L_q and psi_f are {_listed(stands.over_nominal)} times the nominal ones, and "
                       f"{_listed(best.over_nominal)} times once that is undone")
-        parts.append(f"{best.says}: {undone}")
-    if rows:
-        parts.append(f"{ANGLE_ROWS[rows].says}, as the phase currents tell")
-    if speed is not None:
-        parts.append(f"the speed is {speed[1]}, expected electrical and in rad/s, as the angle's rate of change tells")
-    sentence = "; ".join(parts)
-    return f"{sentence[0].upper()}{sentence[1:]}."
+        parts[0] = f"{parts[0]}: {undone}"
+    return f"{begun('; '.join(parts))}."
 
 
 def _listed(values: Array) -> str:

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.bad_samples import without_bad
 from estimator.mismatch.columns import STRETCHES
 from estimator.mismatch.common_scale import scaled, uncalibrated
 from estimator.mismatch.convention import Suspicion, suspected
+from estimator.mismatch.data_sheet import contradicted
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
 from estimator.mismatch.exchange import one_for_others, together, without_idle
 from estimator.mismatch.excitation_check import not_borne_out, poorly_told, untold
@@ -33,6 +35,7 @@ from estimator.mismatch.quality import SHORTEST, fit_quality, floor_of_means, lo
 from estimator.mismatch.remainder import LIKE_RESONANCE, alone, excess_of, leaves_some, left_of, not_astray, upright
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.surrogate import stands_out
+from estimator.mismatch.told_drive import believed
 from estimator.mismatch.told_machine import told_machine
 from estimator.mismatch.verdict import (
     Ambiguity,
@@ -49,6 +52,7 @@ from estimator.mismatch.verdict import (
     odds_of,
     verdict_of,
 )  # fmt: skip
+from estimator.mismatch.words import continued
 from estimator.physics import convention_error, voltage_delay
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
@@ -82,7 +86,9 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     Raises ValueError, in a sentence, for samples that cannot be diagnosed.
     """
     tolerance = {name: (trust or {}).get(name, TOLERANCE) for name in PARAMETERS}
+    runs, left_out = without_bad(runs, nominal)
     checks = checked(runs, nominal)
+    checks = checks._replace(remarks=(*left_out, *checks.remarks))
     long_enough = [run for run in runs if len(run) >= 3]
     rows_there = sum(map(len, long_enough))
     if checks.stop or rows_there < _FEWEST:
@@ -92,6 +98,8 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
         diagnosis = _explained(long_enough, nominal, tolerance, checks.remarks, progress, suspicion)
         if diagnosis is not None:
             return diagnosis
+    elif (wrong := contradicted(long_enough, nominal)) is not None:
+        return _no_verdict((*checks.remarks, wrong))
     diagnosis = _explained(long_enough, nominal, tolerance, checks.remarks, progress)
     assert diagnosis is not None
     return diagnosis
@@ -104,6 +112,8 @@ def _explained(
     """The diagnosis of the recording without a suspected cause; None where the library takes some of that back."""
     if suspicion is not None:
         runs, nominal = suspicion.runs, suspicion.machine
+    runs, not_used = believed(runs)
+    remarks = (*remarks, *not_used)
     rows, given = prepared(runs, nominal, tolerance)
     if longest(_odd_stretches(len(rows)) & rows.joined) < SHORTEST:
         return _no_verdict((*remarks, (
@@ -119,7 +129,7 @@ def _explained(
     diagnosis = _judged(rows, given, there, progress)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
-    said = sentence_of(diagnosis)
+    said = sentence_of(diagnosis, "" if suspicion is None else suspicion.says)
     causes = () if suspicion is None else (suspicion.sentence,)
     mapped = () if diagnosis.flux_map is None else (_MAPPED,)
     return replace(diagnosis, remarks=(*remarks, *causes, *diagnosis.remarks, *mapped), sentence=said)
@@ -179,7 +189,7 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     or where parameters are off as by another scale still.
     """
     said = suspicion.sentence.removesuffix(".")
-    perhaps = f"perhaps {said[0].lower()}{said[1:]}"
+    perhaps = f"perhaps {continued(said)}"
     if suspicion.ambiguous:
         told = Experiment("look up the recording's units and conventions in the drive's manual")
         why = f"{perhaps}; it would look the same if {' or if '.join(suspicion.ambiguous[1:])}"

@@ -45,15 +45,20 @@ def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Seque
     `outside` says which parameters lie outside their tolerance.
     """
     if held := held_at_bound(search, choice):
-        name, value = held
-        return (
-            f"{name} comes out at {number(value)} {UNITS[name]}, which no machine of nominally "
-            f"{number(getattr(nominal, name))} {UNITS[name]} has"
-        )
+        return at_its_bound(*held, nominal)
     axis, over_noise = least_moved(search)
     if outside and over_noise < WEAK:
         return f"i_{axis} changes by only {number(math.sqrt(over_noise), 2)} times its noise; {outside[0]}"
     return None
+
+
+def at_its_bound(name: str, value: float, nominal: Machine) -> str:
+    """That a parameter is held at its bound, which is no estimate, in a sentence's part."""
+    given = getattr(nominal, name)
+    return (
+        f"{name} lies at the end of the range searched, {number(value / given, 2)} times its nominal {number(given)} "
+        f"{UNITS[name]}, or beyond it"
+    )
 
 
 def untold(search: Search) -> frozenset[str]:

@@ -12,12 +12,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.machine import PARAMETERS, UNITS, Machine
+from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.causes import speed_as
 from estimator.mismatch.correction import Correction
-from estimator.mismatch.rough_fit import Fit, Stretches, fit, speed_over_rate, stretches_of
+from estimator.mismatch.data_sheet import Wrong, units
+from estimator.mismatch.rough_fit import TURNED, Fit, Stretches, fit, speed_over_rate, stretches_of
+from estimator.mismatch.told_drive import MOST
 from estimator.samples import Samples
 
 Array = NDArray[np.float64]
+Vector = NDArray[np.complex128]
 
 FEWEST: Final = 50  # rows
 _SHORT: Final = 20  # rows of a run
@@ -25,6 +29,8 @@ _COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")
 _STILL: Final = 0.1  # rad, electrical, in all: a rotor that stands
 _IDLE: Final = 0.005  # of rated current
 _LOST: Final = 0.05  # of the rows
+_MOST_LOST: Final = 0.2  # of the rows, where no verdict is to be had
+_TORN: Final = 0.5  # of the rows, that lie in short runs then
 _SATURATED: Final = 0.5  # of the rows
 _CLIPPED: Final = 0.003  # of the rows
 _PILED: Final = 3.0  # rows at the top over rows in the band three times as wide below it; a sine has 1
@@ -41,11 +47,6 @@ class Checked(NamedTuple):
     stop: bool  # no verdict is possible
 
 
-class _Wrong(NamedTuple):
-    sentence: str
-    stop: bool = False
-
-
 def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
     """What is wrong with a recording before anything is fitted to it."""
     runs = [run for run in runs if len(run)]
@@ -54,34 +55,36 @@ def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
         found += [*_excitation(runs, nominal), *_gaps(runs), *_clipped(runs), *_saturated(runs)]
         stretches = stretches_of(runs)
         if stretches is not None and not any(wrong.stop for wrong in found):
-            found += [*_speed(stretches), *_phase_currents(stretches), *_machine(stretches, nominal)]
-            found += _joined(runs, nominal)
+            scaled = list(units(stretches, nominal))
+            if any(wrong.stop for wrong in scaled):  # all else follows from it
+                return Checked(tuple(wrong.sentence for wrong in scaled), stop=True)
+            found += [*_speed(stretches), *_phase_currents(stretches, nominal.n_p), *scaled, *_joined(runs, nominal)]
     return Checked(tuple(wrong.sentence for wrong in found), any(wrong.stop for wrong in found))
 
 
 # --- Columns
 
 
-def _columns(runs: Sequence[Samples]) -> Iterator[_Wrong]:
+def _columns(runs: Sequence[Samples]) -> Iterator[Wrong]:
     rows = sum(map(len, runs))
     if rows < FEWEST:
-        yield _Wrong(f"the recording has {rows} rows, expected at least {FEWEST}: record a second or more", True)
+        yield Wrong(f"the recording has {rows} rows, expected at least {FEWEST}: record a second or more", True)
         return
     longest = max(map(len, runs))
     if longest < _SHORT:
-        yield _Wrong(f"the longest run without a gap has {longest} rows, expected at least {_SHORT}: record every "
-                     "control period, by a capture buffer where the link is too slow", True)
+        yield Wrong(f"the longest run without a gap has {longest} rows, expected at least {_SHORT}: record every "
+                    "control period, by a capture buffer where the link is too slow", True)
         return
     for name in _COLUMNS:
         bad = sum(int(np.count_nonzero(~np.isfinite(getattr(run, name)))) for run in runs)
         if bad:
-            yield _Wrong(f"{name} is not a number in {bad} of {rows} rows, expected one in every row: leave such rows "
-                         "out, as a gap", True)
+            yield Wrong(f"{name} is not a number in {bad} of {rows} rows, expected one in every row: leave such rows "
+                        "out, as a gap", True)
     links = [run.u_dc for run in runs if run.u_dc is not None]
     bad = sum(int(np.count_nonzero(~((u_dc > 0.0) & np.isfinite(u_dc)))) for u_dc in links)
     if bad:
-        yield _Wrong(f"u_dc is not above 0 V in {bad} of {rows} rows, expected the dc link's voltage in every row: "
-                     "leave such rows out, as a gap, or the column", True)
+        yield Wrong(f"u_dc is not above 0 V in {bad} of {rows} rows, expected the dc link's voltage in every row: "
+                    "leave such rows out, as a gap, or the column", True)
 
 
 def _whole(runs: Sequence[Samples], name: str) -> Array | None:
@@ -89,12 +92,12 @@ def _whole(runs: Sequence[Samples], name: str) -> Array | None:
     return None if any(part is None for part in parts) else np.concatenate(parts)
 
 
-def _excitation(runs: Sequence[Samples], nominal: Machine) -> Iterator[_Wrong]:
+def _excitation(runs: Sequence[Samples], nominal: Machine) -> Iterator[Wrong]:
     i_d, i_q, u_d, u_q = (np.concatenate([getattr(run, name) for run in runs]) for name in _COLUMNS[2:])
     for what, d, q in (("currents", i_d, i_q), ("voltages", u_d, u_q)):
         if np.ptp(d) == 0.0 and np.ptp(q) == 0.0:
-            yield _Wrong(f"the {what} are the same in every row, expected measured ones: check what the columns hold, "
-                         "and record with steps of i_d and i_q", True)
+            yield Wrong(f"the {what} are the same in every row, expected measured ones: check what the columns hold, "
+                        "and record with steps of i_d and i_q", True)
             return
     rms = math.sqrt(float(np.mean(i_d**2 + i_q**2)))
     idle = rms < _IDLE * (nominal.i_rated or 0.0)
@@ -102,24 +105,29 @@ def _excitation(runs: Sequence[Samples], nominal: Machine) -> Iterator[_Wrong]:
     if turned < _STILL:
         stands = f"the motor stands (its angle moves by {turned:.2g} rad)"
         if idle:
-            yield _Wrong(f"{stands} and carries no current ({rms:.2g} A rms): nothing can be told; record it turning, "
-                         "with steps of i_d and i_q", True)
+            yield Wrong(f"{stands} and carries no current ({rms:.2g} A rms): nothing can be told; record it turning, "
+                        "with steps of i_d and i_q", True)
         else:
-            yield _Wrong(f"{stands}: R_s, L_d and L_q can be told, psi_f and what grows with speed cannot; record it "
-                         "at several speeds as well")
+            yield Wrong(f"{stands}: R_s, L_d and L_q can be told, psi_f and what grows with speed cannot; record it "
+                        "at several speeds as well")
     elif idle:
-        yield _Wrong(f"the motor carries no current ({rms:.2g} A rms): psi_f can be told, R_s, L_d and L_q cannot; "
-                     "record it with steps of i_d and i_q", True)
+        yield Wrong(f"the motor carries no current ({rms:.2g} A rms): psi_f can be told, R_s, L_d and L_q cannot; "
+                    "record it with steps of i_d and i_q", True)
 
 
-def _gaps(runs: Sequence[Samples]) -> Iterator[_Wrong]:
+def _gaps(runs: Sequence[Samples]) -> Iterator[Wrong]:
     """Many short gaps; a pause is none."""
     rows = sum(map(len, runs))
     missing = [_missing(a, b) for a, b in pairwise(runs)]
     lost = sum(count for count in missing if 0.0 < count < _JUMP)
-    if lost > _LOST * (rows + lost) or (len(runs) > 1 and rows < 2 * _SHORT * len(runs)):
-        yield _Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, expected hardly any: "
-                     "record over a faster link or by a capture buffer")
+    torn = sum(len(run) for run in runs if len(run) < _SHORT)
+    if lost > _MOST_LOST * (rows + lost) and torn > _TORN * rows:
+        yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, and {torn} of those "
+                    f"left lie in runs of less than {_SHORT}: too few follow each other to tell noise from voltages; "
+                    "expected every control period, record over a faster link or by a capture buffer", True)
+    elif lost > _LOST * (rows + lost) or (len(runs) > 1 and rows < 2 * _SHORT * len(runs)):
+        yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, expected hardly any: "
+                    "record over a faster link or by a capture buffer")
 
 
 def _missing(a: Samples, b: Samples) -> float:
@@ -130,7 +138,7 @@ def _missing(a: Samples, b: Samples) -> float:
 # --- Cut off
 
 
-def _clipped(runs: Sequence[Samples]) -> Iterator[_Wrong]:
+def _clipped(runs: Sequence[Samples]) -> Iterator[Wrong]:
     """Many rows at one extreme value. Seen where phase currents were recorded: in i_d and i_q it is no plateau."""
     phases = [_whole(runs, name) for name in ("i_a", "i_b", "i_c")]
     sides = [side * phase for phase in phases if phase is not None for side in (1.0, -1.0)]
@@ -145,8 +153,8 @@ def _clipped(runs: Sequence[Samples]) -> Iterator[_Wrong]:
             cut += top
     n = sum(map(len, runs))
     if cut > _CLIPPED * n:
-        yield _Wrong(f"the phase currents are cut off at {level:.3g} A in {min(cut / n, 1.0):.1%} of the rows, "
-                     "expected within the sensors' range: record less current, or with a larger range")
+        yield Wrong(f"the phase currents are cut off at {level:.3g} A in {min(cut / n, 1.0):.1%} of the rows, "
+                    "expected within the sensors' range: record less current, or with a larger range")
 
 
 def _step(values: Array) -> float:
@@ -155,67 +163,66 @@ def _step(values: Array) -> float:
     return float(np.median(np.diff(levels))) if len(levels) > 2 else 0.0
 
 
-def _saturated(runs: Sequence[Samples]) -> Iterator[_Wrong]:
+def _saturated(runs: Sequence[Samples]) -> Iterator[Wrong]:
     u_dc = _whole(runs, "u_dc")
     if u_dc is None:
         return
     u = np.concatenate([np.hypot(run.u_d, run.u_q) for run in runs])
-    share = float(np.mean(u > 0.995 * u_dc / _LINE))
+    share = float(np.mean((u > 0.995 * u_dc / _LINE) & (u < MOST * u_dc)))
     if share > _SATURATED:
-        yield _Wrong(f"the voltage is at its limit, u_dc/sqrt(3), in {share:.0%} of the rows, expected below it: what "
-                     "is recorded may not be what acted; record at a lower speed or with a higher dc link")
+        yield Wrong(f"the voltage is at its limit, u_dc/sqrt(3), in {share:.0%} of the rows, expected below it: what "
+                    "is recorded may not be what acted; record at a lower speed or with a higher dc link")
 
 
 # --- Contradictions
 
 
-def _speed(stretches: Stretches) -> Iterator[_Wrong]:
+def _speed(stretches: Stretches) -> Iterator[Wrong]:
     ratio = speed_over_rate(stretches, Correction())
     if not math.isnan(ratio) and (ratio < 0.0 or abs(math.log(ratio)) > _SAME):
-        yield _Wrong(f"omega_e is {ratio:.4g} times the rate of change of theta_e, expected the same: electrical, in "
-                     "rad and rad/s, of one sign, and the right T_s")
+        yield Wrong(f"omega_e is {ratio:.4g} times the rate of change of theta_e, expected the same: electrical, in "
+                    "rad and rad/s, of one sign, and the right T_s")
 
 
-def _phase_currents(stretches: Stretches) -> Iterator[_Wrong]:
+def _turned_over_currents(stretches: Stretches, i: Vector) -> float:
+    """Angle turned over that between the phase currents and i_d, i_q; NaN where there is none to be seen."""
+    assert stretches.i_s is not None
+    size = np.min(np.abs(i), axis=1)
+    clear = size > 0.3 * float(np.sqrt(np.mean(np.abs(i) ** 2)))
+    between = np.unwrap(np.angle(stretches.i_s[clear] * stretches.i[clear].conj()), axis=1)
+    by_currents = between[:, -1] - between[:, 0]
+    theta = np.unwrap(stretches.theta_e[clear], axis=1)
+    by_angle = theta[:, -1] - theta[:, 0]
+    turned = float(by_currents @ by_currents)
+    if turned < TURNED**2 * max(len(by_currents), 1):
+        return math.nan
+    ratio = float(by_angle @ by_currents) / turned
+    left = by_angle - ratio * by_currents
+    return ratio if left @ left < 0.001 * (by_angle @ by_angle) else math.nan
+
+
+def _phase_currents(stretches: Stretches, n_p: int) -> Iterator[Wrong]:
     if stretches.i_s is None:
         return
     i = stretches.i * np.exp(1j * stretches.theta_e)
     power = float(np.mean(np.abs(i) ** 2))
     ratio = complex(np.mean(stretches.i_s * i.conj())) / max(power, 1e-300)
     left = float(np.mean(np.abs(stretches.i_s - ratio * i) ** 2)) / max(power, 1e-300)
-    if left > 0.1:
-        yield _Wrong("i_a, i_b, i_c and theta_e do not give i_d and i_q, expected that by the amplitude-invariant "
-                     "transformation: check the phases' order and the angle")
+    speed = speed_as(_turned_over_currents(stretches, i), n_p, _SAME)
+    if left > 0.1 and speed is not None and "rpm" in speed[1]:
+        yield Wrong(f"the angle - theta_e, or the integral of omega_e - turns {speed[0]:.4g} times as fast as i_a, "
+                    f"i_b, i_c and i_d, i_q tell: it seems to be made of a speed that is {speed[1]}, expected "
+                    "electrical and in rad/s", True)
+    elif left > 0.1:
+        yield Wrong("i_a, i_b, i_c and the angle - theta_e, or the integral of omega_e - do not give i_d and i_q, "
+                    "expected that by the amplitude-invariant transformation: check the phases' order, the angle and "
+                    "the speed's unit")
     elif abs(ratio - 1.0) > 0.05:
-        yield _Wrong(f"i_a, i_b, i_c are {abs(ratio):.3g} times what i_d and i_q say, turned by "
-                     f"{math.degrees(math.atan2(ratio.imag, ratio.real)):.0f} degrees, expected the same peak values")
+        yield Wrong(f"i_a, i_b, i_c are {abs(ratio):.3g} times what i_d and i_q say, turned by "
+                    f"{math.degrees(math.atan2(ratio.imag, ratio.real)):.0f} degrees, expected the same peak values")
 
 
-def _machine(stretches: Stretches, nominal: Machine) -> Iterator[_Wrong]:
-    """A nominal machine in other units."""
-    found = fit(stretches, Correction(), nominal)
-    over = {name: float(value) / getattr(nominal, name) for name, value in zip(PARAMETERS, found.value, strict=True)}
-    certain = found.std < 0.3 * np.abs(found.value)
-    told = {name: bool(is_certain) for name, is_certain in zip(PARAMETERS, certain, strict=True)}
-    likely = {name for name in PARAMETERS if told[name] and 1.0 / 3.0 < over[name] < 3.0}
-    closed = found.share > 0.99
-    for names in (("R_s",), ("L_d", "L_q"), ("psi_f",)):
-        others = set(PARAMETERS) - {*names, "R_s"}
-        for unit, says in ((1e-3, "thousandths (milli)"), (1e-6, "millionths (micro)"), (1e3, "thousands (kilo)")):
-            if closed and likely >= others and all(told[k] and 1.0 / 3.0 < over[k] / unit < 3.0 for k in names):
-                first = names[0]
-                given, asked = getattr(nominal, first), over[first] * getattr(nominal, first)
-                yield _Wrong(f"the nominal {' and '.join(names)} seem to be in {says} of the unit: {first} is given as "
-                             f"{given:.4g} {UNITS[first]}, the recording asks for {asked:.3g}; expected SI units", True)
-    if likely >= {"L_d", "L_q", "psi_f"} and told["R_s"] and found.share > 0.999:
-        near = {name for name in PARAMETERS if abs(math.log(over[name])) < 0.2} if over["R_s"] > 0.0 else set[str]()
-        half = {name for name in PARAMETERS if abs(math.log(max(over[name], 1e-9) * 2.0)) < 0.12}
-        if half in ({"R_s"}, {"R_s", "L_d", "L_q"}) and near == set(PARAMETERS) - half:
-            yield _Wrong(f"the recording asks for half the nominal {', '.join(sorted(half))}: a line-to-line value, "
-                         "expected that of a phase")
-
-
-def _joined(runs: Sequence[Samples], nominal: Machine) -> Iterator[_Wrong]:
+def _joined(runs: Sequence[Samples], nominal: Machine) -> Iterator[Wrong]:
     """Two drives, or two runs, in one recording."""
     for k in _seams(runs):
         before, after = stretches_of(runs[:k]), stretches_of(runs[k:])
@@ -225,8 +232,8 @@ def _joined(runs: Sequence[Samples], nominal: Machine) -> Iterator[_Wrong]:
         if _differ(a, b):
             names = ", ".join(PARAMETERS)
             values = " and ".join(", ".join(f"{value:.3g}" for value in f.value) for f in (a, b))
-            yield _Wrong(f"before and after {runs[k].t0:.3g} s, where the recording jumps, {names} are {values}: two "
-                         "drives in one recording, expected one; give each a file of its own", True)
+            yield Wrong(f"before and after {runs[k].t0:.3g} s, where the recording jumps, {names} are {values}: two "
+                        "drives in one recording, expected one; give each a file of its own", True)
             return
 
 

@@ -44,6 +44,13 @@ class Stretches:
         """Stretches."""
         return len(self.i)
 
+    def at(self, places: NDArray[np.intp]) -> "Stretches":
+        """Some of them."""
+        return replace(
+            self, i=self.i[places], u=self.u[places], theta_e=self.theta_e[places], omega_e=self.omega_e[places],
+            u_dc=None if self.u_dc is None else self.u_dc[places], i_s=None if self.i_s is None else self.i_s[places],
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:

@@ -4,6 +4,7 @@ import math
 
 from estimator.machine import UNITS
 from estimator.mismatch.verdict import Diagnosis, Finding, Quantity, Verdict
+from estimator.mismatch.words import begun
 from estimator.physics import convention_error
 from estimator.physics.library import BY_NAME
 
@@ -15,11 +16,11 @@ _CLOSE = 0.02  # of a scale, that needs no words
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
 
 
-def sentence_of(diagnosis: Diagnosis) -> str:
-    """The answer as a bench engineer would say it."""
+def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
+    """The answer as a bench engineer would say it. `cause`: a convention that was followed, in words."""
     fit, said = diagnosis.fit, list[str]()
     if diagnosis.findings:
-        parts = [_finding(finding) for finding in diagnosis.findings]
+        parts = [_finding(finding, cause) for finding in diagnosis.findings]
         said.append("; ".join(parts))
         if fit is not None and (loo := fit.leave_one_out) is not None:
             said.append(
@@ -59,7 +60,7 @@ def sentence_of(diagnosis: Diagnosis) -> str:
         said.append(f"not enough excitation to judge: {'; '.join(diagnosis.remarks[-1:]) or why}")
     if diagnosis.experiment is not None and diagnosis.experiment not in (d.experiment for d in diagnosis.ambiguous):
         said.append(diagnosis.experiment.sentence)
-    text = ". ".join(part[0].upper() + part[1:] for part in said if part)
+    text = ". ".join(begun(part) for part in said if part)
     return text + "."
 
 
@@ -83,11 +84,11 @@ def _plural(title: str) -> bool:
     return title.startswith(("harmonics", "offsets", "unequal"))
 
 
-def _finding(finding: Finding) -> str:
+def _finding(finding: Finding, cause: str) -> str:
     sizes = ", ".join(_size(name, q) for name, q in finding.parameters.items() if q.value is not None)
     hid = ", ".join(_signed(change, UNITS[name]) + f" of {name}" for name, change in finding.absorbed_as.items())
     if finding.effect == convention_error.NAME:
-        return f"the recording follows {convention_error.TITLE}: {sizes}"
+        return f"the recording follows {convention_error.TITLE}: {cause or sizes}"
     title = BY_NAME[finding.effect].title
     text = f"{title} {'were' if _plural(title) else 'was'} left out: {sizes}"
     if hid:

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.machine import PARAMETERS, UNITS
 from estimator.mismatch.common_scale import scales_left_open
-from estimator.mismatch.excitation_check import attenuated
+from estimator.mismatch.excitation_check import at_its_bound, attenuated
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted
 from estimator.mismatch.flux_map_fit import FluxMap, told_map
@@ -103,7 +103,7 @@ def _outside(after: Mapping[str, Quantity], given: Given, contact: float) -> dic
         added = contact if name == "R_s" else 0.0
         if max(value - added - nominal, nominal - value) > tolerance * nominal + _OUTSIDE * std:
             off = 100.0 * abs(value / nominal - 1.0)
-            said[name] = (
+            said[name] = at_its_bound(name, value, given.machine) if quantity.std is None else (
                 f"{name} = {value:.4g} {quantity.unit} lies {off:.2g} % from its nominal {nominal:.4g} "
                 f"{quantity.unit}, beyond the tolerance of {100.0 * tolerance:.2g} %"
             )

@@ -23,3 +23,15 @@ def percent(share: float) -> str:
 def degrees(direction: float) -> str:
     """A direction (rad) in deg, -180 to 180."""
     return f"{round(math.degrees(math.remainder(direction, TURN)))} deg"
+
+
+def begun(text: str) -> str:
+    """A text as a sentence begins: with a capital letter, but for a symbol, which stays as it is."""
+    first = text.partition(" ")[0]
+    return text if first in ("d", "q") or "_" in first else f"{text[:1].upper()}{text[1:]}"
+
+
+def continued(text: str) -> str:
+    """A sentence as a part of another one."""
+    first = text.partition(" ")[0]
+    return text if "_" in first else f"{text[:1].lower()}{text[1:]}"
