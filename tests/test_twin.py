@@ -169,16 +169,17 @@ def test_sizes_of_zero_are_the_machine_alone(everything: Rows) -> None:
 def test_what_a_free_run_finds_implies_the_recorded_voltage(everything: Rows, more: float) -> None:
     """Narrow zero crossings, as of currents without noise, and wrong sizes."""
     sizes = {name: tuple(more * size for size in sizes) for name, sizes in ALL_SIZES.items()}
-    sizes["inverter_voltage_error"] = (more * 2e-6, more * 1.0, 3e-4 * RATED, 3e-4 * RATED)
+    sizes["inverter_voltage_error"] = (more * 2e-6, more * 1.0, 3e-4 * RATED, 1e-3 * RATED)
     model = Model(replace(TRUTH, R_s=1.3 * TRUTH.R_s), sizes)
     rows = replace(everything, i=free_run(everything, model, 500), kept={})
     within = np.arange(1, len(rows) + 1) % 500 != 0  # the others end in a measured current
-    off = (implied_voltage(rows, model) - rows.u)[within]
-    assert np.max(np.abs(off)) < 2e-4 * RATED * TRUTH.L_q / T_S
+    off, most = np.abs(implied_voltage(rows, model) - rows.u)[within], 2e-4 * RATED * TRUTH.L_q / T_S
+    assert np.quantile(off, 0.999) < most
+    assert np.max(off) < 3.0 * most  # an edge at which another diode takes over, where the others' losses are known late
 
 
 def test_a_step_implies_the_recorded_voltage_from_the_measured_current(everything: Rows) -> None:
-    no_spread = {"inverter_voltage_error": (2e-6, 1.0, 3e-4 * RATED, 3e-4 * RATED)}
+    no_spread = {"inverter_voltage_error": (2e-6, 1.0, 3e-4 * RATED, 1e-3 * RATED)}
     model = Model(TRUTH, ALL_SIZES | no_spread)
     step = one_step(everything, model)
     for first in (0, 1):

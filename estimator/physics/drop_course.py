@@ -14,6 +14,7 @@ _COURSES = 4  # times that a course is followed
 _STRAIGHT = 5e-3  # of a knee, by which drops may bend a course unseen
 _SAME = 1e-3  # of a drop, by which another course may change its mean unseen
 _OF_ARC = 1.0 / 12.0  # of what a slope's change along a piece adds up to: the arc's mean above its chord
+_AWAY = 3.0  # knees, from which on a drop is nearly whole
 _BACK = 0.2  # of a knee, that what bends a current by a knee takes back in the next course
 
 
@@ -31,16 +32,16 @@ def follow_drops(
     twice = legs.b[k] * legs.middle[k] * legs.middle[k]  # of the mirror image
     jolt, moves = 2.0 / 3.0 * legs.u_dc[k] * dead_time, moved_in(legs, k, dead_time)  # Vs, A
     strength = abs(bends) * (legs.a[k] + abs(legs.b[k])) / knee
-    near, varied = 1.0 / (1.0 + _BACK * strength), strength + 2.0 / 3.0 * moves / knee
+    near, reach = 1.0 / (1.0 + _BACK * strength), moves + _AWAY * knee if jolt > 0.0 else 0.0
     for course in range(_COURSES):
         changes = 0.0
         for leg in range(3):
-            if course == 0 or varied * room.varies[leg] * room.varies[leg] > _STRAIGHT:
+            if course == 0 or strength * room.varies[leg] * room.varies[leg] > _STRAIGHT:
                 before = room.mean[leg]
-                _mean_signs(legs, k, leg, i_0, i_1, knee, bow, damping, course > 0)
+                _mean_signs(legs, k, leg, i_0, i_1, knee, reach, bow, damping, course > 0)
                 changes = max(changes, abs(room.mean[leg] - before))
         most = max(room.varies[0], room.varies[1], room.varies[2])
-        if varied * most * most < _STRAIGHT or (course > 0 and changes < _SAME) or course == _COURSES - 1:
+        if strength * most * most < _STRAIGHT or (course > 0 and changes < _SAME) or course == _COURSES - 1:
             break
         if course == 0:
             _none_of(room)
@@ -96,17 +97,19 @@ def _none_of(room: Room) -> None:
 
 @lean_kernel
 def _mean_signs(
-    legs: Legs, k: int, leg: int, i_0: complex, i_1: complex, knee: float, bow_s: complex, damping: float, bent: bool
+    legs: Legs, k: int, leg: int, i_0: complex, i_1: complex, knee: float, reach: float, bow_s: complex, damping: float,
+    bent: bool,
 ) -> None:  # fmt: skip
     """Put in the room a phase current's mean sign, between edges and over the period, also as `weight` has it, and the
     slope (1/A) of that by the current at the end; and how much it varies.
 
-    From both ends to the middle. `bent`: by drops, as the room says.
+    From both ends to the middle. `bent`: as the room says. reach: A, from which on dead times bring no current to zero;
+    one that is nearer counts as one that varies by all it can.
     """
     axis, room = axis_of(leg), legs.room
     start, end, bow = phase(i_0, axis), phase(i_1, axis), phase(bow_s, axis)
     slope, early, least, most = end - start, 0.0, 1.0, -1.0
-    mean, volts, by_end = 0.0, 0.0, 0.0
+    mean, volts, by_end, nearest = 0.0, 0.0, 0.0, min(abs(start), abs(end))
     was_up, was_down, soft_was_up, soft_was_down = start, end, soft(start, knee), soft(end, knee)
     sign_was_up, sign_was_down = start / soft_was_up, end / soft_was_down
     for part in range(4):
@@ -142,13 +145,15 @@ def _mean_signs(
         room.sign[leg, part, 0], room.sign[leg, part, 1] = mean_up, mean_down
         room.change[leg, part, 0], room.change[leg, part, 1] = sign_up - sign_was_up, sign_down - sign_was_down
         least, most = min(least, mean_up, mean_down), max(most, mean_up, mean_down)
+        nearest = min(nearest, abs(up), abs(down))
         early, was_up, was_down, soft_was_up, soft_was_down = late, up, down, soft_up, soft_down
         sign_was_up, sign_was_down = sign_up, sign_down
         if bent:
             was_up, was_down = up + phase(room.jump[part, 0], axis), down + phase(room.jump[part, 1], axis)
             soft_was_up, soft_was_down = soft(was_up, knee), soft(was_down, knee)
             sign_was_up, sign_was_down = was_up / soft_was_up, was_down / soft_was_down
-    room.mean[leg], room.loss[leg, 0], room.loss[leg, 1], room.varies[leg] = mean, volts, by_end, most - least
+    room.mean[leg], room.loss[leg, 0], room.loss[leg, 1] = mean, volts, by_end
+    room.varies[leg] = most - least if nearest > reach else 2.0
 
 
 @lean_kernel

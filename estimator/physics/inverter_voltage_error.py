@@ -58,7 +58,7 @@ EFFECT = Effect(
         Parameter("u_drop", "V", lambda rows: 0.003 * bus(rows), lambda _: 0.0, lambda rows: 0.03 * bus(rows)),
         Parameter("zero_crossing_width", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 3e-4 * rows.i_rated,
                   lambda rows: 0.2 * rows.i_rated, shape=True, smooths=True),
-        Parameter("knee", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 3e-4 * rows.i_rated,
+        Parameter("knee", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 1e-3 * rows.i_rated,
                   lambda rows: 0.2 * rows.i_rated, shape=True),
     ),
     voltage,
