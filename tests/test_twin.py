@@ -175,7 +175,7 @@ def test_what_a_free_run_finds_implies_the_recorded_voltage(everything: Rows, mo
     within = np.arange(1, len(rows) + 1) % 500 != 0  # the others end in a measured current
     off, most = np.abs(implied_voltage(rows, model) - rows.u)[within], 2e-4 * RATED * TRUTH.L_q / T_S
     assert np.quantile(off, 0.999) < most
-    assert np.max(off) < 3.0 * most  # an edge at which another diode takes over, where the others' losses are known late
+    assert np.max(off) < 3.0 * most  # at edges where another diode takes over
 
 
 def test_a_step_implies_the_recorded_voltage_from_the_measured_current(everything: Rows) -> None:
