@@ -157,7 +157,7 @@ def test_a_parameter_that_is_written_is_read_at_once_and_stays() -> None:
         ("i_d_step", -1.0, r"0x2300:3 \(i_d_step\) takes at least 0\.0 A, got -1\.0"),
         ("step_time", 1e-4, r"0x2300:5 \(step_time\) takes at least 0\.001 s, got 0\.0001"),
         ("bandwidth", math.nan, r"0x2200:6 \(bandwidth\) takes a finite number, got nan"),
-        ("stream_periods", 0.0, r"0x2000:4 \(stream_periods\) takes at least 1 1, got 0\.0"),
+        ("stream_periods", 0.0, r"0x2000:4 \(stream_periods\) takes at least 1, got 0$"),
         ("stream_periods", 10.5, r"0x2000:4 \(stream_periods\) takes a whole number, got 10\.5"),
         ("i_d", 1.0, r"0x2100:3 \(i_d\) cannot be written"),
         ("T_s", 1e-3, r"0x2000:2 \(T_s\) cannot be written"),
