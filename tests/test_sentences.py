@@ -48,7 +48,7 @@ def test_beside_a_convention_errors_are_those_of_the_recording_without_it() -> N
 @pytest.mark.parametrize(
     ("value", "unit", "said"),
     [(1.28e-10, "s", "128 ps"), (7.04e-6, "S", "7.04 uS"), (0.9996, "V", "1 V"), (1234.0, "Hz", "1.23 kHz"),
-     (0.0, "V", "0 V"), (None, "V", "unknown"), (0.0435, "rad", "0.0435 rad"), (0.031, "1", "3.1 %"),
+     (0.0, "V", "0 V"), (None, "V", "unknown"), (0.0435, "rad", "43.5 mrad"), (0.031, "1", "3.1 %"),
      (2e-15, "s", "0.002 ps")],
 )  # fmt: skip
 def test_small_sizes_have_prefixes_as_in_the_report(value: float | None, unit: str, said: str) -> None:

@@ -149,7 +149,7 @@ def _scaled(size: float, unit: str) -> tuple[float, str]:
     """By what to divide a number of that size, and the unit of the quotient."""
     if unit == "1":
         return (0.01, "%") if size < 1.0 else (1.0, "")
-    if unit in ("rad", "rad/s") or size == 0.0 or not math.isfinite(size):
+    if unit == "rad/s" or size == 0.0 or not math.isfinite(size):
         return 1.0, unit
     scale, prefix = next((one for one in _PREFIXES if size >= 0.9995 * one[0]), _PREFIXES[-1])
     return scale, f"{prefix}{unit}"
