@@ -25,8 +25,9 @@ from estimator.mismatch.explain import Search
 from estimator.mismatch.fitting import moved
 from estimator.mismatch.flux_step import with_step_in_place
 from estimator.mismatch.given import Given
-from estimator.mismatch.model import Model, filter_pole, residual, whitened
+from estimator.mismatch.model import Model, Noise, filter_pole, residual, whitened
 from estimator.mismatch.thinning import settled
+from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
 from tests.diagnosis.truth import EFFECT
@@ -74,25 +75,33 @@ def left_of(rows: Rows, model: Model) -> float:
     return 1e3 * float(np.sqrt(np.mean(np.abs(i) ** 2) / 2.0)) / rows.i_rated
 
 
-def fitted_to(rows: Rows, names: Sequence[str]) -> Left:
-    """What the machine leaves, and what it leaves with effects of its own fitted."""
-    machine, model = rows.machine, Model(rows.machine)
-    given = Given(machine, _TOLERANCE, 1e-6)
-    noise = _NOISE * rows.i_rated * machine.L_d, _NOISE * rows.i_rated * machine.L_q, 1e-3
+def fitted_to(rows: Rows, names: Sequence[str], starts: int = 1) -> Left:
+    """What the machine leaves, and what it leaves with effects of its own fitted.
+
+    Beyond the bends of equations a fit may end elsewhere: the best from so many of the likeliest shapes.
+    """
+    given = Given(rows.machine, _TOLERANCE, 1e-6)
+    noise = _NOISE * rows.i_rated * rows.machine.L_d, _NOISE * rows.i_rated * rows.machine.L_q, 1e-3
     library = [BY_NAME[name] for name in names]
-    before = least = left_of(rows, model)
-    explained, best = 0.0, model
-    for _ in range(_ROUNDS):
+    search = Search(regression(rows, rows, Model(rows.machine), given, noise, library))
+    shapes = [[one for one in search.candidates() if one[0] == name] for name in names]
+    likeliest = sorted(product(*shapes), key=lambda some: -search.fit(some).log_evidence)
+    fits = [_fitted_from(moved(search, some), rows, given, noise, library) for some in likeliest[:starts]]
+    return min(fits, key=lambda fit: fit.after)
+
+
+def _fitted_from(model: Model, rows: Rows, given: Given, noise: Noise, library: Sequence[Effect]) -> Left:
+    least, best, explained = left_of(rows, model), model, 0.0
+    for _ in range(_ROUNDS - 1):
         model = with_step_in_place(rows, rows, model)
         search = Search(regression(rows, rows, model, given, noise, library))
-        shapes = [[one for one in search.candidates() if one[0] == name] for name in names]
-        present = tuple((name, -1) for name in model.effects)
-        choice = present or max(product(*shapes), key=lambda some: search.fit(some).log_evidence)
+        choice = tuple((name, -1) for name in model.effects)
         model = moved(search, choice)
         if (left := left_of(rows, model)) < least:
             least, best = left, model
         explained = sum(search.explained(choice, one) for one in choice)
     chi2 = 2.0 * len(rows) * (1e-3 * least / _NOISE) ** 2
+    before = left_of(rows, Model(rows.machine))
     return Left(before, least, chi2 / explained if explained > 0.0 else 0.0, best)
 
 

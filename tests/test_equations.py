@@ -197,7 +197,7 @@ def test_a_dead_time_acts_on_currents_that_other_effects_change_within_a_period(
     scenario = with_effect(kind, motor)
     inverter = with_effect("dead_time", motor).effects.inverter
     rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(inverter=inverter)))
-    before, after, *_ = fitted_to(rows, ["inverter_voltage_error", EFFECT[kind]])
+    before, after, *_ = fitted_to(rows, ["inverter_voltage_error", EFFECT[kind]], starts=3)
     print(f"dead time and {kind}, {motor}: {before:.3g} per mille of rated current, {after:.3g} with both")
     assert after < most
     assert before > 100.0 * after

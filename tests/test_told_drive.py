@@ -6,20 +6,9 @@ import numpy as np
 import pytest
 
 from emulator.conceal.populations import POPULATIONS
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.told_drive import believed
-from estimator.samples import Resolution, Samples
 from tests.convention_runs import recording
-from tests.samples import recorded
-
-
-@pytest.fixture(scope="module")
-def counted() -> Samples:
-    """A drive whose angle is that of an encoder."""
-    drive = VirtualDrive(replace(PAPER, drive=replace(PAPER.drive, encoder_counts=4096)))
-    return recorded(drive, 5_000)
 
 
 @pytest.mark.parametrize("kind", ["none", *POPULATIONS])
@@ -43,18 +32,3 @@ def test_a_diagnosis_without_the_dc_link_says_so_and_promises_no_dead_time() -> 
     said = diagnose([replace(run, u_dc=np.full(len(run), 2.0)) for run in runs], nominal)
     assert any("u_dc = 2.00 V can give" in remark for remark in said.remarks)
     assert said.detectable["inverter_voltage_error"].unit == "V"
-
-
-def test_counts_that_the_angle_has_are_believed(counted: Samples) -> None:
-    assert counted.resolution.theta_e > 0.0
-    assert believed([counted]) == ((counted,), ())
-    for step in (0.0137, 0.0023):  # of the numbers that hold it
-        assert believed([replace(counted, theta_e=np.round(counted.theta_e / step) * step)]).remarks == ()
-
-
-@pytest.mark.parametrize("times", [24.3, 128.0, 1024.0])
-def test_counts_that_are_coarser_than_the_angle_moves_are_not_used(counted: Samples, times: float) -> None:
-    told = Resolution(theta_e=times * counted.resolution.theta_e)
-    (run,), (said,) = believed([replace(counted, resolution=told)])
-    assert said.startswith("theta_e moves by less than the ")
-    assert run.resolution.theta_e == 0.0

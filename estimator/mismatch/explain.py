@@ -318,14 +318,15 @@ class Search:
         return None
 
     def to_place(self, choice: Choice) -> tuple[str, int] | None:
-        """The likeliest effect that is no line - it has a moment of its own, or bends - and explains a part of what is
-        left, but too little as a line to be added: to be tried where it is best.
+        """The likeliest effect that is no line and explains a part of what is left, but as a line too little to be
+        added: to be tried where it is best. It has a moment of its own; or it bends, and explains no more than the
+        equations of others may miss.
         """
-        left = self.fit(choice).chi2 - self.regression.count
+        left, missed = self.fit(choice).chi2 - self.regression.count, self.missed(choice)
         for one in self._likely(choice):
             effect = BY_NAME[one[0]]
-            if effect.bends or any(parameter.discrete for parameter in effect.parameters):
-                explained = self.fit(choice).chi2 - self.fit((*choice, one)).chi2
+            explained = self.fit(choice).chi2 - self.fit((*choice, one)).chi2
+            if (effect.bends and explained < missed) or any(parameter.discrete for parameter in effect.parameters):
                 return one if len(choice) < MOST and explained > max(PLACED * left, 2.0 * ENTRY) else None
         return None
 
