@@ -33,7 +33,9 @@ _NEARER = 1.0 - 1e-6  # as near: of two legs alike, the first
 
 
 def lost_by_both(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, spread: float, knee: float) -> Vector:
-    """The same by dead times and drops."""
+    """Voltage (V) that dead times and drops lose in each period, from currents (A) at samples; both in the stationary
+    frame.
+    """
     lost = np.zeros(len(legs.middle), np.complex128)
     _add_both(lost, legs, i_s[:-1], i_s[1:], dead_time, u_drop, spread, knee)
     return lost
