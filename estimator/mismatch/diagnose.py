@@ -370,7 +370,7 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
     at = {search.columns[j].place: n for n, j in enumerate(fit.places) if search.columns[j].owner == effect.name}
     silent = {n for n, j in enumerate(fit.places) if search.gram[j, j] <= 0.0}  # nothing here depends on them
     covariance = search.scattered(fit, search.free_covariance(found.choice), one)
-    covariance = covariance + search.form_covariance(found.choice)
+    covariance += search.form_covariance(found.choice) + search.untold_covariance(found.choice)
 
     def values(p: Sequence[float]) -> dict[str, tuple[float, str]]:
         if effect.told is not None:

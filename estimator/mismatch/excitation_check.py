@@ -196,14 +196,15 @@ def attenuated(search: Search, choice: Choice) -> Array:
     """Shape (axes, 4): how far noise in the column of L_d or L_q may have moved R_s, L_d, L_q, psi_f of a fit.
 
     It makes the inductance low, by its share of the column's energy, and the others make up for that. What currents
-    that follow the model leave of the noise is less: this is a bound.
+    that follow the model leave of the noise is less: this is a bound. Inductances that the recording does not tell are
+    as uncertain as their tolerance anyhow.
     """
     fit = search.fit(choice)
     moved: list[Array] = []
     for axis, over_noise in _over_noise(search).items():
         place = PARAMETERS.index(f"L_{axis}")
         along, variance = fit.covariance[: len(PARAMETERS), place], float(fit.covariance[place, place])
-        if variance > 0.0:  # not held at a bound
+        if variance > 0.0 and f"L_{axis}" not in search.regression.untold:  # not held at a bound
             moved.append(along / variance * float(fit.value[place]) / max(over_noise, 1.0))
     return np.array(moved).reshape(-1, len(PARAMETERS))
 

@@ -226,6 +226,15 @@ class Search:
         """Of a set's coefficients, none of them held at a bound: how far each may be off, whatever was held."""
         return self.unbounded(choice).covariance
 
+    def untold_covariance(self, choice: Choice) -> Array:
+        """What a set's coefficients are more uncertain by than their free covariance: inductances that the recording
+        does not tell, and what trades with these, for they lie anywhere within their tolerance.
+        """
+        free, places = self.free_covariance(choice), self.places(choice)
+        untold = [n for n, j in enumerate(places) if self.columns[j].parameter in self.regression.untold]
+        along = free[:, untold] @ np.linalg.inv(free[np.ix_(untold, untold)])  # of each, by those that are not told
+        return (along * self.spread[places][untold] ** 2) @ along.T - along @ free[untold]
+
     def parameter_scatter(self, fit: Fit) -> Array:
         """How every coefficient of a fit scatters over white noise, each less what the others make of it."""
         grams, places = self.regression.gram, list(fit.places)

@@ -72,10 +72,12 @@ def _parameters(search: Search, choice: Choice, lent: float = 0.0, scaled: float
     much as it left. `scaled`: share by which all voltages may be scaled.
     """
     fit = search.fit(choice)
-    variance = np.maximum(fit.covariance.diagonal(), 0.0) * (search.parameter_scatter(fit) + lent)
-    variance = (variance + search.form_covariance(choice).diagonal())[: len(PARAMETERS)]
+    covariance = search.free_covariance(choice) if search.regression.untold else fit.covariance
+    variance = np.maximum(covariance.diagonal(), 0.0) * (search.parameter_scatter(fit) + lent)
+    variance += search.form_covariance(choice).diagonal() + search.untold_covariance(choice).diagonal()
+    variance = variance[: len(PARAMETERS)]
     variance += np.sum(attenuated(search, choice) ** 2, axis=0) + (scaled * fit.value[: len(PARAMETERS)]) ** 2
-    held = fit.covariance.diagonal() <= 0.0  # at a bound, which says nothing of how far off it is
+    held = covariance.diagonal() <= 0.0  # at a bound, which says nothing of how far off it is
     return {
         name: Quantity(float(fit.value[k]), None if held[k] else math.sqrt(float(variance[k])), UNITS[name])
         for k, name in enumerate(PARAMETERS)
