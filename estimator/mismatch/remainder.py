@@ -61,13 +61,13 @@ def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
 
 
 def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
-    """One that is there for certain beside the machine alone, however little of all that is left.
+    """One that is there for certain beside the machine alone or its map, however little of all that is left.
 
     Not where currents move little beyond their noise: voltages that answer noise look like it.
     """
     if found.choice or least_moved(found.search)[1] < WEAK:
         return None
-    at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found)
+    at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found) + found.search.missed(())
     told = branch(*at, with_machine(found.smooth, found.model.machine), least)
     return told[0] if told is not None and told[1].gain > least * at[2][0] * at[2][1] else None
 
