@@ -19,6 +19,6 @@ def test_a_current_that_comes_to_rest_in_a_dead_time_makes_no_step_of_the_lost_v
     zero_crossing = 0.02 * random.normal(size=n) + 1j * random.normal(size=n)
     begin = zero_crossing * np.array(AXES)[random.integers(0, 3, n)]
     end = begin + 0.05 * (random.normal(size=n) + 1j * random.normal(size=n))
-    lost = [lost_between(legs, begin + off, end + off, DEAD_TIME, 0.0, 1e-4) for off in (0.0, ROUNDING)]
+    lost = [lost_between(legs, begin + off, end + off, DEAD_TIME, 0.0, 1e-4, 1e-4) for off in (0.0, ROUNDING)]
     assert np.max(np.abs(lost[0])) > 0.5 * DEAD_TIME / T_s * U_DC
     assert np.max(np.abs(lost[1] - lost[0])) < 1e-3

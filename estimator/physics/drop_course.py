@@ -8,7 +8,7 @@ was found.
 
 from estimator.kernel import lean_kernel
 from estimator.physics.legs import Legs, bow_of, damping_of, moved_in, soft
-from estimator.physics.period_course import Room, axis_of, phase, rise_of, weight
+from estimator.physics.period_course import Drops, axis_of, phase, rise_of, weight
 
 _COURSES = 4  # times that a course is followed
 _STRAIGHT = 5e-3  # of a knee, by which drops may bend a course unseen
@@ -27,40 +27,48 @@ def follow_drops(
     Near zero a drop bends the course of its current: while it is less than its mean, the current gets ahead. And dead
     times shift it after each edge. So the course is followed again by what was found.
     """
-    room, bends = legs.room, 2.0 / 3.0 * u_drop * legs.T_s  # Vs
-    bow, damping, alike = bow_of(legs, k), damping_of(legs, k), legs.a[k]
-    twice = legs.b[k] * legs.middle[k] * legs.middle[k]  # of the mirror image
+    drops, bends = legs.room.drops, 2.0 / 3.0 * u_drop * legs.T_s  # Vs
+    bow, damping = bow_of(legs, k), damping_of(legs, k)
     jolt, moves = 2.0 / 3.0 * legs.u_dc[k] * dead_time, moved_in(legs, k, dead_time)  # Vs, A
     strength = abs(bends) * (legs.a[k] + abs(legs.b[k])) / knee
     near, reach = 1.0 / (1.0 + _BACK * strength), moves + _AWAY * knee if jolt > 0.0 else 0.0
     for course in range(_COURSES):
         changes = 0.0
         for leg in range(3):
-            if course == 0 or strength * room.varies[leg] * room.varies[leg] > _STRAIGHT:
-                before = room.mean[leg]
+            if course == 0 or strength * drops.varies[leg] * drops.varies[leg] > _STRAIGHT:
+                before = drops.mean[leg]
                 _mean_signs(legs, k, leg, i_0, i_1, knee, reach, bow, damping, course > 0)
-                changes = max(changes, abs(room.mean[leg] - before))
-        most = max(room.varies[0], room.varies[1], room.varies[2])
+                changes = max(changes, abs(drops.mean[leg] - before))
+        most = max(drops.varies[0], drops.varies[1], drops.varies[2])
         if strength * most * most < _STRAIGHT or (course > 0 and changes < _SAME) or course == _COURSES - 1:
             break
         if course == 0:
-            _none_of(room)
+            _none_of(drops)
         if jolt > 0.0:
             _shift(legs, k, jolt, moves)
-        early, up, down = 0.0, 0j, 0j
-        for part in range(4):
-            late, more_up, more_down = room.late[part], 0j, 0j
-            for leg in range(3):
-                axis = (bends * (late - early)) * axis_of(leg)
-                up -= axis * (room.sign[leg, part, 0] - room.mean[leg])
-                down += axis * (room.sign[leg, part, 1] - room.mean[leg])
-                more_up += axis * (_OF_ARC * room.change[leg, part, 0])
-                more_down -= axis * (_OF_ARC * room.change[leg, part, 1])
-            room.ahead[part, 0] += near * (alike * up + twice * up.conjugate() - room.ahead[part, 0])
-            room.ahead[part, 1] += near * (alike * down + twice * down.conjugate() - room.ahead[part, 1])
-            room.arc[part, 0] += near * (alike * more_up + twice * more_up.conjugate() - room.arc[part, 0])
-            room.arc[part, 1] += near * (alike * more_down + twice * more_down.conjugate() - room.arc[part, 1])
-            early = late
+        _bend(legs, k, bends, near)
+
+
+@lean_kernel
+def _bend(legs: Legs, k: int, bends: float, near: float) -> None:
+    """Move what the room has of how far drops bend the current, at edges and between them, `near` of the way to what
+    these signs make of it. bends: Vs, of a drop over a period.
+    """
+    drops, early, up, down = legs.room.drops, 0.0, 0j, 0j
+    alike, twice = legs.a[k], legs.b[k] * legs.middle[k] * legs.middle[k]
+    for part in range(4):
+        late, more_up, more_down = drops.late[part], 0j, 0j
+        for leg in range(3):
+            axis = (bends * (late - early)) * axis_of(leg)
+            up -= axis * (drops.sign[leg, part, 0] - drops.mean[leg])
+            down += axis * (drops.sign[leg, part, 1] - drops.mean[leg])
+            more_up += axis * (_OF_ARC * drops.change[leg, part, 0])
+            more_down -= axis * (_OF_ARC * drops.change[leg, part, 1])
+        drops.ahead[part, 0] += near * (alike * up + twice * up.conjugate() - drops.ahead[part, 0])
+        drops.ahead[part, 1] += near * (alike * down + twice * down.conjugate() - drops.ahead[part, 1])
+        drops.arc[part, 0] += near * (alike * more_up + twice * more_up.conjugate() - drops.arc[part, 0])
+        drops.arc[part, 1] += near * (alike * more_down + twice * more_down.conjugate() - drops.arc[part, 1])
+        early = late
 
 
 @lean_kernel
@@ -71,28 +79,28 @@ def _shift(legs: Legs, k: int, jolt: float, moves: float) -> None:
     `jolt` (Vs); and all that is made up for evenly, as the end is known. moves: A, what a dead time makes of a current
     that comes to zero in it.
     """
-    room, whole = legs.room, 0j
+    drops, whole = legs.room.drops, 0j
     alike, twice = legs.a[k], legs.b[k] * legs.middle[k] * legs.middle[k]
     for part in range(3):
         leg = legs.order[k, part]
-        axis = jolt * axis_of(leg) if 0.0 < room.late[part] < 0.5 else 0j
-        by_axis, out, into = alike * axis + twice * axis.conjugate(), room.edge[leg, 0], -room.edge[leg, 1]
-        room.jump[part, 0] = -0.5 * (1.0 + out / soft(out, moves)) * by_axis
-        room.jump[part, 1] = -0.5 * (1.0 + into / soft(into, moves)) * by_axis
-        whole += room.jump[part, 0] - room.jump[part, 1]
+        axis = jolt * axis_of(leg) if 0.0 < drops.late[part] < 0.5 else 0j
+        by_axis, out, into = alike * axis + twice * axis.conjugate(), drops.edge[leg, 0], -drops.edge[leg, 1]
+        drops.jump[part, 0] = -0.5 * (1.0 + out / soft(out, moves)) * by_axis
+        drops.jump[part, 1] = -0.5 * (1.0 + into / soft(into, moves)) * by_axis
+        whole += drops.jump[part, 0] - drops.jump[part, 1]
     up, down = 0j, 0j
     for part in range(4):
-        room.shift[part, 0], room.shift[part, 1] = up - room.late[part] * whole, down + room.late[part] * whole
-        up, down = up + room.jump[part, 0], down + room.jump[part, 1]
+        drops.shift[part, 0], drops.shift[part, 1] = up - drops.late[part] * whole, down + drops.late[part] * whole
+        up, down = up + drops.jump[part, 0], down + drops.jump[part, 1]
 
 
 @lean_kernel
-def _none_of(room: Room) -> None:
+def _none_of(drops: Drops) -> None:
     """Nothing bends the course yet."""
     for part in range(4):
         for side in range(2):
-            room.ahead[part, side], room.arc[part, side] = 0j, 0j
-            room.shift[part, side], room.jump[part, side] = 0j, 0j
+            drops.ahead[part, side], drops.arc[part, side] = 0j, 0j
+            drops.shift[part, side], drops.jump[part, side] = 0j, 0j
 
 
 @lean_kernel
@@ -106,7 +114,7 @@ def _mean_signs(
     From both ends to the middle. `bent`: as the room says. reach: A, from which on dead times bring no current to zero;
     one that is nearer counts as one that varies by all it can.
     """
-    axis, room = axis_of(leg), legs.room
+    axis, drops = axis_of(leg), legs.room.drops
     start, end, bow = phase(i_0, axis), phase(i_1, axis), phase(bow_s, axis)
     slope, early, least, most = end - start, 0.0, 1.0, -1.0
     mean, volts, by_end, nearest = 0.0, 0.0, 0.0, min(abs(start), abs(end))
@@ -120,12 +128,12 @@ def _mean_signs(
         bowed = bow * 4.0 * late * (1.0 - late)
         up, down = start + slope * late + away + bowed, end - slope * late - away + bowed
         if bent:
-            up, down = up + phase(room.ahead[part, 0], axis), down + phase(room.ahead[part, 1], axis)
-        room.late[part] = late
+            up, down = up + phase(drops.ahead[part, 0], axis), down + phase(drops.ahead[part, 1], axis)
+        drops.late[part] = late
         if part < 3 and legs.order[k, part] == leg:
-            room.edge[leg, 0], room.edge[leg, 1] = up, down
+            drops.edge[leg, 0], drops.edge[leg, 1] = up, down
         if bent:
-            up, down = up + phase(room.shift[part, 0], axis), down + phase(room.shift[part, 1], axis)
+            up, down = up + phase(drops.shift[part, 0], axis), down + phase(drops.shift[part, 1], axis)
         soft_up, soft_down = soft(up, knee), soft(down, knee)
         sign_up, sign_down = up / soft_up, down / soft_down
         over_up, over_down = 1.0 / (soft_was_up + soft_up), 1.0 / (soft_was_down + soft_down)
@@ -134,26 +142,26 @@ def _mean_signs(
         by_up = early * (1.0 - mean_up * sign_was_up) + late * (1.0 - mean_up * sign_up)
         by_down = (1.0 - early) * (1.0 - mean_down * sign_was_down) + (1.0 - late) * (1.0 - mean_down * sign_down)
         if bent:
-            mean_up += phase(room.arc[part, 0], axis) * _rise(sign_up - sign_was_up, up - was_up, soft_up, knee)
-            mean_down += phase(room.arc[part, 1], axis) * _rise(
+            mean_up += phase(drops.arc[part, 0], axis) * _rise(sign_up - sign_was_up, up - was_up, soft_up, knee)
+            mean_down += phase(drops.arc[part, 1], axis) * _rise(
                 sign_down - sign_was_down, down - was_down, soft_down, knee
             )
         span, middle = late - early, 0.5 * (late + early)
         mean += span * (mean_up + mean_down)
         volts += span * (mean_up * weight(damping, middle) + mean_down * weight(damping, 1.0 - middle))
         by_end += span * (by_up * over_up + by_down * over_down)
-        room.sign[leg, part, 0], room.sign[leg, part, 1] = mean_up, mean_down
-        room.change[leg, part, 0], room.change[leg, part, 1] = sign_up - sign_was_up, sign_down - sign_was_down
+        drops.sign[leg, part, 0], drops.sign[leg, part, 1] = mean_up, mean_down
+        drops.change[leg, part, 0], drops.change[leg, part, 1] = sign_up - sign_was_up, sign_down - sign_was_down
         least, most = min(least, mean_up, mean_down), max(most, mean_up, mean_down)
         nearest = min(nearest, abs(up), abs(down))
         early, was_up, was_down, soft_was_up, soft_was_down = late, up, down, soft_up, soft_down
         sign_was_up, sign_was_down = sign_up, sign_down
         if bent:
-            was_up, was_down = up + phase(room.jump[part, 0], axis), down + phase(room.jump[part, 1], axis)
+            was_up, was_down = up + phase(drops.jump[part, 0], axis), down + phase(drops.jump[part, 1], axis)
             soft_was_up, soft_was_down = soft(was_up, knee), soft(was_down, knee)
             sign_was_up, sign_was_down = was_up / soft_was_up, was_down / soft_was_down
-    room.mean[leg], room.loss[leg, 0], room.loss[leg, 1] = mean, volts, by_end
-    room.varies[leg] = most - least if nearest > reach else 2.0
+    drops.mean[leg], drops.loss[leg, 0], drops.loss[leg, 1] = mean, volts, by_end
+    drops.varies[leg] = most - least if nearest > reach else 2.0
 
 
 @lean_kernel

@@ -24,7 +24,7 @@ import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes
 from estimator.physics.legs import duties_before, legs_of
-from estimator.physics.lost_voltage import lost_by_both
+from estimator.physics.lost_voltage import lost_between
 from estimator.physics.rows import Rows, Vector
 
 _UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transistor's
@@ -34,8 +34,9 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Lost voltage, V."""
     dead_time, u_drop, width, knee = map(float, sizes)
     legs = legs_of(rows)
+
     def both(u_drop: float) -> Vector:
-        return lost_by_both(legs, rows.i_s, dead_time, u_drop, width, knee)
+        return lost_between(legs, rows.i_s[:-1], rows.i_s[1:], dead_time, u_drop, width, knee)
 
     if u_drop != 0.0:
         return rows.stationary(both(u_drop))

@@ -32,24 +32,19 @@ SHOTS: Final = 12  # at a period's end, where it lies in a bend
 _NEARER = 1.0 - 1e-6  # as near: of two legs alike, the first
 
 
-def lost_by_both(legs: Legs, i_s: Vector, dead_time: float, u_drop: float, spread: float, knee: float) -> Vector:
-    """Voltage (V) that dead times and drops lose in each period, from currents (A) at samples; both in the stationary
+def lost_between(
+    legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, spread: float, knee: float
+) -> Vector:  # fmt: skip
+    """Voltage (V) that dead times and drops lose in each period, from currents (A) at its ends; all in the stationary
     frame.
     """
-    lost = np.zeros(len(legs.middle), np.complex128)
-    _add_both(lost, legs, i_s[:-1], i_s[1:], dead_time, u_drop, spread, knee)
-    return lost
-
-
-def lost_between(legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, width: float) -> Vector:
-    """Lost voltage (V) of periods that need not join, from currents (A) at their ends; all in the stationary frame."""
     lost = np.zeros(len(begin), np.complex128)
-    _add_both(lost, legs, begin, end, dead_time, u_drop, width, width)
+    _add_lost(lost, legs, begin, end, dead_time, u_drop, spread, knee)
     return lost
 
 
 @lean_kernel
-def _add_both(
+def _add_lost(
     lost: Vector, legs: Legs, begin: Vector, end: Vector, dead_time: float, u_drop: float, spread: float, knee: float
 ) -> None:  # fmt: skip
     for k in range(len(lost)):
@@ -122,7 +117,7 @@ def _by_drops(
             volts = 0.5 * (start / soft(start, knee) + end / soft_end)
             by_end = 0.5 * knee * knee / (soft_end * soft_end * soft_end)
         elif u_drop != 0.0:
-            volts, by_end = legs.room.loss[leg]
+            volts, by_end = legs.room.drops.loss[leg]
         lost += axis * (u_drop * volts)
         by_real += axis * (u_drop * by_end * axis.real)
         by_imag += axis * (u_drop * by_end * axis.imag)
@@ -154,7 +149,7 @@ def _laid_out(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, spread: float
 ) -> tuple[complex, int, int]:
     """Lost voltage (V, stationary) where each edge's diode is known, and -1; else the leg whose current is nearest zero
-    at an edge, and how often switches change on the period's course.
+    at an edge, and how often switches change on the period's course. Beside drops the room has the currents at edges.
     """
     u_dc, T_s, room, lost, nearest, closest = legs.u_dc[k], legs.T_s, legs.room, 0j, 0, math.inf
     near = _MOVES * moved_in(legs, k, dead_time) + spread
@@ -167,7 +162,7 @@ def _laid_out(
         away = (end - start) * rise + phase(legs.ripple[k, leg], axis)
         at_rise, at_fall, at_last = start + away, end - away, start - away
         if u_drop != 0.0:
-            at_rise, at_fall = room.edge[leg, 0], room.edge[leg, 1]
+            at_rise, at_fall = room.drops.edge[leg, 0], room.drops.edge[leg, 1]
         left = still_dead(legs.before[k, leg], dead)
         close = min(abs(at_rise), abs(at_fall), abs(at_last) if left > 0.0 else math.inf)
         if close < _NEARER * closest:

@@ -22,6 +22,22 @@ _ROUNDING = 1e-12  # of what the link's voltage makes of a current in a period
 _SHORT = 0.05  # of a period, in which the resistive drop hardly changes
 
 
+class Drops(NamedTuple):
+    """What drops do in a period, all three legs together."""
+
+    sign: Real  # (3, 4, 2) mean of each phase current's sign between edges, from the period's start on and from its end
+    varies: Real  # (3,) by how much in the period
+    mean: Real  # (3,) over the period
+    loss: Real  # (3, 2) the same as what is lost at the end counts, and its slope, 1/A
+    change: Real  # (3, 4, 2) of the sign itself, from edge to edge
+    arc: NDArray[np.complex128]  # (4, 2) A, stationary: mean of how far drops bend the current between these edges
+    ahead: NDArray[np.complex128]  # (4, 2) A: how far drops bend it at these edges
+    late: Real  # (4,) share of the period at which the legs rise, in order, and its middle
+    edge: Real  # (3, 2) A, each leg's current as it rises and falls, by drops
+    shift: NDArray[np.complex128]  # (4, 2) A, stationary: how far dead times shift it at these edges
+    jump: NDArray[np.complex128]  # (4, 2) A: and how much farther on an edge's other side
+
+
 class Room(NamedTuple):
     """Room to work in, for a period."""
 
@@ -34,17 +50,7 @@ class Room(NamedTuple):
     high: Real  # (3,) what share of the link's voltage each leg has
     free: NDArray[np.bool_]  # (3,) none of its switches is on
     zero: NDArray[np.bool_]  # (3,) nor is a diode: its current has come to zero
-    sign: Real  # (3, 4, 2) mean of each phase current's sign between edges, from the period's start on and from its end
-    varies: Real  # (3,) by how much in the period
-    mean: Real  # (3,) over the period
-    loss: Real  # (3, 2) the same as what is lost at the end counts, and its slope, 1/A
-    change: Real  # (3, 4, 2) of the sign itself, from edge to edge
-    arc: NDArray[np.complex128]  # (4, 2) A, stationary: mean of how far drops bend the current between these edges
-    ahead: NDArray[np.complex128]  # (4, 2) A: how far drops bend it at these edges
-    late: Real  # (4,) share of the period at which the legs rise, in order, and its middle
-    edge: Real  # (3, 2) A, each leg's current as it rises and falls, by drops
-    shift: NDArray[np.complex128]  # (4, 2) A, stationary: how far dead times shift it at these edges
-    jump: NDArray[np.complex128]  # (4, 2) A: and how much farther on an edge's other side
+    drops: Drops
 
 
 class Period(NamedTuple):
@@ -66,10 +72,11 @@ def empty_room() -> Room:
     legs, changes, flags = np.empty(3, np.int8), np.empty(15, np.int8), np.zeros(3, np.bool_)
     out, moments = np.zeros((3, 3), np.int8), np.empty(15)
     arc, ahead, shift, jump = np.empty((4, 4, 2), np.complex128)
-    return Room(
-        out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy(), np.empty((3, 4, 2)), np.empty(3),
-        np.zeros(3), np.empty((3, 2)), np.empty((3, 4, 2)), arc, ahead, np.empty(4), np.empty((3, 2)), shift, jump,
+    drops = Drops(
+        np.empty((3, 4, 2)), np.empty(3), np.zeros(3), np.empty((3, 2)), np.empty((3, 4, 2)), arc, ahead, np.empty(4),
+        np.empty((3, 2)), shift, jump,
     )  # fmt: skip
+    return Room(out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy(), drops)
 
 
 @lean_kernel
@@ -211,7 +218,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
             by_mirrored, by_turning = of_mirrored * square, of_magnets * rotor + of_others
             by_turning += twice * period.others.conjugate() + beside
             if period.u_drop != 0.0:
-                drops = period.u_drop * _drops_beside(0.5 * (t + until) * per_T, room)
+                drops = period.u_drop * _drops_beside(0.5 * (t + until) * per_T, room.drops)
                 by_turning += alike * drops + twice * drops.conjugate()
             was, was_held, crossed, crossed_real, crossed_imag = 0j, 0j, False, 0.0, 0.0
             for n in range(_CHANGES + 1):
@@ -274,16 +281,16 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
 
 
 @lean_kernel
-def _drops_beside(when: float, room: Room) -> complex:
+def _drops_beside(when: float, drops: Drops) -> complex:
     """What drops take at a share of the period, over the size of one (stationary)."""
     side = 0 if when < 0.5 else 1
     away, part = min(when, 1.0 - when), 0
-    while part < 3 and away > room.late[part]:
+    while part < 3 and away > drops.late[part]:
         part += 1
-    drops = 0j
+    taken = 0j
     for leg in range(3):
-        drops += axis_of(leg) * room.sign[leg, part, side]
-    return 2.0 / 3.0 * drops
+        taken += axis_of(leg) * drops.sign[leg, part, side]
+    return 2.0 / 3.0 * taken
 
 
 @lean_kernel

@@ -337,7 +337,7 @@ class Lossy:
 
     def lost(self, dead_time: float, u_drop: float, width: float) -> Vector:
         """Harmonics of what the legs lose along the axis, V."""
-        volts = lost_between(self._legs, self._begin, self._end, dead_time, u_drop, width)
+        volts = lost_between(self._legs, self._begin, self._end, dead_time, u_drop, width, width)
         return harmonics(self._tone, (volts * np.exp(-1j * self._angle)).real)
 
 
