@@ -35,12 +35,14 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     dead_time, u_drop, width, knee = map(float, sizes)
     legs = legs_of(rows)
 
-    def both(u_drop: float) -> Vector:
+    def lost() -> Vector:
         return lost_between(legs, rows.i_s[:-1], rows.i_s[1:], dead_time, u_drop, width, knee)
 
-    if u_drop != 0.0:
-        return rows.stationary(both(u_drop))
-    return rows.stationary(rows.once(f"lost in {dead_time!r} s, by {width!r} A", lambda: both(0.0)))
+    if u_drop == 0.0:  # whatever the knee
+        return rows.stationary(rows.once(f"lost in {dead_time!r} s, by {width!r} A", lost))
+    if dead_time == 0.0:  # whatever the width
+        return rows.stationary(rows.once(f"lost by {u_drop!r} V, {knee!r} A", lost))
+    return rows.stationary(lost())
 
 
 def bus(rows: Rows) -> float:

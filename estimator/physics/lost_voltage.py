@@ -26,7 +26,7 @@ from estimator.physics.period_course import (
 from estimator.physics.rows import Vector
 
 _MOVES = 1.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
-_NARROW = 0.03  # times the same: a spread of currents that does not matter
+_NARROW = 0.06  # times the same: a spread of currents that does not matter
 _CLOSE = 0.003  # times the same: where the last shot may end
 SHOTS: Final = 12  # at a period's end, where it lies in a bend
 _NEARER = 1.0 - 1e-6  # as near: of two legs alike, the first
