@@ -16,10 +16,10 @@ def test_one_effect_takes_the_place_of_three_that_stand_for_it(tmp_path: Path) -
     """Of iron loss an angle's offset, a resistance that rises and an offset of the voltage; saturation shows then."""
     rows, given = rows_of(population(2009), 275, tmp_path)
     found = fitted(rows, given)
-    other = one_for_others(rows, found, given)
+    other = one_for_others(rows, found, given).found
     assert {name for name, _ in other.choice} == {"iron_loss", "q_axis_saturation"}
     assert excess_of(other) < 0.5 * excess_of(found)
-    assert one_for_others(rows, other, given) is other
+    assert one_for_others(rows, other, given).found is other
 
 
 def test_saturations_and_an_angle_that_is_off_show_together(tmp_path: Path) -> None:
@@ -43,7 +43,7 @@ def test_a_saturation_is_found_to_its_size_step_by_step(tmp_path: Path) -> None:
 def test_a_drift_takes_the_place_of_an_offset_that_looks_like_it_at_the_wrong_time_constant(tmp_path: Path) -> None:
     rows, given = rows_of(population(2010), 261, tmp_path)
     found = fitted(rows, given)
-    other = one_for_others(rows, found, given)
+    other = one_for_others(rows, found, given).found
     assert {name for name, _ in found.choice} - {name for name, _ in other.choice} == {"voltage_offset"}
     assert {name for name, _ in other.choice} == {"cross_saturation", "magnet_flux_drift", "voltage_delay"}
     assert excess_of(other) < 0.9 * excess_of(found)
@@ -52,7 +52,7 @@ def test_a_drift_takes_the_place_of_an_offset_that_looks_like_it_at_the_wrong_ti
 def test_a_loss_takes_the_place_of_two_effects_that_leave_as_little(tmp_path: Path) -> None:
     rows, given = rows_of(population(2010), 221, tmp_path)
     found = fitted(rows, given)
-    other = one_for_others(rows, found, given)
+    other = one_for_others(rows, found, given).found
     assert {name for name, _ in other.choice} == {"current_sensor_offset", "iron_loss"}
     assert len(other.choice) < len(found.choice)
     assert excess_of(other) < 1.01 * excess_of(found)

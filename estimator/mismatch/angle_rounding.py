@@ -47,8 +47,8 @@ def unrounded(rows: Rows, step: float) -> Rows:
     """
     step = _step_of(rows, step)
     at, course, ends = _by_clock(rows)
-    torque = np.interp(np.arange(len(course)), at, _torque(rows))
-    each = _rounding(course, torque, ends, step, _numbers(rows, step), rows.machine.n_p)
+    torques = [np.interp(np.arange(len(course)), at, torque) for torque in _torques(rows)]
+    each = _rounding(course, torques, ends, step, _numbers(rows, step), rows.machine.n_p)
     rough, (off, variance) = _rough_ends(each[1], ends)[at], (x[at] for x in each)
     hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
     if rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows):
@@ -143,10 +143,13 @@ def _by_clock(rows: Rows) -> tuple[NDArray[np.intp], Real, list[int]]:
     return at, course, [0, *at[1:][long].tolist(), n]
 
 
-def _torque(rows: Rows) -> Real:
-    """Of the currents at samples, a pole pair, over 1.5, Vs A."""
+def _torques(rows: Rows) -> tuple[Real, Real]:
+    """Of the currents at samples, a pole pair, over 1.5, Vs A: by the nominal machine, and what of it goes by i_d i_q:
+    nominal inductances do not tell how far L_d and L_q are apart.
+    """
     m, i = rows.machine, rows.i
-    return (m.psi_f + (m.L_d - m.L_q) * i.real) * i.imag
+    both = i.real * i.imag
+    return m.psi_f * i.imag + (m.L_d - m.L_q) * both, m.L_q * both
 
 
 def _numbers(rows: Rows, step: float) -> float:
@@ -156,11 +159,11 @@ def _numbers(rows: Rows, step: float) -> float:
 
 
 def _rounding(
-    theta: Real, torque: Real, ends: Sequence[int], step: float, finer: float, n_p: int
+    theta: Real, torques: Sequence[Real], ends: Sequence[int], step: float, finer: float, n_p: int
 ) -> tuple[Real, Real]:
     """Angle less the smooth one (rad), and the variance (rad^2) of what is left of the rounding.
 
-    Zero near the ends of runs, and where the rotor's movement is not smooth. What the torque makes of it need not be:
+    Zero near the ends of runs, and where the rotor's movement is not smooth. What torques make of it need not be:
     what a mean lost of that would look like what currents do. `finer`: numbers' step, that holds counts.
     """
     n = len(theta)
@@ -170,7 +173,7 @@ def _rounding(
         return off, variance
     # Where it moves on, it is between two counts
     x = np.interp(np.arange(n), moved + 0.5, 0.5 * (theta[moved] + theta[moved + 1]))
-    pushed, widths = driven(x, torque, ends), np.zeros(n, np.intp)
+    pushed, widths = driven(x, torques, ends), np.zeros(n, np.intp)
     theta, x = theta - pushed, x - pushed
     shorter: Real | None = None
     for w in (*_HALVES, *(_LONG if finer < _SHARP * step else ())):
@@ -186,7 +189,7 @@ def _rounding(
             right[max(end - _ENDS * w, 0) : end + _ENDS * w] = False
         off[right], variance[right], widths[right] = (theta - mean)[right], _TWICE * step**2 / 12.0 / (2 * w + 1), w
         shorter = mean
-    off -= by_torque(off, torque, widths, step)
+    off -= by_torque(off, torques, widths, step)
     off -= by_turn(off, (theta - off + pushed) / n_p, widths, step)
     return off - at_orders(off, theta - off + pushed, step), variance
 

@@ -29,8 +29,13 @@ class Doubt:
     collinear: float  # correlation of the two effects' signals, the machine's parameters taken out
 
 
-def rivals(search: Search, choice: Choice, one: tuple[str, int]) -> list[Doubt]:
-    """Other effects in the place of one, likeliest first. None is one that is unlike it, and called for besides."""
+def rivals(
+    search: Search, choice: Choice, one: tuple[str, int], at_best: Mapping[tuple[str, str], float] | None = None
+) -> list[Doubt]:
+    """Other effects in the place of one, likeliest first. None is one that is unlike it, and called for besides.
+
+    `at_best`: log-odds of an effect over another at that one's best shapes, where they are known.
+    """
     rest = tuple(c for c in choice if c != one)
     best: dict[str, tuple[str, int]] = {}
     taken = {name for name, _ in choice}
@@ -51,6 +56,7 @@ def rivals(search: Search, choice: Choice, one: tuple[str, int]) -> list[Doubt]:
         collinear = _collinear(search, rest, one, other)
         if abs(collinear) < _UNLIKE:
             said = max(said, search.gain((*rest, other), one))
+        said = min(said, (at_best or {}).get((one[0], other[0]), math.inf))
         found.append(Doubt(other[0], said, collinear))
     return sorted(found, key=lambda doubt: doubt.log_odds)
 

@@ -6,7 +6,8 @@ voltage. And what another explains may be this one's at a shape in between. And 
 make up for each other: none of them alone leads to the set. Knows nothing of verdicts.
 """
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 from estimator.mismatch.excitation_check import at_an_end
 from estimator.mismatch.explain import ENTRY, MOST, Choice, Search
@@ -55,21 +56,30 @@ def _beyond(found: Fitted, given: Given) -> bool:
     return not all(given.within(name, getattr(found.model.machine, name)) for name in given.told)
 
 
-def one_for_others(rows: Rows, found: Fitted, given: Given) -> Fitted:
+class Exchanged(NamedTuple):
+    """What exchanges have led to."""
+
+    found: Fitted
+    log_odds: Mapping[tuple[str, str], float]  # of an effect over another in its place, at the other's best shapes
+
+
+def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
     for several.
     """
-    less = 2.0 * ENTRY + ROUNDED * hidden_of(found)
+    less, log_odds = 2.0 * ENTRY + ROUNDED * hidden_of(found), dict[tuple[str, str], float]()
     for dropped, one in _instead(found.search, found.choice):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
+        if len(dropped) == 1 and len(begin.choice) == len(found.choice) and one[0] in begin.model.effects:
+            log_odds[dropped[0][0], one[0]] = 0.5 * (excess_of(begin) - excess_of(found))
         most = _NEARLY * excess_of(found) if len(dropped) > 1 else excess_of(found) - less
         if one[0] not in begin.model.effects or excess_of(begin) > most:
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
         fewer = len(found.choice) - len(other.choice)
         if fewer >= 0 and excess_of(other) < excess_of(found) + 2.0 * ENTRY * fewer:
-            return other
-    return found
+            return Exchanged(other, {})
+    return Exchanged(found, log_odds)
 
 
 def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, int]]]:

@@ -20,6 +20,7 @@ Vector = NDArray[np.complex128]
 
 _BEND: Final = 32  # periods to either side, over which torque bends a movement
 _HELD: Final = 40  # times that many periods: fewer say nothing of a shaft
+_KNOWN: Final = 3  # moves: torque, friction, and one in proportion to speed
 _PUSHED: Final = 5.0  # standard deviations, by which torque is seen to move it
 _ORDERS: Final = 24  # of the electrical turn, at which a rotor may swing: cogging, ripple of the torque
 _PARTS: Final = 48
@@ -30,17 +31,18 @@ _COURSE: Final = 256  # periods to either side, over which a swing is alike
 _ANEW: Final = 1024  # values, after which a sum begins anew: it keeps its digits
 
 
-def driven(theta: Real, torque: Real, ends: Sequence[int]) -> Real:
+def driven(theta: Real, torques: Sequence[Real], ends: Sequence[int]) -> Real:
     """What torque and friction make of a movement (rad); zero where the shaft is held: nothing of it goes by them.
 
     J d(omega)/dt = torque - C sign(omega) - B omega - load, its inertia and frictions by least squares of how the
-    movement bends over some periods. What is even in time is no matter: a mean follows it.
+    movement bends over some periods. What is even in time is no matter: a mean follows it. Of several torques the first
+    is known but for the inertia, and others count where they are seen beside it.
     """
     n, none = len(theta), np.zeros(len(theta))
     if n < _HELD * _BEND:
         return none
     omega = cast(Real, np.gradient(_mean(theta, _BEND)))
-    moves = [_twice_summed(x) for x in (torque, np.sign(omega), omega)]
+    moves = [_twice_summed(x) for x in (torques[0], np.sign(omega), omega, *torques[1:])]
 
     def bend(x: Real) -> Real:
         mean = _mean(x, _BEND // 2)
@@ -50,25 +52,37 @@ def driven(theta: Real, torque: Real, ends: Sequence[int]) -> Real:
     for end in ends:
         whole[max(end - 2 * _BEND, 0) : end + 2 * _BEND] = False
     inner = whole[_BEND:-_BEND]
-    size = [float(np.sqrt(np.mean(bend(x) ** 2))) for x in moves]
-    there = [k for k in range(len(moves)) if size[k] > 0.0]
-    if 0 not in there or np.sum(inner) < _HELD * _BEND:
+    bends = [bend(x) for x in moves]
+    size = [float(np.sqrt(np.mean(x**2))) for x in bends]
+    if not size[0] > 0.0 or np.sum(inner) < _HELD * _BEND:
         return none
-    columns = np.array([bend(moves[k]) / size[k] for k in there])
-    inverse = np.linalg.pinv(columns @ columns.T)
-    found = inverse @ (columns @ (seen := bend(theta)))
-    left = float(np.mean((seen - found @ columns) ** 2)) * 3.0 * _BEND  # neighbours share periods
-    if found[0] < _PUSHED * math.sqrt(left * inverse[0, 0]):
+    seen = bend(theta)
+
+    def fitted(there: Sequence[int]) -> tuple[Real, Real]:
+        """Coefficients, and in standard errors."""
+        columns = np.array([bends[k] / size[k] for k in there])
+        inverse = np.linalg.pinv(columns @ columns.T)
+        found = inverse @ (columns @ seen)
+        left = float(np.mean((seen - found @ columns) ** 2)) * 3.0 * _BEND  # neighbours share periods
+        return found, found / np.sqrt(np.maximum(left * np.diag(inverse), 1e-300))
+
+    there = [k for k in range(_KNOWN) if size[k] > 0.0]
+    found, sure = fitted(there)
+    if sure[0] < _PUSHED:
         return none
+    for k in range(_KNOWN, len(moves)):
+        if size[k] > 0.0 and abs((other := fitted([*there, k]))[1][-1]) > _PUSHED:
+            there, found = [*there, k], other[0]
     return cast(Real, sum(found[j] / size[k] * moves[k] for j, k in enumerate(there)))
 
 
-def by_torque(off: Real, torque: Real, widths: NDArray[np.intp], step: float) -> Real:
-    """Of what a smooth angle leaves off (rad): the rotor's own movement by the torque, if more than rounding.
+def by_torque(off: Real, torques: Sequence[Real], widths: NDArray[np.intp], step: float) -> Real:
+    """Of what a smooth angle leaves off (rad): the rotor's own movement by torques, if more than rounding.
 
-    What a mean loses of the torque's first and second integral, and, where a shaft bends, of the torque itself.
+    What a mean loses of a torque's first and second integral, and, where a shaft bends, of the torque itself.
     """
-    return _lost(off, (_twice_summed(torque), np.cumsum(torque - np.mean(torque)), torque), widths, step)
+    moves = [(_twice_summed(x), np.cumsum(x - np.mean(x)), x) for x in torques if np.any(x != 0.0)]
+    return _lost(off, [x for some in moves for x in some], widths, step) if moves else np.zeros(len(off))
 
 
 def by_turn(off: Real, theta_m: Real, widths: NDArray[np.intp], step: float) -> Real:

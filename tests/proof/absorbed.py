@@ -52,6 +52,7 @@ _WRONG: Final = 0.01  # of a parameter, and ...
 _ERRORS: Final = 3.0  # ... so many standard errors
 _METER: Final = 0.005  # tolerance of R_s by a meter
 _SETTLED: Final = ("explained", "no_mismatch")
+_GAIN: Final = {"voltages": "dc_link_gain", "currents": "current_sensor_gain"}  # what is to be asked about
 
 Temperatures = tuple[tuple[float, float], ...]  # degC of winding and magnets, at start and end
 Errors = Mapping[str, float | None]  # by parameter, relative; None: the estimator does not tell it
@@ -331,7 +332,7 @@ def proof_of(outcomes: Sequence[Outcome]) -> Proof:
     silent = [step for step in off if not step.warned]
     at_once = [one for one in named if one.steps[0].names == (one.effect,)]
     found = [one for one in named if one.found]
-    metered = [one for one in scaled if one.steps[-1].names or "dc_link_gain" in one.steps[-1].doubts]
+    metered = [one for one in scaled if one.steps[-1].names or _GAIN[one.scaled] in one.steps[-1].doubts]
     less = len(every) - len(named)
     left_out = f"; {less} left out, whose conventional fit is not so" if less else ""
     bars = [
