@@ -28,7 +28,9 @@ FAINT: Final = 0.03  # of a typical size
 _OF_RIVALS: Final = 0.01  # of what others explain, that a faint effect may be which looks like them
 PAIRED: Final = 6  # likeliest effects, of which two may be added together
 _MADE_UP_FOR: Final = 0.5  # of what one effect leaves, that two may, to be added together
-PLACED: Final = 0.25  # of what is left, that an effect has to explain, to be tried at its moment
+PLACED: Final = 0.25  # of what is left, that an effect has to explain where it is best
+_PLACED_FAR: Final = 0.05  # the same before it is there, where that is no chance,
+_NO_CHANCE: Final = 500.0  # chi square
 _EXCHANGED: Final = 0.05  # of what is left, that an effect has to explain more of than the one whose place it takes
 _ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
 FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
@@ -336,7 +338,8 @@ class Search:
             effect = BY_NAME[one[0]]
             explained = self.fit(choice).chi2 - self.fit((*choice, one)).chi2
             if (effect.bends and explained < missed) or any(parameter.discrete for parameter in effect.parameters):
-                return one if len(choice) < MOST and explained > max(PLACED * left, 2.0 * ENTRY) else None
+                least = min(PLACED * left, max(_PLACED_FAR * left, _NO_CHANCE))
+                return one if len(choice) < MOST and explained > max(least, 2.0 * ENTRY) else None
         return None
 
     def without_needless(self, choice: Choice) -> Choice:

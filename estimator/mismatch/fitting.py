@@ -14,7 +14,7 @@ import numpy as np
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.cleaning import Clean, Following, cleaned, raw
 from estimator.mismatch.columns import BENDS, Slopes, regression
-from estimator.mismatch.explain import Choice, Search
+from estimator.mismatch.explain import PLACED, Choice, Search
 from estimator.mismatch.flux_step import with_step_in_place
 from estimator.mismatch.given import Given
 from estimator.mismatch.model import (
@@ -159,7 +159,7 @@ def _rounds(
         model, clean, settled = roughly_polished(rows, clean, model, given, times)
         progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
-        if (len(seen) > 1 and seen[-1] == seen[-2]) or (n == 1 and not model.effects):
+        if len(seen) > 1 and seen[-1] == seen[-2]:
             break
     return model, clean, _search(rows, clean, model, given, library)
 
@@ -173,8 +173,11 @@ def _placed(
         return None
     with_it = moved(search, (*choice, one))
     model, clean, settled = polished(rows, clean, with_it, given, times)
-    needed = _search(rows, clean, model, given, library).without_needless(_present(model))
-    return (model, clean, settled) if (one[0], -1) in needed else None
+    there, placed = _search(rows, clean, model, given, library), (one[0], -1)
+    left = search.fit(choice).chi2 - search.regression.count
+    present, due = _present(model), there.without_needless(_present(model))
+    enough = placed in due and there.explained(present, placed) > PLACED * left
+    return (model, clean, settled) if enough else None
 
 
 def _present(model: Model) -> Choice:
