@@ -114,6 +114,23 @@ def test_what_the_torque_makes_of_a_free_shaft_stays(bends: bool) -> None:
     assert abs(np.mean(left * lost)) < 0.1 * np.std(left) * np.std(lost)
 
 
+def test_a_torque_that_nominal_inductances_do_not_tell_moves_a_free_shaft_too() -> None:
+    """That of i_d i_q, where L_d and L_q are nominally the same: its movement looked like a cross-saturation."""
+    generator = np.random.default_rng(3)
+    i_d, more = (
+        4.0 * np.repeat(generator.choice([-1.0, 1.0], N // m + 1), m)[:N] for m in (80, 190)
+    )  # fmt: skip
+    push, both = 1.5e-6 * (2.0 + more), 1.5e-7 * i_d * (2.0 + more)
+    move, by_both = (np.cumsum(np.cumsum(x - np.mean(x))) for x in (push + both, both))
+    count = 50.0 * NUMBER
+    there, theta = rows(count, NUMBER, theta=300.0 * T_S * np.arange(N) + move, torque=more)
+    found = unrounded(replace(there, i=there.i + i_d, kept={}), math.hypot(count, NUMBER))
+    mean, inner = np.convolve(by_both, np.ones(65) / 65.0, "same"), slice(500, -500)
+    left, lost = (x[inner] - np.mean(x[inner]) for x in (found.theta_e - theta, by_both - mean))
+    assert np.std(left) < 0.33 * np.std((there.theta_e - theta)[inner])
+    assert abs(np.mean(left * lost)) < 0.1 * np.std(left) * np.std(lost)
+
+
 def test_counts_finer_than_the_currents_noise_stay() -> None:
     """A smooth angle would lose what the rotor does within a few periods."""
     there, _ = rows(NUMBER, NUMBER, noise=0.05)

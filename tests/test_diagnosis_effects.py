@@ -118,6 +118,8 @@ def of_population(seed: int, number: int, folder: Path) -> tuple[tuple[str, ...]
     pytest.param(2010, 71, id="magnets that warm up in a machine that saturates"),
     pytest.param(2010, 117, id="a voltage a row late beside a loss and a short, and rows that are lost"),
     pytest.param(2010, 191, id="an offset that an encoder's rounding makes up"),
+    pytest.param(2014, 181, id="a step that no effect tried first points to"),
+    pytest.param(2014, 233, id="a healthy drive whose rotor a torque of i_d i_q moves"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""
@@ -162,6 +164,7 @@ def test_an_inductance_that_is_not_told_is_not_outside_its_tolerance(tmp_path: P
 @pytest.mark.parametrize(("seed", "numbers"), [
     pytest.param(2004, (52, 68, 69), id="a machine that runs astray, an encoder's beat, currents of a short alone"),
     pytest.param(2009, (13, 31), id="a rising resistance that scales the machine, a current that is noise"),
+    pytest.param(2014, (36,), id="magnets that warm up at one level, as a winding that cools"),
 ])  # fmt: skip
 def test_what_tells_little_gets_no_wrong_name(seed: int, numbers: tuple[int, ...], tmp_path: Path) -> None:
     """Of populations that were looked at."""
