@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from estimator.mismatch.sentences import quantity, sentence_of
-from estimator.mismatch.verdict import Ambiguity, Diagnosis, Experiment, Quantity, Range, Verdict
+from estimator.mismatch.verdict import Ambiguity, Before, Diagnosis, Experiment, Fit, Quantity, Range, Verdict
 from tests.diagnoses import CONVENTION, EXPLAINED
 
 
@@ -91,3 +91,14 @@ def test_a_scale_that_would_not_show_is_said(verdict: Verdict) -> None:
     assert "A drive that reads all currents as 0.95 to 1.03 times what they are would look the same" in text
     assert "R_s by a meter would tell" in text
     assert "all voltages" not in text  # closely known
+
+
+@pytest.mark.parametrize(("after", "left"), [
+    (0.104, "leave nothing but noise"),
+    (0.3, "leave little beside the voltage: an error of 300 mV in one step, where noise makes 100 mV"),
+])  # fmt: skip
+def test_what_is_left_of_no_mismatch_is_told_where_it_is_more_than_noise(after: float, left: str) -> None:
+    """What is too small beside the voltage to matter is not nothing."""
+    fit = Fit(True, Before(after, after, 0.1), Before(0.01, 0.01), 0.0, Before(1.0, 1.0))
+    said = sentence_of(replace(EXPLAINED, findings=(), verdict=Verdict.NO_MISMATCH, fit=fit))
+    assert f"the machine's equations with fitted parameters {left}" in said

@@ -3,7 +3,7 @@
 import math
 
 from estimator.machine import UNITS
-from estimator.mismatch.verdict import Diagnosis, Finding, Quantity, Verdict
+from estimator.mismatch.verdict import Diagnosis, Finding, Fit, Quantity, Verdict
 from estimator.mismatch.words import begun
 from estimator.physics import convention_error
 from estimator.physics.library import BY_NAME
@@ -12,6 +12,7 @@ _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9,
 _COUNTS = ("periods", "phase", "pole_pairs", "u_shift", "theta_shift", "u_mirrored", "i_mirrored")  # without a unit
 _MOST_DECIMALS = 9
 _GAIN = "a gain of all voltages or of all currents, by which the parameters are off then"
+_LIKE_NOISE = 1.05  # times the noise floor
 _CLOSE = 0.02  # of a scale, that needs no words
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
 
@@ -52,7 +53,7 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
     if diagnosis.verdict is Verdict.EXPLAINED:
         said.append(_left_open(diagnosis))
     if diagnosis.verdict is Verdict.NO_MISMATCH:
-        nothing = "no mismatch: the machine's equations with fitted parameters leave nothing but noise"
+        nothing = f"no mismatch: the machine's equations with fitted parameters leave {_little(fit)}"
         said.append("; ".join(part for part in (nothing, _detectable(diagnosis)) if part))
         said.append(_left_open(diagnosis))
     if diagnosis.verdict is Verdict.NOT_ENOUGH_EXCITATION:
@@ -62,6 +63,17 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
         said.append(diagnosis.experiment.sentence)
     text = ". ".join(begun(part) for part in said if part)
     return text + "."
+
+
+def _little(fit: Fit | None) -> str:
+    """What is left where nothing is amiss: noise, or little more that is too small beside the voltage to matter."""
+    error = None if fit is None else fit.one_step_rms_V
+    if error is None or error.noise_floor is None or error.after <= _LIKE_NOISE * error.noise_floor:
+        return "nothing but noise"
+    return (
+        f"little beside the voltage: an error of {quantity(error.after, 'V')} in one step, where noise makes "
+        f"{quantity(error.noise_floor, 'V')}"
+    )
 
 
 def compares(diagnosis: Diagnosis) -> bool:
