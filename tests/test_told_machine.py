@@ -11,7 +11,7 @@ from emulator.physics.legs import Inverter
 from emulator.scenarios import Excitation, Run, Scenario, drive_for
 from emulator.virtual_drive import VirtualDrive
 from estimator.machine import PARAMETERS
-from estimator.mismatch.diagnose import diagnose
+from estimator.mismatch.diagnose import TOLERANCE, diagnose
 from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.samples import Samples
 from tests.samples import machine_of, recorded
@@ -19,7 +19,6 @@ from tests.samples import machine_of, recorded
 MOTOR = MOTORS["beckhoff_am8141"]
 TRUE = machine_of(MOTOR.machine)
 NOMINAL = replace(TRUE, R_s=1.02 * TRUE.R_s, L_d=0.94 * TRUE.L_d, L_q=1.06 * TRUE.L_q, psi_f=1.02 * TRUE.psi_f)
-TOLERANCE = 0.1
 
 
 def at_one_level(dead_time: float, seed: int) -> Samples:

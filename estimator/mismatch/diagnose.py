@@ -143,13 +143,13 @@ class _There(NamedTuple):
     plain: Search | None = None  # what explains the rows without a flux map, where the model has one
     resonance: Unexplained | None = None  # what explains as much as the losses of the model
     again: bool = False  # what was doubted, or led astray, has been taken away
-    log_odds: Mapping[tuple[str, str], float] | None = None  # of effects over others at their best shapes
+    at_best: Mapping[tuple[str, str], float] | None = None  # log-odds of effects over others at their best shapes
 
 
 def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]) -> _There:
     found = fitted(rows, given, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
-    found, log_odds = one_for_others(rows, found, given)
+    found, at_best = one_for_others(rows, found, given)
     progress(0.71, "judging")
     found = without_idle(together(found, given), given)
     progress(0.72, "judging")
@@ -160,7 +160,7 @@ def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]
         if has_map(by_map):
             return _There(by_map, left_by_map, found.search)
     found, left, resonance = upright(rows, found, left, given)
-    return _There(found, left, resonance=resonance, log_odds=log_odds)
+    return _There(found, left, resonance=resonance, at_best=at_best)
 
 
 def _taken_back(suspicion: Suspicion, model: Model, tolerance: Mapping[str, float]) -> bool:
@@ -217,7 +217,7 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
 
 
 def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, str], None]) -> Diagnosis:
-    found, left, plain, resonance, again, log_odds = there
+    found, left, plain, resonance, again, at_best = there
     nominal, tolerance = given.machine, given.tolerance
     search, choice, model = found.search, found.choice, found.model
     rows = with_machine(rows, model.machine)
@@ -243,7 +243,7 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
         for why, some in reasons.items() if richer is not None
     ]  # fmt: skip
     for one in (each for each in choice if each not in faint):
-        others = rivals(search, choice, one, log_odds)
+        others = rivals(search, choice, one, at_best)
         close = [doubt for doubt in others if doubt.log_odds < SURE]
         if close:
             pair = (one[0], close[0].effect)

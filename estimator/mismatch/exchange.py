@@ -60,26 +60,29 @@ class Exchanged(NamedTuple):
     """What exchanges have led to."""
 
     found: Fitted
-    log_odds: Mapping[tuple[str, str], float]  # of an effect over another in its place, at the other's best shapes
+    at_best: Mapping[tuple[str, str], float]  # log-odds of an effect over another at that one's best shapes
 
 
 def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
     for several.
     """
-    less, log_odds = 2.0 * ENTRY + ROUNDED * hidden_of(found), dict[tuple[str, str], float]()
+    here, at_best = excess_of(found), dict[tuple[str, str], float]()
+    less = 2.0 * ENTRY + ROUNDED * hidden_of(found)
     for dropped, one in _instead(found.search, found.choice):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
-        if len(dropped) == 1 and len(begin.choice) == len(found.choice) and one[0] in begin.model.effects:
-            log_odds[dropped[0][0], one[0]] = 0.5 * (excess_of(begin) - excess_of(found))
-        most = _NEARLY * excess_of(found) if len(dropped) > 1 else excess_of(found) - less
-        if one[0] not in begin.model.effects or excess_of(begin) > most:
+        if one[0] not in begin.model.effects:
+            continue
+        there = excess_of(begin)
+        if len(dropped) == 1 and len(begin.choice) == len(found.choice):
+            at_best[dropped[0][0], one[0]] = 0.5 * (there - here)
+        if there > (_NEARLY * here if len(dropped) > 1 else here - less):
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
         fewer = len(found.choice) - len(other.choice)
-        if fewer >= 0 and excess_of(other) < excess_of(found) + 2.0 * ENTRY * fewer:
+        if fewer >= 0 and excess_of(other) < here + 2.0 * ENTRY * fewer:
             return Exchanged(other, {})
-    return Exchanged(found, log_odds)
+    return Exchanged(found, at_best)
 
 
 def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, int]]]:

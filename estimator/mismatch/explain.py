@@ -275,6 +275,10 @@ class Search:
         """Chi square that nothing else of a set would explain."""
         return self.fit(tuple(other for other in choice if other != one)).chi2 - self.fit(choice).chi2
 
+    def unexplained(self, choice: Choice) -> float:
+        """Chi square that a set leaves above that of noise."""
+        return self.fit(choice).chi2 - self.regression.count
+
     def missed(self, choice: Choice) -> float:
         """What the equations of a set's effects may leave of them, as a part of chi square."""
         total = BEND_MISSED * max(self.plain().chi2 - self.fit(choice).chi2, 0.0) if self.bent else 0.0
@@ -286,8 +290,7 @@ class Search:
         A faint one: all that they miss, and a part of what those explain that look like it.
         """
         if not faint:
-            left = self.fit(choice).chi2 - self.regression.count
-            return min(self.missed(choice), _ALIKE * max(left, _NOISE * self.regression.count))
+            return min(self.missed(choice), _ALIKE * max(self.unexplained(choice), _NOISE * self.regression.count))
         alike = [
             one for one in choice
             if one[0] in BY_NAME[more[0]].confused_with or more[0] in BY_NAME[one[0]].confused_with
@@ -322,7 +325,7 @@ class Search:
         alone = min((self.fit((*choice, one)).chi2 for one in likely), default=0.0) - self.regression.count
         pairs = sorted(combinations(likely[:PAIRED], 2), key=lambda pair: self.fit((*choice, *pair)).chi2)
         for one, other in pairs[:1]:
-            left = self.fit((*choice, one, other)).chi2 - self.regression.count
+            left = self.unexplained((*choice, one, other))
             due = self.gain((*choice, one), other) > ENTRY and self.gain((*choice, other), one) > ENTRY
             if due and left < _MADE_UP_FOR * alone:
                 return (*choice, one, other)
@@ -333,7 +336,7 @@ class Search:
         added: to be tried where it is best. It has a moment of its own; or it bends, and explains no more than the
         equations of others may miss.
         """
-        left, missed = self.fit(choice).chi2 - self.regression.count, self.missed(choice)
+        left, missed = self.unexplained(choice), self.missed(choice)
         for one in self._likely(choice):
             effect = BY_NAME[one[0]]
             explained = self.fit(choice).chi2 - self.fit((*choice, one)).chi2
@@ -355,7 +358,7 @@ class Search:
     def _exchanged(self, choice: Choice) -> Choice:
         """One effect for another that brings its due, or one shape for another of the same, where that is better."""
         best, at = choice, self.fit(choice).log_evidence
-        least = _EXCHANGED * 0.5 * max(self.fit(choice).chi2 - self.regression.count, 0.0)
+        least = _EXCHANGED * 0.5 * max(self.unexplained(choice), 0.0)
         for one in choice:
             rest = tuple(c for c in choice if c != one)
             for other in self._free(rest):

@@ -174,9 +174,8 @@ def _placed(
     with_it = moved(search, (*choice, one))
     model, clean, settled = polished(rows, clean, with_it, given, times)
     there, placed = _search(rows, clean, model, given, library), (one[0], -1)
-    left = search.fit(choice).chi2 - search.regression.count
     present, due = _present(model), there.without_needless(_present(model))
-    enough = placed in due and there.explained(present, placed) > PLACED * left
+    enough = placed in due and there.explained(present, placed) > PLACED * search.unexplained(choice)
     return (model, clean, settled) if enough else None
 
 

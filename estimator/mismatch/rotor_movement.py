@@ -57,23 +57,25 @@ def driven(theta: Real, torques: Sequence[Real], ends: Sequence[int]) -> Real:
     if not size[0] > 0.0 or np.sum(inner) < _HELD * _BEND:
         return none
     seen = bend(theta)
-
-    def fitted(there: Sequence[int]) -> tuple[Real, Real]:
-        """Coefficients, and in standard errors."""
-        columns = np.array([bends[k] / size[k] for k in there])
-        inverse = np.linalg.pinv(columns @ columns.T)
-        found = inverse @ (columns @ seen)
-        left = float(np.mean((seen - found @ columns) ** 2)) * 3.0 * _BEND  # neighbours share periods
-        return found, found / np.sqrt(np.maximum(left * np.diag(inverse), 1e-300))
-
     there = [k for k in range(_KNOWN) if size[k] > 0.0]
-    found, sure = fitted(there)
+    found, sure = _coefficients([bends[k] / size[k] for k in there], seen)
     if sure[0] < _PUSHED:
         return none
-    for k in range(_KNOWN, len(moves)):
-        if size[k] > 0.0 and abs((other := fitted([*there, k]))[1][-1]) > _PUSHED:
-            there, found = [*there, k], other[0]
+    for k in (k for k in range(_KNOWN, len(moves)) if size[k] > 0.0):
+        more = [*there, k]
+        other, sure = _coefficients([bends[j] / size[j] for j in more], seen)
+        if abs(sure[-1]) > _PUSHED:
+            there, found = more, other
     return cast(Real, sum(found[j] / size[k] * moves[k] for j, k in enumerate(there)))
+
+
+def _coefficients(columns: Sequence[Real], seen: Real) -> tuple[Real, Real]:
+    """Of bends, that make what is seen, by least squares; and in standard errors."""
+    A = np.array(columns)
+    inverse = np.linalg.pinv(A @ A.T)
+    found = inverse @ (A @ seen)
+    left = float(np.mean((seen - found @ A) ** 2)) * 3.0 * _BEND  # neighbours share periods
+    return found, found / np.sqrt(np.maximum(left * np.diag(inverse), 1e-300))
 
 
 def by_torque(off: Real, torques: Sequence[Real], widths: NDArray[np.intp], step: float) -> Real:
@@ -81,8 +83,8 @@ def by_torque(off: Real, torques: Sequence[Real], widths: NDArray[np.intp], step
 
     What a mean loses of a torque's first and second integral, and, where a shaft bends, of the torque itself.
     """
-    moves = [(_twice_summed(x), np.cumsum(x - np.mean(x)), x) for x in torques if np.any(x != 0.0)]
-    return _lost(off, [x for some in moves for x in some], widths, step) if moves else np.zeros(len(off))
+    moves = [(_twice_summed(x), np.cumsum(x - np.mean(x)), x) for x in torques]
+    return _lost(off, [x for some in moves for x in some], widths, step)
 
 
 def by_turn(off: Real, theta_m: Real, widths: NDArray[np.intp], step: float) -> Real:

@@ -71,7 +71,7 @@ def stands_out(one: tuple[str, int], choice: Choice, doubted: bool, found: Fitte
         return True
     left = [each.excess for each in lent]
     chance = _CHANCE * math.sqrt((float(np.var(left, ddof=1)) + 4.0 * len(rows)) * (1.0 + 1.0 / _TIMES))
-    if full.chi2 - search.regression.count - float(np.mean(left)) - chance >= gained:
+    if search.unexplained(choice) - float(np.mean(left)) - chance >= gained:
         return scatter < _EVEN and above >= _WITH_ANY_REST
     return above >= (_ABOVE if gained >= _BESIDE * float(np.mean(left)) else _FAR_ABOVE)
 

@@ -25,11 +25,10 @@ class Believed(NamedTuple):
 
 def believed(runs: Sequence[Samples]) -> Believed:
     """The runs with what is told of their drive, as far as they allow it."""
-    found, remarks = tuple(runs), list[str]()
-    if said := _too_low(runs):
-        found = tuple(replace(run, u_dc=None) for run in found)
-        remarks.append(said)
-    return Believed(found, tuple(remarks))
+    said = _too_low(runs)
+    if said is None:
+        return Believed(tuple(runs), ())
+    return Believed(tuple(replace(run, u_dc=None) for run in runs), (said,))
 
 
 def _too_low(runs: Sequence[Samples]) -> str | None:
