@@ -94,6 +94,19 @@ def test_a_swing_at_an_order_of_the_turn_stays_though_it_is_less_than_a_count(or
     assert abs(np.mean(left * along)) < 0.1 * np.std(swing)
 
 
+def test_an_eccentric_encoders_error_of_many_counts_does_not_keep_the_rounding() -> None:
+    """No long mean would follow it; and it stays, with a speed that changes suddenly."""
+    count, turn = 50.0 * NUMBER, 1250.0 * T_S * np.arange(N)
+    turn = turn + 0.2 * np.maximum(turn - 0.5 * turn[-1], 0.0)
+    error: Array = 10.0 * count * np.cos(turn / MACHINE.n_p)
+    there, theta = rows(count, NUMBER, theta=turn + error)
+    found = unrounded(there, math.hypot(count, NUMBER))
+    inner = np.r_[500 : N // 2 - 300, N // 2 + 300 : N - 500]
+    left = (found.theta_e - theta)[inner] - np.mean((found.theta_e - theta)[inner])
+    assert np.std(left) < 0.12 * np.std((there.theta_e - theta)[inner])
+    assert abs(np.mean(left * error[inner])) < 1e-3 * np.var(error)
+
+
 @pytest.mark.parametrize("bends", [False, True])
 def test_what_the_torque_makes_of_a_free_shaft_stays(bends: bool) -> None:
     """What a mean lost of it would look like what currents do."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
-from estimator.mismatch.rotor_movement import at_orders, by_torque, by_turn, driven, smooth
+from estimator.mismatch.rotor_movement import at_orders, by_torque, driven, smooth, turned
 from estimator.physics.rows import Real, Rows
 
 _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
@@ -164,7 +164,8 @@ def _rounding(
     """Angle less the smooth one (rad), and the variance (rad^2) of what is left of the rounding.
 
     Zero near the ends of runs, and where the rotor's movement is not smooth. What torques make of it need not be:
-    what a mean lost of that would look like what currents do. `finer`: numbers' step, that holds counts.
+    what a mean lost of that would look like what currents do. What goes by i_d i_q is asked of a free shaft alone: on
+    one that is held, more torques take more of the rounding for movement. `finer`: numbers' step, that holds counts.
     """
     n = len(theta)
     off, variance = np.zeros(n), np.full(n, step**2 / 12.0)
@@ -174,7 +175,8 @@ def _rounding(
     # Where it moves on, it is between two counts
     x = np.interp(np.arange(n), moved + 0.5, 0.5 * (theta[moved] + theta[moved + 1]))
     pushed, widths = driven(x, torques, ends), np.zeros(n, np.intp)
-    theta, x = theta - pushed, x - pushed
+    known = pushed + turned(x - pushed, n_p, step)
+    theta, x = theta - known, x - known
     shorter: Real | None = None
     for w in (*_HALVES, *(_LONG if finer < _SHARP * step else ())):
         if n < 6 * w:
@@ -189,9 +191,8 @@ def _rounding(
             right[max(end - _ENDS * w, 0) : end + _ENDS * w] = False
         off[right], variance[right], widths[right] = (theta - mean)[right], _TWICE * step**2 / 12.0 / (2 * w + 1), w
         shorter = mean
-    off -= by_torque(off, torques, widths, step)
-    off -= by_turn(off, (theta - off + pushed) / n_p, widths, step)
-    return off - at_orders(off, theta - off + pushed, step), variance
+    off -= by_torque(off, torques if pushed.any() else torques[:1], widths, step)
+    return off - at_orders(off, theta - off + known, step), variance
 
 
 def _rough_ends(variance: Real, ends: Sequence[int]) -> NDArray[np.bool_]:
