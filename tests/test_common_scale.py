@@ -4,7 +4,7 @@ import pytest
 
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.common_scale import IMPEDANCES, scaled, scales_left_open, uncalibrated
-from estimator.mismatch.verdict import Finding, Place, Quantity, Range
+from estimator.mismatch.verdict import Ambiguity, Finding, Place, Quantity, Range
 
 NOMINAL = Machine(1.0, 2e-3, 3e-3, 0.1, 4, 5.0)
 TOLERANCE = dict.fromkeys(PARAMETERS, 0.1)
@@ -58,8 +58,15 @@ def test_sensors_that_are_off_are_doubted_where_all_they_read_may_be() -> None:
 
 
 def test_parameters_beyond_their_tolerance_are_asked_about_by_what_they_have_in_common() -> None:
-    (doubt,) = scaled(told(voltages=1.2), NOMINAL, TOLERANCE)
+    def asked(after: dict[str, Quantity]) -> list[Ambiguity]:
+        return scaled(after, NOMINAL, TOLERANCE, scales_left_open(after, NOMINAL, TOLERANCE, PARAMETERS))
+
+    (doubt,) = asked(told(voltages=1.2))
     assert doubt.effects == ("dc_link_gain", "convention_error")
-    (doubt,) = scaled(told(currents=1.2), NOMINAL, TOLERANCE)
-    assert "current_sensor_gain" in doubt.effects
-    assert scaled(told() | {"L_d": Quantity(9e-3, 1e-6, "H")}, NOMINAL, TOLERANCE) == []
+    assert "all voltages may be read as 1.16 to 1.27 times what they are" in doubt.reason
+    (doubt,) = asked(told(currents=1.2))
+    assert doubt.effects == ("current_sensor_gain", "convention_error")
+    (doubt,) = asked(told(voltages=1.05))  # R_s alone is beyond it
+    assert doubt.effects == ("dc_link_gain", "current_sensor_gain", "convention_error")
+    assert asked(told() | {"L_d": Quantity(9e-3, 1e-6, "H")}) == []
+    assert asked(told()) == []

@@ -59,23 +59,29 @@ def uncalibrated(
             continue
         reason = (
             f"{shown}, and no recording of voltages and currents tells by how much all {what} are off: by the nominal "
-            f"values they may be read as {open_.least:.2f} to {open_.most:.2f} times what they are, and the parameters "
+            f"values they may be read as {_range(open_)} times what they are, and the parameters "
             "are off by that"
         )
         doubts.append(Ambiguity((doubted, "convention_error"), reason, _measuring(measured)))
     return doubts
 
 
-def scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float]) -> list[Ambiguity]:
-    """What parameters outside their tolerance leave open: all voltages or currents scaled alike, or another machine."""
+def scaled(
+    after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float], scales: Mapping[str, Range]
+) -> list[Ambiguity]:
+    """What parameters outside their tolerance leave open: all voltages or currents scaled alike, or another machine.
+
+    No doubt where no one scale brings all of them within it.
+    """
     ratios = {name: float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS}
-    apart = 2.0 * max(tolerance.values())
-    impedances = [ratios[name] for name in IMPEDANCES]
     causes: dict[str, tuple[str, str]] = {}  # by effect: what is read wrong, and what to measure it by
-    if max(ratios.values()) - min(ratios.values()) <= apart:
-        causes["dc_link_gain"] = "the dc link may be read wrong", _VOLTAGES
-    if max(impedances) - min(impedances) <= apart and abs(ratios["psi_f"] - 1.0) <= tolerance["psi_f"]:
-        causes["current_sensor_gain"] = "all currents may be read as much too high or too low", _CURRENTS
+    for what, effect, measured in (
+        ("voltages", "dc_link_gain", _VOLTAGES), ("currents", "current_sensor_gain", _CURRENTS),
+    ):  # fmt: skip
+        open_ = scales.get(what)
+        of_psi_f = what == "currents" and abs(ratios["psi_f"] - 1.0) > tolerance["psi_f"]  # which no current scales
+        if open_ is not None and not open_.least <= 1.0 <= open_.most and not of_psi_f:
+            causes[effect] = f"all {what} may be read as {_range(open_)} times what they are", measured
     if not causes:
         return []
     shown = ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items())
@@ -85,6 +91,10 @@ def scaled(after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[s
         "another one. A recording of voltages and currents alone cannot tell"
     )
     return [Ambiguity((*causes, "convention_error"), reason, _measuring(*measurements))]
+
+
+def _range(scale: Range) -> str:
+    return f"{scale.least:.2f} to {scale.most:.2f}"
 
 
 def _measuring(*what: str) -> Experiment:

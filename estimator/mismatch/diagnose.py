@@ -262,10 +262,10 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
         findings = []
         if choice:
             doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer, rivals=False)], None
-    elif flux_map is None and (len(off) > 1 or any(tolerance[name] < max(tolerance.values()) for name in off)):
-        doubts.extend(scaled(machine_after, nominal, tolerance))
     else:
-        doubts.extend(uncalibrated(findings, scales, tolerance))
+        common = flux_map is None and off and (left is None or len(off) > 1)
+        beyond = scaled(machine_after, nominal, tolerance, scales) if common else []
+        doubts.extend(beyond or uncalibrated(findings, scales, tolerance))
     verdict = verdict_of(findings, doubts, left, blind)
     if outside and not doubts:  # effects do not explain the machine
         verdict = Verdict.PARTLY_EXPLAINED if findings else Verdict.UNEXPLAINED

@@ -12,6 +12,8 @@ _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9,
 _COUNTS = ("periods", "phase", "pole_pairs", "u_shift", "theta_shift", "u_mirrored", "i_mirrored")  # without a unit
 _MOST_DECIMALS = 9
 _GAIN = "a gain of all voltages or of all currents, by which the parameters are off then"
+_UNFITTED = {convention_error.NAME: convention_error.TITLE, "dc_link_gain": "a dc link that is misread"}
+"""Titles of causes that no column stands for."""
 _LIKE_NOISE = 1.05  # times the noise floor
 _CLOSE = 0.02  # of a scale, that needs no words
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
@@ -87,9 +89,7 @@ def compares(diagnosis: Diagnosis) -> bool:
 
 
 def _title(name: str) -> str:
-    if name == convention_error.NAME:
-        return convention_error.TITLE
-    return BY_NAME[name].title if name in BY_NAME else name.replace("_", " ")
+    return BY_NAME[name].title if name in BY_NAME else _UNFITTED.get(name, name.replace("_", " "))
 
 
 def _plural(title: str) -> bool:
