@@ -58,15 +58,22 @@ def test_sensors_that_are_off_are_doubted_where_all_they_read_may_be() -> None:
 
 
 def test_parameters_beyond_their_tolerance_are_asked_about_by_what_they_have_in_common() -> None:
-    def asked(after: dict[str, Quantity]) -> list[Ambiguity]:
-        return scaled(after, NOMINAL, TOLERANCE, scales_left_open(after, NOMINAL, TOLERANCE, PARAMETERS))
+    def asked(after: dict[str, Quantity], *off: str) -> list[Ambiguity]:
+        return scaled(after, off, NOMINAL, TOLERANCE, scales_left_open(after, NOMINAL, TOLERANCE, PARAMETERS))
 
-    (doubt,) = asked(told(voltages=1.2))
+    (doubt,) = asked(told(voltages=1.2), *PARAMETERS)
     assert doubt.effects == ("dc_link_gain", "convention_error")
     assert "all voltages may be read as 1.16 to 1.27 times what they are" in doubt.reason
-    (doubt,) = asked(told(currents=1.2))
+    (doubt,) = asked(told(currents=1.2), "L_d", "L_q")
     assert doubt.effects == ("current_sensor_gain", "convention_error")
-    (doubt,) = asked(told(voltages=1.05))  # R_s alone is beyond it
+    (doubt,) = asked(told(voltages=0.93), "L_d")
     assert doubt.effects == ("dc_link_gain", "current_sensor_gain", "convention_error")
-    assert asked(told() | {"L_d": Quantity(9e-3, 1e-6, "H")}) == []
+    assert asked(told() | {"L_d": Quantity(9e-3, 1e-6, "H")}, "L_d") == []
     assert asked(told()) == []
+
+
+def test_a_winding_is_warm_before_all_else_is_scaled_unless_a_meter_tells_it() -> None:
+    after = told(voltages=1.05)
+    scales = scales_left_open(after, NOMINAL, TOLERANCE, PARAMETERS)
+    assert scaled(after, ["R_s"], NOMINAL, TOLERANCE, scales) == []
+    assert scaled(after, ["R_s"], NOMINAL, TOLERANCE | {"R_s": 0.05}, scales) != []

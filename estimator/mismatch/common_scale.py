@@ -67,12 +67,17 @@ def uncalibrated(
 
 
 def scaled(
-    after: Mapping[str, Quantity], nominal: Machine, tolerance: Mapping[str, float], scales: Mapping[str, Range]
-) -> list[Ambiguity]:
-    """What parameters outside their tolerance leave open: all voltages or currents scaled alike, or another machine.
+    after: Mapping[str, Quantity], off: Collection[str], nominal: Machine, tolerance: Mapping[str, float],
+    scales: Mapping[str, Range],
+) -> list[Ambiguity]:  # fmt: skip
+    """What parameters that are `off` their tolerance leave open: all voltages or currents scaled alike, or another
+    machine.
 
-    No doubt where no one scale brings all of them within it.
+    No doubt where no one scale brings all of them within it; nor of R_s alone, which rises with the winding's
+    temperature, unless it is told more closely than others: by a meter.
     """
+    if set(off) <= {"R_s"} and (not off or tolerance["R_s"] >= max(tolerance.values())):
+        return []
     ratios = {name: float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS}
     causes: dict[str, tuple[str, str]] = {}  # by effect: what is read wrong, and what to measure it by
     for what, effect, measured in (

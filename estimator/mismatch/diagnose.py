@@ -263,8 +263,8 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
         if choice:
             doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer, rivals=False)], None
     else:
-        common = flux_map is None and off and (left is None or len(off) > 1)
-        beyond = scaled(machine_after, nominal, tolerance, scales) if common else []
+        asked = flux_map is None and (left is None or len(off) > 1)
+        beyond = scaled(machine_after, off, nominal, tolerance, scales) if asked else []
         doubts.extend(beyond or uncalibrated(findings, scales, tolerance))
     verdict = verdict_of(findings, doubts, left, blind)
     if outside and not doubts:  # effects do not explain the machine

@@ -16,6 +16,7 @@ from estimator.mismatch.angle_rounding import hidden_energy, lent_energy
 from estimator.mismatch.explain import ENTRY, Choice, Fit, Search
 from estimator.mismatch.model import Array
 from estimator.mismatch.words import number, percent
+from estimator.physics.library import BY_NAME
 
 OUTSHINES: Final = 3.0  # times what is left unexplained, that an effect in doubt has to explain
 WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
@@ -35,7 +36,7 @@ _UNEVENLY: Final = 0.25  # of all that is left, that an uneven effect has to exp
 _LENDS: Final = 6.0  # times as much that noise and the machine lend an effect that is not even, at most
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _SIMULATED: Final = "a simulation without it, of the same noise and rounding, shows too much of it"
-_AT_AN_END: Final = "its size comes out at the end of what is plausible"
+_AT_AN_END: Final = "what is found of it lies at the end of what is plausible"
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -157,7 +158,8 @@ def not_borne_out(
             left = rest
     fit = search.fit(choice)
     for one in left:
-        if at_an_end(search, fit, one):
+        rest = tuple(other for other in left if other != one)
+        if at_an_end(search, fit, one) or (_ends(search, fit, one) and search.gain(rest, one) < _PLAIN):
             found[_AT_AN_END] = (*found.get(_AT_AN_END, ()), one)
             continue
         if (distance := search.distance(fit, one)) < ENTRY:
@@ -171,6 +173,14 @@ def at_an_end(search: Search, fit: Fit, one: tuple[str, int]) -> bool:
     """A size of an effect lies at the end of its plausible range, other than at none."""
     sizes = {j: fit.value[fit.places.index(j)] for j in search.sizes_of(one)}
     return any(size != 0.0 and not search.low[j] < size < search.high[j] for j, size in sizes.items())
+
+
+def _ends(search: Search, fit: Fit, one: tuple[str, int]) -> bool:
+    """A shape that noise may look like at the ends of its range lies at one."""
+    ends = {parameter.name for parameter in BY_NAME[one[0]].parameters if parameter.ends}
+    own = [j for j in fit.places if (search.columns[j].owner, search.columns[j].seed) == one]
+    shapes = {j: fit.value[fit.places.index(j)] for j in own if search.columns[j].parameter in ends}
+    return any(not search.low[j] < value < search.high[j] for j, value in shapes.items())
 
 
 def _why(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> str:

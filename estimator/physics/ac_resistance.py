@@ -105,7 +105,7 @@ EFFECT = Effect(
     "ac_resistance", "a resistance that rises with frequency",
     (
         Parameter("rise", "1", constant(1.0), constant(0.0), constant(6.0)),
-        Parameter("corner", "Hz", constant(400.0), constant(50.0), constant(2500.0), shape=True),
+        Parameter("corner", "Hz", constant(400.0), constant(50.0), constant(2500.0), shape=True, ends=True),
     ),
     voltage,
     lambda _rows: tuple((corner,) for corner in (80.0, 140.0, 250.0, 430.0, 750.0, 1300.0)),

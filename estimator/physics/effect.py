@@ -26,6 +26,7 @@ class Parameter:
     shape: bool = False
     discrete: bool = False  # a shape that does not move by small steps
     smooths: bool = False  # a shape that is how far currents are known, and nothing to those that follow a model
+    ends: bool = False  # a shape at the end of whose range noise and rounding may look like the effect
 
 
 @dataclass(frozen=True, slots=True)
