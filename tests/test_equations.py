@@ -190,6 +190,7 @@ def test_a_dead_time_acts_on_the_saturated_machine(name: str, drops: Saturation,
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "motor", "most"), [
     ("iron_loss", "servo_4nm", 6.0), ("skin", "servo_4nm", 1.0), ("skin", "mini_cheetah", 4.0),
+    ("flux_harmonics", "servo_4nm", 0.4), ("flux_harmonics", "emrax_208_hv", 0.3),
 ])  # fmt: skip
 def test_a_dead_time_acts_on_currents_that_other_effects_change_within_a_period(
     kind: str, motor: str, most: float

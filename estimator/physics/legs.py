@@ -26,6 +26,7 @@ class Legs(NamedTuple):
     b: Vector  # 1/H, rotor frame
     psi_0: Vector  # Vs, at no current of these lines
     others: Vector  # V, stationary, what other effects add
+    change: Vector  # V, by which that changes in a period
     D: Real  # rad, electrical, by which the rotor turns in each period
     room: Room
 
@@ -39,17 +40,26 @@ def legs_of(rows: Rows) -> Legs:
     if rows.fast_resistance > 0.0:
         R_s += rows.fast_resistance
         others = others - rows.fast_resistance * rows.i_mean * middle
+    change = _changes(others, rows.joined)
     if u_dc is None:
         none = np.zeros((0, 3))
         return Legs(
             np.zeros(0), none, none, none.astype(np.int8), none.astype(np.complex128), middle, T_s,
-            R_s, a, b, psi_0, others, rows.D, empty_room(),
+            R_s, a, b, psi_0, others, change, rows.D, empty_room(),
         )  # fmt: skip
     before, order = duties_before(rows), rows.once("order", lambda: _orders(rows.duties))
     ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, a, b))
     return Legs(
-        u_dc, rows.duties, before, order, ripple, middle, T_s, R_s, a, b, psi_0, others, rows.D, empty_room()
+        u_dc, rows.duties, before, order, ripple, middle, T_s, R_s, a, b, psi_0, others, change, rows.D, empty_room()
     )
+
+
+def _changes(others: Vector, joined: NDArray[np.bool_]) -> Vector:
+    """By how much what others add (V, stationary) changes in each period, by those next to it."""
+    change = np.zeros_like(others)
+    inner = joined[:-2] & joined[1:-1] & joined[2:]
+    change[1:-1] = np.where(inner, 0.5 * (others[2:] - others[:-2]), 0.0)
+    return change
 
 
 def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
@@ -59,7 +69,7 @@ def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
     a, none, no_flux = np.full(len(duties), 1.0 / L), np.zeros(len(duties)), np.zeros(len(duties), np.complex128)
     ripple = _ripples(u_dc, duties, u_s, middle, T_s, a, no_flux)
     return Legs(
-        u_dc, duties, duties, _orders(duties), ripple, middle, T_s, 0.0, a, no_flux, no_flux, no_flux,
+        u_dc, duties, duties, _orders(duties), ripple, middle, T_s, 0.0, a, no_flux, no_flux, no_flux, no_flux,
         none, empty_room(),
     )  # fmt: skip
 
@@ -88,8 +98,11 @@ def damping_of(legs: Legs, k: int) -> float:
 
 @lean_kernel
 def bow_of(legs: Legs, k: int) -> complex:
-    """What the current (A, stationary) is beside a straight line in the middle of a period: its magnets turn."""
-    return -0.125 * legs.D[k] * legs.D[k] * _driven(legs.psi_0[k], legs.a[k], legs.b[k]) * legs.middle[k]
+    """What the current (A, stationary) is beside a straight line in the middle of a period: the magnets turn, and what
+    others add changes.
+    """
+    bent = 0.125 * (legs.T_s * legs.change[k] * legs.middle[k].conjugate() - legs.D[k] * legs.D[k] * legs.psi_0[k])
+    return _driven(bent, legs.a[k], legs.b[k]) * legs.middle[k]
 
 
 @lean_kernel

@@ -195,8 +195,8 @@ def _between_edges(
 @lean_kernel
 def _period(legs: Legs, k: int, u_drop: float) -> Period:
     return Period(
-        legs.u_dc[k], legs.T_s, legs.R_s, legs.a[k], legs.b[k], legs.psi_0[k], legs.others[k], legs.D[k],
-        legs.middle[k], u_drop,
+        legs.u_dc[k], legs.T_s, legs.R_s, legs.a[k], legs.b[k], legs.psi_0[k], legs.others[k], legs.change[k],
+        legs.D[k], legs.middle[k], u_drop,
     )
 
 

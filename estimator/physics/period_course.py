@@ -63,6 +63,7 @@ class Period(NamedTuple):
     b: complex  # 1/H, rotor frame
     psi_0: complex  # Vs, rotor frame, at no current of these straight lines
     others: complex  # V, stationary, what other effects add
+    change: complex  # V, by which that changes in the period
     D: float  # rad, electrical, by which the rotor turns
     middle: complex  # exp(j theta_e) in the middle
     u_drop: float  # V, whose changes in the period the room has
@@ -201,7 +202,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     T_s, high, free, zero = period.T_s, room.high, room.free, room.zero
     alike, per_T = period.a, 1.0 / T_s
     full, damping, loose = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0
-    of_i, of_mirrored, of_magnets, of_others = _falls(period)
+    of_i, of_mirrored, of_magnets = _falls(period)
     by_real, by_imag, held, held_real, held_imag, t = 0j, 0j, 0j, 0j, 0j, 0.0
     none = _ROUNDING * full * alike * T_s
     for leg in range(3):
@@ -211,15 +212,15 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     for change in range(changes + 1):
         until = room.moments[change] if change < changes else T_s
         if until > t:
-            turned = period.D * (0.5 * (t + until) * per_T - 0.5)
+            late = 0.5 * (t + until) * per_T - 0.5
+            turned, others = period.D * late, period.others + late * period.change
             rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
             square = rotor * rotor
             twice = period.b * square  # of its mirror
-            by_mirrored, by_turning = of_mirrored * square, of_magnets * rotor + of_others
-            by_turning += twice * period.others.conjugate() + beside
+            by_mirrored, by_turning = of_mirrored * square, of_magnets * rotor + beside
             if period.u_drop != 0.0:
-                drops = period.u_drop * _drops_beside(0.5 * (t + until) * per_T, room.drops)
-                by_turning += alike * drops + twice * drops.conjugate()
+                others += period.u_drop * _drops_beside(late + 0.5, room.drops)
+            by_turning += alike * others + twice * others.conjugate()
             was, was_held, crossed, crossed_real, crossed_imag = 0j, 0j, False, 0.0, 0.0
             for n in range(_CHANGES + 1):
                 span, first, floats = until - t, -1, 0
@@ -294,15 +295,15 @@ def _drops_beside(when: float, drops: Drops) -> complex:
 
 
 @lean_kernel
-def _falls(period: Period) -> tuple[complex, complex, complex, complex]:
+def _falls(period: Period) -> tuple[complex, complex, complex]:
     """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s: what multiplies it, its
-    mirror image times the rotor's direction squared, that direction; and the rest.
+    mirror image times the rotor's direction squared, and that direction.
     """
     a, b, omega, psi_0 = period.a, period.b, period.D / period.T_s, period.psi_0
     saliency = -2.0 / (a * a - b.real * b.real - b.imag * b.imag) * b  # L_d - L_q, where the axes are apart
     of_i = complex(a * period.R_s, -omega * (b.real * saliency.real + b.imag * saliency.imag))
     of_mirrored = (1j * omega * a) * saliency + period.R_s * b
-    return of_i, of_mirrored, (1j * omega) * (a * psi_0 - b * psi_0.conjugate()), a * period.others
+    return of_i, of_mirrored, (1j * omega) * (a * psi_0 - b * psi_0.conjugate())
 
 
 @lean_kernel
