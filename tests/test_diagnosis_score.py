@@ -25,6 +25,7 @@ from estimator.mismatch.verdict import (
     Fit,
     Place,
     Quantity,
+    Range,
     Unexplained,
     Verdict,
 )
@@ -119,6 +120,18 @@ def test_what_is_wrong_is_told_apart() -> None:
     assert (doubtful.missed, doubtful.false_verdict) == (("iron_loss",), False)
     failed = scored(told, Said(None, "expected more rows", 0.1))
     assert (failed.verdict, failed.false_verdict, failed.exact) == ("error", True, False)
+
+
+def test_a_gain_of_the_dc_link_is_told_by_a_range_that_holds_it() -> None:
+    told = answer("dc_link_gain")
+    gain = truth_of(told).effects["dc_link_gain"]["gain"].value
+    heard = said(Verdict.NO_MISMATCH)
+    assert heard.diagnosis is not None
+    for least, most, right in ((0.9 * gain, 1.1 * gain, True), (1.01 * gain, 1.1 * gain, False)):
+        open_ = replace(heard.diagnosis, scales={"voltages": Range(least, most)})
+        row = scored(told, replace(heard, diagnosis=open_))
+        assert (row.gain_told, row.all_told, row.exact) == (right, right, False)
+    assert (scored(told, heard).gain_told, scored(answer("none"), heard).gain_told) == (False, None)
 
 
 def unexplained(**region: float | str | tuple[float, float]) -> Said:
@@ -237,7 +250,7 @@ def test_tables_count_what_the_rows_say() -> None:
         scored(answer("none"), said(Verdict.EXPLAINED, [finding("skin")])),
     ]
     asked = bars(rows)
-    assert [asked[1][2:], asked[5][2:]] == [("50.0%", "2"), ("100.0%", "1")]
+    assert [asked[1][2:], asked[6][2:]] == [("50.0%", "2"), ("100.0%", "1")]
     assert ("iron_loss", "1 right") in confusion(rows)
     assert ("dead_time", "1 (no_mismatch)") in confusion(rows)
     assert ("dead_time", "1", "0.0%", "100.0%") in [row[:4] for row in by_group(rows)]

@@ -13,6 +13,7 @@ TENTH: Final = 0.1  # of a size, allowed to be wrong
 DEVIATIONS: Final = 2.0  # or so many standard errors
 MACHINE: Final = 0.005  # of a parameter of the machine
 FLOOR: Final = 1.05  # noise floors that a residual may have
+DC_LINK: Final = "dc_link_gain"
 _KINDS: Final = ("none", "one", "two", "three")
 _DOUBT: Final = (Verdict.AMBIGUOUS, Verdict.NOT_ENOUGH_EXCITATION)
 _SLOW: Final = 50.0  # Hz: a telegraph's voltage is slower
@@ -53,12 +54,18 @@ class Row:
     stranger: str  # "right", "elsewhere": unexplained without a name, "forced": into a name, "missed"; or ""
     region: str  # where the unexplained is said to be
     detectable: Mapping[str, float]  # limit that is told over the oracle's, by class
+    gain_told: bool | None  # the dc link's gain is within the range that is told; None where there is none
     seconds: float
 
     @property
     def plain(self) -> bool:
         """All that is there is large enough to be found."""
         return all(ratio >= PLAIN for ratio in self.over_limit.values())
+
+    @property
+    def all_told(self) -> bool:
+        """All that is there is named and nothing else, but for a gain of the dc link, whose range is told."""
+        return self.exact or (not self.false and self.missed == (DC_LINK,) and bool(self.gain_told))
 
 
 def row_of(recording: str, truth: Truth, over_limit: Mapping[str, float], said: Said) -> Row:
@@ -89,6 +96,7 @@ def row_of(recording: str, truth: Truth, over_limit: Mapping[str, float], said: 
         stranger=_stranger(found, truth) if truth.stranger else "",
         region=_told(found.unexplained) if found and found.unexplained else "",
         detectable=_detectable(found, truth, over_limit),
+        gain_told=_gain_told(found, truth),
         seconds=said.seconds,
     )
 
@@ -197,11 +205,20 @@ def _detectable(found: Diagnosis | None, truth: Truth, over_limit: Mapping[str, 
     return ratios
 
 
+def _gain_told(found: Diagnosis | None, truth: Truth) -> bool | None:
+    gain = truth.effects.get(DC_LINK, {}).get("gain")
+    if gain is None:
+        return None
+    told = found.scales.get("voltages") if found else None
+    return told is not None and told.least <= gain.value <= told.most
+
+
 def as_json(row: Row) -> dict[str, Any]:
     """For a file."""
     sizes = {name: [size.true, size.value, size.std, size.right] for name, size in row.sizes.items()}
     keys = (
         "recording", "kind", "classes", "over_limit", "found", "ambiguous", "verdict", "sentence", "exact", "missed",
-        "false", "false_verdict", "before", "after", "residual", "stranger", "region", "detectable", "seconds",
+        "false", "false_verdict", "before", "after", "residual", "stranger", "region", "detectable", "gain_told",
+        "seconds",
     )  # fmt: skip
     return {key: getattr(row, key) for key in keys} | {"sizes": sizes}

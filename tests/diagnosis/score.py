@@ -87,6 +87,8 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         _measure("two or three effects: exact set", _exact, more, at_least=0.88),
         _measure(f"  of these, all {PLAIN:g} limits or more", _exact,
                  (row for row in more if row.over_limit and row.plain)),
+        _measure("  or exact but for a gain of the dc link, whose range is told and holds it",
+                 lambda row: row.all_told, more),
         _measure("no effect: a false name", lambda row: bool(row.found), none, at_most=0.01),
         _measure("stranger: none of these, right region", lambda row: row.stranger == "right", strangers,
                  at_least=0.95),
