@@ -174,8 +174,9 @@ def _rounding(
         return off, variance
     # Where it moves on, it is between two counts
     x = np.interp(np.arange(n), moved + 0.5, 0.5 * (theta[moved] + theta[moved + 1]))
-    pushed, widths = driven(x, torques, ends), np.zeros(n, np.intp)
-    known = pushed + turned(x - pushed, n_p, step)
+    widths = np.zeros(n, np.intp)
+    pushed = driven(x - turned(x, x / n_p, step), torques, ends)
+    known = pushed + turned(x - pushed, x / n_p, step)
     theta, x = theta - known, x - known
     shorter: Real | None = None
     for w in (*_HALVES, *(_LONG if finer < _SHARP * step else ())):

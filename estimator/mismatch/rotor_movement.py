@@ -29,6 +29,7 @@ _OFTEN: Final = 1.8  # the same, on the mean of all parts
 _ALWAYS: Final = 16.0  # the same, over the whole
 _TURNS: Final = 128  # periods to either side, within which a turn is too fast for a mean
 _ROBUST: Final = 3  # fits, each without what is far off the one before
+_FAR: Final = 3.0  # times what half of the values are off at most
 _COURSE: Final = 256  # periods to either side, over which a swing is alike
 _ANEW: Final = 1024  # values, after which a sum begins anew: it keeps its digits
 
@@ -89,24 +90,25 @@ def by_torque(off: Real, torques: Sequence[Real], widths: NDArray[np.intp], step
     return _lost(off, [x for some in moves for x in some], widths, step)
 
 
-def turned(theta: Real, n_p: int, step: float) -> Real:
-    """What of an angle (rad) goes by the mechanical turn, once or twice; zero where it is no more than rounding.
+def turned(course: Real, theta_m: Real, step: float) -> Real:
+    """What of an angle's course (rad) goes by the mechanical turn, once or twice; zero where that is mere rounding.
 
     An eccentric encoder's error is the same in each turn. Where it is many counts, no long mean would follow it.
     """
-    w = min(_TURNS, (len(theta) - 1) // 4)
-    turn = cast(Vector, np.exp(1j * theta / n_p))
+    w = min(_TURNS, (len(course) - 1) // 4)
+    turn = cast(Vector, np.exp(1j * theta_m))
     moves = np.array((turn.real, turn.imag, (turn * turn).real, (turn * turn).imag))
-    fast, seen = np.array([x - smooth(x, w) for x in moves]), theta - smooth(theta, w)
+    fast, seen = np.array([x - smooth(x, w) for x in moves]), course - smooth(course, w)
     size = np.maximum(np.sqrt(np.mean(fast**2, axis=1)), 1e-300)
     fast /= size[:, None]
-    found, calm = np.zeros(len(moves)), np.ones(len(theta), np.bool_)
+    found, calm = np.zeros(len(moves)), np.ones(len(course), np.bool_)
     for _ in range(_ROBUST):
         A = fast[:, calm]
         found = cast(Real, np.linalg.pinv(A @ A.T) @ (A @ seen[calm]))
-        calm = np.abs(seen - found @ fast) < step  # where speed changes suddenly it is not
+        off = np.abs(seen - found @ fast)
+        calm = off < max(step, _FAR * float(np.median(off)))  # where speed changes suddenly it is not
     told = found @ fast[:, calm]
-    return (found / size) @ moves if float(told @ told) > _ALWAYS * step**2 / 12.0 else np.zeros(len(theta))
+    return (found / size) @ moves if float(told @ told) > _ALWAYS * step**2 / 12.0 else np.zeros(len(course))
 
 
 def _lost(off: Real, moves: Sequence[Real], widths: NDArray[np.intp], step: float) -> Real:
