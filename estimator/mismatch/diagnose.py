@@ -263,7 +263,7 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
         if choice:
             doubts, left = [Ambiguity(tuple(name for name, _ in choice), why, richer, rivals=False)], None
     else:
-        asked = flux_map is None and (left is None or len(off) > 1)
+        asked = flux_map is None and (len(off) > 1 or (left is None and not doubts))
         beyond = scaled(machine_after, off, nominal, tolerance, scales) if asked else []
         doubts.extend(beyond or uncalibrated(findings, scales, tolerance))
     verdict = verdict_of(findings, doubts, left, blind)
