@@ -12,6 +12,9 @@ from emulator.scenarios import Excitation, Run, Scenario, drive_for
 from emulator.virtual_drive import VirtualDrive
 from estimator.machine import PARAMETERS
 from estimator.mismatch.diagnose import TOLERANCE, diagnose
+from estimator.mismatch.explain import Search
+from estimator.mismatch.fitting import of_machine, searched
+from estimator.mismatch.prepared import prepared
 from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.samples import Samples
 from tests.samples import machine_of, recorded
@@ -57,3 +60,17 @@ def test_a_dead_time_that_one_level_does_not_tell_gets_no_name() -> None:
     said = diagnosed_at_one_level(54e-9, 1)
     assert not said.findings
     assert said.verdict is Verdict.AMBIGUOUS
+
+
+def test_how_far_an_effect_lies_from_none_counts_inductances_that_are_not_told() -> None:
+    """Effects trade with these at one level: offsets of current sensors, two standard errors from none, were named."""
+    rows, given = prepared([at_one_level(0.0, 1)], NOMINAL, dict.fromkeys(PARAMETERS, TOLERANCE))
+    search, _, _ = searched(rows, of_machine(rows, given).model, given, "angle_offset")
+    one = next(each for each in search.candidates() if each[0] == "angle_offset")
+
+    def distance(*untold: str) -> float:
+        with_these = Search(replace(search.regression, untold=frozenset(untold)))
+        return with_these.distance(with_these.fit((one,)), one)
+
+    print(f"{distance():.3g} where all are told, {distance('L_d', 'L_q'):.3g} where inductances are not")
+    assert 0.0 < distance("L_d", "L_q") < 0.9 * distance()

@@ -193,7 +193,8 @@ class Search:
         return self._scatters[fit.choice, one]
 
     def distance(self, fit: Fit, one: tuple[str, int]) -> float:
-        """Half the squared distance of an effect's sizes from none, in standard errors for noise as it scatters.
+        """Half the squared distance of an effect's sizes from none, in standard errors for noise as it scatters and for
+        inductances that are not told.
 
         At its shapes: a size that trades with one is uncertain, but not near none. Of sizes that are held at a bound
         nothing is said: infinite.
@@ -204,7 +205,7 @@ class Search:
             return math.inf
         own = [n for n, j in enumerate(fit.places) if (self.columns[j].owner, self.columns[j].seed) == one]
         shapes = [n for n in own if self.columns[fit.places[n]].shape and fit.covariance[n, n] > 0.0]
-        covariance = self.scattered(fit, fit.covariance, one)
+        covariance = self.scattered(fit, fit.covariance, one) + self.untold_covariance(fit.choice)
         std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))  # sizes may differ by many orders of magnitude
         correlation, x = covariance / np.outer(std, std), (fit.value / std)[told]
         spread = correlation[np.ix_(told, told)]
