@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
-from estimator.mismatch.rotor_movement import at_orders, by_torque, driven, smooth, turned
+from estimator.mismatch.rotor_movement import at_orders, by_torque, driven, smooth, swings_of, turned
 from estimator.physics.rows import Real, Rows
 
 _HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
@@ -174,9 +174,9 @@ def _rounding(
         return off, variance
     # Where it moves on, it is between two counts
     x = np.interp(np.arange(n), moved + 0.5, 0.5 * (theta[moved] + theta[moved + 1]))
-    widths = np.zeros(n, np.intp)
-    pushed = driven(x - turned(x, x / n_p, step), torques, ends)
-    known = pushed + turned(x - pushed, x / n_p, step)
+    swings, widths = swings_of(x / n_p), np.zeros(n, np.intp)
+    pushed = driven(x - turned(x, swings, step), torques, ends)
+    known = pushed + turned(x - pushed, swings, step)
     theta, x = theta - known, x - known
     shorter: Real | None = None
     for w in (*_HALVES, *(_LONG if finer < _SHARP * step else ())):

@@ -16,14 +16,17 @@ from estimator.mismatch.verdict import Ambiguity, Experiment, Finding, Quantity,
 
 IMPEDANCES: Final = ("R_s", "L_d", "L_q")
 _ERRORS: Final = 2.0  # standard errors of a parameter that its tolerance is wider by
-_VOLTAGES: Final = "the dc link's voltage with a meter"
-_CURRENTS: Final = "a current by a probe"
 _BY_R_S: Final = "R_s at the terminals, at standstill"
-_UNCALIBRATED: Final = {
-    "current_sensor_gain": ("currents", "the gains of the current sensors differ", "current_sensor_gain", _CURRENTS),
-    "voltage_offset": ("voltages", "the recorded voltages have an offset", "dc_link_gain", _VOLTAGES),
+_CAUSES: Final = {
+    "voltages": ("dc_link_gain", "the dc link's voltage with a meter"),
+    "currents": ("current_sensor_gain", "a current by a probe"),
 }
-"""By the effect that shows that sensors are off: what they read, in words, what is doubted, what to measure."""
+"""By what is read wrong alike: what is doubted then, and what to measure."""
+_UNCALIBRATED: Final = {
+    "current_sensor_gain": ("currents", "the gains of the current sensors differ"),
+    "voltage_offset": ("voltages", "the recorded voltages have an offset"),
+}
+"""By the effect that shows that sensors are off: what they read, and that in words."""
 
 
 def scales_left_open(
@@ -53,14 +56,13 @@ def uncalibrated(
     """What sensors that are found to be off leave open: by how much all they read is, where that may be far."""
     found, far = {finding.effect for finding in findings}, max(tolerance[name] for name in IMPEDANCES)
     doubts: list[Ambiguity] = []
-    for effect, (what, shown, doubted, measured) in _UNCALIBRATED.items():
-        open_ = scales.get(what)
+    for effect, (what, shown) in _UNCALIBRATED.items():
+        (doubted, measured), open_ = _CAUSES[what], scales.get(what)
         if effect not in found or open_ is None or (1.0 - far <= open_.least and open_.most <= 1.0 + far):
             continue
         reason = (
             f"{shown}, and no recording of voltages and currents tells by how much all {what} are off: by the nominal "
-            f"values they may be read as {_range(open_)} times what they are, and the parameters "
-            "are off by that"
+            f"values they may be read as {_range(open_)} times what they are, and the parameters are off by that"
         )
         doubts.append(Ambiguity((doubted, "convention_error"), reason, _measuring(measured)))
     return doubts
@@ -80,9 +82,7 @@ def scaled(
         return []
     ratios = {name: float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS}
     causes: dict[str, tuple[str, str]] = {}  # by effect: what is read wrong, and what to measure it by
-    for what, effect, measured in (
-        ("voltages", "dc_link_gain", _VOLTAGES), ("currents", "current_sensor_gain", _CURRENTS),
-    ):  # fmt: skip
+    for what, (effect, measured) in _CAUSES.items():
         open_ = scales.get(what)
         of_psi_f = what == "currents" and abs(ratios["psi_f"] - 1.0) > tolerance["psi_f"]  # which no current scales
         if open_ is not None and not open_.least <= 1.0 <= open_.most and not of_psi_f:

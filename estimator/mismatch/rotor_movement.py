@@ -7,7 +7,7 @@ known of it is kept. Knows nothing of recordings.
 
 import math
 from collections.abc import Sequence
-from typing import Final, cast
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,7 @@ def driven(theta: Real, torques: Sequence[Real], ends: Sequence[int]) -> Real:
 
 
 def _coefficients(columns: Sequence[Real], seen: Real) -> tuple[Real, Real]:
-    """Of bends, that make what is seen, by least squares; and in standard errors."""
+    """Of columns, that make what is seen, by least squares; and in standard errors of bends."""
     A = np.array(columns)
     inverse = np.linalg.pinv(A @ A.T)
     found = inverse @ (A @ seen)
@@ -90,25 +90,40 @@ def by_torque(off: Real, torques: Sequence[Real], widths: NDArray[np.intp], step
     return _lost(off, [x for some in moves for x in some], widths, step)
 
 
-def turned(course: Real, theta_m: Real, step: float) -> Real:
+class Swings(NamedTuple):
+    """What an encoder may swing by, once and twice in a mechanical turn (rad): cosines and sines, (4, n)."""
+
+    whole: Real
+    fast: Real  # what of it is too fast for a mean
+
+
+def swings_of(theta_m: Real) -> Swings:
+    """By the mechanical angle (rad)."""
+    turn = cast(Vector, np.exp(1j * theta_m))
+    whole = np.array((turn.real, turn.imag, (turn * turn).real, (turn * turn).imag))
+    return Swings(whole, np.array([_fast(x) for x in whole]))
+
+
+def turned(course: Real, swings: Swings, step: float) -> Real:
     """What of an angle's course (rad) goes by the mechanical turn, once or twice; zero where that is mere rounding.
 
     An eccentric encoder's error is the same in each turn. Where it is many counts, no long mean would follow it.
     """
-    w = min(_TURNS, (len(course) - 1) // 4)
-    turn = cast(Vector, np.exp(1j * theta_m))
-    moves = np.array((turn.real, turn.imag, (turn * turn).real, (turn * turn).imag))
-    fast, seen = np.array([x - smooth(x, w) for x in moves]), course - smooth(course, w)
-    size = np.maximum(np.sqrt(np.mean(fast**2, axis=1)), 1e-300)
-    fast /= size[:, None]
-    found, calm = np.zeros(len(moves)), np.ones(len(course), np.bool_)
+    seen = _fast(course)
+    size = np.maximum(np.sqrt(np.mean(swings.fast**2, axis=1)), 1e-300)
+    fast = swings.fast / size[:, None]
+    found, calm = np.zeros(len(fast)), np.ones(len(course), np.bool_)
     for _ in range(_ROBUST):
-        A = fast[:, calm]
-        found = cast(Real, np.linalg.pinv(A @ A.T) @ (A @ seen[calm]))
+        found, _ = _coefficients(list(fast[:, calm]), seen[calm])
         off = np.abs(seen - found @ fast)
         calm = off < max(step, _FAR * float(np.median(off)))  # where speed changes suddenly it is not
     told = found @ fast[:, calm]
-    return (found / size) @ moves if float(told @ told) > _ALWAYS * step**2 / 12.0 else np.zeros(len(course))
+    return (found / size) @ swings.whole if float(told @ told) > _ALWAYS * step**2 / 12.0 else np.zeros(len(course))
+
+
+def _fast(x: Real) -> Real:
+    """What a long mean loses."""
+    return x - smooth(x, min(_TURNS, (len(x) - 1) // 4))
 
 
 def _lost(off: Real, moves: Sequence[Real], widths: NDArray[np.intp], step: float) -> Real:
