@@ -156,7 +156,8 @@ def at_orders(off: Real, theta: Real, step: float) -> Real:
         chance = step**2 / 12.0  # mean square of each, by rounding alone
         often = float(np.mean(np.minimum(np.abs(parts) ** 2 / chance, _PLAIN)))
         if often > _OFTEN or abs(np.sum(seen)) ** 2 > _ALWAYS * chance * len(off):
-            swing += 2.0 * (_mean(seen.real.copy(), w) * turn.real - _mean(seen.imag.copy(), w) * turn.imag)
+            a, b = (_held(_mean(x.copy(), w), w) for x in (seen.real, seen.imag))
+            swing += 2.0 * (a * turn.real - b * turn.imag)
         turn *= once
     return swing
 
@@ -170,6 +171,12 @@ def smooth(x: Real, w: int) -> Real:
     """Twice the moving mean less its own mean: that lies twice as far inside of a curve."""
     inside = _mean(x, w)
     return 2.0 * inside - _mean(inside, w)
+
+
+def _held(mean: Real, w: int) -> Real:
+    """A moving mean, near the ends as it is where it first is one."""
+    mean[:w], mean[len(mean) - w :] = mean[w], mean[len(mean) - w - 1]
+    return mean
 
 
 @kernel
