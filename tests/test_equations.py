@@ -134,13 +134,16 @@ def test_magnets_that_lose_flux_move_where_a_machine_saturates() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("section", "first", "second", "most"), [
-    ("imbalance", "imbalance", "winding_heat", 0.05), ("harmonics", "flux_harmonics", "magnet_heat", 1.0),
+    ("imbalance", "imbalance", "winding_heat", 0.05), ("turn_short", "turn_short", "winding_heat", 0.05),
+    ("skin", "skin", "winding_heat", 0.05), ("harmonics", "flux_harmonics", "magnet_heat", 1.0),
     ("current_sensing", "current_skew", "flux_harmonics", 0.05),
     ("current_sensing", "current_skew", "inductance_harmonics", 0.05),
     ("current_sensing", "current_skew", "angle_offset", 0.05), ("current_sensing", "current_skew", "skin", 0.05),
 ])  # fmt: skip
 def test_effects_act_on_each_other(section: str, first: str, second: str, most: float) -> None:
-    """Resistances warm up, harmonics fall with the magnets, a late channel sees what drives the current."""
+    """Resistances warm up, by what shorts and rungs lose too; harmonics fall with the magnets; a late channel sees what
+    drives the current.
+    """
     one, scenario = with_effect(first, "servo_4nm").effects, with_effect(second, "servo_4nm", SECONDS)
     rows = rows_without_noise(
         replace(scenario, effects=scenario.effects._replace(**{section: getattr(one, section)}))

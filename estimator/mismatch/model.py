@@ -106,12 +106,23 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
             stiffness += fast_stiffness(sizes)
         if (fast_resistance := BY_NAME[name].fast_resistance) is not None:
             resistance += fast_resistance(truth, sizes)
-    truth = replace(_drifting(truth, model), fast_stiffness=stiffness, fast_resistance=resistance)
+    truth = replace(_drifting(_heated(truth, model), model), fast_stiffness=stiffness, fast_resistance=resistance)
     if model.bend is not None:
         return truth.with_local_line(*model.bend.bent(truth))
     if not bends(model.effects):
         return truth
     return replace(truth, curvature=curvature(truth, model.effects)).with_local_line(*saturated(truth, model.effects))
+
+
+def _heated(truth: Rows, model: Model) -> Rows:
+    """The rows with what effects heat the winding by, besides its current's square."""
+    plain = replace(truth, kept=dict(truth.kept))
+    each = [effect.heats(plain, sizes) for name, sizes in model.effects.items() if (effect := BY_NAME[name]).heats]
+    if not each:
+        return truth
+    power: Array = sum(each, start=np.zeros(len(truth) + 1))
+    added = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(truth.t))
+    return replace(truth, heat=truth.heat + np.concatenate((np.zeros(1), added)))
 
 
 def _drifting(truth: Rows, model: Model) -> Rows:

@@ -26,9 +26,17 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 def emf(rows: Rows, sizes: Sizes) -> Vector:
     """What the rung takes at samples, V."""
-    rise, corner = sizes
-    over = _over(rows.i_s, rows, corner, _beside_straight(rows, corner))
-    return rise * rows.machine.R_s * over * rows.rotor.conj()
+    return sizes[0] * rows.machine.R_s * _through(rows, sizes) * rows.rotor.conj()
+
+
+def _heats(rows: Rows, sizes: Sizes) -> Real:
+    """What of the rung's loss R_s would make of a current's square, A^2."""
+    return sizes[0] * np.abs(_through(rows, sizes)) ** 2
+
+
+def _through(rows: Rows, sizes: Sizes) -> Vector:
+    """i - i_x at samples, A, in the stationary frame."""
+    return _over(rows.i_s, rows, sizes[1], _beside_straight(rows, sizes[1]))
 
 
 def _currents(rows: Rows, corner: float) -> Vector:
@@ -115,5 +123,6 @@ EFFECT = Effect(
     missed=1e-5,
     remembers=voltage,
     emf=emf,
+    heats=_heats,
     fast_resistance=lambda rows, p: p[0] * rows.machine.R_s,
 )

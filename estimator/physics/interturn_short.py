@@ -3,23 +3,38 @@
     i = i_m + g e_k a_k        e_k = voltage across phase k, as the loop's current follows it, a_k its axis
 
 The loop's current adds to that of the phase and makes neither useful flux nor a drop outside the shorted turns; g is
-its conductance as seen from the phase, 2/3 of the squared share of turns over the loop's resistance.
+its conductance as seen from the phase, 2/3 of the squared share of turns over the loop's resistance. The loop turns
+3/2 g e_k^2 into heat, in the winding.
 B. Vaseghi, N. Takorabet, F. Meibody-Tabar, "Fault analysis and parameter identification of permanent-magnet motors by
 the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.2009.2022156.
 """
 
+import numpy as np
+
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.iron_loss import branch, emf
-from estimator.physics.rows import AXES, Rows, Vector
+from estimator.physics.rows import AXES, Real, Rows, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    conductance, phase, _ = sizes
-    axis = AXES[round(phase) % 3]
-    loop = conductance * (_driven(rows, sizes) * axis.conjugate()).real * axis
+    loop = _loop(rows, sizes)
     mean = rows.stationary(0.5 * (loop[:-1] + loop[1:]))
     return -rows.machine.R_s * rows.R_s_ratio * mean - rows.balance(rows.flux_of_little(loop * rows.rotor.conj()))
+
+
+def _heats(rows: Rows, sizes: Sizes) -> Real:
+    """What of the loop's loss R_s would make of a current's square, A^2, less what the loop spares the phase."""
+    loop = _loop(rows, sizes)
+    lost = np.abs(loop) ** 2 / (max(sizes[0], 1e-300) * rows.machine.R_s)
+    return lost + np.abs(rows.i_s - loop) ** 2 - np.abs(rows.i_s) ** 2
+
+
+def _loop(rows: Rows, sizes: Sizes) -> Vector:
+    """The loop's current as seen from the phase, A, at samples in the stationary frame."""
+    axis = AXES[round(sizes[1]) % 3]
+    loop: Vector = sizes[0] * (_driven(rows, sizes) * axis.conjugate()).real * axis
+    return loop
 
 
 def _driven(rows: Rows, sizes: Sizes) -> Vector:
@@ -42,4 +57,5 @@ EFFECT = Effect(
     missed=1e-4,
     remembers=_driven,
     sees_voltage=True,
+    heats=_heats,
 )  # fmt: skip

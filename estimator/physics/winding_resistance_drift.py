@@ -4,10 +4,10 @@
     dh/dt = |i|^2 - h / time_constant
 
 Copper loss heats the winding, which cools to the housing with its time constant; copper gains 0.39 % of its resistance
-per kelvin. R_s is that at the start. The loss rises with R_s, so the warmer, the faster: a power of h is exact where
-nothing cools, and else as good as 1 + heating h / h(end) where that is small. Cooling is for a winding that is warmer
-than its housing when the recording begins. J. R. Hendershot, T. J. E. Miller, "Design of Brushless Permanent-Magnet
-Machines", 2010, chapter 15.
+per kelvin. What other effects of a model lose in the winding (shorted turns, eddies) adds to |i|^2. R_s is that
+at the start. The loss rises with R_s, so the warmer, the faster: a power of h is exact where nothing cools, and else as
+good as 1 + heating h / h(end) where that is small. Cooling is for a winding that is warmer than its housing when the
+recording begins. J. R. Hendershot, T. J. E. Miller, "Design of Brushless Permanent-Magnet Machines", 2010, chapter 15.
 """
 
 import math
