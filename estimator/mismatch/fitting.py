@@ -37,6 +37,7 @@ POLISHED: Final = 6  # times a round
 _WHOLE: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
 _FEW: Final = (8_000, 16)  # periods and blocks of them, that find what costs much to follow
 _FIND: Final = 2  # times as often as all rows
+_BEYOND: Final = 3  # the same, where equations are far from lines
 _LASTS: Final = 4  # steps, that slopes of what the bridge loses serve
 _STILL: Final = 0.1  # standard errors: a step that does not matter
 _NEARLY: Final = 2.0  # the same where it leads to the end
@@ -151,7 +152,7 @@ def _rounds(
         if better is not None:
             model = better
         elif any(seed >= 0 for _, seed in choice):  # beyond the bend it may be better still
-            beyond, cleaner, _ = polished(rows, clean, towards, given, times)
+            beyond, cleaner, _ = polished(rows, clean, towards, given, _BEYOND * times)
             if _left(rows, cleaner.rows, beyond, search) < search.regression.left:
                 model, clean = beyond, cleaner
             else:
@@ -252,6 +253,7 @@ def roughly_polished(
     if part is rows:
         return _polished(rows, clean, model, given, times)
     model, _, settled = _polished(part, raw(part), model, given, _FIND * times)
+    model = with_step_in_place(rows, clean.rows, model)  # it may lie between the blocks
     return model, cleaned(rows, clean.rows, model, Following(rows)), settled
 
 
