@@ -1,11 +1,13 @@
 """Concealed recordings as their files have them."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from emulator.conceal.files import write
 from emulator.conceal.populations import KINDS
 from emulator.conceal.recording import Choice, Concealed, drawn
 from emulator.motors import MOTORS
+from emulator.virtual_drive import Column
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import TOLERANCE
 from estimator.mismatch.given import Given
@@ -22,12 +24,22 @@ def population(seed: int) -> Choice:
 
 def recording_of(choice: Choice, number: int, folder: Path) -> tuple[Concealed, list[Samples], Machine]:
     """What it conceals, its runs, and the nominal machine. Its files are in the folder then."""
-    there, columns = drawn(choice, number)
+    return written(*drawn(choice, number), choice, folder)
+
+
+def written(
+    there: Concealed, columns: Mapping[str, Column], choice: Choice, folder: Path
+) -> tuple[Concealed, list[Samples], Machine]:
+    """The same of one that was drawn."""
     write(there, columns, choice, "0001", folder, folder)
     return (there, *loaded(folder, "0001"))
 
 
 def rows_of(choice: Choice, number: int, folder: Path) -> tuple[Rows, Given]:
     """Its rows as a diagnosis has them, and what is given of the drive."""
-    _, runs, nominal = recording_of(choice, number, folder)
+    return rows_as_diagnosed(*recording_of(choice, number, folder)[1:])
+
+
+def rows_as_diagnosed(runs: Sequence[Samples], nominal: Machine) -> tuple[Rows, Given]:
+    """The same of runs and a nominal machine."""
     return prepared(runs, nominal, dict.fromkeys(PARAMETERS, TOLERANCE))

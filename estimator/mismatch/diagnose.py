@@ -151,7 +151,7 @@ def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]
     progress(0.7, "judging")
     found, at_best = one_for_others(rows, found, given)
     progress(0.71, "judging")
-    found = without_idle(together(found, given), given)
+    found = without_idle(together(rows, found, given), given)
     progress(0.72, "judging")
     found = not_astray(rows, found, given)
     left = left_of(rows, found)

@@ -24,15 +24,21 @@ _BENT: Final = tuple(effect.name for effect in LIBRARY if effect.bends)
 """Effects that make up for each other, and for the machine's parameters."""
 
 
-def together(found: Fitted, given: Given) -> Fitted:
+def together(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or one that begins with all saturations and an angle's offset at once, and leaves less.
 
-    It is asked for where more than noise is left, or a parameter of the machine is beyond its tolerance.
+    Others may show beside that. It is asked for where more than noise is left, or a parameter of the machine is beyond
+    its tolerance.
     """
     if not (_leaves_more(found) or _beyond(found, given)):
         return found
     other = with_more(found, [name for name in _BENT if name not in found.model.effects], given)
-    return closely(other, given) if excess_of(other) < excess_of(found) and len(other.choice) <= MOST else found
+    if excess_of(other) >= excess_of(found) or len(other.choice) > MOST:
+        return found
+    other = closely(other, given)
+    if set(other.search.best(other.choice)) == set(other.choice):
+        return other
+    return min(other, fitted(rows, given, begin=other.model), key=excess_of)
 
 
 def without_idle(found: Fitted, given: Given) -> Fitted:

@@ -35,10 +35,15 @@ def make(seed: int, wanted: int, length: float, out: Path, answers: Path, jobs: 
     """Write recordings and machines into one folder, answers into another."""
     for folder in (out, answers):
         folder.mkdir(parents=True)
-    choice = Choice(seed, _KINDS, (0.0, 1.0), tuple(MOTORS), length)
+    choice = near_population(seed, length)
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         for done in [pool.submit(_one, choice, k, out, answers) for k in range(1, wanted + 1)]:
             done.result()
+
+
+def near_population(seed: int, length: float) -> Choice:
+    """What recordings of so many seconds are drawn from."""
+    return Choice(seed, _KINDS, (0.0, 1.0), tuple(MOTORS), length)
 
 
 def _one(choice: Choice, k: int, out: Path, answers: Path) -> None:
