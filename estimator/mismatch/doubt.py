@@ -86,11 +86,17 @@ def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[
 
 def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
     """Two effects that are not told apart, and what would tell."""
-    reason = (
-        f"{BY_NAME[one].title} and {BY_NAME[rival.effect].title} explain this recording about equally well "
-        f"(odds {math.exp(min(rival.log_odds, 20.0)):.2g} to 1; their signals are collinear to "
-        f"{abs(rival.collinear):.2f} here)"
-    )
+    this, that, collinear = BY_NAME[one].title, BY_NAME[rival.effect].title, f"{abs(rival.collinear):.2f} here"
+    if rival.log_odds < -SURE:
+        reason = (
+            f"{that} explains more of this recording than {this}, but no more than what is left may lend it (their "
+            f"signals are collinear to {collinear})"
+        )
+    else:
+        reason = (
+            f"{this} and {that} explain this recording about equally well (odds {math.exp(rival.log_odds):.2g} to 1; "
+            f"their signals are collinear to {collinear})"
+        )
     return Ambiguity((one, rival.effect), reason, experiment)
 
 
