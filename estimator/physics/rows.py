@@ -59,8 +59,9 @@ class Stiffness:
         return Stiffness(self.a - other.a, self.b - other.b)
 
     def flux(self, i: Vector) -> Vector:
-        """Flux linkage (Vs) that belongs to a small current (A)."""
-        return (self.a * i - self.b * i.conj()) / (self.a * self.a - self.b.real**2 - self.b.imag**2)
+        """Flux linkage (Vs) that belongs to a small current (A); no number where a curve that is tried is too bent."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (self.a * i - self.b * i.conj()) / (self.a * self.a - self.b.real**2 - self.b.imag**2)
 
     def __getitem__(self, samples: slice) -> "Stiffness":
         """At some samples."""
