@@ -60,7 +60,7 @@ def test_a_faint_resonance_is_told(number: int, tmp_path: Path) -> None:
 def test_an_effect_that_takes_a_parameter_off_its_data_sheet_is_dropped(tmp_path: Path) -> None:
     """A saturation beside a short and an angle offset, where L_q is a fifth too high, by an encoder's rounding."""
     rows, given = rows_of(population(2013), 95, tmp_path)
-    found = together(fitted(rows, given), given)
+    found = together(rows, fitted(rows, given), given)
     assert "q_axis_saturation" in found.model.effects
     assert not given.within("L_q", found.model.machine.L_q, 1.5)
     upheld, left, _ = upright(rows, found, left_of(rows, found), given)

@@ -27,8 +27,8 @@ _BENT: Final = tuple(effect.name for effect in LIBRARY if effect.bends)
 def together(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or one that begins with all saturations and an angle's offset at once, and leaves less.
 
-    Others may show beside that. It is asked for where more than noise is left, or a parameter of the machine is beyond
-    its tolerance.
+    It is asked for where more than noise is left, or a parameter of the machine is beyond its tolerance. Where an
+    effect is not needed then, others may show that it had stood for.
     """
     if not (_leaves_more(found) or _beyond(found, given)):
         return found
@@ -36,7 +36,7 @@ def together(rows: Rows, found: Fitted, given: Given) -> Fitted:
     if excess_of(other) >= excess_of(found) or len(other.choice) > MOST:
         return found
     other = closely(other, given)
-    if set(other.search.best(other.choice)) == set(other.choice):
+    if set(found.model.effects) <= set(other.model.effects):
         return other
     return min(other, fitted(rows, given, begin=other.model), key=excess_of)
 

@@ -5,7 +5,7 @@ model so far has taken noise off. Knows nothing of words.
 """
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -37,6 +37,7 @@ POLISHED: Final = 6  # times a round
 _WHOLE: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
 _FEW: Final = (8_000, 16)  # periods and blocks of them, that find what costs much to follow
 _FIND: Final = 2  # times as often as all rows
+_ATTEMPTS: Final = 3  # searches, each without what the one before had no need of
 _BEYOND: Final = 3  # the same, where equations are far from lines
 _LASTS: Final = 4  # steps, that slopes of what the bridge loses serve
 _STILL: Final = 0.1  # standard errors: a step that does not matter
@@ -95,16 +96,17 @@ def _fitted(
     clean, settled = raw(rows), False
     if nearly:
         model, clean, settled = polished(rows, clean, model, given, _WHOLE[1])
-    again = True
-    while True:
-        model, clean, last = _rounds(rows, clean, model, settled, nearly, given, progress, library)
+    barred = frozenset[str]()
+    for attempt in range(_ATTEMPTS):
+        model, clean, last = _rounds(rows, clean, model, settled, nearly, given, progress, library, barred)
         needed = last.without_needless(_present(model))
         if len(needed) == len(model.effects):
             break
+        if attempt > 0:  # it came back to what is not needed
+            barred = frozenset(model.effects) - {name for name, _ in needed}
         model, clean, last = _pruned(rows, clean, model, needed, given, library, roughly_polished)
-        if not again or set(last.best(_present(model))) == set(_present(model)):
-            break
-        again = False  # others show without what led astray
+        if set(last.best(_present(model))) == set(_present(model)):
+            break  # else others show without what led astray
     if model.steep:
         model, clean, last = _pruned(rows, clean, model, _present(model), given, library, _polished)
     return _found(model, clean, last)
@@ -131,12 +133,11 @@ def _pruned(
 
 def _rounds(
     rows: Rows, clean: Clean, model: Model, settled: bool, nearly: bool, given: Given,
-    progress: Callable[[float], None], library: Sequence[Effect],
+    progress: Callable[[float], None], library: Sequence[Effect], barred: Set[str],
 ) -> tuple[Model, Clean, Search]:  # fmt: skip
-    """Effects are added, taken away and exchanged until nothing changes."""
+    """Effects are added, taken away and exchanged until nothing changes; those that are `barred` are not added."""
     rounds, times = _WHOLE if nearly else (ROUNDS, POLISHED)
     seen = [frozenset(model.effects)] if nearly else list[frozenset[str]]()
-    barred: set[str] = set()  # effects whose equations did not bear out what their lines promised
     for n in range(rounds):
         search = _search(rows, clean, model, given, library)
         search.barred |= barred
@@ -156,7 +157,7 @@ def _rounds(
             if _left(rows, cleaner.rows, beyond, search) < search.regression.left:
                 model, clean = beyond, cleaner
             else:
-                barred |= {name for name, seed in choice if seed >= 0}
+                barred = barred | {name for name, seed in choice if seed >= 0}  # its equations bear out no promise
         model, clean, settled = roughly_polished(rows, clean, model, given, times)
         progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
