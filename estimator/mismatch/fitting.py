@@ -96,17 +96,18 @@ def _fitted(
     clean, settled = raw(rows), False
     if nearly:
         model, clean, settled = polished(rows, clean, model, given, _WHOLE[1])
-    barred = frozenset[str]()
-    for attempt in range(_ATTEMPTS):
+    attempt, barred = 1, frozenset[str]()
+    while True:
         model, clean, last = _rounds(rows, clean, model, settled, nearly, given, progress, library, barred)
         needed = last.without_needless(_present(model))
         if len(needed) == len(model.effects):
             break
-        if attempt > 0:  # it came back to what is not needed
+        if attempt > 1:  # it came back to what is not needed
             barred = frozenset(model.effects) - {name for name, _ in needed}
         model, clean, last = _pruned(rows, clean, model, needed, given, library, roughly_polished)
-        if set(last.best(_present(model))) == set(_present(model)):
-            break  # else others show without what led astray
+        if attempt == _ATTEMPTS or set(last.best(_present(model))) == set(_present(model)):
+            break
+        attempt += 1  # others show without what led astray
     if model.steep:
         model, clean, last = _pruned(rows, clean, model, _present(model), given, library, _polished)
     return _found(model, clean, last)

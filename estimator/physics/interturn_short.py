@@ -9,6 +9,8 @@ B. Vaseghi, N. Takorabet, F. Meibody-Tabar, "Fault analysis and parameter identi
 the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.2009.2022156.
 """
 
+from typing import cast
+
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
@@ -33,8 +35,7 @@ def _heats(rows: Rows, sizes: Sizes) -> Real:
 def _loop(rows: Rows, sizes: Sizes) -> Vector:
     """The loop's current as seen from the phase, A, at samples in the stationary frame."""
     axis = AXES[round(sizes[1]) % 3]
-    loop: Vector = sizes[0] * (_driven(rows, sizes) * axis.conjugate()).real * axis
-    return loop
+    return cast(Vector, sizes[0] * (_driven(rows, sizes) * axis.conjugate()).real * axis)
 
 
 def _driven(rows: Rows, sizes: Sizes) -> Vector:
