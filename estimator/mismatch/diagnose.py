@@ -150,6 +150,7 @@ def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]
     found = fitted(rows, given, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
     found, at_best = one_for_others(rows, found, given)
+    compared = set(found.choice)
     progress(0.71, "judging")
     found = without_idle(together(rows, found, given), given)
     progress(0.72, "judging")
@@ -160,7 +161,7 @@ def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]
         if has_map(by_map):
             return _There(by_map, left_by_map, found.search)
     found, left, resonance = upright(rows, found, left, given)
-    return _There(found, left, resonance=resonance, at_best=at_best)
+    return _There(found, left, resonance=resonance, at_best=at_best if set(found.choice) == compared else None)
 
 
 def _taken_back(suspicion: Suspicion, model: Model, tolerance: Mapping[str, float]) -> bool:

@@ -89,8 +89,8 @@ def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
     this, that, collinear = BY_NAME[one].title, BY_NAME[rival.effect].title, f"{abs(rival.collinear):.2f} here"
     if rival.log_odds < -SURE:
         reason = (
-            f"{that} explains more of this recording than {this}, but no more than what is left may lend it (their "
-            f"signals are collinear to {collinear})"
+            f"{that} would be likelier than {this} by noise alone, but in a fit of its own it does not leave so much "
+            f"less that nothing else may make that difference (their signals are collinear to {collinear})"
         )
     else:
         reason = (

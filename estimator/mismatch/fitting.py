@@ -37,8 +37,8 @@ POLISHED: Final = 6  # times a round
 _WHOLE: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
 _FEW: Final = (8_000, 16)  # periods and blocks of them, that find what costs much to follow
 _FIND: Final = 2  # times as often as all rows
-_ATTEMPTS: Final = 3  # searches, each without what the one before had no need of
 _BEYOND: Final = 3  # the same, where equations are far from lines
+_ATTEMPTS: Final = 3  # searches, each from what the one before had need of
 _LASTS: Final = 4  # steps, that slopes of what the bridge loses serve
 _STILL: Final = 0.1  # standard errors: a step that does not matter
 _NEARLY: Final = 2.0  # the same where it leads to the end
@@ -103,8 +103,9 @@ def _fitted(
         if len(needed) == len(model.effects):
             break
         if attempt > 1:  # it came back to what is not needed
-            barred = frozenset(model.effects) - {name for name, _ in needed}
+            barred |= frozenset(model.effects) - {name for name, _ in needed}
         model, clean, last = _pruned(rows, clean, model, needed, given, library, roughly_polished)
+        last.barred |= barred
         if attempt == _ATTEMPTS or set(last.best(_present(model))) == set(_present(model)):
             break
         attempt += 1  # others show without what led astray

@@ -28,6 +28,7 @@ Noise = tuple[float, float, float]
 
 _TRIMMED: Final = 3  # times, that what is beyond 4 standard deviations is left out of noise
 _WITHIN: Final = 0.99887  # of a normal variance, within these
+_NEAR_GAP: Final = 200  # samples on either side
 _LEAST: Final = 1e-6  # of rated current, that the noise of a current is taken for
 
 
@@ -115,14 +116,21 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
 
 
 def _heated(truth: Rows, model: Model) -> Rows:
-    """The rows with what effects heat the winding by, besides its current's square."""
-    plain = replace(truth, kept=dict(truth.kept))
-    each = [effect.heats(plain, sizes) for name, sizes in model.effects.items() if (effect := BY_NAME[name]).heats]
-    if not each:
+    """The rows with what effects heat a winding that warms up by, besides its current's square.
+
+    Where samples are missing, as much over that as around them.
+    """
+    there = [(effect.heats, sizes) for name, sizes in model.effects.items() if (effect := BY_NAME[name]).heats]
+    if not there or winding_resistance_drift.EFFECT.name not in model.effects:
         return truth
-    power: Array = sum(each, start=np.zeros(len(truth) + 1))
-    added = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(truth.t))
-    return replace(truth, heat=truth.heat + np.concatenate((np.zeros(1), added)))
+    plain = replace(truth, kept=dict(truth.kept))
+    power: Array = sum((heats(plain, sizes) for heats, sizes in there), start=np.zeros(len(truth) + 1))
+    added = 0.5 * (power[1:] + power[:-1]) * truth.T_s
+    for k in np.flatnonzero(~truth.joined & (truth.apart != 1)):
+        near = slice(max(k - _NEAR_GAP, 0), k + _NEAR_GAP + 2)
+        own = float(np.sum(np.abs(truth.i[near]) ** 2))
+        added[k] = (truth.heat[k + 1] - truth.heat[k]) * float(np.sum(power[near])) / max(own, 1e-300)
+    return replace(truth, heat_beside=np.concatenate((np.zeros(1), np.cumsum(added))))
 
 
 def _drifting(truth: Rows, model: Model) -> Rows:

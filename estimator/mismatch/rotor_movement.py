@@ -157,7 +157,7 @@ def at_orders(off: Real, theta: Real, step: float) -> Real:
         often = float(np.mean(np.minimum(np.abs(parts) ** 2 / chance, _PLAIN)))
         if often > _OFTEN or abs(np.sum(seen)) ** 2 > _ALWAYS * chance * len(off):
             a, b = (_held(_mean(x.copy(), w), w) for x in (seen.real, seen.imag))
-            swing += 2.0 * (a * turn.real - b * turn.imag)
+            swing += np.where(fast, 2.0 * (a * turn.real - b * turn.imag), 0.0)
         turn *= once
     return swing
 

@@ -9,8 +9,6 @@ B. Vaseghi, N. Takorabet, F. Meibody-Tabar, "Fault analysis and parameter identi
 the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.2009.2022156.
 """
 
-from typing import cast
-
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
@@ -20,22 +18,23 @@ from estimator.physics.rows import AXES, Real, Rows, Vector
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    loop = _loop(rows, sizes)
+    axis, along = _along(rows, sizes)
+    loop: Vector = sizes[0] * along * axis
     mean = rows.stationary(0.5 * (loop[:-1] + loop[1:]))
     return -rows.machine.R_s * rows.R_s_ratio * mean - rows.balance(rows.flux_of_little(loop * rows.rotor.conj()))
 
 
 def _heats(rows: Rows, sizes: Sizes) -> Real:
-    """What of the loop's loss R_s would make of a current's square, A^2, less what the loop spares the phase."""
-    loop = _loop(rows, sizes)
-    lost = np.abs(loop) ** 2 / (max(sizes[0], 1e-300) * rows.machine.R_s)
-    return lost + np.abs(rows.i_s - loop) ** 2 - np.abs(rows.i_s) ** 2
+    """Squared current (A^2, at samples) that R_s would make the loop's loss of, less what the loop spares the phase."""
+    axis, along = _along(rows, sizes)
+    lost: Real = sizes[0] * along**2 / rows.machine.R_s
+    return lost + np.abs(rows.i_s - sizes[0] * along * axis) ** 2 - np.abs(rows.i_s) ** 2
 
 
-def _loop(rows: Rows, sizes: Sizes) -> Vector:
-    """The loop's current as seen from the phase, A, at samples in the stationary frame."""
+def _along(rows: Rows, sizes: Sizes) -> tuple[complex, Real]:
+    """The phase's axis, and the voltage along it (V, at samples) as the loop's current follows it."""
     axis = AXES[round(sizes[1]) % 3]
-    return cast(Vector, sizes[0] * (_driven(rows, sizes) * axis.conjugate()).real * axis)
+    return axis, (_driven(rows, sizes) * axis.conjugate()).real
 
 
 def _driven(rows: Rows, sizes: Sizes) -> Vector:

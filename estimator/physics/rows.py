@@ -93,6 +93,7 @@ class Rows:
     curvature: tuple[float, float, float] = (0.0, 0.0, 0.0)  # a_d, a_q, c of the saturation curve, A/Vs^3
     R_s_ratio: Real | float = 1.0  # of each period: R_s over that at the start
     psi_f_ratio: Real | float = 1.0  # at samples: psi_f over that at the start
+    heat_beside: Real | float = 0.0  # A^2 s, what effects add to heat
     emf: Vector | float = 0.0  # V at samples, that effects take from what drives the current between pulses
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
@@ -111,7 +112,8 @@ class Rows:
         return replace(
             self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u),
             joined=cut(self.joined), heat=cut(self.heat), u_dc=cut(self.u_dc), zero=cut(self.zero),
-            R_s_ratio=cut(self.R_s_ratio), psi_f_ratio=cut(self.psi_f_ratio), emf=cut(self.emf),
+            R_s_ratio=cut(self.R_s_ratio), psi_f_ratio=cut(self.psi_f_ratio), heat_beside=cut(self.heat_beside),
+            emf=cut(self.emf),
             kept={key: cut(whole) for key, whole in self.kept.items()},
         )  # fmt: skip
 

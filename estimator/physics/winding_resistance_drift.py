@@ -33,11 +33,13 @@ def rise(rows: Rows, sizes: Sizes) -> Real:
 def _course(rows: Rows, sizes: Sizes) -> Real:
     """h(t)/h(end) at samples."""
     tau = sizes[1] * rows.span[1]
-    return rows.once(f"heat {tau!r}", lambda: _heated(rows, tau))
+    beside = 0.0 if isinstance(rows.heat_beside, float) else float(rows.heat_beside[-1])
+    return rows.once(f"heat {tau!r} {beside!r}", lambda: _heated(rows, tau))
 
 
 def _heated(rows: Rows, tau: float) -> Real:
-    t, more = (rows.t - rows.span[0]) / tau, np.diff(rows.heat, prepend=rows.heat[:1])
+    t, heat = (rows.t - rows.span[0]) / tau, rows.heat + rows.heat_beside
+    more = np.diff(heat, prepend=heat[:1])
     came = np.exp(t - 0.5 * np.diff(t, prepend=t[:1]))  # midway since the sample before
     h: Real = np.cumsum(came * more) * np.exp(-t)
     return h / max(float(h[-1]), 1e-300)
