@@ -48,7 +48,7 @@ def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
         "verdict": said.verdict.value,
         "sentence": said.sentence,
         "findings": [
-            _fields(finding) | {
+            {name: value for name, value in _fields(finding).items() if name != "equation"} | {
                 "odds_against_next": min(finding.odds_against_next, MOST_ODDS),
                 "rivals": [{"effect": r.effect, "odds": min(r.odds, MOST_ODDS)} for r in finding.rivals],
             }

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Iterable
 
-from bench.machine_file import KEYS, Nominal
+from bench.machine_file import EQUATION, KEYS, Nominal
 from estimator.machine import PARAMETERS, UNITS
-from estimator.mismatch.verdict import Diagnosis, FluxTable, Quantity
+from estimator.mismatch.verdict import Diagnosis, Finding, FluxTable, Quantity
+from estimator.physics.library import BY_NAME
 
 
 def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
@@ -27,12 +28,15 @@ def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
     if nominal.i_rated is not None:
         lines.append(_line("i_rated", nominal.i_rated, "A"))
     drive = {"T_s": (T_s, "s"), "u_dc": (nominal.u_dc, "V"), "encoder_counts": (nominal.encoder_counts, "")}
+    drive["angle_ahead"] = diagnosis.angle or None, "rad electrical, of the recorded angle, within a count"
     if known := [_line(name, value, unit) for name, (value, unit) in drive.items() if value is not None]:
         lines += ["", "[drive]", *known]
     for finding in diagnosis.findings:
         lines += ["", f"[effects.{finding.effect}]"]
         for name, found in finding.parameters.items():
             lines += [_line(key, value, found.unit) for key, value in _both(name, found)]
+        if finding.equation:
+            lines.append(_equation(finding))
     if diagnosis.flux_map is not None:
         lines += ["", *_flux_map(diagnosis.flux_map)]
     return "\n".join(lines) + "\n"
@@ -75,6 +79,12 @@ def _both(name: str, found: Quantity) -> list[tuple[str, float]]:
         (key, value) for key, value in ((name, found.value), (f"{name}_std", found.std))
         if value is not None and math.isfinite(value)
     ]
+
+
+def _equation(finding: Finding) -> str:
+    names = ", ".join(f"{p.name} in {p.unit}" if p.unit != "1" else p.name for p in BY_NAME[finding.effect].parameters)
+    values = ", ".join(f"{value:.9g}" for value in finding.equation)
+    return f"{EQUATION} = [{values}]  # for the twin, as estimator/physics/{finding.effect}.py has them: {names}"
 
 
 def _finite(value: float | None) -> bool:

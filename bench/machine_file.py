@@ -14,6 +14,7 @@
     [effects.inverter_voltage_error]  # as a diagnosis writes them: parameters of physics beyond the textbook, SI
     dead_time = 2e-6
     dead_time_std = 3e-8    # standard error
+    equation = [2e-6, 0.0, 0.05, 0.08]  # the effect's parameters as its equation has them, for the twin
 
 Every key may be left out: what is not known is not written, and nothing is assumed in its place. Effects have the names
 that a diagnosis gives them. A table [flux_map], as a diagnosis writes it, is for other tools and is not read.
@@ -39,8 +40,13 @@ KEYS = {
         "T_s": (1e-7, 10.0, "s"),
         "u_dc": (1.0, 1e5, "V"),
         "encoder_counts": (2, 2**30, "counts"),
+        "angle_ahead": (-math.pi, math.pi, "rad"),
     },
 }
+SIGNED = "angle_ahead"
+"""The key of a value that may be negative, or zero."""
+EQUATION = "equation"
+"""The key of an effect's parameters as its equation has them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +59,9 @@ class Nominal:
     T_s: float | None = None  # s, control period
     u_dc: float | None = None  # V
     encoder_counts: int | None = None  # of a mechanical turn
+    angle_ahead: float = 0.0  # rad electrical, of the recorded angle, within a count
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])  # by name, SI
+    equations: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])  # by effect
     source: str = field(default="", compare=False)  # the file
 
     @property
@@ -93,7 +101,9 @@ def nominal_of(content: Mapping[str, object], path: str | Path) -> Nominal:
         T_s=drive.get("T_s"),
         u_dc=drive.get("u_dc"),
         encoder_counts=int(drive["encoder_counts"]) if "encoder_counts" in drive else None,
+        angle_ahead=drive.get("angle_ahead", 0.0),
         effects=_effects(content.get("effects", {}), path),
+        equations=_equations(content.get("effects", {}), path),
         source=str(path),
     )
 
@@ -118,13 +128,36 @@ def _effects(content: object, path: str | Path) -> dict[str, Mapping[str, float]
         where = f"{path}: [effects.{name}]"
         if name not in (known := _known_effects()):
             raise ConfigError(f"{path}: [effects]: unknown effect {shown(name)}, expected one of {', '.join(known)}")
-        for key, value in _expect_table(table, f"effects.{name}", path).items():
+        values = {k: v for k, v in _expect_table(table, f"effects.{name}", path).items() if k != EQUATION}
+        for key, value in values.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < math.inf:
                 raise ConfigError(f"{where} {shown(key)}: expected a finite number, came {shown(value)}")
         effects[name] = {
-            key: float(min(max(value, -1e300), 1e300)) for key, value in cast("dict[str, float]", table).items()
+            key: float(min(max(value, -1e300), 1e300)) for key, value in cast("dict[str, float]", values).items()
         }
     return effects
+
+
+def _equations(effects: object, path: str | Path) -> dict[str, tuple[float, ...]]:
+    """Of effects that are known."""
+    from estimator.physics.library import BY_NAME
+
+    found: dict[str, tuple[float, ...]] = {}
+    for name, table in cast("dict[str, dict[str, object]]", effects).items():
+        if EQUATION not in table:
+            continue
+        names = [parameter.name for parameter in BY_NAME[name].parameters] if name in BY_NAME else []
+        values = cast("list[object]", table[EQUATION])
+        numbers = [x for x in values if _is_number(x)] if isinstance(values, list) else []
+        if not names or len(numbers) != len(names) or len(numbers) != len(values):
+            expected = f"{len(names)} finite numbers ({', '.join(names)})" if names else "none"
+            raise ConfigError(f"{path}: [effects.{name}] {EQUATION}: expected {expected}, came {shown(values)}")
+        found[name] = tuple(float(cast(float, x)) for x in numbers)
+    return found
+
+
+def _is_number(x: object) -> bool:
+    return not isinstance(x, bool) and isinstance(x, int | float) and abs(x) < 1e300
 
 
 def _known_effects() -> tuple[str, ...]:
@@ -161,14 +194,15 @@ def _table(path: str | Path, name: str, content: object) -> dict[str, float]:
         where = f"{path}: [{name}] {key}"
         if key not in allowed:
             raise ConfigError(f"{where} is unknown, expected one of {', '.join(allowed)}")
-        values[key] = _value(where, value, *allowed[key], whole=key in ("n_p", "encoder_counts"))
+        whole = key in ("n_p", "encoder_counts")
+        values[key] = _value(where, value, *allowed[key], whole=whole, signed=key == SIGNED)
     return values
 
 
-def _value(where: str, value: object, low: float, high: float, unit: str, *, whole: bool) -> float:
+def _value(where: str, value: object, low: float, high: float, unit: str, *, whole: bool, signed: bool) -> float:
     if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
         raise ConfigError(f"{where}: expected a {'whole ' if whole else ''}number of {unit}, came {value!r}")
-    if not 0 < value < math.inf:
+    if not signed and not 0 < value < math.inf:
         raise ConfigError(f"{where} = {value}: expected a finite number of {unit} above zero")
     value = min(value, 1e300)  # TOML's integers have no end
     if not low <= value <= high:

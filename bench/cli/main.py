@@ -232,6 +232,29 @@ def diagnose(
 
 
 @app.command()
+def simulate(
+    file: Annotated[Path, typer.Argument(help="recording: CSV, CSV.gz or Parquet")],
+    machine: Annotated[Path, typer.Option(metavar="MACHINE.toml", help="as `diagnose --machine` writes it")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="OUT.parquet", help="simulated currents, a new file")
+    ] = None,
+    mapping: Annotated[list[str] | None, typer.Option("--map", metavar="NAME=COLUMN,...", help="columns")] = None,
+    constants: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE,...", help="constants")] = None,
+    align: Annotated[
+        list[str] | None, typer.Option(metavar="u=ROWS", help="the voltage in row k was applied ROWS later")
+    ] = None,
+) -> None:
+    """Simulate a recording's currents by a machine with the effects of its file, and say how far off they are."""
+    from bench.cli.options import pairs
+    from bench.cli.simulate import run
+
+    run(
+        file, machine, pairs("--map", mapping or (), str), pairs("--set", constants or (), float),
+        pairs("--align", align or (), float), out,
+    )
+
+
+@app.command()
 def experiment(
     diagnosis: Annotated[Path, typer.Argument(metavar="DIAGNOSIS.json", help="as `diagnose --json` writes it")],
     name: Annotated[str | None, typer.Argument(help="the drive, as the service calls it")] = None,

@@ -276,7 +276,7 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
     return Diagnosis(
         verdict, "", tuple(findings), tuple(doubts), left, limits, machine_before, machine_after, fit,
         candidates(search, choice), tuple(outside), pictures, richer if lacks else None, scales=scales,
-        flux_map=None if flux_map is None or not findings else flux_map.table(),
+        flux_map=None if flux_map is None or not findings else flux_map.table(), angle=model.angle,
     )  # fmt: skip
 
 
@@ -362,6 +362,7 @@ def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[D
     return Finding(
         effect.name, _told(effect, smooth, found, one), place_of(rows, signal, (0.0, 0.0)), odds_of(against_next),
         tuple(Rival(doubt.effect, odds_of(doubt.log_odds)) for doubt in others[:5]), absorbed,
+        tuple(model.effects[effect.name]),
     )  # fmt: skip
 
 

@@ -70,6 +70,7 @@ class Finding:
     odds_against_next: float  # against the likeliest explanation without it
     rivals: tuple[Rival, ...]  # likeliest first
     absorbed_as: Mapping[str, float]  # what it did to R_s, L_d, L_q, psi_f of a fit without it; SI
+    equation: tuple[float, ...] = ()  # its equation's parameters, in their order; none where no twin has one
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,6 +235,7 @@ class Diagnosis:
     pole_pairs: int | None = None  # where the nominal ones are wrong
     scales: Mapping[str, Range] = field(default_factory=dict[str, Range])  # see `common_scale`
     flux_map: FluxTable | None = None  # where no saturation curve of few numbers bends as the machine does
+    angle: float = 0.0  # rad electrical, that the recorded angle is ahead of the rotor's, within a count
 
 
 def verdict_of(

@@ -1,0 +1,45 @@
+"""A machine with effects beside a recording that took no part in finding them. Knows nothing of how they were found."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.machine import PARAMETERS
+from estimator.mismatch.model import Model, residual
+from estimator.mismatch.prepared import prepared
+from estimator.mismatch.verdict import Array, Before
+from estimator.physics.rows import Vector
+from estimator.samples import Samples
+from estimator.twin import free_run
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beside:
+    """What a model leaves of a recording, before: the machine alone, after: with its effects."""
+
+    one_step_rms_V: Before
+    free_run_rms_A: Before  # simulated from the measured current every 0.1 s
+    t: Array  # s, at samples
+    i: Vector  # A, free-running, with effects, rotor frame
+
+
+def beside(runs: Sequence[Samples], model: Model) -> Beside:
+    """The model's twin beside a recording's runs. Raises ValueError where none of them has 3 samples."""
+    long_enough = [run for run in runs if len(run) >= 3]
+    if not long_enough:
+        raise ValueError("expected a run of at least 3 samples without a gap, came none")
+    rows, _ = prepared(long_enough, model.machine, dict.fromkeys(PARAMETERS, 0.0))
+    steps: list[float] = []
+    errors: list[float] = []
+    i = rows.i
+    for one in (Model(model.machine, angle=model.angle), model):
+        i = free_run(rows, one)
+        steps.append(_rms(residual(rows, rows, one)[rows.joined]))
+        errors.append(_rms((i - rows.i)[1:][rows.joined]))
+    return Beside(Before(*steps), Before(*errors), rows.t, i)
+
+
+def _rms(x: Vector) -> float:
+    """Of one axis, as of d and q together."""
+    return float(np.sqrt(np.mean(np.abs(x) ** 2) / 2.0)) if len(x) else 0.0
