@@ -14,7 +14,9 @@ from bench.machine_file import load_machine
 from bench.simulate import simulate
 from emulator.conceal.recording import Choice
 from estimator.mismatch.diagnose import diagnose
+from estimator.physics.library import LIBRARY
 from tests.concealed_runs import recording_of
+from tests.equations import rows_without_noise, with_effect
 
 
 @pytest.mark.parametrize("kind", ["angle_offset", "skin"])
@@ -55,3 +57,15 @@ def test_effects_that_cannot_be_simulated_are_said(line: str, said: str, tmp_pat
     with pytest.raises(ConfigError, match=r"m\.toml") as caught:
         simulate(Request(tmp_path / "none.parquet", load_machine(file)))
     assert said in str(caught.value)
+
+
+def test_the_readme_names_every_effect_and_its_parameters() -> None:
+    """As JSON and machine files have them."""
+    table = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8").split("**Effects and their")[1]
+    table = table.split("Equation, source, range")[0]
+    rows = rows_without_noise(with_effect("none", "servo_4nm"))
+    for effect in LIBRARY:
+        assert f"`{effect.name}`" in table, effect.name
+        sizes = [parameter.typical(rows) for parameter in effect.parameters]
+        told = effect.told(rows, sizes) if effect.told else [parameter.name for parameter in effect.parameters]
+        assert all(f"`{name}`" in table for name in told), effect.name
