@@ -147,17 +147,17 @@ def _equations(effects: object, path: str | Path) -> dict[str, tuple[float, ...]
         if EQUATION not in table:
             continue
         names = [parameter.name for parameter in BY_NAME[name].parameters] if name in BY_NAME else []
-        values = cast("list[object]", table[EQUATION])
-        numbers = [x for x in values if _is_number(x)] if isinstance(values, list) else []
+        came = table[EQUATION]
+        values = cast("list[object]", came) if isinstance(came, list) else list[object]()
+        numbers = [
+            float(x) for x in values
+            if not isinstance(x, bool) and isinstance(x, int | float) and abs(x) < 1e300
+        ]  # fmt: skip
         if not names or len(numbers) != len(names) or len(numbers) != len(values):
             expected = f"{len(names)} finite numbers ({', '.join(names)})" if names else "none"
-            raise ConfigError(f"{path}: [effects.{name}] {EQUATION}: expected {expected}, came {shown(values)}")
-        found[name] = tuple(float(cast(float, x)) for x in numbers)
+            raise ConfigError(f"{path}: [effects.{name}] {EQUATION}: expected {expected}, came {shown(came)}")
+        found[name] = tuple(numbers)
     return found
-
-
-def _is_number(x: object) -> bool:
-    return not isinstance(x, bool) and isinstance(x, int | float) and abs(x) < 1e300
 
 
 def _known_effects() -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from estimator.physics.rows import AXES, Real, Rows, Vector
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     axis, along = _along(rows, sizes)
-    loop: Vector = sizes[0] * along * axis
+    loop = np.asarray(sizes[0] * along * axis, np.complex128)
     mean = rows.stationary(0.5 * (loop[:-1] + loop[1:]))
     return -rows.machine.R_s * rows.R_s_ratio * mean - rows.balance(rows.flux_of_little(loop * rows.rotor.conj()))
 

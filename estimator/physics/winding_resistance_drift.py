@@ -33,7 +33,7 @@ def rise(rows: Rows, sizes: Sizes) -> Real:
 def _course(rows: Rows, sizes: Sizes) -> Real:
     """h(t)/h(end) at samples."""
     tau = sizes[1] * rows.span[1]
-    beside = 0.0 if isinstance(rows.heat_beside, float) else float(rows.heat_beside[-1])
+    beside = float(np.ravel(rows.heat_beside)[-1])
     return rows.once(f"heat {tau!r} {beside!r}", lambda: _heated(rows, tau))
 
 
