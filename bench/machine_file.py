@@ -155,7 +155,8 @@ def _equations(effects: object, path: str | Path) -> dict[str, tuple[float, ...]
         ]  # fmt: skip
         if not names or len(numbers) != len(names) or len(numbers) != len(values):
             expected = f"{len(names)} finite numbers ({', '.join(names)})" if names else "none"
-            raise ConfigError(f"{path}: [effects.{name}] {EQUATION}: expected {expected}, came {shown(came)}")
+            where = f"{path}: [effects.{name}] {EQUATION}"
+            raise ConfigError(f"{where}: expected {expected}, came {shown(table[EQUATION])}")
         found[name] = tuple(numbers)
     return found
 
