@@ -74,7 +74,7 @@ def test_where_no_mean_takes_the_rounding_off_periods_do_not_count() -> None:
     assert counts[1000:-1000].all()
     assert not counts[:20].any()
     assert not counts[-20:].any()
-    assert np.std(off[counts]) < 0.2 * np.std(off[~counts])
+    assert np.std(off[counts]) < 0.2 * count / math.sqrt(12.0)
 
 
 @pytest.mark.parametrize("order", [6.0, 2.0 / MACHINE.n_p])

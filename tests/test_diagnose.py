@@ -91,7 +91,7 @@ def test_the_schema_tells_every_field_of_a_diagnosis() -> None:
         "finding": Finding, "place": Place, "quantity": Quantity, "ambiguity": Ambiguity, "fit": Fit,
         "candidate": Candidate, "unexplained": Unexplained, "experiment": Experiment,
     }.items():  # fmt: skip
-        asked = {field.name for field in fields(kind)}
+        asked = {field.name for field in fields(kind)} - {"equation"}  # which machine files have
         assert set(definitions[name]["properties"]) == asked
         assert set(definitions[name]["required"]) == asked - {"leave_one_out"}
     left_out = definitions["fit"]["properties"]["leave_one_out"]

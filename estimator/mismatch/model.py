@@ -130,7 +130,8 @@ def _heated(truth: Rows, model: Model) -> Rows:
         near = slice(max(k - _NEAR_GAP, 0), k + _NEAR_GAP + 2)
         own = float(np.sum(np.abs(truth.i[near]) ** 2))
         added[k] = (truth.heat[k + 1] - truth.heat[k]) * float(np.sum(power[near])) / max(own, 1e-300)
-    return replace(truth, heat_beside=np.concatenate((np.zeros(1), np.cumsum(added))))
+    kept = {key: value for key, value in truth.kept.items() if not key.startswith(winding_resistance_drift.COURSE)}
+    return replace(truth, heat_beside=np.concatenate((np.zeros(1), np.cumsum(added))), kept=kept)
 
 
 def _drifting(truth: Rows, model: Model) -> Rows:

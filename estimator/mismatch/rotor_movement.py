@@ -159,7 +159,7 @@ def at_orders(off: Real, theta: Real, step: float) -> Real:
             a, b = (_held(_mean(x.copy(), w), w) for x in (seen.real, seen.imag))
             swing += np.where(fast, 2.0 * (a * turn.real - b * turn.imag), 0.0)
         turn *= once
-    return swing
+    return np.where(off == 0.0, 0.0, swing)  # where no mean was taken nothing is lost
 
 
 def _twice_summed(x: Real) -> Real:

@@ -17,6 +17,9 @@ import numpy as np
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import Real, Rows, Vector
 
+COURSE = "course of the heat"
+"""Begin of the keys of what is worked out once of `heat` and `heat_beside`."""
+
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
@@ -33,8 +36,7 @@ def rise(rows: Rows, sizes: Sizes) -> Real:
 def _course(rows: Rows, sizes: Sizes) -> Real:
     """h(t)/h(end) at samples."""
     tau = sizes[1] * rows.span[1]
-    beside = float(np.ravel(rows.heat_beside)[-1])
-    return rows.once(f"heat {tau!r} {beside!r}", lambda: _heated(rows, tau))
+    return rows.once(f"{COURSE} {tau!r}", lambda: _heated(rows, tau))
 
 
 def _heated(rows: Rows, tau: float) -> Real:
