@@ -43,8 +43,6 @@ KEYS = {
         "angle_ahead": (-math.pi, math.pi, "rad"),
     },
 }
-SIGNED = "angle_ahead"
-"""The key of a value that may be negative, or zero."""
 EQUATION = "equation"
 """The key of an effect's parameters as its equation has them."""
 
@@ -195,15 +193,14 @@ def _table(path: str | Path, name: str, content: object) -> dict[str, float]:
         where = f"{path}: [{name}] {key}"
         if key not in allowed:
             raise ConfigError(f"{where} is unknown, expected one of {', '.join(allowed)}")
-        whole = key in ("n_p", "encoder_counts")
-        values[key] = _value(where, value, *allowed[key], whole=whole, signed=key == SIGNED)
+        values[key] = _value(where, value, *allowed[key], whole=key in ("n_p", "encoder_counts"))
     return values
 
 
-def _value(where: str, value: object, low: float, high: float, unit: str, *, whole: bool, signed: bool) -> float:
+def _value(where: str, value: object, low: float, high: float, unit: str, *, whole: bool) -> float:
     if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
         raise ConfigError(f"{where}: expected a {'whole ' if whole else ''}number of {unit}, came {value!r}")
-    if not signed and not 0 < value < math.inf:
+    if low > 0 and not 0 < value < math.inf:
         raise ConfigError(f"{where} = {value}: expected a finite number of {unit} above zero")
     value = min(value, 1e300)  # TOML's integers have no end
     if not low <= value <= high:

@@ -1,10 +1,9 @@
 """A recording beside its machine with effects, as a machine file has them. Knows nothing of terminals."""
 
-import numpy as np
-
 from bench.diagnosis_request import Request, check_whole
-from bench.errors import ConfigError, RecordingError
-from bench.recording import Summary, read_recording
+from bench.errors import ConfigError
+from bench.formats.recording import read, refusals_of
+from bench.recording import Summary
 from estimator.mismatch.beside import Beside, beside
 from estimator.mismatch.model import Model
 
@@ -19,13 +18,6 @@ def simulate(request: Request) -> tuple[Summary, Beside]:
             f"{nominal.source}: [effects.{without[0]}]: expected a line `equation`, as a diagnosis of a recording of "
             "every control period writes it, to simulate by, came none"
         )
-    recording = read_recording(
-        request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
-        theta_step=nominal.theta_step, u_dc=nominal.u_dc,
-    )
-    try:
+    recording = read(request)
+    with refusals_of(request.file):
         return recording.summary, beside(recording.runs, Model(machine, dict(nominal.equations), nominal.angle_ahead))
-    except np.linalg.LinAlgError:  # ours, not the file's
-        raise
-    except ValueError as error:
-        raise RecordingError(f"{request.file}: {error}") from error

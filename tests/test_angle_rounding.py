@@ -75,6 +75,7 @@ def test_where_no_mean_takes_the_rounding_off_periods_do_not_count() -> None:
     assert not counts[:20].any()
     assert not counts[-20:].any()
     assert np.std(off[counts]) < 0.2 * count / math.sqrt(12.0)
+    assert np.std(off[~counts]) > 1.5 * np.std(off[counts])
 
 
 @pytest.mark.parametrize("order", [6.0, 2.0 / MACHINE.n_p])

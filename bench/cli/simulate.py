@@ -8,7 +8,7 @@ from rich.console import Console
 from bench.capture_file import write_columns
 from bench.cli.output import check_recording
 from bench.diagnosis_request import Request
-from bench.engineering import quantity
+from bench.engineering import quantity, words
 from bench.machine_file import load_machine
 from bench.simulate import simulate
 from estimator.mismatch.verdict import Before
@@ -24,7 +24,7 @@ def run(
     nominal = load_machine(machine)
     summary, found = simulate(Request(file, nominal, mapping=mapping, constants=constants, align=align))
     console = Console(highlight=False, soft_wrap=True)
-    effects = ", ".join(name.replace("_", " ") for name in nominal.equations) or "no effects"
+    effects = ", ".join(words(name) for name in nominal.equations) or "no effects"
     console.print(f"{file} by {machine}, with {effects}:")
     for what, error, unit in (
         ("one-step error", found.one_step_rms_V, "V"), ("free-running error", found.free_run_rms_A, "A"),

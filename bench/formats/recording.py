@@ -1,6 +1,9 @@
 """Recordings of every control period: `bench.recording`."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -8,7 +11,7 @@ import numpy as np
 from bench.diagnosis_request import Request, Tell, check_whole
 from bench.errors import ConfigError, RecordingError
 from bench.formats.format import Diagnosed, Format
-from bench.recording import read_recording
+from bench.recording import Recording, read_recording
 from estimator.mismatch.diagnose import diagnose
 
 _READING: Final = 0.05  # share of the work
@@ -21,22 +24,35 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
         raise ConfigError(f"{request.file}: a recording needs its machine's data, expected --nominal MACHINE.toml")
     machine = check_whole(nominal)
     tell(0.0, "reading")
-    recording = read_recording(
-        request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
-        theta_step=nominal.theta_step, u_dc=nominal.u_dc,
-    )
+    recording = read(request)
 
     def on(share: float, phase: str) -> None:
         tell(_READING + (1.0 - _READING) * share, phase)
 
-    try:
+    with refusals_of(request.file):
         diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
+    remarks = (*recording.summary.remarks(), *diagnosis.remarks)
+    return Diagnosed(recording.summary, nominal, replace(diagnosis, remarks=remarks))
+
+
+def read(request: Request) -> Recording:
+    """What a request asks of. Raises RecordingError."""
+    nominal = request.nominal
+    return read_recording(
+        request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
+        theta_step=nominal.theta_step, u_dc=nominal.u_dc,
+    )
+
+
+@contextmanager
+def refusals_of(file: Path) -> Generator[None]:
+    """What the estimator refuses of a file, as a sentence for the user: a RecordingError."""
+    try:
+        yield
     except np.linalg.LinAlgError:  # ours, not the file's
         raise
     except ValueError as error:
-        raise RecordingError(f"{request.file}: {error}") from error
-    remarks = (*recording.summary.remarks(), *diagnosis.remarks)
-    return Diagnosed(recording.summary, nominal, replace(diagnosis, remarks=remarks))
+        raise RecordingError(f"{file}: {error}") from error
 
 
 FORMAT: Final = Format("recording", lambda _path, _mapping: True, diagnose_recording)

@@ -193,7 +193,7 @@ def _rounding(
         off[right], variance[right], widths[right] = (theta - mean)[right], _TWICE * step**2 / 12.0 / (2 * w + 1), w
         shorter = mean
     off -= by_torque(off, torques if pushed.any() else torques[:1], widths, step)
-    return off - at_orders(off, theta - off + known, step), variance
+    return off - at_orders(off, theta - off + known, widths, step), variance
 
 
 def _rough_ends(variance: Real, ends: Sequence[int]) -> NDArray[np.bool_]:

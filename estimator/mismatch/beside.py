@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from estimator.machine import PARAMETERS
 from estimator.mismatch.model import Model, residual
 from estimator.mismatch.prepared import prepared
+from estimator.mismatch.quality import rms
 from estimator.mismatch.verdict import Array, Before
 from estimator.physics.rows import Vector
 from estimator.samples import Samples
@@ -35,11 +34,6 @@ def beside(runs: Sequence[Samples], model: Model) -> Beside:
     i = rows.i
     for one in (Model(model.machine, angle=model.angle), model):
         i = free_run(rows, one)
-        steps.append(_rms(residual(rows, rows, one)[rows.joined]))
-        errors.append(_rms((i - rows.i)[1:][rows.joined]))
+        steps.append(rms(residual(rows, rows, one)[rows.joined]))
+        errors.append(rms((i - rows.i)[1:][rows.joined]))
     return Beside(Before(*steps), Before(*errors), rows.t, i)
-
-
-def _rms(x: Vector) -> float:
-    """Of one axis, as of d and q together."""
-    return float(np.sqrt(np.mean(np.abs(x) ** 2) / 2.0)) if len(x) else 0.0

@@ -89,8 +89,8 @@ def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
     this, that, collinear = BY_NAME[one].title, BY_NAME[rival.effect].title, f"{abs(rival.collinear):.2f} here"
     if rival.log_odds < -SURE:
         reason = (
-            f"{that} would be likelier than {this} by noise alone, but in a fit of its own it does not leave so much "
-            f"less that nothing else may make that difference (their signals are collinear to {collinear})"
+            f"{that} is likelier than {this} by noise alone, but by no more than what else is left of this recording "
+            f"may make (their signals are collinear to {collinear})"
         )
     else:
         reason = (

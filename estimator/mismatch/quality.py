@@ -61,10 +61,11 @@ def _measured(
     z = flux_errors(left, rows, after)
     z = z.real / noise[0] + 1j * (z.imag / noise[1])
     above = max(float(np.mean(np.abs(z[used]) ** 2)) - 2.0, 0.0)
-    return _rms(left[used]), _rms(off[used]), above, _low_over_white(z, used)
+    return rms(left[used]), rms(off[used]), above, _low_over_white(z, used)
 
 
-def _rms(x: Vector) -> float:
+def rms(x: Vector) -> float:
+    """Of one axis, as of d and q together."""
     return math.sqrt(float(np.mean(np.abs(x) ** 2)) / 2.0)
 
 

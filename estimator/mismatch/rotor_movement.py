@@ -139,7 +139,7 @@ def _lost(off: Real, moves: Sequence[Real], widths: NDArray[np.intp], step: floa
     return found
 
 
-def at_orders(off: Real, theta: Real, step: float) -> Real:
+def at_orders(off: Real, theta: Real, widths: NDArray[np.intp], step: float) -> Real:
     """Of what a smooth angle leaves off (rad): the rotor's own swing at orders of the turn, if more than rounding.
 
     A mean's window is longer than these are, and effects have the same orders.
@@ -159,7 +159,7 @@ def at_orders(off: Real, theta: Real, step: float) -> Real:
             a, b = (_held(_mean(x.copy(), w), w) for x in (seen.real, seen.imag))
             swing += np.where(fast, 2.0 * (a * turn.real - b * turn.imag), 0.0)
         turn *= once
-    return np.where(off == 0.0, 0.0, swing)  # where no mean was taken nothing is lost
+    return np.where(widths > 0, swing, 0.0)  # where no mean was taken nothing is lost
 
 
 def _twice_summed(x: Real) -> Real:

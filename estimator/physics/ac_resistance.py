@@ -26,17 +26,17 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 def emf(rows: Rows, sizes: Sizes) -> Vector:
     """What the rung takes at samples, V."""
-    return sizes[0] * rows.machine.R_s * _through(rows, sizes) * rows.rotor.conj()
+    return sizes[0] * rows.machine.R_s * _through(rows, sizes[1]) * rows.rotor.conj()
 
 
 def _heats(rows: Rows, sizes: Sizes) -> Real:
     """What of the rung's loss R_s would make of a current's square, A^2."""
-    return sizes[0] * np.abs(_through(rows, sizes)) ** 2
+    return sizes[0] * np.abs(_through(rows, sizes[1])) ** 2
 
 
-def _through(rows: Rows, sizes: Sizes) -> Vector:
+def _through(rows: Rows, corner: float) -> Vector:
     """i - i_x at samples, A, in the stationary frame."""
-    return _over(rows.i_s, rows, sizes[1], _beside_straight(rows, sizes[1]))
+    return _over(rows.i_s, rows, corner, _beside_straight(rows, corner))
 
 
 def _currents(rows: Rows, corner: float) -> Vector:
@@ -45,7 +45,7 @@ def _currents(rows: Rows, corner: float) -> Vector:
     A rung's voltage bends the machine's current within the period, which the mean of its ends does not see.
     """
     x = 2.0 * math.pi * corner * rows.T_s
-    over = _over(rows.i_s, rows, corner, _beside_straight(rows, corner))
+    over = _through(rows, corner)
     bent = _bent(rows, over)
     more = -_over(0.0 * rows.i_s, rows, corner, bent * rows.middle)
     return np.stack((rows.stationary(np.diff(rows.i_s - over) / x) + bent, rows.stationary(np.diff(more) / x)), axis=1)
