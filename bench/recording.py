@@ -233,7 +233,7 @@ def _noted(path: Path, sources: Sources, theta_step: float) -> _Noted:
         found = [known.get(sources.columns.get(name, "")) for name in names]
         return max((float(size) for size in found if isinstance(size, int | float)), default=0.0)
 
-    resolution = Resolution(step("i_d", "i_q"), step("u_d", "u_q"), math.hypot(theta_step, step("theta_e")))
+    resolution = Resolution(step("i_d", "i_q"), step("u_d", "u_q"), math.hypot(theta_step, step("theta_e")), theta_step)
     return _Noted(resolution, expected if isinstance(expected, int) else None)
 
 

@@ -14,7 +14,8 @@ class Resolution(NamedTuple):
 
     i: float = 0.0  # A
     u: float = 0.0  # V
-    theta_e: float = 0.0  # rad, of the angle as the sensor tells it, rounded or cut off
+    theta_e: float = 0.0  # rad, of the angle as the sensor tells it, rounded or cut off, and rounded to be recorded
+    encoder: float = 0.0  # rad, of that by the sensor, which the drive itself turns currents by
 
 
 NOT_KNOWN: Final = Resolution()

@@ -64,6 +64,29 @@ def test_coarse_counts_are_smoothed_out() -> None:
     assert smooth.angle_hidden < 0.2 * before
 
 
+def test_currents_turned_by_finer_counts_than_the_angle_is_told_in_stay_as_they_were() -> None:
+    """Turned by what the numbers round, they would move with it."""
+    count = 0.25 * NUMBER
+    there, theta = rows(count, NUMBER, noise=1e-9)
+    told = math.hypot(count, NUMBER)
+    inner = slice(200, -200)
+
+    def off(found: Rows) -> float:
+        return float(np.std(np.angle(found.i_s / (there.i * np.exp(1j * theta)))[inner]))
+
+    assert off(there) > 0.9 * NUMBER / math.sqrt(12.0)
+    assert off(unrounded(there, told)) > 0.9 * off(there)
+    known = unrounded(there, told, count)
+    assert off(known) < 1.2 * count / math.sqrt(12.0)
+    assert known.angle_turned == pytest.approx((count / told) ** 2)
+
+
+@pytest.mark.parametrize("encoder", [0.0, math.hypot(20.0 * NUMBER, NUMBER)])
+def test_an_encoder_that_is_not_known_or_told_as_it_is_turned_the_currents(encoder: float) -> None:
+    count = 20.0 * NUMBER
+    assert unrounded(rows(count, NUMBER)[0], math.hypot(count, NUMBER), encoder).angle_turned == 1.0
+
+
 def test_where_no_mean_takes_the_rounding_off_periods_do_not_count() -> None:
     count = 50.0 * NUMBER
     turn: Array = 300.0 * T_S * np.arange(N, dtype=np.float64)

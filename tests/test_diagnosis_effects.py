@@ -120,6 +120,9 @@ def of_population(seed: int, number: int, folder: Path) -> tuple[tuple[str, ...]
     pytest.param(2010, 191, id="an offset that an encoder's rounding makes up"),
     pytest.param(2014, 181, id="a step that no effect tried first points to"),
     pytest.param(2014, 233, id="a healthy drive whose rotor a torque of i_d i_q moves"),
+    pytest.param(2016, 51, id="a healthy drive on whose rounding a rising resistance leans"),
+    pytest.param(2016, 305, id="a healthy drive whose angle is told in coarser numbers than its counts"),
+    pytest.param(2016, 321, id="an angle that is off as an offset of the voltage would be"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""

@@ -1,7 +1,5 @@
 """Surrogates: what noise, converters and encoders lend a name, in recordings of the emulated drive."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,7 +7,7 @@ import pytest
 from emulator.virtual_drive import VirtualDrive
 from estimator.mismatch.explain import Choice as Names
 from estimator.mismatch.fitting import fitted
-from estimator.mismatch.surrogate import converter_step, stands_out
+from estimator.mismatch.surrogate import Surrogates, converter_step
 from estimator.physics.rows import Rows
 from tests.concealed_runs import population, rows_of
 from tests.effect_runs import at, with_effects
@@ -33,24 +31,32 @@ def test_no_step_is_seen_where_there_is_none() -> None:
     assert converter_step(rows_through(0, 0.01)) == 0.0
 
 
-def judged(number: int, folder: Path) -> tuple[Names, Callable[[tuple[str, int]], bool]]:
-    """What a fit to a recording holds, and which of it stands out from surrogates."""
-    rows, given = rows_of(population(2005), number, folder)
+def judged(seed: int, number: int, folder: Path) -> tuple[Names, Surrogates]:
+    """What a fit to a recording holds, and what surrogates show of it."""
+    rows, given = rows_of(population(seed), number, folder)
     found = fitted(rows, given)
-    return found.choice, partial(stands_out, choice=found.choice, doubted=True, found=found, given=given)
+    return found.choice, Surrogates(found, given)
 
 
 @pytest.mark.slow
 def test_a_small_effect_stands_out_where_bounds_leave_a_doubt(tmp_path: Path) -> None:
     """A saturation along d of five detection limits, where i_d changes by ten times its noise."""
-    choice, stands = judged(342, tmp_path)
+    choice, surrogates = judged(2005, 342, tmp_path)
     assert [name for name, _ in choice] == ["d_axis_saturation"]
-    assert stands(choice[0])
+    assert surrogates.stands_out(choice[0], choice, True)
+    assert not surrogates.show_as_much(choice[0], choice)
 
 
 @pytest.mark.slow
 def test_what_noise_lends_a_name_does_not_stand_out(tmp_path: Path) -> None:
     """A healthy drive."""
-    choice, stands = judged(26, tmp_path)
+    choice, surrogates = judged(2005, 26, tmp_path)
     assert "angle_offset" in dict(choice)
-    assert not any(stands(one) for one in choice)
+    assert not any(surrogates.stands_out(one, choice, True) for one in choice)
+
+
+@pytest.mark.slow
+def test_surrogates_show_as_much_of_what_rounding_lends_a_name(tmp_path: Path) -> None:
+    """An offset of the voltage beside others that are there."""
+    choice, surrogates = judged(2016, 320, tmp_path)
+    assert [name for name, _ in choice if surrogates.show_as_much((name, -1), choice)] == ["voltage_offset"]

@@ -2,7 +2,9 @@
 
 A rotor has inertia, so what of its angle is gone after some periods is no movement. Currents and voltages of the
 stationary frame are right whatever angle they were turned by, as long as they are turned back by the same one: so
-recordings can be rid of it. Knows nothing of effects.
+recordings can be rid of it. A drive turns them by its encoder's counts, and may record the angle in coarser numbers:
+then they are turned back by a share of the rounding only, that of the counts in the variance of both. Knows nothing of
+effects.
 """
 
 import math
@@ -30,6 +32,7 @@ _FINEST: Final = 2e-6  # rad: a finer step does not matter
 _NEAR: Final = 10.0  # steps, over which they are compared
 _ON_GRID: Final = 0.1  # steps, by which multiples of one may be off
 _QUIET: Final = 0.2  # of the currents' noise: rounding that is quieter stays
+_BY_COUNTS: Final = 0.5  # share of the rounding, from which on it is mostly that of counts
 _TWICE: Final = 5.0 / 3.0  # times a mean's variance, of twice a mean less its own mean
 _SHARP: Final = 0.25  # of a step: numbers that are coarser round an angle off by more than its counts
 _FINER: Final = 0.7  # of a step: counts of one that is less hold coarser ones
@@ -39,26 +42,29 @@ _ALIKE: Final = 2.5  # times what a mean of independent errors leaves: those of 
 _SAME: Final = 4.0  # standard deviations, by which a mean may differ from one over half its length
 
 
-def unrounded(rows: Rows, step: float) -> Rows:
-    """The rows with an angle that turns smoothly. `step`: the angle's resolution as told, rad; 0 where not known.
+def unrounded(rows: Rows, step: float, encoder: float = 0.0) -> Rows:
+    """The rows with an angle that turns smoothly.
 
-    Where the currents' noise is louder, rounding is a part of it: what a rotor does in a few periods is kept then.
-    Near the ends of runs, where means are short or none, periods are not `joined`: rounding is louder there.
+    `step`: the angle's resolution as told, rad, and `encoder`: of its sensor's counts alone; 0 where not known. Where
+    the currents' noise is louder, rounding is a part of it: what a rotor does in a few periods is kept then - but where
+    numbers coarser than counts turn voltages, too, which adds up over periods. Near the ends of runs, where means are
+    short or none, periods are not `joined`: rounding is louder there.
     """
+    share = min((encoder / step) ** 2, 1.0) if encoder > 0.0 and step > 0.0 else 1.0
     step = _step_of(rows, step)
     at, course, ends = _by_clock(rows)
     torques = [np.interp(np.arange(len(course)), at, torque) for torque in _torques(rows)]
     each = _rounding(course, torques, ends, step, _numbers(rows, step), rows.machine.n_p)
     rough, (off, variance) = _rough_ends(each[1], ends)[at], (x[at] for x in each)
     hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
-    if rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows):
-        return replace(rows, angle_step=step, angle_error=0.0, angle_hidden=hidden)
-    theta_e = rows.theta_e - off
-    turned = np.exp(0.5j * (off[1:] + off[:-1]))
+    if share > _BY_COUNTS and rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows):
+        return replace(rows, angle_step=step, angle_turned=share, angle_error=0.0, angle_hidden=hidden)
+    theta_e, by = rows.theta_e - off, share * off
+    turned = np.exp(0.5j * (by[1:] + by[:-1]))
     return replace(
-        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * off), u=rows.u * turned,
-        joined=rows.joined & ~rough[1:] & ~rough[:-1], angle_step=step, angle_error=math.sqrt(float(np.mean(variance))),
-        angle_hidden=hidden, kept=rows.pulses_turned(turned),
+        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * by), u=rows.u * turned,
+        joined=rows.joined & ~rough[1:] & ~rough[:-1], angle_step=step, angle_turned=share,
+        angle_error=math.sqrt(float(np.mean(variance))), angle_hidden=hidden, kept=rows.pulses_turned(turned),
     )  # fmt: skip
 
 

@@ -6,7 +6,6 @@ A pure function: the same samples give the same answer. Knows nothing of files a
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from estimator.mismatch.convention import Suspicion, suspected
 from estimator.mismatch.data_sheet import contradicted
 from estimator.mismatch.doubt import SURE, Doubt, ambiguity, candidates, detectable, rivals
 from estimator.mismatch.exchange import one_for_others, together, without_idle
-from estimator.mismatch.excitation_check import not_borne_out, poorly_told, untold
+from estimator.mismatch.excitation_check import APART, apart, not_borne_out, poorly_told, untold
 from estimator.mismatch.experiment import experiment
 from estimator.mismatch.explain import Choice, Search
 from estimator.mismatch.fitting import Fitted, at_nominal, fitted, moved, without
@@ -34,7 +33,7 @@ from estimator.mismatch.prepared import prepared
 from estimator.mismatch.quality import SHORTEST, fit_quality, floor_of_means, longest
 from estimator.mismatch.remainder import LIKE_RESONANCE, alone, excess_of, leaves_some, left_of, not_astray, upright
 from estimator.mismatch.sentences import sentence_of
-from estimator.mismatch.surrogate import stands_out
+from estimator.mismatch.surrogate import Surrogates
 from estimator.mismatch.told_drive import believed
 from estimator.mismatch.told_machine import told_machine
 from estimator.mismatch.verdict import (
@@ -228,13 +227,13 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
     machine_before, machine_after, flux_map, off, blind, scales = told_machine(found, plain, lent, given)
     outside = list(off.values())
     poorly = poorly_told(search, choice, nominal, outside)
-    stands = partial(stands_out, found=found, given=given)
-    reasons = _doubted(found, blind, excess, resonance, stands)
+    surrogates = Surrogates(found, given)
+    reasons = _doubted(found, blind, excess, resonance, surrogates.stands_out)
     faint = tuple(one for some in reasons.values() for one in some)
     progress(0.75, "simulating")
     r_after = residual(rows, found.smooth, model)
     fit, pictures = _shown(rows, found, r_after, plain or search)
-    if faint and (other := _undoubted(rows, found, faint, fit, given, again)) is not found:
+    if faint and (other := _undoubted(rows, found, faint, fit, given, surrogates, again)) is not found:
         return _judged(rows, given, _There(other, left_of(rows, other), plain, again=True), progress)
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
@@ -323,12 +322,23 @@ def _no_help(found: Fitted, fit: Fit) -> bool:
     return run.after > _RISES * run.before or found.search.borne_out(found.choice) < _BORNE_OUT
 
 
-def _undoubted(rows: Rows, found: Fitted, faint: Choice, fit: Fit, given: Given, again: bool) -> Fitted:
-    """The fit, or, where it went astray or what is in doubt does not help, one from which others may show."""
+def _undoubted(
+    rows: Rows, found: Fitted, faint: Choice, fit: Fit, given: Given, surrogates: Surrogates, again: bool
+) -> Fitted:
+    """The fit, or, where it went astray or what is in doubt does not help, one from which others may show.
+
+    No doubt is worth telling of what surrogates without it show as much of - but where it looks like the machine's
+    parameters, which are off by as much if it is there.
+    """
     other = found if again else not_astray(rows, found, given)
     if other is not found and excess_of(other) < excess_of(found):
         return other
-    return without(found, [name for name, _ in faint], given) if _no_help(found, fit) else found
+    if _no_help(found, fit):
+        return without(found, [name for name, _ in faint], given)
+    shares = apart(found.search, found.choice)
+    unlike = [one for one in faint if shares[one[0]] > APART]
+    chance = [one[0] for one in unlike if surrogates.show_as_much(one, found.choice)]
+    return without(found, chance, given) if chance else found
 
 
 def _withheld(

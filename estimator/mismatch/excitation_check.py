@@ -24,7 +24,7 @@ _MOVES: Final = 2.0  # times the same, of which noise itself is one: below, noth
 _LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
 _LEAST_ALIKE: Final = 1e-3  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
-_APART: Final = 2e-5  # of its energy, that an even effect must have beyond what the machine's parameters look like
+APART: Final = 2e-5  # of its energy, that an even effect must have beyond what the machine's parameters look like
 _APART_UNTOLD: Final = 2e-4  # the same, where noise or an effect may have led one of these
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
 _LITTLE: Final = 0.05  # the same, that parameters may look like which are not told
@@ -350,7 +350,7 @@ def _parameters(search: Search) -> list[int]:
 
 def _least_apart(search: Search) -> float:
     """Share of an effect's energy that has to be beyond what the machine's parameters look like."""
-    return _APART_UNTOLD if search.regression.untold else _APART
+    return _APART_UNTOLD if search.regression.untold else APART
 
 
 def _product(search: Search, without: Sequence[int], x: Array, y: Array) -> float:

@@ -150,13 +150,19 @@ class Search:
         with_it, without = self.fit((*choice, more)), self.fit(choice)
         fitted = 0.5 * (without.chi2 - with_it.chi2)
         complexity = self.complexity(choice, more)
-        lent = self.lent(choice, more, faint=self.faint(with_it, more))
+        lent = self.lent(choice, more, faint=self.faint(with_it, more)) + self._lent_by_speed(with_it, more)
         return (fitted - 0.5 * lent) / self.scatter(with_it, more) + complexity
 
     def complexity(self, choice: Choice, more: tuple[str, int]) -> float:
         """Log-odds that one more effect costs a set, however much it explains."""
         with_it, without = self.fit((*choice, more)), self.fit(choice)
         return with_it.log_evidence - without.log_evidence - 0.5 * (without.chi2 - with_it.chi2)
+
+    def _lent_by_speed(self, fit: Fit, one: tuple[str, int]) -> float:
+        """Chi square that errors of the speed may lend an effect that the speed alone tells from the machine's."""
+        own = self.sizes_of(one)
+        sizes = fit.value[[fit.places.index(j) for j in own]]
+        return BY_NAME[one[0]].by_speed * float(sizes @ self.gram[np.ix_(own, own)] @ sizes)
 
     def variance_of(self, choice: Choice, more: tuple[str, int], place: int) -> float:
         """Of one size of an effect beside a set, for white noise, where its other sizes are known and none is held."""

@@ -18,9 +18,9 @@ def prepared(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, 
     tolerance: of R_s, L_d, L_q, psi_f, as a share.
     """
     rows = rows_of(runs, nominal, nominal.i_rated or _highest_current(runs))
-    told = runs[0].resolution.theta_e
+    told, encoder = runs[0].resolution.theta_e, runs[0].resolution.encoder
     resolution = resolution_of(rows, told)
-    rows = settled(unrounded(rows, resolution))
+    rows = settled(unrounded(rows, resolution, encoder))
     rows.prepare()
     step = rows.angle_step if told == 0.0 < resolution else told  # counts may be told in finer numbers
     return rows, Given(nominal, tolerance, step)

@@ -10,6 +10,7 @@ stay as small as in the surrogates, or be unlike the effect by far.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -29,6 +30,7 @@ _LEAST: Final = 20.0  # times what they lend an effect on the mean, that it has 
 _ABOVE: Final = 30.0  # and what is in doubt,
 _FAR_ABOVE: Final = 100.0  # and what is less than a part of what they leave,
 _WITH_ANY_REST: Final = 300.0  # and an even effect where more is left than in them
+_NO_MORE: Final = 3.0  # times the same, which is nothing that speaks for it
 _LENT: Final = 2.0  # chi square that they lend it at least
 _BESIDE: Final = 0.05  # of what they leave, that part
 _EVEN: Final = 5.0  # scatter of an even effect, at most
@@ -48,32 +50,53 @@ class _Lent(NamedTuple):
     excess: float  # chi square of what is left, above that of white noise
 
 
-def stands_out(one: tuple[str, int], choice: Choice, doubted: bool, found: Fitted, given: Given) -> bool:
-    """An effect of a set explains far more than surrogates without it lend its name, and as evenly as that.
+class Surrogates:
+    """A fit beside surrogates without one of its effects each."""
 
-    Where it is `doubted`, by how much more depends on what is left beside it, in the surrogates and beyond.
-    """
-    search, rest = found.search, tuple(other for other in choice if other != one)
-    bare = without(found, [name for name, _ in found.choice if name not in dict(rest)], given)
-    rows = bare.search.regression.rows
-    i = free_run(rows, bare.model, len(rows) + 1)
-    step = converter_step(rows)
-    lent: list[_Lent] = []
-    for k in range(_TIMES):
-        there = _surrogate(rows, bare, i, step, np.random.default_rng(k), own_counts=k % 2 == 0)
-        lent.append(_lent(there, bare.model, one[0], given))
-    full = search.fit(choice)
-    gained, scatter = search.explained(choice, one), search.scatter(full, one)
-    above = gained / max(float(np.mean([each.gained for each in lent])), _LENT)
-    if above < _LEAST or scatter > max(_EVEN, _UNEVEN * max(each.scatter for each in lent)):
-        return False
-    if not doubted:
-        return True
-    left = [each.excess for each in lent]
-    chance = _CHANCE * math.sqrt((float(np.var(left, ddof=1)) + 4.0 * len(rows)) * (1.0 + 1.0 / _TIMES))
-    if search.unexplained(choice) - float(np.mean(left)) - chance >= gained:
-        return scatter < _EVEN and above >= _WITH_ANY_REST
-    return above >= (_ABOVE if gained >= _BESIDE * float(np.mean(left)) else _FAR_ABOVE)
+    def __init__(self, found: Fitted, given: Given) -> None:
+        self._found, self._given = found, given
+        self._kept: dict[tuple[tuple[str, int], Choice], list[_Lent]] = {}
+
+    def stands_out(self, one: tuple[str, int], choice: Choice, doubted: bool) -> bool:
+        """An effect of a set explains far more than surrogates without it lend its name, and as evenly as that.
+
+        Where it is `doubted`, by how much more depends on what is left beside it, in the surrogates and beyond.
+        """
+        search, lent = self._found.search, self._lent_to(one, choice)
+        gained, scatter = search.explained(choice, one), search.scatter(search.fit(choice), one)
+        above = gained / _on_the_mean(lent)
+        if above < _LEAST or scatter > max(_EVEN, _UNEVEN * max(each.scatter for each in lent)):
+            return False
+        if not doubted:
+            return True
+        left = [each.excess for each in lent]
+        variance = float(np.var(left, ddof=1)) + 4.0 * len(search.regression.rows)
+        chance = _CHANCE * math.sqrt(variance * (1.0 + 1.0 / _TIMES))
+        if search.unexplained(choice) - float(np.mean(left)) - chance >= gained:
+            return scatter < _EVEN and above >= _WITH_ANY_REST
+        return above >= (_ABOVE if gained >= _BESIDE * float(np.mean(left)) else _FAR_ABOVE)
+
+    def show_as_much(self, one: tuple[str, int], choice: Choice) -> bool:
+        """Surrogates without an effect lend its name about as much as it explains in a set: nothing speaks for it."""
+        return self._found.search.explained(choice, one) < _NO_MORE * _on_the_mean(self._lent_to(one, choice))
+
+    def _lent_to(self, one: tuple[str, int], choice: Choice) -> list[_Lent]:
+        if (one, choice) not in self._kept:
+            rest = [name for name, _ in choice if name != one[0]]
+            others = [name for name, _ in self._found.choice if name not in rest]
+            bare = without(self._found, others, self._given)
+            rows = bare.search.regression.rows
+            i, step = free_run(rows, bare.model, len(rows) + 1), converter_step(rows)
+            there = (
+                _surrogate(rows, bare, i, step, np.random.default_rng(k), own_counts=k % 2 == 0) for k in range(_TIMES)
+            )
+            self._kept[one, choice] = [_lent(each, bare.model, one[0], self._given) for each in there]
+        return self._kept[one, choice]
+
+
+def _on_the_mean(lent: Sequence[_Lent]) -> float:
+    """Chi square that surrogates lend an effect."""
+    return max(float(np.mean([each.gained for each in lent])), _LENT)
 
 
 def converter_step(rows: Rows) -> float:
@@ -119,11 +142,12 @@ def _surrogate(
     grid = 0.0 if own_counts else chance.uniform(0.0, count)
     theta_e = count * np.round((rows.theta_e + grid) / count) - grid
     off = theta_e - rows.theta_e
-    turned = np.exp(-0.5j * (off[1:] + off[:-1]))
+    by = rows.angle_turned * off
+    turned = np.exp(-0.5j * (by[1:] + by[:-1]))
     return unrounded(replace(
-        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=i * np.exp(-1j * off), u=rows.u * turned,
+        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=i * np.exp(-1j * by), u=rows.u * turned,
         zero=zero, kept=rows.pulses_turned(turned),
-    ), count)  # fmt: skip
+    ), count, count * math.sqrt(rows.angle_turned))  # fmt: skip
 
 
 def _lent(rows: Rows, model: Model, name: str, given: Given) -> _Lent:

@@ -25,5 +25,5 @@ EFFECT = Effect(
     ("iron_loss", "voltage_delay"),
     angle_error=lambda _rows, sizes: sizes[0],
     bends=True,
-    missed=1e-6,
+    missed=1e-8,
 )

@@ -62,6 +62,7 @@ class Effect:
     emf: Callable[[Rows, Sizes], Vector] | None = None  # V at samples, that it takes from what drives the current
     bends: bool = False  # its size multiplies the machine's parameters, and they trade along a curve
     steep: bool = False  # it changes more with a current than the noise of the current allows to see
+    by_speed: float = 0.0  # share of the effect's energy that errors of the speed make of the machine's own voltage
     missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
     in_proportion_to: str = ""  # the parameter of the machine that `voltage` grows with, where it is one alone
     scales: Callable[[Rows, Sizes], float] | None = None  # share by which it may scale all voltages, unseen

@@ -86,6 +86,7 @@ class Rows:
     heat: Real  # A^2 s, integral of the squared current up to each sample
     span: tuple[float, float]  # s, start and length of the recording
     angle_step: float = 0.0  # rad, resolution of the angle, where it has one
+    angle_turned: float = 1.0  # share of its rounding, by which the drive turned the currents
     angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves where turning averages it
     angle_hidden: float = 0.0  # rad, rms, of what no averaging shows: it looks like movement
     fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances

@@ -27,5 +27,6 @@ EFFECT = Effect(
     lambda _rows: ((),),
     "the same voltage at every speed and current",
     ("iron_loss", "magnet_flux_drift"),
+    by_speed=1e-7,  # at one speed it is psi_f
     missed=5e-5,
 )
