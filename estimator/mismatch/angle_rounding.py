@@ -57,13 +57,14 @@ def unrounded(rows: Rows, step: float, encoder: float = 0.0) -> Rows:
     each = _rounding(course, torques, ends, step, _numbers(rows, step), rows.machine.n_p)
     rough, (off, variance) = _rough_ends(each[1], ends)[at], (x[at] for x in each)
     hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
-    if share > _BY_COUNTS and rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows):
+    quiet = rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows)
+    if quiet and share > _BY_COUNTS:
         return replace(rows, angle_step=step, angle_turned=share, angle_error=0.0, angle_hidden=hidden)
     theta_e, by = rows.theta_e - off, share * off
     turned = np.exp(0.5j * (by[1:] + by[:-1]))
     return replace(
         rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * by), u=rows.u * turned,
-        joined=rows.joined & ~rough[1:] & ~rough[:-1], angle_step=step, angle_turned=share,
+        joined=rows.joined & (quiet | ~(rough[1:] | rough[:-1])), angle_step=step, angle_turned=share,
         angle_error=math.sqrt(float(np.mean(variance))), angle_hidden=hidden, kept=rows.pulses_turned(turned),
     )  # fmt: skip
 
