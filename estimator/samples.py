@@ -17,6 +17,12 @@ class Resolution(NamedTuple):
     theta_e: float = 0.0  # rad, of the angle as the sensor tells it, rounded or cut off, and rounded to be recorded
     encoder: float = 0.0  # rad, of that by the sensor, which the drive itself turns currents by
 
+    @property
+    def turned(self) -> float:
+        """Share of the angle's rounding by which the drive turned the currents; all of it where that is not known."""
+        known = self.encoder > 0.0 and self.theta_e > 0.0
+        return min((self.encoder / self.theta_e) ** 2, 1.0) if known else 1.0
+
 
 NOT_KNOWN: Final = Resolution()
 

@@ -12,7 +12,7 @@ from emulator.virtual_drive import VirtualDrive
 from estimator.machine import Machine
 from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.physics.rows import Rows, rows_of
-from estimator.samples import Samples
+from estimator.samples import Resolution, Samples
 from tests.samples import machine_of
 
 MACHINE = Machine(R_s=0.5, L_d=2e-3, L_q=2e-3, psi_f=0.1, n_p=4, i_rated=10.0)
@@ -76,7 +76,7 @@ def test_currents_turned_by_finer_counts_than_the_angle_is_told_in_stay_as_they_
 
     assert off(there) > 0.9 * NUMBER / math.sqrt(12.0)
     assert off(unrounded(there, told)) > 0.9 * off(there)
-    known = unrounded(there, told, count)
+    known = unrounded(replace(there, angle_turned=Resolution(theta_e=told, encoder=count).turned), told)
     assert off(known) < 1.2 * count / math.sqrt(12.0)
     assert known.angle_turned == pytest.approx((count / told) ** 2)
 
@@ -84,7 +84,10 @@ def test_currents_turned_by_finer_counts_than_the_angle_is_told_in_stay_as_they_
 @pytest.mark.parametrize("encoder", [0.0, math.hypot(20.0 * NUMBER, NUMBER)])
 def test_an_encoder_that_is_not_known_or_told_as_it_is_turned_the_currents(encoder: float) -> None:
     count = 20.0 * NUMBER
-    assert unrounded(rows(count, NUMBER)[0], math.hypot(count, NUMBER), encoder).angle_turned == 1.0
+    resolution = Resolution(theta_e=math.hypot(count, NUMBER), encoder=encoder)
+    assert resolution.turned == 1.0
+    there = replace(rows(count, NUMBER)[0], angle_turned=resolution.turned)
+    assert unrounded(there, resolution.theta_e).angle_turned == 1.0
 
 
 def test_where_no_mean_takes_the_rounding_off_periods_do_not_count() -> None:

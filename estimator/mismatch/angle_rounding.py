@@ -42,15 +42,13 @@ _ALIKE: Final = 2.5  # times what a mean of independent errors leaves: those of 
 _SAME: Final = 4.0  # standard deviations, by which a mean may differ from one over half its length
 
 
-def unrounded(rows: Rows, step: float, encoder: float = 0.0) -> Rows:
-    """The rows with an angle that turns smoothly.
+def unrounded(rows: Rows, step: float) -> Rows:
+    """The rows with an angle that turns smoothly. `step`: the angle's resolution as told, rad; 0 where not known.
 
-    `step`: the angle's resolution as told, rad, and `encoder`: of its sensor's counts alone; 0 where not known. Where
-    the currents' noise is louder, rounding is a part of it: what a rotor does in a few periods is kept then - but where
-    numbers coarser than counts turn voltages, too, which adds up over periods. Near the ends of runs, where means are
-    short or none, periods are not `joined`: rounding is louder there.
+    Where the currents' noise is louder, rounding is a part of it: what a rotor does in a few periods is kept then - but
+    where numbers coarser than counts turn voltages, too, which adds up over periods. Near the ends of runs, where means
+    are short or none, periods are not `joined`: rounding is louder there.
     """
-    share = min((encoder / step) ** 2, 1.0) if encoder > 0.0 and step > 0.0 else 1.0
     step = _step_of(rows, step)
     at, course, ends = _by_clock(rows)
     torques = [np.interp(np.arange(len(course)), at, torque) for torque in _torques(rows)]
@@ -58,14 +56,21 @@ def unrounded(rows: Rows, step: float, encoder: float = 0.0) -> Rows:
     rough, (off, variance) = _rough_ends(each[1], ends)[at], (x[at] for x in each)
     hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
     quiet = rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows)
-    if quiet and share > _BY_COUNTS:
-        return replace(rows, angle_step=step, angle_turned=share, angle_error=0.0, angle_hidden=hidden)
-    theta_e, by = rows.theta_e - off, share * off
-    turned = np.exp(0.5j * (by[1:] + by[:-1]))
+    if quiet and rows.angle_turned > _BY_COUNTS:
+        return replace(rows, angle_step=step, angle_error=0.0, angle_hidden=hidden)
     return replace(
-        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * by), u=rows.u * turned,
-        joined=rows.joined & (quiet | ~(rough[1:] | rough[:-1])), angle_step=step, angle_turned=share,
-        angle_error=math.sqrt(float(np.mean(variance))), angle_hidden=hidden, kept=rows.pulses_turned(turned),
+        less_angle(rows, off), joined=rows.joined & (quiet | ~(rough[1:] | rough[:-1])), angle_step=step,
+        angle_error=math.sqrt(float(np.mean(variance))), angle_hidden=hidden,
+    )  # fmt: skip
+
+
+def less_angle(rows: Rows, off: Real) -> Rows:
+    """The rows with an angle that is `off` (rad, at samples) less, turned back by what the drive had turned them by."""
+    theta_e, by = rows.theta_e - off, rows.angle_turned * off
+    middle = np.exp(0.5j * (by[1:] + by[:-1]))
+    return replace(
+        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * by), u=rows.u * middle,
+        kept=rows.pulses_turned(middle),
     )  # fmt: skip
 
 

@@ -160,9 +160,11 @@ class Search:
 
     def _lent_by_speed(self, fit: Fit, one: tuple[str, int]) -> float:
         """Chi square that errors of the speed may lend an effect that the speed alone tells from the machine's."""
-        own = self.sizes_of(one)
+        by_speed, own = BY_NAME[one[0]].by_speed, self.sizes_of(one)
+        if by_speed == 0.0:
+            return 0.0
         sizes = fit.value[[fit.places.index(j) for j in own]]
-        return BY_NAME[one[0]].by_speed * float(sizes @ self.gram[np.ix_(own, own)] @ sizes)
+        return by_speed * float(sizes @ self.gram[np.ix_(own, own)] @ sizes)
 
     def variance_of(self, choice: Choice, more: tuple[str, int], place: int) -> float:
         """Of one size of an effect beside a set, for white noise, where its other sizes are known and none is held."""

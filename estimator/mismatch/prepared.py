@@ -1,6 +1,7 @@
 """Prepared: a recording's rows and what is given of its drive, as every fit has them."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,9 +19,9 @@ def prepared(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, 
     tolerance: of R_s, L_d, L_q, psi_f, as a share.
     """
     rows = rows_of(runs, nominal, nominal.i_rated or _highest_current(runs))
-    told, encoder = runs[0].resolution.theta_e, runs[0].resolution.encoder
+    rows, told = replace(rows, angle_turned=runs[0].resolution.turned), runs[0].resolution.theta_e
     resolution = resolution_of(rows, told)
-    rows = settled(unrounded(rows, resolution, encoder))
+    rows = settled(unrounded(rows, resolution))
     rows.prepare()
     step = rows.angle_step if told == 0.0 < resolution else told  # counts may be told in finer numbers
     return rows, Given(nominal, tolerance, step)

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimator.mismatch.angle_rounding import unrounded
+from estimator.mismatch.angle_rounding import less_angle, unrounded
 from estimator.mismatch.explain import Choice
 from estimator.mismatch.fitting import Fitted, searched, without
 from estimator.mismatch.given import Given
@@ -82,9 +82,9 @@ class Surrogates:
 
     def _lent_to(self, one: tuple[str, int], choice: Choice) -> list[_Lent]:
         if (one, choice) not in self._kept:
-            rest = [name for name, _ in choice if name != one[0]]
-            others = [name for name, _ in self._found.choice if name not in rest]
-            bare = without(self._found, others, self._given)
+            kept = [name for name, _ in choice if name != one[0]]
+            dropped = [name for name, _ in self._found.choice if name not in kept]
+            bare = without(self._found, dropped, self._given)
             rows = bare.search.regression.rows
             i, step = free_run(rows, bare.model, len(rows) + 1), converter_step(rows)
             there = (
@@ -141,13 +141,7 @@ def _surrogate(
         return replace(rows, i=i, zero=zero, kept=rows.kept_of_angle_and_bridge())
     grid = 0.0 if own_counts else chance.uniform(0.0, count)
     theta_e = count * np.round((rows.theta_e + grid) / count) - grid
-    off = theta_e - rows.theta_e
-    by = rows.angle_turned * off
-    turned = np.exp(-0.5j * (by[1:] + by[:-1]))
-    return unrounded(replace(
-        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=i * np.exp(-1j * by), u=rows.u * turned,
-        zero=zero, kept=rows.pulses_turned(turned),
-    ), count, count * math.sqrt(rows.angle_turned))  # fmt: skip
+    return unrounded(less_angle(replace(rows, i=i, zero=zero), rows.theta_e - theta_e), count)
 
 
 def _lent(rows: Rows, model: Model, name: str, given: Given) -> _Lent:
