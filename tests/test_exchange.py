@@ -1,11 +1,12 @@
 """Other sets of effects where steps that add one at a time lead astray."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from estimator.mismatch.exchange import one_for_others, together
-from estimator.mismatch.fitting import fitted
+from estimator.mismatch.fitting import fitted, without
 from estimator.mismatch.remainder import excess_of
 from tests.concealed_runs import population, rows_as_diagnosed, rows_of, written
 from tests.proof.near_suite import near, near_population
@@ -16,7 +17,8 @@ pytestmark = pytest.mark.slow
 def test_one_effect_takes_the_place_of_three_that_stand_for_it(tmp_path: Path) -> None:
     """Of iron loss an angle's offset, a resistance that rises and an offset of the voltage; saturation shows then."""
     rows, given = rows_of(population(2009), 275, tmp_path)
-    found = fitted(rows, given)
+    found = without(fitted(rows, given), ["iron_loss", "q_axis_saturation"], given)
+    assert {name for name, _ in found.choice} == {"angle_offset", "ac_resistance", "voltage_offset"}
     other = one_for_others(rows, found, given).found
     assert {name for name, _ in other.choice} == {"iron_loss", "q_axis_saturation"}
     assert excess_of(other) < 0.5 * excess_of(found)
@@ -69,3 +71,18 @@ def test_a_loss_takes_the_place_of_two_effects_that_leave_as_little(tmp_path: Pa
     assert {name for name, _ in other.choice} == {"current_sensor_offset", "iron_loss"}
     assert len(other.choice) < len(found.choice)
     assert excess_of(other) < 1.01 * excess_of(found)
+
+
+def test_of_two_that_look_like_the_machine_none_wins_by_an_angles_rounding(tmp_path: Path) -> None:
+    """An offset of the angle beside a short; a saturation that is not there leaves half as much, with L_q too high."""
+    rows, given = rows_of(population(2013), 95, tmp_path)
+    found = fitted(rows, given)
+    assert "q_axis_saturation" in found.model.effects
+    assert not given.within("L_q", found.model.machine.L_q)
+    other, _ = one_for_others(rows, found, given)
+    assert set(other.model.effects) == {"interturn_short", "angle_offset"}
+    assert other.model.effects["angle_offset"][0] == pytest.approx(0.0265, rel=0.1)
+    within = replace(given, tolerance={**given.tolerance, "L_q": 0.15})
+    still, at_best = one_for_others(rows, found, within)
+    assert still is found
+    assert at_best["q_axis_saturation", "angle_offset"] == 0.0

@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.mismatch.model import filter_pole
-from estimator.mismatch.whitening import poles_of
+from estimator.mismatch.model import whitening
 from estimator.physics.rows import Rows, Vector
 
 Array = NDArray[np.float64]
@@ -31,10 +30,10 @@ class Means:
 
 def voltage_of(rows: Rows, z: Vector) -> Vector:
     """The voltage (V of each period, rotor frame) that the whitening filter made a flux error (Vs) of."""
-    z_s = z * rows.rotor[1:]
-    before = np.concatenate(([0j], z_s[:-1]))
-    poles = poles_of(rows.joined, filter_pole(rows.machine, rows.T_s))
-    return rows.stationary((z_s - poles * before) / rows.T_s) * rows.joined
+    M, gain = whitening(rows, rows.machine)
+    d, q = np.concatenate(([0.0], z.real[:-1])), np.concatenate(([0.0], z.imag[:-1]))
+    kept = M[:, 0, 0] * d + M[:, 0, 1] * q + 1j * (M[:, 1, 0] * d + M[:, 1, 1] * q)
+    return np.divide(z - kept, gain, out=np.zeros_like(z), where=rows.joined)
 
 
 def energy_of(v: Vector) -> float:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
 from estimator.mismatch.averages import Array, beside, energy_of, parts, sizes_in, whole
-from estimator.mismatch.model import Model, base_voltage, filter_pole, whitened
+from estimator.mismatch.model import Model, base_voltage, whitened, whitening
 from estimator.physics.rows import AXES, Rows, Vector
 
 Bools = NDArray[np.bool_]
@@ -136,7 +136,7 @@ def _taken(rows: Rows, flux_s: Vector, alone: Vector) -> Vector:
     m = rows.machine
     i = rows.i - flux_s * rows.rotor.conj() / (0.5 * (m.L_d + m.L_q))
     without = replace(rows, i=i, kept=rows.kept_of_angle_and_bridge())
-    return np.where(rows.joined, whitened(base_voltage(without, Model(m)) - alone, rows, filter_pole(m, rows.T_s)), 0j)
+    return np.where(rows.joined, whitened(base_voltage(without, Model(m)) - alone, whitening(rows, m)), 0j)
 
 
 @kernel

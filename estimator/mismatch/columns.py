@@ -21,7 +21,6 @@ from estimator.mismatch.model import (
     Array,
     Model,
     Noise,
-    filter_pole,
     flux_errors,
     frame_of,
     in_truth,
@@ -31,10 +30,11 @@ from estimator.mismatch.model import (
     sharing,
     straightening,
     whitened,
+    whitening,
     with_machine,
     zero_residual,
 )  # fmt: skip
-from estimator.mismatch.whitening import poles_of, whiten_into
+from estimator.mismatch.whitening import whiten_into
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -120,7 +120,6 @@ def regression(
         library = [effect for effect in library if effect.name not in SATURATIONS]
     columns = _columns(smooth, model, given, library)
     steps = _steps(truth, model, columns)
-    poles = poles_of(rows.joined, filter_pole(model.machine, rows.T_s))
     r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(flux_errors(r, rows, model), zero, rows)
@@ -131,11 +130,12 @@ def regression(
     coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
     answering = _answering(columns, response)
     into_truth = frame_of(rows, truth).conj()
+    by = whitening(rows, model.machine).of_voltages(into_truth)
     moves = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
     lost = {j: volts * into_truth for j, volts in moves.items()}
     lost |= {j: volts for j, volts in answering.items() if volts is not None}
     bridges = {j for j in lost if columns[j].owner != "machine" and BY_NAME[columns[j].owner].steep}
-    r, rotor = r * into_truth, rows.rotor[1:]
+    r = r * into_truth
     n, P = len(rows), len(columns)
     which, answers = np.array(list(answering), np.intp), np.zeros((P, 2), np.complex128)
     gram, state = np.zeros((STRETCHES, P + 1, P + 1)), np.zeros(P + 1, np.complex128)
@@ -150,7 +150,7 @@ def regression(
         if response is not None:
             answer(v, which, response.within(cut), answers)
         v[P] = r[cut]
-        there = whiten_into(m, v, part.middle, rotor[cut], part.joined, poles[cut], part.T_s, noise[:2], state)
+        there = whiten_into(m, v, *by.over(cut), noise[:2], state)
         if straighten is not None:
             m[: len(there)] = np.einsum("xyn,cyn->cxn", straighten[:, :, cut], m[: len(there)])
         flat = m[: len(there)].reshape(len(there), 2 * len(part))
@@ -397,8 +397,8 @@ def _add_zero_channel(
 
 def as_parameters(rows: Rows, v: Vector) -> dict[str, float]:
     """What a voltage (V) looks like as R_s, L_d, L_q and psi_f: by least squares of its flux errors."""
-    rho = filter_pole(rows.machine, rows.T_s)
-    errors = [whitened(x, rows, rho) for x in (*(_voltage_per_unit(rows, name) for name in PARAMETERS), v)]
+    by = whitening(rows, rows.machine)
+    errors = [whitened(x, by) for x in (*(_voltage_per_unit(rows, name) for name in PARAMETERS), v)]
     *columns, y = (np.concatenate([z.real, z.imag]) for z in errors)
     found = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
     return dict(zip(PARAMETERS, found.tolist(), strict=True))

@@ -9,11 +9,11 @@ make up for each other: none of them alone leads to the set. Knows nothing of ve
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from estimator.mismatch.excitation_check import at_an_end
+from estimator.mismatch.excitation_check import apart, at_an_end
 from estimator.mismatch.explain import ENTRY, MOST, Choice, Search
 from estimator.mismatch.fitting import Fitted, closely, exchanged, fitted, with_more, without
 from estimator.mismatch.given import Given
-from estimator.mismatch.remainder import ROUNDED, excess_of, hidden_of, leaves_some
+from estimator.mismatch.remainder import ROUNDED, TRADES, excess_of, hidden_of, leaves_some
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
 
@@ -72,16 +72,24 @@ class Exchanged(NamedTuple):
 def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
     for several.
+
+    Of two effects that bend the angle's rounding may lend the first all that it leaves, where that looks like the
+    machine's parameters; then the one is taken whose machine is as its data sheet says.
     """
-    here, at_best = excess_of(found), dict[tuple[str, str], float]()
-    less = 2.0 * ENTRY + ROUNDED * hidden_of(found)
-    for dropped, one in _instead(found.search, found.choice):
+    here, hidden, at_best = excess_of(found), hidden_of(found), dict[tuple[str, str], float]()
+    less = 2.0 * ENTRY + ROUNDED * hidden
+    shares = apart(found.search, found.choice)
+    lent = {name: hidden for name, share in shares.items() if name in _BENT and share < TRADES}
+    for dropped, one in _instead(found.search, found.choice, lent):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
             continue
         there = excess_of(begin)
         if len(dropped) == 1 and len(begin.choice) == len(found.choice):
-            at_best[dropped[0][0], one[0]] = 0.5 * (there - here)
+            more, by_rounding = there - here, lent.get(dropped[0][0], 0.0)
+            if less < more < by_rounding and _beyond(found, given) and not _beyond(begin, given):
+                return Exchanged(begin, {})
+            at_best[dropped[0][0], one[0]] = 0.5 * min(more, max(more - by_rounding, 0.0))
         if there > (_NEARLY * here if len(dropped) > 1 else here - less):
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
@@ -91,8 +99,11 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     return Exchanged(found, at_best)
 
 
-def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, int]]]:
-    """Effects of a set, and the one, at its likeliest shapes, that may stand in their place.
+def _instead(
+    search: Search, choice: Choice, lent: Mapping[str, float]
+) -> list[tuple[Choice, tuple[str, int]]]:
+    """Effects of a set, and the one, at its likeliest shapes, that may stand in their place. `lent`: chi square that an
+    effect may have of the angle's rounding.
 
     In the place of several, one that they are confused with; in that of one alone, one whose equation bends; in that of
     one at the end of what is plausible, itself at other shapes.
@@ -101,13 +112,13 @@ def _instead(search: Search, choice: Choice) -> list[tuple[Choice, tuple[str, in
     present, candidates = {name for name, _ in choice}, search.candidates()
     for name in dict.fromkeys(name for name, _ in candidates if name not in present):
         alike = tuple(one for one in choice if name in _confused(one[0]) or one[0] in _confused(name))
-        tried = [(alike, 1.0 - _AS_MUCH)] * (len(alike) > 1)
-        tried += [((one,), _ALL_BUT) for one in choice] * _bends(name)
-        for dropped, most in tried:
+        tried = [(alike, 1.0 - _AS_MUCH, 0.0)] * (len(alike) > 1)
+        tried += [((one,), _ALL_BUT, lent.get(one[0], 0.0) * (name in _BENT)) for one in choice] * _bends(name)
+        for dropped, most, rounded in tried:
             rest = tuple(one for one in choice if one not in dropped)
             left = {one: search.fit((*rest, one)).chi2 for one in candidates if one[0] == name}
             one = min(left, key=lambda each: left[each])
-            if left[one] - full < most * (search.fit(rest).chi2 - full):
+            if left[one] - full < max(most * (search.fit(rest).chi2 - full), rounded):
                 found.append((dropped, one))
     for one in (each for each in choice if at_an_end(search, search.fit(choice), each)):
         rest = tuple(other for other in choice if other != one)

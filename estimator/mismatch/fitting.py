@@ -21,7 +21,6 @@ from estimator.mismatch.model import (
     Model,
     Noise,
     as_in,
-    filter_pole,
     flux_errors,
     residual,
     with_machine,
@@ -359,7 +358,7 @@ def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
     """
     there, clean = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     noise, before = search.regression.noise, search.regression.model.machine
-    z = flux_errors(residual(there, clean, model), there, model, filter_pole(before, rows.T_s))
+    z = flux_errors(residual(there, clean, model), there, model, before)
     z = as_in(model.machine, before, z)
     d, q = z.real / noise[0], z.imag / noise[1]
     return float(np.mean(d * d) + np.mean(q * q))

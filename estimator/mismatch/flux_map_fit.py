@@ -29,14 +29,14 @@ from estimator.mismatch.model import (
     Array,
     Model,
     effects_voltage,
-    filter_pole,
     in_truth,
     noise_of,
     whitened,
+    whitening,
     with_machine,
 )
 from estimator.mismatch.verdict import FluxTable, Quantity
-from estimator.mismatch.whitening import poles_of, whiten
+from estimator.mismatch.whitening import Whitening, whiten
 from estimator.physics.flux_map import MISSED, Axis, Bend, line_of, mirrored, slopes_of
 from estimator.physics.rows import Real, Rows, Vector
 from estimator.physics.saturation import EFFECTS
@@ -238,15 +238,15 @@ def begun(rows: Rows, model: Model) -> Model | None:
     kept = {name: sizes for name, sizes in model.effects.items() if name not in EFFECTS}
     model = replace(model, effects=kept, bend=None)
     truth = in_truth(rows, model)
-    rest, rho = truth.u - effects_voltage(truth, model), filter_pole(model.machine, rows.T_s)
+    rest, by = truth.u - effects_voltage(truth, model), whitening(truth, model.machine)
     i, reach = truth.i, float(np.quantile(np.abs(truth.i.imag), 1.0 - _EDGE))
     low, high = np.quantile(i.real, [_EDGE, 1.0 - _EDGE]).tolist()
     d, q = Axis.over(low, high, _CELL * rows.i_rated), Axis.over(-reach, reach, _CELL * rows.i_rated)
     shapes, stiff = _shapes(d, q)
     psi, mean, machine, bend = truth.flux(i), truth.i_mean, model.machine, None
     for n in range(_PASSES):
-        noise = noise_of(whitened(rest - machine.R_s * mean - truth.balance(psi), truth, rho), None, truth)
-        value, precision = _solved(_sums(truth, d, q, shapes, mean, rest, noise, rho), stiff)
+        noise = noise_of(whitened(rest - machine.R_s * mean - truth.balance(psi), by), None, truth)
+        value, precision = _solved(_sums(truth, d, q, shapes, mean, rest, noise, by), stiff)
         L_d, L_q, psi_f = value[:_LINES].tolist()
         before = model.machine
         ratios = value[-1] / before.R_s, L_d / before.L_d, L_q / before.L_q, psi_f / before.psi_f
@@ -303,12 +303,11 @@ def _shapes(d: Axis, q: Axis) -> tuple[Array, Array]:
 
 def _sums(
     rows: Rows, d: Axis, q: Axis, shapes: Array, mean: Vector, rest: Vector, noise: tuple[float, float, float],
-    rho: float,
+    by: Whitening,
 ) -> Array:  # fmt: skip
     """Sums of squares and products of all shapes' columns, that of R_s, and y, by stretch."""
     P = shapes.shape[1]
     gram, state = np.zeros((STRETCHES, P + 2, P + 2)), np.zeros(P + 2, np.complex128)
-    poles = poles_of(rows.joined, rho)
     for s, (a, b) in enumerate(pairwise(np.linspace(0, len(rows), STRETCHES + 1).astype(int).tolist())):
         for begin in range(a, b, _PART):
             cut = slice(begin, min(begin + _PART, b))
@@ -318,7 +317,7 @@ def _sums(
             v = np.empty((P + 2, len(part)), np.complex128)
             v[:P] = (part.half * psi[:, 1:] - part.half.conj() * psi[:, :-1]) / part.T_s
             v[P], v[P + 1] = mean[cut], rest[cut]
-            whiten(v, part.half, part.joined, poles[cut], part.T_s, state)
+            whiten(v, *by.over(cut), state)
             white = np.concatenate([v.real / noise[0], v.imag / noise[1]], axis=1)
             gram[s] += white @ white.T
     return gram

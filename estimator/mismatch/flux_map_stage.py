@@ -16,7 +16,7 @@ from estimator.mismatch.fitting import Fitted, fitted
 from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
 from estimator.mismatch.given import Given
 from estimator.mismatch.locate import place_of
-from estimator.mismatch.model import Model, filter_pole, flux_errors, noise_of, residual, whitened
+from estimator.mismatch.model import Model, flux_errors, noise_of, residual, whitened, whitening
 from estimator.mismatch.remainder import above_noise, excess_of
 from estimator.mismatch.thinning import thinned
 from estimator.mismatch.verdict import Finding, Quantity, odds_of
@@ -58,11 +58,11 @@ def saturations(rows: Rows, found: Fitted, flux_map: FluxMap | None, after: Mapp
     shown: list[Finding] = []
     if flux_map is None:
         return shown
-    rho = filter_pole(found.model.machine, rows.T_s)
+    by = whitening(rows, found.model.machine)
     for name, departure in flux_map.departures().items():
         if departure.told:
             v = rows.balance(flux_map.part(name, rows.i))
-            where = place_of(rows, whitened(v, rows, rho), (0.0, 0.0))
+            where = place_of(rows, whitened(v, by), (0.0, 0.0))
             log_odds = 0.5 * departure.sure**2
             looks = as_parameters(rows, v)
             absorbed = {p: looks[p] for p in PARAMETERS if abs(looks[p]) > 2.0 * (after[p].std or math.inf)}

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimator.mismatch.averages import energy_of
-from estimator.mismatch.model import Array, Model, filter_pole, residual, whitened, with_machine
+from estimator.mismatch.model import Array, Model, residual, whitened, whitening, with_machine
 from estimator.physics import magnet_flux_step
 from estimator.physics.rows import Rows, Vector
 
@@ -26,9 +26,9 @@ def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:
         return model
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     change, at, duration = model.effects[_NAME]
-    rho = filter_pole(model.machine, rows.T_s)
-    z = whitened(residual(rows, smooth, model), rows, rho)
-    flux = whitened(smooth.balance(np.full(len(rows) + 1, change * model.machine.psi_f)), rows, rho)
+    by = whitening(rows, model.machine)
+    z = whitened(residual(rows, smooth, model), by)
+    flux = whitened(smooth.balance(np.full(len(rows) + 1, change * model.machine.psi_f)), by)
     k = int(np.searchsorted(rows.t, rows.span[0] + at * rows.span[1]))
     k = max(k, 1)  # the first sample after the step, whose flux error is z[k - 1]
     later = np.cumsum(_more(z[k - 1 :], flux[k - 1 :]))
@@ -38,7 +38,7 @@ def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:
         place = k + best_later[0] + 1 if best_later[1] < best_sooner[1] else k - best_sooner[0] - 1
         time = float((rows.t[min(max(place, 1), len(rows))] - 0.5 * rows.T_s - rows.span[0]) / rows.span[1])
         model = _with_step(model, change, time, duration)
-        z = whitened(residual(rows, smooth, model), rows, rho)
+        z = whitened(residual(rows, smooth, model), by)
     return _settled(smooth, z, model)
 
 
@@ -52,12 +52,13 @@ def _settled(rows: Rows, z: Vector, model: Model) -> Model:
     T_s, (start, length) = rows.T_s, rows.span
     k, wide = int(np.searchsorted(rows.t, start + at * length)), round(duration / T_s)
     part = slice(max(k - _AROUND[0] - wide, 0), min(k + _AROUND[1] + wide, len(rows)))
-    around, rho = rows[part], filter_pole(model.machine, T_s)
+    around = rows[part]
+    by = whitening(around, model.machine)
 
     def made(x: Array) -> Vector:
         """A, by the moment and the duration in periods."""
         v = magnet_flux_step.voltage(around, (change, x[0] * T_s / length, x[1] * T_s))
-        return _current(whitened(v, around, rho), model)
+        return _current(whitened(v, by), model)
 
     x = np.array([at * length, duration]) / T_s
     low, high = (limit(rows) / T_s for limit in (_DURATION.low, _DURATION.high) if limit is not None)

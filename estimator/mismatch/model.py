@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import Machine
-from estimator.mismatch.whitening import poles_of, whiten
+from estimator.mismatch.whitening import Axes, Whitening, whiten, whitening_of
 from estimator.physics import winding_resistance_drift
 from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
@@ -29,6 +29,7 @@ Noise = tuple[float, float, float]
 _TRIMMED: Final = 3  # times, that what is beyond 4 standard deviations is left out of noise
 _WITHIN: Final = 0.99887  # of a normal variance, within these
 _NEAR_GAP: Final = 200  # samples on either side
+_FORGOTTEN: Final = 0.01  # a period, of a flux error
 _LEAST: Final = 1e-6  # of rated current, that the noise of a current is taken for
 
 
@@ -48,9 +49,23 @@ class Model:
         return any(BY_NAME[name].steep for name in self.effects)
 
 
-def filter_pole(machine: Machine, T_s: float) -> float:
-    """rho of the whitening."""
-    return min(float(np.exp(-machine.R_s * T_s / (0.5 * (machine.L_d + machine.L_q)))), 0.99)
+def filter_poles(machine: Machine, T_s: float) -> Axes:
+    """rho of the whitening on d and q.
+
+    At most 0.99 on the axis of less inductance, so that what noise does not explain is forgotten soon. What the other
+    one forgets by such a pole is noise, more by the ratio of the inductances, and turns into this axis: its pole is as
+    much closer to 1.
+    """
+    R_s, L_d, L_q = machine.R_s, machine.L_d, machine.L_q
+    least = min(L_d, L_q)
+    rho_d, rho_q = (min(math.exp(-R_s * T_s / L), 1.0 - _FORGOTTEN * least / L) for L in (L_d, L_q))
+    return rho_d, rho_q
+
+
+def whitening(rows: Rows, machine: Machine) -> Whitening:
+    """The filter by a machine, of voltages in the rotor frame."""
+    poles = filter_poles(machine, rows.T_s)
+    return whitening_of(rows.half, rows.joined, (machine.L_d, machine.L_q), poles, rows.T_s)
 
 
 def base_voltage(rows: Rows, model: Model) -> Vector:
@@ -274,19 +289,20 @@ def zero_residual(rows: Rows, smooth: Rows, model: Model) -> Array | None:
     return left
 
 
-def whitened(v: Vector, rows: Rows, rho: float) -> Vector:
+def whitened(v: Vector, by: Whitening) -> Vector:
     """One column, whitened, Vs."""
-    z = v[None, :].copy()
-    whiten(z, rows.half, rows.joined, poles_of(rows.joined, rho), rows.T_s, np.zeros(1, np.complex128))
+    z = v[None, :].astype(np.complex128)
+    whiten(z, by.M, by.gain, np.zeros(1, np.complex128))
     return z[0]
 
 
-def flux_errors(v: Vector, rows: Rows, model: Model, rho: float | None = None) -> Vector:
+def flux_errors(v: Vector, rows: Rows, model: Model, by: Machine | None = None) -> Vector:
     """What is left of a voltage (V), whitened, Vs.
 
-    Beside a flux map's bend: of its straight lines, at which noise of the currents is alike at every current.
+    By the model's machine, or another one. Beside a flux map's bend: of its straight lines, at which noise of the
+    currents is alike at every current.
     """
-    z = whitened(v, rows, filter_pole(model.machine, rows.T_s) if rho is None else rho)
+    z = whitened(v, whitening(rows, by or model.machine))
     if model.bend is None:
         return z
     (dd, dq), (qd, qq) = straightening(rows, model, model.bend)

@@ -21,11 +21,11 @@ from estimator.mismatch.model import (
     Model,
     Noise,
     as_in,
-    filter_pole,
     flux_errors,
     noise_of,
     residual,
     whitened,
+    whitening,
     with_machine,
 )
 from estimator.mismatch.thinning import thinned
@@ -39,7 +39,7 @@ _RESOUNDS: Final = 150.0  # chi square of a resonance: of machines without any i
 ROUNDED: Final = 0.01  # of the angle's rounding, that one of two models may explain more of by chance
 _FAR: Final = 5.0  # times what something without a name leaves, that the likeliest effects leave in its place
 _CLEARLY_OFF: Final = 1.2  # times the tolerance, that a parameter lies beyond for certain
-_TRADES: Final = 0.01  # of its energy, that an effect has beyond what the machine's parameters look like
+TRADES: Final = 0.01  # of its energy, that an effect has beyond what the machine's parameters look like
 _ONCE: Final = 2.0  # changes, of what comes and goes
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
 
@@ -111,7 +111,7 @@ def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, 
         there, model = rows, Model(rows.machine)
     elif model.bend is None:
         return there, found.z, found.noise[:2]
-    z = whitened(residual(there, found.smooth, model), there, filter_pole(model.machine, rows.T_s))
+    z = whitened(residual(there, found.smooth, model), whitening(there, model.machine))
     return there, z, noise_of(z, None, rows)[:2]
 
 
@@ -261,7 +261,7 @@ def _as_told(found: Fitted, given: Given) -> Fitted:
     """
     if _within(found, given, _CLEARLY_OFF):
         return found
-    trading = [name for name, share in apart(found.search, found.choice).items() if share < _TRADES]
+    trading = [name for name, share in apart(found.search, found.choice).items() if share < TRADES]
     others = (without(found, [name], given) for name in trading)
     return next((other for other in others if _within(other, given) and _by_rounding(other, found)), found)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.correction import Correction
-from estimator.mismatch.whitening import poles_of, whiten
+from estimator.mismatch.whitening import whiten, whitening_of
 from estimator.physics.rows import AXES
 from estimator.samples import Samples
 
@@ -159,8 +159,8 @@ def fit(stretches: Stretches, correction: Correction, machine: Machine) -> Fit:
     joined[:, 0] = False
     rho = min(max(math.exp(-machine.R_s * T_s / (0.5 * (machine.L_d + machine.L_q))), 0.5), 0.99)
     flat = v.reshape(len(v), -1)
-    poles = poles_of(joined.ravel(), rho)
-    whiten(flat, half.ravel(), joined.ravel(), poles, 1.0, np.zeros(len(v), np.complex128))
+    alike = whitening_of(half.ravel(), joined.ravel(), (1.0, 1.0), (rho, rho), 1.0)
+    whiten(flat, *alike, np.zeros(len(v), np.complex128))
     x = np.ascontiguousarray(np.concatenate((v.real, v.imag), axis=2).transpose(1, 0, 2))  # (S, 5, 2 n)
     found = _solved(x @ x.transpose(0, 2, 1), 2 * n * S)
     volts = 1.0 if not correction.per_unit or u_dc is None else correction.per_unit * float(np.mean(u_dc))

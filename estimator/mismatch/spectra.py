@@ -5,6 +5,7 @@ Knows nothing of effects.
 
 import cmath
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
 from estimator.mismatch.averages import Array, beside, energy_of, parts, sizes_in, whole
-from estimator.mismatch.model import filter_pole
+from estimator.mismatch.model import whitened, whitening
+from estimator.mismatch.whitening import Whitening
 from estimator.physics.rows import Rows, Vector
 
 _SEGMENT: Final = 256  # periods of a Welch spectrum
@@ -51,9 +53,9 @@ class Line:
         return 0.5 * cmath.phase(self.forth * self.back)
 
 
-def response(rows: Rows, f: float) -> complex:
-    """What the whitening filter makes of a stationary voltage of frequency f (Hz): Vs per V."""
-    return rows.T_s / (1.0 - filter_pole(rows.machine, rows.T_s) * cmath.exp(-1j * TURN * f * rows.T_s))
+def _of_lines(voltages: Iterable[Vector], by: Whitening) -> Array:
+    """Flux errors of voltages (rotor frame) and of the same a right angle ahead; see `parts`."""
+    return np.array([parts(whitened(turned, by)) for v in voltages for turned in (v, 1j * v)])
 
 
 def _by_clock(rows: Rows) -> NDArray[np.intp]:
@@ -67,7 +69,7 @@ def _by_clock(rows: Rows) -> NDArray[np.intp]:
 def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: float) -> Line | None:
     """The line of a flux error (Vs, rotor frame) that explains most of it in a frame, lowest to highest Hz.
 
-    Voltages are right in the stationary frame, and in the other at frequencies far above the rotor's.
+    Its frequency is that at which the flux error holds most; its voltage, what explains most at that frequency.
     """
     place = _by_clock(rows)
     n = int(place[-1]) + 1
@@ -95,14 +97,14 @@ def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: fl
     for _ in range(30):  # three points, ever closer
         f = max((f - width, f, f + width), key=power)
         width *= 0.7
-    a, b = sums(f)
-    there = len(z)
-    a, b = a / there, b / there
     turning = np.exp(1j * TURN * f * rows.T_s * place)
-    made = a * turning + b * turning.conj()
-    flux = made * rows.rotor[1:].conj() if frame == "stationary" else made
-    gain = there * (abs(a) ** 2 + abs(b) ** 2)
-    return Line(f, a / response(rows, f), b / response(rows, -f), flux, gain)
+    voltages = turning, turning.conj()
+    if frame == "stationary":
+        voltages = (rows.stationary(v) for v in voltages)
+    columns = _of_lines(voltages, whitening(rows, rows.machine))
+    sizes = sizes_in(columns, z)
+    flux = whole(sizes @ columns)
+    return Line(f, complex(*sizes[:2]), complex(*sizes[2:]), flux, energy_of(z) - energy_of(z - flux))
 
 
 def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
@@ -111,23 +113,23 @@ def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
     machine: (m, 2 n), real parts before imaginary ones. Fitted alone, the machine hides a part of a line. By
     Gauss-Newton of the frequency, where all else is linear.
     """
-    back, time = np.where(rows.joined, rows.rotor[1:].conj(), 0j), (_by_clock(rows) - 0.5 * len(rows)) * rows.T_s
-    long = float(time[-1] - time[0])
+    back, time = rows.middle.conj(), (_by_clock(rows) - 0.5 * len(rows)) * rows.T_s
+    long, by = float(time[-1] - time[0]), whitening(rows, rows.machine)
     most, f, best = energy_of(beside(machine, z)), line.frequency, line
     for _ in range(_STEPS):
         turning = np.exp(1j * TURN * f * time)
         forth, aft = turning * back, turning.conj() * back
-        own = (forth, 1j * forth, aft, 1j * aft)
-        both = np.concatenate((machine, np.array([parts(x) for x in own])))
+        own = _of_lines((forth, aft), by)
+        both = np.concatenate((machine, own))
         sizes = sizes_in(both, z)
-        a, b = complex(sizes[-4], sizes[-3]), complex(sizes[-2], sizes[-1])
-        flux: Vector = a * forth + b * aft
+        a, b = complex(*sizes[-4:-2]), complex(*sizes[-2:])
+        flux = whole(sizes[-4:] @ own)
         gain = most - energy_of(z - whole(sizes @ both))
         if best is not line and gain <= best.gain:
             break
         begin = np.exp(1j * TURN * f * time[0])
-        best = Line(f, a * begin / response(rows, f), b / begin / response(rows, -f), flux, gain)
-        faster = parts(1j * TURN * time * (a * forth - b * aft))
+        best = Line(f, a * begin, b / begin, flux, gain)
+        faster = parts(whitened(1j * TURN * time * (a * forth - b * aft), by))
         step = float(sizes_in(np.concatenate((both, faster[None, :])), z)[-1])
         if abs(step) * long < _STILL or abs(step) * long > 1.0:
             break

@@ -1,18 +1,23 @@
 """Whitening: voltages whose noise is a difference, to flux errors whose noise is white.
 
-Noise n of the sampled current enters a period's voltage as (R_s + L d/dt) n: alike at both ends, with opposite signs.
-The filter
+Noise n of the sampled current is one of the flux linkage, w = L n, and enters a period's voltage as (R_s + L d/dt) n:
+alike at both ends, with opposite signs, each axis by its own decay A = diag(rho_d, rho_q), rho -> exp(-R_s T_s / L).
+In the frame of the period's end, with T the turn by -D and w of the variance S = diag(L_d^2, L_q^2),
 
-    z[k+1] = exp(-jD/2) (rho[k] exp(-jD/2) z[k] + T_s v[k])        rho[k] -> rho = exp(-R_s T_s / L)
+    T_s v[k] exp(-jD/2) = w[k+1] - T A w[k]
 
-undoes it - z = L n - and is the same for every column of a regression. It forgets as the machine's own current does, so
-z / L is also the error of a free-running simulation. Where it begins the current's noise is not known, and would stay
-in z for as long: the first poles are those of the innovations of a moving average,
+The filter that undoes it is the same for every column of a regression. It forgets as the machine's own current does,
+so L^-1 z is also the error of a free-running simulation. Where it begins w is not known, and would stay in z for as
+long: z is the innovation of this moving average, and X what is not known of w at a period's first sample,
 
-    rho[k] = rho / V[k]        V[k+1] = 1 + rho^2 - rho^2 / V[k]        V[0] = 1 + rho^2
+    z[k+1] = M[k] z[k] + T_s v[k] exp(-jD/2)             M[k]   = T A (S - X[k]) S^-1
+    V      = S + T A X[k] A' T'                          X[k+1] = S - S V^-1 S           X[0] = S
 
-(P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods, 2nd ed. 1991, section 5.3). Knows nothing of effects.
+(P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods, 2nd ed. 1991, section 5.3 and chapter 11). Knows nothing
+of effects.
 """
+
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,60 +28,95 @@ Vector = NDArray[np.complex128]
 Vectors = NDArray[np.complex128]
 Reals = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Axes = tuple[float, float]
+"""Of d and q."""
+
+_KNOWN: Final = 1e-9  # of w's variance, that is not known
+
+
+class Whitening(NamedTuple):
+    """The filter over some periods; zero where one is not joined. Flux errors are in the frame of periods' ends."""
+
+    M: Reals  # (periods, 2, 2), of a flux error's d and q
+    gain: Vector  # (periods), Vs per V in the frame of periods' middles
+
+    def over(self, periods: slice) -> "Whitening":
+        """A stretch of them."""
+        return Whitening(self.M[periods], self.gain[periods])
+
+    def of_voltages(self, turned: Vector) -> "Whitening":
+        """The same of voltages that are `turned` (vectors of length 1) against those it was of."""
+        return Whitening(self.M, self.gain * turned.conj())
+
+
+def whitening_of(half: Vector, joined: Bools, L: Axes, rho: Axes, T_s: float) -> Whitening:
+    """The filter of inductances (H) and decays on d and q; `half`: exp(j D/2) of each period."""
+    M, gain = np.zeros((len(half), 2, 2)), np.zeros(len(half), np.complex128)
+    _fill(M, gain, half, joined, (L[1] / L[0]) ** 2, rho, T_s)
+    return Whitening(M, gain)
 
 
 @kernel
-def poles_of(joined: Bools, rho: float) -> Reals:
-    """rho[k] of each period; runs begin where one is not joined."""
-    poles, begun, variance = np.zeros(len(joined)), False, 1.0
-    for k in range(len(joined)):
-        if joined[k]:
-            variance = 1.0 + rho * rho - (rho * rho / variance if begun else 0.0)
-            poles[k] = rho / variance  # of the next
-        begun = joined[k]
-    poles[1:] = poles[:-1].copy()
-    poles[0] = 0.0
-    return poles
+def _fill(M: Reals, gain: Vector, half: Vector, joined: Bools, s: float, rho: Axes, T_s: float) -> None:
+    """With S = diag(1, s), the symmetric X = (x_d, x_x; x_x, x_q), and V likewise."""
+    rho_d, rho_q = rho
+    x_d, x_q, x_x = 1.0, s, 0.0
+    for k in range(len(half)):
+        if not joined[k]:
+            x_d, x_q, x_x = 1.0, s, 0.0
+            continue
+        back = half[k].conjugate()
+        turn = back * back
+        gain[k] = T_s * back
+        d_d, d_q = rho_d * (1.0 - x_d), -rho_d * x_x / s  # A (S - X) S^-1
+        q_d, q_q = -rho_q * x_x, rho_q * (1.0 - x_q / s)
+        M[k, 0, 0], M[k, 0, 1] = turn.real * d_d - turn.imag * q_d, turn.real * d_q - turn.imag * q_q
+        M[k, 1, 0], M[k, 1, 1] = turn.imag * d_d + turn.real * q_d, turn.imag * d_q + turn.real * q_q
+        if x_d < _KNOWN and x_q < _KNOWN * s:
+            x_d, x_q, x_x = 0.0, 0.0, 0.0
+            continue
+        mean = 0.5 * (rho_d * rho_d * x_d + rho_q * rho_q * x_q)
+        apart = complex(0.5 * (rho_d * rho_d * x_d - rho_q * rho_q * x_q), rho_d * rho_q * x_x) * turn * turn
+        v_d, v_q, v_x = 1.0 + mean + apart.real, s + mean - apart.real, apart.imag
+        size = v_d * v_q - v_x * v_x
+        x_d, x_q, x_x = 1.0 - v_q / size, s - s * s * v_d / size, s * v_x / size
 
 
 @kernel
-def whiten(v: Vectors, half: Vector, joined: Bools, poles: Reals, T_s: float, state: Vector) -> None:
+def whiten(v: Vectors, M: Reals, gain: Vector, state: Vector) -> None:
     """Filter the rows of v (columns x periods) in place; `state` (columns) goes on from stretch to stretch."""
     for c in range(v.shape[0]):
-        z = state[c]
+        d, q = state[c].real, state[c].imag
         for k in range(v.shape[1]):
-            back = half[k].conjugate()
-            z = back * (poles[k] * back * z + T_s * v[c, k]) if joined[k] else 0j
-            v[c, k] = z
-        state[c] = z
+            v[c, k] *= gain[k]
+        for k in range(v.shape[1]):
+            d, q = M[k, 0, 0] * d + (M[k, 0, 1] * q + v[c, k].real), M[k, 1, 1] * q + (M[k, 1, 0] * d + v[c, k].imag)
+            v[c, k] = complex(d, q)
+        state[c] = complex(d, q)
 
 
 @kernel
 def whiten_into(
-    white: Reals, v: Vectors, middle: Vector, rotor: Vector, joined: Bools, poles: Reals, T_s: float,
-    noise: tuple[float, float], state: Vector,
-) -> NDArray[np.intp]:  # fmt: skip
+    white: Reals, v: Vectors, M: Reals, gain: Vector, noise: tuple[float, float], state: Vector
+) -> NDArray[np.intp]:
     """The same over the noise on d and q, as real numbers (columns x 2 x periods); which columns are not zero yet.
 
-    Only those are written, one after the other. By way of the stationary frame: `middle` is exp(j theta_e) in the
-    periods' middle, of v's frame, `rotor` that at their ends, of the flux errors' frame.
+    Only those are written, one after the other.
     """
     there = np.empty(v.shape[0], np.intp)
     count = 0
     for c in range(v.shape[0]):
-        z_s, some = state[c], state[c] != 0.0
+        d, q = state[c].real, state[c].imag
+        some = d != 0.0 or q != 0.0
         for k in range(v.shape[1]):
-            v[c, k] *= T_s * middle[k]
-        for k in range(v.shape[1]):
-            z_s = poles[k] * z_s + v[c, k] if joined[k] else 0j
-            v[c, k] = z_s
-            some = some or z_s != 0.0
-        state[c] = z_s
+            v[c, k] *= gain[k]
+            some = some or v[c, k] != 0.0
         if not some:
             continue
         for k in range(v.shape[1]):
-            z = v[c, k] * rotor[k].conjugate()
-            white[count, 0, k], white[count, 1, k] = z.real / noise[0], z.imag / noise[1]
+            d, q = M[k, 0, 0] * d + (M[k, 0, 1] * q + v[c, k].real), M[k, 1, 1] * q + (M[k, 1, 0] * d + v[c, k].imag)
+            white[count, 0, k], white[count, 1, k] = d / noise[0], q / noise[1]
+        state[c] = complex(d, q)
         there[count] = c
         count += 1
     return there[:count]
