@@ -116,11 +116,11 @@ def followed(rows: Rows, model: Model, share: float, near: Vector | None = None)
     return rows.i + delta * truth.rotor * rows.rotor.conj(), lost * frame_of(rows, truth)
 
 
-def response_of(rows: Rows, model: Model, share: float, i: Vector) -> Response:
-    """At currents (A) that follow a model. See `followed`."""
+def response_of(rows: Rows, model: Model, share: float, smooth: Rows) -> Response:
+    """Around a model; `smooth`: the rows with currents that follow one like it. See `followed`."""
     truth = in_truth(rows, model)
     course = _course(truth, _physics(model))
-    i_s = in_truth(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), model).i_s
+    i_s = in_truth(smooth, model).i_s
     legs, dead_time, u_drop, spread, knee = course.lost
     found = np.empty((6, len(rows)), np.complex128)
     _lost_around(

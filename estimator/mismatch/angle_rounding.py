@@ -111,8 +111,9 @@ def lent_energy(rows: Rows) -> float:
 def _energy_of(rows: Rows, square: float) -> float:
     """Of the flux error by an angle error of a mean square (rad^2)."""
     m, i = rows.machine, rows.i
-    per_angle = 1j * m.psi_f + (m.L_d - m.L_q) * (i.imag + 1j * i.real)  # Vs/rad
-    return float(np.sum(np.abs(per_angle) ** 2)) * square
+    saliency = m.L_d - m.L_q  # per angle: j psi_f + saliency (i_q + j i_d), Vs/rad
+    by_magnets = m.psi_f * (len(i) * m.psi_f + 2.0 * saliency * float(np.sum(i.real)))
+    return (by_magnets + saliency**2 * float(np.vdot(i, i).real)) * square
 
 
 def _hidden(off: Real, variance: Real, step: float) -> float:

@@ -117,4 +117,4 @@ def _followed(rows: Rows, model: Model, following: Following) -> Clean:
 
 
 def _response(rows: Rows, smooth: Rows, share: float, model: Model) -> Response:
-    return response_of(with_machine(rows, model.machine), model, share, smooth.i)
+    return response_of(with_machine(rows, model.machine), model, share, smooth)

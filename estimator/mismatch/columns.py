@@ -49,7 +49,7 @@ BENDS: Final = 6
 """Place of the first of a flux map's shapes among the machine's columns; they are the last."""
 _STEP: Final = 0.03  # of a typical size, for differences
 _NEAR: Final = 1e-3  # the same, where a little changes much
-_PART: Final = 1536  # periods at once, whose columns stay near the processor
+_PART: Final = 2048  # periods at once, whose columns stay near the processor
 _LONG: Final = 200_000  # periods, from which on what effects remember takes much room
 _LEAD: Final = 1_000  # periods, of which most effects remember nothing in the end
 _SMALL_ANGLE: Final = 1e-4  # rad

@@ -9,7 +9,7 @@ from typing import Final, cast
 
 import numpy as np
 
-from estimator.mismatch.excitation_check import least_borne_out
+from estimator.mismatch.excitation_check import beside_of, least_borne_out
 from estimator.mismatch.explain import ENTRY, FAINT, Choice, Search
 from estimator.mismatch.model import Array
 from estimator.mismatch.verdict import Ambiguity, Candidate, Experiment, Quantity
@@ -108,12 +108,12 @@ def detectable(
     Whatever its shapes: the largest of them. `excess` is the energy over noise that is left unexplained.
     """
     found: dict[str, Quantity] = {}
-    taken = {name for name, _ in choice}
+    taken, beside = {name for name, _ in choice}, beside_of(search, excess)
     for more in search.candidates():
         place = next((j for j in search.sizes_of(more) if search.gram[j, j] > 0.0), None)
         if more[0] in taken or place is None:
             continue
-        size = max(_named_from(search, choice, more, place), least_borne_out(search, choice, more, place, excess))
+        size = max(_named_from(search, choice, more, place), least_borne_out(search, choice, more, place, beside))
         known = found.get(more[0])
         if known is None or (known.value is not None and size > known.value):
             found[more[0]] = Quantity(size, None, BY_NAME[more[0]].parameters[search.columns[place].place].unit)

@@ -40,6 +40,25 @@ _AT_AN_END: Final = "what is found of it lies at the end of what is plausible"
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
+class _Rest(NamedTuple):
+    """What is left above noise and above what chance makes of it, energy over noise."""
+
+    whole: float
+    unexplained: float  # beyond the angle's rounding
+
+    def least(self, *, faint: bool) -> float:
+        """What an effect has to explain beside it."""
+        return max(_BESIDE * self.unexplained, _FAINTLY * self.whole if faint else 0.0, 1e-300)
+
+
+class Beside(NamedTuple):
+    """What there is beside any effect: see `beside_of`."""
+
+    over_noise: Mapping[str, float]  # by axis, of the inductance's column
+    by_angle: float  # energy over noise that the angle's rounding may lend an effect
+    rest: _Rest
+
+
 def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Sequence[str]) -> str | None:
     """What shows that this recording does not tell the machine, in a sentence's part; None where it does.
 
@@ -112,7 +131,7 @@ def not_borne_out(
     the machine may stand out nevertheless, though doubted. Others that are not plain have to stand out, too, and beside
     a doubt as if they were doubted.
     """
-    over_noise, by_angle, rest = _over_noise(search), _by_angle(search), _rest(search, excess)
+    over_noise, by_angle, rest = beside_of(search, excess)
     least_apart = _least_apart(search)
     untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
     alike: Choice = ()
@@ -219,39 +238,32 @@ def attenuated(search: Search, choice: Choice) -> Array:
     return np.array(moved).reshape(-1, len(PARAMETERS))
 
 
-def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, excess: float) -> float:
-    """The size (of the column at `place`) from which on a faint effect beside a set is borne out.
-
-    `excess` is the energy over noise that is left unexplained.
-    """
+def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, beside: Beside) -> float:
+    """The size (of the column at `place`) from which on a faint effect beside a set is borne out."""
     unit = np.zeros(len(search.columns))
     unit[place] = 1.0
     scatter, lends = _scatter(search, (*choice, one), one), _lends(search, (*choice, one), one)
-    rest = _rest(search, excess)
     if _apart(search, unit) < _least_apart(search) * lends:
         return math.inf
-    beside = rest.least(faint=True)
+    least = beside.rest.least(faint=True)
     if scatter < _EVEN:
-        beside = min(beside, 2.0 * _PLAIN * scatter)
-    by_noise = lends / max(_over_lent(search, unit, _over_noise(search)), 1e-300)
-    return math.sqrt(max(max(beside, _by_angle(search)) * search.variance_of(choice, one, place), by_noise))
+        least = min(least, 2.0 * _PLAIN * scatter)
+    by_noise = lends / max(_over_lent(search, unit, beside.over_noise), 1e-300)
+    return math.sqrt(max(max(least, beside.by_angle) * search.variance_of(choice, one, place), by_noise))
+
+
+def beside_of(search: Search, excess: float) -> Beside:
+    """What noise, the angle's rounding and what is left may lend an effect of a search.
+
+    `excess` is the energy over noise that is left unexplained.
+    """
+    return Beside(_over_noise(search), _by_angle(search), _rest(search, excess))
 
 
 def _by_angle(search: Search) -> float:
     """Energy over noise that the angle's rounding may lend an effect."""
     rows, noise = search.regression.rows, search.regression.noise
     return max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
-
-
-class _Rest(NamedTuple):
-    """What is left above noise and above what chance makes of it, energy over noise."""
-
-    whole: float
-    unexplained: float  # beyond the angle's rounding
-
-    def least(self, *, faint: bool) -> float:
-        """What an effect has to explain beside it."""
-        return max(_BESIDE * self.unexplained, _FAINTLY * self.whole if faint else 0.0, 1e-300)
 
 
 def _rest(search: Search, excess: float) -> _Rest:

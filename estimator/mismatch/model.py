@@ -8,6 +8,7 @@ import cmath
 import math
 from dataclasses import dataclass, field, replace
 from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,8 +76,26 @@ def base_voltage(rows: Rows, model: Model) -> Vector:
     return v if model.bend is None else v + model.bend.voltage(at)
 
 
+_LAST: Final = WeakKeyDictionary[Rows, tuple[Model, Rows]]()
+"""Rows that were asked for in truth last, by which model, and what they are then: as long as anyone has these rows."""
+
+
 def in_truth(rows: Rows, model: Model) -> Rows:
-    """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is."""
+    """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is.
+
+    The last ones are kept: who tries a model, looks at what it leaves, and then around it, asks for the same again. So
+    are those before where currents follow the model, for one may go back to it.
+    """
+    by, truth = _LAST.get(rows, (None, rows))
+    if by != model:
+        for old in list(_LAST)[: -1 if model.steep else None]:
+            _LAST.pop(old, None)
+        truth = _in_truth(rows, model)
+        _LAST[rows] = model, truth
+    return truth
+
+
+def _in_truth(rows: Rows, model: Model) -> Rows:
     truth = with_local_course(_without_errors(rows, model), model)
     if model.steep:
         truth = beside_bridge(truth, model)
@@ -86,7 +105,7 @@ def in_truth(rows: Rows, model: Model) -> Rows:
 
 
 def see_lost(truth: Rows, model: Model) -> None:
-    """Let effects that see the terminals' voltage know what the model's bridge loses of it."""
+    """Let effects that see the terminals' voltage know what the model's bridge loses of it, worked out once."""
     for name, sizes in model.effects.items():
         if BY_NAME[name].steep and LOST not in truth.kept:
             truth.kept[LOST] = BY_NAME[name].voltage(truth, sizes)
@@ -204,7 +223,7 @@ def _current_error(rows: Rows, model: Model) -> Vector | float:
     there = [(error, name, sizes) for error, name, sizes in errors if error is not None]
     if not there:
         return 0.0
-    measured = _with_slopes(rows, model)
+    measured = _with_slopes(rows, model) if any(BY_NAME[name].moved for _, name, _ in there) else rows
     found = {name: error(measured, sizes) for error, name, sizes in there}
     for error, name, sizes in there:
         if BY_NAME[name].moved is not None:
@@ -246,9 +265,11 @@ def with_machine(rows: Rows, machine: Machine) -> Rows:
 def effects_voltage(truth: Rows, model: Model) -> Vector:
     """Voltage (V) that the model's effects add, but for its errors of measurement, which `in_truth` takes off."""
     total = np.zeros(len(truth), np.complex128)
+    see_lost(truth, model)
     for name, sizes in model.effects.items():
-        if not BY_NAME[name].measures and BY_NAME[name].together is None:
-            total += BY_NAME[name].voltage(truth, sizes)
+        effect = BY_NAME[name]
+        if not effect.measures and effect.together is None:
+            total += truth.kept[LOST] if effect.steep else effect.voltage(truth, sizes)
     for together, several in sharing(model).items():
         total += together(truth, several)
     return total

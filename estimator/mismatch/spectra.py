@@ -78,11 +78,12 @@ def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: fl
     size = 1 << max(4, (n - 1).bit_length())
     X = np.fft.fft(x, size)
     df = 1.0 / (size * rows.T_s)
-    k = np.arange(max(2, math.ceil(lowest / df)), min(size // 2, math.floor(highest / df)))
-    if len(k) == 0:
+    first, end = max(2, math.ceil(lowest / df)), min(size // 2, math.floor(highest / df))
+    if end <= first:
         return None
-    coarse = float(k[np.argmax(np.abs(X[k]) ** 2 + np.abs(X[-k]) ** 2)]) * df
-    forth, back = (_shifted(x, s * coarse * rows.T_s) for s in (1.0, -1.0))
+    ahead, astern = X[first:end], X[size - first : size - end : -1]
+    coarse = float(first + np.argmax(ahead.real**2 + ahead.imag**2 + astern.real**2 + astern.imag**2)) * df
+    forth, back = _shifted(x, coarse * rows.T_s)
     middle = (_BLOCK * (np.arange(len(forth)) + 0.5) - 0.5) * rows.T_s
 
     def sums(f: float) -> tuple[complex, complex]:
@@ -137,10 +138,12 @@ def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
     return best
 
 
-def _shifted(x: Vector, turns: float) -> Vector:
-    """Sums over blocks of x exp(-j 2 pi turns k)."""
+def _shifted(x: Vector, turns: float) -> tuple[Vector, Vector]:
+    """Sums over blocks of x exp(-j 2 pi turns k), and of x exp(j 2 pi turns k)."""
     padded = np.concatenate((x, np.zeros(-len(x) % _BLOCK)))
-    return (padded * np.exp(-1j * TURN * turns * np.arange(len(padded)))).reshape(-1, _BLOCK).sum(axis=1)
+    turning = np.exp(-1j * TURN * turns * np.arange(len(padded)))
+    forth, back = ((padded * by).reshape(-1, _BLOCK).sum(axis=1) for by in (turning, turning.conj()))
+    return forth, back
 
 
 def _turns(rows: Rows, turns: float) -> NDArray[np.intp]:

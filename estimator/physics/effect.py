@@ -49,7 +49,8 @@ class Effect:
     zero: Callable[[Rows, Sizes], Real] | None = None
     told: Callable[[Rows, Sizes], dict[str, tuple[float, str]]] | None = None  # value and unit of what users are told
     current_error: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, stationary frame; measured less true
-    moved: Callable[[Rows, Sizes], Vector] | None = None  # A, stationary, by which true currents then have
+    moved: Callable[[Rows, Sizes], Vector] | None = None  # A, stationary, by which true currents then have; an error
+    # of the current that goes by its slope has this
     angle_error: Callable[[Rows, Sizes], Real | float] | None = None  # rad electrical at samples; measured less true
     misreads_voltage: bool = False  # `voltage` is what the recorded one is too high by
     together: Together | None = None  # `voltage` of all effects that share this

@@ -33,10 +33,9 @@ _UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transisto
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Lost voltage, V."""
     dead_time, u_drop, width, knee = map(float, sizes)
-    legs = legs_of(rows)
 
     def lost() -> Vector:
-        return lost_between(legs, rows.i_s[:-1], rows.i_s[1:], dead_time, u_drop, width, knee)
+        return lost_between(legs_of(rows), rows.i_s[:-1], rows.i_s[1:], dead_time, u_drop, width, knee)
 
     if u_drop == 0.0:  # whatever the knee
         return rows.stationary(rows.once(f"lost in {dead_time!r} s, by {width!r} A", lost))

@@ -36,15 +36,13 @@ def legs_of(rows: Rows) -> Legs:
     u_dc, middle, T_s = rows.u_dc, rows.middle, rows.T_s
     R_s, (g, psi_0), u_s = float(rows.machine.R_s), rows.local_line, rows.u * middle
     a, b = g.a + rows.fast_stiffness, g.b
-    others = rows.kept[OTHERS] * middle if OTHERS in rows.kept else np.zeros(len(rows), np.complex128)
-    if rows.fast_resistance > 0.0:
-        R_s += rows.fast_resistance
-        others = others - rows.fast_resistance * rows.i_mean * middle
-    change = _changes(others, rows.joined)
+    R_s += rows.fast_resistance
+    others = rows.once("beside the bridge", lambda: _others(rows))
+    change = rows.once("change beside the bridge", lambda: _changes(others, rows.joined))
     if u_dc is None:
-        none = np.zeros((0, 3))
+        no_legs = np.zeros((0, 3))
         return Legs(
-            np.zeros(0), none, none, none.astype(np.int8), none.astype(np.complex128), middle, T_s,
+            np.zeros(0), no_legs, no_legs, no_legs.astype(np.int8), no_legs.astype(np.complex128), middle, T_s,
             R_s, a, b, psi_0, others, change, rows.D, empty_room(),
         )  # fmt: skip
     before, order = duties_before(rows), rows.once("order", lambda: _orders(rows.duties))
@@ -52,6 +50,12 @@ def legs_of(rows: Rows) -> Legs:
     return Legs(
         u_dc, rows.duties, before, order, ripple, middle, T_s, R_s, a, b, psi_0, others, change, rows.D, empty_room()
     )
+
+
+def _others(rows: Rows) -> Vector:
+    """What else changes the current within a period, V, stationary frame."""
+    others = rows.kept[OTHERS] * rows.middle if OTHERS in rows.kept else np.zeros(len(rows), np.complex128)
+    return others - rows.fast_resistance * rows.i_mean * rows.middle if rows.fast_resistance > 0.0 else others
 
 
 def _changes(others: Vector, joined: NDArray[np.bool_]) -> Vector:

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from estimator.kernel import kernel
 from estimator.physics.effect import Sizes
 from estimator.physics.rows import Real, Rows
 
@@ -26,9 +27,16 @@ def drifted(rows: Rows, sizes: Sizes) -> Real:
 
 def stepped(rows: Rows, sizes: Sizes) -> Real:
     """The same."""
-    change, time, duration = sizes
-    lost = np.clip((rows.t - rows.span[0] - time * rows.span[1]) / duration + 0.5, 0.0, 1.0)
-    return change * rows.machine.psi_f * lost
+    change, time, duration = map(float, sizes)
+    return _stepped(rows.t, rows.span[0] + time * rows.span[1], duration, change * float(rows.machine.psi_f))
+
+
+@kernel
+def _stepped(t: Real, middle: float, duration: float, change: float) -> Real:
+    course = np.empty(len(t))
+    for k in range(len(t)):
+        course[k] = change * min(max((t[k] - middle) / duration + 0.5, 0.0), 1.0)
+    return course
 
 
 CHANGES: Final[Mapping[str, Callable[[Rows, Sizes], Real]]] = {DRIFT: drifted, STEP: stepped}

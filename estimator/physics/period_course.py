@@ -38,6 +38,14 @@ class Drops(NamedTuple):
     jump: NDArray[np.complex128]  # (4, 2) A: and how much farther on an edge's other side
 
 
+class Pieces(NamedTuple):
+    """What drives the current from one change of switches to the next, whatever it is: (16,) each."""
+
+    of_mirrored: NDArray[np.complex128]  # A/s that it falls, by its mirror image, A
+    steady: NDArray[np.complex128]  # A/s that it falls besides
+    twice: NDArray[np.complex128]  # 1/H, by the mirror image of a voltage
+
+
 class Room(NamedTuple):
     """Room to work in, for a period."""
 
@@ -51,6 +59,7 @@ class Room(NamedTuple):
     free: NDArray[np.bool_]  # (3,) none of its switches is on
     zero: NDArray[np.bool_]  # (3,) nor is a diode: its current has come to zero
     drops: Drops
+    pieces: Pieces
 
 
 class Period(NamedTuple):
@@ -77,7 +86,8 @@ def empty_room() -> Room:
         np.empty((3, 4, 2)), np.empty(3), np.zeros(3), np.empty((3, 2)), np.empty((3, 4, 2)), arc, ahead, np.empty(4),
         np.empty((3, 2)), shift, jump,
     )  # fmt: skip
-    return Room(out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy(), drops)
+    pieces = Pieces(*np.empty((3, 16), np.complex128))
+    return Room(out, legs, moments, changes, changes.copy(), np.empty(3), flags, flags.copy(), drops, pieces)
 
 
 @lean_kernel
@@ -156,6 +166,7 @@ def course_between(
     the end often says little, so it is drawn towards none. close: A, by which the last shot may move the end.
     """
     last = Shot(0j, 0j, 0j, beside, 0j, math.inf)
+    _lay(period, changes, room)
     for _ in range(shots):
         last = _shot(period, i_0, i_1, last, changes, room)
         if abs(last.step) * period.T_s < close:
@@ -199,10 +210,9 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     it has come to zero the leg floats on the voltage that keeps it there. beside: A/s that the current falls beside
     what the machine's parameters say.
     """
-    T_s, high, free, zero = period.T_s, room.high, room.free, room.zero
-    alike, per_T = period.a, 1.0 / T_s
+    T_s, high, free, zero, pieces = period.T_s, room.high, room.free, room.zero, room.pieces
+    alike, per_T, of_i = period.a, 1.0 / T_s, _falls(period)[0]
     full, damping, loose = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0
-    of_i, of_mirrored, of_magnets = _falls(period)
     by_real, by_imag, held, held_real, held_imag, t = 0j, 0j, 0j, 0j, 0j, 0.0
     none = _ROUNDING * full * alike * T_s
     for leg in range(3):
@@ -212,15 +222,8 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     for change in range(changes + 1):
         until = room.moments[change] if change < changes else T_s
         if until > t:
-            late = 0.5 * (t + until) * per_T - 0.5
-            turned, others = period.D * late, period.others + late * period.change
-            rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
-            square = rotor * rotor
-            twice = period.b * square  # of its mirror
-            by_mirrored, by_turning = of_mirrored * square, of_magnets * rotor + beside
-            if period.u_drop != 0.0:
-                others += period.u_drop * _drops_beside(late + 0.5, room.drops)
-            by_turning += alike * others + twice * others.conjugate()
+            by_mirrored, by_turning = pieces.of_mirrored[change], pieces.steady[change] + beside
+            twice = pieces.twice[change]
             was, was_held, crossed, crossed_real, crossed_imag = 0j, 0j, False, 0.0, 0.0
             for n in range(_CHANGES + 1):
                 span, first, floats = until - t, -1, 0
@@ -279,6 +282,24 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
             loose += int(to == _NONE) - int(free[leg])
             free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
     return i, by_real, by_imag, per_T * held, per_T * held_real, per_T * held_imag
+
+
+@lean_kernel
+def _lay(period: Period, changes: int, room: Room) -> None:
+    """Put in the room what drives the current in each piece, as the rotor stands in its middle."""
+    (_, of_mirrored, of_magnets), pieces, t = _falls(period), room.pieces, 0.0
+    for change in range(changes + 1):
+        until = room.moments[change] if change < changes else period.T_s
+        late = 0.5 * (t + until) / period.T_s - 0.5
+        turned, others = period.D * late, period.others + late * period.change
+        rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
+        square = rotor * rotor
+        twice = period.b * square
+        if period.u_drop != 0.0:
+            others += period.u_drop * _drops_beside(late + 0.5, room.drops)
+        pieces.of_mirrored[change], pieces.twice[change] = of_mirrored * square, twice
+        pieces.steady[change] = of_magnets * rotor + period.a * others + twice * others.conjugate()
+        t = until
 
 
 @lean_kernel

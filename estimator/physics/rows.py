@@ -68,7 +68,7 @@ class Stiffness:
         return Stiffness(self.a[samples], self.b[samples])
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, eq=False, weakref_slot=True)
 class Rows:
     """A run without gaps, or a stretch of it."""
 

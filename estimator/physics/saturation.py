@@ -132,8 +132,10 @@ def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
     inductances, V: not the sum of what each adds.
     """
     if not bends(effects):
-        change = np.broadcast_to(np.float64(change_of(rows, effects)), rows.i.shape)
-        return rows.balance(change) if change.any() else np.zeros(len(rows), np.complex128)
+        change = change_of(rows, effects)
+        if not isinstance(change, np.ndarray) or not change.any():
+            return np.zeros(len(rows), np.complex128)
+        return rows.balance(change)
     psi, g = saturated(rows, effects)
     more = rows.mean_current(psi, g) - rows.i_mean
     if rows.u_dc is not None:

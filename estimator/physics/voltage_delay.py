@@ -13,10 +13,19 @@ from estimator.physics.rows import Rows, Vector
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    periods, direction = sizes
-    change: Vector = np.diff(rows.u) * (rows.apart[:-1] == 1)  # none over a gap
-    none = np.zeros(1, np.complex128)
-    return periods * (np.concatenate((none, change)) if direction > 0.0 else np.concatenate((-change, none)))
+    periods, _ = sizes
+    return periods * _change(rows, sizes)
+
+
+def _change(rows: Rows, sizes: Sizes) -> Vector:
+    """The voltage (V) of each period less that of the one before or after it; none over a gap."""
+    _, direction = sizes
+
+    def change() -> Vector:
+        step, none = np.diff(rows.u) * (rows.apart[:-1] == 1), np.zeros(1, np.complex128)
+        return np.concatenate((none, step)) if direction > 0.0 else np.concatenate((-step, none))
+
+    return rows.once(f"change of the voltage, {direction:+g}", change)
 
 
 EFFECT = Effect(
@@ -29,6 +38,7 @@ EFFECT = Effect(
     lambda _rows: ((1.0,), (-1.0,)),
     "an error in proportion to how fast the voltage changes",
     ("angle_offset",),
+    remembers=_change,
     misreads_voltage=True,
     told=lambda _rows, p: {"periods": (p[0] * p[1], "1")},
     missed=2e-5,

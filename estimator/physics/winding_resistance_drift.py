@@ -28,9 +28,12 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 def rise(rows: Rows, sizes: Sizes) -> Real:
     """Of R_s in each period, as a share of that at the start."""
-    heating, _, cooling = sizes
-    late = np.expm1((rows.span[0] - rows.t[:-1]) / (sizes[1] * rows.span[1]))
-    return np.expm1(np.log1p(heating) * _course(rows, sizes)[:-1]) + cooling * late
+    (heating, time_constant, cooling), share = sizes, np.zeros(len(rows))
+    if heating != 0.0:
+        share += np.exp(np.log1p(heating) * _course(rows, sizes)[:-1]) - 1.0
+    if cooling != 0.0:
+        share += cooling * (np.exp((rows.span[0] - rows.t[:-1]) / (time_constant * rows.span[1])) - 1.0)
+    return share
 
 
 def _course(rows: Rows, sizes: Sizes) -> Real:
