@@ -25,7 +25,7 @@ from estimator.mismatch.explain import Search
 from estimator.mismatch.fitting import moved
 from estimator.mismatch.flux_step import with_step_in_place
 from estimator.mismatch.given import Given
-from estimator.mismatch.model import Model, Noise, residual, whitened, whitening
+from estimator.mismatch.model import Model, Noise, filter_of, residual, whitened
 from estimator.mismatch.thinning import settled
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
@@ -70,7 +70,7 @@ def rows_without_noise(scenario: Scenario) -> Rows:
 def left_of(rows: Rows, model: Model) -> float:
     """What a model leaves, rms of the current's error, per mille of rated current."""
     m = rows.machine
-    z = whitened(residual(rows, rows, model), whitening(rows, m))
+    z = whitened(residual(rows, rows, model), filter_of(rows, m))
     i = z.real / m.L_d + 1j * z.imag / m.L_q
     return 1e3 * float(np.sqrt(np.mean(np.abs(i) ** 2) / 2.0)) / rows.i_rated
 

@@ -14,7 +14,7 @@ from estimator.machine import Machine
 from estimator.mismatch.angle_rounding import unrounded
 from estimator.mismatch.branch import Branch
 from estimator.mismatch.locate import branch, describe, place_of
-from estimator.mismatch.model import Model, noise_of, residual, whitened, whitening
+from estimator.mismatch.model import Model, filter_of, noise_of, residual, whitened
 from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import number
 from estimator.physics.rows import Rows, Vector, rows_of
@@ -42,7 +42,7 @@ def run(seconds: float = 6.0, seed: int = 1) -> Rows:
 
 
 def flux_of(rows: Rows, v: Vector) -> Vector:
-    return whitened(v, whitening(rows, rows.machine))
+    return whitened(v, filter_of(rows, rows.machine))
 
 
 def white(rows: Rows, seed: int = 2) -> Vector:
@@ -242,7 +242,7 @@ def left_in(
     drive, machine = concealed.scenario.drive, machine_of(concealed.scenario.motor)
     step = TURN * machine.n_p / drive.encoder_counts
     rows = unrounded(rows_of_columns(c, machine, drive.T_s), step)
-    z = whitened(residual(rows, rows, Model(machine, {}, -0.5 * step)), whitening(rows, machine))
+    z = whitened(residual(rows, rows, Model(machine, {}, -0.5 * step)), filter_of(rows, machine))
     return concealed, rows, z, noise_of(z, None, rows)[:2]
 
 

@@ -20,7 +20,7 @@ from estimator.machine import PARAMETERS
 from estimator.mismatch.cleaning import raw
 from estimator.mismatch.fitting import polished
 from estimator.mismatch.given import Given
-from estimator.mismatch.model import Model, noise_of, whitened, whitening
+from estimator.mismatch.model import Model, filter_of, noise_of, whitened
 from estimator.mismatch.quality import fit_quality
 from estimator.physics.library import LIBRARY
 from estimator.physics.rows import Rows, rows_of
@@ -218,7 +218,7 @@ def test_a_model_that_cannot_be_still_gives_bounded_currents(everything: Rows) -
 
 def noise_left_by(rows: Rows, model: Model) -> tuple[float, float, float]:
     left = rows.u - implied_voltage(rows, model)
-    return noise_of(whitened(left, whitening(rows, model.machine)), None, rows)
+    return noise_of(whitened(left, filter_of(rows, model.machine)), None, rows)
 
 
 def test_the_true_model_leaves_noise_and_the_machine_alone_does_not() -> None:

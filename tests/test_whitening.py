@@ -8,7 +8,7 @@ import pytest
 
 from estimator.machine import Machine
 from estimator.mismatch.averages import voltage_of
-from estimator.mismatch.model import filter_poles, whitened, whitening
+from estimator.mismatch.model import filter_of, whitened
 from estimator.physics.ac_resistance import voltage
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Samples
@@ -32,11 +32,11 @@ def gappy(request: pytest.FixtureRequest) -> Rows:
 
 def test_noise_is_white_from_a_gap_on_and_its_voltage_comes_back(gappy: Rows) -> None:
     rng, n, ratio = np.random.default_rng(1), len(gappy), gappy.machine.L_q / gappy.machine.L_d
-    rho_d, rho_q = filter_poles(gappy.machine, T_S)
+    rho_d, rho_q = (math.exp(-gappy.machine.R_s * T_S / L) for L in (gappy.machine.L_d, gappy.machine.L_q))
     d, q = SIGMA * rng.normal(size=n + 1), SIGMA * ratio * rng.normal(size=n + 1)
     flux, kept = d + 1j * q, rho_d * d + 1j * rho_q * q
     v = (gappy.half * flux[1:] - gappy.half.conj() * kept[:-1]) / T_S * gappy.joined
-    z = whitened(v, whitening(gappy, gappy.machine))
+    z = whitened(v, filter_of(gappy, gappy.machine))
     since = np.arange(n) % RUN  # 0 right after the begin of a run
     axes = np.array([z.real, z.imag / ratio]) / SIGMA
     turned = (ratio * math.sin(gappy.D[0])) ** 2  # into d, of what is not known yet of q

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.mismatch.model import whitening
+from estimator.mismatch.model import filter_of
 from estimator.physics.rows import Rows, Vector
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Means:
 
 def voltage_of(rows: Rows, z: Vector) -> Vector:
     """The voltage (V of each period, rotor frame) that the whitening filter made a flux error (Vs) of."""
-    M, gain = whitening(rows, rows.machine)
+    M, gain = filter_of(rows, rows.machine)
     d, q = np.concatenate(([0.0], z.real[:-1])), np.concatenate(([0.0], z.imag[:-1]))
     kept = M[:, 0, 0] * d + M[:, 0, 1] * q + 1j * (M[:, 1, 0] * d + M[:, 1, 1] * q)
     return np.divide(z - kept, gain, out=np.zeros_like(z), where=rows.joined)

@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
 from estimator.mismatch.averages import Array, beside, energy_of, parts, sizes_in, whole
-from estimator.mismatch.model import Model, base_voltage, whitened, whitening
+from estimator.mismatch.model import Model, base_voltage, filter_of, whitened
+from estimator.mismatch.whitening import Whitening
 from estimator.physics.rows import AXES, Rows, Vector
 
 Bools = NDArray[np.bool_]
@@ -86,6 +87,7 @@ def fitted_branch(
     """
     scale = np.repeat([1.0 / noise[0], 1.0 / noise[1]], len(rows))
     basis, alone = np.linalg.qr((machine * scale).T)[0], base_voltage(rows, Model(rows.machine))
+    whitening = filter_of(rows, rows.machine)
 
     def apart(x: Array) -> Array:
         return x - basis @ (basis.T @ x)
@@ -93,7 +95,7 @@ def fitted_branch(
     y = apart(parts(z) * scale)
 
     def tried(f: float, d: float) -> _Try:
-        taken = parts(_taken(rows, current_of(rows, f, d), alone))
+        taken = parts(_taken(rows, current_of(rows, f, d), alone, whitening))
         x = apart(taken * scale)
         return _Try(max(float(x @ y), 0.0) ** 2 / max(float(x @ x), 1e-300), f, d, taken, x)
 
@@ -128,7 +130,7 @@ def _within(f: float, damping: float, step: Array) -> tuple[float, float]:
     return min(max(f, _FREQUENCIES[0]), _FREQUENCIES[1]), min(max(damping, _DAMPINGS[0]), _DAMPINGS[1])
 
 
-def _taken(rows: Rows, flux_s: Vector, alone: Vector) -> Vector:
+def _taken(rows: Rows, flux_s: Vector, alone: Vector, whitening: Whitening) -> Vector:
     """Flux error (Vs) that a branch makes whose L is as large as the machine's. flux_s: its L i (Vs, stationary frame).
 
     alone: the voltage (V) that the measured current needs where all of it is the machine's.
@@ -136,7 +138,7 @@ def _taken(rows: Rows, flux_s: Vector, alone: Vector) -> Vector:
     m = rows.machine
     i = rows.i - flux_s * rows.rotor.conj() / (0.5 * (m.L_d + m.L_q))
     without = replace(rows, i=i, kept=rows.kept_of_angle_and_bridge())
-    return np.where(rows.joined, whitened(base_voltage(without, Model(m)) - alone, whitening(rows, m)), 0j)
+    return np.where(rows.joined, whitened(base_voltage(without, Model(m)) - alone, whitening), 0j)
 
 
 @kernel

@@ -21,6 +21,7 @@ from estimator.mismatch.model import (
     Array,
     Model,
     Noise,
+    filter_of,
     flux_errors,
     frame_of,
     in_truth,
@@ -30,7 +31,6 @@ from estimator.mismatch.model import (
     sharing,
     straightening,
     whitened,
-    whitening,
     with_machine,
     zero_residual,
 )  # fmt: skip
@@ -130,7 +130,7 @@ def regression(
     coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
     answering = _answering(columns, response)
     into_truth = frame_of(rows, truth).conj()
-    by = whitening(rows, model.machine).of_voltages(into_truth)
+    by = filter_of(rows, model.machine).of_voltages(into_truth)
     moves = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
     lost = {j: volts * into_truth for j, volts in moves.items()}
     lost |= {j: volts for j, volts in answering.items() if volts is not None}
@@ -141,7 +141,7 @@ def regression(
     gram, state = np.zeros((STRETCHES, P + 1, P + 1)), np.zeros(P + 1, np.complex128)
     volts, white = np.empty((P + 1) * _PART, np.complex128), np.empty((P + 1) * 2 * _PART)
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
-    for s, cut, part in _parts(truth, steps, edges):
+    for s, cut, part in _parts(replace(truth, kept=dict(truth.kept)), steps, edges):  # what it remembers goes with it
         size = (P + 1) * len(part)
         v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
         _fill(part, model, columns, steps, v, bridges, coupled)
@@ -182,7 +182,7 @@ def _parts(rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]) -
     for s, (a, b) in enumerate(pairwise(edges.tolist())):
         if long:
             first = max(a - _LEAD, 0)
-            near = rows[first:b]
+            near = rows[first : b + 1]  # the last one has a next
             _prepare(near, there)
         for begin in range(a, b, _PART):
             end = min(begin + _PART, b)
@@ -397,7 +397,7 @@ def _add_zero_channel(
 
 def as_parameters(rows: Rows, v: Vector) -> dict[str, float]:
     """What a voltage (V) looks like as R_s, L_d, L_q and psi_f: by least squares of its flux errors."""
-    by = whitening(rows, rows.machine)
+    by = filter_of(rows, rows.machine)
     errors = [whitened(x, by) for x in (*(_voltage_per_unit(rows, name) for name in PARAMETERS), v)]
     *columns, y = (np.concatenate([z.real, z.imag]) for z in errors)
     found = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]

@@ -27,7 +27,7 @@ from estimator.mismatch.flux_map_stage import fitted_by_map, has_map, saturation
 from estimator.mismatch.given import Given
 from estimator.mismatch.input_check import checked
 from estimator.mismatch.locate import place_of
-from estimator.mismatch.model import Model, residual, whitened, whitening, with_machine
+from estimator.mismatch.model import Model, filter_of, residual, whitened, with_machine
 from estimator.mismatch.pictures import traces
 from estimator.mismatch.prepared import prepared
 from estimator.mismatch.quality import SHORTEST, fit_quality, floor_of_means, longest
@@ -361,7 +361,7 @@ def _finding(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[D
     effect = BY_NAME[one[0]]
     smooth = with_machine(found.smooth, model.machine)
     others_only = replace(model, effects={name: p for name, p in model.effects.items() if name != one[0]})
-    signal = whitened(residual(rows, smooth, others_only) - left, whitening(rows, model.machine))
+    signal = whitened(residual(rows, smooth, others_only) - left, filter_of(rows, model.machine))
     full, other = search.fit(choice), search.fit(rest)
     absorbed: dict[str, float] = {}
     for k, name in enumerate(PARAMETERS):

@@ -36,6 +36,8 @@ def together(rows: Rows, found: Fitted, given: Given) -> Fitted:
     if excess_of(other) >= excess_of(found) or len(other.choice) > MOST:
         return found
     other = closely(other, given)
+    if _beyond(other, given) and not _beyond(found, given) and excess_of(found) - excess_of(other) < hidden_of(found):
+        return found
     if set(found.model.effects) <= set(other.model.effects):
         return other
     return min(other, fitted(rows, given, begin=other.model), key=excess_of)
@@ -73,30 +75,34 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
     for several.
 
-    Of two effects that bend the angle's rounding may lend the first all that it leaves, where that looks like the
-    machine's parameters; then the one is taken whose machine is as its data sheet says.
+    Of two effects that bend and look like the machine's parameters the angle's rounding may lend the first all that it
+    leaves; then the one is taken whose machine is as its data sheet says.
     """
-    here, hidden, at_best = excess_of(found), hidden_of(found), dict[tuple[str, str], float]()
-    less = 2.0 * ENTRY + ROUNDED * hidden
-    shares = apart(found.search, found.choice)
-    lent = {name: hidden for name, share in shares.items() if name in _BENT and share < TRADES}
-    for dropped, one in _instead(found.search, found.choice, lent):
+    here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
+    less, hidden = 2.0 * ENTRY + ROUNDED * hidden_of(found), hidden_of(found)
+    for dropped, one in _instead(found.search, found.choice, dict.fromkeys(_trading(found), hidden)):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
             continue
         there = excess_of(begin)
         if len(dropped) == 1 and len(begin.choice) == len(found.choice):
-            more, by_rounding = there - here, lent.get(dropped[0][0], 0.0)
-            if less < more < by_rounding and _beyond(found, given) and not _beyond(begin, given):
-                return Exchanged(begin, {})
-            at_best[dropped[0][0], one[0]] = 0.5 * min(more, max(more - by_rounding, 0.0))
+            more, both = there - here, dropped[0][0] in _trading(found) and one[0] in _trading(begin)
+            if both and -less < more < hidden and _beyond(found, given) and not _beyond(begin, given):
+                as_told.append(begin)
+            # what rounding may lend makes nothing likelier than it is
+            at_best[dropped[0][0], one[0]] = 0.5 * (max(more - hidden, 0.0) if both and more > 0.0 else more)
         if there > (_NEARLY * here if len(dropped) > 1 else here - less):
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
         fewer = len(found.choice) - len(other.choice)
         if fewer >= 0 and excess_of(other) < here + 2.0 * ENTRY * fewer:
             return Exchanged(other, {})
-    return Exchanged(found, at_best)
+    return Exchanged(min(as_told, key=excess_of), {}) if as_told else Exchanged(found, at_best)
+
+
+def _trading(found: Fitted) -> list[str]:
+    """Effects of a fit that bend and look like the machine's parameters."""
+    return [name for name, share in apart(found.search, found.choice).items() if name in _BENT and share < TRADES]
 
 
 def _instead(
@@ -113,7 +119,7 @@ def _instead(
     for name in dict.fromkeys(name for name, _ in candidates if name not in present):
         alike = tuple(one for one in choice if name in _confused(one[0]) or one[0] in _confused(name))
         tried = [(alike, 1.0 - _AS_MUCH, 0.0)] * (len(alike) > 1)
-        tried += [((one,), _ALL_BUT, lent.get(one[0], 0.0) * (name in _BENT)) for one in choice] * _bends(name)
+        tried += [((one,), _ALL_BUT, lent.get(one[0], 0.0) if name in _BENT else 0.0) for one in choice] * _bends(name)
         for dropped, most, rounded in tried:
             rest = tuple(one for one in choice if one not in dropped)
             left = {one: search.fit((*rest, one)).chi2 for one in candidates if one[0] == name}

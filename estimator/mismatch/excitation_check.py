@@ -40,7 +40,7 @@ _AT_AN_END: Final = "what is found of it lies at the end of what is plausible"
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
-class _Rest(NamedTuple):
+class Rest(NamedTuple):
     """What is left above noise and above what chance makes of it, energy over noise."""
 
     whole: float
@@ -56,7 +56,7 @@ class Beside(NamedTuple):
 
     over_noise: Mapping[str, float]  # by axis, of the inductance's column
     by_angle: float  # energy over noise that the angle's rounding may lend an effect
-    rest: _Rest
+    rest: Rest
 
 
 def poorly_told(search: Search, choice: Choice, nominal: Machine, outside: Sequence[str]) -> str | None:
@@ -266,13 +266,13 @@ def _by_angle(search: Search) -> float:
     return max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
 
 
-def _rest(search: Search, excess: float) -> _Rest:
+def _rest(search: Search, excess: float) -> Rest:
     rows, noise = search.regression.rows, search.regression.noise
     whole = max(excess - _BY_CHANCE * math.sqrt(2.0 * len(rows)), 0.0)
-    return _Rest(whole, max(whole - hidden_energy(rows) / (noise[0] * noise[1]), 0.0))
+    return Rest(whole, max(whole - hidden_energy(rows) / (noise[0] * noise[1]), 0.0))
 
 
-def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: _Rest) -> float:
+def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: Rest) -> float:
     """What an effect explains over what is too little beside the rest: a part of what is unexplained.
 
     Of a faint one: a part of all that is left, which may look like it whatever it is, unless its size is the same from

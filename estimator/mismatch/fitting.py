@@ -39,6 +39,7 @@ _FIND: Final = 2  # times as often as all rows
 _BEYOND: Final = 3  # the same, where equations are far from lines
 _ATTEMPTS: Final = 3  # searches, each from what the one before had need of
 _LASTS: Final = 4  # steps, that slopes of what the bridge loses serve
+_NEAR_IT: Final = 0.5  # of what a model leaves: less, and it is another one
 _STILL: Final = 0.1  # standard errors: a step that does not matter
 _NEARLY: Final = 2.0  # the same where it leads to the end
 _HALVINGS: Final = 3
@@ -136,12 +137,15 @@ def _rounds(
     rows: Rows, clean: Clean, model: Model, settled: bool, nearly: bool, given: Given,
     progress: Callable[[float], None], library: Sequence[Effect], barred: Set[str],
 ) -> tuple[Model, Clean, Search]:  # fmt: skip
-    """Effects are added, taken away and exchanged until nothing changes; those that are `barred` are not added."""
+    """Effects are added, taken away and exchanged until nothing changes; those that are `barred` are not added, nor one
+    whose promise equations have not borne out near this model.
+    """
     rounds, times = _WHOLE if nearly else (ROUNDS, POLISHED)
     seen = [frozenset(model.effects)] if nearly else list[frozenset[str]]()
+    in_vain = dict[str, float]()  # what was left where they promised
     for n in range(rounds):
         search = _search(rows, clean, model, given, library)
-        search.barred |= barred
+        search.barred |= barred | {name for name, left in in_vain.items() if search.regression.left > _NEAR_IT * left}
         choice = search.best(_present(model))
         if (settled or nearly) and set(choice) == set(_present(model)):
             placed = _placed(rows, clean, search, choice, times, given, library)
@@ -149,7 +153,7 @@ def _rounds(
                 return model, clean, search
             model, clean, settled = placed
             continue
-        towards = moved(search, choice)
+        towards, kept = moved(search, choice), True
         better = _no_worse(rows, clean, model, towards, search)
         if better is not None:
             model = better
@@ -158,11 +162,12 @@ def _rounds(
             if _left(rows, cleaner.rows, beyond, search) < search.regression.left:
                 model, clean = beyond, cleaner
             else:
-                barred = barred | {name for name, seed in choice if seed >= 0}  # its equations bear out no promise
+                in_vain |= {name: search.regression.left for name, seed in choice if seed >= 0}
+                kept = False
         model, clean, settled = roughly_polished(rows, clean, model, given, times)
         progress((n + 1) / rounds)
         seen.append(frozenset(model.effects))
-        if len(seen) > 1 and seen[-1] == seen[-2]:
+        if kept and len(seen) > 1 and seen[-1] == seen[-2]:
             break
     return model, clean, _search(rows, clean, model, given, library)
 

@@ -29,10 +29,10 @@ from estimator.mismatch.model import (
     Array,
     Model,
     effects_voltage,
+    filter_of,
     in_truth,
     noise_of,
     whitened,
-    whitening,
     with_machine,
 )
 from estimator.mismatch.verdict import FluxTable, Quantity
@@ -238,7 +238,7 @@ def begun(rows: Rows, model: Model) -> Model | None:
     kept = {name: sizes for name, sizes in model.effects.items() if name not in EFFECTS}
     model = replace(model, effects=kept, bend=None)
     truth = in_truth(rows, model)
-    rest, by = truth.u - effects_voltage(truth, model), whitening(truth, model.machine)
+    rest, by = truth.u - effects_voltage(truth, model), filter_of(truth, model.machine)
     i, reach = truth.i, float(np.quantile(np.abs(truth.i.imag), 1.0 - _EDGE))
     low, high = np.quantile(i.real, [_EDGE, 1.0 - _EDGE]).tolist()
     d, q = Axis.over(low, high, _CELL * rows.i_rated), Axis.over(-reach, reach, _CELL * rows.i_rated)

@@ -16,7 +16,7 @@ from estimator.mismatch.fitting import Fitted, fitted
 from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
 from estimator.mismatch.given import Given
 from estimator.mismatch.locate import place_of
-from estimator.mismatch.model import Model, flux_errors, noise_of, residual, whitened, whitening
+from estimator.mismatch.model import Model, filter_of, flux_errors, noise_of, residual, whitened
 from estimator.mismatch.remainder import above_noise, excess_of
 from estimator.mismatch.thinning import thinned
 from estimator.mismatch.verdict import Finding, Quantity, odds_of
@@ -58,7 +58,7 @@ def saturations(rows: Rows, found: Fitted, flux_map: FluxMap | None, after: Mapp
     shown: list[Finding] = []
     if flux_map is None:
         return shown
-    by = whitening(rows, found.model.machine)
+    by = filter_of(rows, found.model.machine)
     for name, departure in flux_map.departures().items():
         if departure.told:
             v = rows.balance(flux_map.part(name, rows.i))

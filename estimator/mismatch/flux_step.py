@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimator.mismatch.averages import energy_of
-from estimator.mismatch.model import Array, Model, residual, whitened, whitening, with_machine
+from estimator.mismatch.model import Array, Model, filter_of, residual, whitened, with_machine
 from estimator.physics import magnet_flux_step
 from estimator.physics.rows import Rows, Vector
 
@@ -26,7 +26,7 @@ def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:
         return model
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     change, at, duration = model.effects[_NAME]
-    by = whitening(rows, model.machine)
+    by = filter_of(rows, model.machine)
     z = whitened(residual(rows, smooth, model), by)
     flux = whitened(smooth.balance(np.full(len(rows) + 1, change * model.machine.psi_f)), by)
     k = int(np.searchsorted(rows.t, rows.span[0] + at * rows.span[1]))
@@ -53,7 +53,7 @@ def _settled(rows: Rows, z: Vector, model: Model) -> Model:
     k, wide = int(np.searchsorted(rows.t, start + at * length)), round(duration / T_s)
     part = slice(max(k - _AROUND[0] - wide, 0), min(k + _AROUND[1] + wide, len(rows)))
     around = rows[part]
-    by = whitening(around, model.machine)
+    by = filter_of(around, model.machine)
 
     def made(x: Array) -> Vector:
         """A, by the moment and the duration in periods."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator.kernel import kernel
 from estimator.mismatch.averages import Array, energy_of, means, voltage_of
 from estimator.mismatch.branch import Branch
-from estimator.mismatch.model import whitened, whitening
+from estimator.mismatch.model import filter_of, whitened
 from estimator.mismatch.spectra import Line
 from estimator.physics.rows import Rows, Vector
 
@@ -95,7 +95,7 @@ def _levels(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels |
     model = np.where(np.repeat(up[nearest], m)[: len(rows)], levels[1], levels[0])
     if frame == "stationary":
         model = rows.stationary(model)
-    flux = whitened(model * rows.joined, whitening(rows, rows.machine))
+    flux = whitened(model * rows.joined, filter_of(rows, rows.machine))
     gain = energy_of(z) - energy_of(z - flux)
     if abs(levels[1]) < abs(levels[0]):
         up, levels = ~up, (levels[1], levels[0])
@@ -132,7 +132,7 @@ def drift(rows: Rows, z: Vector) -> Drift | None:
     if len(rows) < 2:
         return None
     late = (rows.t[:-1] - rows.t[0]) / (rows.t[-1] - rows.t[0]) - 0.5
-    by = whitening(rows, rows.machine)
+    by = filter_of(rows, rows.machine)
     columns = [whitened(v * rows.joined, by) for v in (1.0 + 0j * late, 1j + 0j * late, late + 0j, 1j * late)]
     X = np.array([np.concatenate((c.real, c.imag)) for c in columns])
     y = np.concatenate((z.real, z.imag))

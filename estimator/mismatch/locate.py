@@ -25,7 +25,7 @@ from estimator.mismatch.averages import (
 )
 from estimator.mismatch.branch import Branch
 from estimator.mismatch.forms import Drift, Form, TwoLevels, drift, two_levels
-from estimator.mismatch.model import whitened, whitening
+from estimator.mismatch.model import filter_of, whitened
 from estimator.mismatch.regions import MOST, regions, together, worth
 from estimator.mismatch.ringing import resonance, ringing
 from estimator.mismatch.spectra import Line, energy_of_orders, line_beside, noise_of_orders, strongest_line, white_level
@@ -191,7 +191,7 @@ def _levels(rows: Rows, z: Vector) -> TwoLevels | None:
 
 def _of_machine(rows: Rows) -> Array:
     """What changes of R_s, L_d, L_q and psi_f make of the flux error: a row each, real parts before imaginary ones."""
-    by = whitening(rows, rows.machine)
+    by = filter_of(rows, rows.machine)
     voltages = (
         rows.i_mean, rows.balance(rows.i.real), rows.balance(rows.i - rows.i.real), rows.balance(np.ones(len(rows.i)))
     )  # fmt: skip
@@ -202,7 +202,7 @@ def _of_angle(rows: Rows) -> Array:
     """What less of the angle makes of it."""
     m, i = rows.machine, 1j * rows.i
     voltage = 1j * (m.R_s * rows.i_mean - rows.u) + rows.balance(m.L_d * i.real + 1j * (m.L_q * i.imag))
-    return parts(whitened(voltage, whitening(rows, m)))[None, :]
+    return parts(whitened(voltage, filter_of(rows, m)))[None, :]
 
 
 def _levels_apart(rows: Rows, z: Vector, machine: Array) -> TwoLevels | None:

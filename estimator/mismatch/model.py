@@ -63,7 +63,7 @@ def filter_poles(machine: Machine, T_s: float) -> Axes:
     return rho_d, rho_q
 
 
-def whitening(rows: Rows, machine: Machine) -> Whitening:
+def filter_of(rows: Rows, machine: Machine) -> Whitening:
     """The filter by a machine, of voltages in the rotor frame."""
     poles = filter_poles(machine, rows.T_s)
     return whitening_of(rows.half, rows.joined, (machine.L_d, machine.L_q), poles, rows.T_s)
@@ -86,8 +86,8 @@ def in_truth(rows: Rows, model: Model) -> Rows:
     The last ones are kept: who tries a model, looks at what it leaves, and then around it, asks for the same again. So
     are those before where currents follow the model, for one may go back to it.
     """
-    by, truth = _LAST.get(rows, (None, rows))
-    if by != model:
+    of, truth = _LAST.get(rows, (None, rows))
+    if of != model:
         for old in list(_LAST)[: -1 if model.steep else None]:
             _LAST.pop(old, None)
         truth = _in_truth(rows, model)
@@ -263,7 +263,10 @@ def with_machine(rows: Rows, machine: Machine) -> Rows:
 
 
 def effects_voltage(truth: Rows, model: Model) -> Vector:
-    """Voltage (V) that the model's effects add, but for its errors of measurement, which `in_truth` takes off."""
+    """Voltage (V) that the model's effects add, but for its errors of measurement, which `in_truth` takes off.
+
+    What the bridge loses is worked out once: of rows in this model's truth, or of a model without the bridge's effect.
+    """
     total = np.zeros(len(truth), np.complex128)
     see_lost(truth, model)
     for name, sizes in model.effects.items():
@@ -317,13 +320,13 @@ def whitened(v: Vector, by: Whitening) -> Vector:
     return z[0]
 
 
-def flux_errors(v: Vector, rows: Rows, model: Model, by: Machine | None = None) -> Vector:
+def flux_errors(v: Vector, rows: Rows, model: Model, machine: Machine | None = None) -> Vector:
     """What is left of a voltage (V), whitened, Vs.
 
     By the model's machine, or another one. Beside a flux map's bend: of its straight lines, at which noise of the
     currents is alike at every current.
     """
-    z = whitened(v, whitening(rows, by or model.machine))
+    z = whitened(v, filter_of(rows, machine or model.machine))
     if model.bend is None:
         return z
     (dd, dq), (qd, qq) = straightening(rows, model, model.bend)

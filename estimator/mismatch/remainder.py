@@ -21,11 +21,11 @@ from estimator.mismatch.model import (
     Model,
     Noise,
     as_in,
+    filter_of,
     flux_errors,
     noise_of,
     residual,
     whitened,
-    whitening,
     with_machine,
 )
 from estimator.mismatch.thinning import thinned
@@ -111,7 +111,7 @@ def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, 
         there, model = rows, Model(rows.machine)
     elif model.bend is None:
         return there, found.z, found.noise[:2]
-    z = whitened(residual(there, found.smooth, model), whitening(there, model.machine))
+    z = whitened(residual(there, found.smooth, model), filter_of(there, model.machine))
     return there, z, noise_of(z, None, rows)[:2]
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
 from estimator.mismatch.averages import Array, beside, energy_of, parts, sizes_in, whole
-from estimator.mismatch.model import whitened, whitening
+from estimator.mismatch.model import filter_of, whitened
 from estimator.mismatch.whitening import Whitening
 from estimator.physics.rows import Rows, Vector
 
@@ -102,7 +102,7 @@ def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: fl
     voltages = turning, turning.conj()
     if frame == "stationary":
         voltages = (rows.stationary(v) for v in voltages)
-    columns = _of_lines(voltages, whitening(rows, rows.machine))
+    columns = _of_lines(voltages, filter_of(rows, rows.machine))
     sizes = sizes_in(columns, z)
     flux = whole(sizes @ columns)
     return Line(f, complex(*sizes[:2]), complex(*sizes[2:]), flux, energy_of(z) - energy_of(z - flux))
@@ -115,7 +115,7 @@ def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
     Gauss-Newton of the frequency, where all else is linear.
     """
     back, time = rows.middle.conj(), (_by_clock(rows) - 0.5 * len(rows)) * rows.T_s
-    long, by = float(time[-1] - time[0]), whitening(rows, rows.machine)
+    long, by = float(time[-1] - time[0]), filter_of(rows, rows.machine)
     most, f, best = energy_of(beside(machine, z)), line.frequency, line
     for _ in range(_STEPS):
         turning = np.exp(1j * TURN * f * time)

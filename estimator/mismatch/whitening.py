@@ -1,7 +1,7 @@
 """Whitening: voltages whose noise is a difference, to flux errors whose noise is white.
 
 Noise n of the sampled current is one of the flux linkage, w = L n, and enters a period's voltage as (R_s + L d/dt) n:
-alike at both ends, with opposite signs, each axis by its own decay A = diag(rho_d, rho_q), rho -> exp(-R_s T_s / L).
+alike at both ends, with opposite signs, each axis by its own decay A = diag(rho_d, rho_q), rho near exp(-R_s T_s / L).
 In the frame of the period's end, with T the turn by -D and w of the variance S = diag(L_d^2, L_q^2),
 
     T_s v[k] exp(-jD/2) = w[k+1] - T A w[k]
@@ -88,7 +88,7 @@ def whiten(v: Vectors, M: Reals, gain: Vector, state: Vector) -> None:
     for c in range(v.shape[0]):
         d, q = state[c].real, state[c].imag
         for k in range(v.shape[1]):
-            v[c, k] *= gain[k]
+            v[c, k] = gain[k] * v[c, k] if gain[k] != 0.0 else 0j  # there it may be no number
         for k in range(v.shape[1]):
             d, q = M[k, 0, 0] * d + (M[k, 0, 1] * q + v[c, k].real), M[k, 1, 1] * q + (M[k, 1, 0] * d + v[c, k].imag)
             v[c, k] = complex(d, q)
@@ -109,7 +109,7 @@ def whiten_into(
         d, q = state[c].real, state[c].imag
         some = d != 0.0 or q != 0.0
         for k in range(v.shape[1]):
-            v[c, k] *= gain[k]
+            v[c, k] = gain[k] * v[c, k] if gain[k] != 0.0 else 0j
             some = some or v[c, k] != 0.0
         if not some:
             continue

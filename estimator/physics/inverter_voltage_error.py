@@ -23,7 +23,7 @@ IEEE Trans. Industry Applications, 1994.
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes
-from estimator.physics.legs import duties_before, legs_of
+from estimator.physics.legs import legs_of
 from estimator.physics.lost_voltage import lost_between
 from estimator.physics.rows import Rows, Vector
 
@@ -69,6 +69,6 @@ EFFECT = Effect(
     ("winding_resistance_drift", "flux_harmonics"),
     steep=True,
     missed=1e-4,
-    remembers=lambda rows, _sizes: None if rows.u_dc is None else duties_before(rows),
+    remembers=lambda rows, _sizes: None if rows.u_dc is None else legs_of(rows),
     scales=_scales,
 )  # fmt: skip

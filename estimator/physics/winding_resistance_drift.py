@@ -28,7 +28,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 def rise(rows: Rows, sizes: Sizes) -> Real:
     """Of R_s in each period, as a share of that at the start."""
-    (heating, time_constant, cooling), share = sizes, np.zeros(len(rows))
+    (heating, time_constant, cooling), share = sizes, np.zeros(len(rows))  # to 1e-16, sooner than by expm1
     if heating != 0.0:
         share += np.exp(np.log1p(heating) * _course(rows, sizes)[:-1]) - 1.0
     if cooling != 0.0:
