@@ -79,14 +79,15 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     leaves; then the one is taken whose machine is as its data sheet says.
     """
     here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
-    less, hidden = 2.0 * ENTRY + ROUNDED * hidden_of(found), hidden_of(found)
-    for dropped, one in _instead(found.search, found.choice, dict.fromkeys(_trading(found), hidden)):
+    hidden, trading = hidden_of(found), _trading(found)
+    less = 2.0 * ENTRY + ROUNDED * hidden
+    for dropped, one in _instead(found.search, found.choice, dict.fromkeys(trading, hidden)):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
             continue
         there = excess_of(begin)
         if len(dropped) == 1 and len(begin.choice) == len(found.choice):
-            more, both = there - here, dropped[0][0] in _trading(found) and one[0] in _trading(begin)
+            more, both = there - here, dropped[0][0] in trading and one[0] in _trading(begin)
             if both and -less < more < hidden and _beyond(found, given) and not _beyond(begin, given):
                 as_told.append(begin)
             # what rounding may lend makes nothing likelier than it is
