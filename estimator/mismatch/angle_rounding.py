@@ -70,7 +70,7 @@ def less_angle(rows: Rows, off: Real) -> Rows:
     middle = np.exp(0.5j * (by[1:] + by[:-1]))
     return replace(
         rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * by), u=rows.u * middle,
-        kept=rows.pulses_turned(middle),
+        u_turned=rows.u_turned * middle, kept=rows.pulses_turned(middle),
     )  # fmt: skip
 
 

@@ -142,10 +142,13 @@ def _rounds(
     """
     rounds, times = _WHOLE if nearly else (ROUNDS, POLISHED)
     seen = [frozenset(model.effects)] if nearly else list[frozenset[str]]()
-    in_vain = dict[str, float]()  # what was left where they promised
+    in_vain = dict[str, tuple[float, Set[str]]]()  # what was left where they promised, and beside which effects
     for n in range(rounds):
         search = _search(rows, clean, model, given, library)
-        search.barred |= barred | {name for name, left in in_vain.items() if search.regression.left > _NEAR_IT * left}
+        search.barred |= barred | {
+            name for name, (left, beside) in in_vain.items()
+            if search.regression.left > _NEAR_IT * left and beside == set(model.effects)
+        }  # fmt: skip
         choice = search.best(_present(model))
         if (settled or nearly) and set(choice) == set(_present(model)):
             placed = _placed(rows, clean, search, choice, times, given, library)
@@ -162,7 +165,8 @@ def _rounds(
             if _left(rows, cleaner.rows, beyond, search) < search.regression.left:
                 model, clean = beyond, cleaner
             else:
-                in_vain |= {name: search.regression.left for name, seed in choice if seed >= 0}
+                at = search.regression.left, set(model.effects)
+                in_vain |= {name: at for name, seed in choice if seed >= 0}
                 kept = False
         model, clean, settled = roughly_polished(rows, clean, model, given, times)
         progress((n + 1) / rounds)

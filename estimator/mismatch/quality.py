@@ -6,16 +6,19 @@ and rho = exp(-R_s T_s / L), what is left of
     a period's voltage      exp(jD/2) L n[k+1] - rho exp(-jD/2) L n[k], over T_s        (1 + rho^2) |L n|^2 / T_s^2
     a free run's current    n[k] - rho^k n[0], k periods after its start                (1 + rho^2k) |n|^2
 
-Rms values are of d and q together, over 2 N numbers. Knows nothing of how a model was found.
+A model's effects see the noise, too: a bent flux linkage makes more volts of it at some currents than at others. By how
+much louder it is with them, noise that is laid over the currents tells. Rms values are of d and q together, over 2 N numbers. Knows nothing of how a model was found.
 """
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.mismatch.model import Model, flux_errors
+from estimator.mismatch.model import Model, flux_errors, residual
+from estimator.mismatch.thinning import thinned
 from estimator.mismatch.verdict import Before, Fit
 from estimator.physics.rows import Real, Rows, Vector
 from estimator.twin import WINDOW, implied_voltage
@@ -25,6 +28,7 @@ Bools = NDArray[np.bool_]
 SHORTEST: Final = 16
 """Periods that the longest stretch must have."""
 _SEGMENTS: Final = (64, 32, SHORTEST)  # periods, of spectra: the longest that there are
+_FEW: Final = (8_000, 16)  # periods and blocks of them, over which noise is laid
 _LOW: Final = 0.1  # of the sampling rate
 _HIGH: Final = 0.25
 
@@ -126,4 +130,17 @@ def _floors(rows: Rows, model: Model, noise: tuple[float, float, float]) -> tupl
     window = round(WINDOW / T_s)
     starts = (decay - decay**window) / (1.0 - decay) / window  # mean of rho^2k within a window
     amperes = math.sqrt((1.0 + starts) * ((psi_d / m.L_d) ** 2 + (psi_q / m.L_q) ** 2) / 2.0)
-    return floor_of_means(rows, model, noise, 1) / math.sqrt(2.0), amperes
+    return _louder(rows, model, noise) * floor_of_means(rows, model, noise, 1) / math.sqrt(2.0), amperes
+
+
+def _louder(rows: Rows, model: Model, noise: tuple[float, float, float]) -> float:
+    """Rms of the voltage that noise of the currents makes with a model's effects, over that of the machine alone."""
+    if not model.effects:
+        return 1.0
+    rows = thinned(rows, *_FEW)
+    m, n, chance = model.machine, len(rows) + 1, np.random.default_rng(0)
+    each = noise[0] / m.L_d * chance.standard_normal(n) + 1j * noise[1] / m.L_q * chance.standard_normal(n)
+    noisy = replace(rows, i=rows.i + each, kept=rows.kept_of_angle_and_bridge())
+    left = residual(rows, rows, model)
+    with_them, alone = residual(noisy, noisy, model) - left, residual(noisy, rows, model) - left
+    return rms(with_them[rows.joined]) / rms(alone[rows.joined])

@@ -30,6 +30,7 @@ from estimator.mismatch.model import (
 )
 from estimator.mismatch.thinning import thinned
 from estimator.mismatch.verdict import Unexplained
+from estimator.physics import voltage_delay
 from estimator.physics.rows import Rows, Vector
 
 _NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
@@ -55,7 +56,7 @@ class Upright(NamedTuple):
 def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
     """What is left, where it is more than the effects' equations may miss, or an effect is not what it looks like."""
     left: Unexplained | None = None
-    if leaves_some(found) or rings(*_flux_errors(rows, found), found.search.missed(found.choice)):
+    if leaves_some(found) or rings(*_flux_errors(rows, found), _missed(found)):
         left = _described(rows, found)
     return _faint_resonance(rows, found) if left is None else left
 
@@ -78,6 +79,13 @@ def leaves_some(found: Fitted) -> bool:
     return excess_of(found) > found.search.missed(found.choice) + _NOTHING * 2.0 * n
 
 
+def _missed(found: Fitted) -> float:
+    """Chi square that effects' equations may leave, and the angle's rounding in voltages that are read early."""
+    early, noise = found.model.effects.get(voltage_delay.EFFECT.name), found.noise
+    foreseen = 0.0 if early is None else voltage_delay.foreseen_energy(found.search.regression.rows, early)
+    return found.search.missed(found.choice) + foreseen / (noise[0] * noise[1])
+
+
 def not_astray(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or, where it leaves some and the machine alone or with the strongest of its effects leaves less than
     with all, one that begins there: steps led astray.
@@ -98,7 +106,7 @@ def _bare(found: Fitted, given: Given) -> Fitted:
 
 
 def _described(rows: Rows, found: Fitted) -> Unexplained | None:
-    return describe(*_flux_errors(rows, found), found.search.missed(found.choice))
+    return describe(*_flux_errors(rows, found), _missed(found))
 
 
 def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, float]]:
