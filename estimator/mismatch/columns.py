@@ -421,10 +421,14 @@ def _coupled(rows: Rows, model: Model, parameter: str) -> Vector:
     """What the model's effects add to the voltage per unit of a parameter of the machine, at their present sizes.
 
     Exact for voltages in proportion to it; flux linkages that bend are nearly so to the inductance of their axis.
+    Currents beside the machine's make less flux there.
     """
     m, total = model.machine, np.zeros(len(rows), np.complex128)
     if parameter in ("L_d", "L_q"):
         more = rows.own_flux[0] - rows.flux(rows.i)
+        for name, sizes in model.effects.items():
+            if (beside := BY_NAME[name].beside) is not None:
+                more = more - rows.flux_of_little(beside(rows, sizes))
         if bends(model.effects):
             more = more - change_of(rows, model.effects)
         along: Vector = (more.real if parameter == "L_d" else 1j * more.imag) / getattr(m, parameter)

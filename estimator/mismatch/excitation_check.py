@@ -37,6 +37,7 @@ _LENDS: Final = 6.0  # times as much that noise and the machine lend an effect t
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _SIMULATED: Final = "a simulation without it, of the same noise and rounding, shows too much of it"
 _AT_AN_END: Final = "what is found of it lies at the end of what is plausible"
+_ONE_SPEED: Final = 0.05  # of a speed, by which it may change and still be one
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -129,7 +130,8 @@ def not_borne_out(
     What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told,
     `excess` is the energy over noise that is left unexplained. Bounds say so first; an effect that does not look like
     the machine may stand out nevertheless, though doubted. Others that are not plain have to stand out, too, and beside
-    a doubt as if they were doubted.
+    a doubt as if they were doubted. So has a faint one at one speed, where what turns with the rotor and any other
+    disturbance of its frequency are the same.
     """
     over_noise, by_angle, rest = beside_of(search, excess)
     least_apart = _least_apart(search)
@@ -169,10 +171,12 @@ def not_borne_out(
         why = _why(search, left, one, cause)
         found[why] = (*found.get(why, ()), one)
         left = tuple(other for other in left if other != one)
-    beside_doubt = bool(found)
+    beside_doubt, steady = bool(found), _at_one_speed(search)
     for one in [each for each in left if each not in plain]:
         rest = tuple(other for other in left if other != one)
-        if search.gain(rest, one) < _PLAIN and not stands_out(one, left, beside_doubt):
+        by_chance = steady and search.faint(search.fit(left), one)
+        weak = by_chance or search.gain(rest, one) < _PLAIN
+        if weak and not stands_out(one, left, beside_doubt or by_chance):
             found[_SIMULATED] = (*found.get(_SIMULATED, ()), one)
             left = rest
     fit = search.fit(choice)
@@ -186,6 +190,12 @@ def not_borne_out(
             why = f"what is found of it lies {number(errors, 2)} standard errors from none"
             found[why] = (*found.get(why, ()), one)
     return found
+
+
+def _at_one_speed(search: Search) -> bool:
+    rows = search.regression.rows
+    low, middle, high = np.quantile(rows.omega_e[rows.joined], (0.02, 0.5, 0.98))
+    return bool(high - low < _ONE_SPEED * abs(middle))
 
 
 def at_an_end(search: Search, fit: Fit, one: tuple[str, int]) -> bool:

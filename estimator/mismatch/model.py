@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.machine import Machine
 from estimator.mismatch.whitening import Axes, Whitening, whiten, whitening_of
-from estimator.physics import winding_resistance_drift
+from estimator.physics import phase_resistance_imbalance, winding_resistance_drift
 from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -169,10 +169,12 @@ def _heated(truth: Rows, model: Model) -> Rows:
 
 
 def _drifting(truth: Rows, model: Model) -> Rows:
-    """The rows with what the winding's resistance and the magnets' flux have come to."""
+    """The rows with what the winding's resistances and the magnets' flux have come to."""
     heat = model.effects.get(winding_resistance_drift.EFFECT.name)
+    alpha, beta = model.effects.get(phase_resistance_imbalance.EFFECT.name, (0.0, 0.0))
     return replace(
-        truth, R_s_ratio=1.0 if heat is None else 1.0 + winding_resistance_drift.rise(truth, heat),
+        truth, R_s_excess=(alpha, beta),
+        R_s_ratio=1.0 if heat is None else 1.0 + winding_resistance_drift.rise(truth, heat),
         psi_f_ratio=1.0 + change_of(truth, model.effects) / truth.machine.psi_f,
     )  # fmt: skip
 

@@ -7,7 +7,8 @@ and rho = exp(-R_s T_s / L), what is left of
     a free run's current    n[k] - rho^k n[0], k periods after its start                (1 + rho^2k) |n|^2
 
 A model's effects see the noise, too: a bent flux linkage makes more volts of it at some currents than at others. By how
-much louder it is with them, noise that is laid over the currents tells. Rms values are of d and q together, over 2 N numbers. Knows nothing of how a model was found.
+much louder it is with them, noise that is laid over the currents tells. Rms values are of d and q together, over 2 N
+numbers. Knows nothing of how a model was found.
 """
 
 import math

@@ -58,6 +58,7 @@ class Effect:
     fast_stiffness: Callable[[Sizes], float] | None = None  # 1/H of a branch beside the machine, within a period
     fast_resistance: Callable[[Rows, Sizes], float] | None = None  # ohm, to what changes within a period
     heats: Callable[[Rows, Sizes], Real] | None = None  # A^2 at samples, to |i|^2 in what warms the winding
+    beside: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, that flows beside what makes flux
     lasts: bool = False  # it remembers all of the recording, not its last tenths of a second
     sees_voltage: bool = False  # it follows the voltage at the terminals, of which a bridge may lose some
     emf: Callable[[Rows, Sizes], Vector] | None = None  # V at samples, that it takes from what drives the current

@@ -2,9 +2,10 @@
 
     i = i_m + g e_k a_k        e_k = voltage across phase k, as the loop's current follows it, a_k its axis
 
-The loop's current adds to that of the phase and makes neither useful flux nor a drop outside the shorted turns; g is
-its conductance as seen from the phase, 2/3 of the squared share of turns over the loop's resistance. The loop turns
-3/2 g e_k^2 into heat, in the winding.
+The loop's current adds to that of the phase and makes neither useful flux nor a drop of the phase's resistance outside
+the shorted turns; g is its conductance as seen from the phase, 2/3 of the squared share of turns over the loop's
+resistance. The loop turns 3/2 g e_k^2 into heat, in the winding. Beside unequal phase resistances the voltages across
+the phases have a mean, that of excess_k i_k, which the terminals do not show.
 B. Vaseghi, N. Takorabet, F. Meibody-Tabar, "Fault analysis and parameter identification of permanent-magnet motors by
 the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.2009.2022156.
 """
@@ -12,16 +13,32 @@ the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.iron_loss import branch, emf
-from estimator.physics.rows import AXES, Real, Rows, Vector
+from estimator.physics.iron_loss import branch, emf, followed
+from estimator.physics.rows import AXES, Real, Rows, Vector, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    axis, along = _along(rows, sizes)
-    loop = np.asarray(sizes[0] * along * axis, np.complex128)
+    loop, phase = _loop(rows, sizes), round(sizes[1]) % 3
     mean = rows.stationary(0.5 * (loop[:-1] + loop[1:]))
-    return -rows.machine.R_s * rows.R_s_ratio * mean - rows.balance(rows.flux_of_little(loop * rows.rotor.conj()))
+    R_k = (rows.machine.R_s + by_phase(*rows.R_s_excess)[phase]) * rows.R_s_ratio
+    return -R_k * mean - rows.balance(rows.flux_of_little(_beside(rows, sizes)))
+
+
+def _loop(rows: Rows, sizes: Sizes) -> Vector:
+    """The loop's current, A at samples in the stationary frame."""
+    axis, along = _along(rows, sizes)
+    return np.asarray(sizes[0] * along * axis, np.complex128)
+
+
+def _beside(rows: Rows, sizes: Sizes) -> Vector:
+    """The same in the rotor frame."""
+    return _loop(rows, sizes) * rows.rotor.conj()
+
+
+def _falls(rows: Rows, sizes: Sizes) -> Vector:
+    """Voltage (V, at samples) that would make a current fall as the loop's does where the winding is short."""
+    return rows.flux_of_little(_beside(rows, sizes)) / sizes[2]
 
 
 def _heats(rows: Rows, sizes: Sizes) -> Real:
@@ -33,13 +50,23 @@ def _heats(rows: Rows, sizes: Sizes) -> Real:
 
 def _along(rows: Rows, sizes: Sizes) -> tuple[complex, Real]:
     """The phase's axis, and the voltage along it (V, at samples) as the loop's current follows it."""
-    axis = AXES[round(sizes[1]) % 3]
-    return axis, (_driven(rows, sizes) * axis.conjugate()).real
+    axis, (along, mean) = AXES[round(sizes[1]) % 3], _driven(rows, sizes)
+    return axis, (along * axis.conjugate()).real + mean
 
 
-def _driven(rows: Rows, sizes: Sizes) -> Vector:
+def _driven(rows: Rows, sizes: Sizes) -> tuple[Vector, Real | float]:
+    """Voltages (V, at samples) as a loop's current follows them: the terminals', and the mean of the three phases'."""
     lag = sizes[2]
-    return rows.once(f"loop {lag!r}", lambda: branch(rows, 0.0, lag, behind_R_s=False))
+    along = rows.once(f"loop {lag!r}", lambda: branch(rows, 0.0, lag, behind_R_s=False))
+    if not any(rows.R_s_excess):
+        return along, 0.0
+    return along, rows.once(f"loop {lag!r} {rows.R_s_excess!r}", lambda: followed(rows, lag, _mean_drop(rows)))
+
+
+def _mean_drop(rows: Rows) -> Real:
+    """Mean (V, of each period) of what unequal resistances drop in the three phases."""
+    mean: Real = 0.5 * (complex(*rows.R_s_excess).conjugate() * rows.i_mean * rows.middle).real
+    return mean * rows.R_s_ratio
 
 
 EFFECT = Effect(
@@ -56,6 +83,8 @@ EFFECT = Effect(
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
     missed=1e-4,
     remembers=_driven,
+    beside=_beside,
+    emf=_falls,
     sees_voltage=True,
     heats=_heats,
 )  # fmt: skip

@@ -27,9 +27,12 @@ _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    conductance = sizes[0]
-    i_i = conductance * _driven(rows, sizes) * rows.rotor.conj()
-    return -rows.balance(rows.flux_of_little(i_i))
+    return -rows.balance(rows.flux_of_little(_beside(rows, sizes)))
+
+
+def _beside(rows: Rows, sizes: Sizes) -> Vector:
+    """The branch's current, A at samples."""
+    return sizes[0] * _driven(rows, sizes) * rows.rotor.conj()
 
 
 def _driven(rows: Rows, sizes: Sizes) -> Vector:
@@ -48,6 +51,12 @@ def branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -
     if rows.u_dc is None:
         return _followed(x, share, rows.u * rows.middle - lost, np.zeros((0, 3)), np.zeros(0))
     return _followed(x, share, -lost, rows.duties, rows.u_dc)
+
+
+def followed(rows: Rows, lag: float, v: Real) -> Real:
+    """A voltage (V, of each period) at samples, as the current of a branch that lags so follows it."""
+    x = np.full(len(rows), rows.T_s / lag)
+    return _followed(x, np.ones(len(rows)), v.astype(np.complex128), np.zeros((0, 3)), np.zeros(0)).real
 
 
 @kernel
@@ -83,6 +92,7 @@ EFFECT = Effect(
     missed=1e-4,
     fast_stiffness=lambda p: p[0] / p[2],
     remembers=_driven,
+    beside=_beside,
     sees_voltage=True,
 )  # fmt: skip
 

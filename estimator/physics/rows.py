@@ -94,6 +94,7 @@ class Rows:
     fast_resistance: float = 0.0  # ohm, by which what changes within a period drops more than by R_s
     curvature: tuple[float, float, float] = (0.0, 0.0, 0.0)  # a_d, a_q, c of the saturation curve, A/Vs^3
     R_s_ratio: Real | float = 1.0  # of each period: R_s over that at the start
+    R_s_excess: tuple[float, float] = (0.0, 0.0)  # ohm, alpha and beta, by which phases have more; see `by_phase`
     psi_f_ratio: Real | float = 1.0  # at samples: psi_f over that at the start
     heat_beside: Real | float = 0.0  # A^2 s, what effects add to heat
     emf: Vector | float = 0.0  # V at samples, that effects take from what drives the current between pulses
