@@ -117,7 +117,7 @@ def test_of_a_motor_that_stands_one_that_turns_is_wanted() -> None:
 
 
 def test_what_drifts_is_told_by_the_first_level_once_more() -> None:
-    model = Model(NOMINAL, {"magnet_flux_drift": (-0.02, 0.6)})
+    model = Model(NOMINAL, {"magnet_flux_drift": (-0.02, 0.6, 0.01)})
     told = experiment(rows_at(), model, NOISE, NOMINAL, TOLERANCE, ("magnet_flux_drift", "magnet_flux_step"))
     assert told.holds[0] == told.holds[-1]
 

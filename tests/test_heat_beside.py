@@ -11,7 +11,7 @@ WARMER = {"winding_resistance_drift": (0.1, 1.0, 0.0)}
 
 
 @pytest.mark.parametrize(("kind", "effect"), [
-    ("turn_short", {"interturn_short": (0.01, 0.0, 1e-4)}), ("skin", {"ac_resistance": (1.0, 400.0)}),
+    ("turn_short", {"interturn_short": (0.01, 0.0, 1e-4, 0.5)}), ("skin", {"ac_resistance": (1.0, 400.0)}),
 ])  # fmt: skip
 def test_heat_beside_is_the_same_again_and_of_blocks_of_rows(
     kind: str, effect: dict[str, tuple[float, ...]]
@@ -29,4 +29,4 @@ def test_heat_beside_is_the_same_again_and_of_blocks_of_rows(
 
 def test_no_heat_is_added_where_the_winding_does_not_warm_up() -> None:
     rows = rows_without_noise(with_effect("turn_short", "servo_4nm"))
-    assert in_truth(rows, Model(rows.machine, {"interturn_short": (0.01, 0.0, 1e-4)})).heat_beside == 0.0
+    assert in_truth(rows, Model(rows.machine, {"interturn_short": (0.01, 0.0, 1e-4, 0.5)})).heat_beside == 0.0

@@ -32,8 +32,7 @@ PLACED: Final = 0.25  # of what is left, that an effect has to explain where it 
 _PLACED_FAR: Final = 0.05  # the same before it is there, where that is no chance,
 _NO_CHANCE: Final = 500.0  # chi square
 _EXCHANGED: Final = 0.05  # of what is left, that an effect has to explain more of than the one whose place it takes
-_ALIKE: Final = 0.5  # of what is left, more than which an effect explains only if it is there
-_UNLIKE: Final = 0.2  # the same of one that looks like none of those that are
+_ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
 FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
 _NOISE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
 
@@ -295,18 +294,16 @@ class Search:
         return total + sum(BY_NAME[one[0]].missed * max(self.explained(choice, one), 0.0) for one in choice)
 
     def lent(self, choice: Choice, more: tuple[str, int], *, faint: bool) -> float:
-        """What of chi square the equations of a set's effects may lend another: no one looks like half of all left, nor
-        one that is not confused with any of them like a fifth of it.
+        """What of chi square the equations of a set's effects may lend another: no one looks like half of all left.
 
         A faint one: all that they miss, and a part of what those explain that look like it.
         """
+        if not faint:
+            return min(self.missed(choice), _ALIKE * max(self.unexplained(choice), _NOISE * self.regression.count))
         alike = [
             one for one in choice
             if one[0] in BY_NAME[more[0]].confused_with or more[0] in BY_NAME[one[0]].confused_with
         ]  # fmt: skip
-        if not faint:
-            left = max(self.unexplained(choice), _NOISE * self.regression.count)
-            return min(self.missed(choice), (_ALIKE if alike else _UNLIKE) * left)
         return self.missed(choice) + _OF_RIVALS * sum(self.explained(choice, one) for one in alike)
 
     def best(self, start: Choice = ()) -> Choice:

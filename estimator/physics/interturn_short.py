@@ -5,7 +5,8 @@
 The loop's current adds to that of the phase and makes neither useful flux nor a drop of the phase's resistance outside
 the shorted turns; g is its conductance as seen from the phase, 2/3 of the squared share of turns over the loop's
 resistance. The loop turns 3/2 g e_k^2 into heat, in the winding. Beside unequal phase resistances the voltages across
-the phases have a mean, that of excess_k i_k, which the terminals do not show.
+the phases have a mean, that of excess_k i_k, which the terminals do not show. A winding that warms up raises a part of
+the loop's resistance, `copper`, and g falls.
 B. Vaseghi, N. Takorabet, F. Meibody-Tabar, "Fault analysis and parameter identification of permanent-magnet motors by
 the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.2009.2022156.
 """
@@ -28,7 +29,16 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 def _loop(rows: Rows, sizes: Sizes) -> Vector:
     """The loop's current, A at samples in the stationary frame."""
     axis, along = _along(rows, sizes)
-    return np.asarray(sizes[0] * along * axis, np.complex128)
+    return np.asarray(_conductance(rows, sizes) * along * axis, np.complex128)
+
+
+def _conductance(rows: Rows, sizes: Sizes) -> Real | float:
+    """S, at samples."""
+    ratio = rows.R_s_ratio
+    if not isinstance(ratio, np.ndarray):
+        return sizes[0]
+    warmer = 0.5 * (np.append(ratio, ratio[-1:]) + np.append(ratio[:1], ratio)) - 1.0
+    return sizes[0] / (1.0 + sizes[3] * warmer)
 
 
 def _beside(rows: Rows, sizes: Sizes) -> Vector:
@@ -75,9 +85,10 @@ EFFECT = Effect(
         Parameter("conductance", "S", lambda rows: 0.03 * rows.i_rated / emf(rows), lambda _: 0.0),
         Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True, discrete=True),
         Parameter("lag", "s", constant(1e-4), constant(2e-5), constant(5e-4), shape=True),
+        Parameter("copper", "1", constant(0.5), constant(0.02), constant(1.0), shape=True),
     ),
     voltage,
-    lambda _rows: ((0.0, 1e-4), (1.0, 1e-4), (2.0, 1e-4)),
+    lambda _rows: tuple((phase, 1e-4, 0.5) for phase in (0.0, 1.0, 2.0)),
     "current of twice the electrical frequency in the rotor frame that grows with speed, without load too",
     ("iron_loss", "current_sensor_gain"),
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},

@@ -27,12 +27,9 @@ _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return -rows.balance(rows.flux_of_little(_beside(rows, sizes)))
-
-
-def _beside(rows: Rows, sizes: Sizes) -> Vector:
-    """The branch's current, A at samples."""
-    return sizes[0] * _driven(rows, sizes) * rows.rotor.conj()
+    conductance = sizes[0]
+    i_i = conductance * _driven(rows, sizes) * rows.rotor.conj()
+    return -rows.balance(rows.flux_of_little(i_i))
 
 
 def _driven(rows: Rows, sizes: Sizes) -> Vector:
@@ -92,7 +89,6 @@ EFFECT = Effect(
     missed=1e-4,
     fast_stiffness=lambda p: p[0] / p[2],
     remembers=_driven,
-    beside=_beside,
     sees_voltage=True,
 )  # fmt: skip
 

@@ -15,14 +15,18 @@ from estimator.physics.rows import Real, Rows
 
 DRIFT: Final = "magnet_flux_drift"
 STEP: Final = "magnet_flux_step"
+_BEFORE: Final = 0.5  # of the magnets' time constant, that what warms them has at most
 
 
 def drifted(rows: Rows, sizes: Sizes) -> Real:
     """Change since the start, Vs at samples."""
-    change, time_constant = sizes
+    change, time_constant, lag = sizes
+    before = min(lag, _BEFORE * time_constant)
+    own, first = time_constant / (time_constant - before), before / (time_constant - before)
     t = (rows.t - rows.span[0]) / rows.span[1]
-    course = (1.0 - np.exp(-t / time_constant)) / (1.0 - math.exp(-1.0 / time_constant))
-    return change * rows.machine.psi_f * course
+    course = 1.0 - own * np.exp(-t / time_constant) + first * np.exp(-t / before)
+    whole = 1.0 - own * math.exp(-1.0 / time_constant) + first * math.exp(-1.0 / before)
+    return change * rows.machine.psi_f * course / whole
 
 
 def stepped(rows: Rows, sizes: Sizes) -> Real:
