@@ -123,6 +123,9 @@ def of_population(seed: int, number: int, folder: Path) -> tuple[tuple[str, ...]
     pytest.param(2014, 233, id="a healthy drive whose rotor a torque of i_d i_q moves"),
     pytest.param(2016, 51, id="a healthy drive on whose rounding a rising resistance leans"),
     pytest.param(2016, 321, id="an angle that is off as an offset of the voltage would be"),
+    pytest.param(2017, 67, id="a late channel beside a short in a phase of another resistance"),
+    pytest.param(2017, 214, id="a voltage a row early, turned by an angle that was foreseen"),
+    pytest.param(2017, 238, id="a short whose current alone moves one axis"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""
@@ -169,6 +172,7 @@ def test_an_inductance_that_is_not_told_is_not_outside_its_tolerance(tmp_path: P
     pytest.param(2004, (52, 68, 69), id="a machine that runs astray, an encoder's beat, currents of a short alone"),
     pytest.param(2009, (13, 31), id="a rising resistance that scales the machine, a current that is noise"),
     pytest.param(2014, (36,), id="magnets that warm up at one level, as a winding that cools"),
+    pytest.param(2017, (33, 41), id="what an encoder's counts leave at one speed"),
 ])  # fmt: skip
 def test_what_tells_little_gets_no_wrong_name(seed: int, numbers: tuple[int, ...], tmp_path: Path) -> None:
     """Of populations that were looked at."""
