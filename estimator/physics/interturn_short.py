@@ -23,7 +23,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     loop, phase = _loop(rows, sizes), round(sizes[1]) % 3
     mean = rows.stationary(0.5 * (loop[:-1] + loop[1:]))
     R_k = (rows.machine.R_s + by_phase(*rows.R_s_excess)[phase]) * rows.R_s_ratio
-    return -R_k * mean - rows.balance(rows.flux_of_little(_beside(rows, sizes)))
+    return -R_k * mean - rows.balance(rows.flux_of_little(loop * rows.rotor.conj()))
 
 
 def _loop(rows: Rows, sizes: Sizes) -> Vector:
