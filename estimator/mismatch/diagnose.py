@@ -400,7 +400,8 @@ def _told(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> di
     told: dict[str, Quantity] = {}
     for name, (value, unit) in here.items():
         variance = float(slopes[name] @ covariance @ slopes[name])
-        if silent and silent >= set(np.flatnonzero(slopes[name]).tolist()):
+        depends_on = set(np.flatnonzero(slopes[name]).tolist())
+        if depends_on and depends_on <= silent:
             told[name] = Quantity(None, None, unit)
             continue
         told[name] = Quantity(float(value), math.sqrt(variance) if variance > 0.0 else None, unit)

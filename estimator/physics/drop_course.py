@@ -117,7 +117,7 @@ def _mean_signs(
     axis, drops = axis_of(leg), legs.room.drops
     start, end, bow = phase(i_0, axis), phase(i_1, axis), phase(bow_s, axis)
     slope, early, least, most = end - start, 0.0, 1.0, -1.0
-    mean, volts, by_end, nearest = 0.0, 0.0, 0.0, min(abs(start), abs(end))
+    mean, volts, by_end, moment, nearest = 0.0, 0.0, 0.0, 0.0, min(abs(start), abs(end))
     was_up, was_down, soft_was_up, soft_was_down = start, end, soft(start, knee), soft(end, knee)
     sign_was_up, sign_was_down = start / soft_was_up, end / soft_was_down
     for part in range(4):
@@ -148,7 +148,8 @@ def _mean_signs(
             )
         span, middle = late - early, 0.5 * (late + early)
         mean += span * (mean_up + mean_down)
-        volts += span * (mean_up * weight(damping, middle) + mean_down * weight(damping, 1.0 - middle))
+        volts += span * (mean_up * weight(damping, middle, span) + mean_down * weight(damping, 1.0 - middle, span))
+        moment += span * (middle - 0.5) * (mean_up - mean_down)
         by_end += span * (by_up * over_up + by_down * over_down)
         drops.sign[leg, part, 0], drops.sign[leg, part, 1] = mean_up, mean_down
         drops.change[leg, part, 0], drops.change[leg, part, 1] = sign_up - sign_was_up, sign_down - sign_was_down
@@ -160,7 +161,7 @@ def _mean_signs(
             was_up, was_down = up + phase(drops.jump[part, 0], axis), down + phase(drops.jump[part, 1], axis)
             soft_was_up, soft_was_down = soft(was_up, knee), soft(was_down, knee)
             sign_was_up, sign_was_down = was_up / soft_was_up, was_down / soft_was_down
-    drops.mean[leg], drops.loss[leg, 0], drops.loss[leg, 1] = mean, volts, by_end
+    drops.mean[leg], drops.loss[leg, 0], drops.loss[leg, 1], drops.loss[leg, 2] = mean, volts, by_end, moment
     drops.varies[leg] = most - least if nearest > reach else 2.0
 
 

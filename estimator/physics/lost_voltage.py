@@ -21,6 +21,7 @@ from estimator.physics.period_course import (
     phase,
     rise_of,
     still_dead,
+    unlike,
     weight,
 )  # fmt: skip
 from estimator.physics.rows import Vector
@@ -105,7 +106,7 @@ def _by_drops(
 
     Slopes by the real and imaginary part of the current at the end.
     """
-    lost, by_real, by_imag = 0j, 0j, 0j
+    lost, by_real, by_imag, moment = 0j, 0j, 0j, 0j
     known = len(legs.u_dc) > 0
     if known and u_drop != 0.0:
         follow_drops(legs, k, i_0, i_1, dead_time, u_drop, knee)
@@ -117,13 +118,15 @@ def _by_drops(
             volts = 0.5 * (start / soft(start, knee) + end / soft_end)
             by_end = 0.5 * knee * knee / (soft_end * soft_end * soft_end)
         elif u_drop != 0.0:
-            volts, by_end = legs.room.drops.loss[leg]
+            volts, by_end, late = legs.room.drops.loss[leg]
+            moment += axis * (u_drop * late)
         lost += axis * (u_drop * volts)
         by_real += axis * (u_drop * by_end * axis.real)
         by_imag += axis * (u_drop * by_end * axis.imag)
         if known and legs.duties[k, leg] >= 1.0 > legs.before[k, leg]:  # a leg that stays high rises at the start
             start = phase(i_0, axis)
             lost += axis * (legs.u_dc[k] / legs.T_s * 0.5 * dead_time * (1.0 + start / soft(start, knee)))
+    lost += unlike(legs.R_s * legs.T_s, legs.b[k], legs.middle[k], moment)
     return 2.0 / 3.0 * lost, 2.0 / 3.0 * by_real, 2.0 / 3.0 * by_imag
 
 
@@ -151,7 +154,7 @@ def _laid_out(
     """Lost voltage (V, stationary) where each edge's diode is known, and -1; else the leg whose current is nearest zero
     at an edge, and how often switches change on the period's course. Beside drops the room has the currents at edges.
     """
-    u_dc, T_s, room, lost, nearest, closest = legs.u_dc[k], legs.T_s, legs.room, 0j, 0, math.inf
+    u_dc, T_s, room, lost, moment, nearest, closest = legs.u_dc[k], legs.T_s, legs.room, 0j, 0j, 0, math.inf
     near = _MOVES * moved_in(legs, k, dead_time) + spread
     bow = bow_of(legs, k)
     damping, dead = damping_of(legs, k), dead_time / T_s
@@ -170,14 +173,22 @@ def _laid_out(
         room.out[leg, 0] = 0 if abs(at_rise) < near else 1 if at_rise > 0.0 else -1
         room.out[leg, 1] = 0 if abs(at_fall) < near else 1 if at_fall > 0.0 else -1
         room.out[leg, 2] = 0 if abs(at_last) < near else 1 if at_last > 0.0 else -1
-        high = 0.0
+        full = 2.0 / 3.0 * u_dc * axis
         if 0.0 < rise < 0.5 and at_rise > 0.0:
-            lost += 2.0 / 3.0 * axis * u_dc * min(1.0 - 2.0 * rise, dead) * weight(damping, rise)
+            span = min(1.0 - 2.0 * rise, dead)
+            part = rise + 0.5 * span
+            lost += full * (span * weight(damping, part, span))
+            moment += full * (span * (part - 0.5))
         if 0.0 < rise < 0.5 and at_fall < 0.0:
-            high += min(dead, rise)
+            span = min(dead, rise)
+            part = 1.0 - rise + 0.5 * span
+            lost -= full * (span * weight(damping, part, span))
+            moment -= full * (span * (part - 0.5))
         if at_last < 0.0:
-            high += min(left, rise)
-        lost -= 2.0 / 3.0 * axis * u_dc * high * weight(damping, 1.0 - rise)
+            span = min(left, rise)
+            lost -= full * (span * weight(damping, 0.5 * span, span))
+            moment -= full * (span * (0.5 * span - 0.5))
+    lost += unlike(legs.R_s * T_s, legs.b[k], legs.middle[k], moment)
     if closest >= near:
         return lost, -1, 0
     return lost, nearest, cut(legs.duties[k], legs.before[k], dead_time, T_s, room)
@@ -202,8 +213,9 @@ def _period(legs: Legs, k: int, u_drop: float) -> Period:
 
 @lean_kernel
 def _ideal(legs: Legs, k: int) -> complex:
-    """How high the legs are commanded to be held on average, along their axes."""
-    ideal = 0j
+    """How high the legs are commanded to be held on average, along their axes and by `weight`."""
+    ideal, damping = 0j, damping_of(legs, k)
     for leg in range(3):
-        ideal += min(max(legs.duties[k, leg], 0.0), 1.0) * axis_of(leg)
+        duty = min(max(legs.duties[k, leg], 0.0), 1.0)
+        ideal += duty * weight(damping, 0.5, duty) * axis_of(leg)
     return ideal

@@ -19,7 +19,7 @@ _DRAWN = 1.0  # of what the end says at best, to what the machine's parameters s
 _CHANGES = 4  # of sign between two edges at most
 _SETTLES = 8  # passes over legs that float together
 _ROUNDING = 1e-12  # of what the link's voltage makes of a current in a period
-_SHORT = 0.05  # of a period, in which the resistive drop hardly changes
+_SHORT = 1e-3  # of what the current changes by, that the resistive drop's own change may take unseen, twice
 
 
 class Drops(NamedTuple):
@@ -28,7 +28,7 @@ class Drops(NamedTuple):
     sign: Real  # (3, 4, 2) mean of each phase current's sign between edges, from the period's start on and from its end
     varies: Real  # (3,) by how much in the period
     mean: Real  # (3,) over the period
-    loss: Real  # (3, 2) the same as what is lost at the end counts, and its slope, 1/A
+    loss: Real  # (3, 3) the same as what is lost at the end counts, its slope, 1/A, and its first moment
     change: Real  # (3, 4, 2) of the sign itself, from edge to edge
     arc: NDArray[np.complex128]  # (4, 2) A, stationary: mean of how far drops bend the current between these edges
     ahead: NDArray[np.complex128]  # (4, 2) A: how far drops bend it at these edges
@@ -83,7 +83,7 @@ def empty_room() -> Room:
     out, moments = np.zeros((3, 3), np.int8), np.empty(15)
     arc, ahead, shift, jump = np.empty((4, 4, 2), np.complex128)
     drops = Drops(
-        np.empty((3, 4, 2)), np.empty(3), np.zeros(3), np.empty((3, 2)), np.empty((3, 4, 2)), arc, ahead, np.empty(4),
+        np.empty((3, 4, 2)), np.empty(3), np.zeros(3), np.empty((3, 3)), np.empty((3, 4, 2)), arc, ahead, np.empty(4),
         np.empty((3, 2)), shift, jump,
     )  # fmt: skip
     pieces = Pieces(*np.empty((3, 16), np.complex128))
@@ -213,7 +213,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     T_s, high, free, zero, pieces = period.T_s, room.high, room.free, room.zero, room.pieces
     alike, per_T, of_i = period.a, 1.0 / T_s, _falls(period)[0]
     full, damping, loose = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0
-    by_real, by_imag, held, held_real, held_imag, t = 0j, 0j, 0j, 0j, 0j, 0.0
+    by_real, by_imag, held, held_real, held_imag, moment, t = 0j, 0j, 0j, 0j, 0j, 0j, 0.0
     none = _ROUNDING * full * alike * T_s
     for leg in range(3):
         to = room.first[leg]
@@ -240,8 +240,9 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
                         floats = int(zero[0]) + int(zero[1]) + int(zero[2])
                 level = high[0] * A + high[1] * B + high[2] * C
                 rate = full * (alike * level + twice * level.conjugate()) - falls
-                if span > _SHORT * T_s:  # by the current in the middle
-                    way = 0.5 * span * rate
+                if span * damping > _SHORT * T_s:  # by the mean current
+                    way = (span / 3.0) * rate
+                    way = 0.5 * span * (rate - of_i * way - by_mirrored * way.conjugate())
                     rate -= of_i * way + by_mirrored * way.conjugate()
                 if loose > 0:
                     if floats == 1:
@@ -264,7 +265,9 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
                             current, fall = phase(i, axis_of(leg)), -phase(rate, axis_of(leg))
                             if current * fall > 0.0 and current / fall < span and abs(current) >= none and n < _CHANGES:
                                 span, first = current / fall, leg
-                held += level * (span * weight(damping, (t + 0.5 * span) * per_T))
+                part = (t + 0.5 * span) * per_T
+                held += level * (span * weight(damping, part, span * per_T))
+                moment += level * (span * (part - 0.5))
                 held_real += level_real * span
                 held_imag += level_imag * span
                 i += rate * span
@@ -281,6 +284,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
             leg, to = room.whose[change], room.to[change]
             loose += int(to == _NONE) - int(free[leg])
             free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
+    held += unlike(period.R_s * T_s, period.b, period.middle, moment)
     return i, by_real, by_imag, per_T * held, per_T * held_real, per_T * held_imag
 
 
@@ -346,12 +350,24 @@ def _float(
 
 
 @lean_kernel
-def weight(damping: float, part: float) -> float:
-    """What a voltage lost after that part of a period counts as, for who knows the currents at both ends.
+def weight(damping: float, part: float, span: float) -> float:
+    """What a voltage lost over a span of the period, around that part of it, counts as, for who knows the currents at
+    both ends.
 
-    One lost early lowers the current for longer, and by that the winding's resistive drop. damping: R_s T_s / L.
+    One lost early lowers the current for longer, and by that the winding's resistive drop: at x after the middle it
+    counts exp(x d) exp(-d/2) (1 + d/2 + d^2/12), as means of the current come from both ends and slopes there; to the
+    third power of the damping d = R_s T_s / L.
     """
-    return 1.0 - damping * (0.5 - part)
+    late, square = damping * (part - 0.5), damping * damping / 24.0
+    return 1.0 + late * (1.0 + late * (0.5 + late / 6.0)) + ((1.0 + late) * span * span - 1.0) * square
+
+
+@lean_kernel
+def unlike(R_s_T_s: float, b: complex, middle: complex, moment: complex) -> complex:
+    """What `weight` leaves out where damping is not the same on both axes, of the first moment (shares of the period)
+    of what is lost; both in the stationary frame.
+    """
+    return R_s_T_s * (b * middle * middle) * moment.conjugate()
 
 
 @lean_kernel
