@@ -139,10 +139,11 @@ def _by_dead_time(
     if nearest < 0:
         return lost
     moves = moved_in(legs, k, dead_time)
-    if spread < _NARROW * moves:
+    narrow = _NARROW * moves
+    if spread <= narrow:
         return _between_edges(legs, k, i_0, i_1, u_drop, changes, moves)
-    # Currents spread, as noise makes them: the mean of two that have this spread
-    off = spread * axis_of(nearest)
+    # Currents spread, as noise makes them: the mean of two that have the spread beyond that
+    off = math.sqrt(spread * spread - narrow * narrow) * axis_of(nearest)
     lower = _between_edges(legs, k, i_0 - off, i_1 - off, u_drop, changes, moves)
     return 0.5 * (lower + _between_edges(legs, k, i_0 + off, i_1 + off, u_drop, changes, moves))
 
