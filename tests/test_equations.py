@@ -170,10 +170,10 @@ def test_a_dead_time_and_drops_of_one_inverter_are_told_apart(motor: str) -> Non
         f"{motor}: {before:.3g} per mille of rated current, {after:.3g} with both, {missed:.1e} missed; "
         f"dead time {dead_time / inverter.dead_time:.3f} and drops {u_drop / mean_drop:.3f} of what they are"
     )
-    assert missed < 3e-4
-    assert dead_time == pytest.approx(inverter.dead_time, rel=0.03)
-    assert u_drop == pytest.approx(mean_drop, rel=0.03)
-    assert knee == pytest.approx(0.01 * rows.i_rated, rel=0.1)
+    assert missed < 2e-5
+    assert dead_time == pytest.approx(inverter.dead_time, rel=0.02)
+    assert u_drop == pytest.approx(mean_drop, rel=0.02)
+    assert knee == pytest.approx(0.01 * rows.i_rated, rel=0.05)
 
 
 @pytest.mark.slow

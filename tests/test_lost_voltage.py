@@ -1,6 +1,7 @@
 """The bridge's lost voltage, period by period."""
 
 import numpy as np
+import pytest
 
 from estimator.physics.legs import legs_at_rest
 from estimator.physics.lost_voltage import lost_between
@@ -11,14 +12,21 @@ DEAD_TIME = 2.7e-6  # s
 ROUNDING = 1e-9  # A
 
 
-def test_a_current_that_comes_to_rest_in_a_dead_time_makes_no_step_of_the_lost_voltage() -> None:
-    """Where a rail keeps it from floating, too: next to none more of a current is next to no other voltage."""
+@pytest.mark.parametrize(("u_drop", "knee", "most"), [(0.0, 1e-4, 1e-3), (2.0, 0.1, 0.05)])
+def test_a_current_that_comes_to_rest_in_a_dead_time_makes_no_step_of_the_lost_voltage(
+    u_drop: float, knee: float, most: float
+) -> None:
+    """Where a rail keeps it from floating, too: next to none more of a current is next to no other voltage. Beside
+    drops the last shot at the end of a course that bends may miss it by a little.
+    """
     n, random = 20_000, np.random.default_rng(1)
     duties = random.uniform(0.3, 0.7, (n, 1)) + random.uniform(-0.1, 0.1, (n, 3))
     legs = legs_at_rest(np.full(n, U_DC), duties, T_s, L)
     zero_crossing = 0.02 * random.normal(size=n) + 1j * random.normal(size=n)
     begin = zero_crossing * np.array(AXES)[random.integers(0, 3, n)]
     end = begin + 0.05 * (random.normal(size=n) + 1j * random.normal(size=n))
-    lost = [lost_between(legs, begin + off, end + off, DEAD_TIME, 0.0, 1e-4, 1e-4) for off in (0.0, ROUNDING)]
+    lost = [lost_between(legs, begin + off, end + off, DEAD_TIME, u_drop, 1e-4, knee) for off in (0.0, ROUNDING)]
     assert np.max(np.abs(lost[0])) > 0.5 * DEAD_TIME / T_s * U_DC
-    assert np.max(np.abs(lost[1] - lost[0])) < 1e-3
+    step = np.abs(lost[1] - lost[0])
+    assert np.max(step) < most
+    assert np.mean(step > 1e-3) < 0.01

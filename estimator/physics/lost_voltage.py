@@ -29,6 +29,7 @@ from estimator.physics.rows import Vector
 _MOVES = 1.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
 _NARROW = 0.06  # times the same: a spread of currents that does not matter
 _CLOSE = 0.003  # times the same: where the last shot may end
+_LITTLE = 0.05  # of what the other one loses
 SHOTS: Final = 12  # at a period's end, where it lies in a bend
 _NEARER = 1.0 - 1e-6  # as near: of two legs alike, the first
 
@@ -57,10 +58,30 @@ def lost_in(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, spread: float, knee: float
 ) -> complex:  # fmt: skip
     """Voltage (V, stationary) that period k loses, for currents (A) at its ends that are known within a spread (A)."""
-    lost = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, knee)[0]
-    if len(legs.u_dc) > 0 and dead_time != 0.0:
-        lost += _by_dead_time(legs, k, i_0, i_1, dead_time, u_drop, spread)
-    return lost
+    drops, rails, _, _ = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, knee)
+    if len(legs.u_dc) == 0 or dead_time == 0.0:
+        return drops + rails
+    far, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, u_drop, spread)
+    if nearest < 0:
+        return drops + rails + far
+    apart, moves = 0j, moved_in(legs, k, dead_time)
+    if _apart(legs, k, dead_time, u_drop):
+        apart, u_drop = drops, 0.0
+    narrow = _NARROW * moves
+    if spread <= narrow:
+        return apart + rails + _between_edges(legs, k, i_0, i_1, u_drop, knee, changes, moves)
+    # Currents spread, as noise makes them: the mean of two that have the spread beyond that
+    off = math.sqrt(spread * spread - narrow * narrow) * axis_of(nearest)
+    lower = _between_edges(legs, k, i_0 - off, i_1 - off, u_drop, knee, changes, moves)
+    upper = _between_edges(legs, k, i_0 + off, i_1 + off, u_drop, knee, changes, moves)
+    return apart + rails + 0.5 * (lower + upper)
+
+
+@lean_kernel
+def _apart(legs: Legs, k: int, dead_time: float, u_drop: float) -> bool:
+    """Drops, or what a dead time loses, are so little that neither bends the course by which the other acts."""
+    drops, lost = u_drop * legs.T_s, dead_time * legs.u_dc[k]
+    return drops < _LITTLE * lost or lost < _LITTLE * drops
 
 
 class Loss(NamedTuple):
@@ -82,18 +103,20 @@ def lost_after(
 
     beside: 0 for the first, then that of the last.
     """
-    volts, by_real, by_imag = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, knee)
-    settled = True
+    drops, rails, by_real, by_imag = _by_drops(legs, k, i_0, i_1, dead_time, u_drop, knee)
+    volts, settled = drops + rails, True
     if dead_time != 0.0 and len(legs.u_dc) > 0:
         far, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, u_drop, 0.0)
         if nearest < 0:
             volts += far
         else:
+            apart, of_drops = 0j, (0j, 0j)
+            if _apart(legs, k, dead_time, u_drop):
+                apart, u_drop, of_drops = drops, 0.0, (by_real, by_imag)
             close, full = _CLOSE * moved_in(legs, k, dead_time), 2.0 / 3.0 * legs.u_dc[k]
-            last = course_between(_period(legs, k, u_drop), i_0, i_1, beside, shots, close, changes, legs.room)
-            volts += full * (_ideal(legs, k) - last.held)
-            by_real -= full * last.held_real
-            by_imag -= full * last.held_imag
+            last = course_between(_period(legs, k, u_drop, knee), i_0, i_1, beside, shots, close, changes, legs.room)
+            volts = apart + rails + full * (_ideal(legs, k) - last.held)
+            by_real, by_imag = of_drops[0] - full * last.held_real, of_drops[1] - full * last.held_imag
             beside, settled = last.beside, abs(last.step) * legs.T_s < close
     return Loss(volts, by_real, by_imag, beside, settled)
 
@@ -101,12 +124,12 @@ def lost_after(
 @lean_kernel
 def _by_drops(
     legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, knee: float
-) -> tuple[complex, complex, complex]:  # fmt: skip
-    """Lost voltage (V, stationary) of drops, and of the dead time of legs that come to stay high; its slopes (ohm).
+) -> tuple[complex, complex, complex, complex]:  # fmt: skip
+    """Lost voltage (V, stationary) of drops, that of the dead time of legs that come to stay high, and slopes (ohm).
 
     Slopes by the real and imaginary part of the current at the end.
     """
-    lost, by_real, by_imag, moment = 0j, 0j, 0j, 0j
+    lost, rails, by_real, by_imag, moment = 0j, 0j, 0j, 0j, 0j
     known = len(legs.u_dc) > 0
     if known and u_drop != 0.0:
         follow_drops(legs, k, i_0, i_1, dead_time, u_drop, knee)
@@ -125,27 +148,9 @@ def _by_drops(
         by_imag += axis * (u_drop * by_end * axis.imag)
         if known and legs.duties[k, leg] >= 1.0 > legs.before[k, leg]:  # a leg that stays high rises at the start
             start = phase(i_0, axis)
-            lost += axis * (legs.u_dc[k] / legs.T_s * 0.5 * dead_time * (1.0 + start / soft(start, knee)))
+            rails += axis * (legs.u_dc[k] / legs.T_s * 0.5 * dead_time * (1.0 + start / soft(start, knee)))
     lost += unlike(legs.R_s * legs.T_s, legs.b[k], legs.middle[k], moment)
-    return 2.0 / 3.0 * lost, 2.0 / 3.0 * by_real, 2.0 / 3.0 * by_imag
-
-
-@lean_kernel
-def _by_dead_time(
-    legs: Legs, k: int, i_0: complex, i_1: complex, dead_time: float, u_drop: float, spread: float
-) -> complex:  # fmt: skip
-    """Lost voltage (V, stationary) of the dead times alone, beside drops that the room has."""
-    lost, nearest, changes = _laid_out(legs, k, i_0, i_1, dead_time, u_drop, spread)
-    if nearest < 0:
-        return lost
-    moves = moved_in(legs, k, dead_time)
-    narrow = _NARROW * moves
-    if spread <= narrow:
-        return _between_edges(legs, k, i_0, i_1, u_drop, changes, moves)
-    # Currents spread, as noise makes them: the mean of two that have the spread beyond that
-    off = math.sqrt(spread * spread - narrow * narrow) * axis_of(nearest)
-    lower = _between_edges(legs, k, i_0 - off, i_1 - off, u_drop, changes, moves)
-    return 0.5 * (lower + _between_edges(legs, k, i_0 + off, i_1 + off, u_drop, changes, moves))
+    return 2.0 / 3.0 * lost, 2.0 / 3.0 * rails, 2.0 / 3.0 * by_real, 2.0 / 3.0 * by_imag
 
 
 @lean_kernel
@@ -197,18 +202,18 @@ def _laid_out(
 
 @lean_kernel
 def _between_edges(
-    legs: Legs, k: int, i_0: complex, i_1: complex, u_drop: float, changes: int, moves: float
+    legs: Legs, k: int, i_0: complex, i_1: complex, u_drop: float, knee: float, changes: int, moves: float
 ) -> complex:  # fmt: skip
     """Lost voltage (V, stationary) of a period that takes the current from one end to the other."""
-    last = course_between(_period(legs, k, u_drop), i_0, i_1, 0j, SHOTS, _CLOSE * moves, changes, legs.room)
+    last = course_between(_period(legs, k, u_drop, knee), i_0, i_1, 0j, SHOTS, _CLOSE * moves, changes, legs.room)
     return 2.0 / 3.0 * legs.u_dc[k] * (_ideal(legs, k) - last.held)
 
 
 @lean_kernel
-def _period(legs: Legs, k: int, u_drop: float) -> Period:
+def _period(legs: Legs, k: int, u_drop: float, knee: float) -> Period:
     return Period(
         legs.u_dc[k], legs.T_s, legs.R_s, legs.a[k], legs.b[k], legs.psi_0[k], legs.others[k], legs.change[k],
-        legs.D[k], legs.middle[k], u_drop,
+        legs.D[k], legs.middle[k], u_drop, knee,
     )
 
 

@@ -16,9 +16,13 @@ from estimator.physics.rows import AXES, Real
 A, B, C = AXES
 _NONE = 2  # of a leg's switches is on
 _DRAWN = 1.0  # of what the end says at best, to what the machine's parameters say
+_BACK = 0.2  # of a step, that the next one may lead back where nothing bends: slopes are not exact
 _CHANGES = 4  # of sign between two edges at most
 _SETTLES = 8  # passes over legs that float together
 _ROUNDING = 1e-12  # of what the link's voltage makes of a current in a period
+_FAR = 20.0  # knees, from which on a drop is nearly whole
+_FLAT = 8.0  # knees, from which on it hardly changes
+_EVEN = 2e-4  # of a drop, by which it may change along a piece unseen
 _SHORT = 1e-3  # of what the current changes by, that the resistive drop's own change may take unseen, twice
 
 
@@ -75,7 +79,8 @@ class Period(NamedTuple):
     change: complex  # V, by which that changes in the period
     D: float  # rad, electrical, by which the rotor turns
     middle: complex  # exp(j theta_e) in the middle
-    u_drop: float  # V, whose changes in the period the room has
+    u_drop: float  # V
+    knee: float  # A, below which it softens
 
 
 def empty_room() -> Room:
@@ -185,7 +190,7 @@ def _shot(period: Period, i_0: complex, i_1: complex, last: Shot, changes: int, 
     over = 1.0 / (xx * yy - xy * xy)
     x, y = phase(by_real, off) - least * last.beside.real, phase(by_imag, off) - least * last.beside.imag
     step, longest = complex((x * yy - y * xy) * over, (y * xx - x * xy) * over), last.longest
-    if phase(step, last.step) < 0.0:
+    if phase(step, last.step) < -_BACK * abs(last.step) * abs(last.step):
         longest = min(longest, abs(last.step))
     if longest < math.inf:
         longest *= 0.5
@@ -212,7 +217,8 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     """
     T_s, high, free, zero, pieces = period.T_s, room.high, room.free, room.zero, room.pieces
     alike, per_T, of_i = period.a, 1.0 / T_s, _falls(period)[0]
-    full, damping, loose = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0
+    full, damping, loose, knee = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0, period.knee
+    part_lost = period.u_drop / period.u_dc
     by_real, by_imag, held, held_real, held_imag, moment, t = 0j, 0j, 0j, 0j, 0j, 0j, 0.0
     none = _ROUNDING * full * alike * T_s
     for leg in range(3):
@@ -228,16 +234,29 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
             for n in range(_CHANGES + 1):
                 span, first, floats = until - t, -1, 0
                 falls = of_i * i + by_mirrored * i.conjugate() + by_turning
-                more_real, more_imag, level_real, level_imag = -1.0 + 0j, -1j, 0j, 0j
+                more_real, more_imag, level_real, level_imag, drops = -1.0 + 0j, -1j, 0j, 0j, 0j
                 if loose > 0:
                     for leg in range(3):
                         if free[leg]:
                             current = phase(i, axis_of(leg))
-                            high[leg], zero[leg] = 0.0 if current > 0.0 else 1.0, zero[leg] or abs(current) < none
+                            high[leg] = -part_lost if current > 0.0 else 1.0 + part_lost
+                            zero[leg] = zero[leg] or abs(current) < none
                             floats += zero[leg]
-                    if floats > 0:
-                        _float(high, zero, full, alike, twice, falls)
-                        floats = int(zero[0]) + int(zero[1]) + int(zero[2])
+                if part_lost != 0.0:
+                    level = high[0] * A + high[1] * B + high[2] * C
+                    undropped = full * (alike * level + twice * level.conjugate()) - falls
+                    drops, ahead = _drops_along(
+                        i, span, undropped, part_lost, knee, full, alike, twice, free
+                    )
+                    falls += full * (alike * drops + twice * drops.conjugate())
+                    middle = 0.5 * (i + ahead)
+                    level_real = -part_lost * _along_slopes(middle, by_real, knee, free)
+                    level_imag = -part_lost * _along_slopes(middle, by_imag, knee, free)
+                    more_real += full * (alike * level_real + twice * level_real.conjugate())
+                    more_imag += full * (alike * level_imag + twice * level_imag.conjugate())
+                if floats > 0:
+                    _float(high, zero, full, part_lost, alike, twice, falls)
+                    floats = int(zero[0]) + int(zero[1]) + int(zero[2])
                 level = high[0] * A + high[1] * B + high[2] * C
                 rate = full * (alike * level + twice * level.conjugate()) - falls
                 if span * damping > _SHORT * T_s:  # by the mean current
@@ -249,25 +268,28 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
                         axis = axis_of(0 if zero[0] else 1 if zero[1] else 2)
                         drives = alike * axis + twice * axis.conjugate()
                         own = (1.0 / phase(drives, axis)) * drives
-                        more_real += own * axis.real
-                        more_imag += own * axis.imag
                         lifts = (1.0 / (full * phase(drives, axis))) * axis
-                        level_real, level_imag = lifts * axis.real, lifts * axis.imag
+                        along_real, along_imag = phase(more_real, axis), phase(more_imag, axis)
+                        more_real -= own * along_real
+                        more_imag -= own * along_imag
+                        level_real -= lifts * along_real
+                        level_imag -= lifts * along_imag
                     elif floats > 1:
-                        rate, more_real, more_imag = 0j, 0j, 0j
+                        rate, drops, more_real, more_imag, level_real, level_imag = 0j, 0j, 0j, 0j, 0j, 0j
                     if crossed:  # when that is, shifts too
                         by_real += (was - rate) * crossed_real
                         by_imag += (was - rate) * crossed_imag
-                        held_real += (was_held - level) * crossed_real
-                        held_imag += (was_held - level) * crossed_imag
+                        held_real += (was_held - level + drops) * crossed_real
+                        held_imag += (was_held - level + drops) * crossed_imag
                     for leg in range(3):
                         if free[leg] and not zero[leg]:
                             current, fall = phase(i, axis_of(leg)), -phase(rate, axis_of(leg))
                             if current * fall > 0.0 and current / fall < span and abs(current) >= none and n < _CHANGES:
                                 span, first = current / fall, leg
                 part = (t + 0.5 * span) * per_T
-                held += level * (span * weight(damping, part, span * per_T))
-                moment += level * (span * (part - 0.5))
+                kept = level - drops
+                held += kept * (span * weight(damping, part, span * per_T))
+                moment += kept * (span * (part - 0.5))
                 held_real += level_real * span
                 held_imag += level_imag * span
                 i += rate * span
@@ -276,7 +298,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
                 t, crossed = t + span, first >= 0
                 if not crossed:
                     break
-                was, was_held, zero[first], fall = rate, level, True, -phase(rate, axis_of(first))
+                was, was_held, zero[first], fall = rate, kept, True, -phase(rate, axis_of(first))
                 crossed_real = phase(by_real, axis_of(first)) / fall
                 crossed_imag = phase(by_imag, axis_of(first)) / fall
             t = until
@@ -299,24 +321,80 @@ def _lay(period: Period, changes: int, room: Room) -> None:
         rotor = period.middle * complex(1.0 - 0.5 * turned * turned, turned)
         square = rotor * rotor
         twice = period.b * square
-        if period.u_drop != 0.0:
-            others += period.u_drop * _drops_beside(late + 0.5, room.drops)
         pieces.of_mirrored[change], pieces.twice[change] = of_mirrored * square, twice
         pieces.steady[change] = of_magnets * rotor + period.a * others + twice * others.conjugate()
         t = until
 
 
 @lean_kernel
-def _drops_beside(when: float, drops: Drops) -> complex:
-    """What drops take at a share of the period, over the size of one (stationary)."""
-    side = 0 if when < 0.5 else 1
-    away, part = min(when, 1.0 - when), 0
-    while part < 3 and away > drops.late[part]:
-        part += 1
-    taken = 0j
+def _drops_along(
+    i: complex, span: float, undropped: complex, drop: float, knee: float, full: float, alike: float,
+    twice: complex, free: NDArray[np.bool_],
+) -> tuple[complex, complex]:  # fmt: skip
+    """Mean drops over a span (s) of a current (A, stationary) that changes by `undropped` (A/s) without them, over the
+    link's voltage, and the current at its end.
+
+    First straight on, then by the drops of that, then on a course that bows as drops change along it.
+    """
+    here = _softs(i, knee)
+    begun = drop * _mean_signs(i, here, i, here, free)
+    first = full * (alike * begun + twice * begun.conjugate())
+    ahead = i + span * (undropped - first)
+    there = _softs(ahead, knee)
+    drops = drop * _mean_signs(i, here, ahead, there, free)
+    if abs(drops - begun) < _EVEN * drop:
+        return drops, ahead
+    ahead = i + span * (undropped - full * (alike * drops + twice * drops.conjugate()))
+    there = _softs(ahead, knee)
+    drops = drop * _mean_signs(ahead, there, ahead, there, free)
+    bowed = 0.5 * (i + ahead) + 0.125 * span * (full * (alike * drops + twice * drops.conjugate()) - first)
+    between = _softs(bowed, knee)
+    drops = 0.5 * drop * (
+        _mean_signs(i, here, bowed, between, free) + _mean_signs(bowed, between, ahead, there, free)
+    )
+    return drops, i + span * (undropped - full * (alike * drops + twice * drops.conjugate()))
+
+
+@lean_kernel
+def _softs(i: complex, knee: float) -> tuple[float, float, float]:
+    return _soft(phase(i, A), knee), _soft(phase(i, B), knee), _soft(phase(i, C), knee)
+
+
+@lean_kernel
+def _soft(current: float, knee: float) -> float:
+    size = abs(current)
+    return size + 0.5 * knee * knee / size if size > _FAR * knee else math.sqrt(size * size + knee * knee)
+
+
+@lean_kernel
+def _mean_signs(
+    i_0: complex, soft_0: tuple[float, float, float], i_1: complex, soft_1: tuple[float, float, float],
+    free: NDArray[np.bool_],
+) -> complex:  # fmt: skip
+    """Mean signs of the phase currents between two (A, stationary) on a straight course, along the axes of legs that
+    are not free.
+    """
+    both, signs = i_0 + i_1, 0j
+    if not free[0]:
+        signs += A * (phase(both, A) / (soft_0[0] + soft_1[0]))
+    if not free[1]:
+        signs += B * (phase(both, B) / (soft_0[1] + soft_1[1]))
+    if not free[2]:
+        signs += C * (phase(both, C) / (soft_0[2] + soft_1[2]))
+    return signs
+
+
+@lean_kernel
+def _along_slopes(i: complex, step: complex, knee: float, free: NDArray[np.bool_]) -> complex:
+    """What these signs at a current (A, stationary) change by in a small step of it."""
+    change = 0j
     for leg in range(3):
-        taken += axis_of(leg) * drops.sign[leg, part, side]
-    return 2.0 / 3.0 * taken
+        axis = axis_of(leg)
+        current = phase(i, axis)
+        if not free[leg] and abs(current) < _FLAT * knee:
+            square = current * current + knee * knee
+            change += axis * (phase(step, axis) * knee * knee / (square * math.sqrt(square)))
+    return change
 
 
 @lean_kernel
@@ -333,9 +411,9 @@ def _falls(period: Period) -> tuple[complex, complex, complex]:
 
 @lean_kernel
 def _float(
-    high: Real, zero: NDArray[np.bool_], full: float, alike: float, twice: complex, falls: complex
+    high: Real, zero: NDArray[np.bool_], full: float, beyond: float, alike: float, twice: complex, falls: complex
 ) -> None:  # fmt: skip
-    """Set legs that float so that their currents stay zero; those that a rail would hold, float no more."""
+    """Set legs that float so that their currents stay zero; those that a diode `beyond` a rail holds, float no more."""
     for leg in range(3):
         high[leg] = 0.5 if zero[leg] else high[leg]
     for _ in range(_SETTLES if int(zero[0]) + int(zero[1]) + int(zero[2]) > 1 else 1):
@@ -344,9 +422,9 @@ def _float(
                 axis, level = axis_of(leg), high[0] * A + high[1] * B + high[2] * C
                 rate = full * (alike * level + twice * level.conjugate()) - falls
                 drives = full * (alike * axis + twice * axis.conjugate())
-                high[leg] = min(max(high[leg] - phase(rate, axis) / phase(drives, axis), 0.0), 1.0)
+                high[leg] = min(max(high[leg] - phase(rate, axis) / phase(drives, axis), -beyond), 1.0 + beyond)
     for leg in range(3):
-        zero[leg] = zero[leg] and 0.0 < high[leg] < 1.0
+        zero[leg] = zero[leg] and -beyond < high[leg] < 1.0 + beyond
 
 
 @lean_kernel
