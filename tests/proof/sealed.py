@@ -40,7 +40,7 @@ from tests.proof.seal import SEAL, opened, publish, sealed
 
 go: Any = plotly.graph_objects  # comes without types
 
-_WHOLE, _QUICK = (400, 100, 6.0, 78), (10, 4, 3.0, 4)  # recordings, those near the limit, s of each; poor ones
+_WHOLE, _QUICK = (400, 100, 6.0, 78), (6, 2, 3.0, 2)  # recordings, those near the limit, s of each; poor ones
 NEAR: Final = "near "  # before the names of recordings near the limit
 _ASKED: Final = ("one", "two", "three")  # kinds of recordings that the oracle is asked of
 
