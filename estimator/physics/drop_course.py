@@ -7,8 +7,8 @@ was found.
 """
 
 from estimator.kernel import lean_kernel
-from estimator.physics.legs import Legs, bow_of, damping_of, moved_in, soft
-from estimator.physics.period_course import Drops, axis_of, phase, rise_of, weight
+from estimator.physics.legs import Legs, bow_of, damping_of, moved_in
+from estimator.physics.period_course import Drops, axis_of, phase, rise_of, soft, weight
 
 _COURSES = 4  # times that a course is followed
 _STRAIGHT = 5e-3  # of a knee, by which drops may bend a course unseen

@@ -1,6 +1,5 @@
 """The legs of a bridge in each control period: when they rise and fall, and what their pulses make of the currents."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -113,11 +112,6 @@ def bow_of(legs: Legs, k: int) -> complex:
 def _driven(u: complex, a: float, b: complex) -> complex:
     """di/dt (A/s) that a voltage (V) drives, both in the rotor frame."""
     return a * u + b * u.conjugate()
-
-
-@lean_kernel
-def soft(i: float, knee: float) -> float:
-    return math.sqrt(i * i + knee * knee)
 
 
 @kernel

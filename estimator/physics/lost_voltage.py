@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.kernel import lean_kernel
 from estimator.physics.drop_course import follow_drops
-from estimator.physics.legs import Legs, bow_of, damping_of, moved_in, soft
+from estimator.physics.legs import Legs, bow_of, damping_of, moved_in
 from estimator.physics.period_course import (
     Period,
     axis_of,
@@ -20,6 +20,7 @@ from estimator.physics.period_course import (
     cut,
     phase,
     rise_of,
+    soft,
     still_dead,
     unlike,
     weight,
@@ -182,22 +183,29 @@ def _laid_out(
         full = 2.0 / 3.0 * u_dc * axis
         if 0.0 < rise < 0.5 and at_rise > 0.0:
             span = min(1.0 - 2.0 * rise, dead)
-            part = rise + 0.5 * span
-            lost += full * (span * weight(damping, part, span))
-            moment += full * (span * (part - 0.5))
+            volts, late = _pulse(damping, rise + 0.5 * span, span)
+            lost += full * volts
+            moment += full * late
         if 0.0 < rise < 0.5 and at_fall < 0.0:
             span = min(dead, rise)
-            part = 1.0 - rise + 0.5 * span
-            lost -= full * (span * weight(damping, part, span))
-            moment -= full * (span * (part - 0.5))
+            volts, late = _pulse(damping, 1.0 - rise + 0.5 * span, span)
+            lost -= full * volts
+            moment -= full * late
         if at_last < 0.0:
             span = min(left, rise)
-            lost -= full * (span * weight(damping, 0.5 * span, span))
-            moment -= full * (span * (0.5 * span - 0.5))
+            volts, late = _pulse(damping, 0.5 * span, span)
+            lost -= full * volts
+            moment -= full * late
     lost += unlike(legs.R_s * T_s, legs.b[k], legs.middle[k], moment)
     if closest >= near:
         return lost, -1, 0
     return lost, nearest, cut(legs.duties[k], legs.before[k], dead_time, T_s, room)
+
+
+@lean_kernel
+def _pulse(damping: float, part: float, span: float) -> tuple[float, float]:
+    """What the link's voltage lost over a span around a part of the period counts as, and its first moment."""
+    return span * weight(damping, part, span), span * (part - 0.5)
 
 
 @lean_kernel

@@ -337,20 +337,20 @@ def _drops_along(
     First straight on, then by the drops of that, then on a course that bows as drops change along it.
     """
     here = _softs(i, knee)
-    begun = drop * _mean_signs(i, here, i, here, free)
+    begun = drop * _signs_between(i, here, i, here, free)
     first = full * (alike * begun + twice * begun.conjugate())
     ahead = i + span * (undropped - first)
     there = _softs(ahead, knee)
-    drops = drop * _mean_signs(i, here, ahead, there, free)
+    drops = drop * _signs_between(i, here, ahead, there, free)
     if abs(drops - begun) < _EVEN * drop:
         return drops, ahead
     ahead = i + span * (undropped - full * (alike * drops + twice * drops.conjugate()))
     there = _softs(ahead, knee)
-    drops = drop * _mean_signs(ahead, there, ahead, there, free)
+    drops = drop * _signs_between(ahead, there, ahead, there, free)
     bowed = 0.5 * (i + ahead) + 0.125 * span * (full * (alike * drops + twice * drops.conjugate()) - first)
     between = _softs(bowed, knee)
     drops = 0.5 * drop * (
-        _mean_signs(i, here, bowed, between, free) + _mean_signs(bowed, between, ahead, there, free)
+        _signs_between(i, here, bowed, between, free) + _signs_between(bowed, between, ahead, there, free)
     )
     return drops, i + span * (undropped - full * (alike * drops + twice * drops.conjugate()))
 
@@ -361,13 +361,20 @@ def _softs(i: complex, knee: float) -> tuple[float, float, float]:
 
 
 @lean_kernel
-def _soft(current: float, knee: float) -> float:
-    size = abs(current)
-    return size + 0.5 * knee * knee / size if size > _FAR * knee else math.sqrt(size * size + knee * knee)
+def soft(i: float, knee: float) -> float:
+    """A current's size (A), softened near zero: drops are i over it."""
+    return math.sqrt(i * i + knee * knee)
 
 
 @lean_kernel
-def _mean_signs(
+def _soft(current: float, knee: float) -> float:
+    """The same, sooner where the current is far from zero."""
+    size = abs(current)
+    return size + 0.5 * knee * knee / size if size > _FAR * knee else soft(size, knee)
+
+
+@lean_kernel
+def _signs_between(
     i_0: complex, soft_0: tuple[float, float, float], i_1: complex, soft_1: tuple[float, float, float],
     free: NDArray[np.bool_],
 ) -> complex:  # fmt: skip
