@@ -36,6 +36,16 @@ class Noise(NamedTuple):
     u: float  # V2, of u_d and u_q each
 
 
+class Pulses(NamedTuple):
+    """Room to work in, for a period: the same forwards and backwards."""
+
+    voltages: Complexes  # (4,) V, stationary, one after the other; the last one in the middle
+    early: Array  # (4,) s before the middle, at which they begin
+    rotors: Complexes  # (4, 2) there, and halfway to the next
+    duty: Array  # (3,)
+    axis: Complexes  # (3,)
+
+
 class Symmetric(NamedTuple):
     """A matrix over the axes."""
 
@@ -45,45 +55,52 @@ class Symmetric(NamedTuple):
 
 
 @inlined
-def _rate(psi: complex, u: complex, rotor: complex, R_s: float, L_d: float, L_q: float, psi_f: float) -> complex:
+def _rate(psi: complex, u: complex, rotor: complex, per_d: float, per_q: float, psi_f: float) -> complex:
     """d(psi)/dt (V) in axes from which the rotor's stand `rotor` = exp(j angle) away."""
     at = psi * rotor.conjugate()
-    return u - R_s * rotor * complex((at.real - psi_f) / L_d, at.imag / L_q)
+    return u - rotor * complex((at.real - psi_f) * per_d, at.imag * per_q)
 
 
 @inlined
-def _later(psi: complex, u: complex, rotors: Rotors, h: float, machine: Array) -> complex:
-    """Flux linkage (Vs) a time h (s) later; rotors: at its start, in its middle and at its end."""
-    R_s, L_d, L_q, psi_f = machine
+def _later(
+    psi: complex, u: complex, rotors: Rotors, h: float, per_d: float, per_q: float, psi_f: float
+) -> complex:  # fmt: skip
+    """Flux linkage (Vs) a time h (s) later; rotors: at its start, in its middle and at its end. per_d, per_q: R_s / L,
+    1/s.
+    """
     start, middle, end = rotors
-    k_1 = _rate(psi, u, start, R_s, L_d, L_q, psi_f)
-    k_2 = _rate(psi + 0.5 * h * k_1, u, middle, R_s, L_d, L_q, psi_f)
-    k_3 = _rate(psi + 0.5 * h * k_2, u, middle, R_s, L_d, L_q, psi_f)
-    k_4 = _rate(psi + h * k_3, u, end, R_s, L_d, L_q, psi_f)
+    k_1 = _rate(psi, u, start, per_d, per_q, psi_f)
+    k_2 = _rate(psi + 0.5 * h * k_1, u, middle, per_d, per_q, psi_f)
+    k_3 = _rate(psi + 0.5 * h * k_2, u, middle, per_d, per_q, psi_f)
+    k_4 = _rate(psi + h * k_3, u, end, per_d, per_q, psi_f)
     return psi + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
 
 
-@kernel
-def _pulses(u: complex, u_dc: float, level: float, T_s: float, voltages: Complexes, edges: Array) -> None:
-    """The seven voltages (V) of a period in the order of time, and the eight times (s, from its middle) around them.
+@inlined
+def _pulses(u: complex, u_dc: float, level: float, T_s: float, room: Pulses) -> None:
+    """The seven voltages (V) of a period in the order of time, and the times (s, before its middle) at which the first
+    four begin; it is the same forwards and backwards.
 
     `u` (V, stationary) is what the drive set by a dc link of `u_dc` (V) as it read it; the link was at `level` (V).
     """
     u_a, u_b, u_c = phases(u)
     u_0 = -0.5 * (max(u_a, u_b, u_c) + min(u_a, u_b, u_c))
-    duty, axis = np.empty(3), np.empty(3, np.complex128)
+    duty, axis = room.duty, room.axis
     for n in range(3):
-        duty[n] = min(max(0.5 + ((u_a if n == 0 else u_b if n == 1 else u_c) + u_0) / u_dc, 0.0), 1.0)
-        axis[n] = 1.0 + 0j if n == 0 else _B if n == 1 else _B.conjugate()
-    order = np.argsort(-duty)
-    edges[0], edges[7] = -0.5 * T_s, 0.5 * T_s
-    voltages[0] = voltages[3] = voltages[6] = 0j
+        more = min(max(0.5 + ((u_a if n == 0 else u_b if n == 1 else u_c) + u_0) / u_dc, 0.0), 1.0)
+        along, place = 1.0 + 0j if n == 0 else _B if n == 1 else _B.conjugate(), n
+        while place > 0 and duty[place - 1] < more:  # the longest first
+            duty[place], axis[place] = duty[place - 1], axis[place - 1]
+            place -= 1
+        duty[place], axis[place] = more, along
+    room.early[0] = 0.5 * T_s
+    room.voltages[0] = room.voltages[3] = 0j
     held = 0j
     for n in range(3):
-        edges[1 + n], edges[6 - n] = -0.5 * T_s * duty[order[n]], 0.5 * T_s * duty[order[n]]
-        held += 2.0 / 3.0 * level * axis[order[n]]
+        room.early[1 + n] = 0.5 * T_s * duty[n]
+        held += 2.0 / 3.0 * level * axis[n]
         if n < 2:
-            voltages[1 + n] = voltages[5 - n] = held
+            room.voltages[1 + n] = held
 
 
 @inlined
@@ -130,35 +147,46 @@ def innovations(columns: Array, T_s: float, machines: Array, noise: Noise) -> Ar
     theta, i_d, i_q, u_d, u_q, u_dc = columns
     m, n = len(machines), len(theta)
     out = np.empty((m, 2 * (n - _SKIPPED - 1)))
-    L_d, L_q = machines[0, 1], machines[0, 2]
-    lost = machines[0].copy()
-    lost[3] = 0.0  # without magnets and voltage, what is left is what becomes of an error
-    x, voltages, edges = np.empty(m, np.complex128), np.empty(7, np.complex128), np.empty(8)
+    L_d, L_q, psi_f = machines[:, 1].copy(), machines[:, 2].copy(), machines[:, 3].copy()
+    per_d, per_q = machines[:, 0] / L_d, machines[:, 0] / L_q
+    x = np.empty(m, np.complex128)
+    room = Pulses(
+        np.empty(4, np.complex128), np.empty(4), np.empty((4, 2), np.complex128), np.empty(3),
+        np.empty(3, np.complex128),
+    )  # fmt: skip
     for j in range(m):
-        x[j] = complex(machines[j, 1] * i_d[_SKIPPED] + machines[j, 3], machines[j, 2] * i_q[_SKIPPED])
+        x[j] = complex(L_d[j] * i_d[_SKIPPED] + psi_f[j], L_q[j] * i_q[_SKIPPED])
     p = _measured(i_d[_SKIPPED], i_q[_SKIPPED], machines[0], noise)
     for k in range(_SKIPPED, n - 1):
         # Over the period
         turn = theta[k + 1] - theta[k]
         turn -= TURN * math.floor(turn / TURN + 0.5)
         half, middle = turned(0.5 * turn), turned(theta[k] + 0.5 * turn)
-        back = half.conjugate()
-        _pulses(complex(u_d[k], u_q[k]) * middle, u_dc[k], 0.5 * (u_dc[k] + u_dc[k + 1]), T_s, voltages, edges)
+        back, speed = half.conjugate(), turn / T_s
+        _pulses(complex(u_d[k], u_q[k]) * middle, u_dc[k], 0.5 * (u_dc[k] + u_dc[k + 1]), T_s, room)
+        for part in range(4):
+            begin, end = room.early[part], room.early[part + 1] if part < 3 else -room.early[3]
+            room.rotors[part, 0], room.rotors[part, 1] = turned(-speed * begin), turned(-0.5 * speed * (begin + end))
+            room.voltages[part] *= middle.conjugate()
         for j in range(m):
             x[j] *= back
         for pulse in range(7):
-            begin, h = edges[pulse], edges[pulse + 1] - edges[pulse]
+            part = min(pulse, 6 - pulse)
+            h = room.early[part] - room.early[part + 1] if part < 3 else 2.0 * room.early[3]
             if h <= 0.0:
                 continue
-            speed = turn / T_s
-            rotors = turned(speed * begin), turned(speed * (begin + 0.5 * h)), turned(speed * (begin + h))
-            u = voltages[pulse] * middle.conjugate()
+            start, end = room.rotors[part, 0], room.rotors[min(part + 1, 3), 0]
+            rotors = start, room.rotors[part, 1], end if part < 3 else start.conjugate()
+            if pulse > 3:
+                rotors = end.conjugate(), room.rotors[part, 1].conjugate(), start.conjugate()
             for j in range(m):
-                x[j] = _later(x[j], u, rotors, h, machines[j])
+                x[j] = _later(x[j], room.voltages[part], rotors, h, per_d[j], per_q[j], psi_f[j])
         for j in range(m):
             x[j] *= back
-        whole = (back, 1.0 + 0j, half)
-        f_d, f_q = _later(back, 0j, whole, T_s, lost) * back, _later(1j * back, 0j, whole, T_s, lost) * back
+        # Without magnets and voltage, what is left is what becomes of an error
+        whole = back, 1.0 + 0j, half
+        f_d = _later(back, 0j, whole, T_s, per_d[0], per_q[0], 0.0) * back
+        f_q = _later(1j * back, 0j, whole, T_s, per_d[0], per_q[0], 0.0) * back
         p = _carried(p, f_d, f_q, T_s * T_s * noise.u)
 
         # At its end
@@ -169,8 +197,8 @@ def innovations(columns: Array, T_s: float, machines: Array, noise: Noise) -> Ar
         c_dq = s.dq / c_d
         c_q, at = math.sqrt(s.q - c_dq * c_dq), 2 * (k - _SKIPPED)
         for j in range(m):
-            e_d = L_d * (i_d[k + 1] - (x[j].real - machines[j, 3]) / machines[j, 1])
-            e_q = L_q * (i_q[k + 1] - x[j].imag / machines[j, 2])
+            e_d = L_d[0] * (i_d[k + 1] - (x[j].real - psi_f[j]) / L_d[j])
+            e_q = L_q[0] * (i_q[k + 1] - x[j].imag / L_q[j])
             x[j] += complex(g_dd * e_d + g_dq * e_q, g_qd * e_d + g_qq * e_q)
             out[j, at] = e_d / c_d
             out[j, at + 1] = (e_q - c_dq * out[j, at]) / c_q
