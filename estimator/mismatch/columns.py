@@ -39,7 +39,7 @@ from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.magnet_flux import change_of
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import LOST, Rows, Vector
 from estimator.physics.saturation import EFFECTS as SATURATIONS
 from estimator.physics.saturation import bends
 from estimator.response import Response, answer
@@ -49,7 +49,7 @@ BENDS: Final = 6
 """Place of the first of a flux map's shapes among the machine's columns; they are the last."""
 _STEP: Final = 0.03  # of a typical size, for differences
 _NEAR: Final = 1e-3  # the same, where a little changes much
-_PART: Final = 2048  # periods at once, whose columns stay near the processor
+_PART: Final = 4096  # periods at once, whose columns stay near the processor
 _LONG: Final = 200_000  # periods, from which on what effects remember takes much room
 _LEAD: Final = 1_000  # periods, of which most effects remember nothing in the end
 _SMALL_ANGLE: Final = 1e-4  # rad
@@ -310,7 +310,8 @@ def _fill(
             v[j] = effect.voltage(rows, step.to)
         else:
             if effect.name not in present:
-                present[effect.name] = effect.voltage(rows, step.since)
+                known = effect.steep and LOST in rows.kept
+                present[effect.name] = rows.kept[LOST] if known else effect.voltage(rows, step.since)
             np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
         v[j] *= 1.0 / step.h
 

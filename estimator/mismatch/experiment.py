@@ -137,7 +137,10 @@ def _within_reach(rows: Rows, omega_e: float, i: complex) -> bool:
 
 
 def _imagined(rows: Rows, model: Model, levels: Sequence[tuple[float, complex]]) -> Rows:
-    """Rows of all levels, one after the other, as the model says they are; each takes the whole experiment's time."""
+    """Rows of all levels, one after the other, as the model says they are.
+
+    Each takes the whole experiment's time, in periods that follow one another all the same.
+    """
     n = _PERIODS
     shape = [_staircase(n, hold, seed) for seed, hold in enumerate(_STEPS)]
     around = STEP * rows.i_rated * (shape[0] + 1j * shape[1])
@@ -150,6 +153,7 @@ def _imagined(rows: Rows, model: Model, levels: Sequence[tuple[float, complex]])
     made = Rows(
         model.machine, rows.T_s, rows.i_rated, t, i, np.concatenate(([0.0], np.cumsum(D))), np.exp(0.5j * D),
         np.zeros(len(D), np.complex128), joined, u_dc, None, rows.T_s * np.cumsum(np.abs(i) ** 2), (0.0, DURATION),
+        steps=joined.astype(np.intp),
     )  # fmt: skip
     for _ in range(3):  # the voltage counts in the mean current, and in what a bridge loses
         truth = in_truth(made, model)

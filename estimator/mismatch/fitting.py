@@ -43,6 +43,7 @@ _NEAR_IT: Final = 0.5  # of what a model leaves: less, and it is another one
 _STILL: Final = 0.1  # standard errors: a step that does not matter
 _NEARLY: Final = 2.0  # the same where it leads to the end
 _HALVINGS: Final = 3
+_HOPELESS: Final = 10.0  # times what noise leaves, from which on a step that leads nowhere is the last
 _OF_HALF: Final = 0.75  # of what a line promises, at half of the way: who brings it is not past a bend
 
 
@@ -275,7 +276,7 @@ def _few(rows: Rows, model: Model) -> Rows:
 
 def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED) -> tuple[Model, Clean, bool]:
     """The same of rows as they are, of a model that is near it."""
-    settled, slopes, response, following = False, Slopes(), None, clean.following
+    settled, slopes, response, following, before = False, Slopes(), None, clean.following, math.inf
     if following is None or not following.knows(model):
         following = Following(rows)
     for n in range(times):
@@ -285,6 +286,9 @@ def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int =
             slopes.clear()
             response = None if clean.response is None else clean.response(model)
         own = _search(rows, clean, model, given, (), slopes, response)
+        if own.regression.left > max(before, 2.0 * _HOPELESS):  # of both axes
+            return model, clean, settled
+        before = own.regression.left
         towards = moved(own, _present(model))
         better = _no_worse(rows, clean, model, towards, own)
         if better is None and _bends(model) and not _close(own, model, towards, _STILL):

@@ -98,6 +98,7 @@ class Rows:
     psi_f_ratio: Real | float = 1.0  # at samples: psi_f over that at the start
     heat_beside: Real | float = 0.0  # A^2 s, what effects add to heat
     emf: Vector | float = 0.0  # V at samples, that effects take from what drives the current between pulses
+    steps: NDArray[np.intp] | None = None  # control periods from each sample to the next, where `t` does not tell
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
 
     def __len__(self) -> int:
@@ -116,7 +117,7 @@ class Rows:
             self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u),
             joined=cut(self.joined), heat=cut(self.heat), u_dc=cut(self.u_dc), zero=cut(self.zero),
             R_s_ratio=cut(self.R_s_ratio), psi_f_ratio=cut(self.psi_f_ratio), heat_beside=cut(self.heat_beside),
-            emf=cut(self.emf), u_turned=cut(self.u_turned),
+            emf=cut(self.emf), u_turned=cut(self.u_turned), steps=cut(self.steps),
             kept={key: cut(whole) for key, whole in self.kept.items()},
         )  # fmt: skip
 
@@ -154,6 +155,8 @@ class Rows:
     @property
     def apart(self) -> NDArray[np.intp]:
         """Control periods from each sample to the next."""
+        if self.steps is not None:
+            return self.steps
         steps: Real = np.rint(np.diff(self.t) / self.T_s)
         return steps.astype(np.intp)
 
@@ -372,26 +375,39 @@ def _mean_currents(
 ) -> Vector:  # fmt: skip
     mean = np.empty(len(u), np.complex128)
     for k in range(len(u)):
-        after, before = half[k], half[k].conjugate()
-        s_0 = _slope(i[k], u[k] * after, speed[k], R_s, psi[k], g_a[k], g_b[k])
-        s_1 = _slope(i[k + 1], u[k] * before, speed[k + 1], R_s, psi[k + 1], g_a[k + 1], g_b[k + 1])
-        mean[k] = 0.5 * (after * i[k + 1] + before * i[k]) + T_s / 12.0 * (before * s_0 - after * s_1)
+        s_0 = slope_of(i[k], u[k] * half[k], speed[k], R_s, psi[k], g_a[k], g_b[k])
+        back = half[k].conjugate()
+        s_1 = slope_of(i[k + 1], u[k] * back, speed[k + 1], R_s, psi[k + 1], g_a[k + 1], g_b[k + 1])
+        mean[k] = mean_between(i[k], i[k + 1], s_0, s_1, half[k], T_s)
     return mean
 
 
 @kernel
-def _slope(i: complex, u: complex, omega: float, R_s: float, psi: complex, g_a: float, g_b: complex) -> complex:
+def slope_of(i: complex, u: complex, omega: float, R_s: float, psi: complex, g_a: float, g_b: complex) -> complex:
     """How fast the current changes under a voltage, A/s."""
     v = u - R_s * i - 1j * omega * psi
     return g_a * v + g_b * v.conjugate() + 1j * omega * i
 
 
 @kernel
+def mean_between(i_0: complex, i_1: complex, s_0: complex, s_1: complex, half: complex, T_s: float) -> complex:
+    """Mean (A) over a period of the cubic through currents and slopes (A/s) at its ends."""
+    back = half.conjugate()
+    return 0.5 * (half * i_1 + back * i_0) + T_s / 12.0 * (back * s_0 - half * s_1)
+
+
+@kernel
 def _add_mean_of_pulses(mean: Vector, M: Vector, D: Real, T_s: float, R_s: float, g_a: Real, g_b: Vector) -> None:
     for k in range(len(mean)):
-        once = g_a[k] * M[k] + g_b[k] * M[k].conjugate()
-        twice = g_a[k] * once + g_b[k] * once.conjugate()
-        mean[k] += R_s * twice + 2j * D[k] / T_s * g_b[k] * M[k].conjugate()
+        mean[k] += mean_of_pulses(M[k], D[k] / T_s, R_s, g_a[k], g_b[k])
+
+
+@kernel
+def mean_of_pulses(M: complex, omega: float, R_s: float, g_a: float, g_b: complex) -> complex:
+    """What the first moment (Vs s) of a period's pulses adds to its mean current, A: see `Rows.mean_current`."""
+    once = g_a * M + g_b * M.conjugate()
+    twice = g_a * once + g_b * once.conjugate()
+    return R_s * twice + 2j * omega * g_b * M.conjugate()
 
 
 @kernel

@@ -19,7 +19,10 @@ from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.physics.effect import Sizes
 from estimator.physics.magnet_flux import change_of
-from estimator.physics.rows import Real, Rows, Stiffness, Vector
+from estimator.physics.rows import Real, Rows, Stiffness, Vector, mean_between, mean_of_pulses, slope_of
+
+_STEPS: Final = 12  # of Newton's method at most
+_NEAR: Final = 1e-7  # of the magnets' flux: such a step is followed by one of its square
 
 EFFECTS: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation")
 """The three, in the order of `curve_of`."""
@@ -52,68 +55,74 @@ def flux_of(
 ) -> Vector:
     """Flux linkage (Vs) at currents (A); `harmonic`: of the inverse inductances, 1/H; `change`: of psi_f, Vs."""
     psi_m, harmonic = (np.broadcast_to(np.float64(x), i.shape) for x in (machine.psi_f + change, harmonic))
-    start = psi_m + machine.L_d * i.real + 1j * machine.L_q * i.imag
-    return _on_curve(i, start, curve, psi_m, harmonic)
+    return _on_curve(i, curve, float(machine.L_d), float(machine.L_q), psi_m, harmonic)
 
 
 @kernel
-def _on_curve(i: Vector, start: Vector, curve: Curve, psi_m: Real, harmonic: Real) -> Vector:
-    """Flux linkages at currents by Newton's method."""
-    a_d, a_q, c = curve.a_d, curve.a_q, curve.c
+def _on_curve(i: Vector, curve: Curve, L_d: float, L_q: float, psi_m: Real, harmonic: Real) -> Vector:
     psi = np.empty(len(i), np.complex128)
     for k in range(len(i)):
-        g_d, g_q, magnets = curve.g_d + harmonic[k], curve.g_q + harmonic[k], psi_m[k]
-        i_F = (g_d + a_d * magnets * magnets) * magnets
-        d, q = start[k].real, start[k].imag
-        for _ in range(12):
-            miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i[k].real
-            miss_q = (g_q + a_q * q * q + c * d * d) * q - i[k].imag
-            dd, qq, dq = g_d + 3.0 * a_d * d * d + c * q * q, g_q + 3.0 * a_q * q * q + c * d * d, 2.0 * c * d * q
-            det = dd * qq - dq * dq
-            step_d, step_q = (qq * miss_d - dq * miss_q) / det, (dd * miss_q - dq * miss_d) / det
-            # Far out, where the curve bends, a whole step would overshoot
-            reach = 0.5 * (abs(d) + abs(q) + magnets)
-            d, q = d - min(max(step_d, -reach), reach), q - min(max(step_q, -reach), reach)
-            if max(abs(step_d), abs(step_q)) < 1e-12 * magnets:
-                break
-        psi[k] = complex(d, q)
+        psi[k] = _flux_at(i[k], curve, L_d, L_q, psi_m[k], harmonic[k])
     return psi
 
 
-def stiffness(curve: Curve, psi: Vector, harmonic: Real | float = 0.0) -> Stiffness:
-    """At flux linkages (Vs)."""
-    dd, qq, dq = _bend(curve, psi)
-    return Stiffness(0.5 * (dd + qq) + harmonic, 0.5 * (dd - qq) + 1j * dq)
-
-
-def _bend(curve: Curve, psi: Vector) -> tuple[Real, Real, Real]:
-    """d(i_d)/d(psi_d), d(i_q)/d(psi_q) and d(i_d)/d(psi_q), 1/H."""
-    d, q = psi.real, psi.imag
-    dd = curve.g_d + 3.0 * curve.a_d * d * d + curve.c * q * q
-    qq = curve.g_q + 3.0 * curve.a_q * q * q + curve.c * d * d
-    return dd, qq, 2.0 * curve.c * d * q
-
-
-def mean_of_ripple(curve: Curve, rows: Rows, psi: Vector) -> Vector:
-    """Mean current (A) of each period that a ripple of the flux linkage makes on a bent curve."""
+@kernel
+def _flux_at(i: complex, curve: Curve, L_d: float, L_q: float, psi_m: float, harmonic: float) -> complex:
+    """Flux linkage (Vs) at a current (A), by Newton's method."""
     a_d, a_q, c = curve.a_d, curve.a_q, curve.c
-    middle: Vector = 0.5 * (rows.half * psi[1:] + rows.half.conj() * psi[:-1])
-    d, q = middle.real, middle.imag
-    size, square = rows.power_of_pulses
-    d_d, q_q, d_q = 0.5 * (size + square.real), 0.5 * (size - square.real), 0.5 * square.imag
-    on_d = 3.0 * a_d * d * d_d + 2.0 * c * q * d_q + c * d * q_q
-    return on_d + 1j * (c * q * d_d + 2.0 * c * d * d_q + 3.0 * a_q * q * q_q)
+    g_d, g_q = curve.g_d + harmonic, curve.g_q + harmonic
+    i_F = (g_d + a_d * psi_m * psi_m) * psi_m
+    d, q = psi_m + L_d * i.real, L_q * i.imag
+    for _ in range(_STEPS):
+        miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i.real
+        miss_q = (g_q + a_q * q * q + c * d * d) * q - i.imag
+        dd, qq, dq = g_d + 3.0 * a_d * d * d + c * q * q, g_q + 3.0 * a_q * q * q + c * d * d, 2.0 * c * d * q
+        over = 1.0 / (dd * qq - dq * dq)
+        step_d, step_q = (qq * miss_d - dq * miss_q) * over, (dd * miss_q - dq * miss_d) * over
+        # Far out, where the curve bends, a whole step would overshoot
+        reach = 0.5 * (abs(d) + abs(q) + psi_m)
+        d, q = d - min(max(step_d, -reach), reach), q - min(max(step_q, -reach), reach)
+        if max(abs(step_d), abs(step_q)) < _NEAR * psi_m:
+            break
+    return complex(d, q)
 
 
 def saturated(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Vector, Stiffness]:
     """Flux linkages (Vs) at samples and their stiffness, with one or several of the three, or a harmonic or a change of
     the magnets' flux beside.
     """
-    curve, harmonic = _curve(rows, effects), 0.0
-    if HARMONIC in effects:
-        harmonic = effects[HARMONIC][0] / rows.machine.L_q * rows.six.real
-    psi = flux_of(curve, rows.machine, rows.i, harmonic, change_of(rows, effects))
-    return psi, stiffness(curve, psi, harmonic)
+    curve, (psi_m, harmonic) = _curve(rows, effects), _beside(rows, effects)
+    psi = _on_curve(rows.i, curve, float(rows.machine.L_d), float(rows.machine.L_q), psi_m, harmonic)
+    a, b = np.empty(len(psi)), np.empty(len(psi), np.complex128)
+    _add_stiffness(a, b, curve, psi, harmonic)
+    return psi, Stiffness(a, b)
+
+
+@kernel
+def _add_stiffness(a: Real, b: Vector, curve: Curve, psi: Vector, harmonic: Real) -> None:
+    for k in range(len(psi)):
+        a[k], b[k] = _stiffness_at(curve, psi[k], harmonic[k])
+
+
+@kernel
+def _stiffness_at(curve: Curve, psi: complex, harmonic: float) -> tuple[float, complex]:
+    """d(i)/d(psi) at a flux linkage (Vs), 1/H: see `Stiffness`."""
+    d, q = psi.real, psi.imag
+    dd = curve.g_d + 3.0 * curve.a_d * d * d + curve.c * q * q
+    qq = curve.g_q + 3.0 * curve.a_q * q * q + curve.c * d * d
+    return 0.5 * (dd + qq) + harmonic, complex(0.5 * (dd - qq), 2.0 * curve.c * d * q)
+
+
+@kernel
+def _mean_of_ripple(curve: Curve, psi: complex, size: float, square: complex) -> complex:
+    """Mean current (A) that a ripple of the flux linkage around psi (Vs) makes on a bent curve; of the ripple (Vs^2)
+    see `Rows.power_of_pulses`.
+    """
+    a_d, a_q, c, d, q = curve.a_d, curve.a_q, curve.c, psi.real, psi.imag
+    d_d, q_q, d_q = 0.5 * (size + square.real), 0.5 * (size - square.real), 0.5 * square.imag
+    return complex(
+        3.0 * a_d * d * d_d + 2.0 * c * q * d_q + c * d * q_q, c * q * d_d + 2.0 * c * d * d_q + 3.0 * a_q * q * q_q
+    )
 
 
 def curvature(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[float, float, float]:
@@ -127,6 +136,13 @@ def _curve(rows: Rows, effects: Mapping[str, Sizes]) -> Curve:
     return curve_of(rows.machine, rows.i_rated, (d, q, cross))
 
 
+def _beside(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Real, Real]:
+    """At samples: the magnets' flux, Vs, and a harmonic of the inverse inductances, 1/H."""
+    harmonic = effects[HARMONIC][0] / rows.machine.L_q * rows.six.real if HARMONIC in effects else np.float64(0.0)
+    psi_m = np.float64(rows.machine.psi_f) + change_of(rows, effects)
+    return np.broadcast_to(psi_m, rows.i.shape), np.broadcast_to(harmonic, rows.i.shape)
+
+
 def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
     """What saturations, a harmonic of the inductances and changes of the magnets' flux add to the voltage of constant
     inductances, V: not the sum of what each adds.
@@ -136,11 +152,41 @@ def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
         if not isinstance(change, np.ndarray) or not change.any():
             return np.zeros(len(rows), np.complex128)
         return rows.balance(change)
-    psi, g = saturated(rows, effects)
-    more = rows.mean_current(psi, g) - rows.i_mean
+    m, none = rows.machine, np.zeros(0)
+    pulses = (none.astype(np.complex128), none, none.astype(np.complex128))
     if rows.u_dc is not None:
-        more = more + mean_of_ripple(_curve(rows, effects), rows, psi)
-    return rows.balance(psi - rows.flux(rows.i)) + rows.machine.R_s * more
+        pulses = (rows.moment_of_pulses, *rows.power_of_pulses)
+    return _added(
+        rows.i, rows.half, rows.u, rows.speed, rows.D, rows.i_mean, *pulses, float(rows.T_s), float(m.R_s),
+        float(m.L_d), float(m.L_q), float(m.psi_f), _curve(rows, effects), *_beside(rows, effects),
+    )  # fmt: skip
+
+
+@kernel
+def _added(
+    i: Vector, half: Vector, u: Vector, speed: Real, D: Real, i_mean: Vector, moment: Vector, size: Real,
+    square: Vector, T_s: float, R_s: float, L_d: float, L_q: float, psi_f: float, curve: Curve, psi_m: Real,
+    harmonic: Real,
+) -> Vector:  # fmt: skip
+    """Voltage (V) of each period that the curve adds to that of constant inductances, whose mean current is i_mean."""
+    added = np.empty(len(half), np.complex128)
+    psi_1 = _flux_at(i[0], curve, L_d, L_q, psi_m[0], harmonic[0])
+    a_1, b_1 = _stiffness_at(curve, psi_1, harmonic[0])
+    more_1 = psi_1 - complex(psi_f + L_d * i[0].real, L_q * i[0].imag)
+    for k in range(len(half)):
+        psi_0, a_0, b_0, more_0 = psi_1, a_1, b_1, more_1
+        i_1, after, before = i[k + 1], half[k], half[k].conjugate()
+        psi_1 = _flux_at(i_1, curve, L_d, L_q, psi_m[k + 1], harmonic[k + 1])
+        a_1, b_1 = _stiffness_at(curve, psi_1, harmonic[k + 1])
+        more_1 = psi_1 - complex(psi_f + L_d * i_1.real, L_q * i_1.imag)
+        s_0 = slope_of(i[k], u[k] * after, speed[k], R_s, psi_0, a_0, b_0)
+        s_1 = slope_of(i_1, u[k] * before, speed[k + 1], R_s, psi_1, a_1, b_1)
+        mean = mean_between(i[k], i_1, s_0, s_1, after, T_s)
+        if len(moment) > 0:
+            mean += mean_of_pulses(moment[k], D[k] / T_s, R_s, a_0, b_0)
+            mean += _mean_of_ripple(curve, 0.5 * (after * psi_1 + before * psi_0), size[k], square[k])
+        added[k] = (after * more_1 - before * more_0) * (1.0 / T_s) + R_s * (mean - i_mean[k])
+    return added
 
 
 def bends(effects: Collection[str]) -> bool:
