@@ -93,7 +93,7 @@ def test_the_map_is_recovered_where_the_recording_has_been(fit: Fitted, found: F
 
 
 def test_the_twin_runs_on_the_map(fit: Fitted) -> None:
-    rows = fit.search.regression.rows
+    rows = fit.rows
 
     def off(model: Model) -> float:
         return float(np.sqrt(np.mean(np.abs(free_run(rows, model) - rows.i) ** 2)))
@@ -122,7 +122,7 @@ def test_a_map_is_reciprocal_and_symmetric_and_its_stiffness_the_inverse_of_its_
 
 def test_errors_at_every_current_are_those_of_currents(fit: Fitted) -> None:
     """10 mA more at one sample are as many flux errors of the straight lines, wherever on the map."""
-    rows, model = fit.search.regression.rows, fit.model
+    rows, model = fit.rows, fit.model
     places = np.linspace(1000, len(rows) - 1000, 40).astype(int)
     for axis, step, L in ((0, 0.01, model.machine.L_d), (1, 0.01j, model.machine.L_q)):
         i = rows.i.copy()

@@ -6,7 +6,8 @@ model so far has taken noise off. Knows nothing of words.
 
 import math
 from collections.abc import Callable, Collection, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -43,20 +44,28 @@ _NEAR_IT: Final = 0.5  # of what a model leaves: less, and it is another one
 _STILL: Final = 0.1  # standard errors: a step that does not matter
 _NEARLY: Final = 2.0  # the same where it leads to the end
 _HALVINGS: Final = 3
-_HOPELESS: Final = 10.0  # times what noise leaves, from which on a step that leads nowhere is the last
+_HOPELESS: Final = 2.0  # times what noise leaves, from which on a step that leads nowhere is the last
 _OF_HALF: Final = 0.75  # of what a line promises, at half of the way: who brings it is not past a bend
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
     """What a recording's rows say."""
 
-    model: Model
-    search: Search  # of the last round, around this model
-    choice: Choice
-    z: Vector  # Vs, whitened residual
-    noise: Noise
-    smooth: Rows
+    def __init__(self, rows: Rows, model: Model, clean: Clean, search: Callable[[], Search]) -> None:
+        assert clean.noise is not None
+        self.model: Final = model
+        self.choice: Final = _present(model)
+        self.rows: Final = with_machine(rows, model.machine)
+        self.smooth: Final = clean.rows
+        self.z: Final[Vector] = clean.z
+        """Vs, whitened residual."""
+        self.noise: Final = clean.noise
+        self._search = search
+
+    @cached_property
+    def search(self) -> Search:
+        """Around the model, of all effects; it takes longer than many a fit, and many are asked for their rest alone."""
+        return self._search()
 
 
 _Polish = Callable[[Rows, Clean, Model, Given], tuple[Model, Clean, bool]]
@@ -87,7 +96,7 @@ def at_nominal(rows: Rows, given: Given) -> Search:
 def of_machine(rows: Rows, given: Given) -> Fitted:
     """The machine without any effect, and a search that knows none."""
     model, clean, _ = polished(rows, raw(rows), Model(given.machine), given)
-    return _found(model, clean, _search(rows, clean, model, given, ()))
+    return _found(rows, model, clean, given, ())
 
 
 def _fitted(
@@ -105,33 +114,34 @@ def _fitted(
             break
         if attempt > 1:  # it came back to what is not needed
             barred |= frozenset(model.effects) - {name for name, _ in needed}
-        model, clean, last = _pruned(rows, clean, model, needed, given, library, roughly_polished)
+        model, clean = _pruned(rows, clean, model, needed, given, roughly_polished)
+        last = _search(rows, clean, model, given, library)
         last.barred |= barred
         if attempt == _ATTEMPTS or set(last.best(_present(model))) == set(_present(model)):
             break
         attempt += 1  # others show without what led astray
     if model.steep:
-        model, clean, last = _pruned(rows, clean, model, _present(model), given, library, _polished)
-    return _found(model, clean, last)
+        return _found(rows, *_pruned(rows, clean, model, _present(model), given, _polished), given, library)
+    return Fitted(rows, model, clean, lambda: last)
 
 
-def _found(model: Model, clean: Clean, search: Search) -> Fitted:
-    assert clean.noise is not None
-    return Fitted(model, search, _present(model), clean.z, clean.noise, clean.rows)
+def _found(rows: Rows, model: Model, clean: Clean, given: Given, library: Sequence[Effect] = LIBRARY) -> Fitted:
+    return Fitted(rows, model, clean, lambda: _search(rows, clean, model, given, library))
 
 
 def _pruned(
-    rows: Rows, clean: Clean, model: Model, needed: Choice, given: Given, library: Sequence[Effect],
-    polish: _Polish,
-) -> tuple[Model, Clean, Search]:  # fmt: skip
+    rows: Rows, clean: Clean, model: Model, needed: Choice, given: Given, polish: _Polish
+) -> tuple[Model, Clean]:
     """The best model with only the effects that are needed, and of these only what brings its due then."""
     while True:
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
         model, clean, _ = polish(rows, clean, kept, given)
-        last = _search(rows, clean, model, given, library)
-        needed = last.without_needless(_present(model))
+        if not model.effects:
+            return model, clean
+        own = _search(rows, clean, model, given, tuple(BY_NAME[name] for name in model.effects))
+        needed = own.without_needless(_present(model))
         if len(needed) == len(model.effects):
-            return model, clean, last
+            return model, clean
 
 
 def _rounds(
@@ -221,7 +231,7 @@ def with_more(found: Fitted, names: Sequence[str], given: Given) -> Fitted:
     """A model with effects of no shape besides, and without what does not bring its due then; roughly the best."""
     none = {name: (0.0,) * len(BY_NAME[name].parameters) for name in names}
     begin = replace(found.model, effects={**found.model.effects, **none})
-    rows, clean = found.search.regression.rows, Clean(found.smooth, found.z, found.noise)
+    rows, clean = found.rows, Clean(found.smooth, found.z, found.noise)
     begin, *_ = roughly_polished(rows, clean, begin, given, 2 * POLISHED)
     return _needed_of(found, begin, given, roughly_polished)
 
@@ -233,9 +243,9 @@ def closely(found: Fitted, given: Given) -> Fitted:
 
 def _needed_of(found: Fitted, model: Model, given: Given, polish: _Polish) -> Fitted:
     """The best model of those effects of a model that bring their due."""
-    rows, clean = found.search.regression.rows, Clean(found.smooth, found.z, found.noise)
-    model, clean, last = _pruned(rows, clean, model, _present(model), given, LIBRARY, polish)
-    return _found(model, clean, last)
+    rows, clean = found.rows, Clean(found.smooth, found.z, found.noise)
+    model, clean = _pruned(rows, clean, model, _present(model), given, polish)
+    return _found(rows, model, clean, given)
 
 
 def searched(rows: Rows, model: Model, given: Given, name: str) -> tuple[Search, Vector, Noise]:

@@ -75,14 +75,14 @@ def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
 
 def leaves_some(found: Fitted) -> bool:
     """More than noise and what the effects' equations may miss, be it an encoder's rounding."""
-    n = int(found.search.regression.rows.joined.sum())
+    n = int(found.rows.joined.sum())
     return excess_of(found) > found.search.missed(found.choice) + _NOTHING * 2.0 * n
 
 
 def _missed(found: Fitted) -> float:
     """Chi square that effects' equations may leave, and the angle's rounding in voltages that are read early."""
     early, noise = found.model.effects.get(voltage_delay.EFFECT.name), found.noise
-    foreseen = 0.0 if early is None else voltage_delay.foreseen_energy(found.search.regression.rows, early)
+    foreseen = 0.0 if early is None else voltage_delay.foreseen_energy(found.rows, early)
     return found.search.missed(found.choice) + foreseen / (noise[0] * noise[1])
 
 
@@ -314,12 +314,12 @@ def _by_chance(rows: Rows) -> float:
 
 def excess_of(found: Fitted) -> float:
     """Chi square of what is left, above that of white noise."""
-    return above_noise(found.z, found.noise, found.search.regression.rows)
+    return above_noise(found.z, found.noise, found.rows)
 
 
 def hidden_of(found: Fitted) -> float:
     """Chi square that rounding of the angle may leave."""
-    return hidden_energy(found.search.regression.rows) / (found.noise[0] * found.noise[1])
+    return hidden_energy(found.rows) / (found.noise[0] * found.noise[1])
 
 
 def above_noise(z: Vector, noise: Noise, rows: Rows) -> float:

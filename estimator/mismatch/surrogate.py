@@ -85,7 +85,7 @@ class Surrogates:
             kept = [name for name, _ in choice if name != one[0]]
             dropped = [name for name, _ in self._found.choice if name not in kept]
             bare = without(self._found, dropped, self._given)
-            rows = bare.search.regression.rows
+            rows = bare.rows
             i, step = free_run(rows, bare.model, len(rows) + 1), converter_step(rows)
             there = (
                 _surrogate(rows, bare, i, step, np.random.default_rng(k), own_counts=k % 2 == 0) for k in range(_TIMES)
