@@ -148,6 +148,8 @@ def _ringing(
     if not rungs:
         return None
     rung = min(rungs, key=lambda one: one.left)
+    if _within(found, given) and not _healthy(rung, given):
+        return None  # another machine has lent it what the effects explain
     more = excess_of(found) - rung.left
     equal = _CERTAIN + found.search.missed(found.choice) + ROUNDED * hidden_of(found)
     if more < -_CERTAIN or (not losses and more < equal):
