@@ -64,7 +64,7 @@ class Fitted:
 
     @cached_property
     def search(self) -> Search:
-        """Around the model, of all effects; it takes longer than many a fit, and many are asked for their rest alone."""
+        """Around the model, of all effects: it takes longer than many a fit that is asked for its rest alone."""
         return self._search()
 
 

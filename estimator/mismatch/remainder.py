@@ -144,12 +144,14 @@ def _ringing(
     if found.model.bend is not None or not (losses or (left is not None and names)):
         return None
     tried = [losses] * bool(losses) + [names] * (len(names) > len(losses))
-    rungs = [rung for drop in tried if (rung := _rung(rows, found, without(found, drop, given)))]
+    as_told = _within(found, given)  # then no other machine may lend it what the effects explain
+    rungs = [
+        rung for drop in tried
+        if (rung := _rung(rows, found, without(found, drop, given))) and (_healthy(rung, given) or not as_told)
+    ]  # fmt: skip
     if not rungs:
         return None
     rung = min(rungs, key=lambda one: one.left)
-    if _within(found, given) and not _healthy(rung, given):
-        return None  # another machine has lent it what the effects explain
     more = excess_of(found) - rung.left
     equal = _CERTAIN + found.search.missed(found.choice) + ROUNDED * hidden_of(found)
     if more < -_CERTAIN or (not losses and more < equal):
