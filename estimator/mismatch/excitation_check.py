@@ -38,6 +38,8 @@ _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _SIMULATED: Final = "a simulation without it, of the same noise and rounding, shows too much of it"
 _AT_AN_END: Final = "what is found of it lies at the end of what is plausible"
 _ONE_SPEED: Final = 0.05  # of a speed, by which it may change and still be one
+_ONE_LEVEL: Final = 0.1  # of rated current, by which currents may change and still be of one level
+_ONE_OF_EACH: Final = "at one speed and one level of current so little of it looks like any other disturbance"
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -131,7 +133,7 @@ def not_borne_out(
     `excess` is the energy over noise that is left unexplained. Bounds say so first; an effect that does not look like
     the machine may stand out nevertheless, though doubted. Others that are not plain have to stand out, too, and beside
     a doubt as if they were doubted. So has a faint one at one speed, where what turns with the rotor and any other
-    disturbance of its frequency are the same.
+    disturbance of its frequency are the same; at one level of current besides, none is borne out.
     """
     over_noise, by_angle, rest = beside_of(search, excess)
     least_apart = _least_apart(search)
@@ -150,6 +152,10 @@ def not_borne_out(
             "parameters look alike"
         ] = alike
     left, plain = tuple(one for one in choice if one not in alike), set[tuple[str, int]]()
+    if (steady := _at_one_speed(search)) and _at_one_level(search):
+        while faint := tuple(one for one in left if search.faint(search.fit(left), one)):  # others may lean on them
+            found[_ONE_OF_EACH] = (*found.get(_ONE_OF_EACH, ()), *faint)
+            left = tuple(one for one in left if one not in faint)
     while weak := [one for one in left if one not in plain]:
         worths = {
             one: {
@@ -171,7 +177,7 @@ def not_borne_out(
         why = _why(search, left, one, cause)
         found[why] = (*found.get(why, ()), one)
         left = tuple(other for other in left if other != one)
-    beside_doubt, steady = bool(found), _at_one_speed(search)
+    beside_doubt = bool(found)
     for one in [each for each in left if each not in plain]:
         rest = tuple(other for other in left if other != one)
         by_chance = steady and search.faint(search.fit(left), one)
@@ -196,6 +202,13 @@ def _at_one_speed(search: Search) -> bool:
     rows = search.regression.rows
     low, middle, high = np.quantile(rows.omega_e[rows.joined], (0.02, 0.5, 0.98))
     return bool(high - low < _ONE_SPEED * abs(middle))
+
+
+def _at_one_level(search: Search) -> bool:
+    rows = search.regression.rows
+    there = rows.i[:-1][rows.joined]
+    spread = max(float(np.ptp(np.quantile(axis, (0.02, 0.98)))) for axis in (there.real, there.imag))
+    return spread < _ONE_LEVEL * rows.i_rated
 
 
 def at_an_end(search: Search, fit: Fit, one: tuple[str, int]) -> bool:

@@ -296,7 +296,7 @@ def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int =
             slopes.clear()
             response = None if clean.response is None else clean.response(model)
         own = _search(rows, clean, model, given, (), slopes, response)
-        if own.regression.left > max(before, 2.0 * _HOPELESS):  # of both axes
+        if own.regression.left > max(before, 2.0 * _HOPELESS) and not _bends(model):  # of both axes
             return model, clean, settled
         before = own.regression.left
         towards = moved(own, _present(model))
