@@ -13,7 +13,7 @@ from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.samples import Samples
-from tests.concealed_runs import population, recording_of
+from tests.concealed_runs import population, recording_of, written
 from tests.diagnosis.diagnosed import Said, loaded
 from tests.diagnosis.oracle import answers_in
 from tests.diagnosis.rows import row_of
@@ -81,6 +81,14 @@ def test_a_faint_effect_is_named_once_it_stands_out(kind: str, number: int, tmp_
     (answer,) = answers_in(tmp_path / "answers")
     row = row_of(kind, truth_of(answer), {}, Said(diagnosis, "", 0.0))
     assert all(size.right for size in row.sizes.values()), row.sizes
+
+
+@pytest.mark.slow
+def test_a_loss_is_no_resonance_beside_another_machine(tmp_path: Path) -> None:
+    """It leaves less than the loss does, with an inductance a third larger than the data sheet's."""
+    there, columns, _ = near_suite.near(near_suite.near_population(2018, 6.0), 22)
+    _, runs, nominal = written(there, columns, near_suite.near_population(2018, 6.0), tmp_path)
+    assert [finding.effect for finding in diagnose(runs, nominal).findings] == ["iron_loss"]
 
 
 def of_population(seed: int, number: int, folder: Path) -> tuple[tuple[str, ...], Diagnosis]:
@@ -173,6 +181,7 @@ def test_an_inductance_that_is_not_told_is_not_outside_its_tolerance(tmp_path: P
     pytest.param(2009, (13, 31), id="a rising resistance that scales the machine, a current that is noise"),
     pytest.param(2014, (36,), id="magnets that warm up at one level, as a winding that cools"),
     pytest.param(2017, (33, 41), id="what an encoder's counts leave at one speed"),
+    pytest.param(2018, (13, 51), id="effects that lean on each other, and a faint one, at one speed and level"),
 ])  # fmt: skip
 def test_what_tells_little_gets_no_wrong_name(seed: int, numbers: tuple[int, ...], tmp_path: Path) -> None:
     """Of populations that were looked at."""

@@ -57,6 +57,15 @@ def test_two_effects_at_one_level_are_told_by_other_levels_at_the_same_speed() -
         assert said in told.sentence
 
 
+def test_a_rung_follows_the_periods_of_a_level() -> None:
+    """They follow one another, however short a part of the experiment's time they are."""
+    model, pair = Model(NOMINAL, {"ac_resistance": (0.3, 400.0)}), ("ac_resistance", "iron_loss")
+    told = experiment(rows_at(), model, NOISE, NOMINAL, TOLERANCE, pair)
+    assert told.odds is not None
+    assert told.odds >= 1e6
+    assert told.speeds_rpm == (1200.0,)
+
+
 def test_the_smaller_the_effect_the_lower_the_odds_and_one_too_small_is_not_promised() -> None:
     odds = list[float]()
     for size in (1e-2, 1e-4, 1e-7):
