@@ -134,6 +134,7 @@ def of_population(seed: int, number: int, folder: Path) -> tuple[tuple[str, ...]
     pytest.param(2017, 67, id="a late channel beside a short in a phase of another resistance"),
     pytest.param(2017, 214, id="a voltage a row early, turned by an angle that was foreseen"),
     pytest.param(2017, 238, id="a short whose current alone moves one axis"),
+    pytest.param(2019, 175, id="a resonance beside an inductance that is not told"),
 ])  # fmt: skip
 def test_what_was_missed_once_is_said(seed: int, number: int, tmp_path: Path) -> None:
     """Of populations that were looked at."""
@@ -182,6 +183,7 @@ def test_an_inductance_that_is_not_told_is_not_outside_its_tolerance(tmp_path: P
     pytest.param(2014, (36,), id="magnets that warm up at one level, as a winding that cools"),
     pytest.param(2017, (33, 41), id="what an encoder's counts leave at one speed"),
     pytest.param(2018, (13, 51), id="effects that lean on each other, and a faint one, at one speed and level"),
+    pytest.param(2019, (16,), id="an angle that looks like the machine at one speed and level"),
 ])  # fmt: skip
 def test_what_tells_little_gets_no_wrong_name(seed: int, numbers: tuple[int, ...], tmp_path: Path) -> None:
     """Of populations that were looked at."""

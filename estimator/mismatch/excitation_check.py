@@ -39,7 +39,8 @@ _SIMULATED: Final = "a simulation without it, of the same noise and rounding, sh
 _AT_AN_END: Final = "what is found of it lies at the end of what is plausible"
 _ONE_SPEED: Final = 0.05  # of a speed, by which it may change and still be one
 _ONE_LEVEL: Final = 0.1  # of rated current, by which currents may change and still be of one level
-_ONE_OF_EACH: Final = "at one speed and one level of current so little of it looks like any other disturbance"
+_LITTLE_THERE: Final = "at one speed and one level of current so little of it looks like any other disturbance"
+_ALIKE_THERE: Final = "at one speed and one level of current it looks like R_s, L_d, L_q and psi_f"
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
 
 
@@ -153,9 +154,8 @@ def not_borne_out(
         ] = alike
     left, plain = tuple(one for one in choice if one not in alike), set[tuple[str, int]]()
     if (steady := _at_one_speed(search)) and _at_one_level(search):
-        while faint := tuple(one for one in left if search.faint(search.fit(left), one)):  # others may lean on them
-            found[_ONE_OF_EACH] = (*found.get(_ONE_OF_EACH, ()), *faint)
-            left = tuple(one for one in left if one not in faint)
+        doubted, left = _untold_at_one_point(search, left)
+        found |= doubted
     while weak := [one for one in left if one not in plain]:
         worths = {
             one: {
@@ -202,6 +202,24 @@ def _at_one_speed(search: Search) -> bool:
     rows = search.regression.rows
     low, middle, high = np.quantile(rows.omega_e[rows.joined], (0.02, 0.5, 0.98))
     return bool(high - low < _ONE_SPEED * abs(middle))
+
+
+def _untold_at_one_point(search: Search, choice: Choice) -> tuple[dict[str, Choice], Choice]:
+    """Effects that one speed and one level of current do not tell, by why; and the others, which may have leant.
+
+    Those are faint ones, and those that look like the machine.
+    """
+    found = dict[str, Choice]()
+    while True:
+        faint = tuple(one for one in choice if search.faint(search.fit(choice), one))
+        like = {one: _apart(search, _signal(search, choice, one)) for one in choice if one not in faint}
+        alike = tuple(one for one, share in like.items() if share < _DISTINCT)
+        for why, ones in ((_LITTLE_THERE, faint), (_ALIKE_THERE, alike)):
+            if ones:
+                found[why] = (*found.get(why, ()), *ones)
+        if not faint and not alike:
+            return found, choice
+        choice = tuple(one for one in choice if one not in (*faint, *alike))
 
 
 def _at_one_level(search: Search) -> bool:

@@ -96,7 +96,7 @@ def at_nominal(rows: Rows, given: Given) -> Search:
 def of_machine(rows: Rows, given: Given) -> Fitted:
     """The machine without any effect, and a search that knows none."""
     model, clean, _ = polished(rows, raw(rows), Model(given.machine), given)
-    return _found(rows, model, clean, given, ())
+    return Fitted(rows, model, clean, lambda: _search(rows, clean, model, given, ()))
 
 
 def _fitted(
@@ -114,34 +114,30 @@ def _fitted(
             break
         if attempt > 1:  # it came back to what is not needed
             barred |= frozenset(model.effects) - {name for name, _ in needed}
-        model, clean = _pruned(rows, clean, model, needed, given, roughly_polished)
-        last = _search(rows, clean, model, given, library)
+        model, clean, last = _pruned(rows, clean, model, needed, given, roughly_polished, library)
         last.barred |= barred
         if attempt == _ATTEMPTS or set(last.best(_present(model))) == set(_present(model)):
             break
         attempt += 1  # others show without what led astray
     if model.steep:
-        return _found(rows, *_pruned(rows, clean, model, _present(model), given, _polished), given, library)
+        model, clean, last = _pruned(rows, clean, model, _present(model), given, _polished, library)
     return Fitted(rows, model, clean, lambda: last)
 
 
-def _found(rows: Rows, model: Model, clean: Clean, given: Given, library: Sequence[Effect] = LIBRARY) -> Fitted:
-    return Fitted(rows, model, clean, lambda: _search(rows, clean, model, given, library))
-
-
 def _pruned(
-    rows: Rows, clean: Clean, model: Model, needed: Choice, given: Given, polish: _Polish
-) -> tuple[Model, Clean]:
-    """The best model with only the effects that are needed, and of these only what brings its due then."""
+    rows: Rows, clean: Clean, model: Model, needed: Choice, given: Given, polish: _Polish,
+    library: Sequence[Effect] | None = None,
+) -> tuple[Model, Clean, Search]:  # fmt: skip
+    """The best model with only the effects that are needed, and of these only what brings its due then; and a search
+    around it, of no other effects without a library.
+    """
     while True:
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
         model, clean, _ = polish(rows, clean, kept, given)
-        if not model.effects:
-            return model, clean
-        own = _search(rows, clean, model, given, tuple(BY_NAME[name] for name in model.effects))
-        needed = own.without_needless(_present(model))
+        last = _search(rows, clean, model, given, library or tuple(BY_NAME[name] for name in model.effects))
+        needed = last.without_needless(_present(model))
         if len(needed) == len(model.effects):
-            return model, clean
+            return model, clean, last
 
 
 def _rounds(
@@ -244,8 +240,8 @@ def closely(found: Fitted, given: Given) -> Fitted:
 def _needed_of(found: Fitted, model: Model, given: Given, polish: _Polish) -> Fitted:
     """The best model of those effects of a model that bring their due."""
     rows, clean = found.rows, Clean(found.smooth, found.z, found.noise)
-    model, clean = _pruned(rows, clean, model, _present(model), given, polish)
-    return _found(rows, model, clean, given)
+    model, clean, _ = _pruned(rows, clean, model, _present(model), given, polish)
+    return Fitted(rows, model, clean, lambda: _search(rows, clean, model, given))
 
 
 def searched(rows: Rows, model: Model, given: Given, name: str) -> tuple[Search, Vector, Noise]:

@@ -144,10 +144,10 @@ def _ringing(
     if found.model.bend is not None or not (losses or (left is not None and names)):
         return None
     tried = [losses] * bool(losses) + [names] * (len(names) > len(losses))
-    as_told = _within(found, given)  # then no other machine may lend it what the effects explain
+    rounded = hidden_of(found) if _within(found, given) else -math.inf  # what another machine may lend of that
     rungs = [
-        rung for drop in tried
-        if (rung := _rung(rows, found, without(found, drop, given))) and (_healthy(rung, given) or not as_told)
+        rung for drop in tried if (rung := _rung(rows, found, without(found, drop, given)))
+        and (_healthy(rung, given) or excess_of(found) - rung.left > rounded)
     ]  # fmt: skip
     if not rungs:
         return None

@@ -50,12 +50,11 @@ def curve_of(machine: Machine, i_rated: float, drops: tuple[float, float, float]
     return Curve(*map(float, (1.0 / L_d - 3.0 * a_d * psi_f**2, 1.0 / L_q - c * psi_f**2, a_d, a_q, c)))
 
 
-def flux_of(
-    curve: Curve, machine: Machine, i: Vector, harmonic: Real | float = 0.0, change: Real | float = 0.0
-) -> Vector:
-    """Flux linkage (Vs) at currents (A); `harmonic`: of the inverse inductances, 1/H; `change`: of psi_f, Vs."""
-    psi_m, harmonic = (np.broadcast_to(np.float64(x), i.shape) for x in (machine.psi_f + change, harmonic))
-    return _on_curve(i, curve, float(machine.L_d), float(machine.L_q), psi_m, harmonic)
+def flux_of(curve: Curve, machine: Machine, i: Vector) -> Vector:
+    """Flux linkage (Vs) at currents (A)."""
+    return _on_curve(
+        i, curve, float(machine.L_d), float(machine.L_q), np.full(i.shape, machine.psi_f), np.zeros(i.shape)
+    )
 
 
 @kernel
@@ -138,9 +137,8 @@ def _curve(rows: Rows, effects: Mapping[str, Sizes]) -> Curve:
 
 def _beside(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Real, Real]:
     """At samples: the magnets' flux, Vs, and a harmonic of the inverse inductances, 1/H."""
-    harmonic = effects[HARMONIC][0] / rows.machine.L_q * rows.six.real if HARMONIC in effects else np.float64(0.0)
-    psi_m = np.float64(rows.machine.psi_f) + change_of(rows, effects)
-    return np.broadcast_to(psi_m, rows.i.shape), np.broadcast_to(harmonic, rows.i.shape)
+    harmonic = effects[HARMONIC][0] / rows.machine.L_q * rows.six.real if HARMONIC in effects else 0.0
+    return np.full(len(rows.i), rows.machine.psi_f + change_of(rows, effects)), np.full(len(rows.i), harmonic)
 
 
 def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
