@@ -134,7 +134,8 @@ def not_borne_out(
     `excess` is the energy over noise that is left unexplained. Bounds say so first; an effect that does not look like
     the machine may stand out nevertheless, though doubted. Others that are not plain have to stand out, too, and beside
     a doubt as if they were doubted. So has a faint one at one speed, where what turns with the rotor and any other
-    disturbance of its frequency are the same; at one level of current besides, none is borne out.
+    disturbance of its frequency are the same; at one level of current besides, neither it nor what looks like the
+    machine is borne out.
     """
     over_noise, by_angle, rest = beside_of(search, excess)
     least_apart = _least_apart(search)
@@ -211,9 +212,9 @@ def _untold_at_one_point(search: Search, choice: Choice) -> tuple[dict[str, Choi
     """
     found = dict[str, Choice]()
     while True:
-        faint = tuple(one for one in choice if search.faint(search.fit(choice), one))
-        like = {one: _apart(search, _signal(search, choice, one)) for one in choice if one not in faint}
-        alike = tuple(one for one, share in like.items() if share < _DISTINCT)
+        fit, shares = search.fit(choice), apart(search, choice)
+        faint = tuple(one for one in choice if search.faint(fit, one))
+        alike = tuple(one for one in choice if one not in faint and shares[one[0]] < _DISTINCT)
         for why, ones in ((_LITTLE_THERE, faint), (_ALIKE_THERE, alike)):
             if ones:
                 found[why] = (*found.get(why, ()), *ones)

@@ -150,10 +150,8 @@ def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
         if not isinstance(change, np.ndarray) or not change.any():
             return np.zeros(len(rows), np.complex128)
         return rows.balance(change)
-    m, none = rows.machine, np.zeros(0)
-    pulses = (none.astype(np.complex128), none, none.astype(np.complex128))
-    if rows.u_dc is not None:
-        pulses = (rows.moment_of_pulses, *rows.power_of_pulses)
+    m, none = rows.machine, np.zeros(0, np.complex128)
+    pulses = (none, np.zeros(0), none) if rows.u_dc is None else (rows.moment_of_pulses, *rows.power_of_pulses)
     return _added(
         rows.i, rows.half, rows.u, rows.speed, rows.D, rows.i_mean, *pulses, float(rows.T_s), float(m.R_s),
         float(m.L_d), float(m.L_q), float(m.psi_f), _curve(rows, effects), *_beside(rows, effects),
