@@ -107,7 +107,7 @@ def test_a_proposal_that_cannot_be_worked_out_is_none_and_no_error() -> None:
 
 
 def test_where_encoder_counts_beat_with_the_period_the_speed_is_told_once() -> None:
-    rows = replace(rows_at(), angle_step=1e-3, angle_hidden=1e-3)  # rad
+    rows = replace(rows_at(), angle_step=1e-3, angle_error=1e-3)  # rad
     for machine in (NOMINAL, replace(NOMINAL, psi_f=0.3)):
         told = experiment(rows, Model(machine), NOISE, NOMINAL, TOLERANCE)
         for speed in told.speeds_rpm:

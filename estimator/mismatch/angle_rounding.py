@@ -10,22 +10,15 @@ effects.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
-from estimator.mismatch.rotor_movement import at_orders, by_torque, driven, smooth, swings_of, turned
+from estimator.mismatch.rotor_movement import turning
 from estimator.physics.rows import Real, Rows
 
-_HALVES: Final = (4, 8, 16, 32)  # periods, of the mean on either side: as long as the rotor lets it be
-_LONG: Final = (64, 128)  # the same, where no period is off by more than its rounding: it shows slow beats
-_ENDS: Final = 4  # halves, that a mean needs to either side
-_ENDS_AT_MOST: Final = 8  # a part of a run at either end, that may be left out
-_ROUGH: Final = 2.0  # times the variance that most of the angle has
-_STILL: Final = 1e-9  # rad in a period: no count
 _TWICE_ROUNDED: Final = 2.24  # resolutions, by which two roundings may differ from one period to the next
 _DIGITS: Final = 7  # of an angle, that tell values apart
 _FINEST: Final = 2e-6  # rad: a finer step does not matter
@@ -33,35 +26,25 @@ _NEAR: Final = 10.0  # steps, over which they are compared
 _ON_GRID: Final = 0.1  # steps, by which multiples of one may be off
 _QUIET: Final = 0.2  # of the currents' noise: rounding that is quieter stays
 _BY_COUNTS: Final = 0.5  # share of the rounding, from which on it is mostly that of counts
-_TWICE: Final = 5.0 / 3.0  # times a mean's variance, of twice a mean less its own mean
-_SHARP: Final = 0.25  # of a step: numbers that are coarser round an angle off by more than its counts
 _FINER: Final = 0.7  # of a step: counts of one that is less hold coarser ones
-_OFF: Final = 0.75  # counts, more than which no rounding is
-_BEAT: Final = 0.3  # share of the rounding's energy, which looks like movement where a smooth angle holds more of it
+_SAME: Final = 0.02  # of a step, by which two grids may be apart
+_BEAT: Final = 0.3  # share of the rounding's energy, from which on it looks like movement
 _ALIKE: Final = 2.5  # times what a mean of independent errors leaves: those of neighbouring periods are alike
-_SAME: Final = 4.0  # standard deviations, by which a mean may differ from one over half its length
 
 
 def unrounded(rows: Rows, step: float) -> Rows:
     """The rows with an angle that turns smoothly. `step`: the angle's resolution as told, rad; 0 where not known.
 
     Where the currents' noise is louder, rounding is a part of it: what a rotor does in a few periods is kept then - but
-    where numbers coarser than counts turn voltages, too, which adds up over periods. Near the ends of runs, where means
-    are short or none, periods are not `joined`: rounding is louder there.
+    where numbers coarser than counts turn voltages, too, which adds up over periods.
     """
     step = _step_of(rows, step)
     at, course, ends = _by_clock(rows)
     torques = [np.interp(np.arange(len(course)), at, torque) for torque in _torques(rows)]
-    each = _rounding(course, torques, ends, step, _numbers(rows, step), rows.machine.n_p)
-    rough, (off, variance) = _rough_ends(each[1], ends)[at], (x[at] for x in each)
-    hidden = math.sqrt(_hidden(off, variance, step) * step**2 / 12.0)
+    off, variance = (x[at] for x in _rounding(course, torques, ends, _reach(rows, step), rows.machine.n_p))
+    rows = replace(rows, angle_step=step, angle_error=math.sqrt(float(np.mean(variance))))
     quiet = rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows)
-    if quiet and rows.angle_turned > _BY_COUNTS:
-        return replace(rows, angle_step=step, angle_error=0.0, angle_hidden=hidden)
-    return replace(
-        less_angle(rows, off), joined=rows.joined & (quiet | ~(rough[1:] | rough[:-1])), angle_step=step,
-        angle_error=math.sqrt(float(np.mean(variance))), angle_hidden=hidden,
-    )  # fmt: skip
+    return rows if quiet and rows.angle_turned > _BY_COUNTS else less_angle(rows, off)
 
 
 def less_angle(rows: Rows, off: Real) -> Rows:
@@ -70,7 +53,7 @@ def less_angle(rows: Rows, off: Real) -> Rows:
     middle = np.exp(0.5j * (by[1:] + by[:-1]))
     return replace(
         rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * by), u=rows.u * middle,
-        u_turned=rows.u_turned * middle, kept=rows.pulses_turned(middle),
+        turned_by=rows.turned_by + by, kept=rows.pulses_turned(middle),
     )  # fmt: skip
 
 
@@ -95,12 +78,12 @@ def _loudness(rows: Rows) -> float:
 
 def beat_of(rows: Rows) -> float:
     """Angle (rad, rms) that rounding leaves for so long that it looks like movement; zero where it averages out."""
-    return rows.angle_hidden if rows.angle_hidden**2 > _BEAT * rows.angle_step**2 / 12.0 else 0.0
+    return rows.angle_error if rows.angle_error**2 > _BEAT * rows.angle_step**2 / 12.0 else 0.0
 
 
 def hidden_energy(rows: Rows) -> float:
     """What is left of the rounding in the flux error (Vs^2, summed over periods): it cannot be told from movement."""
-    return _energy_of(rows, max(_ALIKE * rows.angle_error**2, rows.angle_hidden**2))
+    return _energy_of(rows, _ALIKE * rows.angle_error**2)
 
 
 def lent_energy(rows: Rows) -> float:
@@ -114,18 +97,6 @@ def _energy_of(rows: Rows, square: float) -> float:
     saliency = m.L_d - m.L_q  # per angle: j psi_f + saliency (i_q + j i_d), Vs/rad
     by_magnets = m.psi_f * (len(i) * m.psi_f + 2.0 * saliency * float(np.sum(i.real)))
     return (by_magnets + saliency**2 * float(np.vdot(i, i).real)) * square
-
-
-def _hidden(off: Real, variance: Real, step: float) -> float:
-    """Share of the rounding's energy that is still in the smooth angle: turning does not average all of it out.
-
-    A rounding error has a known size. What of it the smooth angle does not leave behind is there still; most of it
-    where each period turns by nearly whole counts.
-    """
-    smoothed = variance < 0.5 * step**2 / 12.0
-    if not smoothed.any():
-        return 0.0
-    return max(1.0 - 12.0 * float(np.mean(off[smoothed] ** 2)) / step**2, 0.0)
 
 
 def _step_of(rows: Rows, told: float) -> float:
@@ -165,62 +136,27 @@ def _torques(rows: Rows) -> tuple[Real, Real]:
     return m.psi_f * i.imag + (m.L_d - m.L_q) * both, m.L_q * both
 
 
-def _numbers(rows: Rows, step: float) -> float:
-    """Step (rad) of numbers that hold coarser counts; 0 where these are not rounded once more."""
+def _reach(rows: Rows, step: float) -> float:
+    """How far (rad) a count or number may be off to either side: half of each, of both where neither holds the other.
+
+    A resolution is the root of both squares.
+    """
+    by_counts = step * math.sqrt(rows.angle_turned)
     finest = resolution_of(rows, 0.0)
-    return finest if finest < _FINER * step else 0.0
+    if rows.angle_turned == 1.0 and finest < _FINER * step:
+        by_counts = math.sqrt(step**2 - finest**2)
+    by_numbers = math.sqrt(step**2 - by_counts**2)
+    if by_numbers == 0.0:
+        return 0.5 * by_counts
+    held = by_counts > by_numbers and abs(math.remainder(by_counts, by_numbers)) < _SAME * by_numbers
+    return 0.5 * by_counts if held else 0.5 * (by_counts + by_numbers)
 
 
 def _rounding(
-    theta: Real, torques: Sequence[Real], ends: Sequence[int], step: float, finer: float, n_p: int
+    theta: Real, torques: Sequence[Real], ends: Sequence[int], reach: float, n_p: int
 ) -> tuple[Real, Real]:
-    """Angle less the smooth one (rad), and the variance (rad^2) of what is left of the rounding.
-
-    Zero near the ends of runs, and where the rotor's movement is not smooth. What torques make of it need not be:
-    what a mean lost of that would look like what currents do. What goes by i_d i_q is asked of a free shaft alone: on
-    one that is held, more torques take more of the rounding for movement. `finer`: numbers' step, that holds counts.
-    """
-    n = len(theta)
-    off, variance = np.zeros(n), np.full(n, step**2 / 12.0)
-    moved = np.flatnonzero(np.abs(np.diff(theta)) > _STILL)
-    if step == 0.0 or len(moved) < 2:
-        return off, variance
-    # Where it moves on, it is between two counts
-    x = np.interp(np.arange(n), moved + 0.5, 0.5 * (theta[moved] + theta[moved + 1]))
-    swings, widths = swings_of(x / n_p), np.zeros(n, np.intp)
-    pushed = driven(x - turned(x, swings, step), torques, ends)
-    known = pushed + turned(x - pushed, swings, step)
-    theta, x = theta - known, x - known
-    shorter: Real | None = None
-    for w in (*_HALVES, *(_LONG if finer < _SHARP * step else ())):
-        if n < 6 * w:
-            break
-        mean = smooth(x, w)
-        uncertain = _SAME * step / math.sqrt(12.0 * 2.0 * w)
-        wrong = np.abs(theta - mean) > (_OFF * step if w in _HALVES else 0.5 * (step + finer) + uncertain)
-        if shorter is not None and w in _HALVES:
-            wrong |= np.abs(mean - shorter) > uncertain
-        right = _around(wrong, w) == 0
-        for end in ends:
-            right[max(end - _ENDS * w, 0) : end + _ENDS * w] = False
-        off[right], variance[right], widths[right] = (theta - mean)[right], _TWICE * step**2 / 12.0 / (2 * w + 1), w
-        shorter = mean
-    off -= by_torque(off, torques if pushed.any() else torques[:1], widths, step)
-    return off - at_orders(off, theta - off + known, widths, step), variance
-
-
-def _rough_ends(variance: Real, ends: Sequence[int]) -> NDArray[np.bool_]:
-    """Near the ends of runs, what keeps far more of the rounding than most does."""
-    rough = np.zeros(len(variance), np.bool_)
-    more = variance > _ROUGH * np.median(variance)
-    for begin, end in pairwise(ends):
-        most = (end - begin) // _ENDS_AT_MOST
-        for near in (slice(begin, begin + most), slice(end - most, end)):
-            rough[near] = more[near]
-    return rough
-
-
-def _around(x: NDArray[np.bool_], w: int) -> NDArray[np.intp]:
-    """How many are true within w places."""
-    total, at = np.concatenate((np.zeros(1, np.intp), np.cumsum(x))), np.arange(len(x))
-    return total[np.minimum(at + w + 1, len(x))] - total[np.maximum(at - w, 0)]
+    """Angle less the smooth one (rad), and the variance (rad^2) of what is left of the rounding."""
+    if reach == 0.0:
+        return np.zeros(len(theta)), np.zeros(len(theta))
+    known, course = turning(theta, reach, torques, ends, n_p)
+    return np.clip(theta - known - course.course, -reach, reach), course.variance

@@ -62,6 +62,6 @@ def thinned(rows: Rows, most: int = MOST, blocks: int = BLOCKS) -> Rows:
         rows, t=kept(rows.t), i=kept(rows.i), theta_e=kept(rows.theta_e), half=kept(rows.half), u=kept(rows.u),
         joined=kept(rows.joined) & ~seam, heat=kept(rows.heat), u_dc=None if rows.u_dc is None else kept(rows.u_dc),
         zero=None if rows.zero is None else kept(rows.zero),
-        u_turned=rows.u_turned if isinstance(rows.u_turned, float) else kept(rows.u_turned),
+        turned_by=rows.turned_by if isinstance(rows.turned_by, float) else kept(rows.turned_by),
         kept={key: kept(whole) for key, whole in rows.kept.items()},
     )  # fmt: skip

@@ -87,9 +87,8 @@ class Rows:
     span: tuple[float, float]  # s, start and length of the recording
     angle_step: float = 0.0  # rad, resolution of the angle, where it has one
     angle_turned: float = 1.0  # share of its rounding, by which the drive turned the currents
-    u_turned: Vector | float = 1.0  # of each period, of length 1: by what its voltage was turned since it was recorded
-    angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves where turning averages it
-    angle_hidden: float = 0.0  # rad, rms, of what no averaging shows: it looks like movement
+    turned_by: Real | float = 0.0  # rad at samples, by which the angle was further when the drive turned by it
+    angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves of it: it looks like movement
     fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances
     fast_resistance: float = 0.0  # ohm, by which what changes within a period drops more than by R_s
     curvature: tuple[float, float, float] = (0.0, 0.0, 0.0)  # a_d, a_q, c of the saturation curve, A/Vs^3
@@ -117,7 +116,7 @@ class Rows:
             self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u),
             joined=cut(self.joined), heat=cut(self.heat), u_dc=cut(self.u_dc), zero=cut(self.zero),
             R_s_ratio=cut(self.R_s_ratio), psi_f_ratio=cut(self.psi_f_ratio), heat_beside=cut(self.heat_beside),
-            emf=cut(self.emf), u_turned=cut(self.u_turned), steps=cut(self.steps),
+            emf=cut(self.emf), turned_by=cut(self.turned_by), steps=cut(self.steps),
             kept={key: cut(whole) for key, whole in self.kept.items()},
         )  # fmt: skip
 

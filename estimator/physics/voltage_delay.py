@@ -3,7 +3,8 @@
     u acting in period k = u recorded in row k - periods
 
 A register read one period off; derived here. One that is read a period early was turned by an angle that the drive
-foresaw from its last two counts.
+foresaw from its last two counts, theta + 3/2 turn: the compensation of a period's delay (B.-H. Bae, S.-K. Sul, IEEE
+Trans. Industry Applications 39, 802, 2003).
 """
 
 from typing import Final
@@ -13,7 +14,7 @@ import numpy as np
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import Rows, Vector
 
-_FORESEEN: Final = 1.5  # times a count's variance: of theta + 3/2 turn by two counts, less the mean of the next two
+_FORESEEN: Final = 0.5  # times a count's variance: of half a turn, where a drive foresees by a smoother speed
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -25,17 +26,19 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 def _change(rows: Rows, sizes: Sizes) -> Vector:
     """The voltage (V) of each period less that of the one before or after it; none over a gap.
 
-    Each was turned by the angle's rounding in the period in which it acted, whatever row holds it.
+    Each was turned by rounded angles: one that is read late by those of the period in which it acted, one that is read
+    early by those from which the drive foresaw it.
     """
     _, direction = sizes
 
     def change() -> Vector:
-        turned = np.broadcast_to(np.asarray(rows.u_turned, np.complex128), rows.u.shape)
-        moved = turned[1:] * turned[:-1].conj()
+        by = np.broadcast_to(np.asarray(rows.turned_by), rows.i.shape)
         together, none = rows.apart[:-1] == 1, np.zeros(1, np.complex128)
         if direction > 0.0:
-            return np.concatenate((none, (rows.u[1:] - rows.u[:-1] * moved) * together))
-        return np.concatenate(((rows.u[:-1] - rows.u[1:] * moved.conj()) * together, none))
+            foreseen = np.exp(1j * (by[1:-1] - by[:-2]))
+            return np.concatenate((none, (rows.u[1:] - rows.u[:-1] * foreseen) * together))
+        moved = np.exp(0.5j * (by[:-2] - by[2:]))
+        return np.concatenate(((rows.u[:-1] - rows.u[1:] * moved) * together, none))
 
     return rows.once(f"change of the voltage, {direction:+g}", change)
 

@@ -1,0 +1,85 @@
+"""The smoothest course through counts: how near it comes to the true one, and what it says of how far it may be off."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimator.mismatch.smoothest_course import smoothest
+
+Real = NDArray[np.float64]
+
+COUNT = 0.01
+ROUNDING = COUNT / math.sqrt(12.0)
+N = 20_000
+T: Real = np.arange(N, dtype=np.float64)
+
+
+def counted(theta: Real) -> Real:
+    """Middles of the counts."""
+    return COUNT * (np.floor(theta / COUNT) + 0.5)
+
+
+def turning(by: float) -> Real:
+    """An angle that turns by so many counts in a period, and by a share more and less over some thousand periods."""
+    return COUNT * (by * T + 300.0 * by * np.sin(T / 3000.0))
+
+
+@pytest.mark.parametrize("by", [0.2, 0.9, 6.3, 40.0])
+def test_little_is_left_of_rounding_and_as_much_is_told(by: float) -> None:
+    """A mean over as many periods leaves 0.08 to 0.1 of it."""
+    theta = turning(by)
+    found = smoothest(counted(theta), 0.5 * COUNT, [0, N])
+    off, told = float(np.std(found.course - theta)), math.sqrt(float(np.mean(found.variance)))
+    print(f"{by:g} counts a period: {off / ROUNDING:.3f} of the rounding is left, told {told / ROUNDING:.3f}")
+    assert off < 0.06 * ROUNDING
+    assert 0.5 * off < told < 3.0 * off
+
+
+def test_ends_of_a_run_are_as_good_as_its_middle() -> None:
+    theta = turning(6.3)
+    off = smoothest(counted(theta), 0.5 * COUNT, [0, N]).course - theta
+    assert np.std(np.r_[off[:100], off[-100:]] - np.mean(off)) < 0.1 * ROUNDING
+
+
+def test_a_speed_that_changes_at_once_bends_the_course_there_alone() -> None:
+    theta = turning(3.3) + 4.0 * COUNT * np.maximum(T - 10_000.0, 0.0)
+    found = smoothest(counted(theta), 0.5 * COUNT, [0, N])
+    off, near = found.course - theta, np.abs(T - 10_000.0) < 400.0
+    assert np.count_nonzero(np.abs(off) > COUNT) < 12
+    assert np.std(off[~near]) < 0.1 * ROUNDING
+    assert np.min(found.span[near]) < np.min(found.span[~near])
+
+
+def test_runs_are_on_their_own() -> None:
+    theta = np.concatenate((turning(3.3)[:8000], 5.0 - turning(0.7)[:12_000]))
+    both = smoothest(counted(theta), 0.5 * COUNT, [0, 8000, N])
+    for run in (slice(0, 8000), slice(8000, N)):
+        alone = smoothest(counted(theta[run]), 0.5 * COUNT, [0, len(theta[run])])
+        assert np.array_equal(both.course[run], alone.course)
+        assert np.array_equal(both.lost(np.sin(T))[run], alone.lost(np.sin(T[run])))
+
+
+@pytest.mark.parametrize("by", [0.0, 5.0])
+def test_whole_counts_in_each_period_say_nothing_within_one(by: float) -> None:
+    theta = COUNT * (by * T + 0.1)
+    found = smoothest(counted(theta), 0.5 * COUNT, [0, N])
+    assert np.sqrt(found.variance) == pytest.approx(ROUNDING, rel=1e-6)
+    assert np.max(np.abs(found.course - theta)) < 0.5 * COUNT
+
+
+def test_what_is_too_short_stays_as_it_is() -> None:
+    counts = counted(turning(3.3)[:12])
+    found = smoothest(counts, 0.5 * COUNT, [0, 5, 12])
+    assert np.array_equal(found.course, counts)
+    assert np.sqrt(found.variance) == pytest.approx(ROUNDING)
+
+
+def test_movement_that_shows_is_followed_and_the_rest_lost() -> None:
+    """As the edges hold the course that it has."""
+    theta = turning(6.3)
+    found = smoothest(counted(theta), 0.5 * COUNT, [0, N])
+    slow, fast = np.sin(T / 2000.0), np.sin(T / 5.0)
+    assert np.std(found.lost(slow)) < 0.01
+    assert np.std(found.lost(fast)) > 0.95 * np.std(fast)
