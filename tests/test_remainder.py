@@ -61,7 +61,7 @@ def test_a_faint_resonance_is_told(number: int, tmp_path: Path) -> None:
 def test_an_effect_that_takes_a_parameter_off_its_data_sheet_is_dropped(tmp_path: Path) -> None:
     """A saturation beside a short and an angle offset, where L_q is too high, by no more than an encoder's rounding."""
     rows, given = rows_of(population(2013), 95, tmp_path)
-    rows = replace(rows, angle_error=2.0 * rows.angle_error)  # of a coarser one
+    rows = replace(rows, angle_error=20.0 * rows.angle_error)  # of a coarser one
     given = replace(given, tolerance={**given.tolerance, "L_q": 0.07})
     found = together(rows, fitted(rows, given), given)
     assert "q_axis_saturation" in found.model.effects

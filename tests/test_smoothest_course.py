@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.mismatch.smoothest_course import smoothest
+from estimator.mismatch.smoothest_course import smoothest, surer
 
 Real = NDArray[np.float64]
 
@@ -50,6 +50,30 @@ def test_a_speed_that_changes_at_once_bends_the_course_there_alone() -> None:
     assert np.count_nonzero(np.abs(off) > COUNT) < 12
     assert np.std(off[~near]) < 0.1 * ROUNDING
     assert np.min(found.span[near]) < np.min(found.span[~near])
+
+
+@pytest.mark.parametrize(("uneven", "noise"), [(0.05, 0.0), (0.1, 0.0), (0.2, 0.0), (0.0, 0.1)])
+def test_edges_that_are_not_all_in_place_are_given_room(uneven: float, noise: float) -> None:
+    """Counts as an encoder of uneven lines gives them, or one whose edges jitter."""
+    chance, theta = np.random.default_rng(1), turning(6.3)
+    seen = theta + noise * COUNT * chance.standard_normal(N)
+    first, last = int(np.min(seen) / COUNT) - 2, int(np.max(seen) / COUNT) + 3
+    edges: Real = COUNT * (np.arange(first, last) + uneven * chance.uniform(-1.0, 1.0, last - first))
+    counts: Real = COUNT * (np.searchsorted(edges, seen, "right") + (first - 0.5))
+    strict = smoothest(counts, 0.5 * COUNT, [0, N])
+    found = surer(counts, strict)
+    off = float(np.std(found.course - theta))
+    print(f"edges {uneven:g}, noise {noise:g} of a count: {off / ROUNDING:.3f} of the rounding is left")
+    assert off < 0.12 * ROUNDING
+    assert off < 0.6 * float(np.std(strict.course - theta))
+    assert 0.5 * off < found.off < 4.0 * off
+
+
+def test_an_oscillation_that_no_course_follows_stays_in_the_counts() -> None:
+    theta = turning(3.3) + 3.0 * COUNT * np.cos(2.0 * math.pi * T / 6.0)
+    found = smoothest(counted(theta), 0.5 * COUNT, [0, N])
+    assert np.std(found.course - theta) < 1.1 * ROUNDING
+    assert found.off > 0.9 * ROUNDING
 
 
 def test_runs_are_on_their_own() -> None:

@@ -28,8 +28,9 @@ _QUIET: Final = 0.2  # of the currents' noise: rounding that is quieter stays
 _BY_COUNTS: Final = 0.5  # share of the rounding, from which on it is mostly that of counts
 _FINER: Final = 0.7  # of a step: counts of one that is less hold coarser ones
 _SAME: Final = 0.02  # of a step, by which two grids may be apart
+_STANDS: Final = 1e-3  # steps in a period
 _BEAT: Final = 0.3  # share of the rounding's energy, from which on it looks like movement
-_ALIKE: Final = 2.5  # times what a mean of independent errors leaves: those of neighbouring periods are alike
+_AT_MOST: Final = 2.5  # times the energy that is told
 
 
 def unrounded(rows: Rows, step: float) -> Rows:
@@ -42,7 +43,9 @@ def unrounded(rows: Rows, step: float) -> Rows:
     at, course, ends = _by_clock(rows)
     torques = [np.interp(np.arange(len(course)), at, torque) for torque in _torques(rows)]
     off, variance = (x[at] for x in _rounding(course, torques, ends, _reach(rows, step), rows.machine.n_p))
-    rows = replace(rows, angle_step=step, angle_error=math.sqrt(float(np.mean(variance))))
+    turns = np.abs(np.gradient(rows.theta_e - off)) > _STANDS * step  # what stands is off by as much all the time
+    error = math.sqrt(float(np.mean(variance[turns]))) if turns.any() else 0.0
+    rows = replace(rows, angle_step=step, angle_error=error)
     quiet = rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows)
     return rows if quiet and rows.angle_turned > _BY_COUNTS else less_angle(rows, off)
 
@@ -82,12 +85,17 @@ def beat_of(rows: Rows) -> float:
 
 
 def hidden_energy(rows: Rows) -> float:
-    """What is left of the rounding in the flux error (Vs^2, summed over periods): it cannot be told from movement."""
-    return _energy_of(rows, _ALIKE * rows.angle_error**2)
+    """What rounding may leave in the flux error (Vs^2, summed over periods): it cannot be told from movement."""
+    return _AT_MOST * left_energy(rows)
 
 
-def lent_energy(rows: Rows) -> float:
-    """What the rounding lends effects of the flux error (Vs^2, summed over periods), where it does not average out."""
+def left_energy(rows: Rows) -> float:
+    """What is left of the rounding in the flux error (Vs^2, summed over periods)."""
+    return _energy_of(rows, rows.angle_error**2)
+
+
+def beat_energy(rows: Rows) -> float:
+    """The same where it looks like movement; otherwise none."""
     return _energy_of(rows, beat_of(rows) ** 2)
 
 
@@ -117,9 +125,10 @@ def _by_clock(rows: Rows) -> tuple[NDArray[np.intp], Real, list[int]]:
     Over a few samples that are not there, the angle goes on.
     """
     apart, long, D = rows.apart, rows.pauses, rows.D.copy()
-    for k in np.flatnonzero(~rows.joined & ~long):
-        speed = 0.5 * (D[max(k - 1, 0)] + D[min(k + 1, len(D) - 1)])
-        D[k] += TURN * round((apart[k] * speed - D[k]) / TURN)
+    lost, whole = np.flatnonzero(~rows.joined & ~long), np.flatnonzero(rows.joined)
+    if len(lost) and len(whole):
+        speed = np.interp(lost, whole, D[whole])
+        D[lost] += TURN * np.rint((apart[lost] * speed - D[lost]) / TURN)
     at = np.concatenate((np.zeros(1, np.intp), np.cumsum(np.where(long, 1, apart))))
     theta = rows.theta_e[0] + np.concatenate((np.zeros(1), np.cumsum(D)))
     n = int(at[-1]) + 1
@@ -136,16 +145,16 @@ def _torques(rows: Rows) -> tuple[Real, Real]:
     return m.psi_f * i.imag + (m.L_d - m.L_q) * both, m.L_q * both
 
 
-def _reach(rows: Rows, step: float) -> float:
-    """How far (rad) a count or number may be off to either side: half of each, of both where neither holds the other.
+def counts_and_numbers(rows: Rows, step: float) -> tuple[float, float]:
+    """Steps (rad) of counts, and of the numbers that hold them: a resolution is the root of both squares."""
+    finest = resolution_of(rows, 0.0) if rows.angle_turned == 1.0 else 0.0
+    by_counts = math.sqrt(step**2 - finest**2) if 0.0 < finest < _FINER * step else step * math.sqrt(rows.angle_turned)
+    return by_counts, math.sqrt(max(step**2 - by_counts**2, 0.0))
 
-    A resolution is the root of both squares.
-    """
-    by_counts = step * math.sqrt(rows.angle_turned)
-    finest = resolution_of(rows, 0.0)
-    if rows.angle_turned == 1.0 and finest < _FINER * step:
-        by_counts = math.sqrt(step**2 - finest**2)
-    by_numbers = math.sqrt(step**2 - by_counts**2)
+
+def _reach(rows: Rows, step: float) -> float:
+    """How far (rad) a count may be off to either side: half of it; of both, where numbers do not hold counts."""
+    by_counts, by_numbers = counts_and_numbers(rows, step)
     if by_numbers == 0.0:
         return 0.5 * by_counts
     held = by_counts > by_numbers and abs(math.remainder(by_counts, by_numbers)) < _SAME * by_numbers

@@ -6,7 +6,7 @@ voltage. And what another explains may be this one's at a shape in between. And 
 make up for each other: none of them alone leads to the set. Knows nothing of verdicts.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from estimator.mismatch.excitation_check import apart, at_an_end
@@ -20,6 +20,7 @@ from estimator.physics.rows import Rows
 _NEARLY: Final = 2.0  # times what several effects leave: more, and the one is not worth what others may add to it
 _AS_MUCH: Final = 0.75  # of what several effects explain, that one has to explain before its equation bends
 _ALL_BUT: Final = 0.1  # of what one effect explains, that another may explain less at a shape to begin with
+_BEYOND: Final = 0.5  # the same of two that bend and look like the machine's parameters
 _BENT: Final = tuple(effect.name for effect in LIBRARY if effect.bends)
 """Effects that make up for each other, and for the machine's parameters."""
 
@@ -75,23 +76,23 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
     for several.
 
-    Of two effects that bend and look like the machine's parameters the angle's rounding may lend the first all that it
-    leaves; then the one is taken whose machine is as its data sheet says.
+    Of two effects that bend and look like the machine's parameters, what rounding of the angle may leave and equations
+    may miss is lent to the first; then the one is taken whose machine is as its data sheet says.
     """
     here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
-    hidden, trading = hidden_of(found), _trading(found)
-    less = 2.0 * ENTRY + ROUNDED * hidden
-    for dropped, one in _instead(found.search, found.choice, dict.fromkeys(trading, hidden)):
+    trading, less = _trading(found), 2.0 * ENTRY + ROUNDED * hidden_of(found)
+    lent = hidden_of(found) + found.search.missed(found.choice)
+    for dropped, one in _instead(found.search, found.choice, trading):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
             continue
         there = excess_of(begin)
         if len(dropped) == 1 and len(begin.choice) == len(found.choice):
             more, both = there - here, dropped[0][0] in trading and one[0] in _trading(begin)
-            if both and -less < more < hidden and _beyond(found, given) and not _beyond(begin, given):
+            if both and -less < more < lent and _beyond(found, given) and not _beyond(begin, given):
                 as_told.append(begin)
-            # what rounding may lend makes nothing likelier than it is
-            at_best[dropped[0][0], one[0]] = 0.5 * (max(more - hidden, 0.0) if both and more > 0.0 else more)
+            # what may be lent makes nothing likelier than it is
+            at_best[dropped[0][0], one[0]] = 0.5 * (max(more - lent, 0.0) if both and more > 0.0 else more)
         if there > (_NEARLY * here if len(dropped) > 1 else here - less):
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
@@ -107,10 +108,10 @@ def _trading(found: Fitted) -> list[str]:
 
 
 def _instead(
-    search: Search, choice: Choice, lent: Mapping[str, float]
+    search: Search, choice: Choice, trading: Sequence[str]
 ) -> list[tuple[Choice, tuple[str, int]]]:
-    """Effects of a set, and the one, at its likeliest shapes, that may stand in their place. `lent`: chi square that an
-    effect may have of the angle's rounding.
+    """Effects of a set, and the one, at its likeliest shapes, that may stand in their place. `trading`: those that bend
+    and look like the machine's parameters.
 
     In the place of several, one that they are confused with; in that of one alone, one whose equation bends; in that of
     one at the end of what is plausible, itself at other shapes.
@@ -119,13 +120,14 @@ def _instead(
     present, candidates = {name for name, _ in choice}, search.candidates()
     for name in dict.fromkeys(name for name, _ in candidates if name not in present):
         alike = tuple(one for one in choice if name in _confused(one[0]) or one[0] in _confused(name))
-        tried = [(alike, 1.0 - _AS_MUCH, 0.0)] * (len(alike) > 1)
-        tried += [((one,), _ALL_BUT, lent.get(one[0], 0.0) if name in _BENT else 0.0) for one in choice] * _bends(name)
-        for dropped, most, rounded in tried:
+        tried = [(alike, 1.0 - _AS_MUCH)] * (len(alike) > 1)
+        worth = {one: _BEYOND if one[0] in trading and name in _BENT else _ALL_BUT for one in choice}
+        tried += [((one,), most) for one, most in worth.items()] * _bends(name)
+        for dropped, most in tried:
             rest = tuple(one for one in choice if one not in dropped)
             left = {one: search.fit((*rest, one)).chi2 for one in candidates if one[0] == name}
             one = min(left, key=lambda each: left[each])
-            if left[one] - full < max(most * (search.fit(rest).chi2 - full), rounded):
+            if left[one] - full < most * (search.fit(rest).chi2 - full):
                 found.append((dropped, one))
     for one in (each for each in choice if at_an_end(search, search.fit(choice), each)):
         rest = tuple(other for other in choice if other != one)

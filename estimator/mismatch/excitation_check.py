@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 
 from estimator.machine import PARAMETERS, UNITS, Machine
-from estimator.mismatch.angle_rounding import hidden_energy, lent_energy
+from estimator.mismatch.angle_rounding import beat_energy, hidden_energy, left_energy
 from estimator.mismatch.explain import ENTRY, Choice, Fit, Search
 from estimator.mismatch.model import Array
 from estimator.mismatch.words import number, percent
@@ -59,7 +59,7 @@ class Beside(NamedTuple):
     """What there is beside any effect: see `beside_of`."""
 
     over_noise: Mapping[str, float]  # by axis, of the inductance's column
-    by_angle: float  # energy over noise that the angle's rounding may lend an effect
+    by_beat: float  # energy over noise that the angle's rounding may lend an effect where it looks like movement
     rest: Rest
 
 
@@ -137,7 +137,7 @@ def not_borne_out(
     disturbance of its frequency are the same; at one level of current besides, neither it nor what looks like the
     machine is borne out.
     """
-    over_noise, by_angle, rest = beside_of(search, excess)
+    (over_noise, _, rest), by_angle = beside_of(search, excess), _by_angle(search)
     least_apart = _least_apart(search)
     untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
     alike: Choice = ()
@@ -248,7 +248,11 @@ def _why(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> st
     """What makes an effect worth too little, in a sentence's part."""
     uneven = ", and its size is not the same from stretch to stretch" if _scatter(search, choice, one) > _EVEN else ""
     if cause == "angle":
-        return "each period turns the rotor by nearly whole counts of its encoder, whose rounding may look like this"
+        beats = beat_energy(search.regression.rows) > 0.0
+        by = "each period turns the rotor by nearly whole counts of its encoder, whose rounding" if beats else (
+            "what is left of the rounding of its encoder's counts"
+        )
+        return f"{by} may look like this"
     if cause == "machine":
         return (
             "R_s, L_d, L_q and psi_f, within their tolerance, look like all but "
@@ -291,7 +295,7 @@ def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place:
     if scatter < _EVEN:
         least = min(least, 2.0 * _PLAIN * scatter)
     by_noise = lends / max(_over_lent(search, unit, beside.over_noise), 1e-300)
-    return math.sqrt(max(max(least, beside.by_angle) * search.variance_of(choice, one, place), by_noise))
+    return math.sqrt(max(max(least, beside.by_beat) * search.variance_of(choice, one, place), by_noise))
 
 
 def beside_of(search: Search, excess: float) -> Beside:
@@ -299,13 +303,14 @@ def beside_of(search: Search, excess: float) -> Beside:
 
     `excess` is the energy over noise that is left unexplained.
     """
-    return Beside(_over_noise(search), _by_angle(search), _rest(search, excess))
+    rows, noise = search.regression.rows, search.regression.noise
+    return Beside(_over_noise(search), _ROUNDED * beat_energy(rows) / (noise[0] * noise[1]), _rest(search, excess))
 
 
 def _by_angle(search: Search) -> float:
     """Energy over noise that the angle's rounding may lend an effect."""
     rows, noise = search.regression.rows, search.regression.noise
-    return max(_ROUNDED * lent_energy(rows) / (noise[0] * noise[1]), 1e-300)
+    return max(_ROUNDED * left_energy(rows) / (noise[0] * noise[1]), 1e-300)
 
 
 def _rest(search: Search, excess: float) -> Rest:

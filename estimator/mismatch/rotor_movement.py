@@ -5,15 +5,14 @@ currents do, or like harmonics of the magnets' flux: it goes by the same torque,
 recordings.
 """
 
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.kernel import kernel
-from estimator.mismatch.smoothest_course import Course, smoothest
+from estimator.mismatch.smoothest_course import Course, fast, smoothest, surer
 
 Real = NDArray[np.float64]
 Vector = NDArray[np.complex128]
@@ -23,11 +22,11 @@ _HELD: Final = 40  # times that many periods: fewer say nothing of a shaft
 _KNOWN: Final = 3  # moves: torque, friction, and one in proportion to speed
 _PUSHED: Final = 5.0  # standard deviations, by which torque is seen to move it
 _ORDERS: Final = 24  # of the electrical turn, at which a rotor may swing: cogging, ripple of the torque
-_SWINGS: Final = 20.0  # times the power by chance, by which a swing is seen
-_EVEN: Final = 2  # powers of time, that any course follows
+_SEEN: Final = 20.0  # times the power by chance, by which a movement is seen
+_AT_ONCE: Final = 4  # orders
 _FITS: Final = 5
 _FURTHER: Final = 1.8  # times the step that edges ask for: with it, others do
-_SURER: Final = 0.8  # of the variance: an angle that is known better beside a swing
+_SURER: Final = 0.9  # of its error: an angle that is known better beside a movement
 _ANEW: Final = 1024  # values, after which a sum begins anew: it keeps its digits
 
 
@@ -35,8 +34,8 @@ def driven(theta: Real, torques: Sequence[Real], ends: Sequence[int]) -> Real:
     """What torque and friction make of a movement (rad); zero where the shaft is held: nothing of it goes by them.
 
     J d(omega)/dt = torque - C sign(omega) - B omega - load, its inertia and frictions by least squares of how the
-    movement bends over some periods. What is even in time is no matter: a smooth angle follows it. Of several torques
-    the first is known but for the inertia, and others count where they are seen beside it.
+    movement bends over some periods. What goes by the square of time is no matter: a smooth angle follows it. Of
+    several torques the first is known but for the inertia, and others count where they are seen beside it.
     """
     n, none = len(theta), np.zeros(len(theta))
     if n < _HELD * _BEND:
@@ -83,58 +82,56 @@ def turning(
 ) -> tuple[Real, Course]:
     """What torque and orders of the turn make of a movement (rad), as counts show it, and the smoothest course beside.
 
-    `counts`: their middles, rad, each `reach` wide to either side. Whether torque moves the rotor, and whether it
-    swings, is decided by how well counts then hold the angle.
+    `counts`: their middles, rad, each `reach` wide to either side; or wider, where edges are not where they should be.
+    Whether torque moves the rotor, and whether it swings, is decided by how well counts then hold the angle.
     """
-    known, course = np.zeros(len(counts)), smoothest(counts, reach, ends)
+    known, pushing = np.zeros(len(counts)), list[Real]()
+    course = smoothest(counts, reach, ends)
     pushed = driven(counts, torques, ends)
-    if pushed.any():
-        beside = smoothest(counts - pushed, reach, ends)
-        if np.mean(beside.variance) < np.mean(course.variance):
-            known, course = pushed, beside
-    swung, beside = _swung(counts, known, course, reach, n_p)
-    return (swung, beside) if np.mean(beside.variance) < _SURER * np.mean(course.variance) else (known, course)
+    if pushed.any() and (beside := smoothest(counts - pushed, reach, ends)).off < course.off:
+        known, course, pushing = pushed, beside, [_twice_summed(x) for x in torques]
+    moved, beside = _moved(counts, known, course, pushing, n_p)
+    known, course = (moved, beside) if beside.off < _SURER * course.off else (known, course)
+    return known, surer(counts - known, course)
 
 
-def _swung(counts: Real, known: Real, course: Course, reach: float, n_p: int) -> tuple[Real, Course]:
-    """The same with swings at orders of the turn.
+def _moved(
+    counts: Real, known: Real, course: Course, pushing: Sequence[Real], n_p: int
+) -> tuple[Real, Course]:
+    """The same with what else counts show of torques' movements, and of swings at orders of the turn.
 
     Once and twice in a mechanical turn an encoder may swing; a rotor, by torque that has an order of the electrical
-    one. Each step fits the course and all swings that are seen jointly, as the edges of counts hold them now.
+    one. Each step fits the course and all that is seen jointly, as the edges of counts hold them now.
     """
-    orders, own = list[float](), (1.0 / n_p, 2.0 / n_p)
+    own = 1.0 / n_p, 2.0 / n_p
+    orders, pushed = dict[float, None](), dict[int, None]()
     for _ in range(_FITS):
         theta = known + course.course
-        orders = sorted({*orders, *_seen(course.pull, theta, (*own, *range(1, _ORDERS + 1)))})
-        if not orders:
+        there = np.flatnonzero(course.pull)
+        edges = course.pull[there]
+        waves = {n: cast(Vector, np.exp(-1j * n * theta[there])) for n in (*own, *range(1, _ORDERS + 1))}
+        seen = {n: abs(edges @ wave) ** 2 for n, wave in waves.items()}
+        plain = _SEEN * float(edges @ edges)
+        orders |= dict.fromkeys([n for n in sorted(seen, key=lambda n: -seen[n])[:_AT_ONCE] if seen[n] > plain])
+        lost = [course.lost(x)[there] for x in pushing]
+        pushed |= {k: None for k, x in enumerate(lost) if (edges @ x) ** 2 > 2.0 * plain * np.sum(x**2) / len(there)}
+        if not orders and not pushed:
             break
-        waves = [(n, cast(Real, part(n * theta))) for n in orders for part in (np.cos, np.sin)]
-        moves = [_levelled(wave if n in own else _twice_summed(wave), course.ends) for n, wave in waves]
-        X: Real = np.array([move * reach / max(float(np.std(move)), 1e-300) for move in moves])
-        lost: Real = course.weight * np.array([course.lost(x) for x in X])
-        pull = course.weight * np.where(course.pull != 0.0, course.pull, counts - theta)
-        sizes: Real = np.linalg.pinv(lost @ X.T, hermitian=True) @ (X @ pull)
-        known = known + _FURTHER * (sizes @ X)
-        course = smoothest(counts - known, reach, course.ends)
+        moves = [pushing[k] for k in pushed]
+        for n in orders:
+            moves += [x if n in own else _twice_summed(x) for x in (np.cos(n * theta), np.sin(n * theta))]
+        known = known + _FURTHER * _fitted(counts - theta, course, [fast(x, course.ends) for x in moves])
+        course = smoothest(counts - known, course.reach, course.ends)
     return known, course
 
 
-def _seen(pull: Real, theta: Real, orders: Iterable[float]) -> list[float]:
-    """Orders of the turn by which a course leaves its counts."""
-    there = np.flatnonzero(pull)
-    edges, turned = pull[there], theta[there]
-    plain = _SWINGS * float(edges @ edges)
-    return [n for n in orders if abs(edges @ cast(Vector, np.exp(-1j * n * turned))) ** 2 > plain]
-
-
-def _levelled(x: Real, ends: Sequence[int]) -> Real:
-    """But for what is even in time, in each run."""
-    out = x.copy()
-    for a, b in pairwise(ends):
-        if b - a > _EVEN + 1:
-            t = np.linspace(-1.0, 1.0, b - a)
-            out[a:b] -= np.polynomial.Polynomial.fit(t, x[a:b], _EVEN)(t)
-    return out
+def _fitted(off: Real, course: Course, moves: Sequence[Real]) -> Real:
+    """Of moves, what edges and middles of counts, `off` from the course, ask for: with as much of it as it follows."""
+    X: Real = np.array([move * course.reach / max(float(np.std(move)), 1e-300) for move in moves])
+    lost: Real = np.array([course.weight * course.lost(x) for x in X])
+    pull = course.weight * np.where(course.pull != 0.0, course.pull, off)
+    sizes: Real = np.linalg.pinv(lost @ X.T, hermitian=True) @ (X @ pull)
+    return sizes @ X
 
 
 def _twice_summed(x: Real) -> Real:

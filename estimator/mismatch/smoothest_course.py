@@ -12,6 +12,7 @@ Sources: N. T. Thao, M. Vetterli, IEEE Trans. Signal Processing 42, 519, 1994 (c
 E. T. Whittaker, Proc. Edinburgh Math. Soc. 41, 63, 1923 (graduation by third differences). Knows nothing of rotors.
 """
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, cast
@@ -26,7 +27,10 @@ Real = NDArray[np.float64]
 _STIFF: Final = 24.0  # periods, over which a course may bend
 _HALVINGS: Final = 4
 _OUTSIDE: Final = 0.02  # counts, by which it leaves one
+_ASTRAY: Final = 0.25  # the same, however soon it may bend: that is no course
 _AROUND: Final = 12  # times the periods to either side, where it may bend sooner then
+_WIDER: Final = (1.1, 1.2, 1.4)  # times counts' width
+_BENT: Final = 0.5  # of a course
 _WITHIN: Final = 3e-4  # weight within a count: it holds a course that reaches no edge
 _SOONER: Final = 1.5  # power of how much sooner it may bend, by which that grows
 _STEPS: Final = 12  # of Newton's method, at most
@@ -42,7 +46,13 @@ class Course(NamedTuple):
     pull: Real  # how far outside of its count it is, against that side; zero within
     weight: Real
     span: Real  # periods, over which it may bend
+    reach: float  # of counts to either side
     ends: Sequence[int]
+
+    @property
+    def off(self) -> float:
+        """Rms by which it may be off."""
+        return math.sqrt(float(np.mean(self.variance)))
 
     def lost(self, x: Real) -> Real:
         """What of another movement it would not follow."""
@@ -52,14 +62,37 @@ class Course(NamedTuple):
         return out
 
 
+def surer(counts: Real, course: Course) -> Course:
+    """The course, or, where most of it has to bend sooner, that of wider counts which is the surest.
+
+    Edges of a real encoder are not all in place.
+    """
+    if np.mean(course.span < _STIFF) < _BENT:
+        return course
+    others = [smoothest(counts, wider * course.reach, course.ends) for wider in _WIDER]
+    return min((course, *others), key=lambda one: one.off)
+
+
 def smoothest(counts: Real, reach: float, ends: Sequence[int]) -> Course:
-    """Of counts' middles, each `reach` wide to either side, in runs; as they are where a run is too short to tell."""
+    """Of counts' middles, each `reach` wide to either side, in runs; as they are where a run is too short to tell.
+
+    As they are, too, around places where it would leave them however soon it may bend: no rotor's movement.
+    """
     n = len(counts)
     off, variance, span = np.zeros(n), np.full(n, reach**2 / 3.0), np.full(n, _STIFF)
     for run in _runs(ends):
         off[run], span[run] = _off(counts[run], reach)
         variance[run] = _room(off[run], span[run], reach)
-    return Course(counts + off, variance, np.clip(off, -reach, reach) - off, _weight(off, reach, span), span, ends)
+        astray = _around(np.abs(off[run]) > reach * (1.0 + 2.0 * _ASTRAY), round(_AROUND * _STIFF / 2**_HALVINGS))
+        off[run][astray], variance[run][astray] = 0.0, reach**2 / 3.0
+    pull = np.clip(off, -reach, reach) - off
+    return Course(counts + off, variance, pull, _weight(off, reach, span), span, reach, ends)
+
+
+def fast(x: Real, ends: Sequence[int]) -> Real:
+    """What of a movement is too fast for a course that bends as little as it may and is held by no edge."""
+    n = len(x)
+    return Course(x, x, x, np.full(n, _WITHIN), np.full(n, _STIFF), 0.0, ends).lost(x)
 
 
 def _runs(ends: Sequence[int]) -> list[slice]:
@@ -73,16 +106,20 @@ def _off(counts: Real, reach: float) -> tuple[Real, Real]:
     span, off = np.full(n, _STIFF), np.zeros(n)
     for halved in range(_HALVINGS + 1):
         off = _bent(counts, reach, off, span)
-        left = np.flatnonzero(np.abs(off) > reach * (1.0 + 2.0 * _OUTSIDE))
-        if len(left) == 0 or halved == _HALVINGS:
+        left = np.abs(off) > reach * (1.0 + 2.0 * _OUTSIDE)
+        if halved == _HALVINGS or not left.any():
             break
-        around = round(_AROUND * _STIFF / 2**halved)
-        changes = np.zeros(n + 1, np.intp)
-        np.add.at(changes, np.maximum(left - around, 0), 1)
-        np.add.at(changes, np.minimum(left + around + 1, n), -1)
-        near = np.cumsum(changes[:-1]) > 0
+        near = _around(left, round(_AROUND * _STIFF / 2**halved))
         span[near] = np.minimum(span[near], _STIFF / 2 ** (halved + 1))
     return off, span
+
+
+def _around(there: NDArray[np.bool_], w: int) -> NDArray[np.bool_]:
+    """Within w periods of one that is there."""
+    changes, at = np.zeros(len(there) + 1, np.intp), np.flatnonzero(there)
+    np.add.at(changes, np.maximum(at - w, 0), 1)
+    np.add.at(changes, np.minimum(at + w + 1, len(there)), -1)
+    return np.cumsum(changes[:-1]) > 0
 
 
 def _bent(counts: Real, reach: float, off: Real, span: Real) -> Real:
@@ -112,8 +149,10 @@ def _room(off: Real, span: Real, reach: float) -> Real:
     variance = np.empty(len(off))
     for periods in np.unique(span).tolist():
         there, w = span == periods, round(_NEIGHBOURS * periods)
-        up, down = (np.maximum(reach - _highest(x, w)[there], 0.0) for x in (off, -off))
-        variance[there] = (up * up - up * down + down * down) / 3.0
+        up, down = (reach - _highest(x, w)[there] for x in (off, -off))
+        outside = np.minimum(np.minimum(up, down), 0.0)
+        up, down = np.maximum(up, 0.0), np.maximum(down, 0.0)
+        variance[there] = (up * up - up * down + down * down) / 3.0 + outside * outside
     return variance
 
 

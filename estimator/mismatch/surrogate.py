@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimator.mismatch.angle_rounding import less_angle, unrounded
+from estimator.mismatch.angle_rounding import counts_and_numbers, less_angle, unrounded
 from estimator.mismatch.explain import Choice
 from estimator.mismatch.fitting import Fitted, searched, without
 from estimator.mismatch.given import Given
@@ -139,8 +139,10 @@ def _surrogate(
     count = rows.angle_step
     if count == 0.0:
         return replace(rows, i=i, zero=zero, kept=rows.kept_of_angle_and_bridge())
-    grid = 0.0 if own_counts else chance.uniform(0.0, count)
-    theta_e = count * np.round((rows.theta_e + grid) / count) - grid
+    theta_e = rows.theta_e
+    for one in counts_and_numbers(rows, count):
+        grid = 0.0 if own_counts else chance.uniform(0.0, one)
+        theta_e = one * np.round((theta_e + grid) / one) - grid if one > 0.0 else theta_e
     return unrounded(less_angle(replace(rows, i=i, zero=zero), rows.theta_e - theta_e), count)
 
 

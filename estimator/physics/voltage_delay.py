@@ -2,9 +2,8 @@
 
     u acting in period k = u recorded in row k - periods
 
-A register read one period off; derived here. One that is read a period early was turned by an angle that the drive
-foresaw from its last two counts, theta + 3/2 turn: the compensation of a period's delay (B.-H. Bae, S.-K. Sul, IEEE
-Trans. Industry Applications 39, 802, 2003).
+A register read one period off; derived here. One that is read a period early was turned by an angle that was foreseen
+from the counts at the ends of its row, theta + 3/2 turn. A drive that foresees otherwise leaves some rounding.
 """
 
 from typing import Final
@@ -14,7 +13,7 @@ import numpy as np
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import Rows, Vector
 
-_FORESEEN: Final = 0.5  # times a count's variance: of half a turn, where a drive foresees by a smoother speed
+_FORESEEN: Final = 1.5  # times a count's variance, that may be left where the angle was foreseen otherwise
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
