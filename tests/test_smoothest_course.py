@@ -1,6 +1,7 @@
 """The smoothest course through counts: how near it comes to the true one, and what it says of how far it may be off."""
 
 import math
+from typing import cast
 
 import numpy as np
 import pytest
@@ -58,8 +59,8 @@ def test_edges_that_are_not_all_in_place_are_given_room(uneven: float, noise: fl
     chance, theta = np.random.default_rng(1), turning(6.3)
     seen = theta + noise * COUNT * chance.standard_normal(N)
     first, last = int(np.min(seen) / COUNT) - 2, int(np.max(seen) / COUNT) + 3
-    edges: Real = COUNT * (np.arange(first, last) + uneven * chance.uniform(-1.0, 1.0, last - first))
-    counts: Real = COUNT * (np.searchsorted(edges, seen, "right") + (first - 0.5))
+    edges = COUNT * (np.arange(first, last) + uneven * chance.uniform(-1.0, 1.0, last - first))
+    counts = cast(Real, COUNT * (np.searchsorted(edges, seen, "right") + (first - 0.5)))
     strict = smoothest(counts, 0.5 * COUNT, [0, N])
     found = surer(counts, strict)
     off = float(np.std(found.course - theta))
