@@ -148,7 +148,7 @@ def _ringing(
     rungs = [
         rung for drop in tried if (rung := _rung(rows, found, without(found, drop, given)))
         and (_healthy(rung, given) or excess_of(found) - rung.left > rounded)
-        and rung.left > -_by_chance(rows)  # otherwise it explains noise
+        and (rung.left > -_by_chance(rows) or excess_of(found) > _by_chance(rows))  # otherwise it explains noise
     ]  # fmt: skip
     if not rungs:
         return None
