@@ -24,7 +24,7 @@ _PUSHED: Final = 5.0  # standard deviations, by which torque is seen to move it
 _ORDERS: Final = 24  # of the electrical turn, at which a rotor may swing: cogging, ripple of the torque
 _SEEN: Final = 20.0  # times the power by chance, by which a movement is seen
 _AT_ONCE: Final = 4  # orders
-_FITS: Final = 5
+_FITS: Final = 3
 _FURTHER: Final = 1.8  # times the step that edges ask for: with it, others do
 _SURER: Final = 0.9  # of its error: an angle that is known better beside a movement
 _ANEW: Final = 1024  # values, after which a sum begins anew: it keeps its digits
@@ -105,7 +105,8 @@ def _moved(
     """
     own = 1.0 / n_p, 2.0 / n_p
     orders, pushed = dict[float, None](), dict[int, None]()
-    for _ in range(_FITS):
+    before = course.off
+    for fit in range(_FITS):
         theta = known + course.course
         there = np.flatnonzero(course.pull)
         edges = course.pull[there]
@@ -122,6 +123,8 @@ def _moved(
             moves += [x if n in own else _twice_summed(x) for x in (np.cos(n * theta), np.sin(n * theta))]
         known = known + _FURTHER * _fitted(counts - theta, course, [fast(x, course.ends) for x in moves])
         course = smoothest(counts - known, course.reach, course.ends)
+        if fit > 0 and course.off > before:
+            break  # two that led nowhere
     return known, course
 
 
