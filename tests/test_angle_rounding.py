@@ -111,7 +111,7 @@ def test_a_swing_at_an_order_of_the_turn_stays_though_it_is_less_than_a_count(or
 
 @pytest.mark.parametrize(("push", "most"), [(0.0, 0.2), (1e-4, 0.3)])
 def test_an_eccentric_encoders_error_of_many_counts_does_not_keep_the_rounding(push: float, most: float) -> None:
-    """No long mean would follow it; and it stays, with a speed that changes suddenly or by torque."""
+    """No stiff course would follow it; and it stays, with a speed that changes suddenly or by torque."""
     count, turn = 50.0 * NUMBER, 1250.0 * T_S * np.arange(N)
     turn = turn + 0.2 * np.maximum(turn - 0.5 * turn[-1], 0.0)
     torque = 4.0 * np.repeat(np.random.default_rng(2).choice([-1.0, 1.0], N // 400), 400)

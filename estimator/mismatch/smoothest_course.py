@@ -56,10 +56,7 @@ class Course(NamedTuple):
 
     def lost(self, x: Real) -> Real:
         """What of another movement it would not follow."""
-        out = np.zeros(len(x))
-        for run in _runs(self.ends):
-            out[run] = _solved(self.weight[run], _stiff(self.span[run]), _bend(x[run], _stiff(self.span[run])))
-        return out
+        return _lost(x, self.weight, self.span, self.ends)
 
 
 def surer(counts: Real, course: Course) -> Course:
@@ -91,8 +88,15 @@ def smoothest(counts: Real, reach: float, ends: Sequence[int]) -> Course:
 
 def fast(x: Real, ends: Sequence[int]) -> Real:
     """What of a movement is too fast for a course that bends as little as it may and is held by no edge."""
-    n = len(x)
-    return Course(x, x, x, np.full(n, _WITHIN), np.full(n, _STIFF), 0.0, ends).lost(x)
+    return _lost(x, np.full(len(x), _WITHIN), np.full(len(x), _STIFF), ends)
+
+
+def _lost(x: Real, weight: Real, span: Real, ends: Sequence[int]) -> Real:
+    out = np.zeros(len(x))
+    for run in _runs(ends):
+        stiff = _stiff(span[run])
+        out[run] = _solved(weight[run], stiff, _bend(x[run], stiff))
+    return out
 
 
 def _runs(ends: Sequence[int]) -> list[slice]:
