@@ -41,7 +41,7 @@ from estimator.physics.flux_map import MISSED, Axis, Bend, line_of, mirrored, sl
 from estimator.physics.rows import Real, Rows, Vector
 from estimator.physics.saturation import EFFECTS
 
-_CELL: Final = 1.0 / 6.0  # of the rated current: size of the spline's cells
+_CELL: Final = 1.0 / 7.0  # of the rated current: size of the spline's cells
 _PASSES: Final = 3  # of fit and mean current
 _SMOOTH: Final = tuple(10.0**-k for k in range(3, 11))  # weight of third differences, over that of the data
 _LOOSE: Final = 1e-3  # as stiff as one third difference: what they do not hold down
@@ -169,8 +169,9 @@ class FluxMap:
 
     def _departure(self, on: Array, whole: float) -> Departure:
         """Of some combinations of coefficients (n, coefficients), over a flux linkage (Vs)."""
-        off = on @ self.w
-        return Departure(float(np.sqrt(np.mean(off**2))) / whole, float(np.sqrt(np.mean((off / self._std(on)) ** 2))))
+        off, std = on @ self.w, self._std(on)
+        errors = np.divide(off, std, out=np.zeros_like(off), where=std > 0.0)  # without i_q psi_q is none
+        return Departure(float(np.sqrt(np.mean(off**2))) / whole, float(np.sqrt(np.mean(errors**2))))
 
     def _middles(self) -> Vector:
         a, b = np.nonzero(self.visited)
