@@ -96,6 +96,9 @@ def checked_trust(given: Mapping[str, object]) -> dict[str, float]:
 def _share(text: str) -> object:
     number = text.removesuffix("%").strip()
     try:
-        return float(number) / 100 if text.endswith("%") else float(number)
+        share = float(number) / 100 if text.endswith("%") else float(number)
     except ValueError:
         return text
+    if share > 1.0 and not text.endswith("%"):
+        raise ConfigError(f"trust: {text} may mean {text} % or {100 * share:g} %, expected per cent or a share up to 1")
+    return share

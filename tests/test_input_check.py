@@ -13,7 +13,7 @@ from estimator.mismatch.data_sheet import contradicted
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.input_check import checked
 from estimator.mismatch.verdict import Verdict
-from estimator.samples import Samples
+from estimator.samples import Resolution, Samples
 from tests.convention_runs import LENGTH, TURN, currents, made, recording, scaled, speed, voltages, with_vectors
 
 NUMBERS = (1, 2, 3, 5, 8)
@@ -129,6 +129,41 @@ def test_currents_that_are_cut_off_are_told_with_the_level() -> None:
     assert found >= 4
 
 
+@pytest.mark.parametrize("name", ["i_d", "i_q"])
+def test_a_column_of_currents_that_is_cut_off_is_told_with_the_level(name: str) -> None:
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        level = float(np.quantile(np.abs(np.concatenate([getattr(run, name) for run in runs])), 0.7))
+        cut = [replace(run, **{name: np.clip(getattr(run, name), -level, level)}) for run in runs]
+        assert any(f"{name} is cut off at" in said for said in checked(cut, nominal).remarks), number
+
+
+def test_an_angle_that_is_read_every_fourth_period_ends_the_diagnosis() -> None:
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        told = Resolution(theta_e=1e-3)
+        held = [replace(run, theta_e=run.theta_e[np.arange(len(run)) // 4 * 4], resolution=told) for run in runs]
+        assert any("theta_e stays the same in 7" in said for said in checked(held, nominal).remarks)
+        assert checked(held, nominal).stop
+
+
+def test_a_rated_current_that_the_currents_exceed_by_far_is_told() -> None:
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        high = max(float(np.max(np.hypot(run.i_d, run.i_q))) for run in runs)
+        assert "times the nominal i_rated" in only(runs, replace(nominal, i_rated=high / 20.0), stop=False)
+
+
+def test_a_motor_that_stands_says_nothing_of_units() -> None:
+    (run, *_), nominal = recording("none", 1)
+    omega, i = run.omega_e, run.i_d + 1j * run.i_q
+    by_speed = 1j * omega * (nominal.psi_f + nominal.L_d * i.real + 1j * nominal.L_q * i.imag)
+    still = with_vectors(run, u=run.u_d + 1j * run.u_q - by_speed)
+    still = replace(still, theta_e=np.zeros(len(run)), omega_e=np.zeros(len(run)), i_a=None, i_b=None, i_c=None)
+    for known in (nominal, replace(nominal, i_rated=None)):
+        assert "stands" in only([still], known, stop=False)
+
+
 def test_a_voltage_at_its_limit_for_long_is_told() -> None:
     (run, *_), nominal = recording("none", 1)
     assert run.u_dc is not None
@@ -161,7 +196,7 @@ def test_a_machine_in_other_units_is_told(number: int) -> None:
     in_mH = replace(nominal, L_d=1e3 * nominal.L_d, L_q=1e3 * nominal.L_q)
     assert "the nominal L_d and L_q seem to be in thousandths" in only(runs, in_mH, stop=True)
     in_mWb = replace(nominal, psi_f=1e3 * nominal.psi_f)
-    assert "the nominal psi_f seem to be in thousandths" in only(runs, in_mWb, stop=True)
+    assert "the nominal psi_f seems to be in thousandths" in only(runs, in_mWb, stop=True)
     between_lines = replace(nominal, R_s=2.0 * nominal.R_s)
     assert "half the nominal R_s" in only(runs, between_lines, stop=False)
 

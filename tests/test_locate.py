@@ -108,6 +108,12 @@ def test_orders_and_lines_are_found_in_their_frame() -> None:
     assert placed(1j * np.cos(TURN * 210.0 * TIME))[1].region["frame"] == "rotor"
 
 
+def test_what_hardly_changes_has_no_frequency() -> None:
+    half_a_second = ROWS[:5000]
+    place = place_of(half_a_second, flux_of(half_a_second, np.full(5000, 1.0 + 0.8j)), (0.0, 0.0))
+    assert place.sentence == "all the time in the rotor frame, with all of the energy"
+
+
 def test_what_acts_along_a_phase_is_found_there() -> None:
     along_b = np.exp(2j * TURN / 6.0) * np.cos(3.3 * np.sqrt(5000.0 * TIME))  # of no one frequency
     for place in placed(ROWS.stationary(along_b)):

@@ -141,6 +141,16 @@ def test_iron_loss_and_a_late_voltage_are_not_told_apart_where_noise_hides_their
     assert doubt.experiment.holds and "would tell" in doubt.experiment.sentence
 
 
+def test_two_effects_that_each_take_the_others_place_come_to_an_end() -> None:
+    omega, i_d, i_q = (x.ravel() for x in np.meshgrid([100.0, 300.0, 600.0, 900.0], [-4.0, -2.0, 0.0, 2.0],
+                                                      [-5.0, -2.0, 1.0, 3.0, 6.0]))  # fmt: skip
+    noise = np.random.default_rng(0).normal(0.0, 0.01, (2, len(omega)))
+    u = 0.5 * (i_d + 1j * i_q) + omega * (-1.6e-3 * i_q + 1j * (1.6e-3 * i_d + 0.074)) + noise[0] + 1j * noise[1]
+    said = diagnose_points(Points(omega, i_d + 1j * i_q, u * np.exp(-0.05j)), n_p=4, i_rated=None)
+    assert said.verdict is Verdict.AMBIGUOUS
+    assert {"iron_loss", "angle_offset"} in [set(doubt.effects) for doubt in said.ambiguous]
+
+
 def test_points_without_levels_of_i_d_do_not_pretend_to_know_l_d(plain: Points) -> None:
     said = diagnosed(plain.at(np.flatnonzero(np.abs(plain.i.real) < 0.1)))
     assert said.verdict is Verdict.NOT_ENOUGH_EXCITATION

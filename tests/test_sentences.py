@@ -6,7 +6,7 @@ import pytest
 
 from estimator.mismatch.sentences import quantity, sentence_of
 from estimator.mismatch.verdict import Ambiguity, Before, Diagnosis, Experiment, Fit, Quantity, Range, Verdict
-from tests.diagnoses import CONVENTION, EXPLAINED
+from tests.diagnoses import CONVENTION, EXPLAINED, NO_MISMATCH
 
 
 def with_size(name: str, told: Quantity) -> Diagnosis:
@@ -53,6 +53,33 @@ def test_beside_a_convention_errors_are_those_of_the_recording_without_it() -> N
 )  # fmt: skip
 def test_small_sizes_have_prefixes_as_in_the_report(value: float | None, unit: str, said: str) -> None:
     assert quantity(value, unit) == said
+
+
+@pytest.mark.parametrize(
+    ("periods", "said"),
+    [(1.0, "periods 1.0000 ± 0.0020, that is, the voltage acts later than its row says; it hid"),
+     (-1.0, "periods -1.0000 ± 0.0020, that is, the voltage acts earlier than its row says; it hid"),
+     (0.46, "acts later than its row says, or currents are filtered or sampled late, which looks the same; it hid")],
+)  # fmt: skip
+def test_a_delay_says_in_which_direction_and_what_looks_the_same(periods: float, said: str) -> None:
+    sizes = {"periods": Quantity(periods, 0.002, "1")}
+    late = replace(EXPLAINED.findings[0], effect="voltage_delay", parameters=sizes)
+    assert said in sentence_of(replace(EXPLAINED, findings=(late,)))
+
+
+def test_what_is_left_beyond_noise_is_told_of_what_is_explained() -> None:
+    assert EXPLAINED.fit is not None
+    floor = EXPLAINED.fit.one_step_rms_V.noise_floor
+    assert floor is not None
+    for after, told in ((1.04 * floor, False), (1.1 * floor, True)):
+        fit = replace(EXPLAINED.fit, one_step_rms_V=Before(2.69, after, floor))
+        assert ("What is left is little beside the voltage" in sentence_of(replace(EXPLAINED, fit=fit))) is told
+
+
+def test_a_limit_of_all_there_is_is_none() -> None:
+    limits = {"q_axis_saturation": Quantity(6.0, None, "1"), "iron_loss": Quantity(2e-3, None, "S")}
+    said = sentence_of(replace(NO_MISMATCH, detectable=limits))
+    assert "it would have shown iron loss from 2 mS; it would not have shown saturation along the q axis of any" in said
 
 
 def test_what_an_effect_hid_as_has_prefixes_too() -> None:

@@ -62,10 +62,14 @@ def less_angle(rows: Rows, off: Real) -> Rows:
 
 def resolution_of(rows: Rows, told: float) -> float:
     """The angle's resolution (rad): as told, or the step by multiples of which it moves; 0 where it moves by any."""
-    values = np.unique(np.round(np.abs(rows.D[rows.joined]), _DIGITS))
-    apart = np.diff(values)
-    if told > 0.0 or len(apart) == 0 or float(np.min(apart)) < _FINEST:
-        return told
+    return told if told > 0.0 else grid_of(rows.D[rows.joined])
+
+
+def grid_of(moves: Real) -> float:
+    """The step (rad) of whose multiples all movements are; 0 where there is none."""
+    apart = np.diff(np.unique(np.round(np.abs(moves), _DIGITS)))
+    if len(apart) == 0 or float(np.min(apart)) < _FINEST:
+        return 0.0
     near = apart[apart < _NEAR * np.min(apart)]
     counts = np.rint(near / np.min(apart))
     step = float(np.sum(near) / np.sum(counts))

@@ -28,7 +28,7 @@ _APART: Final = 1.5  # times the current, at which R_s is looked at again
 _ALIKE: Final = 0.15  # by which it may differ then
 _FAR_L: Final = 4.0  # times, by which an inductance is higher than any effect makes it
 _SATURATED: Final = 8.0  # times, by which saturation and harmonics may lower it
-_LOUD: Final = 6.0  # times the rated current, which no drive carries
+LOUD: Final = 6.0  # times the rated current, which no drive carries
 _PREFIXES: Final = ((1e3, "m"), (1e6, "u"))
 
 
@@ -74,7 +74,7 @@ def _recorded(compared: _Compared, stretches: Stretches, nominal: Machine) -> st
 
     Currents that a motor of such a rated current may carry leave it to the nominal values.
     """
-    loud = nominal.i_rated is None or float(np.quantile(np.abs(stretches.i), 0.999)) > _LOUD * nominal.i_rated
+    loud = nominal.i_rated is None or float(np.quantile(np.abs(stretches.i), 0.999)) > LOUD * nominal.i_rated
     for factor, letter in _PREFIXES:
         for says, u, i in (
             (f"the voltages seem to be in {letter}V, expected V", factor, 1.0),
@@ -92,7 +92,7 @@ def _scaled(compared: _Compared, u: float, Z: float) -> bool:
     inductances = [name for name in ("L_d", "L_q") if told[name]]
     if told["psi_f"] and not compared.near("psi_f", u):
         return False
-    if not told["psi_f"] and (u == 1.0 or compared.fit.share < _CLOSED):
+    if not told["psi_f"] and (1.0 in (u, Z) or compared.fit.share < _CLOSED):  # it alone tells a unit of both
         return False
     if told["R_s"] and not 1.0 / _NEAR_R_S < abs(over["R_s"]) / Z < _NEAR_R_S:
         return False
@@ -123,8 +123,9 @@ def _given(compared: _Compared, nominal: Machine) -> Iterator[Wrong]:
             if closed and likely >= others and all(compared.near(name, unit) for name in names):
                 first = names[0]
                 given, asked = getattr(nominal, first), over[first] * getattr(nominal, first)
-                yield Wrong(f"the nominal {' and '.join(names)} seem to be in {says} of the unit: {first} is given as "
-                            f"{given:.4g} {UNITS[first]}, the recording asks for {asked:.3g}; expected SI units", True)
+                seem = f"{' and '.join(names)} seem{'' if len(names) > 1 else 's'}"
+                yield Wrong(f"the nominal {seem} to be in {says} of the unit: {first} is given as {given:.4g} "
+                            f"{UNITS[first]}, the recording asks for {asked:.3g}; expected SI units", True)
     if likely >= {"L_d", "L_q", "psi_f"} and told["R_s"] and compared.fit.share > 0.999:
         near = {name for name in PARAMETERS if abs(math.log(over[name])) < 0.2} if over["R_s"] > 0.0 else set[str]()
         half = {name for name in PARAMETERS if abs(math.log(max(over[name], 1e-9) * 2.0)) < 0.12}

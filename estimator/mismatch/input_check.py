@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, Machine
+from estimator.mismatch.bad_samples import still
 from estimator.mismatch.causes import speed_as
 from estimator.mismatch.correction import Correction
-from estimator.mismatch.data_sheet import Wrong, units
+from estimator.mismatch.data_sheet import LOUD, Wrong, units
 from estimator.mismatch.rough_fit import TURNED, Fit, Stretches, fit, speed_over_rate, stretches_of
 from estimator.mismatch.told_drive import MOST
 from estimator.samples import Samples
@@ -34,6 +35,9 @@ _TORN: Final = 0.5  # of the rows, that lie in short runs then
 _SATURATED: Final = 0.5  # of the rows
 _CLIPPED: Final = 0.003  # of the rows
 _PILED: Final = 3.0  # rows at the top over rows in the band three times as wide below it; a sine has 1
+_ALIKE: Final = 8.0  # times as often as any other value
+_AWAY: Final = 0.1  # of a column's largest value: what stands nearer to zero is at rest
+_HELD: Final = 0.05  # of the rows
 _SAME: Final = 0.015  # log
 _JUMP: Final = 50  # rows that are missing at once
 _GROSS: Final = 0.26  # log: 30 %
@@ -52,7 +56,7 @@ def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
     runs = [run for run in runs if len(run)]
     found = list(_columns(runs))
     if not any(wrong.stop for wrong in found):
-        found += [*_excitation(runs, nominal), *_gaps(runs), *_clipped(runs), *_saturated(runs)]
+        found += [*_excitation(runs, nominal), *_gaps(runs), *_clipped(runs), *_saturated(runs), *_held(runs)]
         stretches = stretches_of(runs)
         if stretches is not None and not any(wrong.stop for wrong in found):
             scaled = list(units(stretches, nominal))
@@ -99,6 +103,10 @@ def _excitation(runs: Sequence[Samples], nominal: Machine) -> Iterator[Wrong]:
             yield Wrong(f"the {what} are the same in every row, expected measured ones: check what the columns hold, "
                         "and record with steps of i_d and i_q", True)
             return
+    largest = float(np.quantile(np.hypot(i_d, i_q), 0.999))
+    if nominal.i_rated is not None and largest > LOUD * nominal.i_rated:
+        yield Wrong(f"the currents reach {largest:.3g} A, {largest / nominal.i_rated:.2g} times the nominal i_rated: "
+                    f"expected at most {LOUD:g} times; effects that grow with it are asked for over a wrong range")
     rms = math.sqrt(float(np.mean(i_d**2 + i_q**2)))
     idle = rms < _IDLE * (nominal.i_rated or 0.0)
     turned = max(float(np.ptp(np.unwrap(run.theta_e))) for run in runs)
@@ -139,7 +147,16 @@ def _missing(a: Samples, b: Samples) -> float:
 
 
 def _clipped(runs: Sequence[Samples]) -> Iterator[Wrong]:
-    """Many rows at one extreme value. Seen where phase currents were recorded: in i_d and i_q it is no plateau."""
+    """Many rows at one extreme value: a plateau of a phase current, or i_d or i_q that is the very same."""
+    n = sum(map(len, runs))
+    for name in ("i_d", "i_q"):
+        values, count = np.unique(np.concatenate([getattr(run, name) for run in runs]), return_counts=True)
+        for end in (0, -1):
+            usual = int(np.max(count[1:-1])) if len(values) > 2 else n
+            away = abs(values[end]) > _AWAY * max(-values[0], values[-1])
+            if away and count[end] > max(_CLIPPED * n, _ALIKE * usual):
+                yield Wrong(f"{name} is cut off at {values[end]:.3g} A in {count[end] / n:.1%} of the rows, expected "
+                            "measured currents: record less current, or with a larger range")
     phases = [_whole(runs, name) for name in ("i_a", "i_b", "i_c")]
     sides = [side * phase for phase in phases if phase is not None for side in (1.0, -1.0)]
     level = max((float(np.max(side)) for side in sides), default=0.0)
@@ -151,7 +168,6 @@ def _clipped(runs: Sequence[Samples]) -> Iterator[Wrong]:
         below = int(np.count_nonzero((near > level - 4.0 * band) & (near <= level - band)))
         if top > _PILED * max(below, 1):
             cut += top
-    n = sum(map(len, runs))
     if cut > _CLIPPED * n:
         yield Wrong(f"the phase currents are cut off at {level:.3g} A in {min(cut / n, 1.0):.1%} of the rows, "
                     "expected within the sensors' range: record less current, or with a larger range")
@@ -182,6 +198,15 @@ def _speed(stretches: Stretches) -> Iterator[Wrong]:
     if not math.isnan(ratio) and (ratio < 0.0 or abs(math.log(ratio)) > _SAME):
         yield Wrong(f"omega_e is {ratio:.4g} times the rate of change of theta_e, expected the same: electrical, in "
                     "rad and rad/s, of one sign, and the right T_s")
+
+
+def _held(runs: Sequence[Samples]) -> Iterator[Wrong]:
+    """An angle that stays for some rows, and then catches up."""
+    held = sum(int(np.count_nonzero(turned)) for turned in still(runs))
+    n = sum(map(len, runs))
+    if held > _HELD * n:
+        yield Wrong(f"theta_e stays the same in {held / n:.0%} of the rows while the motor turns, and then catches up: "
+                    "expected the angle of every control period", True)
 
 
 def _turned_over_currents(stretches: Stretches, i: Vector) -> float:

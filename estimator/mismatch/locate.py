@@ -283,12 +283,14 @@ def _spectral(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place |
     for frame in ("stationary", "rotor"):
         line = strongest_line(rows, signal, frame, _SLOWEST, _FASTEST / rows.T_s)
         if line is not None and line.gain >= _HALF * total:
-            found.append(_place_of_line(line, frame, min(line.gain / total, 1.0)))
+            found.append(_place_of_line(line, frame, min(line.gain / total, 1.0), len(rows) * rows.T_s))
     return max(found, key=lambda place: place.energy_share, default=None)
 
 
-def _place_of_line(line: Line, frame: str, share: float) -> Place:
-    words = f"at {number(line.frequency)} Hz in the {frame} frame, with {percent(share)} of the energy"
+def _place_of_line(line: Line, frame: str, share: float, time: float) -> Place:
+    """In a recording of that length, s."""
+    turns = f"at {number(line.frequency)} Hz" if line.frequency * time > 1.0 else "all the time"
+    words = f"{turns} in the {frame} frame, with {percent(share)} of the energy"
     region: Region = {"frequency": line.frequency, "frame": frame}
     if line.narrow < _STRAIGHT:
         region["direction"] = line.direction
@@ -303,7 +305,7 @@ def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
     if isinstance(form, Line):
         along = f"along {degrees(form.direction)} from phase a" if form.narrow < _STRAIGHT else "turning"
         what = f"a {number(form.frequency)} Hz voltage of {number(form.amplitude)} V fixed in the stationary frame"
-        return f"{what}, {along}", _place_of_line(form, "stationary", share)
+        return f"{what}, {along}", _place_of_line(form, "stationary", share, len(rows) * rows.T_s)
     if isinstance(form, TwoLevels):
         return _said_of_levels(rows, form, share)
     if isinstance(form, Drift):

@@ -23,8 +23,7 @@ def prepared(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, 
     resolution = resolution_of(rows, told)
     rows = settled(unrounded(rows, resolution))
     rows.prepare()
-    step = rows.angle_step if told == 0.0 < resolution else told  # counts may be told in finer numbers
-    return rows, Given(nominal, tolerance, step)
+    return rows, Given(nominal, tolerance, rows.angle_step if resolution > 0.0 else 0.0)
 
 
 def _highest_current(runs: Sequence[Samples]) -> float:

@@ -15,7 +15,9 @@ _GAIN = "a gain of all voltages or of all currents, by which the parameters are 
 _UNFITTED = {convention_error.NAME: convention_error.TITLE, "dc_link_gain": "a dc link that is misread"}
 """Titles of causes that no column stands for."""
 _LIKE_NOISE = 1.05  # times the noise floor
+_NOISE = "nothing but noise"
 _CLOSE = 0.02  # of a scale, that needs no words
+_WHOLE = 0.05  # periods, by which a delay is one of whole periods
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
 
 
@@ -53,7 +55,7 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
     elif diagnosis.verdict is Verdict.PARTLY_EXPLAINED:
         said.append("not all is explained: " + "; ".join(diagnosis.remarks))
     if diagnosis.verdict is Verdict.EXPLAINED:
-        said.append(_left_open(diagnosis))
+        said += [_beyond_noise(fit), _left_open(diagnosis)]
     if diagnosis.verdict is Verdict.NO_MISMATCH:
         nothing = f"no mismatch: the machine's equations with fitted parameters leave {_little(fit)}"
         said.append("; ".join(part for part in (nothing, _detectable(diagnosis)) if part))
@@ -67,11 +69,16 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
     return text + "."
 
 
+def _beyond_noise(fit: Fit | None) -> str:
+    left = _little(fit)
+    return "" if left == _NOISE else f"what is left is {left}"
+
+
 def _little(fit: Fit | None) -> str:
     """What is left where nothing is amiss: noise, or little more that is too small beside the voltage to matter."""
     error = None if fit is None else fit.one_step_rms_V
     if error is None or error.noise_floor is None or error.after <= _LIKE_NOISE * error.noise_floor:
-        return "nothing but noise"
+        return _NOISE
     return (
         f"little beside the voltage: an error of {quantity(error.after, 'V')} in one step, where noise makes "
         f"{quantity(error.noise_floor, 'V')}"
@@ -103,9 +110,19 @@ def _finding(finding: Finding, cause: str) -> str:
         return f"the recording follows {convention_error.TITLE}: {cause or sizes}"
     title = BY_NAME[finding.effect].title
     text = f"{title} {'were' if _plural(title) else 'was'} left out: {sizes}"
+    if finding.effect == "voltage_delay":
+        text += _delayed(finding.parameters["periods"].value or 0.0)
     if hid:
         text += f"; it hid as {hid}"
     return f"{text}; it acts {finding.where.sentence}"
+
+
+def _delayed(periods: float) -> str:
+    """What a delay means; of no whole periods it need not be the voltage's."""
+    text = f", that is, the voltage acts {'later' if periods > 0.0 else 'earlier'} than its row says"
+    if periods > 0.0 and abs(periods - round(periods)) > _WHOLE:
+        text += ", or currents are filtered or sampled late, which looks the same"
+    return text
 
 
 def _signed(change: float, unit: str) -> str:
@@ -126,11 +143,15 @@ def _size(name: str, told: Quantity) -> str:
 
 def _detectable(diagnosis: Diagnosis) -> str:
     shown = [name for name in _FAMILIAR if math.isfinite(_limit(diagnosis, name))]
-    parts = [f"{_title(name)} from {quantity(diagnosis.detectable[name].value, diagnosis.detectable[name].unit)}"
-             for name in shown]
-    if not parts:
-        return ""
-    return f"it would have shown {', '.join(parts)}"
+    limits = [diagnosis.detectable[name] for name in shown]
+    whole = [limit.unit == "1" and (limit.value or 0.0) >= 1.0 for limit in limits]  # all of it, or more, is no limit
+    seen = [f"{_title(name)} from {quantity(limit.value, limit.unit)}"
+            for name, limit, no in zip(shown, limits, whole, strict=True) if not no]  # fmt: skip
+    unseen = [_title(name) for name, no in zip(shown, whole, strict=True) if no]
+    parts = [f"it would have shown {', '.join(seen)}"] if seen else []
+    if unseen:
+        parts.append(f"it would not have shown {' or '.join(unseen)} of any size")
+    return "; ".join(parts)
 
 
 def _left_open(diagnosis: Diagnosis) -> str:

@@ -1,19 +1,28 @@
 """Told drive: what is told of a drive beside its recording and is contradicted by it is not used, and that is said.
 
-A dc link that cannot give the voltages. Knows no effect.
+A dc link that cannot give the voltages; an encoder of other counts than the angle moves by. Knows no effect.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimator.mismatch.angle_rounding import grid_of
 from estimator.mismatch.words import number
-from estimator.samples import Samples
+from estimator.samples import NOT_KNOWN, Samples
 
 MOST: Final = 1.3 * 2.0 / 3.0  # of the dc link: no bridge gives as much
 _OFTEN: Final = 0.001  # of the rows: more than a few wrong ones
+_OFF: Final = 0.05  # of a count, and a step of the numbers, by which a movement may be off whole ones
+_ROUGH: Final = 0.25  # of a count: numbers that are as coarse do not tell
+_ELSEWHERE: Final = 0.15  # of the rows, whose movement is none of whole counts
+_FEW: Final = 0.02  # of the rows that move, the same, where they are
+_FEWEST: Final = 200  # rows
+_MOST_AT_ONCE: Final = 64  # counts
+_DIFFERENT: Final = 3  # movements, at least
 
 
 class Believed(NamedTuple):
@@ -25,10 +34,14 @@ class Believed(NamedTuple):
 
 def believed(runs: Sequence[Samples]) -> Believed:
     """The runs with what is told of their drive, as far as they allow it."""
-    said = _too_low(runs)
-    if said is None:
-        return Believed(tuple(runs), ())
-    return Believed(tuple(replace(run, u_dc=None) for run in runs), (said,))
+    found, remarks = tuple(runs), list[str]()
+    if said := _too_low(found):
+        found, remarks = tuple(replace(run, u_dc=None) for run in found), [*remarks, said]
+    if said := _other_counts(found):
+        unknown = [run.resolution._replace(theta_e=0.0, encoder=0.0) for run in found]
+        found = tuple(replace(run, resolution=so) for run, so in zip(found, unknown, strict=True))
+        remarks.append(said)
+    return Believed(found, tuple(remarks))
 
 
 def _too_low(runs: Sequence[Samples]) -> str | None:
@@ -43,4 +56,33 @@ def _too_low(runs: Sequence[Samples]) -> str | None:
         f"voltages of up to {number(float(np.quantile(u, 0.999)))} V are beyond what u_dc = "
         f"{number(float(np.median(u_dc)))} V can give, 2/3 of it: u_dc is not used, and no dead time can be told; "
         "expected the dc link's voltage in V"
+    )
+
+
+def _other_counts(runs: Sequence[Samples]) -> str | None:
+    """Counts by which the angle does not move, in a sentence."""
+    told = runs[0].resolution if runs else NOT_KNOWN
+    count, numbers = told.encoder, math.sqrt(max(told.theta_e**2 - told.encoder**2, 0.0))
+    parts = [np.diff(run.theta_e) for run in runs if run.periods == 1]
+    moves = np.concatenate([np.zeros(0), *parts])
+    within = _OFF * count + numbers
+    moves = moves[(np.abs(moves) > within) & (np.abs(moves) < math.pi)]  # none where it begins anew
+    if count == 0.0 or numbers > _ROUGH * count or len(moves) < _FEWEST:
+        return None
+
+    def off(step: float, within: float) -> float:
+        """Share of the movements that are none of whole steps."""
+        return float(np.mean(np.abs(moves - step * np.rint(moves / step)) > within))
+
+    rounded = 0.0 if numbers else grid_of(moves)  # numbers that hold the angle, where they are not told
+    if off(count, within + rounded) > _ELSEWHERE:
+        says = "less than a count"
+    else:
+        coarser = next((n for n in range(_MOST_AT_ONCE, 1, -1) if off(n * count, within) < _FEW), None)
+        if coarser is None or len(np.unique(np.rint(moves / (coarser * count)))) < _DIFFERENT:
+            return None
+        says = f"{coarser} counts at once"
+    return (
+        f"by encoder_counts, as told, the angle moves by {says}: they are not used; expected those of the recorded "
+        "angle in a mechanical turn, and the motor's n_p"
     )

@@ -116,8 +116,9 @@ class Search:
         return [name for name in self.problem.effects if name not in choice]
 
     def _best(self, choice: Choice) -> Choice:
-        choice = self._exchanged(self._without_needless(choice))
-        while len(choice) < MOST:
+        choice, seen = self._exchanged(self._without_needless(choice)), set[Choice]()
+        while len(choice) < MOST and choice not in seen:  # of two that are alike each may take the other's place
+            seen.add(choice)
             more = self._more(choice)
             if not more:
                 break
