@@ -200,3 +200,12 @@ def test_a_motor_that_stands_without_voltage_or_current_is_not_judged() -> None:
     still = replace(run, theta_e=np.zeros(len(run)), omega_e=np.zeros(len(run)))
     assert suspected([with_vectors(still, i=nothing, u=nothing)], nominal, TOLERANCE) is None
     assert suspected([with_vectors(still, i=nothing)], nominal, TOLERANCE) is None
+
+
+def test_what_is_left_beside_no_such_machine_is_not_called_physics() -> None:
+    runs, nominal = recording("angle_offset", 1, length=1.0)
+    turned = [with_vectors(run, i=1j * (run.i_d + 1j * run.i_q), u=1j * (run.u_d + 1j * run.u_q)) for run in runs]
+    said = diagnose([replace(run, i_a=None, i_b=None, i_c=None) for run in turned], nominal)
+    assert said.verdict is Verdict.UNEXPLAINED
+    assert said.unexplained is not None
+    assert "what it is cannot be told; check the nominal values, and the columns" in said.unexplained.description

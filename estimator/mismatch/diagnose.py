@@ -51,7 +51,7 @@ from estimator.mismatch.verdict import (
     odds_of,
     verdict_of,
 )  # fmt: skip
-from estimator.mismatch.words import continued
+from estimator.mismatch.words import continued, number
 from estimator.physics import convention_error, voltage_delay
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
@@ -67,6 +67,7 @@ _MAPPED: Final = (
 )
 _MOST_OF_A_ROW: Final = 0.5
 _DELTA: Final = 1e-4  # of a size, for differences
+_SEVERAL: Final = 2  # parameters
 _HELPS: Final = 0.98  # of a free-running error without any effect, that effects leave at most
 _RISES: Final = 1.01  # times the same: more than chance
 _ASTRAY: Final = 3.0  # times the same: no model of the machine
@@ -273,10 +274,23 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
         verdict, outside = Verdict.NOT_ENOUGH_EXCITATION, [poorly]
     limits = detectable(search, choice, excess_of(found), tolerance)
     return Diagnosis(
-        verdict, "", tuple(findings), tuple(doubts), left, limits, machine_before, machine_after, fit,
+        verdict, "", tuple(findings), tuple(doubts),
+        _of_no_such_machine(left, [name for name in off if machine_after[name].std is None]),
+        limits, machine_before, machine_after, fit,
         candidates(search, choice), tuple(outside), pictures, richer if lacks else None, scales=scales,
         flux_map=None if flux_map is None or not findings else flux_map.table(), angle=model.angle,
     )  # fmt: skip
+
+
+def _of_no_such_machine(left: Unexplained | None, ends: Sequence[str]) -> Unexplained | None:
+    """What is left, described as no physics where several of L_d, L_q, psi_f are at the ends of what is searched."""
+    if left is None or len({"L_d", "L_q", "psi_f"} & set(ends)) < _SEVERAL:
+        return left
+    no_such = (
+        f"{number(left.rms_V)} V rms, beside a machine that is far from the nominal one: what it is cannot be told; "
+        "check the nominal values, and the columns, their units and conventions"
+    )
+    return replace(left, description=no_such)
 
 
 def _doubted(

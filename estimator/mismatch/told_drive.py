@@ -84,5 +84,5 @@ def _other_counts(runs: Sequence[Samples]) -> str | None:
         says = f"{coarser} counts at once"
     return (
         f"by encoder_counts, as told, the angle moves by {says}: they are not used; expected those of the recorded "
-        "angle in a mechanical turn, and the motor's n_p"
+        "angle in a mechanical turn, the motor's n_p, and numbers that are as fine"
     )
