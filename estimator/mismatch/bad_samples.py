@@ -257,6 +257,6 @@ def _turned(run: Samples) -> Array:
 
 def _of_angle(run: Samples) -> Callable[[int, int], str]:
     def says(a: int, b: int) -> str:
-        return f"theta_e stays the same from {_time(run, a)} to {_time(run, b - 1)} while the motor turns"
+        return f"theta_e stays the same from {_time(run, a)} to {_time(run, b - 1)} while the motor turns by omega_e"
 
     return says

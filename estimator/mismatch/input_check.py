@@ -205,8 +205,8 @@ def _held(runs: Sequence[Samples]) -> Iterator[Wrong]:
     held = sum(int(np.count_nonzero(turned)) for turned in still(runs))
     n = sum(map(len, runs))
     if held > _HELD * n:
-        yield Wrong(f"theta_e stays the same in {held / n:.0%} of the rows while the motor turns, and then catches up: "
-                    "expected the angle of every control period", True)
+        yield Wrong(f"theta_e stays the same in {held / n:.0%} of the rows while the motor turns by omega_e, and then "
+                    "catches up: expected the angle of every control period", True)
 
 
 def _turned_over_currents(stretches: Stretches, i: Vector) -> float:
