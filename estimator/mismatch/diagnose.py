@@ -72,6 +72,7 @@ _HELPS: Final = 0.98  # of a free-running error without any effect, that effects
 _RISES: Final = 1.01  # times the same: more than chance
 _ASTRAY: Final = 3.0  # times the same: no model of the machine
 _BORNE_OUT: Final = 0.5  # of what effects explain, that they have to explain of stretches left out
+_NOTHING: Final = "what is found of it is less than its standard error"
 _NO_HELP: Final = "on stretches that took no part in the fit the error does not fall with it"
 
 
@@ -302,8 +303,18 @@ def _doubted(
     """
     reasons = not_borne_out(found.search, found.choice, blind, excess, stands)
     already = [one for some in reasons.values() for one in some]
+    if nothing := tuple(one for one in found.choice if one not in already and _of_no_size(found, one)):
+        reasons, already = {**reasons, _NOTHING: nothing}, [*already, *nothing]
     losses = tuple(one for one in found.choice if one[0] in LIKE_RESONANCE and one not in already)
     return {**reasons, f"it may as well be {resonance.description}": losses} if resonance and losses else reasons
+
+
+def _of_no_size(found: Fitted, one: tuple[str, int]) -> bool:
+    """An effect's only size, as it would be told, is less than its standard error."""
+    effect, rows = BY_NAME[one[0]], with_machine(found.smooth, found.model.machine)
+    shapes = {parameter.name for parameter in effect.parameters if parameter.shape}
+    sizes = [told for name, told in _told(effect, rows, found, one).items() if name not in shapes]
+    return len(sizes) == 1 and sizes[0].value is not None and abs(sizes[0].value) < (sizes[0].std or 0.0)
 
 
 def _shown(rows: Rows, found: Fitted, left: Vector, plain: Search) -> tuple[Fit, Traces]:
