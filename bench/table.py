@@ -50,7 +50,10 @@ FAILURES: tuple[type[Exception], ...] = (
 def column_names(path: Path) -> tuple[str, ...]:
     """The file's column names in its order."""
     with _as_sentences(path, "its header"):
-        return _parquet_names(path) if _kind(path) == "parquet" else _csv_head(path).names
+        names = _parquet_names(path) if _kind(path) == "parquet" else _csv_head(path).names
+    if len(names) == 1 and (other := next((mark for mark in ";\t|" if mark in names[0]), None)):
+        raise RecordingError(f"{path}: expected columns separated by commas, came {other!r}, and decimal points")
+    return names
 
 
 def read_parts(path: Path, columns: Sequence[str], rows: int) -> Generator[Part]:

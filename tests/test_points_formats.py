@@ -115,6 +115,17 @@ def test_a_recording_without_its_machine_is_one_sentence_by_command(
     assert capsys.readouterr().err == said
 
 
+def test_what_is_neither_a_recording_nor_a_table_of_points_is_told_what_both_need(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path / "a.csv", {name: [0.0, 1.0] for name in ("u_d", "u_q", "i_d", "omega_e")})
+    assert pmsm_bench("diagnose", str(path), monkeypatch=monkeypatch) == 2
+    assert "a table of steady points, which needs none, has u_d, u_q, i_d, i_q and" in capsys.readouterr().err
+    path.write_text("u_d;u_q;i_d;i_q;omega_e\n0,1;0,2;1,0;2,0;100,0\n", encoding="utf-8")
+    assert pmsm_bench("diagnose", str(path), monkeypatch=monkeypatch) == 2
+    assert "expected columns separated by commas, came ';'" in capsys.readouterr().err
+
+
 def test_a_nominal_machine_far_from_the_points_is_remarked(dropping: Points, tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", columns_of(dropping))
     nominal = Nominal({"R_s": 0.97, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.2}, n_p=4, i_rated=6.0)

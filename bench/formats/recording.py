@@ -12,6 +12,7 @@ from bench.diagnosis_request import Request, Tell, check_whole
 from bench.errors import ConfigError, RecordingError
 from bench.formats.format import Diagnosed, Format
 from bench.recording import Recording, read_recording
+from bench.table import column_names
 from estimator.mismatch.diagnose import diagnose
 
 _READING: Final = 0.05  # share of the work
@@ -21,7 +22,10 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
     """Read and diagnose a recording."""
     nominal = request.nominal
     if not nominal.given and nominal.n_p is None:
-        raise ConfigError(f"{request.file}: a recording needs its machine's data, expected --nominal MACHINE.toml")
+        needs = f"{request.file}: a recording needs its machine's data, expected --nominal MACHINE.toml"
+        if "t" not in (*column_names(request.file), *request.mapping):
+            needs += "; a table of steady points, which needs none, has u_d, u_q, i_d, i_q and omega_e or speed_rpm"
+        raise ConfigError(needs)
     machine = check_whole(nominal)
     tell(0.0, "reading")
     recording = read(request)
