@@ -1,6 +1,7 @@
 """What is asked of a diagnosis, and what comes of it, as processes hand them on. Knows nothing of how it is done."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
@@ -74,7 +75,7 @@ def trust_of(items: Sequence[str]) -> dict[str, float]:
         name, _, text = (part.strip() for part in item.partition("="))
         if name in shares:
             raise ConfigError(f"trust: {name} is given twice")
-        shares[name] = _share(text)
+        shares[name] = _share(name, text)
     return checked_trust(shares)
 
 
@@ -93,12 +94,12 @@ def checked_trust(given: Mapping[str, object]) -> dict[str, float]:
     return checked
 
 
-def _share(text: str) -> object:
+def _share(name: str, text: str) -> object:
     number = text.removesuffix("%").strip()
     try:
         share = float(number) / 100 if text.endswith("%") else float(number)
     except ValueError:
         return text
-    if share > 1.0 and not text.endswith("%"):
-        raise ConfigError(f"trust: {text} may mean {text} % or {100 * share:g} %, expected per cent or a share up to 1")
+    if 1.0 < share < math.inf and not text.endswith("%"):
+        raise ConfigError(f"trust: {name}: expected per cent, such as 20%, or a share up to 1, got {text}")
     return share

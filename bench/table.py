@@ -51,8 +51,9 @@ def column_names(path: Path) -> tuple[str, ...]:
     """The file's column names in its order."""
     with _as_sentences(path, "its header"):
         names = _parquet_names(path) if _kind(path) == "parquet" else _csv_head(path).names
-    if len(names) == 1 and (other := next((mark for mark in ";\t|" if mark in names[0]), None)):
-        raise RecordingError(f"{path}: expected columns separated by commas, came {other!r}, and decimal points")
+    mark = next((mark for mark in ";\t|" if mark in names[0]), None) if len(names) == 1 else None
+    if mark and _kind(path) != "parquet":
+        raise RecordingError(f"{path}: expected columns separated by commas, and decimal points; came {mark!r}")
     return names
 
 

@@ -87,15 +87,6 @@ def test_rows_of_zeros_while_the_motor_turns_and_rows_that_repeat_are_left_out()
         assert left.remarks[0].endswith(": 299 rows left out")
 
 
-def test_an_angle_that_stands_while_the_motor_turns_is_left_out() -> None:
-    (run, *_), nominal = recording("none", 1)
-    theta = np.where((np.arange(len(run)) > 5000) & (np.arange(len(run)) < 5400), run.theta_e[5000], run.theta_e)
-    for speed in (run.omega_e, 9.55 * run.omega_e):  # of another unit
-        left = without_bad([replace(run, theta_e=theta, omega_e=speed)], nominal)
-        assert [len(part) for part in left.runs] == [5001, len(run) - 5400]
-        assert "theta_e stays the same from" in left.remarks[0]
-
-
 def test_a_recording_that_is_not_alive_keeps_its_rows() -> None:
     (run, *_), nominal = recording("none", 1)
     still = np.full(len(run), 1.0)

@@ -189,7 +189,7 @@ def test_trust_is_a_share_by_parameter(items: list[str], shares: dict[str, float
     [
         ("R=20%", "trust: expected R_s, L_d, L_q, psi_f, got 'R'"),
         ("R_s", "trust: R_s: expected a share above 0 and at most 10 (1000 %), such as 0.2 for 20 %, got ''"),
-        ("R_s=5", "trust: 5 may mean 5 % or 500 %, expected per cent or a share up to 1"),
+        ("R_s=5", "trust: R_s: expected per cent, such as 20%, or a share up to 1, got 5"),
         ("R_s=2000%", "expected a share above 0 and at most 10 (1000 %), such as 0.2 for 20 %, got 20.0"),
         ("R_s=0", "got 0.0"),
         ("R_s=-5%", "got -0.05"),

@@ -182,7 +182,7 @@ def test_what_is_there_is_written_over_by_force_only(
     ("arguments", "said"),
     [
         (["a.csv", "--nominal", "absent.toml"], "absent.toml: cannot be read: No such file or directory"),
-        (["a.csv", "--nominal", "m.toml", "--trust", "R_s=20"], "trust: 20 may mean 20 % or 2000 %, expected per cent"),
+        (["a.csv", "--nominal", "m.toml", "--trust", "R_s=20"], "trust: R_s: expected per cent, such as 20%"),
         (["a.csv", "--nominal", "m.toml", "--jobs", "0"], "--jobs: expected at least 1, got 0"),
         (["a.csv", "--nominal", "m.toml", "--map", "u_q"], "--map: expected NAME=COLUMN[,...], got 'u_q'"),
         (["a.csv", "--nominal", "m.toml", "--json", "a.csv"], "a.csv: expected a file of its own, this is a recording"),

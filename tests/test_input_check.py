@@ -138,13 +138,26 @@ def test_a_column_of_currents_that_is_cut_off_is_told_with_the_level(name: str) 
         assert any(f"{name} is cut off at" in said for said in checked(cut, nominal).remarks), number
 
 
-def test_an_angle_that_is_read_every_fourth_period_ends_the_diagnosis() -> None:
-    for number in NUMBERS:
-        runs, nominal = recording("none", number)
-        told = Resolution(theta_e=1e-3)
-        held = [replace(run, theta_e=run.theta_e[np.arange(len(run)) // 4 * 4], resolution=told) for run in runs]
-        assert any("theta_e stays the same in 7" in said for said in checked(held, nominal).remarks)
-        assert checked(held, nominal).stop
+def test_an_angle_that_is_read_every_few_periods_is_told() -> None:
+    for every in (4, 40):
+        found = 0
+        for number in NUMBERS:
+            runs, nominal = recording("none", number)
+            held = [replace(run, theta_e=run.theta_e[np.arange(len(run)) // every * every]) for run in runs]
+            found += any("and then catches up by more than 4" in said for said in checked(held, nominal).remarks)
+        assert found >= 4
+
+
+@pytest.mark.parametrize("count", [1e-4, 2e-3, 3e-2])
+def test_a_motor_that_stands_and_starts_slowly_on_a_coarse_encoder_holds_no_angle(count: float) -> None:
+    (run, *_), nominal = recording("none", 1)
+    t = np.arange(len(run)) * run.T_s
+    for slow in (2.0, 20.0, 200.0):  # rad/s
+        theta = slow * np.maximum(t - 0.5 * t[-1], 0.0)
+        for told in (0.0, count, 0.06 * count):
+            so = Resolution(theta_e=told, encoder=told)
+            coarse = replace(run, theta_e=count * np.floor(theta / count) % TURN, resolution=so)
+            assert not any("catches up" in said for said in checked([coarse], nominal).remarks), (slow, told)
 
 
 def test_a_rated_current_that_the_currents_exceed_by_far_is_told() -> None:

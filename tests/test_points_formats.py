@@ -123,7 +123,7 @@ def test_what_is_neither_a_recording_nor_a_table_of_points_is_told_what_both_nee
     assert "a table of steady points, which needs none, has u_d, u_q, i_d, i_q and" in capsys.readouterr().err
     path.write_text("u_d;u_q;i_d;i_q;omega_e\n0,1;0,2;1,0;2,0;100,0\n", encoding="utf-8")
     assert pmsm_bench("diagnose", str(path), monkeypatch=monkeypatch) == 2
-    assert "expected columns separated by commas, came ';'" in capsys.readouterr().err
+    assert "expected columns separated by commas, and decimal points; came ';'" in capsys.readouterr().err
 
 
 def test_a_nominal_machine_far_from_the_points_is_remarked(dropping: Points, tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def test_an_encoder_of_other_counts_than_the_angle_moves_by_is_not_believed(coun
         assert believed(right) == (right, ())
         for told, says in ((4.0, "by less than a count"), (0.25, "by 4 counts at once")):
             left, (said,) = believed(of_counts(runs, count, told * count))
-            assert f"encoder_counts, as told, the angle moves {says}: they are not used" in said
+            assert f"encoder_counts is not used: the recorded angle moves {says}; check" in said
             assert all(run.resolution.encoder == run.resolution.theta_e == 0.0 for run in left)
 
 

@@ -1,5 +1,4 @@
-"""Bad samples: rows that no machine makes - voltages beyond the dc link, currents that jump and return, repeated rows,
-an angle that stands while the motor turns.
+"""Bad samples: rows that no machine makes - voltages beyond the dc link, currents that jump and return, repeated rows.
 
 They are left out, as gaps, and told. What a machine may do stays: a current may change as fast as its voltage drives
 it, and voltages that are often too high are no glitch but another unit. Knows no effect.
@@ -20,7 +19,6 @@ Array = NDArray[np.float64]
 Vector = NDArray[np.complex128]
 Bools = NDArray[np.bool_]
 
-_TURN: Final = 2.0 * math.pi
 _RARE: Final = 0.01  # of the rows: what is more often is no glitch
 _BEYOND: Final = 1.0  # times the dc link: half as much again as a bridge's corner
 _HIGH: Final = 2.0  # times what 99 % of the voltages stay below
@@ -34,7 +32,6 @@ _STUCK: Final = 20  # rows
 _ZEROS: Final = 5  # rows
 _TURNS: Final = 0.01  # rad in the rows: the motor turns
 _LIVELY: Final = 0.5  # of the rows, that may repeat where rows are no noise
-_COUNTS: Final = 4.0  # steps of an angle, by which a rotor turns on while it stands: an encoder's are one or two
 
 
 class Cleared(NamedTuple):
@@ -56,7 +53,7 @@ def without_bad(runs: Sequence[Samples], nominal: Machine) -> Cleared:
     finite = [run for run in runs if len(run) > 2 * _SIDE and _finite(run)]
     if not finite:
         return Cleared(tuple(runs), ())
-    whole = [_beyond(finite), _jumps(finite, nominal), _repeated(finite), _standing(finite)]
+    whole = [_beyond(finite), _jumps(finite, nominal), _repeated(finite)]
     bad = {id(run): np.logical_or.reduce([found[k].bad for found in whole]) for k, run in enumerate(finite)}
     cut = [part for run in runs for part in (_cut(run, bad[id(run)]) if id(run) in bad else (run,))]
     remarks = tuple(said for found in whole if (said := _said(finite, found)))
@@ -210,53 +207,5 @@ def _of_rows(run: Samples) -> Callable[[int, int], str]:
     def says(a: int, b: int) -> str:
         what = "are all 0" if _empty(run, a) else "do not change at all"
         return f"i_d, i_q, u_d and u_q {what} from {_time(run, a)} to {_time(run, b - 1)}"
-
-    return says
-
-
-# --- Angles that stand
-
-
-def _standing(runs: Sequence[Samples]) -> list[_Found]:
-    """Rows of an angle that stays for long while the motor turns on."""
-    found = list[Bools]()
-    for run, moved in zip(runs, still(runs), strict=True):
-        bad = np.zeros(len(run), np.bool_)
-        for a, b in _stretches(moved > 0.0):
-            bad[a:b] = b - a >= _STUCK
-        found.append(bad)
-    return [_Found(bad, _of_angle(run)) for run, bad in zip(runs, found, strict=True)]
-
-
-def still(runs: Sequence[Samples]) -> list[Array]:
-    """Of each row, by how much (rad) the motor turned on while its angle stood, where that is more than counts explain.
-
-    By omega_e, as the whole recording scales it: its unit may be wrong. Where the angle's resolution is not known, its
-    least movement stands for it.
-    """
-    moves = [_turned(run) for run in runs]
-    step = max((run.resolution.theta_e for run in runs), default=0.0)
-    step = step or min((float(np.min(np.abs(D[D != 0.0]))) for D in moves if np.any(D)), default=0.0)
-    rates = [run.omega_e[:-1] * run.T for run in runs]
-    by_angle, by_speed = (sum(float(np.abs(x).sum()) for x in parts) for parts in (moves, rates))
-    found = [np.zeros(len(run)) for run in runs]
-    if not (step > 0.0 and by_speed > 0.0 and by_angle > 0.0):
-        return found
-    for off, D, rate in zip(found, moves, rates, strict=True):
-        for a, b in _stretches(D == 0.0):
-            turned = abs(float(rate[a:b].sum())) * min(by_angle / by_speed, 1.0)
-            if turned > _COUNTS * step:
-                off[a + 1 : b + 1] = turned
-    return found
-
-
-def _turned(run: Samples) -> Array:
-    D = np.diff(run.theta_e)
-    return D - _TURN * np.rint(D / _TURN)
-
-
-def _of_angle(run: Samples) -> Callable[[int, int], str]:
-    def says(a: int, b: int) -> str:
-        return f"theta_e stays the same from {_time(run, a)} to {_time(run, b - 1)} while the motor turns by omega_e"
 
     return says

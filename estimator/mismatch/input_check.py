@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.flux_balance import TURN
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.bad_samples import still
 from estimator.mismatch.causes import speed_as
 from estimator.mismatch.correction import Correction
 from estimator.mismatch.data_sheet import LOUD, Wrong, units
@@ -37,7 +37,10 @@ _CLIPPED: Final = 0.003  # of the rows
 _PILED: Final = 3.0  # rows at the top over rows in the band three times as wide below it; a sine has 1
 _ALIKE: Final = 8.0  # times as often as any other value
 _AWAY: Final = 0.1  # of a column's largest value: what stands nearer to zero is at rest
+_EVEN: Final = 0.02  # of their distance, by which two limits may differ
+_HALF: Final = 0.5  # of the rows: a current that is the same for longer rests
 _HELD: Final = 0.05  # of the rows
+_COUNTS: Final = 4.0  # steps, by which an angle catches up: an encoder's moves by one or two after it stood
 _SAME: Final = 0.015  # log
 _JUMP: Final = 50  # rows that are missing at once
 _GROSS: Final = 0.26  # log: 30 %
@@ -151,12 +154,15 @@ def _clipped(runs: Sequence[Samples]) -> Iterator[Wrong]:
     n = sum(map(len, runs))
     for name in ("i_d", "i_q"):
         values, count = np.unique(np.concatenate([getattr(run, name) for run in runs]), return_counts=True)
-        for end in (0, -1):
-            usual = int(np.max(count[1:-1])) if len(values) > 2 else n
-            away = abs(values[end]) > _AWAY * max(-values[0], values[-1])
-            if away and count[end] > max(_CLIPPED * n, _ALIKE * usual):
+        low, high = float(values[0]), float(values[-1])
+        both = abs(low + high) < _EVEN * (high - low)  # cut off on either side
+        for end, side in ((0, -low), (-1, high)):
+            usual = np.max(count[1:-1] if both else np.delete(count, end), initial=0)
+            often = max(_CLIPPED * n, _ALIKE * usual) < count[end] < _HALF * n
+            if often and side > _AWAY * max(-low, high):
                 yield Wrong(f"{name} is cut off at {values[end]:.3g} A in {count[end] / n:.1%} of the rows, expected "
-                            "measured currents: record less current, or with a larger range")
+                            "measured currents; these rows are used as they are: record less current, or with a larger "
+                            "range")
     phases = [_whole(runs, name) for name in ("i_a", "i_b", "i_c")]
     sides = [side * phase for phase in phases if phase is not None for side in (1.0, -1.0)]
     level = max((float(np.max(side)) for side in sides), default=0.0)
@@ -201,12 +207,23 @@ def _speed(stretches: Stretches) -> Iterator[Wrong]:
 
 
 def _held(runs: Sequence[Samples]) -> Iterator[Wrong]:
-    """An angle that stays for some rows, and then catches up."""
-    held = sum(int(np.count_nonzero(turned)) for turned in still(runs))
+    """An angle that stays for some rows while the motor turns, and then catches up by many steps at once."""
+    moves = [np.diff(run.theta_e) for run in runs]
+    sizes = np.abs(np.concatenate(moves))
+    least = float(np.min(sizes[sizes > 0.0], initial=math.pi))
+    step = max(least, *(run.resolution.theta_e for run in runs))
+    held = sum(_caught_up(D - TURN * np.rint(D / TURN), _COUNTS * step) for D in moves)
     n = sum(map(len, runs))
     if held > _HELD * n:
-        yield Wrong(f"theta_e stays the same in {held / n:.0%} of the rows while the motor turns by omega_e, and then "
-                    "catches up: expected the angle of every control period", True)
+        yield Wrong(f"theta_e stays the same in {held / n:.0%} of the rows, and then catches up by more than "
+                    f"{_COUNTS:g} of its steps at once: expected the angle of every control period")
+
+
+def _caught_up(D: Array, jump: float) -> int:
+    """Periods in which an angle stayed before it jumped."""
+    at = np.flatnonzero(D)
+    before = np.diff(at, prepend=-1) - 1
+    return int(np.sum(before[np.abs(D[at]) > jump]))
 
 
 def _turned_over_currents(stretches: Stretches, i: Vector) -> float:

@@ -150,7 +150,7 @@ def _detectable(diagnosis: Diagnosis) -> str:
     unseen = [_title(name) for name, no in zip(shown, whole, strict=True) if no]
     parts = [f"it would have shown {', '.join(seen)}"] if seen else []
     if unseen:
-        parts.append(f"it would not have shown {' or '.join(unseen)} of any size")
+        parts.append(f"it would not have shown {' or '.join(unseen)} below 100 %")
     return "; ".join(parts)
 
 

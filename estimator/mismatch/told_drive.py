@@ -74,8 +74,8 @@ def _other_counts(runs: Sequence[Samples]) -> str | None:
         """Share of the movements that are none of whole steps."""
         return float(np.mean(np.abs(moves - step * np.rint(moves / step)) > within))
 
-    rounded = 0.0 if numbers else grid_of(moves)  # numbers that hold the angle, where they are not told
-    if off(count, within + rounded) > _ELSEWHERE:
+    rounded = grid_of(moves)  # by numbers that hold the angle, where they are not told
+    if (numbers or rounded) and off(count, within + (0.0 if numbers else rounded)) > _ELSEWHERE:
         says = "less than a count"
     else:
         coarser = next((n for n in range(_MOST_AT_ONCE, 1, -1) if off(n * count, within) < _FEW), None)
@@ -83,6 +83,6 @@ def _other_counts(runs: Sequence[Samples]) -> str | None:
             return None
         says = f"{coarser} counts at once"
     return (
-        f"by encoder_counts, as told, the angle moves by {says}: they are not used; expected those of the recorded "
-        "angle in a mechanical turn, the motor's n_p, and numbers that are as fine"
+        f"encoder_counts is not used: the recorded angle moves by {says}; check encoder_counts, n_p, and with how many "
+        "digits theta_e is recorded"
     )
