@@ -50,9 +50,10 @@ FAILURES: tuple[type[Exception], ...] = (
 def column_names(path: Path) -> tuple[str, ...]:
     """The file's column names in its order."""
     with _as_sentences(path, "its header"):
-        names = _parquet_names(path) if _kind(path) == "parquet" else _csv_head(path).names
-    mark = next((mark for mark in ";\t|" if mark in names[0]), None) if len(names) == 1 else None
-    if mark and _kind(path) != "parquet":
+        if _kind(path) == "parquet":
+            return _parquet_names(path)
+        names = _csv_head(path).names
+    if len(names) == 1 and (mark := next((mark for mark in ";\t|" if mark in names[0]), None)):
         raise RecordingError(f"{path}: expected columns separated by commas, and decimal points; came {mark!r}")
     return names
 

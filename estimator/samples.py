@@ -1,5 +1,6 @@
 """Samples: SI columns of one recording or stream without gaps, as every estimator takes them."""
 
+import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -22,6 +23,11 @@ class Resolution(NamedTuple):
         """Share of the angle's rounding by which the drive turned the currents; all of it where that is not known."""
         known = self.encoder > 0.0 and self.theta_e > 0.0
         return min((self.encoder / self.theta_e) ** 2, 1.0) if known else 1.0
+
+    @property
+    def numbers(self) -> float:
+        """Step (rad) of the numbers that hold the encoder's counts: a resolution is the root of both squares."""
+        return math.sqrt(max(self.theta_e**2 - self.encoder**2, 0.0))
 
 
 NOT_KNOWN: Final = Resolution()

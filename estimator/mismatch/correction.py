@@ -76,14 +76,14 @@ class Correction:
         scale = abs(self.i) if (self.i.imag or self.i.real > 0.0) else -abs(self.i)
         phases = [None if column is None else at(column / scale) for column in (run.i_a, run.i_b, run.i_c)]
         T_s = run.T_s / self.T_s
-        i_step, u_step, theta_step, encoder = run.resolution
-        numbers = math.sqrt(max(theta_step**2 - encoder**2, 0.0)) / abs(self.theta)  # counts are told as they should be
+        told = run.resolution  # counts as they should be, numbers as they are
         return replace(
             run, theta_e=at(theta, self.theta_shift), omega_e=at(run.omega_e / self.omega),
             i_d=at(i.real), i_q=at(i.imag), u_d=at(u.real, self.u_shift), u_q=at(u.imag, self.u_shift),
             T_s=T_s, t0=run.t0 / self.T_s + first * T_s,
             resolution=Resolution(
-                i_step / abs(self.i), u_step / abs(self.u), math.hypot(encoder, numbers), encoder
+                told.i / abs(self.i), told.u / abs(self.u), math.hypot(told.encoder, told.numbers / abs(self.theta)),
+                told.encoder,
             ),
             u_dc=None if run.u_dc is None else at(run.u_dc), i_a=phases[0], i_b=phases[1], i_c=phases[2],
         )  # fmt: skip

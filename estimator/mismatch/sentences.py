@@ -15,7 +15,6 @@ _GAIN = "a gain of all voltages or of all currents, by which the parameters are 
 _UNFITTED = {convention_error.NAME: convention_error.TITLE, "dc_link_gain": "a dc link that is misread"}
 """Titles of causes that no column stands for."""
 _LIKE_NOISE = 1.05  # times the noise floor
-_NOISE = "nothing but noise"
 _CLOSE = 0.02  # of a scale, that needs no words
 _WHOLE = 0.05  # periods, by which a delay is one of whole periods
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
@@ -55,9 +54,10 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
     elif diagnosis.verdict is Verdict.PARTLY_EXPLAINED:
         said.append("not all is explained: " + "; ".join(diagnosis.remarks))
     if diagnosis.verdict is Verdict.EXPLAINED:
-        said += [_beyond_noise(fit), _left_open(diagnosis)]
+        said += [f"what is left is {left}" if (left := _beyond_noise(fit)) else "", _left_open(diagnosis)]
     if diagnosis.verdict is Verdict.NO_MISMATCH:
-        nothing = f"no mismatch: the machine's equations with fitted parameters leave {_little(fit)}"
+        left = _beyond_noise(fit) or "nothing but noise"
+        nothing = f"no mismatch: the machine's equations with fitted parameters leave {left}"
         said.append("; ".join(part for part in (nothing, _detectable(diagnosis)) if part))
         said.append(_left_open(diagnosis))
     if diagnosis.verdict is Verdict.NOT_ENOUGH_EXCITATION:
@@ -70,15 +70,10 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
 
 
 def _beyond_noise(fit: Fit | None) -> str:
-    left = _little(fit)
-    return "" if left == _NOISE else f"what is left is {left}"
-
-
-def _little(fit: Fit | None) -> str:
-    """What is left where nothing is amiss: noise, or little more that is too small beside the voltage to matter."""
+    """What is left where nothing is amiss, if it is more than noise: too little beside the voltage to matter."""
     error = None if fit is None else fit.one_step_rms_V
     if error is None or error.noise_floor is None or error.after <= _LIKE_NOISE * error.noise_floor:
-        return _NOISE
+        return ""
     return (
         f"little beside the voltage: an error of {quantity(error.after, 'V')} in one step, where noise makes "
         f"{quantity(error.noise_floor, 'V')}"
@@ -142,15 +137,13 @@ def _size(name: str, told: Quantity) -> str:
 
 
 def _detectable(diagnosis: Diagnosis) -> str:
-    shown = [name for name in _FAMILIAR if math.isfinite(_limit(diagnosis, name))]
-    limits = [diagnosis.detectable[name] for name in shown]
-    whole = [limit.unit == "1" and (limit.value or 0.0) >= 1.0 for limit in limits]  # all of it, or more, is no limit
+    limits = {name: diagnosis.detectable[name] for name in _FAMILIAR if math.isfinite(_limit(diagnosis, name))}
+    unseen = [name for name, limit in limits.items() if limit.unit == "1" and _limit(diagnosis, name) >= 1.0]
     seen = [f"{_title(name)} from {quantity(limit.value, limit.unit)}"
-            for name, limit, no in zip(shown, limits, whole, strict=True) if not no]  # fmt: skip
-    unseen = [_title(name) for name, no in zip(shown, whole, strict=True) if no]
+            for name, limit in limits.items() if name not in unseen]  # fmt: skip
     parts = [f"it would have shown {', '.join(seen)}"] if seen else []
     if unseen:
-        parts.append(f"it would not have shown {' or '.join(unseen)} below 100 %")
+        parts.append(f"it would not have shown {' or '.join(map(_title, unseen))} below 100 %")
     return "; ".join(parts)
 
 

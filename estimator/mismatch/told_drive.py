@@ -23,6 +23,7 @@ _FEW: Final = 0.02  # of the rows that move, the same, where they are
 _FEWEST: Final = 200  # rows
 _MOST_AT_ONCE: Final = 64  # counts
 _DIFFERENT: Final = 3  # movements, at least
+_DIGITS: Final = 9  # of a movement in rad, that tell values apart
 
 
 class Believed(NamedTuple):
@@ -62,24 +63,26 @@ def _too_low(runs: Sequence[Samples]) -> str | None:
 def _other_counts(runs: Sequence[Samples]) -> str | None:
     """Counts by which the angle does not move, in a sentence."""
     told = runs[0].resolution if runs else NOT_KNOWN
-    count, numbers = told.encoder, math.sqrt(max(told.theta_e**2 - told.encoder**2, 0.0))
+    count, numbers = told.encoder, told.numbers
     parts = [np.diff(run.theta_e) for run in runs if run.periods == 1]
     moves = np.concatenate([np.zeros(0), *parts])
     within = _OFF * count + numbers
     moves = moves[(np.abs(moves) > within) & (np.abs(moves) < math.pi)]  # none where it begins anew
     if count == 0.0 or numbers > _ROUGH * count or len(moves) < _FEWEST:
         return None
+    values, often = np.unique(np.round(moves, _DIGITS), return_counts=True)
 
     def off(step: float, within: float) -> float:
         """Share of the movements that are none of whole steps."""
-        return float(np.mean(np.abs(moves - step * np.rint(moves / step)) > within))
+        elsewhere = np.abs(values - step * np.rint(values / step)) > within
+        return float(np.sum(often[elsewhere])) / len(moves)
 
-    rounded = grid_of(moves)  # by numbers that hold the angle, where they are not told
+    rounded = grid_of(values)  # by numbers that hold the angle, where they are not told
     if (numbers or rounded) and off(count, within + (0.0 if numbers else rounded)) > _ELSEWHERE:
         says = "less than a count"
     else:
         coarser = next((n for n in range(_MOST_AT_ONCE, 1, -1) if off(n * count, within) < _FEW), None)
-        if coarser is None or len(np.unique(np.rint(moves / (coarser * count)))) < _DIFFERENT:
+        if coarser is None or len(np.unique(np.rint(values / (coarser * count)))) < _DIFFERENT:
             return None
         says = f"{coarser} counts at once"
     return (
