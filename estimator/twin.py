@@ -160,7 +160,10 @@ def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
     i_s = _solved(truth, _physics(model), starts) * truth.rotor
     measured = i_s * rows.rotor.conj()
     for _ in range(5):  # errors are told of what is measured
-        measured = (i_s + current_error(_with_currents(rows, measured), model)) * rows.rotor.conj()
+        error = current_error(_with_currents(rows, measured), model)
+        if isinstance(error, float):
+            break
+        measured = (i_s + error) * rows.rotor.conj()
     return np.where(starts, rows.i, measured)
 
 

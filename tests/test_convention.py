@@ -155,6 +155,47 @@ def test_missing_physics_is_not_taken_for_a_convention(kind: str) -> None:
         assert suspicion is None, (kind, number, suspicion.sentence)
 
 
+@pytest.mark.parametrize("kind", ["dead_time", "iron_loss", "saturation_q"])
+@pytest.mark.parametrize(
+    "name",
+    ["voltages of the wrong sign", "currents of the wrong sign", "voltages in per unit", "d and q swapped",
+     "an angle of the wrong sign", "a mechanical angle", "line-to-line voltages with their angle"],
+)  # fmt: skip
+def test_a_convention_is_undone_beside_missing_physics(kind: str, name: str) -> None:
+    """What a dead time and a loss leave open, a delay may take in a little of: no ground to doubt a sign."""
+    error, cause, _ = FOUND[name]
+    suspicion = suspected(*made(error, recording(kind, 1, seed=33)), TOLERANCE)
+    assert suspicion is not None
+    assert suspicion.cause == cause
+    assert not suspicion.ambiguous
+
+
+def test_saturation_hides_no_sign() -> None:
+    """An inductance that is a fifth too low, by currents that saturate it."""
+    error, cause, _ = FOUND["voltages of the wrong sign"]
+    suspicion = suspected(*made(error, recording("saturation_q", 1, seed=31)), TOLERANCE)
+    assert suspicion is not None
+    assert suspicion.cause == cause
+
+
+def test_beside_missing_physics_factors_that_are_near_each_other_are_not_told_apart() -> None:
+    for name in ("rms voltages", "voltages times 3/2", "voltages in per unit of half the dc link"):
+        suspicion = suspected(*made(FOUND[name][0], recording("saturation_q", 1, seed=31)), TOLERANCE)
+        assert suspicion is None or len(suspicion.ambiguous) > 1, name
+
+
+def test_an_angle_that_physics_may_hide_is_not_called_a_wrong_speed() -> None:
+    """And a machine that is far from any is no reason to fail."""
+    runs, nominal = made(FOUND["an angle of the wrong sign"][0], recording("dead_time", 1, seed=31))
+    suspicion = suspected(runs, nominal, TOLERANCE)
+    assert suspicion is not None
+    assert suspicion.ambiguous[0] == "the speed has the wrong sign"
+    assert suspicion.ambiguous[1].startswith("the angle counts the other way")
+    said = diagnose(runs, nominal)
+    assert said.verdict is Verdict.AMBIGUOUS
+    assert not said.findings
+
+
 @pytest.mark.parametrize("late", [1, -1])
 def test_a_shift_of_one_row_is_left_to_the_library(late: int) -> None:
     for number in NUMBERS:

@@ -89,6 +89,15 @@ def test_what_acts_above_a_current_or_a_speed_on_one_axis_is_found_there() -> No
             assert f"on the {axis} axis, where" in place.sentence
 
 
+def test_some_periods_of_a_long_recording_say_where_an_effect_acts() -> None:
+    longer = run(12.0)
+    above = np.where(longer.i[:-1].imag > 3.0, 1j * np.cos(TURN * 37.0 * longer.t[:-1]), 0j)
+    place = place_of(longer, flux_of(longer, above), (0.0, 0.0))
+    assert place.region["axis"] == "q"
+    assert limits(place, "i_q") == pytest.approx((3.0, longer.i.imag.max()), rel=0.15)
+    assert place.samples_share == pytest.approx(np.mean(longer.i.imag > 3.0), abs=0.05)
+
+
 def test_two_conditions_are_found_together() -> None:
     both = (ROWS.i[:-1].imag > 2.0) & (TIME > 3.0)
     for place in placed(np.where(both, np.exp(1j * TURN * 37.0 * TIME), NONE)):

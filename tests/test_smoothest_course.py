@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.mismatch.smoothest_course import smoothest, surer
+from estimator.mismatch.smoothest_course import smoothest, surer, surest
 
 Real = NDArray[np.float64]
 
@@ -68,6 +68,31 @@ def test_edges_that_are_not_all_in_place_are_given_room(uneven: float, noise: fl
     assert off < 0.12 * ROUNDING
     assert off < 0.6 * float(np.std(strict.course - theta))
     assert 0.5 * off < found.off < 4.0 * off
+
+
+def test_it_is_the_smoothest_that_edges_and_middles_of_counts_hold() -> None:
+    """As one equation of all periods says: the search ends with neighbourhoods of a few counts."""
+    n = 3000
+    counts = counted(turning(3.3) + 10.0 * COUNT * np.sin(np.maximum(T - 1500.0, 0.0) / 40.0) ** 3)[:n]
+    found = smoothest(counts, 0.5 * COUNT, [0, n])
+    off, stiff = found.course - counts, np.min(np.lib.stride_tricks.sliding_window_view(found.span, 4), axis=1) ** 6
+    third = cast(Real, np.diff(np.eye(n), 3, axis=0))
+    held = found.weight * np.where(found.pull != 0.0, found.pull, -off) - third.T @ (stiff * (third @ found.course))
+    step = cast(Real, np.linalg.solve(np.diag(found.weight) + third.T @ (stiff[:, None] * third), held))
+    assert np.min(found.span) < np.max(found.span)
+    assert np.max(np.abs(step)) < 0.02 * COUNT
+    assert np.std(step) < 1e-3 * COUNT
+
+
+@pytest.mark.parametrize("good", [0, 1])
+def test_blocks_of_a_long_recording_say_which_counts_hold_a_course(good: int) -> None:
+    longer = np.arange(150_000.0)
+    theta = COUNT * (3.3 * longer + 2000.0 * np.sin(longer / 3000.0))
+    swings = COUNT * np.sin(longer / 4.0)
+    tried = [(counted(theta + swings) - by * swings, 0.5 * COUNT) for by in ((1.0, 0.0) if good == 0 else (0.0, 1.0))]
+    which, course = surest(tried, [0, 60_000, len(longer)])
+    assert which == good
+    assert np.array_equal(course.course, smoothest(*tried[good], [0, 60_000, len(longer)]).course)
 
 
 def test_an_oscillation_that_no_course_follows_stays_in_the_counts() -> None:

@@ -36,8 +36,9 @@ _BEYOND: Final = 0.26  # log: 30 % on two parameters are beyond physics
 _MAGNETS: Final = 0.34  # log: 40 % on psi_f alone
 _HALVED: Final = 0.5  # of what the flux balance leaves: a form's due
 _BY_FAR: Final = 0.25  # of the same, where the flux balance is not closed even then
+_APART: Final = 0.16  # log: two factors that are nearer are told apart by a flux balance that is closed, or not at all
 _MISREAD: Final = 0.75  # times what it is, as which a dc link may be read
-_MORE: Final = 1.05  # of the same, which no cause leaves
+_MORE: Final = 1.1  # of the same, which no cause leaves
 _CLOSED: Final = 0.007  # of rated current: what a closed flux balance may leave
 _RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
 _TAIL: Final = np.exp([-2.5, -12.0, -12.0, -12.0])  # of R_s, L_d, L_q, psi_f: R_s takes in what is not modelled
@@ -92,8 +93,13 @@ class _Hypothesis:
 
     @property
     def in_order(self) -> bool:
-        """Whether the parameters are near the nominal ones; R_s need not be."""
-        return bool(np.sum(self.cost[1:]) < _RIGHT)
+        """Whether the parameters are near the nominal ones; R_s need not be.
+
+        Within what physics does to them is enough for what is no factor: of these another one may be the nearer.
+        """
+        near = bool(np.all(np.abs(np.log(np.maximum(self.over_nominal[1:], 0.02))) < _BEYOND))
+        no_factor = self.scale is NO_SCALE and self.form.correction.per_unit == 0.0
+        return bool(np.sum(self.cost[1:]) < _RIGHT) or (near and no_factor)
 
     @property
     def correction(self) -> Correction:
@@ -113,7 +119,8 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
     hypotheses = _hypotheses(stretches, nominal, tolerance)
     stands = max((h for h in hypotheses if not h.name or h.name == "voltage_delay"), key=lambda h: h.score)
     best = max(hypotheses, key=lambda h: h.score)
-    if not _explains(best, stands, stretches, nominal):
+    plain = next(h for h in hypotheses if not h.name)
+    if not _explains(best, stands, plain, stretches, nominal):
         best = stands
     speed = speed_as(best.speed, nominal.n_p, _SAME_SPEED)
     if speed is not None and speed[0] == 1.0:
@@ -123,7 +130,7 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
         return None
     correction = replace(best.correction, omega=1.0 if speed is None else speed[0], theta_shift=rows)
     n_p = best.form.pole_pairs
-    alike = _alike(best, stands, hypotheses)
+    alike = _alike(best, stands, hypotheses, speed, _left(best, stretches) < _CLOSED * (nominal.i_rated or math.inf))
     return Suspicion(
         best.name if best is not stands else ANGLE_ROWS[rows].name if rows else "speed_unit",
         "; ".join(_says(best, stands, speed, rows)), _sentence(best, stands, speed, rows),
@@ -197,9 +204,16 @@ def _cost_of_speed(speed: float, n_p: int) -> float:
     return _SPEED if speed_as(speed, n_p, _SAME_SPEED) else 2.0 * _SPEED
 
 
-def _explains(h: _Hypothesis, stands: _Hypothesis, stretches: Stretches, nominal: Machine) -> bool:
-    """Whether the recording as it stands is beyond what physics does, and undoing the cause brings it in order."""
-    if h is stands or h.score - stands.score < ENTRY or not h.in_order or h.fit.left > _MORE * stands.fit.left:
+def _explains(
+    h: _Hypothesis, stands: _Hypothesis, plain: _Hypothesis, stretches: Stretches, nominal: Machine
+) -> bool:  # fmt: skip
+    """Whether the recording as it stands is beyond what physics does, and undoing the cause brings it in order.
+
+    plain: as it stands without a delay, which physics that is left out may look like.
+    """
+    if h is stands or h.score - stands.score < ENTRY or not h.in_order:
+        return False
+    if h.fit.left > _MORE * max(stands.fit.left, plain.fit.left):
         return False
     if h.fit.left < _HALVED * stands.fit.left:  # which a lagging loss may do for a shift that is none
         return h.fit.left < _BY_FAR * stands.fit.left or _left(h, stretches) < _CLOSED * (nominal.i_rated or math.inf)
@@ -216,7 +230,9 @@ def _explains(h: _Hypothesis, stands: _Hypothesis, stretches: Stretches, nominal
 def _left(h: _Hypothesis, stretches: Stretches) -> float:
     """What a flux balance leaves, as a current, A."""
     L = max(0.5 * (abs(h.fit.value[1]) + abs(h.fit.value[2])), 1e-12)
-    return math.sqrt(h.fit.left) * stretches.T_s / L
+    c = h.form.correction
+    volts = c.per_unit * float(np.mean(stretches.u_dc)) if c.per_unit and stretches.u_dc is not None else 1.0
+    return math.sqrt(h.fit.left) * volts / abs(c.u) * stretches.T_s / L
 
 
 def _rivals(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis]) -> list[_Hypothesis]:
@@ -228,15 +244,36 @@ def _rivals(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypoth
     return list(found.values())[:RIVALS]
 
 
-def _alike(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis]) -> tuple[str, ...]:
-    """The best and what does as well, in words; none where nothing does."""
+def _alike(
+    best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis], speed: tuple[float, str] | None,
+    closed: bool,
+) -> tuple[str, ...]:  # fmt: skip
+    """The best and what does as well, in words; none where nothing does. `closed`: the best one's flux balance is."""
+    if best is stands and speed is not None and speed[0] < 0.0:  # or the angle, which physics that is left out may hide
+        other = max((h for h in hypotheses if h.form.correction.theta == -1.0), key=lambda h: h.score)
+        return (_of_speed(speed), other.says) if other.score - stands.score > ENTRY else ()
     found = [h.says for h in _rivals(best, stands, hypotheses) if _odds(best, h) < AS_GOOD and h.in_order]
+    if best is not stands and not closed:  # physics that is left out moves parameters by as much
+        found += [h.says for h in hypotheses if _factors_apart(h, best) < _APART and h.says not in (*found, best.says)]
     if read := _read_as(best, stands):
         found.append(f"the dc link's voltage is read as {read:.2g} times what it is")
     weaker = 1.0 - stands.over_nominal[3]
     if best.scale.u == best.scale.i < 1.0 and weaker > 0.0:
         found.append(f"the magnets are {weaker:.0%} weaker than the nominal ones")
     return (best.says, *found) if found else ()
+
+
+def _factors_apart(h: _Hypothesis, other: _Hypothesis) -> float:
+    """How far two causes that differ by factors alone are apart, log; infinite for others."""
+    one, two = h.correction, other.correction
+    if h.form in DELAYS or (one.per_unit > 0.0) != (two.per_unit > 0.0):
+        return math.inf
+    if replace(one, u=two.u, i=two.i, T_s=two.T_s, per_unit=two.per_unit) != two:
+        return math.inf
+    u, i = one.u / two.u * (two.per_unit or 1.0) / (one.per_unit or 1.0), one.i / two.i
+    if abs(cmath.phase(u)) + abs(cmath.phase(i)) > 1e-9:
+        return math.inf
+    return max(abs(math.log(abs(u))), abs(math.log(abs(i))), abs(math.log(one.T_s / two.T_s)))
 
 
 def _read_as(best: _Hypothesis, stands: _Hypothesis) -> float | None:
@@ -256,8 +293,14 @@ def _says(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] | Non
     if rows:
         parts.append(f"{ANGLE_ROWS[rows].says}, as the phase currents tell")
     if speed is not None:
-        parts.append(f"the speed is {speed[1]}, expected electrical and in rad/s, as the angle's rate of change tells")
+        parts.append(f"{_of_speed(speed)}, as the angle's rate of change tells")
     return parts
+
+
+def _of_speed(speed: tuple[float, str]) -> str:
+    if speed[0] == -1.0:
+        return "the speed has the wrong sign"
+    return f"the speed is {speed[1]}, expected electrical and in rad/s"
 
 
 def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] | None, rows: int) -> str:

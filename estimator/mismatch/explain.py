@@ -34,6 +34,7 @@ _NO_CHANCE: Final = 500.0  # chi square
 _EXCHANGED: Final = 0.05  # of what is left, that an effect has to explain more of than the one whose place it takes
 _ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
 FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
+_ROUNDING: Final = 1e-13  # of a column's square: sums of columns that are alike tell no better
 _NOISE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
 
 
@@ -137,7 +138,7 @@ class Search:
             left += float(at @ gram[np.ix_(fixed, fixed)] @ at - 2.0 * at @ gram[fixed, -1])
             left += float(np.sum(self.weight[fixed] * (at - self.mean[fixed]) ** 2))
         scale = 1.0 / np.sqrt(np.diag(A))
-        factor = np.linalg.cholesky(A * np.outer(scale, scale))
+        factor = np.linalg.cholesky(A * np.outer(scale, scale) + _ROUNDING * np.eye(len(free)))
         inverse = np.linalg.inv(factor) * scale
         half = inverse @ b
         chi2 = left - float(half @ half)

@@ -29,12 +29,14 @@ from estimator.mismatch.model import filter_of, whitened
 from estimator.mismatch.regions import MOST, regions, together, worth
 from estimator.mismatch.ringing import resonance, ringing
 from estimator.mismatch.spectra import Line, energy_of_orders, line_beside, noise_of_orders, strongest_line, white_level
+from estimator.mismatch.thinning import GOLDEN
 from estimator.mismatch.verdict import Place, Unexplained
 from estimator.mismatch.words import degrees, number, percent
 from estimator.physics.rows import AXES, Rows, Vector
 
 _PHASES: Final = ("a", "b", "c")
 _ONE_AXIS: Final = 0.9  # of the energy
+_MANY: Final = 60_000  # periods, that say where an effect acts
 _PLAIN: Final = 50.0  # standard errors of the noise's energy, at which a signal needs no longer means
 _HALF: Final = 0.5  # of the energy, that a line or an order must hold where no range holds more
 _LINE_SHARE: Final = 0.05  # of the rows, that a line of a spectrum counts as
@@ -246,7 +248,12 @@ def _blocks(rows: Rows, signal: Vector, noise: tuple[float, float]) -> tuple[Mea
         found.append((float(power.sum()) / max(math.sqrt(len(power)) * variance, 1e-300), (blocks, power, sigma)))
         if found[-1][0] > _PLAIN:
             break
-    return max(found, key=lambda pair: pair[0])[1]
+    blocks, power, sigma = max(found, key=lambda pair: pair[0])[1]
+    if noise == (0.0, 0.0) and len(power) > _MANY:  # an effect acts all over a long recording
+        part = np.arange(_MANY)
+        some = ((part + part * GOLDEN % 1.0) * (len(power) / _MANY)).astype(np.intp)
+        blocks, power = replace(blocks, v=blocks.v[some], at=blocks.at[some]), power[some]
+    return blocks, power, sigma
 
 
 def _axis(
@@ -281,7 +288,7 @@ def _spectral(rows: Rows, signal: Vector, noise: tuple[float, float]) -> Place |
             words = f"at order {k + 1} of the {turn} turn in the rotor frame, with {percent(held)} of the energy"
             found.append(Place(words, {f"{turn}_order": float(k + 1), "frame": "rotor"}, held, 1.0))
     for frame in ("stationary", "rotor"):
-        line = strongest_line(rows, signal, frame, _SLOWEST, _FASTEST / rows.T_s)
+        line = strongest_line(rows, signal, frame, _SLOWEST, _FASTEST / rows.T_s, _HALF * total)
         if line is not None and line.gain >= _HALF * total:
             found.append(_place_of_line(line, frame, min(line.gain / total, 1.0), len(rows) * rows.T_s))
     return max(found, key=lambda place: place.energy_share, default=None)

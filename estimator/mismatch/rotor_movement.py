@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.kernel import kernel
-from estimator.mismatch.smoothest_course import Course, fast, smoothest, surer
+from estimator.mismatch.smoothest_course import Course, fast, smoothest, surer, surest
 
 Real = NDArray[np.float64]
 Vector = NDArray[np.complex128]
@@ -24,8 +24,9 @@ _PUSHED: Final = 5.0  # standard deviations, by which torque is seen to move it
 _ORDERS: Final = 24  # of the electrical turn, at which a rotor may swing: cogging, ripple of the torque
 _SEEN: Final = 20.0  # times the power by chance, by which a movement is seen
 _AT_ONCE: Final = 4  # orders
-_FITS: Final = 3
+_FITS: Final = 8
 _FURTHER: Final = 1.8  # times the step that edges ask for: with it, others do
+_NEARER: Final = 0.99  # of its error: a step that brings less is the last
 _SURER: Final = 0.9  # of its error: an angle that is known better beside a movement
 _ANEW: Final = 1024  # values, after which a sum begins anew: it keeps its digits
 
@@ -85,11 +86,10 @@ def turning(
     `counts`: their middles, rad, each `reach` wide to either side; or wider, where edges are not where they should be.
     Whether torque moves the rotor, and whether it swings, is decided by how well counts then hold the angle.
     """
-    known, pushing = np.zeros(len(counts)), list[Real]()
-    course = smoothest(counts, reach, ends)
     pushed = driven(counts, torques, ends)
-    if pushed.any() and (beside := smoothest(counts - pushed, reach, ends)).off < course.off:
-        known, course, pushing = pushed, beside, [_twice_summed(x) for x in torques]
+    moves = [np.zeros(len(counts)), *([pushed] if pushed.any() else [])]
+    which, course = surest([(counts - x, reach) for x in moves], ends)
+    known, pushing = moves[which], [_twice_summed(x) for x in torques] if which else []
     moved, beside = _moved(counts, known, course, pushing, n_p)
     known, course = (moved, beside) if beside.off < _SURER * course.off else (known, course)
     return known, surer(counts - known, course)
@@ -105,7 +105,7 @@ def _moved(
     """
     own = 1.0 / n_p, 2.0 / n_p
     orders, pushed = dict[float, None](), dict[int, None]()
-    before = course.off
+    best = known, course
     for fit in range(_FITS):
         theta = known + course.course
         there = np.flatnonzero(course.pull)
@@ -122,10 +122,11 @@ def _moved(
         for n in orders:
             moves += [x if n in own else _twice_summed(x) for x in (np.cos(n * theta), np.sin(n * theta))]
         known = known + _FURTHER * _fitted(counts - theta, course, [fast(x, course.ends) for x in moves])
-        course = smoothest(counts - known, course.reach, course.ends)
-        if fit > 0 and course.off > before:
-            break  # two that led nowhere
-    return known, course
+        before, course = course.off, smoothest(counts - known, course.reach, course.ends)
+        best = min(best, (known, course), key=lambda found: found[1].off)
+        if fit > 0 and course.off > _NEARER * before:
+            break
+    return best
 
 
 def _fitted(off: Real, course: Course, moves: Sequence[Real]) -> Real:

@@ -6,8 +6,9 @@ where they change, say it far better than their means do. The course m bends as 
     min   sum w (m - y)^2 + sum (S^3 third difference of m)^2      outside of a count: y its edge, w = 1
                                                                   within: y its middle, w little
 
-by Newton's method, each step one solve of a matrix with seven diagonals. S, the periods over which it may bend, is
-halved around a place where the course leaves counts. Of N periods means leave 1/sqrt(N) of the rounding, this 1/N.
+by Newton's method, each step one solve of a matrix with seven diagonals; after the first one only around counts that
+the course has reached or left since. S, the periods over which it may bend, is halved around a place where the course
+leaves counts. Of N periods means leave 1/sqrt(N) of the rounding, this 1/N.
 Sources: N. T. Thao, M. Vetterli, IEEE Trans. Signal Processing 42, 519, 1994 (consistent reconstruction);
 E. T. Whittaker, Proc. Edinburgh Math. Soc. 41, 63, 1923 (graduation by third differences). Knows nothing of rotors.
 """
@@ -20,7 +21,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernel import kernel
+from estimator.kernel import kernel, lean_kernel
 
 Real = NDArray[np.float64]
 
@@ -33,7 +34,11 @@ _WIDER: Final = (1.1, 1.4)  # times counts' width
 _BENT: Final = 0.5  # of a course
 _WITHIN: Final = 3e-4  # weight within a count: it holds a course that reaches no edge
 _SOONER: Final = 1.5  # power of how much sooner it may bend, by which that grows
-_STEPS: Final = 12  # of Newton's method, at most
+_STEPS: Final = 40  # of Newton's method, at most
+_FELT: Final = 16  # times the periods to either side of a count that was reached or left, which the next one moves
+_MANY: Final = 60_000  # periods, that tell which course is the surest
+_BLOCKS: Final = 8
+_WORTH: Final = 2  # times as many, from which on it saves time
 _SHORTEST: Final = 8  # periods of a run
 _NEIGHBOURS: Final = 4  # times the periods to either side, whose counts hold a course
 
@@ -66,8 +71,30 @@ def surer(counts: Real, course: Course) -> Course:
     """
     if np.mean(course.span < _STIFF) < _BENT:
         return course
-    others = [smoothest(counts, wider * course.reach, course.ends) for wider in _WIDER]
-    return min((course, *others), key=lambda one: one.off)
+    return surest([(counts, wider * course.reach) for wider in (1.0, *_WIDER)], course.ends, course)[1]
+
+
+def surest(tried: Sequence[tuple[Real, float]], ends: Sequence[int], first: Course | None = None) -> tuple[int, Course]:
+    """Which of some counts, each with its reach, has the surest course, and that; by blocks of a long recording.
+
+    `first`: the course of the first of them, where it is known.
+    """
+    if ends[-1] > _WORTH * _MANY:
+        part, cuts = _blocks(ends)
+        best = int(np.argmin([smoothest(counts[part], reach, cuts).off for counts, reach in tried]))
+        return best, first if best == 0 and first is not None else smoothest(*tried[best], ends)
+    known = [] if first is None else [first]
+    courses = [*known, *(smoothest(counts, reach, ends) for counts, reach in tried[len(known) :])]
+    best = int(np.argmin([course.off for course in courses]))
+    return best, courses[best]
+
+
+def _blocks(ends: Sequence[int]) -> tuple[NDArray[np.intp], list[int]]:
+    """Places in blocks all over a recording, and where runs of these begin and end."""
+    length = _MANY // _BLOCKS
+    starts = np.rint(np.linspace(0.0, ends[-1] - length, _BLOCKS)).astype(np.intp)
+    cuts = np.clip(np.array(ends) - starts[:, None], 0, length) + length * np.arange(_BLOCKS)[:, None]
+    return (starts[:, None] + np.arange(length)).ravel(), np.unique(cuts).tolist()
 
 
 def smoothest(counts: Real, reach: float, ends: Sequence[int]) -> Course:
@@ -92,10 +119,9 @@ def fast(x: Real, ends: Sequence[int]) -> Real:
 
 
 def _lost(x: Real, weight: Real, span: Real, ends: Sequence[int]) -> Real:
-    out = np.zeros(len(x))
+    out, none, L = np.zeros(len(x)), np.zeros(len(x)), np.empty((len(x), 3))
     for run in _runs(ends):
-        stiff = _stiff(span[run])
-        out[run] = _solved(weight[run], stiff, _bend(x[run], stiff))
+        _step(out[run], L[run], -x[run], none[run], math.inf, weight[run], _stiff(span[run]), 0, len(out[run]))
     return out
 
 
@@ -128,24 +154,24 @@ def _around(there: NDArray[np.bool_], w: int) -> NDArray[np.bool_]:
 
 def _bent(counts: Real, reach: float, off: Real, span: Real) -> Real:
     """The course less counts for given periods, from one that is near; at first all counts' middles hold it alike."""
-    stiff = _stiff(span)
     weight = _weight(off, reach, span) if off.any() else np.ones(len(off))
-    for _ in range(_STEPS):
-        pull = np.where(np.abs(off) > reach, np.clip(off, -reach, reach) - off, -off)
-        off = off + _solved(weight, stiff, weight * pull - _bend(counts + off, stiff))
-        before, weight = weight, _weight(off, reach, span)
-        if np.array_equal(weight, before):
-            break
-    return off
+    return _settled(counts, reach, off, weight, _within(span), _stiff(span), np.rint(_FELT * span).astype(np.intp))
 
 
 def _stiff(span: Real) -> Real:
     """Of third differences."""
-    return cast(Real, np.minimum.reduce([span[k : len(span) - 3 + k] for k in range(4)])) ** 6
+    two = np.minimum(span[1:], span[:-1])
+    cube = np.minimum(two[2:], two[:-2]) ** 3
+    return cast(Real, cube * cube)
 
 
 def _weight(off: Real, reach: float, span: Real) -> Real:
-    return np.where(np.abs(off) > reach, 1.0, _WITHIN * (_STIFF / span) ** _SOONER)
+    return np.where(np.abs(off) > reach, 1.0, _within(span))
+
+
+def _within(span: Real) -> Real:
+    """Weight of a count's middle."""
+    return _WITHIN * (_STIFF / span) ** _SOONER
 
 
 def _room(off: Real, span: Real, reach: float) -> Real:
@@ -171,38 +197,74 @@ def _highest(x: Real, w: int) -> Real:
     return np.maximum(padded[rest:], padded[: len(padded) - rest]) if rest else padded
 
 
-def _bend(x: Real, stiff: Real) -> Real:
-    """What third differences pull by: D' stiff D x."""
-    third, out = stiff * np.diff(x, 3), np.zeros(len(x))
-    for k, factor in enumerate((-1.0, 3.0, -3.0, 1.0)):
-        out[k : k + len(third)] += factor * third
-    return out
-
-
 @kernel
-def _solved(weight: Real, stiff: Real, b: Real) -> Real:
-    """x of (weight + D' stiff D) x = b, with D the third difference: L d L', each row of L with three numbers."""
-    n = len(b)
-    L, d, x = np.empty((n, 3)), np.empty(n), b.copy()
-    d_1 = d_2 = d_3 = 1.0  # of the rows before
+def _settled(
+    counts: Real, reach: float, off: Real, weight: Real, within: Real, stiff: Real, felt: NDArray[np.intp]
+) -> Real:
+    """The course less counts, from one that is near, and weights that hold it in the first step; `felt`: periods to
+    either side that a change of a count's weight moves.
+    """
+    n, m = len(counts), 1
+    off, weight, x, L = off.copy(), weight.copy(), np.empty(n), np.empty((n, 3))
+    begins, ends, changes = np.zeros(n, np.intp), np.full(n, n), np.zeros(n + 1, np.intp)
+    for _ in range(_STEPS):
+        for part in range(m):
+            _step(x, L, counts, off, reach, weight, stiff, begins[part], ends[part])
+        for part in range(m):
+            for k in range(begins[part], ends[part]):
+                off[k] += x[k]
+                now = 1.0 if abs(off[k]) > reach else within[k]
+                if now != weight[k]:
+                    weight[k] = now
+                    changes[max(k - felt[k], 0)] += 1
+                    changes[min(k + felt[k] + 1, n)] -= 1
+        level, m = 0, 0
+        for k in range(n + 1):
+            before, level, changes[k] = level, level + changes[k], 0
+            if before == 0 and level > 0:
+                begins[m] = k
+            elif before > 0 and level == 0:
+                ends[m] = k
+                m += 1
+        if m == 0:
+            break
+    return off
+
+
+@lean_kernel
+def _step(
+    x: Real, L: Real, counts: Real, off: Real, reach: float, weight: Real, stiff: Real, begin: int, end: int
+) -> None:
+    """Write Newton's step from `off` between two periods, where all others stay.
+
+    x of (weight + D' stiff D) x = weight pull - D' stiff D (counts + off), with D the third difference: L d L', each
+    row of L with three numbers.
+    """
+    n = len(counts)
+    r_1 = r_2 = r_3 = y_1 = y_2 = y_3 = 0.0  # of the rows before: 1 / d, and what is asked of them
     l_12 = l_13 = l_23 = 0.0  # of the row before: its first and second neighbour; of that before: its first
-    for k in range(n):
-        s_0 = stiff[k] if k < n - 3 else 0.0
-        s_1 = stiff[k - 1] if 1 <= k < n - 2 else 0.0
-        s_2 = stiff[k - 2] if 2 <= k < n - 1 else 0.0
-        s_3 = stiff[k - 3] if k >= 3 else 0.0
-        l_3 = -s_3 / d_3
-        l_2 = (3.0 * (s_2 + s_3) - l_3 * d_3 * l_23) / d_2
-        l_1 = (-3.0 * (s_1 + 3.0 * s_2 + s_3) - l_3 * d_3 * l_13 - l_2 * d_2 * l_12) / d_1
-        d[k] = weight[k] + s_0 + 9.0 * (s_1 + s_2) + s_3 - l_1 * l_1 * d_1 - l_2 * l_2 * d_2 - l_3 * l_3 * d_3
-        for m, entry in enumerate((l_1, l_2, l_3)):
-            L[k, m] = entry
-            if k > m:
-                x[k] -= entry * x[k - m - 1]
-        d_3, d_2, d_1 = d_2, d_1, d[k]
-        l_23, l_12, l_13 = l_12, l_1, l_2
-    x /= d
-    for k in range(n - 2, -1, -1):
-        for m in range(min(3, n - 1 - k)):
-            x[k] -= L[k + m + 1, m] * x[k + m + 1]
-    return x
+    s_1 = s_2 = s_3 = t_1 = t_2 = t_3 = 0.0
+    for k in range(max(begin - 3, 0), end):
+        s_0 = t_0 = 0.0  # how stiff the third difference is that begins here, and what it pulls by
+        if k < n - 3:
+            s_0 = stiff[k]
+            inner = counts[k + 2] + off[k + 2] - (counts[k + 1] + off[k + 1])
+            t_0 = s_0 * (counts[k + 3] + off[k + 3] - (counts[k] + off[k]) - 3.0 * inner)
+        if k >= begin:
+            e_3 = -s_3
+            l_3 = e_3 * r_3
+            e_2 = 3.0 * (s_2 + s_3) - e_3 * l_23
+            l_2 = e_2 * r_2
+            e_1 = -3.0 * (s_1 + 3.0 * s_2 + s_3) - e_3 * l_13 - e_2 * l_12
+            l_1 = e_1 * r_1
+            r_0 = 1.0 / (weight[k] + s_0 + 9.0 * (s_1 + s_2) + s_3 - e_3 * l_3 - e_2 * l_2 - e_1 * l_1)
+            pull = min(max(off[k], -reach), reach) - off[k] if abs(off[k]) > reach else -off[k]
+            y = weight[k] * pull + t_0 - 3.0 * (t_1 - t_2) - t_3 - l_3 * y_3 - l_2 * y_2 - l_1 * y_1
+            x[k], L[k, 0], L[k, 1], L[k, 2] = y * r_0, l_1, l_2, l_3
+            r_3, r_2, r_1, y_3, y_2, y_1 = r_2, r_1, r_0, y_2, y_1, y
+            l_23, l_12, l_13 = l_12, l_1, l_2
+        s_3, s_2, s_1, t_3, t_2, t_1 = s_2, s_1, s_0, t_2, t_1, t_0
+    p_1 = p_2 = p_3 = 0.0  # what the rows behind take off
+    for k in range(end - 1, begin - 1, -1):
+        x[k] -= p_1
+        p_1, p_2, p_3 = p_2 + L[k, 0] * x[k], p_3 + L[k, 1] * x[k], L[k, 2] * x[k]

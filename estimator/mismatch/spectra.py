@@ -23,6 +23,7 @@ _SEGMENT: Final = 256  # periods of a Welch spectrum
 _ORDER_TURNS: Final = 8  # over which an order's amplitude is steady
 _BLOCK: Final = 64  # periods that are summed before a line's frequency is refined
 _SPARSE: Final = 3.0  # longest time by the clock, over the periods there are
+_FAR_LESS: Final = 0.2  # of an energy: a line between two frequencies of a spectrum shows half of its own
 _STEPS: Final = 8  # of Newton's, to a line beside the machine
 _STILL: Final = 1e-5  # periods of a line over the whole recording: a step that changes nothing
 
@@ -66,10 +67,13 @@ def _by_clock(rows: Rows) -> NDArray[np.intp]:
     return place
 
 
-def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: float) -> Line | None:
+def strongest_line(
+    rows: Rows, z: Vector, frame: str, lowest: float, highest: float, least: float = 0.0
+) -> Line | None:  # fmt: skip
     """The line of a flux error (Vs, rotor frame) that explains most of it in a frame, lowest to highest Hz.
 
-    Its frequency is that at which the flux error holds most; its voltage, what explains most at that frequency.
+    None where it explains far less than `least` (Vs^2, summed), or the recording is too short. Its frequency is that
+    at which the flux error holds most; its voltage, what explains most at that frequency.
     """
     place = _by_clock(rows)
     n = int(place[-1]) + 1
@@ -82,7 +86,11 @@ def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: fl
     if end <= first:
         return None
     ahead, astern = X[first:end], X[size - first : size - end : -1]
-    coarse = float(first + np.argmax(ahead.real**2 + ahead.imag**2 + astern.real**2 + astern.imag**2)) * df
+    powers = ahead.real**2 + ahead.imag**2 + astern.real**2 + astern.imag**2
+    peak = int(np.argmax(powers))
+    if peak > 0 and powers[peak] < _FAR_LESS * least * n:  # at the edge it may be slower still
+        return None
+    coarse = (first + peak) * df
     forth, back = _shifted(x, coarse * rows.T_s)
     middle = (_BLOCK * (np.arange(len(forth)) + 0.5) - 0.5) * rows.T_s
 

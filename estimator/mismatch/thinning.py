@@ -19,7 +19,8 @@ _SETTLING: Final = 100  # periods, in which the fields and filters of effects se
 _PART: Final = 10  # as many times longer is a run at least
 _FEW: Final = 0.05  # of all periods
 _NEXT_TO_GAP: Final = (-1, *range(1, 13))  # periods; after it a branch beside the machine settles
-_GOLDEN: Final = 0.6180339887498949
+GOLDEN: Final = 0.6180339887498949
+"""Multiples of it, less whole ones, are spread evenly."""
 
 
 def settled(rows: Rows) -> Rows:
@@ -47,7 +48,7 @@ def thinned(rows: Rows, most: int = MOST, blocks: int = BLOCKS) -> Rows:
     if n <= _WORTH * most:
         return rows
     part = (n - length) / (blocks - 1)
-    late = np.arange(blocks) * _GOLDEN % 1.0 * (1.0 - length / part)
+    late = np.arange(blocks) * GOLDEN % 1.0 * (1.0 - length / part)
     starts = np.rint((np.arange(blocks) + late) * part).astype(int)
     starts[-1] = n - length
     samples = (starts[:, None] + np.arange(length + 1)).ravel()
