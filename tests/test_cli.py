@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from bench.cli.main import main
+from bench.cli.run import meanwhile
 from drivers.wire.canopen_od import eds
 from tests.conftest import COMMAND, RunningBench, bus_url, command, free_port
 
@@ -237,3 +238,21 @@ def test_no_service_or_another_one_is_said(
         with some_web_server(body, status) as url:
             said = refused(["estimates", "x", "--once", "--service", url], monkeypatch, capsys)
         assert url in said
+
+
+def test_what_is_prepared_fails_in_its_own_words_and_is_left_at_once_when_told_to() -> None:
+    def fails() -> None:
+        raise ValueError("no room")
+
+    with pytest.raises(ValueError, match="no room"):
+        meanwhile(fails)
+
+    def waits() -> None:
+        ended.wait(20.0)
+
+    ended, begun = threading.Event(), time.monotonic()
+    threading.Timer(0.2, lambda: signal.raise_signal(signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        meanwhile(waits)
+    assert time.monotonic() - begun < 10.0
+    ended.set()

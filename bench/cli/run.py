@@ -18,6 +18,7 @@ from bench.errors import ConfigError
 
 _READY_TIMEOUT = 180.0  # s, the first start compiles
 _END = 3.0  # s for the emulated drive to end before it is made to
+_LISTENS = 0.2  # s, after which a signal is heard at the latest
 _console = Console(highlight=False, soft_wrap=True)
 
 
@@ -75,7 +76,7 @@ def _serve(config: Config, listener: socket.socket) -> None:
     from bench.service import Service
 
     with _console.status("preparing the estimator (compiles at the first start)"):
-        warm_up()
+        meanwhile(warm_up)
     host, port = listener.getsockname()[:2]
     with Service(config) as service:
         root = f"http://{host}:{port}"
@@ -84,6 +85,24 @@ def _serve(config: Config, listener: socket.socket) -> None:
             _console.print(f"drive  {drive.name}: {drive.url}")
         _console.print("Ctrl-C ends it")
         serve(service, listener)
+
+
+def meanwhile(work: Callable[[], None]) -> None:
+    """Do it in a thread of its own: a compiler that a signal interrupts fails in its own words."""
+    failed: list[Exception] = []
+
+    def run() -> None:
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001 - raised again below
+            failed.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(_LISTENS)
+    if failed:
+        raise failed[0]
 
 
 def _emulator_command(urls: list[str], scenario: str) -> list[str]:
