@@ -56,6 +56,9 @@ FOUND: dict[str, tuple[Error, str, dict[str, float]]] = {
     "phases a and b of the currents swapped": (phases_swapped(0, 1), "current_phases_ab", {"i_mirrored": 2.0}),
     "an angle of the wrong sign": (angle(lambda theta, _: -theta), "angle_sign", {"theta_scale": -1.0}),
     "a mechanical angle": (angle(lambda theta, m: np.mod(theta / m.n_p, TURN)), "mechanical_angle", {}),
+    "an angle times the pole pairs twice": (
+        angle(lambda theta, m: np.mod(theta * m.n_p, TURN)), "angle_times_pole_pairs_twice", {},
+    ),
     "an angle in degrees": (angle(lambda theta, _: np.degrees(np.mod(theta, TURN))), "angle_in_degrees", {}),
     "a period twice as long": (period(2.0), "period_doubled", {"T_s_scale": 2.0}),
     "a period half as long": (period(0.5), "period_halved", {"T_s_scale": 0.5}),
@@ -180,8 +183,11 @@ def test_saturation_hides_no_sign() -> None:
 
 def test_beside_missing_physics_factors_that_are_near_each_other_are_not_told_apart() -> None:
     for name in ("rms voltages", "voltages times 3/2", "voltages in per unit of half the dc link"):
-        suspicion = suspected(*made(FOUND[name][0], recording("saturation_q", 1, seed=31)), TOLERANCE)
-        assert suspicion is None or len(suspicion.ambiguous) > 1, name
+        runs, nominal = made(FOUND[name][0], recording("saturation_q", 1, seed=31))
+        for known in (nominal, replace(nominal, i_rated=None)):
+            suspicion = suspected(runs, known, TOLERANCE)
+            assert suspicion is not None, name
+            assert len(suspicion.ambiguous) > 1, name
 
 
 def test_an_angle_that_physics_may_hide_is_not_called_a_wrong_speed() -> None:
@@ -194,6 +200,14 @@ def test_an_angle_that_physics_may_hide_is_not_called_a_wrong_speed() -> None:
     said = diagnose(runs, nominal)
     assert said.verdict is Verdict.AMBIGUOUS
     assert not said.findings
+
+
+def test_an_angle_of_too_many_turns_is_not_called_a_mechanical_speed() -> None:
+    for number in NUMBERS:
+        error, cause, _ = FOUND["an angle times the pole pairs twice"]
+        suspicion = suspected(*made(error, recording("dead_time", number, seed=31)), TOLERANCE)
+        assert suspicion is not None, number
+        assert suspicion.cause == cause or len(suspicion.ambiguous) > 1, number
 
 
 @pytest.mark.parametrize("late", [1, -1])

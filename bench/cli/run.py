@@ -89,12 +89,12 @@ def _serve(config: Config, listener: socket.socket) -> None:
 
 def meanwhile(work: Callable[[], None]) -> None:
     """Do it in a thread of its own: a compiler that a signal interrupts fails in its own words."""
-    failed: list[Exception] = []
+    failed: list[BaseException] = []
 
     def run() -> None:
         try:
             work()
-        except Exception as error:  # noqa: BLE001 - raised again below
+        except BaseException as error:  # noqa: BLE001 - raised again below
             failed.append(error)
 
     thread = threading.Thread(target=run, daemon=True)

@@ -95,11 +95,17 @@ class _Hypothesis:
     def in_order(self) -> bool:
         """Whether the parameters are near the nominal ones; R_s need not be.
 
-        Within what physics does to them is enough for what is no factor: of these another one may be the nearer.
+        Within what physics does to them is enough for what is no factor: of factors another one may be the nearer.
         """
         near = bool(np.all(np.abs(np.log(np.maximum(self.over_nominal[1:], 0.02))) < _BEYOND))
-        no_factor = self.scale is NO_SCALE and self.form.correction.per_unit == 0.0
-        return bool(np.sum(self.cost[1:]) < _RIGHT) or (near and no_factor)
+        return bool(np.sum(self.cost[1:]) < _RIGHT) or (near and self.no_factor)
+
+    @property
+    def no_factor(self) -> bool:
+        """Nothing is multiplied by a number of which there are others that are near."""
+        c = self.form.correction
+        as_large = abs(abs(c.u) - 1.0) < 1e-9 and abs(abs(c.i) - 1.0) < 1e-9 and c.per_unit == 0.0
+        return self.scale is NO_SCALE and as_large and self.form.pole_pairs is None
 
     @property
     def correction(self) -> Correction:
@@ -130,7 +136,7 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
         return None
     correction = replace(best.correction, omega=1.0 if speed is None else speed[0], theta_shift=rows)
     n_p = best.form.pole_pairs
-    alike = _alike(best, stands, hypotheses, speed, _left(best, stretches) < _CLOSED * (nominal.i_rated or math.inf))
+    alike = _alike(best, stands, hypotheses, speed, _closed(best, stretches, nominal))
     return Suspicion(
         best.name if best is not stands else ANGLE_ROWS[rows].name if rows else "speed_unit",
         "; ".join(_says(best, stands, speed, rows)), _sentence(best, stands, speed, rows),
@@ -216,23 +222,22 @@ def _explains(
     if h.fit.left > _MORE * max(stands.fit.left, plain.fit.left):
         return False
     if h.fit.left < _HALVED * stands.fit.left:  # which a lagging loss may do for a shift that is none
-        return h.fit.left < _BY_FAR * stands.fit.left or _left(h, stretches) < _CLOSED * (nominal.i_rated or math.inf)
+        return h.fit.left < _BY_FAR * stands.fit.left or _closed(h, stretches, nominal)
     if np.sum(stands.fit.value[1:] < -3.0 * stands.fit.std[1:]) >= 2:  # inductances or flux below zero
         return True
     off = np.abs(np.log(np.maximum(stands.over_nominal, 0.02))) - 2.0 * stands.relative_std
     if off[3] > _MAGNETS or (off[3] > _BEYOND and np.sum(off > _BEYOND) >= 2):
         return True
     # Physics that is left out may raise R_s, L_d and L_q together, but leaves a balance that is not closed
-    closed = _left(stands, stretches) < _CLOSED * (nominal.i_rated or math.inf)
-    return closed and bool(off[3] > _BEYOND or np.sum(off > _BEYOND) >= 2)
+    return _closed(stands, stretches, nominal) and bool(off[3] > _BEYOND or np.sum(off > _BEYOND) >= 2)
 
 
-def _left(h: _Hypothesis, stretches: Stretches) -> float:
-    """What a flux balance leaves, as a current, A."""
-    L = max(0.5 * (abs(h.fit.value[1]) + abs(h.fit.value[2])), 1e-12)
-    c = h.form.correction
+def _closed(h: _Hypothesis, stretches: Stretches, nominal: Machine) -> bool:
+    """Whether a flux balance leaves nothing, as a current, of the rated one, or of the largest there is."""
+    L, c = max(0.5 * (abs(h.fit.value[1]) + abs(h.fit.value[2])), 1e-12), h.form.correction
     volts = c.per_unit * float(np.mean(stretches.u_dc)) if c.per_unit and stretches.u_dc is not None else 1.0
-    return math.sqrt(h.fit.left) * volts / abs(c.u) * stretches.T_s / L
+    left = math.sqrt(h.fit.left) * volts / abs(c.u) * stretches.T_s / L
+    return left < _CLOSED * (nominal.i_rated or float(np.quantile(np.abs(stretches.i), 0.999)))
 
 
 def _rivals(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis]) -> list[_Hypothesis]:
@@ -249,9 +254,13 @@ def _alike(
     closed: bool,
 ) -> tuple[str, ...]:  # fmt: skip
     """The best and what does as well, in words; none where nothing does. `closed`: the best one's flux balance is."""
-    if best is stands and speed is not None and speed[0] < 0.0:  # or the angle, which physics that is left out may hide
-        other = max((h for h in hypotheses if h.form.correction.theta == -1.0), key=lambda h: h.score)
-        return (_of_speed(speed), other.says) if other.score - stands.score > ENTRY else ()
+    if best is stands and speed is not None:  # or it is right, and the angle is not, which missing physics may hide
+        right = [h for h in hypotheses if abs(h.speed - 1.0) < _SAME_SPEED and h.score - stands.score > ENTRY]
+        if right:
+            return _of_speed(speed), max(right, key=lambda h: h.score).says
+        if abs(math.log(max(float(stands.over_nominal[3]), 0.02))) > _MAGNETS:  # by that angle it is no machine
+            return _of_speed(speed), "the angle is not the electrical one in rad"
+        return ()
     found = [h.says for h in _rivals(best, stands, hypotheses) if _odds(best, h) < AS_GOOD and h.in_order]
     if best is not stands and not closed:  # physics that is left out moves parameters by as much
         found += [h.says for h in hypotheses if _factors_apart(h, best) < _APART and h.says not in (*found, best.says)]

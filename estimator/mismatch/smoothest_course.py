@@ -6,8 +6,8 @@ where they change, say it far better than their means do. The course m bends as 
     min   sum w (m - y)^2 + sum (S^3 third difference of m)^2      outside of a count: y its edge, w = 1
                                                                   within: y its middle, w little
 
-by Newton's method, each step one solve of a matrix with seven diagonals; after the first one only around counts that
-the course has reached or left since. S, the periods over which it may bend, is halved around a place where the course
+by Newton's method, each step one solve of a matrix with seven diagonals, soon only around counts that the course has
+reached or left since the last one. S, the periods over which it may bend, is halved around a place where the course
 leaves counts. Of N periods means leave 1/sqrt(N) of the rounding, this 1/N.
 Sources: N. T. Thao, M. Vetterli, IEEE Trans. Signal Processing 42, 519, 1994 (consistent reconstruction);
 E. T. Whittaker, Proc. Edinburgh Math. Soc. 41, 63, 1923 (graduation by third differences). Knows nothing of rotors.
@@ -79,7 +79,7 @@ def surest(tried: Sequence[tuple[Real, float]], ends: Sequence[int], first: Cour
 
     `first`: the course of the first of them, where it is known.
     """
-    if ends[-1] > _WORTH * _MANY:
+    if len(tried) > 1 and ends[-1] > _WORTH * _MANY:
         part, cuts = _blocks(ends)
         best = int(np.argmin([smoothest(counts[part], reach, cuts).off for counts, reach in tried]))
         return best, first if best == 0 and first is not None else smoothest(*tried[best], ends)
@@ -212,18 +212,19 @@ def _settled(
             _step(x, L, counts, off, reach, weight, stiff, begins[part], ends[part])
         for part in range(m):
             for k in range(begins[part], ends[part]):
+                before = off[k]
                 off[k] += x[k]
                 now = 1.0 if abs(off[k]) > reach else within[k]
-                if now != weight[k]:
+                if now != weight[k] or (now == 1.0 and before * off[k] < 0.0):
                     weight[k] = now
                     changes[max(k - felt[k], 0)] += 1
                     changes[min(k + felt[k] + 1, n)] -= 1
         level, m = 0, 0
         for k in range(n + 1):
-            before, level, changes[k] = level, level + changes[k], 0
-            if before == 0 and level > 0:
+            was, level, changes[k] = level, level + changes[k], 0
+            if was == 0 and level > 0:
                 begins[m] = k
-            elif before > 0 and level == 0:
+            elif was > 0 and level == 0:
                 ends[m] = k
                 m += 1
         if m == 0:

@@ -88,7 +88,7 @@ def strongest_line(
     ahead, astern = X[first:end], X[size - first : size - end : -1]
     powers = ahead.real**2 + ahead.imag**2 + astern.real**2 + astern.imag**2
     peak = int(np.argmax(powers))
-    if peak > 0 and powers[peak] < _FAR_LESS * least * n:  # at the edge it may be slower still
+    if peak > 0 and powers[peak] < _FAR_LESS * least * len(z):  # at the edge it may be slower still
         return None
     coarse = (first + peak) * df
     forth, back = _shifted(x, coarse * rows.T_s)
