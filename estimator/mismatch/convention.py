@@ -36,10 +36,10 @@ _BEYOND: Final = 0.26  # log: 30 % on two parameters are beyond physics
 _MAGNETS: Final = 0.34  # log: 40 % on psi_f alone
 _HALVED: Final = 0.5  # of what the flux balance leaves: a form's due
 _BY_FAR: Final = 0.25  # of the same, where the flux balance is not closed even then
-_APART: Final = 0.16  # log: two factors that are nearer are told apart by a flux balance that is closed, or not at all
 _MISREAD: Final = 0.75  # times what it is, as which a dc link may be read
-_MORE: Final = 1.1  # of the same, which no cause leaves
+_MORE: Final = 1.1  # of what the flux balance leaves: no cause leaves more
 _CLOSED: Final = 0.007  # of rated current: what a closed flux balance may leave
+_APART: Final = 0.16  # log: two factors that are nearer are told apart by a flux balance that is closed, or not at all
 _RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
 _TAIL: Final = np.exp([-2.5, -12.0, -12.0, -12.0])  # of R_s, L_d, L_q, psi_f: R_s takes in what is not modelled
 
