@@ -22,7 +22,7 @@ from tests.proof.page import page
 from tests.proof.proof import Settings
 
 PARTS: Final = ("sealed", "absorbed", "benchmark", "real", "flux_map", "alternatives")
-SEED: Final = 2021  # of the evaluation population
+SEED: Final = 2022  # of the evaluation population
 QUICK_SEED: Final = 1001  # of a development population
 
 
