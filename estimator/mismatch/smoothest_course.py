@@ -110,7 +110,7 @@ def smoothest(counts: Real, reach: float, ends: Sequence[int]) -> Course:
         astray = _around(np.abs(off[run]) > reach * (1.0 + 2.0 * _ASTRAY), round(_AROUND * _STIFF / 2**_HALVINGS))
         off[run][astray], variance[run][astray] = 0.0, reach**2 / 3.0
     pull = np.clip(off, -reach, reach) - off
-    return Course(counts + off, variance, pull, _weight(off, reach, span), span, reach, ends)
+    return Course(counts + off, variance, pull, _weight(off, reach, _within(span)), span, reach, ends)
 
 
 def fast(x: Real, ends: Sequence[int]) -> Real:
@@ -154,8 +154,9 @@ def _around(there: NDArray[np.bool_], w: int) -> NDArray[np.bool_]:
 
 def _bent(counts: Real, reach: float, off: Real, span: Real) -> Real:
     """The course less counts for given periods, from one that is near; at first all counts' middles hold it alike."""
-    weight = _weight(off, reach, span) if off.any() else np.ones(len(off))
-    return _settled(counts, reach, off, weight, _within(span), _stiff(span), np.rint(_FELT * span).astype(np.intp))
+    within = _within(span)
+    weight = _weight(off, reach, within) if off.any() else np.ones(len(off))
+    return _settled(counts, reach, off, weight, within, _stiff(span), np.rint(_FELT * span).astype(np.intp))
 
 
 def _stiff(span: Real) -> Real:
@@ -165,8 +166,8 @@ def _stiff(span: Real) -> Real:
     return cast(Real, cube * cube)
 
 
-def _weight(off: Real, reach: float, span: Real) -> Real:
-    return np.where(np.abs(off) > reach, 1.0, _within(span))
+def _weight(off: Real, reach: float, within: Real) -> Real:
+    return np.where(np.abs(off) > reach, 1.0, within)
 
 
 def _within(span: Real) -> Real:
