@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast fast-computed fast-live slow slow-computed slow-live browser test-vcan paper peers prove prove-quick score-diagnosis bench-diagnose bench-estimator bench-links bench-plant bench-watch auto-window gallery clean
+.PHONY: run test lint types arrows fast fast-computed fast-live slow slow-computed slow-live browser test-vcan paper peers prove prove-quick score-diagnosis bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-stale bench-plant bench-watch auto-window gallery clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -88,6 +88,18 @@ bench-estimator: $(VENV)/.dev ## the estimator's speed beside its peers and a C 
 
 bench-links: $(VENV)/.dev ## the links over loopback beside what their buses would allow: about nine minutes
 	$(BIN)/python -m tests.bench_links
+
+bench-kills: $(VENV)/.dev ## 100 kills of the service while it holds a current, over four links
+	$(BIN)/python -m tests.bench_kills
+
+bench-stale: $(VENV)/.dev ## how long estimates are ok after their drive is off, in fault, reset, unplugged, late: four links
+	$(BIN)/python -m tests.bench_stale
+
+bench-faults: $(VENV)/.dev ## rows and captures over links under faults: about ten minutes
+	$(BIN)/python -m tests.bench_faults
+
+bench-http: $(VENV)/.dev ## the HTTP interface under too much: what is answered, and how soon Stop is
+	$(BIN)/python -m tests.bench_http
 
 bench-plant: $(VENV)/.dev ## the emulated plant's speed, effect by effect and beside its peers
 	$(BIN)/python -m tests.bench_plant

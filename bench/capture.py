@@ -1,7 +1,8 @@
 """One capture, from a drive's recorder to a recording on disk. Knows nothing of services, HTTP or how a link is kept.
 
 It waits out a lost link and goes on where it stood. What the drive no longer has is said; what had been uploaded of it
-is kept as a partial recording. An upload that ends with the process goes on from its part file: see `capture_file`.
+is kept as a partial recording. One that ends with the process goes on from its part file, which it has from the moment
+it is asked for: see `capture_file`.
 """
 
 import contextlib
@@ -14,10 +15,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final, Protocol, TypeVar
 
-from bench.capture_file import Heading, PartFile, write_recording
+from bench.capture_file import CapturePart, Heading, write_recording
 from bench.capture_request import COMMAND, Level, Request
-from bench.errors import BenchError, ConflictError
-from drivers import capture
+from bench.errors import BenchError, ConflictError, UnavailableError
+from bench.new_file import check_room
+from bench.recording import off_remark
+from drivers import capture, operation
 from drivers.capture import ARMED, DONE, TRIGGERED, Upload
 from drivers.drive import Drive
 from drivers.errors import DriveError, GoneError, NoReplyError, RefusedError
@@ -60,6 +63,7 @@ class Status:
     samples: int = 0  # recorded so far, then uploaded so far
     reason: str = ""  # why it failed, or what it waits for
     file: Path | None = None  # the recording, as far as there is one
+    remark: str = ""  # what it will lack, or lacks: a sentence
 
     @property
     def progress(self) -> float:
@@ -84,9 +88,9 @@ class Run:
 
     def __init__(
         self, status: Status, url: str, link: Link, path: Path, on_change: Callable[[Status], None],
-        interrupted: PartFile | None = None,
+        interrupted: CapturePart | None = None,
     ) -> None:
-        """`path` is where the recording goes; `interrupted`, what a run before this one has uploaded."""
+        """`path` is where the recording goes; `interrupted`, what a run before this one has left."""
         self.status = status
         self.path = path
         self._url, self._link, self._on_change = url, link, on_change
@@ -94,14 +98,21 @@ class Run:
         self._cancelled = False
         self._number = 0  # of the drive's recording
         self._armed = self._tick = 0  # by the drive's clock: when it was armed, and latest
+        self._off = ""  # why the drive drove no voltage after the recording
         self._T_s = 0.0  # s
         self._upload: Upload | None = None
         self._part = interrupted
         self._progressed = time.monotonic()
         self._refusals = 0
+        self._waited = 0.0  # s, for the trigger, before this run
         if interrupted is not None:
             heading = interrupted.heading
-            self._upload = Upload(status.request.setup, heading.number, heading.tick, heading.count, interrupted.data)
+            self._number, self._T_s = heading.number, heading.T_s
+            self._armed = self._tick = heading.armed
+            self._waited = max(0.0, (datetime.now(UTC) - status.asked).total_seconds())
+            if heading.count is not None:
+                setup = status.request.setup
+                self._upload = Upload(setup, heading.number, heading.tick, heading.count, interrupted.data)
 
     @property
     def part(self) -> Path:
@@ -117,7 +128,7 @@ class Run:
         return waiting + left * request.decimation * self._T_s + _STANDSTILL + LINK_PATIENCE
 
     def arm(self) -> None:
-        """Arm the drive's recorder. Raises LimitError, DriveError; RefusedError where it has none."""
+        """Arm the drive's recorder. Raises LimitError, DriveError; RefusedError where it has none; UnavailableError."""
         request, drive = self.status.request, self._link.drive()
         request.check_level(drive.identity.full)
         try:
@@ -126,7 +137,27 @@ class Run:
             raise RefusedError(f"drive {self.status.drive} has no recorder: {error}", error.code) from None
         self._T_s = drive.identity.T_s
         self._armed = self._tick = int(drive.read("tick"))
-        self._number = capture.arm(drive, request.setup, by_command=request.trigger == COMMAND)
+        off = operation.off(drive)
+        status = self.status
+        heading = Heading.of(
+            status.id, status.drive, self._url, status.asked.isoformat(), request.as_json(), drive.identity
+        )
+        try:
+            check_room(self.path.parent, request.length, len(request.signals))
+            self._part = part = CapturePart.begun(self.part, heading)
+        except OSError as error:
+            raise UnavailableError(f"the capture cannot be kept on disk: {error.strerror or error}") from None
+        try:
+            self._number = capture.arm(drive, request.setup, by_command=request.trigger == COMMAND)
+            part.change(replace(heading, number=self._number, armed=self._armed, off_before=off))
+        except BaseException as error:
+            part.remove()
+            if isinstance(error, OSError):
+                self._stop_recorder()
+                raise UnavailableError(f"the capture cannot be kept on disk: {error.strerror or error}") from None
+            raise
+        if off:
+            self._tell(remark=f"{off}: there is no voltage to record until it is started")
 
     def trigger(self) -> None:
         """Trigger now. Raises ConflictError when no trigger is awaited, DriveError."""
@@ -155,7 +186,7 @@ class Run:
         except (DriveError, BenchError) as error:
             self._failed(str(error))
         except OSError as error:
-            self._failed(f"the recording cannot be written: {error.strerror or error}")
+            self._failed(f"the recording cannot be written: {error.strerror or error}", keep=True)
         except Exception as error:  # noqa: BLE001 - a fault of ours must not leave a capture without an end
             self._failed(f"the bench failed on this capture: {type(error).__name__}: {error}")
         finally:
@@ -165,8 +196,8 @@ class Run:
     def _await_recording(self) -> None:
         request = self.status.request
         patience = request.timeout_s + request.setup.pre * request.decimation * self._T_s
-        begun = grown = time.monotonic()
-        count = -1
+        grown = time.monotonic()
+        begun, count = grown - self._waited, -1
         while True:
             seen = self._with_drive(self._seen)
             now = time.monotonic()
@@ -198,6 +229,7 @@ class Run:
 
     def _found(self, drive: Drive) -> Upload:
         self._seen(drive)
+        self._off = operation.off(drive)
         upload = capture.found(drive, self.status.request.setup)
         capture.check_ours(drive, upload, self._number, self._armed)
         return upload
@@ -208,11 +240,11 @@ class Run:
             self._upload = self._with_drive(self._found)
         upload = self._upload
         self._tell(state=State.UPLOADING, samples=upload.done, reason="")
-        if self._part is None:
-            heading = self._headed(upload)
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._part = PartFile.begun(self.part, heading)
         part = self._part
+        assert part is not None, "it has been armed, or was found"
+        if part.heading.count is None:
+            part.change(replace(part.heading, tick=upload.tick, count=upload.count, off_after=self._off))
+            self._tell(remark=off_remark(part.heading.off_before, self._off))
 
         def uploaded(done: int) -> None:
             part.keep(upload.data, done * 2 * len(upload.setup.channels))
@@ -227,13 +259,6 @@ class Run:
         written = write_recording(self.path, part.heading, upload)
         part.remove()
         return written
-
-    def _headed(self, upload: Upload) -> Heading:
-        status = self.status
-        identity = self._with_drive(lambda drive: drive.identity)
-        return Heading.of(
-            status.id, status.drive, self._url, status.asked.isoformat(), status.request.as_json(), identity, upload
-        )
 
     def _with_drive(self, work: Callable[[Drive], T]) -> T:
         """Do something with the drive, again while its link is lost. Raises DriveError where that leads nowhere."""
@@ -264,19 +289,22 @@ class Run:
             raise _LeftError
 
     def _left(self) -> None:
-        if self._upload is None:
-            self._stop_recorder()
-        elif not self._cancelled and self._part is not None:
+        if not self._cancelled and self.status.state is not State.ARMED:
             self._tell(reason="the service has ended; it goes on when the service runs again")
             return
+        if self._upload is None:
+            self._stop_recorder()
         self._remove_part()
         self._tell(state=State.CANCELLED, reason="" if self._cancelled else "the service has ended")
 
-    def _failed(self, why: str) -> None:
-        """Keep what there is, as a partial recording."""
+    def _failed(self, why: str, *, keep: bool = False) -> None:
+        """Keep what there is, as a partial recording; `keep` the part file where there is no more."""
         upload, part = self._upload, self._part
         if upload is None or part is None or not upload.done:
-            self._remove_part()
+            if keep and part is not None:
+                why = f"{why}; it is taken up again when the service runs again, from {part.path.name}"
+            else:
+                self._remove_part()
             self._tell(state=State.FAILED, reason=why)
             return
         try:

@@ -4,20 +4,24 @@ One at a time per drive, under the drive's lease. Knows nothing of HTTP.
 """
 
 import contextlib
+import re
 import threading
 import time
 from collections.abc import Mapping
-from datetime import datetime
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
 from bench.capture import Link, Run, State, Status, new_status
-from bench.capture_file import PartFile, check_place
+from bench.capture_file import CapturePart
 from bench.capture_request import Request
-from bench.errors import ConflictError, UnavailableError, shown
-from bench.lease import Leases
+from bench.errors import ConflictError, RecordingError, UnavailableError, shown
+from bench.lease import Leases, Part
+from bench.new_file import check_place
 
 LATEST: Final = "latest"
+_WHEN: Final = r"-\d{8}-\d{6}-\d{3}"  # in an id, after the drive's name
 _CANCEL: Final = 5.0  # s for a capture to end
 _REMEMBERED: Final = 200  # captures, of all drives
 
@@ -42,13 +46,17 @@ class Captures:
         self._ending = False
 
     def start(self) -> None:
-        """Go on with what was uploading when a service before this one ended."""
+        """Go on with what was under way when a service before this one ended; say what cannot go on."""
         for path in sorted(self._folder.glob("*.part")):
-            with contextlib.suppress(Exception):  # what makes no sense is left alone
+            try:
                 self._go_on(path)
+            except RecordingError as error:
+                self._say_left(path.stem, str(error))
+            except Exception:  # noqa: BLE001 - what makes no sense is left alone
+                continue
 
     def leave(self) -> None:
-        """Have all runs end: what waits for its trigger is cancelled, what is uploading goes on at the next start."""
+        """Have all runs end: what waits for its trigger is cancelled, what is recorded goes on at the next start."""
         with self._lock:
             self._ending = True
             runs = list(self._runs.values())
@@ -70,10 +78,10 @@ class Captures:
         holder = f"capture {status.id}" + (f" (asked for from {whom})" if whom else "")
         run = self._run(status, holder)
         self._links[drive].drive()  # from here on it is known which device that is
-        self._leases.take(drive, holder, run.most_seconds)
+        self._leases.take(drive, holder, run.most_seconds, Part.RECORDER)
         try:
             run.arm()
-            self._leases.take(drive, holder, run.most_seconds)  # now it is known how long a sample takes
+            self._leases.take(drive, holder, run.most_seconds, Part.RECORDER)  # now it is known how long a sample takes
         except BaseException:
             self._leases.release(drive, holder)
             raise
@@ -129,8 +137,11 @@ class Captures:
         return found
 
     def _go_on(self, path: Path) -> None:
-        """Take up an upload, unless it is of another service, or drive. Raises whatever an odd file leads to."""
-        part = PartFile.found(path)
+        """Take up a capture, unless it is of another service, or drive.
+
+        Raises RecordingError where its file cannot be read as one, or whatever an odd file leads to.
+        """
+        part = CapturePart.found(path)
         if part is None:
             return
         with contextlib.ExitStack() as otherwise:
@@ -142,21 +153,36 @@ class Captures:
                 part.remove()
                 return
             request, asked = Request.of(heading.request), datetime.fromisoformat(heading.asked)
-            status = Status(heading.id, heading.drive, request, asked, State.UPLOADING)
+            state = State.ARMED if heading.count is None else State.UPLOADING
+            status = Status(heading.id, heading.drive, request, asked, state, part.samples)
+            if not heading.number:
+                why = "the service ended before the drive's recorder was armed"
+                self._know(replace(status, state=State.FAILED, reason=why))
+                part.remove()
+                return
             run = self._run(status, holder := f"capture {heading.id}", part)
             # A second one of a drive waits for the next start
-            self._leases.take(heading.drive, holder, run.most_seconds)
+            self._leases.take(heading.drive, holder, run.most_seconds, Part.RECORDER)
             self._begin(run)
             otherwise.pop_all()
 
-    def _run(self, status: Status, holder: str, interrupted: PartFile | None = None) -> Run:
+    def _say_left(self, id_: str, why: str) -> None:
+        """Say of a file that is left alone why, beside the captures of the drive that it is named after."""
+        named = [drive for drive in self._urls if re.fullmatch(re.escape(drive) + _WHEN, id_)]
+        if named:
+            self._know(Status(id_, named[0], Request(), datetime.now(UTC), State.FAILED, reason=why))
+
+    def _know(self, status: Status) -> None:
+        with self._lock:
+            self._known[status.id] = status
+
+    def _run(self, status: Status, holder: str, interrupted: CapturePart | None = None) -> Run:
         def changed(status: Status) -> None:
             if status.state.ended:
                 self._leases.release(status.drive, holder)
             else:
-                self._leases.take(status.drive, holder, run.most_seconds)
-            with self._lock:
-                self._known[status.id] = status
+                self._leases.take(status.drive, holder, run.most_seconds, Part.RECORDER)
+            self._know(status)
 
         path, url, link = self._folder / f"{status.id}.parquet", self._urls[status.drive], self._links[status.drive]
         run = Run(status, url, link, path, changed, interrupted)  # of which `changed` asks

@@ -4,10 +4,20 @@
     host = "127.0.0.1"
     port = 8080                                       # PMSM_BENCH_PORT has the last word
     captures = "captures"                             # folder of captures, beside this file
+    log = "log"                                       # folder of the logs of writes and of refusals
+    names = ["bench.lan", "localhost:9000"]           # it is also called so in addresses; without a port: at its own
+    certificate = "bench.pem"                         # TLS, with its key; needed beyond loopback,
+    key = "bench.key"
+    insecure = false                                  # unless this is true
+    token = "token"                                   # file of what is asked of everybody beyond loopback
 
     [drives.spindle]
     url = "canopen://socketcan/can0/5"
     machine = "spindle.toml"                          # nominal values, beside this file; optional
+
+    [drives.spindle.limits]                           # of set points, where the machine file's are not wanted
+    i_max = 9.0                                       # A, of the current vector; else its i_rated
+    speed_max_rpm = 4500.0                            # rpm; else its speed_max_rpm
 
     [drives.spindle.window]
     method = "wls"                                    # window; "rls" recursion; "ekf" Kalman filter
@@ -24,14 +34,15 @@ What is not understood is refused in a sentence that names file and key.
 
 import os
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, cast
 
 from bench.errors import ConfigError, LimitError, shown
-from bench.machine_file import Nominal, load_machine
+from bench.limits import Limits
+from bench.machine_file import Nominal, load_machine, load_toml
+from bench.tuning import number
 from bench.window import Window
 from drivers.connect import check_url
 from drivers.errors import ConnectError
@@ -40,10 +51,29 @@ PORT_VARIABLE: Final = "PMSM_BENCH_PORT"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
-def captures_folder() -> Path:
-    """Where captures go unless the configuration says otherwise: among the user's data, as XDG has it."""
+_SERVICE: Final = {"host", "port", "captures", "log", "token", "names", "certificate", "key", "insecure"}
+_HOST: Final = re.compile(r"([A-Za-z0-9_][A-Za-z0-9_.-]*|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?")
+
+
+def data_folder() -> Path:
+    """Where the bench keeps things unless the configuration says otherwise: among the user's data, as XDG has it."""
     home = os.environ.get("XDG_DATA_HOME")
-    return (Path(home) if home else Path.home() / ".local" / "share") / "pmsm-bench" / "captures"
+    return (Path(home) if home else Path.home() / ".local" / "share") / "pmsm-bench"
+
+
+def captures_folder() -> Path:
+    """Of captures."""
+    return data_folder() / "captures"
+
+
+def log_folder() -> Path:
+    """Of what was written and what was refused."""
+    return data_folder() / "log"
+
+
+def token_file() -> Path:
+    """Of the token that is asked for beyond loopback."""
+    return data_folder() / "token"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +84,7 @@ class DriveConfig:
     url: str
     window: Window
     nominal: Nominal = field(default_factory=lambda: Nominal({}))  # what its machine file says
+    limits: Limits = field(default_factory=Limits)  # of its set points
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,28 +95,32 @@ class Config:
     host: str = "127.0.0.1"
     port: int = 8080
     captures: Path = field(default_factory=captures_folder)
+    log: Path = field(default_factory=log_folder)
+    token: Path = field(default_factory=token_file)
+    names: tuple[str, ...] = ()  # that it also has in addresses, in small letters, with or without a port
+    certificate: Path | None = None  # PEM, with its key
+    key: Path | None = None
+    insecure: bool = False  # beyond loopback without TLS
 
 
-def emulated(url: str) -> Config:
-    """The built-in configuration: one drive called `emulated`, with the nameplate of the emulated motor."""
+def emulated(url: str, *, bounded: bool = True) -> Config:
+    """The built-in configuration: one drive called `emulated`, with the nameplate of the emulated motor.
+
+    `bounded`: its set points are, by that; the drive's own limits hold in any case.
+    """
     held = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}  # ohm, H, H, Vs
-    drive = DriveConfig("emulated", url, Window(held=held), Nominal(held, n_p=4, i_rated=6.0))
+    nominal = Nominal(held, n_p=4, i_rated=6.0, speed_max_rpm=3000.0)
+    limits = Limits(nominal.i_rated, nominal.speed_max_rpm) if bounded else Limits()
+    drive = DriveConfig("emulated", url, Window(held=held), nominal, limits)
     return Config((drive,), port=_port({}, "built-in configuration"))
 
 
 def load_config(path: Path) -> Config:
     """Read a configuration file. Raises ConfigError."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
-    except (RecursionError, ValueError) as error:  # brackets without end; a path, text or number that cannot be
-        raise ConfigError(f"{path}: not TOML: {type(error).__name__}") from None
+    content = load_toml(path)
     _known(content, {"service", "drives"}, str(path))
     service = _table(content, "service", str(path))
-    _known(service, {"host", "port", "captures"}, f"{path}: [service]")
+    _known(service, _SERVICE, f"{path}: [service]")
     host = service.get("host", "127.0.0.1")
     if not isinstance(host, str) or not host:
         raise ConfigError(f"{path}: [service] host: expected an address, got {shown(host)}")
@@ -97,7 +132,11 @@ def load_config(path: Path) -> Config:
     for drive in drives:  # two clients of one node would end each other's stream
         if (other := named.setdefault(drive.url, drive.name)) != drive.name:
             raise ConfigError(f"{path}: [drives.{drive.name}] url: expected one of its own, got that of {other}")
-    return Config(drives, host, _port(service, str(path)), _captures(service, path))
+    return Config(
+        drives, host, _port(service, str(path)), _folder(service, "captures", captures_folder(), path),
+        _folder(service, "log", log_folder(), path), _file(service, "token", path) or token_file(),
+        _names(service, str(path)), *_tls(service, path), _insecure(service, str(path)),
+    )  # fmt: skip
 
 
 def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
@@ -108,7 +147,7 @@ def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
         )
     where = f"{path}: [drives.{name}]"
     table = _table(tables, name, where)
-    _known(table, {"url", "machine", "window"}, where)
+    _known(table, {"url", "machine", "limits", "window"}, where)
     url = table.get("url")
     if not isinstance(url, str):
         raise ConfigError(f"{where}: expected url = \"canopen://...\", got {shown(url)}")
@@ -125,18 +164,65 @@ def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
         window = Window(held=nominal.given).changed(_table(table, "window", where))
     except LimitError as error:
         raise ConfigError(f"{where} window: {error}") from None
-    return DriveConfig(name, url, window, nominal)
+    return DriveConfig(name, url, window, nominal, _limits(table, nominal, name, where))
 
 
-def _captures(service: Mapping[str, Any], path: Path) -> Path:
-    given = service.get("captures", str(captures_folder()))
+def _limits(table: Mapping[str, Any], nominal: Nominal, name: str, where: str) -> Limits:
+    given = _table(table, "limits", where)
+    values: dict[str, float | None] = {"i_max": nominal.i_rated, "speed_max_rpm": nominal.speed_max_rpm}
+    _known(given, set(values), f"{where} limits")
+    for key, value in given.items():
+        try:
+            values[key] = number(f"{where} limits {key}", value, 1e-3, 1e6)
+        except LimitError as error:
+            raise ConfigError(str(error)) from None
+    return Limits(**values, raised_by=f"the configuration's [drives.{name}.limits]")
+
+
+def _folder(service: Mapping[str, Any], key: str, usual: Path, path: Path) -> Path:
+    given = service.get(key, str(usual))
     if not isinstance(given, str) or not given:
-        raise ConfigError(f"{path}: [service] captures: expected a folder, got {shown(given)}")
+        raise ConfigError(f"{path}: [service] {key}: expected a folder, got {shown(given)}")
     folder = path.parent / given
     there = next(place for place in (folder, *folder.parents) if os.path.lexists(place))  # the rest can be made
     if not there.is_dir():
-        raise ConfigError(f"{path}: [service] captures: expected a folder, got {shown(given)}; {there} is none")
+        raise ConfigError(f"{path}: [service] {key}: expected a folder, got {shown(given)}; {there} is none")
     return folder
+
+
+def _file(service: Mapping[str, Any], key: str, path: Path) -> Path | None:
+    if key not in service:
+        return None
+    given = service[key]
+    if not isinstance(given, str) or not given or "\0" in given:
+        raise ConfigError(f"{path}: [service] {key}: expected a file name, got {shown(given)}")
+    return path.parent / given
+
+
+def _names(service: Mapping[str, Any], where: str) -> tuple[str, ...]:
+    given = service.get("names", [])
+    names = cast(list[object], given) if isinstance(given, list) else [given]
+    for name in names:
+        if not isinstance(given, list) or not isinstance(name, str) or not _HOST.fullmatch(name):
+            raise ConfigError(
+                f'{where}: [service] names: expected a list such as ["bench.lan", "localhost:9000"], got {shown(name)}'
+            )
+    return tuple(str(name).lower() for name in names)
+
+
+def _tls(service: Mapping[str, Any], path: Path) -> tuple[Path | None, Path | None]:
+    certificate, key = _file(service, "certificate", path), _file(service, "key", path)
+    if (certificate is None) != (key is None):
+        there = "certificate" if key is None else "key"
+        raise ConfigError(f"{path}: [service]: expected certificate and key, or neither, got {there} alone")
+    return certificate, key
+
+
+def _insecure(service: Mapping[str, Any], where: str) -> bool:
+    value = service.get("insecure", False)
+    if not isinstance(value, bool):
+        raise ConfigError(f"{where}: [service] insecure: expected true or false, got {shown(value)}")
+    return value
 
 
 def _port(service: Mapping[str, Any], where: str) -> int:

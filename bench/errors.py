@@ -7,6 +7,7 @@
       RecordingError   a recording that cannot be read as one
       ParameterError   a parameter set that cannot be
       UnavailableError a part of the service that does not answer now
+      InternalError    the service failed: a fault of our own
 """
 
 import json
@@ -38,6 +39,10 @@ class ParameterError(BenchError):
 
 class UnavailableError(BenchError):
     """A part of the service that does not answer now."""
+
+
+class InternalError(BenchError):
+    """The service failed: a fault of our own."""
 
 
 def shown(value: object) -> str:

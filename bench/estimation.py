@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import ParamSpec
 
+import numpy as np
+
 from bench import method, watch
 from bench.errors import LimitError, UnavailableError
 from bench.method import Running
@@ -30,24 +32,38 @@ REFRESH = 0.05  # s, shortest time between two estimates of one drive
 REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
 WATCH = 1.0  # s between two windows in which a mismatch is looked for
 LATE = 0.5  # s that an estimate waits for rows to be taken in first, where those come faster
+_VALUES = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")  # of a row, all needed
 _CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings
 
 
 @dataclass(frozen=True, slots=True)
+class Stale:
+    """Estimates that rest on old rows only."""
+
+    since: datetime  # of the newest row that they rest on
+    why: str  # no newer one is used, a sentence
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The latest estimates of one drive, with all that says how far to trust them."""
+    """The latest estimates of one drive, with all that says how far to trust them.
+
+    A row is used where each of its values is a number: where the bridge is off, its voltage is none.
+    """
 
     window: Window
     result: WindowEstimate
     mismatch: Mismatch = field(default_factory=Mismatch)
-    received: float | None = None  # s, monotonic, when the newest sample came
-    t_drive: float | None = None  # s, drive's clock at the newest sample
+    received: float | None = None  # s, monotonic, when the newest row used was made
+    t_drive: float | None = None  # s, drive's clock at the end of the newest row used
     rows_dropped: int = 0  # because the worker was behind
+    lacking: tuple[str, ...] = ()  # what is no number in the newest row, where that is not used
+    stale: Stale | None = None  # known to whoever knows the link
 
     @property
     def age(self) -> float | None:
-        """Seconds since the newest sample came; None before the first."""
-        return None if self.received is None else time.monotonic() - self.received
+        """Age of the newest row used, in s; None before the first."""
+        return None if self.received is None else max(0.0, time.monotonic() - self.received)
 
 
 @dataclass(slots=True)
@@ -65,7 +81,8 @@ class _Drive:
     rows_dropped: int = 0
     estimated_at: float = field(default=0.0)
     watched_at: float = field(default=0.0)
-    stale: bool = False  # the snapshot is behind the estimator
+    lacking: tuple[str, ...] = ()
+    behind: bool = False  # the snapshot is behind the estimator
 
     @property
     def due(self) -> float:
@@ -101,10 +118,10 @@ class Estimation:
         if self.thread.ident is not None:
             self.thread.join(timeout=10.0)
 
-    def put(self, name: str, block: Block) -> None:
-        """Hand over a block; never waits."""
+    def put(self, name: str, block: Block, made: float | None = None) -> None:
+        """Hand over a block whose last row ended at a time in s, monotonic (None: now); never waits."""
         try:
-            self._queue.put_nowait((name, block, time.monotonic()))
+            self._queue.put_nowait((name, block, time.monotonic() if made is None else made))
         except queue.Full:
             self._drives[name].rows_dropped += len(block)
 
@@ -162,7 +179,7 @@ class Estimation:
                 name, block, received = item
                 self._guarded(name, self._take, self._drives[name], block, received)
             late = LATE if self._queue.qsize() > QUEUE // 8 else 0.0
-            due = {name: drive.due + late for name, drive in self._drives.items() if drive.stale}
+            due = {name: drive.due + late for name, drive in self._drives.items() if drive.behind}
             if due and time.monotonic() >= due[name := min(due, key=due.__getitem__)]:
                 drive = self._drives[name]
                 if not late and time.monotonic() >= drive.watched_at + WATCH:
@@ -195,20 +212,31 @@ class Estimation:
         method.take(drive.running, samples, joined=joined)
         watch.take(drive.watch, samples, drive.running.window)
         drive.next_tick = int(block.tick[-1]) + block.periods
-        drive.received, drive.t_drive = received, drive.next_tick * block.T_s
-        drive.stale = True
+        _note_used(drive, samples, block, received)
+        drive.behind = True
 
     def _estimate(self, drive: _Drive) -> None:
-        drive.estimated_at, drive.stale = time.monotonic(), False
+        drive.estimated_at, drive.behind = time.monotonic(), False
         drive.snapshot = Snapshot(
             drive.running.window, method.estimate(drive.running), drive.watch.said, drive.received, drive.t_drive,
-            drive.rows_dropped,
+            drive.rows_dropped, drive.lacking,
         )
 
     def _watch(self, drive: _Drive, nominal: Mapping[str, float]) -> None:
         drive.watched_at = time.monotonic()
         snapshot = drive.snapshot
         watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, nominal, datetime.now(UTC))
+
+
+def _note_used(drive: _Drive, samples: Samples, block: Block, received: float) -> None:
+    """Note the newest row that is used, and what the newest row of all lacks."""
+    whole = {name: np.isfinite(column) for name in _VALUES if (column := getattr(samples, name)) is not None}
+    used = np.flatnonzero(np.logical_and.reduce(list(whole.values())))
+    drive.lacking = tuple(name for name, finite in whole.items() if not finite[-1])
+    if len(used):
+        newest = int(used[-1])
+        drive.received = received - (len(samples) - 1 - newest) * samples.T
+        drive.t_drive = (int(block.tick[newest]) + block.periods) * block.T_s
 
 
 def samples_of(block: Block, theta_step: float = 0.0) -> Samples:

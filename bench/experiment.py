@@ -1,9 +1,10 @@
 """An experiment on a drive: levels held one after the other, recorded at full rate, and the drive stopped at the end.
 
 What a diagnosis asks for is read from its JSON. All set points are judged before anything moves: by what the drive
-tells of its limits, then by the drive itself while its bridge is off. However it ends - done, cancelled, refused, a
-fault, an error - the references go to zero, the bridge off, and all settings back to what they were; where no link is
-left for that, the drive's watchdog does it. Knows nothing of services, leases, HTTP and terminals.
+tells of its limits, then by the drive itself while its bridge is off. It holds the drive's control lease, which it
+renews where it acts. However it ends - done, cancelled, refused, a fault, an error - the references go to zero, the
+bridge off, and all settings back to what they were; where no link is left for that, the lease runs out, and what was
+noted on disk before is undone later. Knows nothing of services, HTTP and terminals.
 """
 
 import contextlib
@@ -19,14 +20,19 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from bench.capture_file import column_steps, write_columns
+from bench.capture_file import device_of
 from bench.capture_request import NEEDED
-from bench.errors import BenchError, LimitError, shown
+from bench.errors import BenchError, LimitError, UnavailableError, shown
+from bench.experiment_part import ExperimentPart, Heading
+from bench.limits import Limits
+from bench.new_file import check_room
 from bench.tuning import number
+from bench.unfinished import Origin, take
 from drivers import capture, operation
 from drivers.capture import DONE, Capture, Setup
 from drivers.drive import Drive
-from drivers.errors import DriveError, FaultError, GoneError, NoReplyError
+from drivers.errors import DriveError, FaultError, GoneError, NoReplyError, RefusedError
+from drivers.lease import HeldError, Lease
 from drivers.wire.cia402 import State
 from drivers.wire.dictionary import CAPTURE_SAMPLES
 from estimator.machine import UNITS
@@ -35,7 +41,8 @@ from estimator.mismatch.verdict import Hold
 SIGNALS: Final = (*NEEDED, "u_dc")
 MOST_HOLDS: Final = 100
 LONGEST: Final = 60.0  # s, a hold
-WATCHDOG: Final = 2.0  # s of silence after which the drive goes off by itself
+_FASTER: Final = 1.25  # times the fastest speed there is to be: beyond, the experiment ends
+_SLACK: Final = 0.02  # of the full scale of speed, that the speed may be beyond that
 PATIENCE: Final = 20.0  # s for a speed to be reached
 _SETTLED: Final = 0.05  # of the speed wanted, or of a twentieth of the full scale
 _REACH: Final = 0.95  # of the voltage and of the trip currents
@@ -44,8 +51,9 @@ _POLL: Final = 0.02  # s
 _LEVELS: Final = 1.0  # excitation_kind: random steps
 _STEP_TIME: Final = 5e-3  # s
 _OFF, _REFERENCE = 0, 1  # speed control: none, after the reference
-_TO_MOVE: Final = ("i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "speed_ref", "speed_step")
-_SETTINGS: Final = (*_TO_MOVE, "excitation_kind", "step_time", "speed_control", "field_weakening", "watchdog_time")
+_SETTINGS: Final = ("excitation_kind", "step_time", "speed_control", "field_weakening")
+_TRIP: Final = "overspeed_trip"
+_NO_STEPS: Final[Mapping[str, float]] = dict.fromkeys(("i_d_step", "i_q_step", "speed_step", "i_d_ref", "i_q_ref"), 0.0)
 _RPM: Final = math.tau / 60.0  # rad/s
 _ALIKE: Final = 2.0  # times a parameter of one motor, by two data sheets, cold or hot
 _OVERLOAD: Final = 1.1  # of rated current
@@ -122,7 +130,9 @@ def experiment_of(diagnosis: Mapping[str, Any], number_: int | None = None) -> M
 
 def _asked(diagnosis: Mapping[str, Any], number_: int | None) -> dict[str, Any]:
     doubts = diagnosis.get("ambiguous")
-    asked = [doubt["experiment"] for doubt in cast(list[Any], doubts or ()) if _has_experiment(doubt)]
+    if not isinstance(doubts, list):
+        raise LimitError(f"ambiguous: expected a list, got {shown(doubts)}")
+    asked = [doubt["experiment"] for doubt in cast(list[Any], doubts) if _has_experiment(doubt)]
     if number_ is not None:
         if not 1 <= number_ <= len(asked):
             raise LimitError(f"expected an ambiguity from 1 to {len(asked)}, which the diagnosis has, got {number_}")
@@ -134,7 +144,7 @@ def _asked(diagnosis: Mapping[str, Any], number_: int | None) -> dict[str, Any]:
             return one
     if asked:
         raise LimitError(f"no drive can do what the diagnosis asks for: {asked[0].get('sentence')}")
-    said = f": it is {diagnosis['verdict']}" if isinstance(diagnosis.get("verdict"), str) else ""
+    said = f": it is {shown(diagnosis['verdict'])[1:-1]}" if isinstance(diagnosis.get("verdict"), str) else ""
     raise LimitError(f"expected a diagnosis that asks for an experiment, got one that does not{said}")
 
 
@@ -154,38 +164,51 @@ def check_motor(plan: Plan, known: Mapping[str, float], whose: str) -> None:
             )
 
 
-def check(drive: Drive, plan: Plan) -> None:
-    """Raise LimitError where the drive's own limits do not allow a hold, FaultError where it is in fault."""
-    _UnderWay(drive, plan, lambda _: None, threading.Event()).check()
+def check(drive: Drive, plan: Plan, limits: Limits) -> None:
+    """Raise LimitError where the limits or the drive's own do not allow a hold, FaultError where it is in fault."""
+    _UnderWay(drive, plan, limits, Lease(), lambda _: None, threading.Event()).check()
 
 
-def run(drive: Drive, plan: Plan, tell: Tell = lambda _: None, cancelled: threading.Event | None = None) -> Recorded:
-    """Do it. Raises LimitError before anything moves; CancelledError, DriveError; the drive is stopped in any case."""
-    cancelled = cancelled or threading.Event()
-    under_way = _UnderWay(drive, plan, tell, cancelled)
+def run(
+    drive: Drive, plan: Plan, tell: Tell = lambda _: None, cancelled: threading.Event | None = None,
+    part: ExperimentPart | None = None, *, limits: Limits, origin: Origin,
+) -> Recorded:  # fmt: skip
+    """Do it, noted on disk as `origin` says until it is undone; the drive is stopped in any case.
+
+    `part` keeps on disk what is uploaded; where it cannot, an OSError is raised. Raises LimitError before anything
+    moves; CancelledError, DriveError.
+    """
+    cancelled, lease = cancelled or threading.Event(), Lease()
+    under_way = _UnderWay(drive, plan, limits, lease, tell, cancelled, part)
     under_way.check()
-    with _stopped_at_the_end(drive):
+    under_way.check_cancelled()
+    with _stopped_at_the_end(drive, lease, origin):
         under_way.rehearse()
         return under_way.recorded()
 
 
-def write(path: Path, recorded: Recorded, plan: Plan, drive: Drive, origin: Mapping[str, Any]) -> Path:
-    """The recording on disk, whole or not at all, under this name or the next that is free. Raises OSError."""
+def begin(recording: Path, plan: Plan, drive: Drive, origin: Mapping[str, Any]) -> ExperimentPart:
+    """The part file of an experiment, before anything moves. Raises UnavailableError where there is no room for it."""
     identity = drive.identity
-    columns = {"t": np.concatenate([part.t for part in recorded.captures])}
-    columns |= {name: np.concatenate([part.columns[name] for part in recorded.captures]) for name in SIGNALS}
-    return write_columns(path, columns, {
-        **origin, "device": f"{identity.device_name}, serial {identity.serial}", "experiment": asdict(plan),
-        "remarks": list(recorded.remarks), "samples": recorded.samples, "T_s": identity.T_s, "decimation": 1,
-        "tick": recorded.captures[0].tick, "steps": column_steps(SIGNALS, identity.full),
-    })  # fmt: skip
+    expected = sum(_length(holds, identity.T_s) for holds in _groups(plan, identity.T_s))
+    heading = Heading(origin, device_of(identity), asdict(plan), identity.T_s, dict(identity.full), expected)
+    try:
+        check_room(recording.parent, expected, len(SIGNALS))
+        return ExperimentPart.begun(recording, heading)
+    except OSError as error:
+        raise UnavailableError(f"the experiment cannot be kept on disk: {error.strerror or error}") from None
 
 
 class _UnderWay:
     """An experiment while it is done."""
 
-    def __init__(self, drive: Drive, plan: Plan, tell: Tell, cancelled: threading.Event) -> None:
-        self._drive, self._plan, self._tell, self._cancelled = drive, plan, tell, cancelled
+    def __init__(
+        self, drive: Drive, plan: Plan, limits: Limits, lease: Lease, tell: Tell, cancelled: threading.Event,
+        part: ExperimentPart | None = None,
+    ) -> None:  # fmt: skip
+        self._drive, self._plan, self._tell, self._cancelled, self._part = drive, plan, tell, cancelled, part
+        self._limits, self._lease = limits, lease
+        self._most_speed = math.inf  # rad/s, electrical
         self._T_s = drive.identity.T_s
         self._n_p = drive.read("n_p")
         self._speed_controlled = int(drive.read("speed_control")) != _OFF
@@ -206,6 +229,8 @@ class _UnderWay:
         u_most = _REACH * drive.read("u_dc") / math.sqrt(3.0)
         for k, hold in enumerate(self._plan.holds, start=1):
             most = math.hypot(abs(hold.i_d) + step, abs(hold.i_q) + step)
+            self._limits.check_current(most, f"hold {k}")
+            self._limits.check_speed(hold.speed_rpm, f"hold {k}")
             if most > most_current:
                 raise LimitError(
                     f"hold {k}: the drive takes currents up to {most_current:.4g} A, below its overcurrent trip, got "
@@ -224,7 +249,6 @@ class _UnderWay:
 
     def rehearse(self) -> None:
         """Have the drive judge all set points while its bridge is off. Raises RefusedError."""
-        operation.disable(self._drive)
         self._still()
         for hold in self._plan.holds:
             self._set(hold)
@@ -232,40 +256,26 @@ class _UnderWay:
 
     def recorded(self) -> Recorded:
         """All holds, recorded."""
-        drive = self._drive
-        if not 0.0 < drive.read("watchdog_time") <= WATCHDOG:
-            drive.write("watchdog_time", WATCHDOG)
-        drive.write("field_weakening", 0.0)
-        drive.write("excitation_kind", _LEVELS)
-        drive.write("step_time", max(_STEP_TIME, self._T_s))
+        settings = {"field_weakening": 0.0, "excitation_kind": _LEVELS, "step_time": max(_STEP_TIME, self._T_s)}
         if self._speed_controlled:
-            drive.write("speed_control", float(_REFERENCE))
+            settings["speed_control"] = float(_REFERENCE)
             self._remarks.append("the drive controls its speed: i_q follows from the load, not from the experiment")
+        fastest = max(abs(self._drive.read("omega_e")), *(abs(self._omega_e(hold)) for hold in self._plan.holds))
+        self._most_speed = _FASTER * fastest + _SLACK * self._drive.identity.omega_full
+        if self._drive.identity.has_lease:
+            settings[_TRIP] = min(self._most_speed, self._drive.read(_TRIP))
         parts: list[Capture] = []
-        operation.enable(drive)
-        for holds in self._groups():
+        self.check_cancelled()  # a stop after this ends the lease by which it starts
+        self._lease.start(self._drive, settings)
+        self.check_cancelled()
+        for holds in _groups(self._plan, self._T_s):
             self._set(holds[0])
             self._await_speed(holds[0])
             parts.append(self._recorded_group(holds))
         return Recorded(tuple(parts), tuple(dict.fromkeys(self._remarks)))
 
-    def _groups(self) -> list[list[Hold]]:
-        """Holds that one recording takes: of one speed, and no more than the recorder holds."""
-        groups: list[list[Hold]] = []
-        most = CAPTURE_SAMPLES * self._T_s
-        for _, same in groupby(self._plan.holds, key=lambda hold: hold.speed_rpm):
-            groups.append([])
-            for hold in same:
-                pieces = math.ceil(hold.seconds / most)
-                piece = Hold(hold.speed_rpm, hold.i_d, hold.i_q, hold.seconds / pieces)
-                for _ in range(pieces):
-                    if groups[-1] and sum(h.seconds for h in groups[-1]) + piece.seconds > most:
-                        groups.append([])
-                    groups[-1].append(piece)
-        return groups
-
     def _recorded_group(self, holds: Sequence[Hold]) -> Capture:
-        drive, setup = self._drive, self._setup(holds)
+        drive, setup = self._drive, Setup(SIGNALS, _length(holds, self._T_s))
         number_ = capture.arm(drive, setup)
         ends = np.cumsum([hold.seconds for hold in holds]) / self._T_s
         count, grown = -1, time.monotonic()
@@ -289,34 +299,29 @@ class _UnderWay:
         if found.number != number_ or found.count < setup.length:
             raise GoneError("another client has armed or stopped the recorder before the recording was complete")
         self._done += setup.length * self._T_s
+        if self._part is not None:
+            self._part.group(found, self._remarks, operation.off(drive))
 
         def uploaded(done: int) -> None:
-            self._check_cancelled()
+            self._lease.keep(drive)
+            if self._part is not None:
+                self._part.keep(found.data, done * 2 * len(SIGNALS))
+            self.check_cancelled()
             self._say(f"uploading {done} of {found.count} samples", self._done)
 
         return capture.upload(drive, found, uploaded)
-
-    def _setup(self, holds: Sequence[Hold]) -> Setup:
-        length = round(sum(hold.seconds for hold in holds) / self._T_s)
-        return Setup(SIGNALS, min(max(length, 1), CAPTURE_SAMPLES))
 
     def _omega_e(self, hold: Hold) -> float:
         return hold.speed_rpm * _RPM * self._n_p
 
     def _set(self, hold: Hold) -> None:
-        drive, step = self._drive, self._plan.step
-        if self._speed_controlled:
-            drive.write("speed_ref", self._omega_e(hold))
-        else:
-            drive.write("i_q_ref", hold.i_q)
-        drive.write("i_d_ref", hold.i_d)
-        drive.write("i_d_step", step)
-        drive.write("i_q_step", step)
+        step = self._plan.step
+        turning = {"speed_ref": self._omega_e(hold)} if self._speed_controlled else {"i_q_ref": hold.i_q}
+        self._lease.write(self._drive, turning | {"i_d_ref": hold.i_d, "i_d_step": step, "i_q_step": step})
 
     def _still(self) -> None:
         """No current; under speed control the speed stays where it is."""
-        for name in ("i_d_step", "i_q_step", "speed_step", "i_d_ref", "i_q_ref"):
-            self._drive.write(name, 0.0)
+        self._lease.write(self._drive, _NO_STEPS)
 
     def _await_speed(self, hold: Hold) -> None:
         wanted = self._omega_e(hold)
@@ -339,56 +344,110 @@ class _UnderWay:
             self._pause()
 
     def _check_on(self) -> None:
-        """Raise FaultError where the bridge is no longer on."""
-        now = operation.state(self._drive)
+        """Renew the lease. Raises FaultError where the bridge is no longer on, or the shaft turns too fast."""
+        self._lease.keep(self._drive)
+        omega_e, now = self._drive.read("omega_e"), operation.state(self._drive)
+        if abs(omega_e) > self._most_speed:
+            rpm, most = (omega / (self._n_p * _RPM) for omega in (omega_e, self._most_speed))
+            raise FaultError(f"the shaft turned at {rpm:.5g} rpm, expected at most {most:.5g}: the drive is stopped", 0)
         if now is State.OPERATION_ENABLED:
             return
         found = operation.fault(self._drive)
         code, text = (found.code, f"{found.text} (0x{found.code:04X})") if found else (0, f"it is in state {now}")
         raise FaultError(f"the drive went off during the experiment: {text}", code)
 
-    def _check_cancelled(self) -> None:
+    def check_cancelled(self) -> None:
+        """Raise CancelledError where it is to end."""
         if self._cancelled.is_set():
             raise CancelledError("the experiment was cancelled; the drive is stopped")
 
     def _pause(self) -> None:
         self._cancelled.wait(_POLL)
-        self._check_cancelled()
+        self.check_cancelled()
 
     def _say(self, phase: str, seconds: float) -> None:
         self._tell(Progress(phase, min(1.0, seconds / self._plan.seconds)))
 
 
+def _groups(plan: Plan, T_s: float) -> list[list[Hold]]:
+    """Holds that one recording takes: of one speed, and no more than the recorder holds."""
+    groups: list[list[Hold]] = []
+    most = CAPTURE_SAMPLES * T_s
+    for _, same in groupby(plan.holds, key=lambda hold: hold.speed_rpm):
+        groups.append([])
+        for hold in same:
+            pieces = math.ceil(hold.seconds / most)
+            piece = Hold(hold.speed_rpm, hold.i_d, hold.i_q, hold.seconds / pieces)
+            for _ in range(pieces):
+                if groups[-1] and sum(h.seconds for h in groups[-1]) + piece.seconds > most:
+                    groups.append([])
+                groups[-1].append(piece)
+    return groups
+
+
+def _length(holds: Sequence[Hold], T_s: float) -> int:
+    """Samples of one recording."""
+    return min(max(round(sum(hold.seconds for hold in holds) / T_s), 1), CAPTURE_SAMPLES)
+
+
 @contextmanager
-def _stopped_at_the_end(drive: Drive) -> Generator[None]:
-    """The drive without current and its bridge off afterwards, its settings as they were."""
-    before = {name: drive.read(name) for name in _SETTINGS}
+def _stopped_at_the_end(drive: Drive, lease: Lease, origin: Origin) -> Generator[None]:
+    """Control of the drive; afterwards it is without current and its bridge off, its settings as they were."""
+    before = {name: drive.read(name) for name in (*_SETTINGS, *([_TRIP] if drive.identity.has_lease else []))}
+    noted = take(drive, lease, origin, before)
     try:
+        lease.stop(drive)
         yield
     finally:
-        failed: DriveError | None = None
-        with contextlib.suppress(DriveError):  # what is no set point any more may stay
+        with contextlib.suppress(DriveError):  # a recorder that waits on does no harm
             capture.stop(drive)
-        for _ in range(2):
-            try:
-                _stop(drive, before)
-                failed = None
-                break
-            except DriveError as error:
-                failed = error
-        if failed is not None:
-            raise NoReplyError(
-                f"the drive could not be told to stop ({failed}); it goes off by itself when nothing is heard of the "
-                f"bench for {WATCHDOG:g} s: see that it has"
-            ) from failed
+        try:
+            _ended(drive, lease, before)
+            noted.undone()
+        finally:
+            noted.close()
 
 
-def _stop(drive: Drive, before: Mapping[str, float]) -> None:
-    for name in ("i_d_step", "i_q_step", "i_d_ref", "i_q_ref"):
-        drive.write(name, 0.0)
-    operation.disable(drive)
-    for name, value in before.items():
-        drive.write(name, value)
+def _ended(drive: Drive, lease: Lease, before: Mapping[str, float]) -> None:
+    """Off, restored, given up; where control is another's by now, nothing is written. Raises DriveError."""
+    def restore(drive: Drive) -> None:
+        lease.write(drive, before)
+
+    failed: dict[str, DriveError] = {}
+    acts = {"stop": lease.stop, "restore": restore, "release": lease.release}
+    try:
+        for name, act in acts.items():
+            if (error := _twice(act, drive)) is not None:
+                failed[name] = error
+    except HeldError:  # the lease has ended, and with it the bridge has gone off
+        with contextlib.suppress(RefusedError):  # another has control, and the settings are that one's now
+            for name, value in before.items():
+                drive.write(name, value)
+        return
+    if "stop" in failed and "release" in failed:  # either switches it off
+        raise NoReplyError(
+            f"the drive could not be told to stop ({failed['stop']}); it goes off by itself when nothing is heard of "
+            f"the bench for {lease.seconds:g} s: see that it has"
+        ) from failed["stop"]
+    if "restore" in failed:
+        raise NoReplyError(
+            f"the drive is stopped, its settings could not be restored ({failed['restore']}): the next start does it"
+        ) from failed["restore"]
+
+
+def _twice(act: Callable[[Drive], object], drive: Drive) -> DriveError | None:
+    """Do it, once more where that fails; why the second failed as well. Raises HeldError."""
+    for again in (True, False):
+        try:
+            act(drive)
+        except HeldError:
+            raise
+        except DriveError as error:
+            if not again:
+                return error
+        else:
+            break
+    return None
 
 
 def _hold(k: int, given: object) -> Hold:

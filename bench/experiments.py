@@ -1,11 +1,14 @@
-"""The experiments of all drives: asked for, watched, cancelled. One at a time per drive, under the drive's lease.
+"""The experiments of all drives: asked for, watched, cancelled; what a service before this one left of them.
 
-Recordings go to the folder of the captures. Knows nothing of HTTP.
+One at a time per drive, under the drive's lease. Recordings go to the folder of the captures. Knows nothing of HTTP.
 """
 
+import contextlib
+import re
 import threading
 import time
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -14,17 +17,25 @@ from typing import Any, Final
 
 from bench import experiment
 from bench.capture import Link
-from bench.capture_file import check_place
-from bench.errors import BenchError, ConflictError, UnavailableError, shown
-from bench.experiment import CancelledError, Plan, Progress
-from bench.lease import Leases
+from bench.errors import BenchError, ConflictError, RecordingError, UnavailableError, shown
+from bench.experiment import CancelledError, Plan, Progress, experiment_of
+from bench.experiment_part import SUFFIX, ExperimentPart
+from bench.lease import Leases, Part
+from bench.limits import Limits
 from bench.machine_file import Nominal
-from drivers.errors import DriveError
+from bench.new_file import check_place
+from bench.unfinished import Origin, folder_beside
+from drivers import capture
+from drivers.errors import DriveError, GoneError
 
 LATEST: Final = "latest"
 _RENEWED: Final = 30.0  # s that the lease is taken for, anew with every step ahead
 _CANCEL: Final = 5.0  # s for an experiment to end
 _REMEMBERED: Final = 50  # experiments, of all drives
+_LINK: Final = 20.0  # s that a link is waited for, to take up what a drive still has
+_RETRY: Final = 0.2  # s
+_WHEN: Final = r"-experiment-\d{8}-\d{6}-\d{3}"  # in an id, after the drive's name
+_KILLED: Final = "the service ended while it ran"
 
 
 class UnknownExperimentError(KeyError):
@@ -71,17 +82,20 @@ class Experiments:
 
     def __init__(
         self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Leases,
-        nominals: Mapping[str, Nominal],
+        nominals: Mapping[str, Nominal], limits: Mapping[str, Limits],
     ) -> None:  # fmt: skip
         self._folder, self._urls, self._links, self._leases = folder.absolute(), urls, links, leases
-        self._nominals = nominals
+        self._nominals, self._limits = nominals, limits
         self._lock = threading.Lock()  # guards what follows
         self._known: dict[str, Status] = {}  # oldest first
         self._runs: dict[str, _Run] = {}  # under way
+        self._stops = Counter[str]()  # so often has somebody asked for a drive's Stop
         self._ending = False
 
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
         """Have a drive do an experiment. Raises LimitError, ConflictError, UnavailableError, DriveError."""
+        stops = self._stops[drive]
+        given = experiment_of(given) if "ambiguous" in given else given  # of a whole diagnosis
         plan, asked = Plan.of(given), datetime.now(UTC)
         experiment.check_motor(plan, self._nominals[drive].told, f"drive {drive}'s machine file")
         self._check_folder()
@@ -89,24 +103,36 @@ class Experiments:
         id_ = f"{drive}-experiment-{asked:%Y%m%d-%H%M%S}-{asked.microsecond // 1000:03d}"
         status = Status(id_, drive, plan, asked)
         holder = f"experiment {id_}" + (f" (asked for from {whom})" if whom else "")
-        self._leases.take(drive, holder, _RENEWED)
-        try:
-            experiment.check(link, plan)
-            run = _Run(
-                threading.Thread(target=lambda: self._work(status, holder), name=holder, daemon=True), threading.Event()
-            )
-            with self._lock:
-                if self._ending:
-                    raise UnavailableError("the service is ending")
-                self._known[id_] = status
-                self._runs[id_] = run
-                for key in [k for k in self._known if k not in self._runs][: max(0, len(self._known) - _REMEMBERED)]:
-                    del self._known[key]
-                run.thread.start()
-        except BaseException:
-            self._leases.release(drive, holder)
-            raise
+        self._leases.take(drive, holder, _RENEWED, *Part)
+        with contextlib.ExitStack() as otherwise:
+            otherwise.callback(self._leases.release, drive, holder)
+            experiment.check(link, plan, self._limits[drive])
+            origin = {"drive": drive, "url": self._urls[drive], "asked": asked.isoformat()}
+            part = experiment.begin(self._folder / f"{id_}.parquet", plan, link, origin)
+            otherwise.callback(part.remove)
+            self._begin(status, holder, lambda cancelled: self._done(status, part, holder, cancelled), stops)
+            otherwise.pop_all()
         return status
+
+    @property
+    def holders(self) -> set[str]:
+        """Those under way, as they are named where they hold a lease."""
+        with self._lock:
+            return {run.thread.name for run in self._runs.values()}
+
+    def start(self) -> None:
+        """Finish what a service before this one has left, as far as it can be; say what cannot."""
+        for path in sorted(self._folder.glob(f"*{SUFFIX}")):
+            try:
+                self._go_on(path)
+            except RecordingError as error:
+                named = [drive for drive in self._urls if re.fullmatch(re.escape(drive) + _WHEN, path.stem)]
+                if named:
+                    left = Status(path.stem, named[0], Plan(()), datetime.now(UTC), State.FAILED, reason=str(error))
+                    with self._lock:
+                        self._known[left.id] = left
+            except Exception:  # noqa: BLE001 - what makes no sense is left alone
+                continue
 
     def all(self, drive: str) -> list[Status]:
         """A drive's experiments since the service started, the newest first."""
@@ -133,6 +159,14 @@ class Experiments:
             raise UnavailableError(f"experiment {status.id} is to end, but has not within {_CANCEL:g} s")
         return self.one(drive, status.id)
 
+    def stop(self, drive: str) -> None:
+        """Have one that is under way, or asked for, end, without waiting for it."""
+        with self._lock:
+            self._stops[drive] += 1
+            for id_, run in self._runs.items():
+                if self._known[id_].drive == drive:
+                    run.cancelled.set()
+
     def file(self, drive: str, id_: str) -> Path:
         """The recording. Raises UnknownExperimentError; ConflictError where there is none."""
         status = self.one(drive, id_)
@@ -156,38 +190,122 @@ class Experiments:
         for run in runs:
             run.thread.join(max(0.0, deadline - time.monotonic()))
 
-    def _work(self, status: Status, holder: str) -> None:
-        """All of it; the status tells how it went."""
-        id_, name = status.id, status.drive
+    def _begin(
+        self, status: Status, holder: str, work: Callable[[threading.Event], dict[str, Any]], stops: int | None = None
+    ) -> None:
+        """Have a thread work at an experiment; what it returns is how it ended. `stops`: so many were there before."""
+        id_, cancelled = status.id, threading.Event()
+
+        def guarded() -> None:
+            try:
+                ended = work(cancelled)
+            except Exception as error:  # noqa: BLE001 - a fault of ours must not leave an experiment without an end
+                why = f"the bench failed on this experiment: {type(error).__name__}: {error}"
+                ended = {"state": State.FAILED, "reason": why}
+            self._leases.release(status.drive, holder)
+            self._change(id_, phase="", **ended)
+            with self._lock:
+                del self._runs[id_]
+
+        thread = threading.Thread(target=guarded, name=holder, daemon=True)
         with self._lock:
-            cancelled = self._runs[id_].cancelled
+            if self._ending:
+                raise UnavailableError("the service is ending")
+            if stops is not None and stops != self._stops[status.drive]:
+                raise ConflictError(f"drive {status.drive} was stopped meanwhile: ask again where that is meant")
+            self._known[id_] = status
+            self._runs[id_] = _Run(thread, cancelled)
+            for key in [k for k in self._known if k not in self._runs][: max(0, len(self._known) - _REMEMBERED)]:
+                del self._known[key]
+            thread.start()
+
+    def _done(self, status: Status, part: ExperimentPart, holder: str, cancelled: threading.Event) -> dict[str, Any]:
+        """Do all of it; how it went."""
 
         def tell(far: Progress) -> None:
-            self._leases.take(name, holder, _RENEWED)
-            self._change(id_, phase=far.phase, progress=far.share)
+            self._leases.take(status.drive, holder, _RENEWED, *Part)
+            self._change(status.id, phase=far.phase, progress=far.share)
 
-        ended: dict[str, Any]
+        state = State.FAILED
         try:
-            drive = self._links[name].drive()
-            recorded = experiment.run(drive, status.plan, tell, cancelled)
-            origin = {"drive": name, "url": self._urls[name], "asked": status.asked.isoformat()}
-            file = experiment.write(self._folder / f"{id_}.parquet", recorded, status.plan, drive, origin)
-            ended = {"state": State.DONE, "progress": 1.0, "file": file, "samples": recorded.samples,
-                     "remarks": recorded.remarks}  # fmt: skip
+            noted = Origin(folder_beside(self._folder), status.drive, holder)
+            experiment.run(
+                self._links[status.drive].drive(), status.plan, tell, cancelled, part,
+                limits=self._limits[status.drive], origin=noted,
+            )  # fmt: skip
+            why = ""
         except CancelledError as error:
-            ended = {"state": State.CANCELLED, "reason": str(error)}
+            state, why = State.CANCELLED, str(error)
+            if not self._ending:
+                part.remove()
+                return {"state": state, "reason": why}
         except (BenchError, DriveError) as error:
-            ended = {"state": State.FAILED, "reason": str(error)}
+            why = str(error)
+            if cancelled.is_set() and not self._ending:  # a stop, which has ended its control as well
+                part.remove()
+                return {"state": State.CANCELLED, "reason": f"the experiment was stopped ({why})"}
         except OSError as error:
-            why = f"the recording cannot be written: {error.strerror or error}"
-            ended = {"state": State.FAILED, "reason": why}
-        except Exception as error:  # noqa: BLE001 - a fault of ours must not leave an experiment without an end
+            why = f"the recording cannot be kept on disk: {error.strerror or error}"
+        except Exception as error:  # noqa: BLE001 - as in `_begin`, and nothing that was recorded is lost
             why = f"the bench failed on this experiment: {type(error).__name__}: {error}"
-            ended = {"state": State.FAILED, "reason": why}
-        self._leases.release(name, holder)
-        self._change(id_, phase="", **ended)
-        with self._lock:
-            del self._runs[id_]
+        return self._ended(part, state, why)
+
+    def _ended(self, part: ExperimentPart, state: State, why: str) -> dict[str, Any]:
+        """What there is becomes a recording; `why` it came no further, where it did not."""
+        samples, remarks, complete = part.samples, part.remarks, part.complete
+        file, kept = part.settled()
+        if complete and file is not None:
+            state, why = State.DONE, ""
+        else:
+            why = "; ".join(filter(None, (why, kept if samples else "")))
+        share = {"progress": 1.0} if state is State.DONE else {}
+        return {"state": state, "reason": why, "file": file, "samples": samples, "remarks": remarks, **share}
+
+    def _go_on(self, path: Path) -> None:
+        """Take up what an experiment has left, unless it is of another service, or drive; see `Captures`."""
+        part = ExperimentPart.found(path)
+        if part is None:
+            return
+        with contextlib.ExitStack() as otherwise:
+            otherwise.callback(part.close)
+            origin, name = part.heading.origin, part.heading.origin["drive"]
+            if self._urls.get(name) != origin["url"]:
+                return
+            asked = datetime.fromisoformat(origin["asked"])
+            status = Status(path.stem, name, Plan.of(part.heading.plan), asked, phase="taken up again")
+            holder = f"experiment {status.id}"
+            self._leases.take(name, holder, _RENEWED, Part.RECORDER)
+            self._begin(status, holder, lambda cancelled: self._taken_up(status, part, holder, cancelled))
+            otherwise.pop_all()
+
+    def _taken_up(
+        self, status: Status, part: ExperimentPart, holder: str, cancelled: threading.Event
+    ) -> dict[str, Any]:
+        """Upload what the drive still has of the newest group, which moves nothing; write what there is."""
+        last = part.groups[-1] if part.groups else None
+        if last is not None and last.done < last.count:
+            rest = replace(last, data=bytearray(last.data))
+
+            def uploaded(done: int) -> None:
+                part.keep(rest.data, done * 2 * len(rest.setup.channels))
+                self._leases.take(status.drive, holder, _RENEWED, Part.RECORDER)
+                self._change(status.id, phase=f"uploading {done} of {rest.count} samples")
+                if cancelled.is_set():
+                    raise CancelledError("the experiment was cancelled")
+
+            deadline = time.monotonic() + _LINK
+            while time.monotonic() < deadline and not cancelled.is_set():
+                try:
+                    capture.upload(self._links[status.drive].drive(), rest, uploaded)
+                    break
+                except (GoneError, CancelledError, OSError):
+                    break
+                except DriveError:  # not connected yet, or no longer
+                    cancelled.wait(_RETRY)
+        if self._ending:
+            part.close()
+            return {"state": State.FAILED, "reason": f"{_KILLED}; what there is of it is taken up at the next start"}
+        return self._ended(part, State.FAILED, _KILLED)
 
     def _change(self, id_: str, **changes: Any) -> None:
         with self._lock:

@@ -7,6 +7,7 @@
     psi_f = 0.12         # Vs
     n_p = 4
     i_rated = 6.0        # A
+    speed_max_rpm = 3000 # rpm, mechanical: set points go no further
     [drive]
     T_s = 1e-4           # s
     u_dc = 310.0         # V
@@ -23,11 +24,12 @@ that a diagnosis gives them. A table [flux_map], as a diagnosis writes it, is fo
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import cast
 
 from bench.errors import ConfigError, shown
+from bench.input_file import read_bytes
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS, Machine
 
 KEYS = {
@@ -35,6 +37,7 @@ KEYS = {
         **{name: (*PLAUSIBLE[name], UNITS[name]) for name in PARAMETERS},
         "n_p": (1, 200, "pole pairs"),
         "i_rated": (1e-3, 1e5, "A"),
+        "speed_max_rpm": (1e-3, 1e6, "rpm"),
     },
     "drive": {
         "T_s": (1e-7, 10.0, "s"),
@@ -43,6 +46,7 @@ KEYS = {
         "angle_ahead": (-math.pi, math.pi, "rad"),
     },
 }
+_LARGEST = 2_000_000  # bytes
 EQUATION = "equation"
 """The key of an effect's parameters as its equation has them."""
 
@@ -52,8 +56,10 @@ class Nominal:
     """What the machine file says; what it leaves out is None, or absent from `given`."""
 
     given: Mapping[str, float]  # those of R_s, L_d, L_q, psi_f that are known, SI
+    _: KW_ONLY
     n_p: int | None = None  # pole pairs
     i_rated: float | None = None  # A, peak
+    speed_max_rpm: float | None = None  # rpm, mechanical
     T_s: float | None = None  # s, control period
     u_dc: float | None = None  # V
     encoder_counts: int | None = None  # of a mechanical turn
@@ -96,6 +102,7 @@ def nominal_of(content: Mapping[str, object], path: str | Path) -> Nominal:
         given={name: machine[name] for name in PARAMETERS if name in machine},
         n_p=int(machine["n_p"]) if "n_p" in machine else None,
         i_rated=machine.get("i_rated"),
+        speed_max_rpm=machine.get("speed_max_rpm"),
         T_s=drive.get("T_s"),
         u_dc=drive.get("u_dc"),
         encoder_counts=int(drive["encoder_counts"]) if "encoder_counts" in drive else None,
@@ -169,7 +176,7 @@ def _known_effects() -> tuple[str, ...]:
 def load_toml(path: str | Path) -> dict[str, object]:
     """A TOML file's content. Raises ConfigError."""
     try:
-        return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
+        return tomllib.loads(read_bytes(path, _LARGEST).decode("utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:

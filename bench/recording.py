@@ -13,7 +13,7 @@ Knows nothing of estimators. Options that cannot be are a ConfigError, files tha
 """
 
 import math
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import chain, groupby
@@ -22,10 +22,10 @@ from typing import cast
 
 import numpy as np
 
-from bench.errors import RecordingError
+from bench.errors import RecordingError, shown
 from bench.runs import LARGEST, PROBE, Chunk, Clock, Part, RunSplitter, find_clock
 from bench.sources import MAX_PERIODS, OPTIONAL, Sources, check_options, find_sources
-from bench.table import column_names, notes, read_parts, row_count
+from bench.table import check_undamaged, column_names, notes, read_parts, row_count
 from estimator.samples import Column, Resolution, Samples
 
 CHUNK_ROWS = 65_536
@@ -50,6 +50,7 @@ class Summary:
     sources: Mapping[str, str]  # each quantity's source in words
     unused: tuple[str, ...]  # columns present and not read
     expected: int | None = None  # rows it was to have, where it says so
+    off: str = ""  # when the drive drove no voltage, where it says so
 
     def remarks(self) -> tuple[str, ...]:
         """What a user should know besides the result."""
@@ -65,6 +66,8 @@ class Summary:
             said.append(f"rows without a voltage after alignment: {self.unaligned}")
         if self.expected is not None and self.rows < self.expected:
             said.append(f"the recording is partial: {self.rows} of {self.expected} rows")
+        if self.off:
+            said.append(self.off)
         if self.runs > 1:
             said.append(f"runs without a gap: {self.runs}")
         return tuple(said)
@@ -123,6 +126,7 @@ class RecordingReader:
             sources=self.sources.told,
             unused=self.sources.unused,
             expected=self._noted.expected,
+            off=self._noted.off,
         )
 
     def _read(self) -> Iterator[Chunk]:
@@ -130,7 +134,7 @@ class RecordingReader:
             with _naming(self.path):
                 chunks = list(self._splitter.feed(part))
             yield from chunks
-        with _naming(self.path):
+        with _naming(self.path, self._noted.off):
             self._splitter.finish()
 
 
@@ -156,6 +160,7 @@ def open_recording(
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
+    check_undamaged(path)
     sources = find_sources(path, column_names(path), mapping, constants, optional=optional)
     columns = tuple(dict.fromkeys(sources.columns.values()))
     with closing(read_parts(path, columns, chunk_rows)) as parts:
@@ -178,13 +183,22 @@ def read_recording(
     with open_recording(
         path, mapping=mapping, constants=constants, T_s=T_s, align=align, theta_step=theta_step, u_dc=u_dc
     ) as reader:
-        runs = tuple(
-            _one([chunk.samples for chunk in chunks]) for _, chunks in groupby(reader, lambda chunk: chunk.run)
-        )
-        return Recording(runs, reader.summary)
+        return whole(reader)
 
 
-def _one(stretches: list[Samples]) -> Samples:
+def whole(reader: RecordingReader) -> Recording:
+    """All of an open recording."""
+    runs = tuple(joined(reader))
+    return Recording(runs, reader.summary)
+
+
+def joined(chunks: Iterable[Chunk]) -> Iterator[Samples]:
+    """Runs from their chunks."""
+    for _, run in groupby(chunks, lambda chunk: chunk.run):
+        yield one_of([chunk.samples for chunk in run])
+
+
+def one_of(stretches: Sequence[Samples]) -> Samples:
     """Stretches of one run as one."""
     first = stretches[0]
 
@@ -211,12 +225,19 @@ def _one(stretches: list[Samples]) -> Samples:
     )
 
 
+def off_remark(before: str, after: str) -> str:
+    """When a drive drove no voltage, by clauses that tell why before and after the recording; empty: it did."""
+    told = (("when the recorder was armed", before), ("when it was uploaded", after))
+    return "; ".join(f"{when} {why.replace(' is ', ' was ', 1)}" for when, why in told if why)
+
+
 @dataclass(frozen=True, slots=True)
 class _Noted:
     """What a recording of the bench's own says besides its columns."""
 
     resolution: Resolution
     expected: int | None  # rows it was to have
+    off: str  # when the drive drove no voltage
 
 
 def _noted(path: Path, sources: Sources, theta_step: float) -> _Noted:
@@ -225,16 +246,21 @@ def _noted(path: Path, sources: Sources, theta_step: float) -> _Noted:
     decimation, expected, steps = told.get("decimation", 1), told.get("expected"), told.get("steps")
     if decimation != 1:
         raise RecordingError(
-            f"{path}: expected every control period, it holds one of {decimation}; capture with a decimation of 1"
+            f"{path}: expected every control period, it holds one of {shown(decimation)}; "
+            "capture with a decimation of 1"
         )
     known: Mapping[str, object] = cast(Mapping[str, object], steps) if isinstance(steps, dict) else {}
 
     def step(*names: str) -> float:
-        found = [known.get(sources.columns.get(name, "")) for name in names]
-        return max((float(size) for size in found if isinstance(size, int | float)), default=0.0)
+        found = [known[column] for name in names if (column := sources.columns.get(name, "")) in known]
+        for size in found:
+            if isinstance(size, bool) or not isinstance(size, int | float) or not 0.0 <= size < LARGEST:
+                raise RecordingError(f"{path}: its notes tell a step of {names[0]} of {shown(size)}, expected a number")
+        return max(cast("list[float]", found), default=0.0)
 
     resolution = Resolution(step("i_d", "i_q"), step("u_d", "u_q"), math.hypot(theta_step, step("theta_e")), theta_step)
-    return _Noted(resolution, expected if isinstance(expected, int) else None)
+    before, after = (said if isinstance(said := told.get(key), str) else "" for key in ("off_before", "off_after"))
+    return _Noted(resolution, expected if isinstance(expected, int) else None, off_remark(before, after))
 
 
 def _first_rows(parts: Iterator[Part]) -> list[Part]:
@@ -274,10 +300,11 @@ def _clock(first: list[Part], sources: Sources, T_s: float | None) -> Clock:
 
 
 @contextmanager
-def _naming(path: Path) -> Generator[None]:
-    """Put the file's name before what is wrong with its rows."""
+def _naming(path: Path, off: str = "") -> Generator[None]:
+    """Put the file's name before what is wrong with its rows, and after it when the drive was off."""
     try:
         yield
     except RecordingError as error:
         said = str(error)
-        raise RecordingError(said if said.startswith(f"{path}: ") else f"{path}: {said}") from error
+        named = said if said.startswith(f"{path}: ") else f"{path}: {said}"
+        raise RecordingError(f"{named}; {off}" if off else named) from error

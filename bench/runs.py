@@ -19,6 +19,7 @@ from estimator.samples import Column, Resolution, Samples
 Part = Mapping[str, Column]  # columns by quantity, of equal length
 
 PROBE = 10_000  # rows that settle the step between rows
+SHORTEST, LONGEST = 1e-7, 5e-3  # s, that a control period may be
 JITTER = 0.2  # of a step, by which a row's time may be off its place
 DRIFT = 0.01  # of a step, by which a run's mean step, or a given T_s, may differ from the recording's
 LARGEST = 1e12  # SI; a cell beyond is a marker for "no value", not one
@@ -78,10 +79,13 @@ def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
     # The mean of the single steps is finer than the median where the file's times are rounded.
     step = float(f"{np.mean(steps[np.abs(steps / median - 1) <= JITTER]):.9g}")
     T = step / periods
-    if not 1e-7 <= T <= 10:
-        raise RecordingError(f"t steps by {step:g} s, expected 1e-07 to 10 s a control period: is t in seconds?")
     if T_s is not None and abs(T - T_s) > DRIFT * T_s:
         raise RecordingError(f"expected T_s = {T_s:g} s, the times say {T:g} s{_looks_like(step, T, T_s)}")
+    if not SHORTEST <= T <= LONGEST:
+        raise RecordingError(
+            f"t steps by {step:g} s, expected {SHORTEST:g} to {LONGEST:g} s a control period: is t in ms, or us? "
+            "expected s"
+        )
     return Clock(step, T if T_s is None else T_s, periods)
 
 

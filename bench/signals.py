@@ -14,7 +14,7 @@ from bench.errors import LimitError, shown
 from drivers.drive import Drive
 from drivers.errors import DriveError
 from drivers.wire.codec import check_range
-from drivers.wire.dictionary import SIGNALS, Signal, WireType
+from drivers.wire.dictionary import LEASE_TIMES, SIGNALS, Signal, WireType
 
 _BY_NAME: Final = {signal.name: signal for signal in SIGNALS}
 _RECORDER: Final = 0x2400  # index of the recorder's signals, which captures write
@@ -30,7 +30,7 @@ class Reading:
 
 def read(drive: Drive, names: Iterable[str] = ()) -> list[Reading]:
     """Signals by name, all of them where none is named. Raises LimitError, DriveError."""
-    wanted = [_known(name) for name in names] or list(SIGNALS)
+    wanted = [_known(name) for name in names] or list(drive.identity.signals)
     return [Reading(signal, drive.read(signal.name)) for signal in wanted]
 
 
@@ -41,8 +41,8 @@ def checked(values: Mapping[str, Any]) -> dict[str, float]:
     return {name: _checked(_known(name), value) for name, value in values.items()}
 
 
-def write(drive: Drive, values: Mapping[str, float]) -> list[Reading]:
-    """Write `checked` values in their order, then read them back. Raises DriveError."""
+def write(drive: Drive, values: Mapping[str, float]) -> None:
+    """Write `checked` values in their order. Raises DriveError."""
     written = list[str]()
     for name, value in values.items():
         try:
@@ -52,7 +52,19 @@ def write(drive: Drive, values: Mapping[str, float]) -> list[Reading]:
             error.args = (f"{error}; {before}", *error.args[1:])
             raise
         written.append(name)
-    return read(drive, [name for name in written if _BY_NAME[name].is_parameter])
+
+
+def read_back(drive: Drive, values: Mapping[str, float]) -> list[Reading]:
+    """What has been written, as the drive says it now; a command is over, and is told as it was given."""
+    return [
+        Reading(signal := _BY_NAME[name], drive.read(name) if signal.is_parameter else value)
+        for name, value in values.items()
+    ]
+
+
+def values_of(drive: Drive, names: Iterable[str]) -> dict[str, float]:
+    """Values of those of the signals that can be read. Raises DriveError."""
+    return {name: drive.read(name) for name in names if _BY_NAME[name].is_parameter}
 
 
 def _known(name: str) -> Signal:
@@ -79,6 +91,8 @@ def _checked(signal: Signal, value: object) -> float:
         raise LimitError(f"{signal} takes a finite number, got {shown(value)}")
     if signal.type is not WireType.F32 and number != int(number):
         raise LimitError(f"{signal} takes a whole number, got {shown(value)}")
+    if signal.name == "watchdog_time" and number < LEASE_TIMES[0]:
+        raise LimitError(f"{signal} takes at least {LEASE_TIMES[0]:g} s, got {number:g}")
     try:
         check_range(signal, number)
     except ValueError as error:

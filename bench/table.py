@@ -22,6 +22,8 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from bench.errors import RecordingError
+from bench.input_file import check_regular
+from bench.seal import check_seal
 
 pa: Any = pyarrow  # comes without types
 pc: Any = pyarrow.compute
@@ -47,6 +49,13 @@ FAILURES: tuple[type[Exception], ...] = (
 )
 
 
+def check_undamaged(path: Path) -> None:
+    """Raise RecordingError where a Parquet file of the bench's is not as it was written. It is read whole for that."""
+    with _as_sentences(path, "its bytes"):
+        if _kind(path) == "parquet":
+            check_seal(path)
+
+
 def column_names(path: Path) -> tuple[str, ...]:
     """The file's column names in its order."""
     with _as_sentences(path, "its header"):
@@ -70,6 +79,7 @@ def read_parts(path: Path, columns: Sequence[str], rows: int) -> Generator[Part]
 
 def read_whole(path: Path, columns: Mapping[str, str], most: int, too_many: str) -> dict[str, NDArray[np.float64]]:
     """Whole columns by quantity. Raises RecordingError: `too_many` beyond so many rows, and where there are none."""
+    check_undamaged(path)
     parts: list[Part] = []
     rows = 0
     for part in read_parts(path, tuple(dict.fromkeys(columns.values())), ROWS):
@@ -111,8 +121,7 @@ def quoted(text: str) -> str:
 
 def _kind(path: Path) -> str:
     """`csv`, `gzip` or `parquet`, by content."""
-    if path.exists() and not path.is_file():
-        raise RecordingError(f"{path}: expected a file, this is none")
+    check_regular(path)
     with path.open("rb") as file:
         head = file.read(4096)
     if head.startswith(b"PAR1"):

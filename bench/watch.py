@@ -30,7 +30,7 @@ MOST: Final = 20_000  # rows judged at once, the newest of the window
 WINDOWS: Final = 2  # in a row, that begin an episode, or end it
 LIKELY: Final = {"R_s": (0.8, 1.6), "L_d": (0.7, 1.3), "L_q": (0.7, 1.3), "psi_f": (0.8, 1.15)}
 """Of nominal values: what tolerances and 150 K of warming make of a machine."""
-_SURELY: Final = 3.0  # standard errors
+SURELY: Final = 3.0  # standard errors
 _LARGER: Final = 1.2  # times: worth another look at where it is
 _COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")
 
@@ -106,9 +106,9 @@ def _after(
     said = replace(
         said, reason="", significance=left.significance, ratio=left.ratio, rms_V=left.rms_V, least_V=left.least_V
     )
-    strange = _strange(estimates, nominal, _SURELY)
+    strange = strange_of(estimates, nominal, SURELY)
     denied = left.mismatch or bool(strange)
-    clear = left.clear and not _strange(estimates, nominal, 0.0)
+    clear = left.clear and not strange_of(estimates, nominal, 0.0)
     lasts = said.status is Explained.NO
     if lasts and denied and (left.rms_V > _LARGER * said.largest_V or set(strange) - set(said.strange)):
         said = _placed(said, left, strange)
@@ -128,12 +128,12 @@ def _placed(said: Mismatch, left: Left, strange: Mapping[str, str]) -> Mismatch:
     return replace(said, where=where, largest_V=left.rms_V, strange=tuple(strange))
 
 
-def _strange(estimates: Mapping[str, Estimate], nominal: Mapping[str, float], surely: float) -> dict[str, str]:
+def strange_of(estimates: Mapping[str, Estimate], nominal: Mapping[str, float], surely: float) -> dict[str, str]:
     """Parameters that are those of another machine, by so many standard errors, each with a clause."""
     found: dict[str, str] = {}
     for name, given in nominal.items():
         e, (low, high) = estimates[name], LIKELY[name]
-        if e.status is not Status.OK or e.value is None or e.std is None:
+        if e.status not in (Status.OK, Status.DOUBTFUL) or e.value is None or e.std is None:
             continue
         if e.value + surely * e.std < low * given or e.value - surely * e.std > high * given:
             found[name] = f"{name} reads {number(e.value)} {e.unit}, nominal {number(given)} {e.unit}"

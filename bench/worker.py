@@ -13,8 +13,9 @@ import socket
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from typing import Any, Final
 
@@ -47,6 +48,8 @@ class Failed:
     """A job has ended otherwise."""
 
     why: str  # a sentence
+    fault: bool = field(default=False, compare=False)  # of ours, and not the job's
+    details: str = field(default="", compare=False)  # of a fault: where it happened
 
 
 Heard = Progress | Done | Failed
@@ -76,7 +79,7 @@ class Worker:
         try:
             return self.connection.recv()
         except (EOFError, OSError):
-            return Failed(f"the process that worked on it ended before it was done ({self._end()})")
+            return Failed(f"the process that worked on it ended before it was done ({self._end()})", fault=True)
 
     def kill(self) -> None:
         """Have the process end, from any thread; `hear` then fails."""
@@ -164,7 +167,8 @@ def serve(fd: int, work: str) -> None:
             except BenchError as error:
                 heard = Failed(str(error))
             except Exception as error:  # noqa: BLE001 - a fault of ours ends this job alone
-                heard = Failed(f"the bench failed on it: {type(error).__name__}: {error}; please report this")
+                why = f"the bench failed on it: {type(error).__name__}: {error}; please report this"
+                heard = Failed(why, fault=True, details=traceback.format_exc())
             say(heard)
 
 

@@ -1,15 +1,17 @@
 """A drive on a CAN bus: SDO for values, TPDOs for the stream.
 
 The bus's reader thread only puts frames into a queue; the thread that iterates `stream` assembles them, and sends the
-bench's heartbeats, which feed the drive's watchdog: it is the one that acts. Knows nothing of the libraries beneath the
-bus.
+bench's heartbeats, which feed the drive's watchdog: it is the one that acts. While it streams, it looks at the node's
+serial number and at how its TPDOs are set up, an object after the other, and hears what other clients set. Knows
+nothing of the libraries beneath the bus.
 """
 
 import contextlib
+import itertools
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Self
 
@@ -20,16 +22,22 @@ from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
 from drivers.operation import Fault
 from drivers.rows import TELLABLE, Counts
+from drivers.settled import REPEATABLE
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import CanUrl
 from drivers.wire.cia402 import error_text
 from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode
-from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_DATA, SIGNALS, layout_id, signal_named
+from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_DATA, CONTROL, layout_text, signal_named, signals_of
+from drivers.wire.lease import Record, packed
 
 SILENCE = 1.0  # s without a row after which a drive counts as lost, where the row's tick can tell so much
 POLL = 0.005  # s, how often the stream looks for new frames
+GLANCE = 0.05  # s, how often a stream looks at how the node is set up
+_CONFLICTS = 3  # frames that say otherwise of the same row, of two senders
+_TWO_SEQUENCES = 1.0  # s that they last, of two senders: late frames end
 HEARTBEAT_MISSED_MS = 500  # ms without the bench's heartbeat that count as missed, by object 0x1016
 
+_COB_ID_MEANT = od.NOT_VALID | 0x1FFF_FFFF  # bits of a TPDO's COB-ID that say whether and where it is sent
 _ROW_LENGTH = signal_named("stream_periods")
 _ROW_LENGTH_SET = od.sdo_downloaded(_ROW_LENGTH.index, _ROW_LENGTH.subindex)
 
@@ -46,15 +54,21 @@ class CanopenDrive:
         self._stream_lock = threading.Lock()  # start, stop and assembly of the stream
         self._rebooted = threading.Event()
         self._changed = threading.Event()  # somebody has set the row length
+        self._remapped = ""  # which TPDO somebody has set
+        self._two_sequences = 0.0  # s, monotonic, since when rows come in two sequences of ticks; 0: they do not
+        self._set_up = _set_up_objects(url.node_id)
+        self._glances = itertools.cycle(_glanced(self._set_up))
+        self._glanced = 0.0  # s, monotonic, when the latest was made
         self._full: FullScales = {}
         self._fault: Fault | None = None
         self._bus = CanopenBus(url)
         try:
             self.identity = self._identify()
-            self._set_up_pdos(url.node_id)
+            self._set_up_pdos()
             self._bus.subscribe(od.emergency_cob_id(url.node_id), self._on_emergency)
             self._note_fault(int(self.read("error_code")))
             self._be_heard()
+            self._bus.check_alone()
         except BaseException as error:
             self.close()
             if isinstance(error, DriveError):
@@ -63,12 +77,17 @@ class CanopenDrive:
         for number in range(len(od.TPDO_LAYOUT)):
             self._bus.subscribe(od.tpdo_cob_id(number, url.node_id), self._queued(number))
         self._bus.subscribe(od.heartbeat_cob_id(url.node_id), self._on_heartbeat)
-        self._bus.subscribe(od.sdo_response_cob_id(url.node_id), self._on_sdo_response)
+        self._bus.hear_answers(self._on_sdo_response)
 
     @property
     def counts(self) -> Counts:
         """Rows and gaps of the latest stream."""
         return self._assembler.counts if self._assembler else Counts()
+
+    @property
+    def note(self) -> str:
+        """What the client has changed of the stream by itself: nothing."""
+        return ""
 
     @property
     def fault(self) -> Fault | None:
@@ -85,7 +104,10 @@ class CanopenDrive:
             raise FrameError(f"{self._bus.node}: {error}") from None
 
     def write(self, name: str, value: float) -> None:
-        """Set a signal, SI. A change of `stream_periods` restarts a running stream."""
+        """Set a signal, SI. A change of `stream_periods` restarts a running stream.
+
+        A parameter is read back, and set again where it was not taken, when no answer comes; a command never.
+        """
         signal = signal_named(name)
         if signal.access != "rw":
             raise RefusedError(f"{signal} is {signal.access}, it cannot be written", 0x06010002)
@@ -93,31 +115,39 @@ class CanopenDrive:
             data = encode(signal, value, self._full)
         except ValueError as error:
             raise RefusedError(str(error), 0x06090030) from None
+        repeatable = signal.is_parameter or name in REPEATABLE
+        put = self._bus.put if repeatable else self._bus.write
         if signal is not _ROW_LENGTH:
-            self._bus.write(signal.index, signal.subindex, name, data)
+            put(signal.index, signal.subindex, name, data)
             return
         with self._stream_lock:  # no row is assembled before its length is known
             if self._streaming:
                 self._bus.command(od.NMT_PRE_OPERATIONAL)
             try:
-                self._bus.write(signal.index, signal.subindex, name, data)
+                put(signal.index, signal.subindex, name, data)
             finally:
                 if self._streaming:
                     self._start()
 
+    def control(self, record: Record) -> None:
+        """Have a control record taken, whole or not at all."""
+        self._bus.write_control(*CONTROL, "control record", packed(record))
+
     def parameters(self) -> dict[str, float]:
         """Every writable signal with its value, SI."""
-        return {signal.name: self.read(signal.name) for signal in SIGNALS if signal.is_parameter}
+        return {signal.name: self.read(signal.name) for signal in self.identity.signals if signal.is_parameter}
 
     def stream(self) -> Iterator[Block]:
         """Start the stream and yield blocks as they come; it stops when the iterator is closed.
 
-        Raises LostError when it falls silent or the node resets, FrameError when somebody else on the bus sets
-        `stream_periods`: rows of unknown length are worth nothing.
+        Raises LostError when it falls silent, the node resets, or two nodes answer as this one; FrameError when
+        somebody else on the bus sets `stream_periods` or a TPDO: rows of unknown length or columns are worth nothing.
         """
         try:
             with self._stream_lock:
                 self._rebooted.clear()
+                self._bus.look_for_another()
+                self._set_up_pdos()
                 self._start()
             yield from self._blocks()
         except DriveError:
@@ -159,6 +189,7 @@ class CanopenDrive:
             vendor, product, revision, serial = (
                 int.from_bytes(self._asked(od.OD_IDENTITY, k, "identity"), "little") for k in (1, 2, 3, 4)
             )
+            bus.look_for_another()
         except NoReplyError:
             waited = READ_ATTEMPTS * SDO_TIMEOUT
             raise ConnectError(f"no {bus.node.replace(' on ', ' answered on ')} within {waited:g} s") from None
@@ -167,9 +198,9 @@ class CanopenDrive:
             layout = int(self.read("layout_id"))
         except RefusedError:
             layout = -1
-        if layout != layout_id():
+        if not signals_of(layout):
             raise ConnectError(
-                f"{bus.node} ({name!r}) has another signal layout: expected 0x{layout_id():08X}, got "
+                f"{bus.node} ({name!r}) has another signal layout: expected {layout_text()}, got "
                 + ("none" if layout < 0 else f"0x{layout:08X}")
             )
         full = self._full = {key: self.read(key) for key in FULL_SCALES}
@@ -178,11 +209,14 @@ class CanopenDrive:
     def _asked(self, index: int, subindex: int, what: str) -> bytes:
         """An object that every such drive has."""
         try:
-            return self._bus.read(index, subindex, what)
+            try:
+                return self._bus.read(index, subindex, what)
+            except FrameError:  # segment by segment, it was spoilt time and again: by blocks it takes fewer frames
+                return self._bus.read_block(index, subindex, what)
         except RefusedError:
             raise ConnectError(f"{self._bus.node} is no such drive: it has no {what}") from None
 
-    def _set_up_pdos(self, node_id: int) -> None:
+    def _set_up_pdos(self) -> None:
         """Have the node stream what is expected, where it would not. Raises ConnectError when it refuses."""
         for number in range(len(od.TPDO_LAYOUT)):
             cob_id, transmission, count = (
@@ -194,8 +228,8 @@ class CanopenDrive:
                 int.from_bytes(self._asked(od.OD_TPDO_MAPPING + number, k, f"TPDO {number + 1}"), "little")
                 for k in range(1, min(count, od.MAPPING_ENTRIES) + 1)
             )
-            expected = od.tpdo_cob_id(number, node_id)
-            same_place = cob_id & (od.NOT_VALID | 0x1FFF_FFFF) == expected and transmission >= od.ON_EVENT
+            expected = self._set_up[od.OD_TPDO + number, 1]
+            same_place = cob_id & _COB_ID_MEANT == expected and transmission >= od.ON_EVENT
             if same_place and mapping == od.tpdo_mapping(number):
                 continue
             try:
@@ -215,24 +249,26 @@ class CanopenDrive:
             *((mapping, k, entry, 4) for k, entry in enumerate(entries, 1)), (mapping, 0, len(entries), 1),
             (parameters, 2, od.ON_EVENT, 1), (parameters, 1, expected, 4),
         ):
-            self._bus.write(index, subindex, f"TPDO {number + 1}", value.to_bytes(size, "little"))
+            self._bus.put(index, subindex, f"TPDO {number + 1}", value.to_bytes(size, "little"))
 
     def _be_heard(self) -> None:
         """Have the drive listen to the bench's heartbeats, where it can: they feed its watchdog."""
         consumed = (self._bench_node << 16 | HEARTBEAT_MISSED_MS).to_bytes(4, "little")
         with contextlib.suppress(RefusedError):
             if self._bus.read(od.OD_HEARTBEAT_CONSUMER, 1, "heartbeat consumer") != consumed:
-                self._bus.write(od.OD_HEARTBEAT_CONSUMER, 1, "heartbeat consumer", consumed)
+                self._bus.put(od.OD_HEARTBEAT_CONSUMER, 1, "heartbeat consumer", consumed)
 
     def _blocks(self) -> Iterator[Block]:
         """Blocks as they come, until the drive is closed."""
         while not self._bus.closed.wait(POLL):
             self._bus.beat(self._bench_node)
+            self._glance()
             blocks = self._drain()
             yield from blocks
             if self._rebooted.is_set():
                 raise ResetError(f"{self._bus.node} has reset")
             self._bus.check()
+            self._bus.check_alone()
             silent = time.monotonic() - self._heard
             if not blocks and silent > self._patience():  # after blocks, more may have come while they were dealt with
                 raise LostError(
@@ -244,6 +280,7 @@ class CanopenDrive:
         """Pre-operational, read where the tick stands, operational: the first row's place in time is known."""
         self._bus.command(od.NMT_PRE_OPERATIONAL)
         self._changed.clear()
+        self._remapped, self._two_sequences = "", 0.0
         periods = int(self.read("stream_periods"))
         tick = int(self.read("tick"))
         self._frames.clear()
@@ -267,13 +304,32 @@ class CanopenDrive:
                 return []
             if self._changed.is_set():
                 raise FrameError(f"somebody else has set stream_periods of {self._bus.node}")
+            if self._remapped:
+                raise FrameError(f"somebody else has set {self._remapped} of {self._bus.node}")
             while self._frames:
                 came, number, data = self._frames.popleft()
                 rows = assembler.counts.rows
                 assembler.frame(number, data)
                 if assembler.counts.rows != rows:
                     self._heard = came
+            self._check_sender(assembler)
             return assembler.take()
+
+    def _check_sender(self, assembler: Assembler) -> None:
+        """Raise FrameError where rows come from two senders."""
+        self._two_sequences = (self._two_sequences or time.monotonic()) if assembler.two_sequences else 0.0
+        if assembler.conflicts >= _CONFLICTS:
+            raise FrameError(
+                f"two nodes send rows as {self._bus.node}: frames say otherwise of the same row than those before"
+            )
+        if self._two_sequences and time.monotonic() - self._two_sequences > _TWO_SEQUENCES:
+            raise FrameError(f"two nodes send rows as {self._bus.node}: they come in two sequences of ticks")
+
+    def _glance(self) -> None:
+        """Look at the next object that tells of another node, or of another client; `_on_sdo_response` hears it."""
+        if time.monotonic() - self._glanced >= GLANCE:
+            self._glanced = time.monotonic()
+            self._bus.glance(*next(self._glances))
 
     def _row_time(self) -> float:
         return self.identity.T_s * (self._assembler.periods if self._assembler else 1)
@@ -294,6 +350,21 @@ class CanopenDrive:
     def _on_sdo_response(self, data: bytes) -> None:
         if data[:4] == _ROW_LENGTH_SET:
             self._changed.set()
+        index, subindex = int.from_bytes(data[1:3], "little"), data[3]
+        number = index & 0xFF
+        if index & 0xFF00 not in (od.OD_TPDO, od.OD_TPDO_MAPPING) or number >= len(od.TPDO_LAYOUT):
+            return
+        name = f"TPDO {number + 1} (0x{index:04X}:{subindex})"
+        if data[0] == od.DOWNLOADED:
+            self._remapped = self._remapped or name
+        expected, size = self._set_up.get((index, subindex)), od.uploaded_size(data[0])
+        if expected is None or not size:
+            return
+        value = int.from_bytes(data[4 : 4 + size], "little")
+        meant = value & _COB_ID_MEANT if index < od.OD_TPDO_MAPPING and subindex == 1 else value
+        on_event = index < od.OD_TPDO_MAPPING and subindex == 2 and meant >= od.ON_EVENT
+        if meant != expected and not on_event:
+            self._remapped = self._remapped or name
 
     def _on_heartbeat(self, data: bytes) -> None:
         if data == bytes([od.STATE_BOOT_UP]):
@@ -306,3 +377,19 @@ class CanopenDrive:
 
     def _note_fault(self, code: int) -> None:
         self._fault = Fault(code, error_text(code)) if code & 0xFF00 else None  # CiA 301: 0x00xx says that it is gone
+
+
+def _set_up_objects(node_id: int) -> dict[tuple[int, int], int]:
+    """How TPDOs are set up, by index and sub-index."""
+    expected: dict[tuple[int, int], int] = {}
+    for number in range(len(od.TPDO_LAYOUT)):
+        entries = od.tpdo_mapping(number)
+        parameters, mapping = od.OD_TPDO + number, od.OD_TPDO_MAPPING + number
+        expected |= {(parameters, 1): od.tpdo_cob_id(number, node_id), (parameters, 2): od.ON_EVENT}
+        expected |= {(mapping, 0): len(entries)} | {(mapping, k): entry for k, entry in enumerate(entries, 1)}
+    return expected
+
+
+def _glanced(set_up: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
+    """What is looked at in turn: the serial number between any two others."""
+    return [place for other in set_up for place in ((od.OD_IDENTITY, 4), other)]

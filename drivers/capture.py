@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from drivers.drive import Drive
 from drivers.errors import FrameError, GoneError, NoReplyError
+from drivers.settled import settle
 from drivers.wire.codec import FullScales, channel_number, counts_to_si
 from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_SAMPLES
 
 PATIENCE: Final = 2.0  # s, for the recorder to be armed
 _POLL: Final = 0.02  # s
+_ARMED_BY: Final = 0.2  # s after which a recorder whose answer was lost has not been told to arm
 _STOP, _ARM, _TRIGGER = 0.0, 1.0, 2.0
 _CHANNELS: Final = tuple(f"capture_channel_{k + 1}" for k in range(CAPTURE_CHANNELS))
 _SET_UP: Final = (*_CHANNELS, "capture_decimation", "capture_length", "capture_pre")
@@ -100,18 +102,16 @@ def arm(drive: Drive, setup: Setup, *, by_command: bool = False) -> int:
     Without a trigger it starts at once, `by_command` when `trigger` is called.
     """
     before = drive.read("capture_number")
-    drive.write("capture_command", _STOP)
+    stop(drive)
     for name, value in zip(_SET_UP, _numbers(setup), strict=True):
         drive.write(name, float(value))
     drive.write("trigger_channel", float(channel_number(setup.trigger)) if setup.trigger else 0.0)
     drive.write("trigger_level", setup.level)
     drive.write("trigger_edge", float(setup.edge))
-    drive.write("capture_command", _ARM)
-    deadline = time.monotonic() + PATIENCE
-    while (number := drive.read("capture_number")) == before:  # until then, what it tells is of the recording before
-        if time.monotonic() > deadline:
-            raise NoReplyError(f"the recorder has not been armed within {PATIENCE:g} s")
-        time.sleep(_POLL / 10.0)
+    settle(lambda: drive.write("capture_command", _ARM), lambda: _armed(drive, before, _ARMED_BY))
+    if not _armed(drive, before, PATIENCE):  # until then, what it tells is of the recording before
+        raise NoReplyError(f"the recorder has not been armed within {PATIENCE:g} s")
+    number = drive.read("capture_number")
     if not setup.trigger and not by_command:
         trigger(drive)
     return int(number)
@@ -119,12 +119,22 @@ def arm(drive: Drive, setup: Setup, *, by_command: bool = False) -> int:
 
 def trigger(drive: Drive) -> None:
     """Trigger now, whatever the trigger waits for."""
-    drive.write("capture_command", _TRIGGER)
+    settle(lambda: drive.write("capture_command", _TRIGGER), lambda: int(drive.read("capture_state")) != ARMED)
 
 
 def stop(drive: Drive) -> None:
     """Wait for the trigger no longer; a recording under way ends where it stands."""
-    drive.write("capture_command", _STOP)
+    settle(lambda: drive.write("capture_command", _STOP), lambda: False)  # it may be told twice
+
+
+def _armed(drive: Drive, before: float, patience: float) -> bool:
+    """Whether the recorder has another recording than the one of number `before`, within so many s."""
+    deadline = time.monotonic() + patience
+    while drive.read("capture_number") == before:
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(_POLL / 10.0)
+    return True
 
 
 def seen(drive: Drive, number: int) -> Seen:

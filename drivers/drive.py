@@ -6,7 +6,10 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from drivers.block import Block
+from drivers.rows import Counts
 from drivers.wire.codec import FullScales
+from drivers.wire.dictionary import WATCHDOG_LAYOUT, Signal, signals_of
+from drivers.wire.lease import Record
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,19 +32,40 @@ class Identity:
         """Its full scales by name, SI."""
         return {"i_full": self.i_full, "u_full": self.u_full, "omega_full": self.omega_full}
 
+    @property
+    def has_lease(self) -> bool:
+        """Its layout is the one with a control lease."""
+        return self.layout_id != WATCHDOG_LAYOUT
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """What it has."""
+        return signals_of(self.layout_id)
+
 
 class Drive(Protocol):
     """A connected drive. Methods raise `DriveError`; all may be called from any thread.
 
     Use as a context manager: leaving it stops the stream and closes the link.
 
-    The drive's watchdog (`watchdog_time`) waits for the bench to act, not for a link to be up: it is fed by calls, and
-    by taking blocks of `stream`, at least every 0.1 s, and by nothing else. A bench that hangs, or has nothing to say
-    and streams nothing, is silent.
+    Set points, and what switches the bridge on, are given by `control`, see `drivers.lease`. A drive of the layout
+    without a control lease (`identity.has_lease`) takes all of it by `write`, from anybody, and has a watchdog instead:
+    it waits for the bench to act, not for a link to be up. It is fed by calls, and by taking blocks of `stream`, at
+    least every 0.1 s, and by nothing else.
     """
 
     @property
     def identity(self) -> Identity: ...
+
+    @property
+    def counts(self) -> Counts:
+        """Rows, gaps and frames of the latest stream."""
+        ...
+
+    @property
+    def note(self) -> str:
+        """What the client has changed of the stream by itself, in a sentence; empty: nothing."""
+        ...
 
     def read(self, name: str) -> float:
         """Value of a signal, SI."""
@@ -49,6 +73,10 @@ class Drive(Protocol):
 
     def write(self, name: str, value: float) -> None:
         """Set a signal, SI; returns when the drive has taken it."""
+        ...
+
+    def control(self, record: Record) -> None:
+        """Have a control record taken, whole or not at all; repeated where no answer comes. Raises RefusedError."""
         ...
 
     def parameters(self) -> dict[str, float]:

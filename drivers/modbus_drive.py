@@ -5,6 +5,8 @@ drive's watchdog, too: no other thread asks for anything by itself. Knows nothin
 the line.
 """
 
+import contextlib
+import math
 import struct
 import time
 from collections.abc import Callable, Iterator
@@ -12,19 +14,26 @@ from types import TracebackType
 from typing import Final, Self, TypeVar
 
 from drivers.block import Block
+from drivers.carried import Carried, note
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
 from drivers.modbus_line import ModbusLine
 from drivers.rows import TELLABLE, TICKS, Counts, RowBlocks
+from drivers.settled import REPEATABLE, settle
 from drivers.turns import Turns
 from drivers.wire import modbus_map as registers
 from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode
-from drivers.wire.dictionary import SIGNALS, Signal, layout_id, signal_named
+from drivers.wire.dictionary import Signal, layout_text, signal_named, signals_of
+from drivers.wire.lease import Record, packed
 from drivers.wire.modbus_url import ModbusUrl
 
 SILENCE: Final = 1.0  # s without a row after which a drive counts as lost
 POLL: Final = 0.005  # s, how often the stream looks for new rows
-_BURST: Final = 16  # requests, at most, between two looks at what else is to be done
+_BURST: Final = 16  # requests, at most, between two looks at what else is to be done ...
+_BURST_TIME: Final = 0.05  # s ... and no more after this
+LAG: Final = 0.5  # s that a stream may be behind
+CATCH_UP: Final = 0.5  # s in which it is to come up to ...
+_CAUGHT_UP: Final = 0.75  # ... this share of what it was behind, or older rows are skipped
 _SETTLING: Final = 1000  # control periods in which rows of the length before may still come
 _NUMBERS: Final = 1 << 32  # of rows, and of ticks
 
@@ -44,6 +53,10 @@ class ModbusDrive:
         self._ready: list[Block] = []
         self._stream_lock = Turns()  # start and assembly of the stream
         self._streaming = False
+        self._carried: Carried | None = None
+        self._quickest = math.inf  # s, the shortest time that as many rows as one answer takes have taken
+        self._lagging: tuple[float, int] | None = None  # s, monotonic, since when rows come late; how many were behind
+        self._note = ""
         self._line = ModbusLine(url)
         try:
             self.identity = self._identify()
@@ -58,6 +71,11 @@ class ModbusDrive:
         """Rows and gaps of the latest stream."""
         return self._blocks.counts if self._blocks else Counts()
 
+    @property
+    def note(self) -> str:
+        """What the client has changed of the stream by itself; empty: nothing."""
+        return self._note
+
     def read(self, name: str) -> float:
         """Value of a signal, SI."""
         return self._read([signal_named(name)])[name]
@@ -65,6 +83,7 @@ class ModbusDrive:
     def write(self, name: str, value: float) -> None:
         """Set a signal, SI, and read it back. A change of `stream_periods` restarts a running stream.
 
+        A parameter is set again where no answer comes and it reads back otherwise; a command never.
         Before `store`, all parameters are read twice: what is kept over a power cycle has been seen.
         """
         signal = signal_named(name)
@@ -81,9 +100,13 @@ class ModbusDrive:
                 if self._streaming:
                     self._start()
 
+    def control(self, record: Record) -> None:
+        """Have a control record taken, whole or not at all."""
+        self._line.write_repeated(registers.CONTROL, registers.registers(packed(record)))
+
     def parameters(self) -> dict[str, float]:
         """Every parameter with its value, SI."""
-        wanted = [signal for signal in SIGNALS if signal.is_parameter]
+        wanted = [signal for signal in self.identity.signals if signal.is_parameter]
         found: dict[str, float] = {}
         for block in registers.blocks(wanted):
             found |= self._read(block)
@@ -92,6 +115,7 @@ class ModbusDrive:
     def stream(self) -> Iterator[Block]:
         """Start the stream and yield blocks as they come; it stops when the iterator is closed.
 
+        Where the line does not carry them, older rows are skipped, and longer ones asked for (`note`).
         Raises LostError when it falls silent or the drive resets, FrameError when somebody else on the line sets
         `stream_periods`: rows of unknown length are worth nothing.
         """
@@ -143,16 +167,22 @@ class ModbusDrive:
         try:
             head = registers.Head.of(self._line.read(registers.HEAD, registers.HEAD_LENGTH))
         except NoReplyError:
+            after = self._line.answers_after(registers.HEAD, registers.HEAD_LENGTH)
+            if after is not None and after > self._line.timeout:
+                raise ConnectError(
+                    f"answers of {unit} come after {after:.2f} s, expected within {self._line.timeout:g} s: "
+                    f"?timeout={max(1, math.ceil(3.0 * after)):g} in its URL, before the unit, waits longer"
+                ) from None
             raise ConnectError(
                 f"no {unit.replace(' at ', ' answered at ').replace(' on ', ' answered on ')} "
                 f"within {self._line.patience:.3g} s"
             ) from None
         except RefusedError as error:
             raise ConnectError(f"{unit} is no such drive: it has no identity where one is expected; {error}") from None
-        if head.layout_id != layout_id():
+        if not signals_of(head.layout_id):
             name = f" ({head.device_name!r})" if head.device_name.isprintable() and head.device_name else ""
             raise ConnectError(
-                f"{unit}{name} has another signal layout: expected 0x{layout_id():08X}, got 0x{head.layout_id:08X}"
+                f"{unit}{name} has another signal layout: expected {layout_text()}, got 0x{head.layout_id:08X}"
             )
         self._full = {key: self.read(key) for key in FULL_SCALES}
         return Identity(
@@ -187,8 +217,20 @@ class ModbusDrive:
             raise RefusedError(str(error), registers.ILLEGAL_VALUE) from None
 
     def _write(self, signal: Signal, words: list[int]) -> None:
-        address = registers.address_of(signal)
-        back = self._line.write(address, words)
+        address, back = registers.address_of(signal), list[int]()
+
+        def write() -> None:
+            back[:] = self._line.write(address, words)
+
+        def taken() -> bool:
+            window = self._line.window(registers.REGISTERS, address, len(words), registers.name_of(address))
+            back[:] = registers.registers(window.data)
+            return back == words
+
+        if signal.is_parameter or signal.name in REPEATABLE:
+            settle(write, taken)
+        else:
+            write()
         if signal.is_parameter and back != words:
             raise FrameError(
                 f"{self._line.unit} took {_hex(words)} for {registers.name_of(address)}, but reads back {_hex(back)}"
@@ -209,6 +251,7 @@ class ModbusDrive:
             with self._stream_lock:
                 more = self._fetch()
                 blocks = self._taken()
+                self._lengthen()
             if blocks:
                 yield from blocks
                 heard = time.monotonic()  # the time that they took elsewhere is no silence of the drive's
@@ -237,20 +280,61 @@ class ModbusDrive:
             self._ready += self._blocks.take()
         self._tick = tick
         self._blocks = RowBlocks(self.identity.T_s, periods, self._full, tick, after)
+        self._carried, self._quickest = Carried(periods * self.identity.T_s, self._blocks.counts), math.inf
         return self._blocks
 
     def _fetch(self) -> bool:
         """Take in what is new, as far as a few requests reach; whether there is more."""
+        begun, made = time.monotonic(), self._next
         for _ in range(_BURST):
+            asked = time.monotonic()
             part = self._ask(self._next, registers.MOST_ROWS)
+            self._quickest, made = min(self._quickest, time.monotonic() - asked), part.made
             if _difference(part.made, self._next) < 0:
                 raise ResetError(f"{self._line.unit} has reset: it counts {part.made} rows, {self._next} were heard of")
             if part.rows:
                 self._take(part)
                 self._next = (part.first + len(part.rows)) % _NUMBERS
             if not part.rows or self._next == part.made:
+                self._lagging = None
                 return False
+            if time.monotonic() - begun > _BURST_TIME:
+                break
+        self._skip(made)
         return True
+
+    def _skip(self, made: int) -> None:
+        """Go on with the newest rows where the line does not catch up: those between are lost, and counted so."""
+        now, behind = time.monotonic(), _difference(made, self._next)
+        if behind * self._row_time() <= LAG:
+            self._lagging = None
+            return
+        since, was = self._lagging or (now, behind)
+        if now - since > CATCH_UP:
+            if behind > _CAUGHT_UP * was:
+                self._next = (made - registers.MOST_ROWS) % _NUMBERS
+            self._lagging = None
+        else:
+            self._lagging = since, was
+
+    def _lengthen(self) -> None:
+        """Ask for longer rows where many are skipped: the line does not carry them."""
+        blocks, carried = self._blocks, self._carried
+        if blocks is None or carried is None:
+            return
+        before = blocks.periods
+        periods = carried.periods(blocks.counts, before, registers.MOST_ROWS / self._quickest)
+        if periods == before:
+            return
+        words, made = self._words(_ROW_LENGTH, float(periods)), self._ask(0, rows=0).made
+        if _difference(made, self._next) > registers.MOST_ROWS:  # what is skipped is counted in rows of its length
+            self._next = (made - registers.MOST_ROWS) % _NUMBERS
+        self._fetch()
+        with contextlib.suppress(RefusedError, NoReplyError):  # then it goes on as it is, and tells what is lost
+            self._write(_ROW_LENGTH, words)
+            self._note = note(periods, before, periods * self.identity.T_s)
+            self._next = self._ask(0, rows=0).made
+            self._start()
 
     def _ask(self, first: int, rows: int) -> registers.Rows:
         length = struct.calcsize(registers.ROWS_HEAD) // 2 + rows * registers.ROW_LENGTH
@@ -272,9 +356,10 @@ class ModbusDrive:
                 raise FrameError(f"somebody else has set stream_periods of {self._line.unit}")
             return
         if tick - self._tick + part.periods >= TELLABLE:
-            counts = blocks.counts
+            counts, carried = blocks.counts, self._carried
             blocks = self._begin(tick, part.periods)
             blocks.counts = counts
+            self._carried = carried
         blocks.temperatures = part.temperatures
         for k, row in enumerate(rows):
             blocks.row((tick + k * part.periods) % TICKS, row)

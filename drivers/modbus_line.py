@@ -4,11 +4,12 @@ Requests are one at a time, in the order in which threads come. The library time
 interrupted. After a time-out a late answer may still be under way: a TCP connection is made anew, a serial line is read
 until it is silent, and whatever comes later is told by its function, by its size, and, in the window, by the request's
 number and by where it begins: every value is read through the window. What is only read is asked again when no answer
-comes; what is written, never.
+comes; what is written, never. A line that hears itself, as RS-485 adapters may, is heard past its echo.
 
 Knows nothing of signals.
 """
 
+import contextlib
 import logging
 import random
 import socket
@@ -46,6 +47,8 @@ from drivers.wire.modbus_url import ModbusUrl, SerialPlace, TcpPlace
 REPLY_TIMEOUT: Final = 0.3  # s for one answer, besides its time on the line
 READ_ATTEMPTS: Final = 3
 _LINE_TIMEOUT: Final = 2.0  # s to connect, or for a request to be sent
+_PATIENT: Final = 0.7  # s for an answer that has not come in time, to tell that it comes at all
+_MBAP: Final = 6  # bytes before those that a TCP frame's head counts
 _QUIET: Final = 0.05  # s without a byte: nothing more is under way
 _DRAIN: Final = 1.0  # s, at most, until a line is silent
 _LONGEST: Final = 280  # bytes of a request and its answer
@@ -66,7 +69,8 @@ class ModbusLine:
         self._url = url
         self._turns = Turns()
         self._number = random.getrandbits(16)  # of the latest request in the window; those of clients before are others
-        self._received = b""  # since the latest request
+        self._sent = b""  # the latest request
+        self._received = b""  # since then
         self._gone = False  # there is no line any more
         try:
             self._client: _TcpClient | _SerialClient = self._opened()
@@ -74,9 +78,28 @@ class ModbusLine:
             raise ConnectError(f"nothing serves Modbus {_at(url)}: {error}") from None
 
     @property
+    def timeout(self) -> float:
+        """Time in s within which an answer is expected."""
+        return _timeout(self._url)
+
+    @property
     def patience(self) -> float:
         """Time in s within which an answer that is read comes, or never."""
         return READ_ATTEMPTS * _timeout(self._url)
+
+    def answers_after(self, address: int, count: int) -> float | None:
+        """Time in s after which a unit that did not answer in time does; None where it does not either.
+
+        The line is of no use after it.
+        """
+        with self._turns, contextlib.suppress(_NoLineError, DriveError):
+            self._client.close()
+            self._client, begun = self._opened(_PATIENT), time.monotonic()
+            self._execute(READ, name_of(address, count), lambda: self._client.read_holding_registers(
+                address, count=count, device_id=self._url.unit
+            ))
+            return time.monotonic() - begun
+        return None
 
     def read(self, address: int, count: int) -> list[int]:
         """Holding registers, by function code 3."""
@@ -104,6 +127,12 @@ class ModbusLine:
                 self._clear()
                 raise
             return registers(self._window(REGISTERS, address, len(words), what).data)
+
+    def write_repeated(self, address: int, words: Sequence[int]) -> None:
+        """Write registers that may be written twice: again when no answer comes."""
+        what = name_of(address)
+        with self._turns:
+            self._repeated(lambda: self._written(address, words, what))
 
     def close(self) -> None:
         """Leave the line, when the request under way has ended."""
@@ -168,6 +197,11 @@ class ModbusLine:
             self._client.close()
             raise LostError(f"{self.unit} is gone: the line has ended") from None
         except (ModbusException, ValueError, LookupError, struct.error):  # the last three: answers that cannot be
+            if expected := self._other_number():
+                raise FrameError(
+                    f"{self.unit} answered with transaction number {self._received[:2].hex()}, expected {expected}: "
+                    "a gateway that does not return it?"
+                ) from None
             if self._received:
                 came = _bytes(self._received)
                 raise FrameError(f"{self.unit} answered for {what} with what is no Modbus: {came}") from None
@@ -179,6 +213,14 @@ class ModbusLine:
             text = EXCEPTIONS.get(code, "unknown")
             raise RefusedError(f"{self.unit} answered Modbus exception {code} ({text}) for {what}", code)
         return answer
+
+    def _other_number(self) -> str:
+        """The number that a sound answer over TCP should have had where it has another, in hexadecimal."""
+        frame = self._received
+        sound = isinstance(self._url.place, TcpPlace) and len(frame) > _MBAP and frame[6] == self._url.unit
+        if not sound or frame[2:4] != b"\0\0" or int.from_bytes(frame[4:6], "big") != len(frame) - _MBAP:
+            return ""
+        return self._sent[:2].hex() if frame[:2] != self._sent[:2] else ""
 
     def _check(self) -> None:
         """Raise LostError when there is no line any more."""
@@ -202,8 +244,8 @@ class ModbusLine:
             self._client.close()
             raise LostError(f"{self.unit} is gone: {error}") from None
 
-    def _opened(self) -> "_TcpClient | _SerialClient":
-        place, timeout = self._url.place, _timeout(self._url)
+    def _opened(self, timeout: float = 0.0) -> "_TcpClient | _SerialClient":
+        place, timeout = self._url.place, timeout or _timeout(self._url)
         try:
             if isinstance(place, TcpPlace):
                 return _TcpClient(place, timeout, self._trace)
@@ -213,6 +255,8 @@ class ModbusLine:
 
     def _trace(self, sending: bool, data: bytes) -> bytes:
         """Told by the library of all that it sends and receives."""
+        if sending:
+            self._sent = data
         self._received = b"" if sending else data
         return data
 
@@ -238,7 +282,12 @@ class _SerialClient(ModbusSerialClient):
     """The library's client on an open port. It waits for bytes, where the library would look every millisecond."""
 
     def __init__(self, place: SerialPlace, timeout: float, trace: Callable[[bool, bytes], bytes]) -> None:
-        super().__init__(place.device, baudrate=place.baudrate, timeout=timeout, retries=0, trace_packet=trace)
+        def heard(sending: bool, data: bytes) -> bytes:
+            self._echo = data if sending else self._echo
+            return trace(sending, data)
+
+        self._echo = b""  # what a line that hears itself begins its answer with
+        super().__init__(place.device, baudrate=place.baudrate, timeout=timeout, retries=0, trace_packet=heard)
         self.socket: Any = serial.serial_for_url(
             place.device, baudrate=place.baudrate, parity=place.parity, stopbits=place.stopbits,
             timeout=timeout, exclusive=True,
@@ -249,8 +298,17 @@ class _SerialClient(ModbusSerialClient):
         return self.socket is not None
 
     def recv(self, size: int | None) -> bytes:
-        """What has come, waiting at most the time-out for its first byte."""
+        """What has come but for an echo of the request, waiting at most the time-out for its first byte."""
         del size
+        data, echo = self._some(), self._echo
+        while data and len(data) < len(echo) and echo.startswith(data) and (more := self._some()):
+            data += more  # no answer begins as its request does for long
+        if echo and data.startswith(echo):
+            data = data[len(echo) :] or self._some()
+        self._echo = b""
+        return data
+
+    def _some(self) -> bytes:
         if self.socket is None:
             raise ConnectionException("closed")
         data = self.socket.read(1)
@@ -277,7 +335,7 @@ class _SerialClient(ModbusSerialClient):
 def _timeout(url: ModbusUrl) -> float:
     """Time in s for one answer."""
     line = _LONGEST * _BITS / url.place.baudrate if isinstance(url.place, SerialPlace) else 0.0
-    return round(REPLY_TIMEOUT + line, 2)
+    return round((url.timeout or REPLY_TIMEOUT) + line, 2)
 
 
 def _at(url: ModbusUrl) -> str:

@@ -40,6 +40,21 @@ def state(drive: Drive) -> State:
     return found
 
 
+def off_words(now: State, fault: Fault | None) -> str:
+    """Why a drive in this state drives no voltage, a clause; empty where it does."""
+    if now is State.OPERATION_ENABLED:
+        return ""
+    if fault is not None:
+        return f"the drive is in fault: {fault.text} (0x{fault.code:04X})"
+    return f"the drive is off ({now})"
+
+
+def off(drive: Drive) -> str:
+    """The same of a drive as it is now. Raises DriveError."""
+    now = state(drive)
+    return off_words(now, fault(drive) if now is State.FAULT else None)
+
+
 def fault(drive: Drive) -> Fault | None:
     """What put the drive into fault; None when nothing did."""
     code = int(drive.read("error_code"))
@@ -47,7 +62,7 @@ def fault(drive: Drive) -> Fault | None:
 
 
 def enable(drive: Drive) -> None:
-    """Switch the bridge on, step by step. Raises FaultError when the drive is in fault."""
+    """Switch the bridge on, step by step, where no control lease is needed. Raises FaultError when in fault."""
     deadline = time.monotonic() + PATIENCE
     while (now := state(drive)) is not State.OPERATION_ENABLED:
         _check_fault(drive, now)
@@ -61,13 +76,13 @@ def enable(drive: Drive) -> None:
 def disable(drive: Drive) -> None:
     """Switch the bridge off; in fault it is off already."""
     _command(drive, Command.DISABLE_VOLTAGE)
-    _await(drive, {State.SWITCH_ON_DISABLED, State.FAULT})
+    await_state(drive, {State.SWITCH_ON_DISABLED, State.FAULT})
 
 
 def quick_stop(drive: Drive) -> None:
     """Stop at once; the bridge is off after it, and only `disable`, then `enable` lead on."""
     _command(drive, Command.QUICK_STOP)
-    _await(drive, {State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED, State.FAULT})
+    await_state(drive, {State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED, State.FAULT})
 
 
 def reset_fault(drive: Drive) -> None:
@@ -92,6 +107,11 @@ def restore(drive: Drive) -> None:
     drive.write("restore", RESTORE_WORD)
 
 
+def check_fault(drive: Drive) -> None:
+    """Raise FaultError where the drive is in fault."""
+    _check_fault(drive, state(drive))
+
+
 def _command(drive: Drive, command: Command) -> None:
     drive.write("control_word", float(command.bits))
 
@@ -103,9 +123,11 @@ def _check_fault(drive: Drive, now: State) -> None:
         raise FaultError(f"the drive is in fault: {text} (0x{code:04X})", code)
 
 
-def _await(drive: Drive, wanted: set[State]) -> None:
+def await_state(drive: Drive, wanted: set[State]) -> None:
+    """Wait for one of these states. Raises FaultError where a fault comes instead, NoReplyError."""
     deadline = time.monotonic() + PATIENCE
     while (now := state(drive)) not in wanted:
+        _check_fault(drive, now)
         _await_change(drive, now, deadline)
 
 

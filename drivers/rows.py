@@ -26,6 +26,7 @@ class Counts:
     gaps: int = 0
     rows_lost: int = 0
     frames_late: int = 0  # repeated, or older than a row already given out
+    frames_foreign: int = 0  # under the stream's name, but not of it
 
 
 class RowBlocks:

@@ -25,12 +25,15 @@ import serial
 
 from drivers import serial_port
 from drivers.block import Block
+from drivers.carried import Carried, note
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError, held
 from drivers.rows import TELLABLE, Counts, RowBlocks
+from drivers.settled import REPEATABLE, settle
 from drivers.wire import uart_frame as uf
 from drivers.wire.codec import FULL_SCALES, FullScales, count_size, decode, encode
-from drivers.wire.dictionary import SIGNALS, layout_id, signal_named
+from drivers.wire.dictionary import layout_text, signal_named, signals_of
+from drivers.wire.lease import Record, packed
 from drivers.wire.uart_frame import Frame, Kind
 from drivers.wire.uart_url import UartUrl
 
@@ -40,6 +43,8 @@ WRITE_TIMEOUT: Final = 1.0  # s, after which a line that takes nothing counts as
 SILENCE: Final = 1.0  # s without a row after which a drive counts as lost
 POLL: Final = 0.005  # s, how often the stream looks for new frames
 PING: Final = 0.05  # s without a request after which a stream tells the drive that the bench is there
+_NEW_CLOCK: Final = (4, 0.1)  # frames that follow each other, and s that they last, that tell of an unheard reset
+_TICKS: Final = 1 << 32
 _READER_POLL: Final = 0.02  # s, for which `close` waits
 _UNANSWERED: Final = 0  # sequence number of requests whose answer nobody waits for
 
@@ -65,6 +70,9 @@ class UartDrive:
         self._heard = 0.0  # s, monotonic, when the latest row came
         self._rows: RowBlocks | None = None
         self._counts = Counts()
+        self._carried: Carried | None = None
+        self._told = ""
+        self._anew = _Anew()
         self._stream_sequence = -1
         self._streaming = False
         self._stream_lock = threading.Lock()  # start, stop and assembly of the stream
@@ -92,6 +100,11 @@ class UartDrive:
         return self._counts
 
     @property
+    def note(self) -> str:
+        """What the client has changed of the stream by itself; empty: nothing."""
+        return self._told
+
+    @property
     def seen(self) -> uf.Seen:
         """Frames that came over the line, and what was none."""
         return self._decoder.seen
@@ -114,7 +127,10 @@ class UartDrive:
             raise FrameError(f"the drive at {self._url}: {error}") from None
 
     def write(self, name: str, value: float) -> None:
-        """Set a signal, SI. A change of `stream_periods` counts in a running stream from its first row on."""
+        """Set a signal, SI. A change of `stream_periods` counts in a running stream from its first row on.
+
+        A parameter is read back, and set again where it was not taken, when no answer comes; a command never.
+        """
         signal = signal_named(name)
         if signal.access != "rw":
             raise RefusedError(f"{signal} is {signal.access}, it cannot be written", uf.READ_ONLY)
@@ -122,11 +138,23 @@ class UartDrive:
             data = encode(signal, value, self._full)
         except ValueError as error:
             raise RefusedError(str(error), uf.WRONG_VALUE) from None
-        self._exchange(Kind.WRITE, uf.NUMBER.pack(uf.number_of(signal)) + data, str(signal), attempts=1)
+        number = uf.NUMBER.pack(uf.number_of(signal))
+
+        def write() -> None:
+            self._exchange(Kind.WRITE, number + data, str(signal), attempts=1)
+
+        if signal.is_parameter or name in REPEATABLE:
+            settle(write, lambda: self._exchange(Kind.READ, number, str(signal)) == number + data)
+        else:
+            write()
+
+    def control(self, record: Record) -> None:
+        """Have a control record taken, whole or not at all."""
+        self._exchange(Kind.CONTROL, packed(record), "a control record")
 
     def parameters(self) -> dict[str, float]:
         """Every parameter with its value, SI."""
-        return {signal.name: self.read(signal.name) for signal in SIGNALS if signal.is_parameter}
+        return {signal.name: self.read(signal.name) for signal in self.identity.signals if signal.is_parameter}
 
     def stream(self) -> Iterator[Block]:
         """Start the stream and yield blocks as they come; it stops when the iterator is closed.
@@ -194,10 +222,10 @@ class UartDrive:
             raise FrameError(f"the drive at {self._url} answered {len(answer)} bytes for its identity")
         vendor, product, revision, serial_number, layout = uf.IDENTITY.unpack_from(answer)
         name = answer[uf.IDENTITY.size :].decode("ascii", "replace")
-        if layout != layout_id():
+        if not signals_of(layout):
             raise ConnectError(
                 f"the drive at {self._url} ({name!r}) has another signal layout: "
-                f"expected 0x{layout_id():08X}, got 0x{layout:08X}"
+                f"expected {layout_text()}, got 0x{layout:08X}"
             )
         full = self._full = {key: self.read(key) for key in FULL_SCALES}
         return Identity(name, vendor, product, revision, serial_number, layout, self.read("T_s"), **full)
@@ -283,7 +311,7 @@ class UartDrive:
             tick, periods = uf.STARTED.unpack(answer)
         except struct.error:
             raise FrameError(f"the drive at {self._url} answered {len(answer)} bytes for the stream") from None
-        self._counts = Counts()
+        self._counts, self._anew = Counts(), _Anew()
         self._rows = self._row_blocks(periods, tick)
         self._streaming, self._heard = True, time.monotonic()
 
@@ -291,6 +319,7 @@ class UartDrive:
         """What joins rows of this length from a tick on; counts go on."""
         rows = RowBlocks(self.identity.T_s, periods, self._full, tick, self._rows.end if self._rows else None)
         rows.counts = self._counts
+        self._carried = Carried(periods * self.identity.T_s, self._counts)
         return rows
 
     def _stop(self) -> None:
@@ -307,6 +336,7 @@ class UartDrive:
         while not self._closed.wait(POLL):
             blocks = self._drain()
             yield from blocks
+            self._lengthen()
             if self._rebooted.is_set():
                 raise ResetError(f"the drive at {self._url} has reset")
             if self._failure:
@@ -329,19 +359,35 @@ class UartDrive:
                 came, payload = self._frames.popleft()
                 try:
                     part = uf.unpacked_rows(payload)
-                except ValueError as error:
-                    raise FrameError(f"the drive at {self._url}: {error}") from None
-                ahead = rows.ahead(part.tick)
-                if rows.end is not None and rows.counts.rows and ahead < 0:
+                except ValueError:
+                    self._counts.frames_foreign += 1
+                    continue
+                behind = self._counts.rows > 0 and rows.end is not None and _difference(part.tick, rows.end) < 0
+                if self._anew.seen(part, behind, came):
                     self._rebooted.set()
                     break
-                if part.periods != rows.periods or (rows.counts.rows and ahead % rows.periods):
+                if behind:
+                    self._counts.frames_late += 1
+                    continue
+                if part.periods != rows.periods or (rows.counts.rows and rows.ahead(part.tick) % rows.periods):
                     blocks += rows.take()
                     rows = self._rows = self._row_blocks(part.periods, part.tick)
                 rows.temperatures = (part.temperatures[0] * _TEMPERATURE, part.temperatures[1] * _TEMPERATURE)
                 rows.run(part.tick, part.counts)
                 self._heard = came
             return blocks + rows.take()
+
+    def _lengthen(self) -> None:
+        """Ask for longer rows where the drive drops many: the line does not carry them."""
+        rows, carried = self._rows, self._carried
+        if rows is None or carried is None:
+            return
+        periods = carried.periods(self._counts, rows.periods)
+        if periods == rows.periods:
+            return
+        with contextlib.suppress(RefusedError, NoReplyError):  # then it goes on as it is, and tells what is lost
+            self.write("stream_periods", float(periods))
+            self._told = note(periods, rows.periods, periods * self.identity.T_s)
 
     def _row_time(self) -> float:
         return self.identity.T_s * (self._rows.periods if self._rows else 1)
@@ -396,6 +442,27 @@ class UartDrive:
             answers.put(None)
 
 
+class _Anew:
+    """Tells a clock that has begun anew, unheard, from frames that are late or come twice."""
+
+    def __init__(self) -> None:
+        self._frames = 0  # that follow each other, behind what has come
+        self._next = 0  # tick at which the next would begin
+        self._since = 0.0  # s, monotonic
+
+    def seen(self, part: uf.Rows, behind: bool, came: float) -> bool:
+        """Whether the clock has, by the next frame: `behind` a row that has come, at a time in s."""
+        follows = self._frames > 0 and part.tick == self._next
+        if not behind and not (follows and self._frames >= _NEW_CLOCK[0]):
+            self._frames = 0
+            return False
+        if not follows:
+            self._frames, self._since = 0, came
+        self._frames += 1
+        self._next = (part.tick + len(part.counts) * part.periods) % _TICKS
+        return not behind or (self._frames >= _NEW_CLOCK[0] and came - self._since >= _NEW_CLOCK[1])
+
+
 class _Upload:
     """Which samples of a recording have come."""
 
@@ -443,6 +510,11 @@ def _open(url: UartUrl) -> Any:
 def _selectable(url: UartUrl) -> bool:
     """Whether the port can be waited for by `select`, and then be read without waiting."""
     return url.protocol == "socket" or (bool(url.device) and os.name == "posix")
+
+
+def _difference(later: int, earlier: int) -> int:
+    """Of two ticks of which at least one has lost all but its low 32 bits."""
+    return (later - earlier + _TICKS // 2) % _TICKS - _TICKS // 2
 
 
 def _reason(error: BaseException) -> str:

@@ -12,13 +12,16 @@ import threading
 import zlib
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
+from drivers.wire.dictionary import SET_POINTS
 from emulator.bounds import ScenarioError
 from emulator.clock import Pacer
 from emulator.faults import FORMS, Faults, parse_fault, script
+from emulator.input_file import one_line
 from emulator.link import Link
-from emulator.scenarios import BUILT_IN, Scenario, load
+from emulator.scenarios import BUILT_IN, CONTROLS, Scenario, load
 from emulator.socketcand import BusError
 from emulator.virtual_drive import VirtualDrive
 
@@ -38,6 +41,10 @@ def main(arguments: list[str] | None = None) -> int:
         "--fault", action="append", default=[], metavar="FAULT", help=f"what befalls its links, repeatable: {FORMS}"
     )
     parser.add_argument("--fault-script", metavar="FILE", help="faults from a file, one a line, '#' for comments")
+    parser.add_argument(
+        "--control", choices=CONTROLS, help="who starts it, in place of the scenario's drive.control: "
+        "a client with its lease, a master inside it, or anybody, as before there were leases"
+    )
     parser.add_argument("--with-input", action="store_true", help="end when standard input does, as with its parent")
     options = parser.parse_args(arguments)
     stop = threading.Event()
@@ -50,15 +57,18 @@ def main(arguments: list[str] | None = None) -> int:
         faults = Faults(told + (script(Path(options.fault_script)) if options.fault_script else []))
         urls = options.at or [DEFAULT_URL]
         faults.check_links(can=any(url.startswith("canopen://") for url in urls))
-        run(scenario_named(options.scenario), urls, stop, faults)
+        scenario = scenario_named(options.scenario)
+        if options.control is not None:
+            scenario = replace(scenario, drive=replace(scenario.drive, control=options.control))
+        run(scenario, urls, stop, faults, tell_set_points=options.with_input)
     except (ScenarioError, BusError, ValueError) as error:
-        print(f"pmsm-bench emulate: {error}", file=sys.stderr)
+        print(f"pmsm-bench emulate: {one_line(error)}", file=sys.stderr)
         return 2
     except OSError as error:  # of standard output: links have sentences of their own
         if error.errno != errno.EPIPE:
             print(f"pmsm-bench emulate: cannot write: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still to be written at the end
-        return 1
+        return 2
     return 0
 
 
@@ -67,13 +77,21 @@ def scenario_named(name: str) -> Scenario:
     return BUILT_IN[name] if name in BUILT_IN else load(Path(name))
 
 
-def run(scenario: Scenario, urls: Sequence[str], stop: threading.Event, faults: Faults) -> None:
-    """Be the scenario's drive at some URLs, in real time, until told to stop."""
-    drive = VirtualDrive(scenario, serial=zlib.crc32(urls[0].encode()) or 1)  # the same whenever it is started there
+def run(
+    scenario: Scenario, urls: Sequence[str], stop: threading.Event, faults: Faults, *, tell_set_points: bool = False
+) -> None:
+    """Be the scenario's drive at some URLs, in real time, until told to stop.
+
+    `tell_set_points`: those of its excitation, for the parent, whose bench starts it.
+    """
+    serial = zlib.crc32(urls[0].encode()) or 1  # the same whenever it is started there
+    drive = VirtualDrive(scenario, serial, on_links=True)
     drive.warm_up()
     with ExitStack() as opened:
         links = [opened.enter_context(Link(url, drive, faults)) for url in urls]
         print(f"emulated drive {scenario.name!r} is at {' and '.join(urls)}", flush=True)
+        if tell_set_points:
+            print(*(f"{name}={getattr(scenario.excitation, name)!r}" for name in SET_POINTS), flush=True)
         pacer = Pacer(drive.T_s, most=round(_CATCH_UP / drive.T_s))
         while not stop.is_set():
             if faults.reset_due(drive.elapsed):

@@ -11,7 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
+from emulator.input_file import shown
+
 T = TypeVar("T")
+_MOST = 1e300
 Points = tuple[tuple[float, float], ...]  # pairs of numbers, the first ones rising
 
 
@@ -69,7 +72,7 @@ def from_table(kind: type[T], table: Mapping[str, object], where: str) -> T:
     names = [name for name, _, _ in fields]
     for key in table:
         if key not in names:
-            raise ScenarioError(f"{where}{key} is no key here; the keys are {', '.join(names)}")
+            raise ScenarioError(f"{where}{shown(key)[1:-1]} is no key here; the keys are {', '.join(names)}")
     values = {
         name: _checked(table[name], of, bound or Bound(), f"{where}{name}")
         for name, of, bound in fields
@@ -102,29 +105,33 @@ def _checked(value: object, kind: type, bound: Bound | PointsBound, key: str) ->
         return _checked_points(value, bound, key)
     if kind in (str, bool):
         if not isinstance(value, kind):
-            raise ScenarioError(f"{key} takes {'true or false' if kind is bool else 'a text'}, got {value!r}")
+            raise ScenarioError(f"{key} takes {'true or false' if kind is bool else 'a text'}, got {shown(value)}")
         return value
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ScenarioError(f"{key} takes a number, got {value!r}")
-    if kind is int and int(value) != value:
-        raise ScenarioError(f"{key} takes a whole number, got {value!r}")
+        raise ScenarioError(f"{key} takes a number, got {shown(value)}")
+    if isinstance(value, int) and abs(value) > _MOST:  # TOML's integers have no end
+        raise ScenarioError(f"{key} takes {bound}, got {shown(value)}")
+    if kind is int and not (math.isfinite(value) and int(value) == value):
+        raise ScenarioError(f"{key} takes a whole number, got {shown(value)}")
     if not bound.admits(value):
-        raise ScenarioError(f"{key} takes {bound}, got {value!r}")
+        raise ScenarioError(f"{key} takes {bound}, got {shown(value)}")
     return kind(value)
 
 
 def _checked_points(value: object, bound: PointsBound, key: str) -> Points:
     """A list of pairs as points, or ScenarioError."""
     if not isinstance(value, list | tuple):
-        raise ScenarioError(f"{key} takes a list of points [{bound.first.unit}, {bound.second.unit}], got {value!r}")
+        units = f"[{bound.first.unit}, {bound.second.unit}]"
+        raise ScenarioError(f"{key} takes a list of points {units}, got {shown(value)}")
     points: list[tuple[float, float]] = []
     for n, point in enumerate(cast(Sequence[object], value)):
         pair = list(cast(Sequence[object], point)) if isinstance(point, list | tuple) else []
         if len(pair) != 2:
-            raise ScenarioError(f"{key}[{n}] takes a point [{bound.first.unit}, {bound.second.unit}], got {point!r}")
+            units = f"[{bound.first.unit}, {bound.second.unit}]"
+            raise ScenarioError(f"{key}[{n}] takes a point {units}, got {shown(cast(object, point))}")
         first = _checked(pair[0], float, bound.first, f"{key}[{n}][0]")
         second = _checked(pair[1], float, bound.second, f"{key}[{n}][1]")
         if points and first <= points[-1][0]:
-            raise ScenarioError(f"{key}[{n}][0] takes above {points[-1][0]:g}, the one before, got {pair[0]!r}")
+            raise ScenarioError(f"{key}[{n}][0] takes above {points[-1][0]:g}, the one before, got {shown(pair[0])}")
         points.append((first, second))
     return tuple(points)

@@ -13,7 +13,8 @@ from drivers.wire import canopen_od as od
 from drivers.wire.canopen_od import Abort
 from drivers.wire.cia402 import error_register
 from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode_held
-from drivers.wire.dictionary import CAPTURE_DATA, Signal, signal_at
+from drivers.wire.dictionary import CAPTURE_DATA, CONTROL, Signal, signal_at
+from emulator.control_lease import Denial, DeniedError
 from emulator.sdo_server import SdoAbortError
 from emulator.tpdo import Tpdo
 from emulator.virtual_drive import VirtualDrive
@@ -60,17 +61,22 @@ class NodeObjects:
 
     def get_data(self, index: int, subindex: int) -> bytes:
         """Bytes of an object. Raises SdoAbortError."""
+        if (index, subindex) == CONTROL and self._drive.has_lease:
+            raise SdoAbortError(Abort.WRITE_ONLY)
         data = self._held(index, subindex)
         if data is None:
-            known = signal_at(index, 0) is not None or self._held(index, 0) is not None
+            known = self._signal(index, 0) is not None or self._held(index, 0) is not None
             raise SdoAbortError(Abort.NO_SUBINDEX if known else Abort.NO_OBJECT)
         return data
 
     def set_data(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object. Raises SdoAbortError."""
-        signal = signal_at(index, subindex)
+        signal = self._signal(index, subindex)
         if signal is not None:
             self._set_signal(signal, data)
+            return
+        if (index, subindex) == CONTROL and self._drive.has_lease:
+            self._control(data)
             return
         settings, tpdo = self.communication, self._tpdo(index)
         if (index, subindex) == (od.OD_HEARTBEAT, 0):
@@ -91,7 +97,7 @@ class NodeObjects:
 
     def _held(self, index: int, subindex: int) -> bytes | None:
         """Bytes of an object, or None where there is none."""
-        signal = signal_at(index, subindex)
+        signal = self._signal(index, subindex)
         if (index, subindex) in (_STORE, _RESTORE):
             return struct.pack("<I", od.STORES_ON_COMMAND)
         if signal is not None:
@@ -108,8 +114,13 @@ class NodeObjects:
             return tpdo.parameters if index < od.OD_TPDO_MAPPING else tpdo.mapping
         if index in _OBJECTS:
             return _OBJECTS[index](self)
-        subindices = [k for k in range(1, 255) if signal_at(index, k) or (index, k) == CAPTURE_DATA]
+        subindices = [k for k in range(1, 255) if self._signal(index, k) or (index, k) == CAPTURE_DATA]
         return [bytes(subindices[-1:])] if subindices else []
+
+    def _signal(self, index: int, subindex: int) -> Signal | None:
+        """The drive's signal at an address, or None."""
+        signal = signal_at(index, subindex)
+        return signal if signal and signal.name in self._drive.names else None
 
     def _tpdo(self, index: int) -> Tpdo | None:
         """The TPDO that an object is about."""
@@ -127,7 +138,9 @@ class NodeObjects:
             value = decode(signal, data, self.full)
             if signal.name == "stream_periods" and value * self._drive.T_s * od.BUS_FRAMES < od.ROW_TPDOS:
                 raise SdoAbortError(Abort.VALUE_RANGE)  # more frames than a bus of 1 Mbit/s carries
-            self._drive.write(signal.name, value)
+            self._drive.request(signal.name, value)
+        except DeniedError as denied:
+            raise SdoAbortError(_abort(denied)) from None
         except ValueError:
             wrong_word = address in (_STORE, _RESTORE)
             raise SdoAbortError(Abort.NOT_STORED if wrong_word else Abort.VALUE_RANGE) from None
@@ -135,6 +148,14 @@ class NodeObjects:
             self._stored = copy.deepcopy(self.communication)
         elif address == _RESTORE:
             self._stored = self._delivered()
+
+    def _control(self, data: bytes) -> None:
+        try:
+            self._drive.control(data)
+        except DeniedError as denied:
+            raise SdoAbortError(_abort(denied)) from None
+        except ValueError:
+            raise SdoAbortError(Abort.VALUE_RANGE) from None
 
     def _clear_errors(self, value: int) -> None:
         if value != 0:
@@ -153,6 +174,10 @@ class NodeObjects:
     def emergency_cob_id(self) -> int:
         """Object 0x1014."""
         return od.emergency_cob_id(self._id)
+
+
+def _abort(denied: DeniedError) -> Abort:
+    return Abort.READ_ONLY if denied.denial is Denial.HOLDERS_ALONE else Abort.DEVICE_STATE
 
 
 def _u32(value: int) -> bytes:

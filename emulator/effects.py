@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast, get_type_hints
 
 from emulator.bounds import ScenarioError, check_bounds, from_table
+from emulator.input_file import shown
 from emulator.machine import Machine
 from emulator.physics.compliance import Compliance
 from emulator.physics.dc_link import DcLink
@@ -68,9 +69,9 @@ def effects_from_table(table: Mapping[str, object], where: str, folder: Path) ->
     values: dict[str, Any] = {}
     for name, section in table.items():
         if name not in kinds:
-            raise ScenarioError(f"{where}{name} is no effect; the effects are {', '.join(kinds)}")
+            raise ScenarioError(f"{where}{shown(name)[1:-1]} is no effect; the effects are {', '.join(kinds)}")
         if not isinstance(section, dict):
-            raise ScenarioError(f"{where}{name} takes a section, got {section!r}")
+            raise ScenarioError(f"{where}{name} takes a section, got {shown(section)}")
         values[name] = from_table(kinds[name], cast(dict[str, object], section), f"{where}{name}.")
     if "flux_map" in values:
         values["flux_map"] = MapFile(str(folder / values["flux_map"].file))
@@ -98,12 +99,15 @@ def check_effects(
     """Raise ScenarioError where sizes are out of their bounds or cannot be together; h (s) is the integration step."""
     for name, sizes in effects._asdict().items():
         check_bounds(sizes, f"{where}{name}.")
-    _check_magnetics(effects, motor, where)
-    _check_inverter(effects, motor, u_dc, T_s, h, switched, where)
-    _check_steps(effects, motor, h, where)
-    _check_most(effects, motor, u_dc, where)
-    if effects.thermal.C_w > 0.0:
-        _check_thermal(effects.thermal, motor, T_s, where)
+    try:
+        _check_magnetics(effects, motor, where)
+        _check_inverter(effects, motor, u_dc, T_s, h, switched, where)
+        _check_steps(effects, motor, h, where)
+        _check_most(effects, motor, u_dc, where)
+        if effects.thermal.C_w > 0.0:
+            _check_thermal(effects.thermal, motor, T_s, where)
+    except ArithmeticError:
+        raise ScenarioError(f"{where[:-1]}: with this motor numbers are beyond what can be reckoned with") from None
 
 
 def _check_inverter(

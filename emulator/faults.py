@@ -25,6 +25,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from emulator.input_file import read_text
+
 RATES: Final = ("lose", "delay", "late", "double", "corrupt", "noise")
 SPANS: Final = ("closed", "unplugged", "busoff", "reset")
 INDICES: Final = range(0x1000, 0xA000)  # of objects that a drive can have (CiA 301, table 40)
@@ -85,7 +87,7 @@ def parse_fault(text: str) -> Fault:
 def script(path: Path) -> list[Fault]:
     """The faults of a file. Raises ValueError, in a sentence with file and line."""
     try:
-        lines = path.read_text("utf-8").splitlines()
+        lines = read_text(path).splitlines()
     except (OSError, UnicodeError) as error:
         raise ValueError(f"cannot read the faults in {path}: {getattr(error, 'strerror', None) or error}") from None
     faults = list[Fault]()

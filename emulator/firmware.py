@@ -17,7 +17,7 @@ from emulator.sensors import Sample, measured_current
 from emulator.weakening import NOT_WEAKENED, Weakening, d_first, room, weakened
 
 OFF, REFERENCE, PROFILE = 0, 1, 2  # speed control: none, after the reference, after the drive's profile
-NO_TRIP, TRIP_CURRENT, TRIP_HIGH_VOLTAGE, TRIP_LOW_VOLTAGE, TRIP_SPEED = 0, 1, 2, 3, 4
+NO_TRIP, TRIP_CURRENT, TRIP_HIGH_VOLTAGE, TRIP_LOW_VOLTAGE, TRIP_SPEED, TRIP_OVERSPEED = 0, 1, 2, 3, 4, 5
 _DELAY = 1.5  # periods from the sample to the middle of the period its voltage is applied over
 
 
@@ -51,6 +51,7 @@ class Settings(NamedTuple):
     level_time: float  # s
     speed_error_trip: float  # rad/s; 0: never
     speed_error_time: float  # s
+    overspeed_trip: float  # rad/s
 
 
 class Commissioning(NamedTuple):
@@ -98,19 +99,24 @@ def switched_on(
 
 
 @kernel
-def tripped(fixed: Commissioning, settings: Settings, state: FirmwareState, i: float, u_dc: float) -> int:
-    """What switches the bridge off at this current (A) and dc-link voltage (V), the first cause first."""
+def tripped(
+    fixed: Commissioning, settings: Settings, state: FirmwareState, i: float, u_dc: float, omega_e: float
+) -> int:
+    """What switches the bridge off at this current (A), dc-link voltage (V), speed (rad/s): the first cause first."""
     if state.trip != NO_TRIP or not state.powered:
         return state.trip
+    cause = NO_TRIP
     if i > fixed.i_trip:
-        return TRIP_CURRENT
-    if fixed.overvoltage_trip > 0.0 and u_dc > fixed.overvoltage_trip:
-        return TRIP_HIGH_VOLTAGE
-    if u_dc < fixed.undervoltage_trip:
-        return TRIP_LOW_VOLTAGE
-    if state.late * fixed.T_s > settings.speed_error_time:
-        return TRIP_SPEED
-    return NO_TRIP
+        cause = TRIP_CURRENT
+    elif fixed.overvoltage_trip > 0.0 and u_dc > fixed.overvoltage_trip:
+        cause = TRIP_HIGH_VOLTAGE
+    elif u_dc < fixed.undervoltage_trip:
+        cause = TRIP_LOW_VOLTAGE
+    elif state.late * fixed.T_s > settings.speed_error_time:
+        cause = TRIP_SPEED
+    elif abs(omega_e) > settings.overspeed_trip:
+        cause = TRIP_OVERSPEED
+    return cause
 
 
 @kernel
@@ -162,7 +168,7 @@ def computed(
     omega_e = state.omega_e + (raw_speed - state.omega_e) * T_s / (fixed.T_speed + T_s)
     i = measured_current(sample) * turned(-theta_e)
 
-    trip = tripped(fixed, settings, state, abs(i), u_dc)
+    trip = tripped(fixed, settings, state, abs(i), u_dc, omega_e)
     powered = state.powered and trip == NO_TRIP
 
     # Excitation

@@ -9,6 +9,7 @@ from drivers.wire.modbus_url import parse_modbus_url
 from drivers.wire.uart_url import parse_uart_url
 from emulator.canopen_server import CanopenNode
 from emulator.faults import Faults
+from emulator.input_file import one_line
 from emulator.modbus_server import ModbusServer
 from emulator.socketcand import BusError
 from emulator.uart_server import UartServer
@@ -80,7 +81,7 @@ class Link:
         """Say what is wrong with the link, once, and when it is over."""
         if trouble != self._trouble:
             said = trouble or f"{self._url} is served again"
-            print(f"pmsm-bench emulate: {said}", file=sys.stderr, flush=True)
+            print(f"pmsm-bench emulate: {one_line(said)}", file=sys.stderr, flush=True)
             self._trouble = trouble
 
 

@@ -10,7 +10,8 @@ from typing import Final
 
 from drivers.wire import modbus_map as registers
 from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode_held
-from drivers.wire.dictionary import CAPTURE_CHANNELS, Signal, layout_id, signal_named
+from drivers.wire.dictionary import CAPTURE_CHANNELS, Signal, signal_named
+from emulator.control_lease import Denial, DeniedError
 from emulator.row_ring import RowRing
 from emulator.virtual_drive import StreamRows, VirtualDrive
 
@@ -33,7 +34,7 @@ class Registers:
         self._drive = drive
         self._refuses = refuses
         self._full: FullScales = {name: drive.read(name) for name in FULL_SCALES}
-        self._head = registers.our_head(layout_id(), drive.serial).words()
+        self._head = registers.our_head(drive.layout_id, drive.serial).words()
         self._lock = threading.Lock()  # guards what follows
         self._ring = RowRing(self._full)
         self._tick = 0
@@ -110,7 +111,7 @@ class Registers:
 
     def _signal_words(self, address: int) -> list[int]:
         """Both registers of a signal."""
-        signal = registers.signal_at_register(address)
+        signal = self._signal_at(address)
         if signal is None:
             raise _RefusedError(registers.ILLEGAL_ADDRESS)
         self._check_ready(signal)
@@ -121,14 +122,30 @@ class Registers:
         if address == registers.REQUEST and len(words) == registers.REQUEST_LENGTH:
             self._request = struct.unpack(registers.REQUEST_FORMAT, registers.data_of(words))
             return
-        signal = registers.signal_at_register(address)
+        if address == registers.CONTROL and self._drive.has_lease:
+            self._asked(lambda: self._drive.control(registers.data_of(words)))
+            return
+        signal = self._signal_at(address)
         if signal is None or signal.access != "rw" or len(words) != registers.length_of(signal):
             raise _RefusedError(registers.ILLEGAL_ADDRESS)
         self._check_ready(signal)
+        name, data = signal.name, registers.bytes_of(signal, words)
+        self._asked(lambda: self._drive.request(name, decode(signal, data, self._full)))
+
+    def _asked(self, write: Callable[[], None]) -> None:
+        """A write of the drive's, its refusals as Modbus exceptions."""
         try:
-            self._drive.write(signal.name, decode(signal, registers.bytes_of(signal, words), self._full))
+            write()
+        except DeniedError as denied:
+            holders = denied.denial is Denial.HOLDERS_ALONE
+            raise _RefusedError(registers.ILLEGAL_ADDRESS if holders else registers.DEVICE_BUSY) from None
         except ValueError:
             raise _RefusedError(registers.ILLEGAL_VALUE) from None
+
+    def _signal_at(self, address: int) -> Signal | None:
+        """The drive's signal whose first register this is, or None."""
+        signal = registers.signal_at_register(address)
+        return signal if signal and signal.name in self._drive.names else None
 
     def _check_ready(self, signal: Signal) -> None:
         if self._refuses(signal.index):

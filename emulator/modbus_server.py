@@ -26,6 +26,8 @@ from emulator.virtual_drive import StreamRows, VirtualDrive
 _SILENCE: Final = 0.01  # s without a byte that ends a frame; 3.5 characters are 0.3 ms at 115200 bit/s
 _SEND_TIMEOUT: Final = 1.0  # s after which a client that takes nothing is dropped
 _PAUSE: Final = 0.1  # s, where nobody can be let in
+_BITS_A_BYTE: Final = 11  # start, 8 data, parity or a second stop, stop
+_RTU_FRAME: Final = 3  # bytes of a request besides its function and data
 _TICK: Final = 1e-3  # s, how often the drive's clock is looked at
 
 
@@ -42,9 +44,16 @@ class Disturbance(Protocol):
 
 
 class ModbusServer:
-    """One unit on a line, served from construction to `close`. `faults` may be changed at any time."""
+    """One unit on a line, served from construction to `close`. `faults` may be changed at any time.
 
-    def __init__(self, drive: VirtualDrive, url: ModbusUrl, faults: Disturbance | None = None) -> None:
+    `paced`: on a serial line, an answer takes the time of its bytes and the request's, by the drive's clock.
+    """
+
+    def __init__(
+        self, drive: VirtualDrive, url: ModbusUrl, faults: Disturbance | None = None, paced: bool = False
+    ) -> None:
+        paced_by = url.place.baudrate if paced and isinstance(url.place, SerialPlace) else 0
+        self._byte_time = _BITS_A_BYTE / paced_by if paced_by else 0.0  # s
         self.faults: Disturbance = faults or Faults()
         self._drive = drive
         self._unit = url.unit
@@ -111,14 +120,19 @@ class ModbusServer:
             return
         self._drive.hear()
         answer = framing.answer(request, self._registers.answer(request.pdu))
+        self._wait(self._drive.elapsed + self._byte_time * (len(request.pdu) + _RTU_FRAME + len(answer)))
         for part in self._through(end, answer):
             end.send(part)
+
+    def _wait(self, moment: float) -> None:
+        """Return at this time, in s by the drive's clock."""
+        while self._drive.elapsed < moment and not self._closing.wait(_TICK):
+            pass
 
     def _through(self, end: "_End", data: bytes) -> Generator[bytes]:
         """What comes of bytes on their way through the line; what is late holds up all after it."""
         for out in self.faults.passed(data, self._drive.elapsed) if data else []:
-            while self._drive.elapsed < out.at and not self._closing.wait(_TICK):
-                pass
+            self._wait(out.at)
             if out.intact or not end.checked:
                 yield out.data
 

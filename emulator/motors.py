@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from emulator.bounds import ScenarioError, from_table
+from emulator.input_file import shown
 from emulator.machine import Machine
 
 TOLERANCE: Final = 0.1
@@ -71,9 +72,9 @@ def _named(table: Mapping[str, object], where: str) -> Motor | None:
         return None
     name = table["name"]
     if not isinstance(name, str):
-        raise ScenarioError(f"{where}name takes a text, got {name!r}")
+        raise ScenarioError(f"{where}name takes a text, got {shown(name)}")
     if name not in MOTORS:
-        raise ScenarioError(f"{where}name takes a motor of the catalogue, {', '.join(MOTORS)}; got {name!r}")
+        raise ScenarioError(f"{where}name takes a motor of the catalogue, {', '.join(MOTORS)}; got {shown(name)}")
     return MOTORS[name]
 
 

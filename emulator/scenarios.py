@@ -38,6 +38,7 @@ from typing import Annotated, Any
 from emulator.bounds import Bound, Points, PointsBound, ScenarioError, check_bounds, from_table
 from emulator.effects import NONE, Effects, check_effects, effects_from_table
 from emulator.excitation import FASTEST_SINE, KINDS, MOST_SINES, highest_sine
+from emulator.input_file import read_text, shown
 from emulator.inverter import longest
 from emulator.machine import COLDEST, HOTTEST, TABLE_TEMPERATURES, Machine, at_temperature
 from emulator.mechanics import Profile
@@ -45,8 +46,11 @@ from emulator.motors import drive_table, motor_from_table
 
 SHAFTS = ("dynamometer", "free")
 BRIDGES = ("averaged", "switched")
+CONTROLS = ("lease", "local", "watchdog")
+SAFE_TORQUE_OFF = ("none", "inactive", "active")
 SPEED_REFERENCES = ("profile", "ramp")
 _RPM = 2.0 * math.pi / 60.0  # rad/s
+_MOST = 1e300
 _TEMPERATURE = Bound("degC", low=COLDEST, high=HOTTEST)
 _FEWEST_COUNTS = 50
 _SEED = Bound(low=0, high=2**63 - 1)
@@ -81,7 +85,12 @@ class Drive:
     speed_error_time: Annotated[float, Bound("s", low=0.0, high=10.0)] = 0.1  # when it lasts for longer
     field_weakening: bool = False
     weakening_voltage: Annotated[float, Bound(low=0.5, high=1.0)] = 0.95  # share of the reach that it stays below
-    enabled: bool = True  # in operation from the start; otherwise it waits for commands
+    overspeed_trip: Annotated[float, Bound("rad/s", low=0.0)] = 0.0  # electrical; 0: on links 0.9 of the no-load speed,
+    # or 1.2 times what the run asks for if that is more; where it runs by itself never
+    safe_torque_off: str = "none"  # its input: "inactive", torque is allowed, or "active"
+    control: str = "lease"  # on links: it waits for a client's lease; "local": a master inside runs it from the start;
+    # "watchdog": a drive of the layout before the lease, in operation from the start, which anybody may write to
+    enabled: bool = True  # where it runs by itself: in operation from the start
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +159,15 @@ class Scenario:
         return Profile(omega_0, omega_0 + run.rise_rpm * _RPM, run.ramp_time, run.swing_rpm * _RPM, run.swing_frequency)
 
 
+def overspeed_of(scenario: Scenario) -> float:
+    """Electrical speed (rad/s) beyond which a drive on links switches off."""
+    drive, motor = scenario.drive, scenario.motor
+    if drive.overspeed_trip > 0.0:
+        return drive.overspeed_trip
+    asked = motor.n_p * _fastest_rpm(scenario.run, scenario.excitation, motor.n_p) * _RPM
+    return max(0.9 * longest(drive.u_dc) / motor.psi_f, 1.2 * asked)
+
+
 def drive_for(motor: Machine, u_dc: float = 310.0, **given: float | str) -> Drive:
     """A drive whose currents, converter and full scales suit the motor; any field of `Drive` may be given."""
     return from_table(Drive, _suited(motor, {"u_dc": u_dc, **given}), "drive_for: ")
@@ -158,11 +176,11 @@ def drive_for(motor: Machine, u_dc: float = 310.0, **given: float | str) -> Driv
 def load(path: Path) -> Scenario:
     """The scenario in a TOML file. Raises ScenarioError."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except FileNotFoundError:
         raise ScenarioError(f"{path}: no such file; the built-in scenarios are {', '.join(BUILT_IN)}") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read as text ({error})") from None
+        raise ScenarioError(f"{path}: cannot be read as text ({getattr(error, 'strerror', None) or error})") from None
     return parse(text, path.name, path.parent)
 
 
@@ -172,12 +190,14 @@ def parse(text: str, name: str, folder: Path = Path()) -> Scenario:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{name}: is not TOML: {error}") from None
+    except (RecursionError, ValueError) as error:  # brackets without end; a number that cannot be
+        raise ScenarioError(f"{name}: is not TOML: {type(error).__name__}") from None
     sections = ("motor", "drive", "run", "excitation", "effects")
     for key, value in document.items():
         if key not in sections:
-            raise ScenarioError(f"{name}: {key} is no section; the sections are {', '.join(sections)}")
+            raise ScenarioError(f"{name}: {shown(key)} is no section; the sections are {', '.join(sections)}")
         if not isinstance(value, dict):
-            raise ScenarioError(f"{name}: {key} takes a section, got {value!r}")
+            raise ScenarioError(f"{name}: {key} takes a section, got {shown(value)}")
     if "motor" not in document:
         raise ScenarioError(f"{name}: the section motor is missing; it has no default")
     motor = motor_from_table(document["motor"], f"{name}: motor.")
@@ -241,6 +261,12 @@ def _check_choices(scenario: Scenario) -> None:
         raise ScenarioError(f"{name}: run.shaft takes {' or '.join(SHAFTS)}, got {run.shaft!r}")
     if drive.bridge not in BRIDGES:
         raise ScenarioError(f"{name}: drive.bridge takes {' or '.join(BRIDGES)}, got {drive.bridge!r}")
+    if drive.control not in CONTROLS:
+        raise ScenarioError(f"{name}: drive.control takes {' or '.join(CONTROLS)}, got {drive.control!r}")
+    if drive.safe_torque_off not in SAFE_TORQUE_OFF:
+        raise ScenarioError(
+            f"{name}: drive.safe_torque_off takes {' or '.join(SAFE_TORQUE_OFF)}, got {drive.safe_torque_off!r}"
+        )
     if 0 < drive.timer_counts < _FEWEST_COUNTS:
         raise ScenarioError(
             f"{name}: drive.timer_counts takes 0 or at least {_FEWEST_COUNTS}, got {drive.timer_counts}"
@@ -323,7 +349,7 @@ def _voltage(machine: Machine, omega_e: float, i_d: float, i_q: float) -> float:
 def _suited(motor: Machine, table: Mapping[str, Any]) -> dict[str, Any]:
     """The drive's table with what is left out taken from the motor."""
     u_dc = table.get("u_dc", 310.0)
-    if not isinstance(u_dc, int | float) or not u_dc > 0.0:
+    if not isinstance(u_dc, int | float) or not 0.0 < u_dc < _MOST:
         return dict(table)  # its own error comes first
     i_max = table.get("i_max", 2.0 * motor.i_rated)
     return {

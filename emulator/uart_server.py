@@ -24,9 +24,10 @@ import numpy as np
 from drivers.wire import canopen_od as od
 from drivers.wire import uart_frame as uf
 from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode_held, si_to_counts
-from drivers.wire.dictionary import STREAM_ROW, Signal, layout_id, signal_named
+from drivers.wire.dictionary import STREAM_ROW, Signal, signal_named
 from drivers.wire.uart_frame import Frame, Kind
 from drivers.wire.uart_url import UartUrl
+from emulator.control_lease import Denial, DeniedError
 from emulator.faults import Faults
 from emulator.socketcand import BusError
 from emulator.terminal import Terminal, at_another_speed
@@ -34,7 +35,7 @@ from emulator.virtual_drive import StreamRows, VirtualDrive
 
 _BITS_A_BYTE: Final = 10  # start, 8 data, stop
 _CHUNK: Final = 4096  # bytes that are put together for one write
-_BACKLOG: Final = (8192, 65536)  # bytes of rows that a line may be behind: 0.2 s, within these
+_BACKLOG: Final = (1024, 65536)  # bytes of rows that a line may be behind: 0.2 s, within these
 _ROWS: Final = uf.ROWS_PER_FRAME
 _REPLIES: Final = 256  # that a line may be behind
 
@@ -72,6 +73,8 @@ class UartServer:
             Kind.IDENTIFY: self._identify, Kind.READ: self._read, Kind.WRITE: self._write, Kind.START: self._start,
             Kind.STOP: self._stop, Kind.UPLOAD: self._upload, Kind.PING: lambda _line, _frame: b"",
         }
+        if drive.has_lease:
+            self._handlers[Kind.CONTROL] = self._control
         self._closing = False
         with contextlib.ExitStack() as resources:
             self._selector = resources.enter_context(selectors.DefaultSelector())
@@ -222,7 +225,8 @@ class UartServer:
             line.reply(answer)
 
     def _identify(self, _line: "_Line", _frame: Frame) -> bytes:
-        numbers = uf.IDENTITY.pack(od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, self._drive.serial, layout_id())
+        drive = self._drive
+        numbers = uf.IDENTITY.pack(od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, drive.serial, drive.layout_id)
         return numbers + od.DEVICE_NAME.encode("ascii")
 
     def _read(self, _line: "_Line", frame: Frame) -> bytes:
@@ -239,10 +243,22 @@ class UartServer:
         if 8 * len(data) != signal.type.bits:
             raise _RefusedError(uf.WRONG_LENGTH, number)
         try:
-            self._drive.write(signal.name, decode(signal, data, self._full))
+            self._drive.request(signal.name, decode(signal, data, self._full))
+        except DeniedError as denied:
+            holders = denied.denial is Denial.HOLDERS_ALONE
+            raise _RefusedError(uf.READ_ONLY if holders else uf.DEVICE_STATE, number) from None
         except ValueError:
             raise _RefusedError(uf.WRONG_VALUE, number) from None
         return about
+
+    def _control(self, _line: "_Line", frame: Frame) -> bytes:
+        try:
+            self._drive.control(frame.payload)
+        except DeniedError:
+            raise _RefusedError(uf.DEVICE_STATE) from None
+        except ValueError:
+            raise _RefusedError(uf.WRONG_VALUE) from None
+        return b""
 
     def _start(self, line: "_Line", frame: Frame) -> bytes:
         _fields(struct.Struct(""), frame.payload)
@@ -265,7 +281,7 @@ class UartServer:
 
     def _signal(self, number: int) -> Signal:
         signal = uf.signal_numbered(number)
-        if signal is None:
+        if signal is None or signal.name not in self._drive.names:
             raise _RefusedError(uf.NO_SUCH_OBJECT, number)
         if self.faults.refuses(signal.index, self._drive.elapsed):
             raise _RefusedError(uf.GENERAL, number)

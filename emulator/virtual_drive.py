@@ -1,7 +1,9 @@
 """The virtual drive: all of the emulator behind the drive's dictionary, advanced by control periods.
 
-It has no clock and no thread: whoever calls `run` is its time. `read`, `write` and `captured` may come from other
-threads; what is written waits and takes effect, in its order, at the start of the next `run`. Knows nothing of buses.
+It has no clock and no thread: whoever calls `run` is its time. `read`, `request`, `control`, `write` and `captured` may
+come from other threads; what is written waits and takes effect, in its order, at the start of the next `run`. Clients
+come by `request` and `control`, which keep to the control lease; `write` is for the master inside. Knows nothing of
+buses.
 """
 
 import math
@@ -14,17 +16,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.wire.cia402 import (
+    COMMUNICATION,
     OVERCURRENT,
+    OVERSPEED,
     OVERTEMPERATURE_MOTOR,
     OVERVOLTAGE,
     SPEED_ERROR,
     UNDERVOLTAGE,
+    Command,
     State,
 )
-from drivers.wire.codec import FULL_SCALES, check_range
-from drivers.wire.dictionary import SIGNALS, Signal, WireType, layout_id, signal_named
+from drivers.wire.codec import FULL_SCALES, check_range, decode
+from drivers.wire.dictionary import (
+    LEASE_TIMES,
+    SET_POINTS,
+    SIGNALS,
+    WATCHDOG_LAYOUT,
+    Signal,
+    WireType,
+    layout_id,
+    signal_named,
+    signals_of,
+)
+from drivers.wire.lease import Bridge, End, Record, holder_words, unpacked
 from emulator import stream
 from emulator.assembly import bench_of
+from emulator.control_lease import ControlLease
 from emulator.course import continued, row_at, rows_at
 from emulator.excitation import FASTEST_SINE, KINDS, highest_sine
 from emulator.firmware import (
@@ -35,6 +52,7 @@ from emulator.firmware import (
     TRIP_CURRENT,
     TRIP_HIGH_VOLTAGE,
     TRIP_LOW_VOLTAGE,
+    TRIP_OVERSPEED,
     TRIP_SPEED,
     Settings,
 )
@@ -44,7 +62,7 @@ from emulator.physics.thermal import Temperatures
 from emulator.physics.timing import kept
 from emulator.plant import Plant, PlantState
 from emulator.recorder import ARMED, TRIGGERED, Recorder, Setup
-from emulator.scenarios import Scenario, check
+from emulator.scenarios import SAFE_TORQUE_OFF, Scenario, check, overspeed_of
 from emulator.simulation import RECORDED, machine_now, plant_of, simulated, started
 from emulator.simulation import State as SimulationState
 
@@ -52,10 +70,15 @@ Column = NDArray[np.float64]
 
 _WHOLE: Final = frozenset(s.name for s in SIGNALS if s.access == "rw" and s.type is not WireType.F32)
 _PARAMETERS: Final = tuple(s.name for s in SIGNALS if s.is_parameter)
-_RESET: Final = "reset"  # stands among what is written
+_RESET, _BRIDGE = "reset", "bridge"  # stand among what is written
+_NO_SIGNALS: Final = frozenset({_RESET, _BRIDGE})
+_SWITCHING_ON: Final = (Command.SHUTDOWN, Command.SWITCH_ON, Command.ENABLE_OPERATION)
+_LEASE_TIME: Final = 2.0  # s, `watchdog_time` as delivered
+_NEVER: Final = 1e9  # rad/s
 _CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "i_d_weakening"})
 _TRIPS: Final = {
     TRIP_CURRENT: OVERCURRENT, TRIP_HIGH_VOLTAGE: OVERVOLTAGE, TRIP_LOW_VOLTAGE: UNDERVOLTAGE, TRIP_SPEED: SPEED_ERROR,
+    TRIP_OVERSPEED: OVERSPEED,
 }
 _GUARDED: Final = 1000  # control periods after which a recording's drive looks at its temperature again
 _NO_RECORDING: Final = np.empty((0, len(RECORDED)))
@@ -96,33 +119,51 @@ _TRUTH: Final = tuple(field.name for field in fields(Truth))
 
 
 class VirtualDrive:
-    """A drive with a motor, as the scenario says. Raises ScenarioError when that cannot be."""
+    """A drive with a motor, as the scenario says. Raises ScenarioError when that cannot be.
 
-    def __init__(self, scenario: Scenario, serial: int = 1) -> None:
+    It runs by itself, and anybody may write to it, unless it is `on_links`: then `scenario.drive.control` says who may.
+    """
+
+    def __init__(self, scenario: Scenario, serial: int = 1, *, on_links: bool = False) -> None:
         check(scenario)
+        control = scenario.drive.control if on_links else "watchdog"
+        self._local = control == "local"
+        self._guarded = control != "watchdog"  # it has a control lease, and no other watchdog
+        self.layout_id: Final = layout_id() if self._guarded else WATCHDOG_LAYOUT
+        self.names: Final = frozenset(signal.name for signal in signals_of(self.layout_id))
         self.serial: Final = serial
         self.scenario: Final = scenario
         drive, run = scenario.drive, scenario.run
         self._bench = bench_of(scenario)
         self._fixed = self._bench.fixed
-        self._settings = _first_settings(scenario)
+        self._runs = drive.enabled and control != "lease"  # from the start, and after a reset
+        self._settings = _first_settings(scenario, on_links)
+        if control == "lease":
+            self._settings = self._settings._replace(**dict.fromkeys(SET_POINTS, 0.0))
         self._state: SimulationState = started(
-            self._bench, self._settings.n_p, self._settings.control_psi_f, drive.enabled, run.temperature
+            self._bench, self._settings.n_p, self._settings.control_psi_f, self._runs, run.temperature
         )
-        self._operation = Operation(State.OPERATION_ENABLED if drive.enabled else State.SWITCH_ON_DISABLED)
+        self._operation = self._switched_on()
         self._reset_at = 0  # tick since power-on of the latest reset
         self.resets = 0  # so many there have been
         self._resetting = False
         self._lock = threading.Lock()  # guards what follows
+        self._lease = ControlLease(self._local)
         self._recorder = Recorder({name: self._constants()[name] for name in FULL_SCALES})
         self._written: list[tuple[str, float]] = []
         self._heard = False
         self._next_temperature: float | None = None
         self._readable = self._constants() | dict.fromkeys(stream.COLUMNS, 0.0) | {"row_tick": 0.0}
         self._readable |= {s.name: max(0.0, s.minimum or 0.0) for s in SIGNALS if s.access == "rw"}
+        self._readable["watchdog_time"] = _LEASE_TIME if self._guarded else 0.0
         self._publish(self.truth)
         self._delivered = {name: self._readable[name] for name in _PARAMETERS}
         self._stored = dict(self._delivered)
+
+    @property
+    def has_lease(self) -> bool:
+        """It is of the layout with a control lease."""
+        return self._guarded
 
     @property
     def tick(self) -> int:
@@ -224,8 +265,46 @@ class VirtualDrive:
         """Write a signal (SI), from the next `run` on. Raises KeyError or ValueError, in a sentence."""
         signal = signal_named(name)
         with self._lock:
-            self._check_write(signal, value)
+            self._check_write(signal, value, self._present())
             self._written.append((name, float(value)))
+
+    def request(self, name: str, value: float) -> None:
+        """The same for a client without a token. Raises DeniedError, too."""
+        signal = signal_named(name)
+        with self._lock:
+            self._check_write(signal, value, self._present())
+            if self._guarded and self._lease.check_write(signal, value, self._operation.powered):
+                self._stopped()
+            self._written.append((name, float(value)))
+
+    def control(self, data: bytes) -> None:
+        """Take a control record, whole or not at all. Raises DeniedError, or ValueError in a sentence."""
+        record = unpacked(data, lambda signal: signal.name in self.names)
+        full = {name: self._readable[name] for name in FULL_SCALES}
+        values = [(signal, decode(signal, part, full)) for signal, part in record.values]
+        with self._lock:
+            present = self._present()
+            self._lease.check_record(record, present["watchdog_time"])
+            for signal, value in values:
+                self._check_write(signal, value, present)
+                present[signal.name] = value
+            self._lease.take_record(record)
+            self._publish_lease()
+            self._written += [(signal.name, value) for signal, value in values]
+            self._switch(record)
+
+    def _switch(self, record: Record) -> None:
+        """Bridge on or off, after the record's values; a lease that was given up leaves it off."""
+        bridge = record.bridge if self._lease.held else Bridge.OFF
+        if bridge is not Bridge.AS_IT_IS:
+            self._written.append((_BRIDGE, float(bridge)))
+
+    def _stopped(self) -> None:
+        """Somebody without a token has stopped it: whoever had control has it no longer."""
+        if self._lease.held:
+            self._lease.over(End.STOPPED)
+            self._written += [(name, 0.0) for name in SET_POINTS]
+            self._publish_lease()
 
     def reset(self) -> None:
         """Start anew at the next `run`, as after a power cycle: stored parameters, tick 0, state as at the start."""
@@ -233,7 +312,7 @@ class VirtualDrive:
             self._written.append((_RESET, 0.0))
 
     def hear(self) -> None:
-        """The bench was heard, which is what the watchdog waits for."""
+        """A client was heard, which is all that the watchdog of a drive without a control lease waits for."""
         self._heard = True
 
     def captured(self, offset: int, count: int) -> bytes:
@@ -250,21 +329,23 @@ class VirtualDrive:
         with self._lock:
             self._next_temperature = temperature
 
-    def _check_write(self, signal: Signal, value: float) -> None:
+    def _check_write(self, signal: Signal, value: float, present: dict[str, float]) -> None:
         if signal.access != "rw":
             raise ValueError(f"{signal} cannot be written")
         if not math.isfinite(value):
             raise ValueError(f"{signal} takes a finite number, got {value}")
         check_range(signal, value)
+        if signal.name == "watchdog_time" and self._guarded and value < LEASE_TIMES[0]:
+            raise ValueError(f"{signal} takes at least {LEASE_TIMES[0]:g} s, got {value:g}")
         if signal.name in _WHOLE and value != int(value):
             raise ValueError(f"{signal} takes a whole number, got {value}")
         if signal.name == "capture_command" and value == 1.0:
-            Setup.of(self._present())
+            Setup.of(present)
         if signal.name in _CURRENTS and abs(value) > self._fixed.i_max:
             raise ValueError(
                 f"{signal} takes at most {self._fixed.i_max:g} A, the drive's current limit, got {value:g}"
             )
-        self._check_excitation(signal, self._present() | {signal.name: value})
+        self._check_excitation(signal, present | {signal.name: value})
 
     def _check_excitation(self, signal: Signal, present: dict[str, float]) -> None:
         """Raise ValueError where the control is too slow for what the signals would then be."""
@@ -303,14 +384,29 @@ class VirtualDrive:
     def _protect(self, truth: Truth) -> None:
         """Go into fault where the simulation tripped, the winding is too hot, or nobody was heard for too long."""
         operation, heard = self._operation, self._heard
-        self._heard = False
+        was_powered, self._heard = operation.powered, False
         if heard or not operation.powered:
             operation.heard = self.tick
         if self._state.firmware.trip != NO_TRIP:
             operation.fault(_TRIPS[self._state.firmware.trip])
         if operation.powered and truth.temp_winding > self.scenario.drive.temperature_trip:
             operation.fault(OVERTEMPERATURE_MOTOR)
-        operation.watch(self.tick, round(self._readable["watchdog_time"] / self.T_s))
+        if not self._guarded:
+            operation.watch(self.tick, round(self._readable["watchdog_time"] / self.T_s))
+            return
+        with self._lock:
+            ran_out = self._lease.passed(self.tick, self.T_s)
+        if ran_out and operation.powered:
+            operation.fault(COMMUNICATION)
+        if ran_out or (was_powered and not operation.powered):
+            self._stand_still()
+
+    def _stand_still(self) -> None:
+        """No set points: whoever switches the bridge on again says what it is to do."""
+        still = dict.fromkeys(SET_POINTS, 0.0)
+        self._settings = self._settings._replace(**still)
+        with self._lock:
+            self._readable |= still
 
     def _simulate(self, periods: int, recording: NDArray[np.float64]) -> StreamRows:
         # One row may end at once, the others take `stream_periods`
@@ -342,22 +438,46 @@ class VirtualDrive:
         if name == _RESET:
             self._restart()
             return
+        if name in (_BRIDGE, "control_word"):
+            self._command(name, int(value))
+        if name == _BRIDGE:
+            return
         self._readable[name] = value
-        if name == "control_word":
-            self._operation.command(int(value))
-        elif name == "store":
+        if name == "store":
             self._stored = {key: self._readable[key] for key in _PARAMETERS}
         elif name == "restore":
             self._stored = dict(self._delivered)
         elif name == "capture_command":
             self._command_recorder(int(value))
 
+    def _command(self, name: str, value: int) -> None:
+        """A control word, or a bridge that goes on or off."""
+        operation, was_powered = self._operation, self._operation.powered
+        allowed = self.scenario.drive.safe_torque_off != "active"
+        if name == "control_word":
+            operation.command(value)
+        elif value == Bridge.OFF or operation.state is State.QUICK_STOP_ACTIVE:
+            operation.command(Command.DISABLE_VOLTAGE.bits)
+        if name == _BRIDGE and value == Bridge.ON and not was_powered:
+            for command in _SWITCHING_ON:
+                operation.command(command.bits)
+        if operation.powered and not allowed:
+            operation.command(Command.DISABLE_VOLTAGE.bits)
+        went_off = was_powered and not operation.powered
+        if self._guarded and (went_off or (name == _BRIDGE and value == Bridge.OFF)):
+            self._readable |= dict.fromkeys(SET_POINTS, 0.0)
+
+    def _switched_on(self) -> Operation:
+        return Operation(State.OPERATION_ENABLED if self._runs else State.SWITCH_ON_DISABLED)
+
     def _restart(self) -> None:
         self._readable |= self._stored
+        if not self._runs:
+            self._readable |= dict.fromkeys(SET_POINTS, 0.0)
         self._reset_at = self._state.tick
         self._resetting = True
-        enabled = self.scenario.drive.enabled
-        self._operation = Operation(State.OPERATION_ENABLED if enabled else State.SWITCH_ON_DISABLED)
+        self._operation = self._switched_on()
+        self._lease = ControlLease(self._local)
         self._recorder = Recorder(self._recorder.full)
 
     def _command_recorder(self, command: int) -> None:
@@ -372,7 +492,7 @@ class VirtualDrive:
     def _present(self) -> dict[str, float]:
         """Values as they will be when all that is written has been taken."""
         armed = {"capture_state": float(ARMED)} if ("capture_command", 1.0) in self._written else {}
-        return self._readable | {name: value for name, value in self._written if name != _RESET} | armed
+        return self._readable | {name: value for name, value in self._written if name not in _NO_SIGNALS} | armed
 
     def _publish(self, truth: Truth, rows: StreamRows | None = None) -> None:
         """Make the present readable: settings, tick, temperature, the latest row."""
@@ -391,13 +511,19 @@ class VirtualDrive:
             latest["row_tick"] = float(rows.row_tick[-1] & 0xFFFF)
         with self._lock:
             self._readable.update(latest)
+            self._publish_lease()
             self.resets += self._resetting  # now that all of it can be read
             self._resetting = False
+
+    def _publish_lease(self) -> None:
+        lease = self._lease
+        self._readable |= {f"lease_holder_{k}": float(word) for k, word in enumerate(holder_words(lease.name), 1)}
+        self._readable |= {"lease_left": lease.left(self.tick, self.T_s), "lease_end": float(lease.end)}
 
     def _constants(self) -> dict[str, float]:
         drive = self.scenario.drive
         return {
-            "layout_id": float(layout_id()),
+            "layout_id": float(self.layout_id),
             "T_s": drive.T_s,
             "i_full": drive.i_full,
             "u_full": drive.u_full,
@@ -406,10 +532,11 @@ class VirtualDrive:
             "overvoltage_trip": drive.overvoltage_trip,
             "undervoltage_trip": drive.undervoltage_trip,
             "temperature_trip": drive.temperature_trip,
+            "safe_torque_off": float(SAFE_TORQUE_OFF.index(drive.safe_torque_off)),
         }
 
 
-def _first_settings(scenario: Scenario) -> Settings:
+def _first_settings(scenario: Scenario, on_links: bool) -> Settings:
     """The drive as commissioned: it takes the motor for what it is at 23.4 degC."""
     motor, drive, run, excitation = scenario.motor, scenario.drive, scenario.run, scenario.excitation
     follows = PROFILE if run.speed_reference == "profile" else REFERENCE
@@ -441,4 +568,5 @@ def _first_settings(scenario: Scenario) -> Settings:
         level_time=float(excitation.level_time),
         speed_error_trip=float(drive.speed_error_trip),
         speed_error_time=float(drive.speed_error_time),
+        overspeed_trip=overspeed_of(scenario) if on_links or drive.overspeed_trip > 0.0 else _NEVER,
     )

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from estimator.estimate import Estimate, Status, WindowEstimate
 from estimator.fit import PRIOR_SHARE, Z_95, fit
 from estimator.machine import PARAMETERS, UNITS
-from estimator.solve import check_held, solution
+from estimator.solve import check_held, plausible, solution
 from estimator.window_ls import WindowState, sums_of, waiting
 
 Array = NDArray[np.float64]
@@ -98,7 +98,12 @@ def estimate(
     return WindowEstimate(
         estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length, said.condition,
         said.residual_rms, state.left_out, said.combinations,
+        tuple(name for name in PARAMETERS if name in said.impossible or not _possible(estimates[name])),
     )
+
+
+def _possible(e: Estimate) -> bool:
+    return e.status is not Status.OK or e.value is None or plausible(PARAMETERS.index(e.name), e.value)
 
 
 def lengths_of(samples: int, m: int, waiting: int = 0) -> list[int]:

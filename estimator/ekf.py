@@ -187,7 +187,8 @@ def update(state: EkfState, samples: Samples, *, joined: bool = True) -> EkfStat
 
 def estimate(state: EkfState) -> WindowEstimate:
     """What the filter says now, as far as the recent rows bear it out; see above."""
-    recent = rls.estimate(state.recent).estimates
+    least_squares = rls.estimate(state.recent)
+    recent = least_squares.estimates
     estimates: dict[str, Estimate] = {}
     for name in PARAMETERS:
         if name not in state.estimated:
@@ -200,7 +201,10 @@ def estimate(state: EkfState) -> WindowEstimate:
             estimates[name] = _told(name, *_parameter(state, name), state.known[name], recent[name])
     n = state.samples
     rms = math.sqrt(state.sums[0] / (2 * n)) if n else None
-    return WindowEstimate(estimates, n, state.stream.gaps, 2 * n, n > 0, None, rms, state.stream.left_out)
+    return WindowEstimate(
+        estimates, n, state.stream.gaps, 2 * n, n > 0, None, rms, state.stream.left_out,
+        impossible=least_squares.impossible,
+    )
 
 
 def _told(

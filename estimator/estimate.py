@@ -8,6 +8,8 @@ class Status(StrEnum):
     """How far a value may be trusted."""
 
     OK = "ok"  # estimated from the window
+    DOUBTFUL = "doubtful"  # estimated, but the equations do not fit: value and standard error may both be wrong
+    STALE = "stale"  # estimated from rows that are too old to be taken for what is now
     HELD = "held"  # not estimated: held at the given value
     NOT_TOLD = "not_told"  # the window cannot tell it; the value, if any, is the held one
     NO_DATA = "no_data"  # the window is empty or has fewer rows than parameters
@@ -19,7 +21,7 @@ class Estimate:
 
     name: str
     value: float | None
-    std: float | None  # standard error; None unless status is ok
+    std: float | None  # standard error; None unless status is ok, doubtful or stale
     unit: str
     status: Status
     reason: str = ""  # a sentence, where status is not ok
@@ -47,3 +49,4 @@ class WindowEstimate:
     residual_rms: float | None  # V
     left_out: int = 0  # samples refused since the start because a value was not finite
     combinations: tuple[Combination, ...] = ()  # what the window cannot tell; no parameter is in two of them
+    impossible: tuple[str, ...] = ()  # parameters that come out as no motor has them: the equations do not fit

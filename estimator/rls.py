@@ -144,7 +144,7 @@ def estimate(state: RlsState, *, noise_aware: bool = True) -> WindowEstimate:
     return WindowEstimate(
         estimates, state.samples, state.stream.gaps, 2 * round(rows),
         rows >= _FILLED / (1.0 - state.lam) if state.lam < 1.0 else rows > 0.0,
-        found.condition, found.residual_rms, state.stream.left_out, found.combinations,
+        found.condition, found.residual_rms, state.stream.left_out, found.combinations, found.impossible,
     )
 
 

@@ -33,6 +33,13 @@ class Resolution(NamedTuple):
 NOT_KNOWN: Final = Resolution()
 
 
+class LeftOut(NamedTuple):
+    """Rows of a recording that are known and yet not taken, from the sample before them to the one after."""
+
+    turned: float | None  # rad electrical, by which the rotor turned meanwhile
+    heat: float  # A^2 s, integral of the squared current
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """Consecutive rows, columns of equal length n (float64), by the period convention.
@@ -58,6 +65,7 @@ class Samples:
     i_a: Column | None = None  # A, phase currents as measured, where all three are
     i_b: Column | None = None
     i_c: Column | None = None
+    left_out: LeftOut | None = None  # what is known of the rows between the samples before and these
 
     def __len__(self) -> int:
         return len(self.theta_e)
@@ -80,5 +88,19 @@ class Samples:
         return Samples(
             self.theta_e[rows], self.omega_e[rows], self.i_d[rows], self.i_q[rows], self.u_d[rows], self.u_q[rows],
             self.T_s, self.periods, cut(self.i_d_mean), cut(self.i_q_mean), self.t0 + start * self.T, self.resolution,
-            cut(self.u_dc), cut(self.i_a), cut(self.i_b), cut(self.i_c),
+            cut(self.u_dc), cut(self.i_a), cut(self.i_b), cut(self.i_c), self.left_out if start == 0 else None,
         )
+
+
+def turned_angle(theta_e: Column, omega_e: Column, T: float) -> Column:
+    """Electrical angle turned from each row to the next, rad: the angle's change, in as many turns as the speed says.
+
+    theta_e: rad, wrapped or not; omega_e: rad/s; both (n,). T: s from row to row. Returns (n - 1,).
+    """
+    return nearest_turns(np.diff(theta_e), T * 0.5 * (omega_e[:-1] + omega_e[1:]))
+
+
+def nearest_turns(angle: Column, expected: Column) -> Column:
+    """The angles, rad, of which only what is left of whole turns is known, nearest to what is expected of them."""
+    off = angle - expected
+    return expected + off - math.tau * np.floor(off / math.tau + 0.5)

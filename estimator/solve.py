@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator.estimate import Combination, Estimate, Status
 from estimator.excitation import combinations
 from estimator.fit import FAINT_I, FAINT_SPEED, Z_95, Fit, fit, spread_of_speed
-from estimator.machine import PARAMETERS, UNITS
+from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
 from estimator.sums import WindowSums
 
 Array = NDArray[np.float64]
@@ -30,6 +30,7 @@ class Solution:
     combinations: tuple[Combination, ...]
     condition: float | None
     residual_rms: float | None  # V
+    impossible: tuple[str, ...] = ()  # parameters that come out as no motor has them
 
 
 def check_held(estimated: Sequence[str], held: Mapping[str, float]) -> None:
@@ -69,8 +70,15 @@ def solution(sums: WindowSums, found: Fit, held: Mapping[str, float]) -> Solutio
             estimates[name] = Estimate(name, value, std, UNITS[name], Status.OK)
     condition = float(found.condition[0])
     return Solution(
-        estimates, tuple(said), condition if math.isfinite(condition) else None, float(found.residual_rms[0])
+        estimates, tuple(said), condition if math.isfinite(condition) else None, float(found.residual_rms[0]),
+        tuple(PARAMETERS[k] for k in found.free if found.told[0, k] and not plausible(k, float(found.beta[0, k]))),
     )
+
+
+def plausible(k: int, value: float) -> bool:
+    """Whether some motor may have this value (SI) of the k-th parameter."""
+    low, high = PLAUSIBLE[PARAMETERS[k]]
+    return low <= value <= high
 
 
 def _no_data(equations: int, free: list[int], held: Mapping[str, float]) -> dict[str, Estimate]:
@@ -115,6 +123,9 @@ class _Signals:
 
     still: bool  # the motor stands
     flows: tuple[bool, bool]  # i_d, i_q stand out of their noise
+    rms: float  # A, of the current
+    noise: float  # A rms, as far as it is told
+    left: float  # V rms, of the voltages
     steady: tuple[bool, bool, bool]  # i_d, i_q, speed
 
     @classmethod
@@ -134,14 +145,20 @@ class _Signals:
         steady = off2 <= np.maximum(_STEADY**2 * level2, noise2)
         steady_speed = bool(still or spread_of_speed(sums)[0] < 4.0 * _STEADY**2)
         flows = level2 > noise2
-        return cls(bool(still), (bool(flows[0]), bool(flows[1])), (bool(steady[0]), bool(steady[1]), steady_speed))
+        return cls(
+            bool(still), (bool(flows[0]), bool(flows[1])), math.sqrt(float(level2.sum())),
+            math.sqrt(float(np.sum(found.noise[0]))), float(found.residual_rms[0]),
+            (bool(steady[0]), bool(steady[1]), steady_speed),
+        )
 
     def silence(self, name: str) -> str:
         """Why a parameter acts nowhere."""
         if name == "psi_f":
             return "the motor stands still"
         if name == "R_s":
-            return "no current flows"
+            if not any(self.flows):
+                return f"its currents, {self.rms:.2g} A rms, do not stand out of their noise, {self.noise:.2g} A"
+            return f"its share of {self.rms:.3g} A rms is lost in what is left of the voltages, {self.left:.3g} V rms"
         letter, flows = ("i_d", self.flows[0]) if name == "L_d" else ("i_q", self.flows[1])
         if self.still and flows:
             return f"{letter} is constant and the motor stands still"
@@ -152,5 +169,5 @@ class _Signals:
         letters = ("i_d",) if set(names) == {"L_d", "psi_f"} else ("i_d", "i_q", "speed")
         constant = [letter for letter, steady in zip(letters, self.steady, strict=False) if steady]
         if not constant:
-            return "currents and speed vary too little"
+            return f"currents and speed vary too little beside what is left of the voltages, {self.left:.3g} V rms"
         return f"{_listed(constant)} {'is' if len(constant) == 1 else 'are'} constant"

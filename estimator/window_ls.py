@@ -180,7 +180,7 @@ def estimate(
     found = solve(sums, estimated, held, noise_aware=noise_aware)
     return WindowEstimate(
         found.estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length,
-        found.condition, found.residual_rms, state.left_out, found.combinations,
+        found.condition, found.residual_rms, state.left_out, found.combinations, found.impossible,
     )
 
 

@@ -32,6 +32,7 @@ settings.register_profile("bench", deadline=None, suppress_health_check=[HealthC
 settings.load_profile("bench")
 
 READY = 240.0  # s, the first start compiles
+JSON = {"Content-Type": "application/json"}  # of every PUT and POST
 COMMAND = [sys.executable, "-m", "bench.cli.main"]
 
 

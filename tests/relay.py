@@ -1,8 +1,10 @@
-"""A TCP relay between a client and a drive's bus, so that a test can cut the line while both ends live."""
+"""A TCP relay between a client and a drive's bus: a test can cut the line, or let it lag, while both ends live."""
 
 import contextlib
+import queue
 import socket
 import threading
+import time
 from collections.abc import Generator
 
 from tests.conftest import free_port
@@ -13,6 +15,7 @@ class Relay:
 
     def __init__(self, server_port: int) -> None:
         self.port = free_port()
+        self.lag = 0.0  # s, by which clients hear the server late
         self._server_port = server_port
         self._listener: socket.socket | None = None
         self._pairs = list[socket.socket]()
@@ -51,7 +54,31 @@ class Relay:
                 server = socket.create_connection(("127.0.0.1", self._server_port))
                 self._pairs += [client, server]
                 self._begin(self._pass, client, server)
-                self._begin(self._pass, server, client)
+                self._begin(self._pass_late, server, client)
+
+    def _pass_late(self, source: socket.socket, sink: socket.socket) -> None:
+        waiting = queue.SimpleQueue[tuple[float, bytes]]()
+
+        def take() -> None:
+            data = b"-"
+            while data:
+                with contextlib.suppress(OSError):
+                    data = b""
+                    data = source.recv(1 << 16)
+                waiting.put((time.monotonic(), data))
+
+        self._begin(take)
+        with contextlib.suppress(OSError):
+            while True:
+                came, data = waiting.get()
+                while (left := came + self.lag - time.monotonic()) > 0.0 and data:
+                    time.sleep(min(left, 0.05))
+                if not data:
+                    break
+                sink.sendall(data)
+        for end in (source, sink):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
 
     @staticmethod
     def _pass(source: socket.socket, sink: socket.socket) -> None:

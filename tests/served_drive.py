@@ -9,7 +9,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,11 @@ import numpy as np
 from drivers.block import Block
 from drivers.drive import Drive
 from drivers.errors import DriveError
+from drivers.wire.modbus_url import parse_modbus_url
 from drivers.wire.uart_url import parse_uart_url
 from emulator.faults import Faults
 from emulator.link import server_at
+from emulator.modbus_server import ModbusServer
 from emulator.scenarios import PAPER, Scenario
 from emulator.uart_server import UartServer
 from emulator.virtual_drive import StreamRows, VirtualDrive
@@ -79,13 +81,16 @@ class Served:
 @contextlib.contextmanager
 def served(
     url: str, scenario: Scenario = PAPER, faults: Faults | None = None, *, running: bool = True, burst: int = _BURST,
-    paced: bool = False,
+    paced: bool = False, control: str = "watchdog",
 ) -> Generator[Served]:
-    """A virtual drive at a URL, in this process; `paced`: its UART line is no quicker than its baud rate."""
-    drive = VirtualDrive(scenario)
+    """A virtual drive at a URL, in this process; `paced`: its serial line is no quicker than its baud rate.
+
+    `control`: who starts it; by default it is in operation from the start, without a lease.
+    """
+    drive = VirtualDrive(replace(scenario, drive=replace(scenario.drive, control=control)), on_links=True)
     drive.warm_up()
     faults = faults or Faults()
-    server = UartServer(drive, parse_uart_url(url), faults, paced) if paced else server_at(url, drive, faults)
+    server = _paced(url, drive, faults) if paced else server_at(url, drive, faults)
     with contextlib.closing(server):
         bench = Served(url, drive, server, burst, patient=not paced)
         bench.step(_BURST)
@@ -100,6 +105,12 @@ def served(
             thread.join()
 
 
+def _paced(url: str, drive: VirtualDrive, faults: Faults) -> UartServer | ModbusServer:
+    if url.startswith("uart"):
+        return UartServer(drive, parse_uart_url(url), faults, paced=True)
+    return ModbusServer(drive, parse_modbus_url(url), faults, paced=True)
+
+
 def virtual_url() -> str:
     """A node on a bus of its own inside this process."""
     return f"canopen://virtual/{uuid.uuid4().hex}/5"
@@ -111,10 +122,11 @@ def tcp_url() -> str:
 
 
 @contextlib.contextmanager
-def emulator(*arguments: str) -> Generator["subprocess.Popen[str]"]:
-    """`python -m emulator` as a process, killed at the end where it still runs."""
+def emulator(*arguments: str, control: str = "watchdog") -> Generator["subprocess.Popen[str]"]:
+    """`python -m emulator` as a process, killed at the end where it still runs; `control` as of `served`."""
+    command = [sys.executable, "-m", "emulator", *arguments, "--control", control]
     process = subprocess.Popen(
-        [sys.executable, "-m", "emulator", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     try:
         yield process

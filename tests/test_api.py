@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.conftest import RunningBench
+from tests.conftest import JSON, RunningBench
 from tests.served_drive import until
 
 pytestmark = pytest.mark.live
@@ -23,7 +23,7 @@ PROBLEM = "application/problem+json"
 
 @pytest.fixture(scope="module")
 def connection(running_bench: RunningBench) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=running_bench.url) as client:
+    with httpx.Client(base_url=running_bench.url, headers=JSON) as client:
         yield client
 
 
@@ -52,7 +52,7 @@ def test_drives_are_listed_and_told_one_by_one(client: httpx.Client) -> None:
     (listed,) = client.get("/api/drives").json()["drives"]
     told = client.get(DRIVE).json()
     for drive in (listed, told):
-        assert set(drive) == {"name", "url", "identity", "link", "stream", "writer"}
+        assert set(drive) == {"name", "url", "identity", "link", "stream", "writer", "control"}
         assert drive["name"] == "emulated"
         assert drive["url"].startswith("canopen://socketcand/127.0.0.1:")
         assert drive["identity"]["T_s"] == pytest.approx(1e-4)
@@ -69,13 +69,14 @@ def test_estimates_carry_all_that_says_how_far_to_trust_them(client: httpx.Clien
     told = client.get(f"{DRIVE}/estimates").json()
     assert list(told["estimates"]) == ["R_s", "L_d", "L_q", "psi_f"]
     for estimate in told["estimates"].values():
-        assert set(estimate) == {"value", "std", "unit", "status", "reason", "window"}
+        assert set(estimate) == {"value", "std", "unit", "status", "since", "reason", "window"}
         assert (estimate["status"], estimate["window"]) == ("ok", None)
         assert 0.0 < estimate["std"] < 0.01 * estimate["value"]
     assert [estimate["unit"] for estimate in told["estimates"].values()] == ["ohm", "H", "H", "Vs"]
     assert (told["drive"], told["status"], told["samples"]) == ("emulated", "ok", told["window"]["length"])
     assert (told["method"], told["combinations"]) == ("wls", [])
-    assert told["gaps"] == told["left_out"] == told["rows_dropped"] == 0
+    assert told["gaps"] == told["rows_dropped"] == 0
+    assert 0 <= told["left_out"] < 2000  # rows of the time before the drive was started, whose voltage is not known
     assert told["age_s"] < 1.0
     assert told["condition"] > 1.0
     assert told["residual_rms_V"] > 0.0
@@ -148,7 +149,8 @@ def test_each_method_tells_the_motor_with_its_intervals_and_going_back_loses_no_
     if filter_holds and "psi_f" in settings["estimated"]:
         assert content["estimates"]["psi_f"]["reason"] == "the Kalman filter holds it at the given value"
     client.put(WINDOW, json={"method": "wls", "length": 2000}).raise_for_status()
-    assert (told()["samples"], told()["status"], told()["gaps"]) == (2000, "ok", 0)
+    assert (told()["samples"], told()["gaps"]) == (2000, 0)
+    until(lambda: told()["status"] == "ok", "rows that are not old")  # where this machine was held up meanwhile
 
 
 def test_a_window_chosen_by_the_data_says_how_long_it_is_for_each_parameter(client: httpx.Client) -> None:
@@ -176,8 +178,24 @@ def test_a_change_that_is_refused_leaves_the_method_running(client: httpx.Client
     assert client.get(f"{DRIVE}/estimates").json()["samples"] > 200  # it has not begun anew
 
 
-def test_a_body_needs_no_content_type(client: httpx.Client) -> None:
-    assert client.put(WINDOW, content=b'{"length": 777}').json()["length"] == 777
+@pytest.mark.parametrize("said", [None, "", "text/plain", "application/x-www-form-urlencoded", "application/jsonp"])
+@pytest.mark.parametrize(
+    ("method", "path"), [("PUT", WINDOW), ("PUT", f"{DRIVE}/signals"), ("POST", f"{DRIVE}/captures/latest/trigger")]
+)
+def test_a_write_that_does_not_say_that_it_is_json_is_415(
+    running_bench: RunningBench, method: str, path: str, said: str | None
+) -> None:
+    before = httpx.get(f"{running_bench.url}{WINDOW}").json()
+    headers = {} if said is None else {"Content-Type": said}
+    answer = httpx.request(method, f"{running_bench.url}{path}", content=b'{"length": 777}', headers=headers)
+    sentence = problem(answer, 415)
+    assert sentence.startswith("expected the header Content-Type: application/json, as of every PUT and POST, got ")
+    assert httpx.get(f"{running_bench.url}{WINDOW}").json() == before
+
+
+def test_what_json_is_said_with_does_not_matter(client: httpx.Client) -> None:
+    headers = {"Content-Type": "Application/JSON; charset=utf-8"}
+    assert client.put(WINDOW, content=b'{"length": 777}', headers=headers).json()["length"] == 777
 
 
 @pytest.mark.parametrize("route", ROUTES)
@@ -202,7 +220,9 @@ def test_an_unknown_drive_is_404_whatever_the_body(
      ("PUT", "/api/health"), ("POST", "/docs")],
 )
 def test_another_method_is_405(client: httpx.Client, method: str, path: str) -> None:
-    assert problem(client.request(method, path), 405) == f"{path} does not take {method}; see /docs"
+    answer = client.request(method, path)
+    assert problem(answer, 405) == f"{path} does not take {method}; see /docs"
+    assert answer.headers["Allow"]
 
 
 def test_nothing_is_404(client: httpx.Client) -> None:
@@ -251,7 +271,7 @@ def test_a_body_that_cannot_be_is_422_and_changes_nothing(client: httpx.Client, 
 
 def test_a_body_without_end_is_refused_before_it_is_read(client: httpx.Client) -> None:
     endless = (b" " * 4096 for _ in range(1 << 14))
-    assert problem(client.put(WINDOW, content=endless), 422) == "expected a body of at most 65536 bytes, got more"
+    assert problem(client.put(WINDOW, content=endless), 413) == "expected a body of at most 65536 bytes, got more"
 
 
 def events(url: str, count: int) -> tuple[list[dict[str, Any]], float]:
@@ -295,7 +315,7 @@ def test_health_tells_every_thread_and_link(client: httpx.Client) -> None:
     health = client.get("/api/health").json()
     assert health["status"] == "ok"
     assert health["uptime_s"] > 0.0
-    assert [thread["name"] for thread in health["threads"]] == ["estimation", "pump emulated"]
+    assert [thread["name"] for thread in health["threads"]] == ["estimation", "pump emulated", "control emulated"]
     assert all(thread["alive"] and thread["failure"] is None for thread in health["threads"])
     assert health["links"]["emulated"]["state"] == "streaming"
 

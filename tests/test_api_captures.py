@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from bench.recording import read_recording
-from tests.conftest import RunningBench
+from tests.conftest import JSON, RunningBench
 from tests.served_drive import until
 from tests.test_api import problem
 
@@ -22,7 +22,7 @@ LATEST = f"{CAPTURES}/latest"
 @pytest.fixture
 def client(running_bench: RunningBench) -> Iterator[httpx.Client]:
     """A client of a bench whose drive streams and is nobody's."""
-    with httpx.Client(base_url=running_bench.url) as one:
+    with httpx.Client(base_url=running_bench.url, headers=JSON) as one:
         until(lambda: one.get(DRIVE).json()["link"]["state"] == "streaming", "the stream")
         yield one
         one.delete(LATEST)
@@ -68,7 +68,7 @@ def test_a_second_writer_is_409_and_a_cancelled_capture_makes_room(client: httpx
     first = client.post(CAPTURES, json={"trigger": "i_q > 23"}).json()
     said = problem(client.post(CAPTURES, json={}), 409)
     holder = f"capture {first['id']} (asked for from 127.0.0.1)"
-    assert said.startswith(f"drive emulated takes one writer at a time, and {holder} holds it until ")
+    assert said.startswith(f"drive emulated's recorder takes one writer at a time, and {holder} holds it until ")
     assert client.delete(f"{CAPTURES}/{first['id']}").json()["state"] == "cancelled"
     assert problem(client.delete(LATEST), 409) == f"capture {first['id']} is cancelled, there is nothing to cancel"
     assert client.post(CAPTURES, json={"length": 10}).status_code == 202

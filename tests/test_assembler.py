@@ -124,11 +124,39 @@ def test_repeated_frames_are_counted_and_change_nothing() -> None:
     assembler = started()
     for number in range(3):
         assembler.frame(number, frame(number, 10))
-        assembler.frame(number, frame(number, 10, mark=500))
+        assembler.frame(number, frame(number, 10))
     (block,) = assembler.take()
     assert len(block) == 1
     assert block.i_d == pytest.approx([2e-3])
     assert assembler.counts == Counts(rows=1, frames_late=3)
+    assert assembler.conflicts == 0
+
+
+def test_a_row_of_which_two_frames_say_otherwise_is_lost_and_the_second_sender_is_seen() -> None:
+    assembler = started()
+    feed(assembler, 0)
+    for number in range(3):
+        assembler.frame(number, frame(number, 10))
+        assembler.frame(number, frame(number, 10, mark=500 * (number == 1)))
+    feed(assembler, 20)
+    assembler.frame(2, frame(2, 20, mark=500))  # after its row was whole
+    assert ticks_of(assembler.take()) == [0, 20]
+    assert assembler.counts == Counts(rows=2, gaps=1, rows_lost=1, frames_late=2, frames_foreign=2)
+    assert assembler.conflicts == 2
+
+
+def test_frames_of_two_sequences_of_ticks_are_told_from_frames_that_are_late() -> None:
+    one_of_ten_late, two_senders = started(), started()
+    for tick in range(0, 3000, 10):
+        feed(one_of_ten_late, tick)
+        feed(two_senders, tick)
+        if tick >= 1000:
+            feed(two_senders, tick - 997)
+            if tick % 100 == 0:
+                feed(one_of_ten_late, tick - 903)
+    assert not one_of_ten_late.two_sequences
+    assert two_senders.two_sequences
+    assert ticks_of(two_senders.take()) == list(range(0, 3000, 10))
 
 
 def test_frames_of_a_row_that_is_past_are_counted_and_ignored() -> None:
@@ -202,11 +230,14 @@ def test_a_stream_that_joins_the_one_before_has_lost_nothing() -> None:
     assert assembler.counts == Counts(rows=1)
 
 
-@pytest.mark.parametrize(("number", "size"), [(0, 7), (0, 0), (1, 9), (2, 6), (3, 8), (3, 5)])
-def test_a_frame_of_the_wrong_length_cannot_be(number: int, size: int) -> None:
-    expected = 6 if number == 3 else 8
-    with pytest.raises(FrameError, match=f"TPDO {number + 1} has {expected} bytes, got {size}"):
-        started().frame(number, bytes(size))
+@pytest.mark.parametrize(("number", "size"), [(0, 7), (0, 0), (0, 3), (1, 9), (2, 6), (3, 8), (3, 5)])
+def test_a_frame_of_another_length_is_passed_over_and_counted(number: int, size: int) -> None:
+    assembler = started()
+    feed(assembler, 0)
+    assembler.frame(number, bytes(size))
+    feed(assembler, 10)
+    assert ticks_of(assembler.take()) == [0, 10]
+    assert assembler.counts == Counts(rows=2, frames_foreign=1)
 
 
 def test_what_is_never_complete_is_not_kept_for_ever() -> None:

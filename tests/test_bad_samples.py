@@ -74,6 +74,24 @@ def test_a_voltage_that_the_dc_link_cannot_give_is_left_out_where_it_is_rare() -
         assert without_bad(*made(often, ((run,), nominal))).remarks == ()
 
 
+@pytest.mark.parametrize("value", [0.0, 31000.0, -310.0, 100.0])
+def test_a_dc_link_that_jumps_and_returns_is_left_out(value: float) -> None:
+    (run, *_), nominal = recording("none", 1)
+    assert run.u_dc is not None
+    u_dc = run.u_dc.copy()
+    u_dc[800] *= value / 310.0
+    (said,) = without_bad([replace(run, u_dc=u_dc)], nominal).remarks
+    assert said == f"u_dc jumps to {in_words(u_dc[800])} V at {run.t0 + 800 * run.T:.6g} s and back: 1 row left out"
+
+
+def test_a_current_that_jumps_by_less_than_others_may_is_left_out() -> None:
+    (run, *_), nominal = recording("none", 1)
+    by = 0.2 * (nominal.i_rated or 1.0)
+    (said,) = without_bad([with_rows(run, {2000: {"i_q": run.i_q[2000] + by}})], nominal).remarks
+    assert said.startswith(f"the row at {run.t0 + 2000 * run.T:.6g} s (i_d = ")
+    assert "leaves those around it, by over 6 times the noise, and returns as no motor does: 1 row left" in said
+
+
 def test_rows_of_zeros_while_the_motor_turns_and_rows_that_repeat_are_left_out() -> None:
     (run, *_), nominal = recording("none", 1)
     gone = {row: dict.fromkeys(COLUMNS, 0.0) for row in range(6000, 6020)}

@@ -60,9 +60,10 @@ def test_a_capture_is_started_followed_and_downloaded(
     fill(page, "capture-length", "12000")
     assert text(page, "capture-duration") == "= 1.20 s"
     click(page, "capture-start")
-    until(page, lambda: words(page).startswith("Recording, "), "the recording")
-    assert shown(page, "capture-progress")
-    assert page.find_element(By.ID, "capture-start").get_attribute("disabled")
+    start = page.find_element(By.ID, "capture-start")
+    until(page, lambda: (  # all of it for as long as it records, which is a second
+        words(page).startswith("Recording, ") and shown(page, "capture-progress") and start.get_attribute("disabled")
+    ), "the recording")
     until(page, lambda: words(page).startswith("Done, 12\u202f000 of 12\u202f000 samples"), "the end")
     assert not shown(page, "capture-progress")
     link = page.find_element(By.ID, "capture-file")

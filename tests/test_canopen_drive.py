@@ -17,8 +17,9 @@ from drivers.drive import Drive
 from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, RefusedError
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
-from drivers.wire.dictionary import layout_id
+from drivers.wire.dictionary import layout_id, layout_text
 from emulator.canopen_server import CanopenNode
+from emulator.faults import Faults, parse_fault
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
 from tests.served_drive import PATIENCE, in_threads, served, tcp_url, virtual_url
@@ -151,23 +152,51 @@ def test_a_node_with_another_layout_is_a_connect_error() -> None:
     with (
         OtherNode(VirtualDrive(PAPER), parse_can_url(url)),
         pytest.raises(ConnectError, match=rf"'pmsm-bench virtual drive'\) has another signal layout: expected "
-                                          rf"0x{layout_id():08X}, got 0x{layout_id() ^ 1:08X}"),
+                                          rf"{layout_text()}, got 0x{layout_id() ^ 1:08X}"),
     ):
         connect(url)
 
 
-def test_a_write_without_an_answer_goes_out_once() -> None:
+def sent(seen: list[bytes]) -> list[str]:
+    return [data.hex() for data in seen if data[0] != 0x80]
+
+
+def test_a_write_without_an_answer_goes_out_again_only_after_it_reads_back_otherwise() -> None:
     url, seen = virtual_url(), list[bytes]()
+    write, read = "230023010000803f", "4000230100000000"
     with CanopenNode(VirtualDrive(PAPER), parse_can_url(url)) as node, connect(url) as drive:
-        node._on_nmt(0, bytearray([od.NMT_STOP, 5]), 0.0)
         node._network.subscribe(od.sdo_request_cob_id(5), lambda _id, data, _time: seen.append(bytes(data)))
+        answer, node._send = node._send, lambda frames: None  # pyright: ignore[reportUnknownLambdaType]
+        threading.Timer(0.4, lambda: setattr(node, "_send", answer)).start()
+        drive.write("i_d_ref", 1.0)  # taken, but for its answer
+        assert sent(seen) == [write, read, read][: len(sent(seen))]
+        assert len(sent(seen)) >= 2
+        node._on_nmt(0, bytearray([od.NMT_STOP, 5]), 0.0)
+        seen.clear()
         with pytest.raises(NoReplyError, match=r"node 5 on virtual \w+ did not answer for 0x2300:1 \(i_d_ref\)"):
-            drive.write("i_d_ref", 1.0)
-        assert [data for data in seen if data[0] != 0x80] == [bytes.fromhex("230023010000803f")]
+            drive.write("i_d_ref", 2.0)
+        assert sent(seen) == ["2300230100000040", read, read, read]
+        seen.clear()
+        with pytest.raises(NoReplyError):
+            drive.write("capture_command", 1.0)
+        assert len(sent(seen)) == 1  # a command is given once
         seen.clear()
         with pytest.raises(DriveError):
             drive.read("i_d_ref")
-        assert len([data for data in seen if data[0] != 0x80]) == 3
+        assert len(sent(seen)) == 3
+
+
+def test_a_write_that_was_lost_is_made_again() -> None:
+    url, seen = virtual_url(), list[bytes]()
+    with CanopenNode(VirtualDrive(PAPER), parse_can_url(url)) as node, connect(url) as drive:
+        drive.write("i_d_ref", 0.0)
+        faults = node.faults
+        node.faults = Faults([parse_fault("lose=1")])
+        threading.Timer(0.2, lambda: setattr(node, "faults", faults)).start()
+        node._network.subscribe(od.sdo_request_cob_id(5), lambda _id, data, _time: seen.append(bytes(data)))
+        drive.write("i_d_ref", 1.0)
+        assert sent(seen).count("230023010000803f") == 2
+        assert drive.read("i_d_ref") == 1.0
 
 
 @contextlib.contextmanager

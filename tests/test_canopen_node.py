@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
-from drivers.wire.dictionary import CAPTURE_DATA, SIGNALS
+from drivers.wire.dictionary import CAPTURE_DATA, CONTROL, WATCHDOG_LAYOUT, signals_of
+from emulator.canopen_objects import NodeObjects
 from emulator.canopen_server import CanopenNode
 from emulator.scenarios import PAPER, Scenario
 from emulator.socketcand import BusError
@@ -242,10 +243,11 @@ def test_what_cannot_be_is_aborted_with_the_standards_code(wire: Wire, request_:
     assert struct.unpack("<I", answer[4:])[0] == code
 
 
-NO_DATA = {CAPTURE_DATA, *((0x1003, k) for k in range(1, 9))}  # of a drive that nothing has happened to
+NO_DATA = {CAPTURE_DATA, CONTROL, *((0x1003, k) for k in range(1, 9))}  # of a drive that nothing has happened to
 
 
-def test_every_object_of_the_data_sheet_can_be_read_in_its_size_and_default(wire: Wire) -> None:
+def test_every_object_of_the_data_sheet_can_be_read_in_its_size_and_default() -> None:
+    objects = NodeObjects(VirtualDrive(PAPER, on_links=True), 5)
     source: Any = io.StringIO(od.eds())
     source.name = "drive.eds"
     dictionary: Any = import_od(source, 5)
@@ -254,7 +256,7 @@ def test_every_object_of_the_data_sheet_can_be_read_in_its_size_and_default(wire
         for variable in variables:
             if (variable.index, variable.subindex) in NO_DATA:
                 continue
-            data = wire.node.get_data(variable.index, variable.subindex)
+            data = objects.get_data(variable.index, variable.subindex)
             assert len(variable) == 8 or 8 * len(data) == len(variable), variable.name
             if variable.default is not None:
                 assert variable.decode_raw(data) == variable.default, variable.name
@@ -291,7 +293,7 @@ IDENTITY_ASKED = bytes.fromhex("4018100200000000")
 OBJECTS = [
     (0x1800, 1), (0x1800, 2), (0x1A00, 0), (0x1A00, 1), (0x1003, 0), (0x1016, 1), (0x1017, 0), (0x6040, 0),
     (0x2400, 15),
-    *((s.index, s.subindex) for s in SIGNALS if s.is_parameter),
+    *((s.index, s.subindex) for s in signals_of(WATCHDOG_LAYOUT) if s.is_parameter),
 ]
 
 
@@ -336,7 +338,7 @@ def test_a_node_whose_bus_fails_says_so_and_closes(capfd: pytest.CaptureFixture[
 
 
 def test_every_signal_is_answered(wire: Wire) -> None:
-    for signal in SIGNALS:
+    for signal in signals_of(WATCHDOG_LAYOUT):
         size = signal.type.bits // 8
         answer = bytes.fromhex(wire.sdo((b"\x40" + od.sdo_address(signal.index, signal.subindex) + bytes(4)).hex()))
         assert answer[0] == 0x43 | (4 - size) << 2

@@ -73,6 +73,17 @@ def bench(drives: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> I
         yield Bench(f"http://127.0.0.1:{port}", drives)
 
 
+def test_a_capture_of_a_drive_that_is_off_says_so_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url, out = tcp_url(), str(tmp_path / "off.parquet")
+    with emulator("--at", url, control="lease") as process:
+        ready(process)
+        assert pmsm_bench(monkeypatch, "capture", "--drive", url, "--length", "500", "--out", out) == 0
+    said = "pmsm-bench: the drive is off (switch on disabled): there is no voltage to record until it is started\n"
+    assert capsys.readouterr().err == said
+
+
 @dataclass(frozen=True)
 class Ended:
     """A capture's process that has ended."""

@@ -1,11 +1,12 @@
 """Captures as a service keeps them: every state, every refusal, links and services that end in between."""
 
-import json
+import contextlib
 import os
+import re
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,16 @@ import pyarrow.parquet
 import pytest
 
 from bench.capture import State, Status
-from bench.capture_file import Heading, PartFile
+from bench.capture_file import CapturePart, Heading
 from bench.capture_request import Request
 from bench.captures import UnknownCaptureError
 from bench.config import Config, DriveConfig
-from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
+from bench.errors import BenchError, ConflictError, LimitError, RecordingError, UnavailableError
 from bench.recording import read_recording
 from bench.service import Service
 from bench.table import notes
 from bench.window import Window
-from drivers import capture
+from drivers import capture, operation
 from drivers.connect import connect
 from drivers.errors import LostError, RefusedError
 from emulator.faults import Faults, parse_fault
@@ -133,6 +134,19 @@ def test_a_capture_goes_through_its_states_to_a_recording_that_tells_units_and_s
     assert told["T_s"] == pytest.approx(1e-4)
 
 
+def test_a_capture_of_a_drive_that_is_off_says_so_before_and_in_the_recording(
+    service: Service, drive: Served
+) -> None:
+    operation.disable(service.control("spindle")._link.drive())
+    off = "the drive is off (switch on disabled)"
+    assert ask(service, length=500).remark == f"{off}: there is no voltage to record until it is started"
+    done, was = reached(service, State.DONE), off.replace(" is ", " was ")
+    assert done.remark == f"when the recorder was armed {was}; when it was uploaded {was}"
+    assert done.file is not None
+    with pytest.raises(RecordingError, match=re.escape(f"(no value: u_d in 500, u_q in 500); {done.remark}")):
+        read_recording(done.file)
+
+
 @dataclass(frozen=True)
 class Way:
     """A transport over TCP: the URL at a port, and a drive served there in this process."""
@@ -227,8 +241,8 @@ def test_a_second_writer_is_told_who_writes_and_until_when(service: Service, dri
     with pytest.raises(ConflictError) as refused:
         ask(service)
     assert str(refused.value) == (
-        f"drive spindle takes one writer at a time, and capture {first.id} (asked for from 127.0.0.1) holds it "
-        f"until {writer.until:%H:%M:%S} UTC at the latest"
+        f"drive spindle's recorder takes one writer at a time, and capture {first.id} (asked for from 127.0.0.1) "
+        f"holds it until {writer.until:%H:%M:%S} UTC at the latest"
     )
     assert drive.drive.read("capture_number") == number
     assert service.captures.all("spindle") == [service.captures.one("spindle", first.id)]
@@ -290,7 +304,7 @@ def test_a_drive_of_two_names_takes_one_writer(tmp_path: Path) -> None:
         until(lambda: all(service.link(name).identity is not None for name in urls), "both links")
         until(lambda: service.link("spindle").rows > 0, "the stream")
         first = ask(service, **NEVER)
-        with pytest.raises(ConflictError, match=f"drive alias takes one writer .* capture {first.id} holds"):
+        with pytest.raises(ConflictError, match=f"drive alias's recorder takes one writer .* capture {first.id} holds"):
             service.captures.ask("alias", {})
 
 
@@ -476,18 +490,24 @@ def test_what_a_service_left_and_the_drive_no_longer_has_is_kept_as_partial(tmp_
             assert [path.name for path in tmp_path.iterdir()] == [f"{id_}.partial.parquet"]
 
 
-def test_part_files_that_are_none_or_of_other_drives_are_left_alone(drive: Served, tmp_path: Path) -> None:
-    heading = Heading("a-1", "a", drive.url, "x", "2026-01-31T12:00:00+00:00", {"signals": ["i_d"]}, 1, 2, 3, 1e-4, {})
-    elsewhere = replace(heading, id="spindle-1", drive="spindle", url="canopen://socketcan/can0/5")
-    for one in (heading, elsewhere):
-        part = PartFile.begun(tmp_path / f"{one.id}.part", one)
-        part.keep(bytearray(b"123456"), 6)
-        part.close()
-    odd = json.dumps(asdict(heading) | {"drive": ["spindle"]}).encode() + b"\n123456"
-    for name, content in (
-        ("b.part", b"{}\n"), ("c.part", b""), ("d.part", b"\xff[\n"), ("e.part", b"[1]\n12"), ("f.part", odd),
-        ("g.part", b"[" * 100_000),
-    ):
+def heading(id_: str, drive: str, url: str) -> Heading:
+    asked, request = "2026-01-31T12:00:00+00:00", Request(("i_d",), 60_000).as_json()
+    return Heading(id_, drive, url, "x", asked, request, 1e-4, {}, 1, 2, 3, 60_000)
+
+
+def left(folder: Path, heading: Heading, samples: bytes = b"123456") -> Path:
+    """A part file as a service leaves it."""
+    part = CapturePart.begun(folder / f"{heading.id}.part", heading)
+    part.keep(bytearray(samples), len(samples))
+    part.close()
+    return part.path
+
+
+def test_part_files_of_other_drives_are_left_alone(drive: Served, tmp_path: Path) -> None:
+    left(tmp_path, heading("a-1", "a", drive.url))
+    left(tmp_path, heading("spindle-1", "spindle", "canopen://socketcan/can0/5"))
+    left(tmp_path, replace(heading("c-1", "a", drive.url), drive=["spindle"]))  # pyright: ignore[reportArgumentType]
+    for name, content in (("b.part", b"{}\n"), ("c.part", b""), ("d.part", b"\xff[\n"), ("g.part", b"[" * 100_000)):
         (tmp_path / name).write_bytes(content)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     (tmp_path / "h.part").mkdir()
@@ -495,6 +515,138 @@ def test_part_files_that_are_none_or_of_other_drives_are_left_alone(drive: Serve
     with running(drive.url, tmp_path) as service:
         assert service.captures.all("spindle") == []
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b'{"id": 1}\n123456', "is of an earlier version, without checksums: .* left as it is"),
+        (b"", "is damaged at its beginning, and is left as it is"),
+        (b"pmsm-bench part 2\n" + b"\0" * 8192, "is damaged in its heading, and is left as it is"),
+    ],
+)
+def test_a_part_file_that_cannot_be_read_is_said_and_left_as_it_is(
+    drive: Served, tmp_path: Path, content: bytes, said: str
+) -> None:
+    id_ = "spindle-20260131-120000-000"
+    path = tmp_path / f"{id_}.part"
+    path.write_bytes(content)
+    with running(drive.url, tmp_path) as service:
+        (status,) = service.captures.all("spindle")
+        assert (status.id, status.state) == (id_, State.FAILED)
+        assert re.fullmatch(f"{id_}.part {said}", status.reason)
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("damage", ["zeros", "bit", "cut"])
+def test_what_a_power_cut_has_damaged_of_an_upload_is_taken_again_from_the_drive(
+    drive: Served, tmp_path: Path, damage: str
+) -> None:
+    with running(drive.url, tmp_path) as service:
+        id_ = ask(service, length=60_000).id
+        uploading(service, 8192)
+    path = tmp_path / f"{id_}.part"
+    content = bytearray(path.read_bytes())
+    if damage == "zeros":
+        content[-8192:] = bytes(8192)
+    elif damage == "bit":
+        content[-20_000] ^= 4
+    else:
+        del content[-5000:]
+    path.write_bytes(content)
+    with running(drive.url, tmp_path) as service:
+        done = reached(service, State.DONE, id_)
+        assert done.file is not None
+        check_by_twin(done.file, 60_000)
+    assert [found.name for found in tmp_path.iterdir()] == [f"{id_}.parquet"]
+
+
+def test_of_a_damaged_upload_that_the_drive_no_longer_has_the_sound_part_is_kept_and_the_rest_beside_it(
+    tmp_path: Path
+) -> None:
+    with brisk(tcp_url()) as drive:
+        with running(drive.url, tmp_path) as service:
+            id_ = ask(service, length=60_000).id
+            stood = uploading(service, 8192).samples
+        drive.drive.reset()
+        until(lambda: drive.drive.resets == 1, "the reset")
+        path = tmp_path / f"{id_}.part"
+        content = path.read_bytes()[:-8192] + bytes(8192)
+        path.write_bytes(content)
+        with running(drive.url, tmp_path) as service:
+            status = reached(service, State.FAILED, id_)
+            assert 0 < status.samples < 60_000
+            assert status.file is not None
+            check_by_twin(status.file, status.samples)
+    assert (tmp_path / f"{id_}.damaged").read_bytes() == content
+    assert stood > 0
+
+
+@contextmanager
+def killed(service: Service) -> Generator[None]:
+    """A service that ends as one that is killed does: it writes and says nothing more."""
+    (run, thread), *others = service.captures._runs.values()
+    assert not others
+    run._left = lambda: None
+    yield
+    assert not thread.is_alive()
+
+
+@pytest.mark.parametrize("trigger", ["command", "now"])
+def test_a_capture_that_a_killed_service_left_in_the_drive_is_taken_up_again(
+    drive: Served, tmp_path: Path, trigger: str
+) -> None:
+    with contextlib.ExitStack() as after:
+        with running(drive.url, tmp_path) as service:
+            id_ = ask(service, length=2000, trigger=trigger).id
+            after.enter_context(killed(service))
+        (path,) = tmp_path.iterdir()
+        assert path.name == f"{id_}.part"
+    assert drive.drive.read("capture_state") in (1.0, 2.0, 3.0)
+    with running(drive.url, tmp_path) as service:
+        if trigger == "command":
+            until(lambda: "waiting for the command" in service.captures.one("spindle", id_).reason, "waiting")
+            service.captures.trigger("spindle", id_)
+        done = reached(service, State.DONE, id_)
+        assert done.file is not None
+        check_by_twin(done.file, 2000)
+    assert [found.name for found in tmp_path.iterdir()] == [f"{id_}.parquet"]
+
+
+def test_a_capture_that_a_killed_service_left_and_the_drive_no_longer_has_is_said(tmp_path: Path) -> None:
+    with brisk(tcp_url()) as drive:
+        with contextlib.ExitStack() as after, running(drive.url, tmp_path) as service:
+            until(lambda: drive.drive.tick > 20_000, "time to pass")
+            id_ = ask(service, **NEVER).id
+            after.enter_context(killed(service))
+        drive.drive.reset()
+        until(lambda: drive.drive.resets == 1, "the reset")
+        with running(drive.url, tmp_path) as service:
+            status = reached(service, State.FAILED, id_)
+            assert status.reason.startswith("the drive no longer has recording 1, it has ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_capture_whose_recorder_was_never_armed_is_said(drive: Served, tmp_path: Path) -> None:
+    left(tmp_path, replace(heading("spindle-1", "spindle", drive.url), number=0, count=None), b"")
+    with running(drive.url, tmp_path) as service:
+        (status,) = service.captures.all("spindle")
+        assert (status.state, status.reason) == (
+            State.FAILED, "the service ended before the drive's recorder was armed"
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_room_for_the_recording_nothing_is_armed(
+    service: Service, drive: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    number = drive.drive.read("capture_number")
+    monkeypatch.setattr("bench.new_file._BESIDES", 10**18)
+    with pytest.raises(UnavailableError, match=r"^the capture cannot be kept on disk: expected .* MB for 10000 "):
+        ask(service)
+    assert drive.drive.read("capture_number") == number
+    assert list(tmp_path.iterdir()) == []
+    assert service.writer("spindle") is None
 
 
 def test_only_so_many_captures_are_remembered(service: Service, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -521,7 +673,7 @@ def test_a_lost_link_is_waited_for_no_longer_than_it_is_worth(
 
 def test_a_recording_is_kept_under_another_name_where_its_own_is_taken(service: Service, tmp_path: Path) -> None:
     id_ = ask(service, length=500, trigger="command").id
-    names = [f"{id_}.part", f"{id_}.parquet", f"{id_}-1.parquet"]
+    names = [f"{id_}.parquet", f"{id_}-1.parquet"]
     for name in names:
         (tmp_path / name).write_text(f"another's {name}")
     service.captures.trigger("spindle", id_)
@@ -530,7 +682,7 @@ def test_a_recording_is_kept_under_another_name_where_its_own_is_taken(service: 
     assert status.file == kept
     check_by_twin(kept, 500)
     assert [(tmp_path / name).read_text() for name in names] == [f"another's {name}" for name in names]
-    assert len(list(tmp_path.iterdir())) == 4
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 def test_an_earlier_partial_recording_is_not_written_over(tmp_path: Path) -> None:
@@ -543,14 +695,13 @@ def test_an_earlier_partial_recording_is_not_written_over(tmp_path: Path) -> Non
         assert (tmp_path / f"{id_}.partial.parquet").read_text() == "precious"
 
 
-def test_a_failure_before_anything_is_uploaded_removes_no_other_part_file(
-    service: Service, drive: Served, tmp_path: Path
-) -> None:
-    id_ = ask(service, **NEVER).id
-    (tmp_path / f"{id_}.part").write_text("another's")
-    drive.drive.write("capture_command", 0.0)
-    reached(service, State.FAILED)
-    assert (tmp_path / f"{id_}.part").read_text() == "another's"
+def test_a_capture_writes_over_no_part_file_and_removes_its_own_alone(drive: Served, tmp_path: Path) -> None:
+    (tmp_path / "x.part").write_text("another's")
+    part = CapturePart.begun(tmp_path / "x.part", heading("x", "spindle", drive.url))
+    assert part.path == tmp_path / "x-1.part"
+    part.remove()
+    assert [path.name for path in tmp_path.iterdir()] == ["x.part"]
+    assert (tmp_path / "x.part").read_text() == "another's"
 
 
 def test_a_recording_that_another_client_stops_half_way_is_partial(

@@ -14,12 +14,14 @@ from contextlib import ExitStack, contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
+import httpx
 import pytest
 
 from bench.cli.main import main
 from bench.cli.run import meanwhile
 from drivers.wire.canopen_od import eds
 from tests.conftest import COMMAND, RunningBench, bus_url, command, free_port
+from tests.served_drive import until
 
 pytestmark = pytest.mark.live
 
@@ -81,14 +83,30 @@ def test_output_that_cannot_be_written_is_one_sentence_and_to_a_closed_pipe_sile
     words = [*COMMAND, what] + (["--at", bus_url(free_port())] if what == "emulate" else [])
     with Path("/dev/full").open("w") as full:
         told = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60.0, check=False)
-    assert told.returncode == 1
+    assert told.returncode == 2
     name = "pmsm-bench emulate" if what == "emulate" else "pmsm-bench"
     assert told.stderr == f"{name}: cannot write: No space left on device\n"
     reader, writer = os.pipe()
     os.close(reader)
     silent = subprocess.run(words, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60.0, check=False)
     os.close(writer)
-    assert (silent.returncode, silent.stderr) == (1, "")
+    assert (silent.returncode, silent.stderr) == (2, "")
+
+
+def test_a_fault_of_ours_is_a_sentence_with_a_file_of_details_and_a_code_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(**_: object) -> None:
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr("bench.cli.registers.show", fail)
+    assert pmsm_bench(monkeypatch, "registers") == 70
+    said = capsys.readouterr().err
+    assert said.startswith("pmsm-bench failed: ZeroDivisionError: division by zero; please report this; the details ")
+    assert said.count("\n") == 1
+    details = Path(said.rpartition(" ")[2].strip())
+    assert "in fail" in details.read_text(encoding="utf-8")
+    details.unlink()
 
 
 def test_the_data_sheet_is_printed_or_written(
@@ -190,6 +208,8 @@ def test_an_emulated_drive_that_cannot_be_keeps_both_from_starting() -> None:
 
 
 def test_the_table_of_a_drive_shows_every_parameter_with_its_interval(running_bench: RunningBench) -> None:
+    address = f"{running_bench.url}/api/drives/emulated/estimates"
+    until(lambda: httpx.get(address).json()["status"] == "ok", "estimates")
     done = subprocess.run(
         [*COMMAND, "estimates", "emulated", "--once", "--service", running_bench.url],
         capture_output=True, text=True, timeout=60, check=False,

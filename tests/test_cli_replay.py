@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
@@ -179,7 +180,7 @@ def test_what_cannot_be_told_apart_is_told_once_for_all_of_it(
     drive = VirtualDrive(steady)
     drive.run(2000)  # until the currents have settled
     pq.write_table(pa.table(dict(drive.record(3000))), file)
-    assert pmsm_bench("replay", file, "--periods", "10", "--json", out, monkeypatch=monkeypatch) == 0
+    assert pmsm_bench("replay", file, "--periods", "10", "--json", out, monkeypatch=monkeypatch) == 3
     (told,) = json.loads(out.read_text(encoding="utf-8"))["combinations"]
     assert len(told["parameters"]) > 1
     assert " ".join(capsys.readouterr().out.split()).count(told["reason"]) == 1
@@ -210,8 +211,9 @@ def test_a_real_servo_at_standstill_has_its_resistance_and_inductance(
          "--set", "omega_e=0,i_d=0,u_d=0", "--align", "u=0.5", "--periods", "20", "--json", out],
         capture_output=True, text=True, timeout=60, check=False,
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (1, "")  # 24 mV of its voltage stay unexplained
     told = json.loads(out.read_text(encoding="utf-8"))["estimates"]
+    assert {told[name]["status"] for name in ("R_s", "L_q")} == {"doubtful"}
     assert told["R_s"]["value"] == pytest.approx(0.163, abs=2e-3)
     assert told["L_q"]["value"] == pytest.approx(124e-6, abs=4e-6)
     assert 0.0 < told["R_s"]["std"] < 0.01
@@ -317,9 +319,63 @@ def test_a_speed_that_contradicts_the_angle_is_told(
     assert "omega_e says" not in capsys.readouterr().out
 
 
-def test_a_window_as_short_as_its_parameters_is_taken(recordings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_window_as_short_as_its_parameters_is_taken_and_tells_nothing(
+    recordings: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     options = ("--window", "3", "--estimate", "R_s,L_d,L_q", "--nominal", recordings / "machine.toml")
-    assert pmsm_bench("replay", recordings / "run.csv", *options, monkeypatch=monkeypatch) == 0
+    assert pmsm_bench("replay", recordings / "run.csv", *options, monkeypatch=monkeypatch) == 3
+
+
+@pytest.mark.parametrize("method", ["wls", "rls", "ekf"])
+def test_values_of_equations_that_do_not_fit_are_doubtful_by_every_method_and_the_exit_code_says_so(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], method: str
+) -> None:
+    off, out, track = tmp_path / "off.parquet", tmp_path / "result.json", tmp_path / "track.csv"
+    columns = dict(VirtualDrive(PAPER).record(PERIODS))
+    turn = np.exp(0.5j)  # an angle that is read 0.5 rad high
+    for d, q in (("i_d", "i_q"), ("u_d", "u_q")):
+        x = (columns[d] + 1j * columns[q]) * turn
+        columns[d], columns[q] = x.real, x.imag
+    pq.write_table(pa.table(columns), off)
+    options = ("--method", method, "--nominal", recordings / "machine.toml", "--json", out, "--csv", track)
+    assert pmsm_bench("replay", off, *options, monkeypatch=monkeypatch) == 1
+    content = json.loads(out.read_text(encoding="utf-8"))
+    assert content["mismatch"]["status"] == "unexplained"
+    assert content["mismatch"]["rms_V"] > content["mismatch"]["least_V"]
+    estimates = content["estimates"].values()
+    assert "ok" not in {e["status"] for e in estimates}
+    assert all(e["reason"] for e in estimates if e["status"] == "doubtful")
+    assert "The model does not explain the recording, from 0 to 2 s" in capsys.readouterr().out
+    with track.open(encoding="utf-8") as file:
+        assert not {row[f"{name}_status"] for row in csv.DictReader(file) for name in TRUTH} & {"ok"}
+
+
+@pytest.mark.parametrize("method", ["wls", "rls", "ekf"])
+@pytest.mark.parametrize(
+    ("column", "value"), [("i_q", 3.0e5), ("i_d", 2.5), ("u_q", -40.0), ("u_d", 1e4), ("theta_e", 0.3), ("i_q", -3.1)]
+)
+def test_one_cell_that_was_changed_is_left_out_with_a_remark_and_moves_nothing(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    method: str, column: str, value: float,
+) -> None:
+    told: list[dict[str, Any]] = []
+    columns = VirtualDrive(PAPER).record(6000)
+    for k in range(2):
+        file, out = tmp_path / f"{k}.parquet", tmp_path / f"{k}.json"
+        if k == 1:
+            columns[column][4321] += value
+        pq.write_table(pa.table(dict(columns)), file)
+        options = ("--method", method, "--nominal", recordings / "machine.toml", "--json", out)
+        assert pmsm_bench("replay", file, *options, monkeypatch=monkeypatch) == 0
+        told.append(json.loads(out.read_text(encoding="utf-8")))
+    for name, e in told[1]["estimates"].items():
+        before = told[0]["estimates"][name]
+        assert e["status"] == before["status"]
+        assert e["std"] is None or abs(e["value"] - before["value"]) < e["std"], name
+    (remark,) = set(told[1]["remarks"]) - set(told[0]["remarks"]) - {"runs without a gap: 2"}
+    assert remark.startswith("the row at 0.4321 s does not go with those around it")
+    assert remark.endswith(": 1 row left out")
+    assert remark in capsys.readouterr().out
 
 
 def test_cells_without_a_value_are_left_out_and_counted(

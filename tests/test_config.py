@@ -45,6 +45,12 @@ def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None
         host = "0.0.0.0"
         port = 9000
         captures = "runs"
+        log = "told"
+        token = "secret"
+        names = ["Bench.lan", "localhost:9000", "[fd00::5]"]
+        certificate = "bench.pem"
+        key = "bench.key"
+        insecure = true
         [drives.spindle]
         url = "{URL}"
         machine = "spindle.toml"
@@ -57,6 +63,9 @@ def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None
         url = "canopen://socketcan/vcan0/7"
     """))
     assert (config.host, config.port, config.captures) == ("0.0.0.0", 9000, tmp_path / "runs")
+    assert (config.log, config.token, config.insecure) == (tmp_path / "told", tmp_path / "secret", True)
+    assert config.names == ("bench.lan", "localhost:9000", "[fd00::5]")
+    assert (config.certificate, config.key) == (tmp_path / "bench.pem", tmp_path / "bench.key")
     spindle, axis = config.drives
     assert (spindle.name, spindle.url) == ("spindle", URL)
     assert (spindle.window.length, spindle.window.periods_per_row) == (500, 4)
@@ -128,7 +137,21 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
         ("drives = 5\n", "expected a table drives, got 5"),
         ("service = []\n" + DRIVE, "expected a table service, got []"),
         ("[server]\n" + DRIVE, "unknown key 'server', expected one of drives, service"),
-        ("[service]\nprot = 1\n" + DRIVE, "[service]: unknown key 'prot', expected one of captures, host, port"),
+        ("[service]\nprot = 1\n" + DRIVE,
+         "[service]: unknown key 'prot', expected one of captures, certificate, host, insecure, key, log, "
+         "names, port, token"),
+        ("[service]\nlog = 5\n" + DRIVE, "[service] log: expected a folder, got 5"),
+        ('[service]\ntoken = ""\n' + DRIVE, "[service] token: expected a file name, got ''"),
+        ('[service]\ntoken = "a\\u0000b"\n' + DRIVE, "[service] token: expected a file name, got 'a\\x00b'"),
+        ("[service]\ninsecure = 1\n" + DRIVE, "[service] insecure: expected true or false, got 1"),
+        ('[service]\nkey = "bench.key"\n' + DRIVE,
+         "[service]: expected certificate and key, or neither, got key alone"),
+        ('[service]\ncertificate = "bench.pem"\n' + DRIVE,
+         "[service]: expected certificate and key, or neither, got certificate alone"),
+        ('[service]\nnames = "bench.lan"\n' + DRIVE,
+         "[service] names: expected a list such as [\"bench.lan\", \"localhost:9000\"], got 'bench.lan'"),
+        ('[service]\nnames = ["http://bench.lan"]\n' + DRIVE,
+         "[service] names: expected a list such as [\"bench.lan\", \"localhost:9000\"], got 'http://bench.lan'"),
         ("[service]\nhost = 5\n" + DRIVE, "[service] host: expected an address, got 5"),
         ('[service]\nhost = ""\n' + DRIVE, "[service] host: expected an address, got ''"),
         ("[service]\ncaptures = 5\n" + DRIVE, "[service] captures: expected a folder, got 5"),
@@ -154,7 +177,7 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
         ('[drives.a]\nurl = "canopen://socketcand/h:0/can0/5"\n',
          "[drives.a] url: expected HOST:PORT with a port of 1 to 65535 in 'canopen://socketcand/h:0/can0/5', "
          "got 'h:0'"),
-        (DRIVE + "uri = 1\n", "[drives.a]: unknown key 'uri', expected one of machine, url, window"),
+        (DRIVE + "uri = 1\n", "[drives.a]: unknown key 'uri', expected one of limits, machine, url, window"),
         (DRIVE + "machine = 5\n", "[drives.a] machine: expected a file name, got 5"),
         (DRIVE + "window = 5\n", "[drives.a]: expected a table window, got 5"),
         (DRIVE + "window.lenght = 5\n",
@@ -191,7 +214,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
         load_config(tmp_path)
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\0")
-    with pytest.raises(ConfigError, match=r"bytes\.toml: not TOML: UnicodeDecodeError"):
+    with pytest.raises(ConfigError, match=r"bytes\.toml: expected UTF-8 text, byte 0 is not"):
         load_config(tmp_path / "bytes.toml")
 
 

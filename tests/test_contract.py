@@ -15,12 +15,13 @@ from drivers.drive import Drive
 from drivers.errors import ConnectError, FaultError, LostError, RefusedError
 from drivers.wire.canopen_od import Abort
 from drivers.wire.cia402 import COMMUNICATION, OVERCURRENT, SPEED_ERROR, State, error_text
-from drivers.wire.dictionary import SIGNALS, layout_id
+from drivers.wire.dictionary import WATCHDOG_LAYOUT, signals_of
 from drivers.wire.uart_frame import WRONG_VALUE
 from emulator.scenarios import PAPER
 from tests.served_drive import Listening, first_blocks, in_threads, joined, listening, until
 from tests.transports import TRANSPORTS, ServedProcess, Transport
 
+SIGNALS = signals_of(WATCHDOG_LAYOUT)  # of a drive that anybody may write to; one with a lease: test_control_lease
 pytestmark = pytest.mark.live
 
 STREAMED = 1.0  # s
@@ -51,7 +52,7 @@ def test_a_drive_says_who_it_is(drive: Drive) -> None:
     identity = drive.identity
     assert identity.device_name == "pmsm-bench virtual drive"
     assert (identity.vendor_id, identity.product_code, identity.revision) == (0, 0x504D534D, 1)
-    assert identity.layout_id == layout_id()
+    assert identity.layout_id == WATCHDOG_LAYOUT
     assert (identity.T_s, identity.i_full, identity.u_full) == (1e-4, 24.0, 387.5)
     assert identity.omega_full == pytest.approx(PAPER.drive.omega_full, rel=1e-6)
 

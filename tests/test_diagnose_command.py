@@ -68,7 +68,8 @@ def test_a_recording_of_the_emulated_drive_is_diagnosed_to_the_same_bytes_every_
     assert error == ""
     content = json.loads(Path("0.json").read_text(encoding="utf-8"))
     validate(content, schema())
-    assert code == (0 if content["verdict"] in ("no_mismatch", "explained") else 1)
+    codes = {"no_mismatch": 0, "explained": 0, "unexplained": 1, "partly_explained": 1}
+    assert code == codes.get(content["verdict"], 3)
     assert content["sentence"] in text
     for ending in ("json", "html"):
         assert Path(f"0.{ending}").read_bytes() == Path(f"1.{ending}").read_bytes()
@@ -79,16 +80,44 @@ def test_a_recording_of_the_emulated_drive_is_diagnosed_to_the_same_bytes_every_
 
 @pytest.mark.parametrize(
     ("name", "code"),
-    [("explained", 0), ("no_mismatch", 0), ("ambiguous", 1), ("unexplained", 1), ("nothing_told", 1), ("refused", 2),
-     ("broken", 2), ("dies", 2)],
+    [("explained", 0), ("no_mismatch", 0), ("ambiguous", 3), ("unexplained", 1), ("nothing_told", 3), ("refused", 2),
+     ("broken", 70), ("dies", 70)],
 )  # fmt: skip
 def test_the_exit_code_is_the_verdict(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str, code: int
 ) -> None:
     assert pmsm_bench("diagnose", f"{name}.csv", "--nominal", "m.toml", monkeypatch=monkeypatch) == code
     said = capsys.readouterr()
-    assert said.err.count("\n") == (code == 2)
-    assert code != 2 or said.err.startswith(f"pmsm-bench: {name}.csv: ")
+    assert said.err.count("\n") == (code in (2, 70))
+    assert code not in (2, 70) or said.err.startswith(f"pmsm-bench: {name}.csv: ")
+    if name == "broken":
+        details = Path(said.err.rpartition(" the details are in ")[2].strip())
+        assert "in work" in details.read_text(encoding="utf-8")
+        details.unlink()
+
+
+def test_a_named_effect_fails_where_that_is_asked_for(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, code in (("explained", 1), ("no_mismatch", 0), ("ambiguous", 3), ("unexplained", 1)):
+        options = ("--nominal", "m.toml", "--fail-on", "explained")
+        assert pmsm_bench("diagnose", f"{name}.csv", *options, monkeypatch=monkeypatch) == code
+    capsys.readouterr()
+    options = ("--nominal", "m.toml", "--fail-on", "rain")
+    assert pmsm_bench("diagnose", "explained.csv", *options, monkeypatch=monkeypatch) == 2
+    assert capsys.readouterr().err == "pmsm-bench: --fail-on: expected unexplained or explained, got 'rain'\n"
+
+
+@pytest.mark.parametrize(
+    ("names", "code"),
+    [(["no_mismatch", "ambiguous"], 3), (["ambiguous", "unexplained"], 1), (["unexplained", "refused"], 2),
+     (["refused", "dies"], 70)],
+)  # fmt: skip
+def test_of_several_files_the_worst_counts(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, names: list[str], code: int
+) -> None:
+    files = [f"{name}.csv" for name in names]
+    assert pmsm_bench("diagnose", *files, "--nominal", "m.toml", monkeypatch=monkeypatch) == code
 
 
 def test_it_says_sentence_findings_and_figures_before_and_after(
@@ -115,7 +144,7 @@ def test_it_says_sentence_findings_and_figures_before_and_after(
 def test_what_the_sentence_says_is_not_said_again(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert pmsm_bench("diagnose", "doubtful.csv", "--nominal", "m.toml", monkeypatch=monkeypatch) == 1
+    assert pmsm_bench("diagnose", "doubtful.csv", "--nominal", "m.toml", monkeypatch=monkeypatch) == 3
     said = capsys.readouterr().out
     assert "Cannot tell iron loss from drift of the winding's resistance: they are collinear to 0.99 here" in said
     for once in ("they are collinear", "ecord 500 and 2000 rpm at the same currents"):
@@ -142,7 +171,7 @@ def test_many_recordings_are_many_diagnoses_told_in_their_order_and_a_bad_one_st
     outputs = ("--json", "js", "--report", "r-{stem}.html", "--machine", "machines/")
     for jobs, nominal in (("1", "suite/{stem}.toml"), ("3", "suite")):
         options = ("--nominal", nominal, "--jobs", jobs, "--force", *outputs)
-        assert pmsm_bench("diagnose", *files, *options, monkeypatch=monkeypatch) == 2
+        assert pmsm_bench("diagnose", *files, *options, monkeypatch=monkeypatch) == 70
         said = capsys.readouterr()
         assert [line.partition(":")[0] for line in said.out.splitlines() if line.startswith("suite/")] == [
             f"suite/{name}.csv.gz" for name in ("explained1", "no_mismatch", "explained2", "nothing_told")

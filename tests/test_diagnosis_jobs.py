@@ -21,7 +21,7 @@ from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal, load_machine
 from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
-from tests.conftest import RunningBench, bench_up
+from tests.conftest import JSON, RunningBench, bench_up
 from tests.diagnoses import EXPLAINED, NOMINAL
 from tests.served_drive import until
 from tests.test_api import problem
@@ -207,7 +207,7 @@ def test_an_unknown_recording_is_told(jobs: DiagnosisJobs, id_: str) -> None:
 @pytest.fixture
 def recording(running_bench: RunningBench) -> Iterator[tuple[httpx.Client, str]]:
     """A client of a bench, and the address of a recording that it has made."""
-    with httpx.Client(base_url=running_bench.url, timeout=30.0) as client:
+    with httpx.Client(base_url=running_bench.url, headers=JSON, timeout=30.0) as client:
         drive = "/api/drives/emulated"
         until(lambda: client.get(drive).json()["link"]["state"] == "streaming", "the stream")
         made = client.post(f"{drive}/captures", json={"length": 12_000}).json()["id"]
@@ -290,5 +290,5 @@ def test_a_service_that_ends_in_the_middle_of_a_diagnosis_leaves_no_process(numb
 @pytest.mark.parametrize("id_", ["x", "..%2F..%2Fetc", "%00", "y" * 3000])
 def test_an_unknown_recording_is_404(running_bench: RunningBench, id_: str) -> None:
     for method, end in (("POST", ""), ("GET", ""), ("GET", "/result"), ("GET", "/report.html"), ("DELETE", "")):
-        answer = httpx.request(method, f"{running_bench.url}/api/recordings/{id_}/diagnosis{end}")
+        answer = httpx.request(method, f"{running_bench.url}/api/recordings/{id_}/diagnosis{end}", headers=JSON)
         assert problem(answer, 404).startswith(("no recording ", "no diagnosis ", "nothing at "))

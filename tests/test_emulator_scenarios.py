@@ -55,7 +55,7 @@ def test_a_file_gives_a_scenario_and_what_it_leaves_out_suits_the_motor(tmp_path
         (MOTOR.replace("n_p = 3", "n_p = 0"), "x.toml: motor.n_p takes at least 1 and at most 100, got 0"),
         (MOTOR.replace("psi_f = 0.1\n", ""), "x.toml: motor.psi_f is missing; it has no default"),
         (MOTOR + "colour = 1", "x.toml: motor.colour is no key here; the keys are R_s, L_d, L_q, psi_f, n_p, "),
-        (MOTOR + "[gear]\n", "x.toml: gear is no section; the sections are motor, drive, run, excitation"),
+        (MOTOR + "[gear]\n", "x.toml: 'gear' is no section; the sections are motor, drive, run, excitation"),
         ("motor = 3", "x.toml: motor takes a section, got 3"),
         ("[drive]\n", "x.toml: the section motor is missing; it has no default"),
         ("[motor\n", "x.toml: is not TOML: "),

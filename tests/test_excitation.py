@@ -1,5 +1,6 @@
 """A window says what it can tell and what it cannot; it never invents a number."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -117,7 +118,7 @@ RUNS: dict[str, tuple[Scenario, list[str]]] = {  # and what each cannot tell, wi
         "L_d cannot be told here: i_d is zero or does not stand out of its noise",
     ]),
     "no current": (with_excitation(PAPER), [
-        "R_s cannot be told here: no current flows",
+        "R_s cannot be told here: its currents, # A rms, do not stand out of their noise, # A",
         "L_d cannot be told here: i_d is zero or does not stand out of its noise",
         "L_q cannot be told here: i_q is zero or does not stand out of its noise",
     ]),
@@ -128,7 +129,7 @@ RUNS: dict[str, tuple[Scenario, list[str]]] = {  # and what each cannot tell, wi
         "L_d cannot be told here: i_d is zero or does not stand out of its noise",
     ]),
     "no current, speed swings": (with_excitation(SWINGING), [
-        "R_s cannot be told here: no current flows",
+        "R_s cannot be told here: its currents, # A rms, do not stand out of their noise, # A",
         "L_d cannot be told here: i_d is zero or does not stand out of its noise",
         "L_q cannot be told here: i_q is zero or does not stand out of its noise",
     ]),
@@ -139,7 +140,7 @@ RUNS: dict[str, tuple[Scenario, list[str]]] = {  # and what each cannot tell, wi
 def test_what_cannot_be_told_is_named_with_its_reason(name: str) -> None:
     run, reasons = RUNS[name]
     result = window(run)
-    assert [combination.reason for combination in result.combinations] == reasons
+    assert [re.sub(r"\d\S*(?= A)", "#", combination.reason) for combination in result.combinations] == reasons
     for combination in result.combinations:
         for parameter in combination.parameters:
             estimate = result.estimates[parameter]

@@ -11,6 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
+from bench.recording import read_recording
 from drivers import operation
 from drivers.connect import connect
 from drivers.wire.cia402 import State
@@ -100,7 +101,7 @@ def written(folder: Path, plan: dict[str, Any]) -> str:
 def test_what_one_level_cannot_tell_the_experiment_does(effect: str, name: str, tmp_path: Path) -> None:
     with drive_with(effect, tmp_path, bridge="switched") as url:
         said(tmp_path, "capture", "--drive", url, "--length", "20000", "--out", "poor.parquet")
-        said(tmp_path, "diagnose", "poor.parquet", "--nominal", "m.toml", "--json", "poor.json", codes=(1,))
+        said(tmp_path, "diagnose", "poor.parquet", "--nominal", "m.toml", "--json", "poor.json", codes=(3,))
         first = told(tmp_path / "poor.json")
         assert first["findings"] == []
         assert first["verdict"] in ("ambiguous", "not_enough_excitation")
@@ -164,6 +165,10 @@ def test_the_service_does_it_under_the_drives_lease_and_hands_out_the_recording(
     )
     root = f"http://127.0.0.1:{port}/api"
     routes = f"{root}/drives/emulated/experiments"
+
+    def control() -> dict[str, Any]:
+        return httpx.get(f"{root}/drives/emulated").json()["control"]
+
     with command("serve", "--config", f"{tmp_path}/bench.toml") as process:
         wait_for_answer(f"{root}/health", process)
         until(lambda: httpx.get(f"{root}/health").json()["status"] == "ok", "the drive to stream")
@@ -182,10 +187,13 @@ def test_the_service_does_it_under_the_drives_lease_and_hands_out_the_recording(
         assert f"experiment {running.json()['id']}" in refused.json()["detail"]
         assert httpx.post(routes, json=DONE).status_code == 409
         until(lambda: "holding" in httpx.get(f"{routes}/latest").json()["phase"], "it does not begin")
+        assert (control()["ours"], control()["said"]) == (True, "")
+        assert control()["whom"] == f"experiment {running.json()['id']} (asked for from 127.0.0.1)"
         assert httpx.get(f"{routes}/latest/file").status_code == 409
         assert httpx.delete(f"{routes}/latest").json()["state"] == "cancelled"
         assert stopped(url)
         assert httpx.delete(f"{routes}/latest").status_code == 409
+        assert (control()["ours"], control()["whom"]) == (False, None)
         beyond = httpx.post(routes, json={"holds": [DONE["holds"][0] | {"i_q": 99.0}]})
         assert (beyond.status_code, "overcurrent trip" in beyond.json()["detail"]) == (422, True)
         another = httpx.post(routes, json=DONE | {"machine": {"psi_f": 0.0052}})
@@ -193,6 +201,90 @@ def test_the_service_does_it_under_the_drives_lease_and_hands_out_the_recording(
         assert "psi_f = 0.0052 Vs, the drive's current control has 0.12 Vs" in another.json()["detail"]
         assert httpx.put(f"{root}/drives/emulated/signals", json={"i_q_ref": 0.0}).status_code == 200
         assert httpx.get(f"{routes}/nothing").status_code == 404
-        httpx.post(routes, json=LONG)
+        whole = httpx.post(routes, json={"verdict": "ambiguous", "ambiguous": [{"experiment": LONG}]})
+        assert (whole.status_code, whole.json()["holds"]) == (202, LONG["holds"])
         until(lambda: "holding" in httpx.get(f"{routes}/latest").json()["phase"], "it does not begin")
     assert stopped(url)  # the service has ended
+
+
+def held(*levels: tuple[float, float]) -> dict[str, Any]:
+    """Levels at speeds (rpm) for times (s): each speed is a recording of the drive's."""
+    return {"holds": [{"speed_rpm": rpm, "i_d": 0.0, "i_q": 1.0, "seconds": s} for rpm, s in levels], "step": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("plan", "killed_in", "ends"),
+    [
+        (held((1200.0, 0.5), (600.0, 30.0)), "holding 600 rpm",
+         ("failed", 5000, "the service ended while it ran; the first 5000 of 305000 samples are kept")),
+        (held((1200.0, 6.0)), "uploading", ("done", 60_000, "")),
+    ],
+    ids=["holding", "uploading"],
+)
+def test_what_a_killed_service_had_of_an_experiment_is_a_recording_at_the_next_start(
+    tmp_path: Path, plan: dict[str, Any], killed_in: str, ends: tuple[str, int, str]
+) -> None:
+    with drive_with("", tmp_path) as url:
+        _kill_and_start_again(url, tmp_path, plan, killed_in, ends)
+
+
+def _kill_and_start_again(
+    url: str, tmp_path: Path, plan: dict[str, Any], killed_in: str, ends: tuple[str, int, str]
+) -> None:
+    port = free_port()
+    config = tmp_path / "bench.toml"
+    config.write_text(
+        f'[service]\nport = {port}\ncaptures = "captures"\n[drives.emulated]\nurl = "{url}"\n', encoding="utf-8"
+    )
+    root = f"http://127.0.0.1:{port}/api"
+    routes = f"{root}/drives/emulated/experiments"
+
+    def streaming() -> bool:
+        return httpx.get(f"{root}/health").json()["status"] == "ok"
+
+    with command("serve", "--config", str(config)) as process:
+        wait_for_answer(f"{root}/health", process)
+        until(streaming, "the drive to stream")
+        id_ = httpx.post(routes, json=plan).json()["id"]
+
+        def begun() -> bool:
+            latest = httpx.get(f"{routes}/latest").json()
+            assert latest["state"] == "running", latest
+            return latest["phase"].startswith(killed_in)
+
+        until(begun, killed_in)
+        process.kill()
+        process.communicate()
+    assert [path.name for path in (tmp_path / "captures").iterdir()] == [f"{id_}.experiment"]
+    with command("serve", "--config", str(config)) as process:
+        wait_for_answer(f"{root}/health", process)
+        until(lambda: httpx.get(f"{routes}/{id_}").json()["state"] != "running", "its end")
+        (told_of,) = httpx.get(routes).json()["experiments"]
+        assert (told_of["id"], told_of["state"], told_of["samples"], told_of["reason"]) == (id_, *ends)
+        (file,) = (tmp_path / "captures").iterdir()
+        assert str(file) == told_of["file"]
+    recording = read_recording(file)
+    assert sum(map(len, recording.runs)) == ends[1]
+    partial = ("the recording is partial: 5000 of 305000 rows",) if ends[0] == "failed" else ()
+    assert recording.summary.remarks() == partial
+
+
+def test_a_full_disk_stops_the_drive_and_loses_nothing_that_was_uploaded(url: str, tmp_path: Path) -> None:
+    asked = written(tmp_path, DONE)
+    done = subprocess.run(
+        ["prlimit", "--fsize=30000", *COMMAND, "experiment", asked, "--drive", url, "--out", "got.parquet"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=180, check=False,
+    )
+    assert done.returncode == 2, done
+    assert "pmsm-bench: got.parquet: cannot be written: File too large; " in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert stopped(url)
+    (file,) = (path for path in tmp_path.iterdir() if path.name.startswith("got"))
+    assert file.name in ("got.experiment", "got.partial.parquet")
+    assert file.name in done.stderr
+    if file.suffix == ".experiment":  # at the next start there is room
+        text = said(tmp_path, "experiment", asked, "--drive", url, "--out", "got.parquet")
+        assert "an earlier experiment to got.parquet was interrupted: the first " in text
+        file = tmp_path / "got.partial.parquet"
+        assert len(read_recording(tmp_path / "got.parquet").runs[0]) == 5000
+    assert 0 < len(read_recording(file).runs[0]) < 5000

@@ -1,6 +1,7 @@
 """Experiments on a drive over a bus: what is held and recorded, what is refused, and that the drive is stopped."""
 
 import math
+import tempfile
 import threading
 from collections.abc import Iterator
 from dataclasses import asdict, replace
@@ -11,17 +12,22 @@ import numpy as np
 import pytest
 
 from bench import experiment
-from bench.errors import LimitError
-from bench.experiment import CancelledError, Hold, Plan, Progress, check_motor, experiment_of
+from bench.errors import ConflictError, LimitError, UnavailableError
+from bench.experiment import CancelledError, Hold, Plan, Progress, Recorded, Tell, check_motor, experiment_of
+from bench.experiment_part import ExperimentPart
 from bench.experiments import Experiments
 from bench.lease import Leases
+from bench.limits import Limits
 from bench.machine_file import Nominal
 from bench.recording import read_recording
+from bench.unfinished import Origin
 from drivers import operation
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import DriveError, FaultError, RefusedError
 from drivers.wire.cia402 import State
+from drivers.wire.dictionary import SET_POINTS
+from drivers.wire.lease import Bridge, Record
 from emulator.scenarios import PAPER, Excitation, Run
 from tests.served_drive import Served, served, tcp_url, until, virtual_url
 
@@ -30,7 +36,8 @@ pytestmark = pytest.mark.live
 Told = dict[str, Any]
 HOLDS = (Hold(1200.0, 0.0, 1.0, 0.2), Hold(1200.0, -1.5, 1.0, 0.2), Hold(1200.0, -1.5, -2.0, 0.2))
 PLAN = Plan(HOLDS, 0.3)
-SETTINGS = ("i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "excitation_kind", "step_time", "watchdog_time", "speed_ref")
+SETTINGS = (*SET_POINTS, "excitation_kind", "step_time", "watchdog_time", "overspeed_trip", "speed_control")
+left: list[int] = []  # notes that each experiment left
 FREE = replace(
     PAPER,
     run=Run(shaft="free", speed_rpm=600.0, speed_control=True, speed_reference="ramp", tau_L=0.5),
@@ -40,7 +47,7 @@ FREE = replace(
 
 @pytest.fixture(scope="module")
 def bench() -> Iterator[Served]:
-    with served(virtual_url()) as drive:
+    with served(virtual_url(), control="lease") as drive:
         yield drive
 
 
@@ -49,6 +56,19 @@ def drive(bench: Served) -> Iterator[Drive]:
     with connect(bench.url) as connected:
         yield connected
     assert bench.running.is_set()
+
+
+def run(
+    drive: Drive, plan: Plan, tell: Tell = lambda _: None, cancelled: threading.Event | None = None,
+    part: ExperimentPart | None = None,
+) -> Recorded:  # fmt: skip
+    """An experiment without limits but the drive's; what is to be undone is noted in a folder of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        origin = Origin(Path(folder), "x", "an experiment")
+        try:
+            return experiment.run(drive, plan, tell, cancelled, part, limits=Limits(), origin=origin)
+        finally:
+            left.append(len(list(origin.folder.iterdir())))
 
 
 def settings(drive: Drive) -> dict[str, float]:
@@ -60,9 +80,9 @@ def stopped(drive: Drive) -> bool:
 
 
 def test_levels_are_held_recorded_in_every_period_and_the_drive_is_stopped(drive: Drive, tmp_path: Path) -> None:
-    operation.enable(drive)
     before, told = settings(drive), list[Progress]()
-    recorded = experiment.run(drive, PLAN, told.append)
+    part = experiment.begin(tmp_path / "run.parquet", PLAN, drive, {"drive": "x", "url": "y"})
+    recorded = run(drive, PLAN, told.append, part=part)
     assert stopped(drive)
     assert settings(drive) == before
     assert recorded.samples == 6000
@@ -71,23 +91,35 @@ def test_levels_are_held_recorded_in_every_period_and_the_drive_is_stopped(drive
         far.phase for far in told
     }
     assert all(0.0 <= far.share <= 1.0 for far in told)
-    path = experiment.write(tmp_path / "run.parquet", recorded, PLAN, drive, {"drive": "x", "url": "y"})
-    (run,) = read_recording(path).runs
-    assert len(run) == 6000
-    assert run.u_dc is not None
+    path, said = part.settled()
+    assert (path, said) == (tmp_path / "run.parquet", "the first 6000 of 6000 samples are kept")
+    assert path is not None
+    assert list(tmp_path.iterdir()) == [path]
+    (whole,) = read_recording(path).runs
+    assert len(whole) == 6000
+    assert whole.u_dc is not None
     for hold, part in zip(HOLDS, (slice(500, 1500), slice(3000, 3800), slice(5200, 6000)), strict=True):
-        assert np.mean(run.i_d[part]) == pytest.approx(hold.i_d, abs=0.2)
-        assert np.mean(run.i_q[part]) == pytest.approx(hold.i_q, abs=0.2)
-        assert 0.1 < np.std(run.i_d[part]) < 0.4  # the steps
-    assert np.median(run.omega_e) == pytest.approx(1200.0 * 4 * math.tau / 60.0, rel=1e-3)
+        assert np.mean(whole.i_d[part]) == pytest.approx(hold.i_d, abs=0.2)
+        assert np.mean(whole.i_q[part]) == pytest.approx(hold.i_q, abs=0.2)
+        assert 0.1 < np.std(whole.i_d[part]) < 0.4  # the steps
+    assert np.median(whole.omega_e) == pytest.approx(1200.0 * 4 * math.tau / 60.0, rel=1e-3)
+
+
+def test_without_room_for_the_recording_nothing_moves(
+    drive: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.new_file._BESIDES", 10**18)
+    with pytest.raises(UnavailableError, match=r"^the experiment cannot be kept on disk: expected .* MB for 6000 "):
+        experiment.begin(tmp_path / "run.parquet", PLAN, drive, {})
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_drive_that_controls_its_speed_is_taken_to_each_speed(tmp_path: Path) -> None:
     plan = Plan((Hold(600.0, 0.0, 1.0, 0.2), Hold(300.0, -1.5, 1.0, 0.2)), 0.3)
-    with served(tcp_url(), FREE) as bench, connect(bench.url) as drive:
-        recorded = experiment.run(drive, plan)
+    with served(tcp_url(), FREE, control="lease") as bench, connect(bench.url) as drive:
+        recorded = run(drive, plan)
         assert stopped(drive)
-        assert drive.read("speed_ref") == pytest.approx(FREE.excitation.speed_ref)
+        assert drive.read("speed_ref") == 0.0
     assert recorded.remarks == (
         "the drive controls its speed: i_q follows from the load, not from the experiment",
     )
@@ -98,7 +130,7 @@ def test_a_drive_that_controls_its_speed_is_taken_to_each_speed(tmp_path: Path) 
 
 
 def test_a_speed_that_the_load_machine_sets_is_recorded_as_it_is_and_told(drive: Drive) -> None:
-    recorded = experiment.run(drive, Plan((Hold(600.0, 0.0, 1.0, 0.05),)))
+    recorded = run(drive, Plan((Hold(600.0, 0.0, 1.0, 0.05),)))
     (remark,) = recorded.remarks
     assert remark.startswith("600 rpm was wanted and 1200 rpm recorded: the load machine sets the speed")
 
@@ -114,19 +146,17 @@ def test_a_speed_that_the_load_machine_sets_is_recorded_as_it_is_and_told(drive:
 def test_what_is_beyond_the_drives_limits_is_refused_before_anything_changes(
     drive: Drive, hold: Hold, said: str
 ) -> None:
-    operation.enable(drive)
     before = settings(drive)
     with pytest.raises(LimitError, match=said.replace(".", r"\.")):
-        experiment.run(drive, Plan((hold,)))
-    assert operation.state(drive) is State.OPERATION_ENABLED
+        run(drive, Plan((hold,)))
+    assert stopped(drive)
     assert settings(drive) == before
 
 
 def test_what_the_drive_itself_refuses_never_flows(bench: Served, drive: Drive) -> None:
-    operation.enable(drive)
     before = settings(drive)
     with pytest.raises(RefusedError):  # more than its current limit, less than its trip
-        experiment.run(drive, Plan((Hold(1200.0, 0.0, 1.0, 0.1), Hold(1200.0, 0.0, 12.5, 0.1))))
+        run(drive, Plan((Hold(1200.0, 0.0, 1.0, 0.1), Hold(1200.0, 0.0, 12.5, 0.1))))
     assert stopped(drive)
     assert settings(drive) == before
     assert abs(bench.drive.read("i_q")) < 6.0
@@ -140,28 +170,28 @@ def test_cancelled_it_stops_the_drive(drive: Drive) -> None:
             cancelled.set()
 
     with pytest.raises(CancelledError):
-        experiment.run(drive, PLAN, tell, cancelled)
+        run(drive, PLAN, tell, cancelled)
     assert stopped(drive)
     assert settings(drive) == before
 
 
 def test_a_fault_ends_it_and_says_which() -> None:
     scenario = replace(PAPER, drive=replace(PAPER.drive, temperature_trip=60.0))
-    with served(virtual_url(), scenario) as bench, connect(bench.url) as drive:
+    with served(virtual_url(), scenario, control="lease") as bench, connect(bench.url) as drive:
 
         def tell(far: Progress) -> None:
             if far.phase.startswith("holding"):
                 bench.drive.set_temperature(70.0)
 
         with pytest.raises(FaultError, match="the drive went off during the experiment: motor too hot"):
-            experiment.run(drive, Plan((Hold(1200.0, 0.0, 1.0, 1.0),)), tell)
+            run(drive, Plan((Hold(1200.0, 0.0, 1.0, 1.0),)), tell)
         assert stopped(drive)
         with pytest.raises(FaultError, match="reset it first"):
-            experiment.run(drive, PLAN)
+            run(drive, PLAN)
 
 
 def test_a_bench_that_is_gone_leaves_a_drive_that_goes_off_by_itself() -> None:
-    with served(tcp_url()) as bench:
+    with served(tcp_url(), control="lease") as bench:
         drive = connect(bench.url)
 
         def tell(far: Progress) -> None:
@@ -169,7 +199,7 @@ def test_a_bench_that_is_gone_leaves_a_drive_that_goes_off_by_itself() -> None:
                 drive.close()
 
         with pytest.raises(DriveError, match="could not be told to stop"):
-            experiment.run(drive, Plan((Hold(1200.0, 0.0, 1.0, 5.0),)), tell)
+            run(drive, Plan((Hold(1200.0, 0.0, 1.0, 5.0),)), tell)
         until(lambda: int(bench.drive.read("error_code")) == 0x8130, "the watchdog does not act")
 
 
@@ -196,16 +226,16 @@ def test_one_motor_by_two_data_sheets_is_the_same_and_a_plan_for_none_is_for_any
 
 
 def test_a_drives_machine_file_is_asked_before_the_drive_is(tmp_path: Path) -> None:
-    experiments = Experiments(tmp_path, {}, {}, Leases(lambda _: None), {"x": Nominal({"psi_f": 0.118})})
+    nominals, limits = {"x": Nominal({"psi_f": 0.118})}, {"x": Limits()}
+    experiments = Experiments(tmp_path, {}, {}, Leases(lambda _: None), nominals, limits)
     with pytest.raises(LimitError, match=r"drive x's machine file has 0\.118 Vs"):
         experiments.ask("x", {"holds": [asdict(HOLDS[0])], "machine": {"psi_f": 0.0052}})
 
 
 def test_a_drive_that_controls_another_motor_refuses_before_anything_changes(drive: Drive) -> None:
-    operation.enable(drive)
     with pytest.raises(LimitError, match=r"psi_f = 0\.0052 Vs, the drive's current control has 0\.12 Vs"):
-        experiment.run(drive, Plan(HOLDS, 0.3, MEANT | {"psi_f": 0.0052}))
-    assert operation.state(drive) is State.OPERATION_ENABLED
+        run(drive, Plan(HOLDS, 0.3, MEANT | {"psi_f": 0.0052}))
+    assert stopped(drive)
 
 
 @pytest.mark.parametrize(
@@ -249,3 +279,36 @@ def test_the_experiment_is_the_ambiguity_asked_for_or_the_first_that_a_drive_can
     for content, number, said in refusals:
         with pytest.raises(LimitError, match=said):
             experiment_of(content, number)
+
+
+def test_one_that_was_stopped_before_it_began_never_switches_on(
+    drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cancelled, bridges, plain = threading.Event(), list[Bridge](), drive.control
+    cancelled.set()
+
+    def control(record: Record) -> None:
+        bridges.append(record.bridge)
+        plain(record)
+
+    monkeypatch.setattr(drive, "control", control)
+    with pytest.raises(CancelledError):
+        run(drive, PLAN, cancelled=cancelled)
+    assert Bridge.ON not in bridges
+
+
+def test_a_stop_while_one_is_being_asked_for_voids_it(bench: Served, drive: Drive, tmp_path: Path) -> None:
+    class Stopping:
+        """A link, by which a stop comes while the drive is asked."""
+
+        def drive(self) -> Drive:
+            experiments.stop("x")
+            return drive
+
+    experiments = Experiments(
+        tmp_path, {"x": bench.url}, {"x": Stopping()}, Leases(), {"x": Nominal({})}, {"x": Limits()}
+    )
+    with pytest.raises(ConflictError, match="drive x was stopped meanwhile: ask again where that is meant"):
+        experiments.ask("x", {"holds": [asdict(hold) for hold in HOLDS], "step": 0.3})
+    assert experiments.all("x") == []
+    assert list(tmp_path.iterdir()) == []

@@ -86,7 +86,7 @@ def of_every_link(listeners: dict[str, Listening]) -> set[int]:
 
 
 def test_one_drive_is_the_same_over_every_link_at_once(urls: dict[str, str]) -> None:
-    with command("emulate", *at(urls)) as process:
+    with command("emulate", *at(urls), "--control", "watchdog") as process:
         assert ready(process) == f"emulated drive 'paper' is at {' and '.join(urls.values())}\n"
         with contextlib.ExitStack() as stack:
             drives: dict[str, Drive] = {name: stack.enter_context(connect(url)) for name, url in urls.items()}
@@ -113,7 +113,9 @@ def test_the_service_streams_again_after_a_reset_and_after_the_drives_death(urls
         sentences = lost(service)
         assert all("has reset" in sentence for sentence in sentences.values()), sentences
         links = streaming(service)
-        assert {(link.reconnects, link.gaps, link.rows_lost) for link in links.values()} == {(1, 1, 0)}
+        assert {(link.reconnects, link.clock_resets) for link in links.values()} == {(1, 1)}
+        assert all(link.gaps >= 1 for link in links.values())
+        assert all(link.rows_lost > 0 for link in links.values())  # those that it made since
         process.kill()
         process.wait()
         lost(service, 1)
@@ -136,7 +138,8 @@ def test_the_service_rebuilds_every_link_that_was_unplugged_and_counts_what_it_m
         until(lambda: running.drive.tick > tick + 5000, "its time stands still")
         running.spoil()
         links = streaming(service)
-        assert {(link.reconnects, link.gaps) for link in links.values()} == {(1, 1)}
+        assert {link.reconnects for link in links.values()} == {1}
+        assert all(link.gaps >= 1 for link in links.values())  # more where a line that was held up skipped old rows
         assert all(link.rows_lost > 500 for link in links.values())
     assert capfd.readouterr().err == ""
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.wire.dictionary import layout_id
+from drivers.wire.dictionary import WATCHDOG_LAYOUT
 from drivers.wire.modbus_url import parse_modbus_url
 from emulator.faults import Faults, parse_fault
 from emulator.modbus_frames import RtuFraming, TcpFraming, crc16
@@ -24,7 +24,7 @@ from tests.served_modbus import ALL_URLS, Disturbed, line_to, path_of, pty_url, 
 
 pytestmark = pytest.mark.live
 
-LAYOUT = layout_id().to_bytes(4, "big").hex(" ")
+LAYOUT = WATCHDOG_LAYOUT.to_bytes(4, "big").hex(" ")
 
 # Function code and data of requests and answers, by hand from the Application Protocol Specification V1.1b3
 TALKS = {
@@ -337,7 +337,7 @@ def mbpoll(url: str, *arguments: str, values: tuple[str, ...] = ()) -> dict[int,
 def test_mbpoll_reads_and_writes_the_drive(make_url: Callable[[], str]) -> None:
     with served(make_url(), running=False) as bench:
         assert mbpoll(bench.url, "-r", "4", "-c", "2", "-t", "4:hex") == {4: "0x504D", 5: "0x534D"}
-        assert mbpoll(bench.url, "-r", "0", "-c", "1", "-t", "4:int", "-B") == {0: str(_signed(layout_id()))}
+        assert mbpoll(bench.url, "-r", "0", "-c", "1", "-t", "4:int", "-B") == {0: str(_signed(WATCHDOG_LAYOUT))}
         assert mbpoll(bench.url, "-r", str(0x1102), "-c", "2", "-t", "4:float", "-B") == {0x1102: "24", 0x1104: "387.5"}
         assert mbpoll(bench.url, "-r", str(0x2014), "-c", "1", "-t", "3") == {0x2014: "26214"}  # 310 / 387.5
         mbpoll(bench.url, "-r", str(0x1008), "-t", "4", values=("50",))

@@ -51,11 +51,13 @@ def test_a_unit_has_a_name_for_messages() -> None:
         ("modbus+tcp://drive/a/1", r"expected modbus\+tcp://HOST"),
         ("modbus+tcp://drive?baudrate=9600/1", r"expected modbus\+tcp://HOST"),
         ("modbus+rtu:///dev/a?baudrate/1", r"expected option=value after the '\?' of .*, got 'baudrate'"),
-        ("modbus+rtu:///dev/a?speed=1/1", r"expected the options baudrate, parity and stopbits in .*, got speed"),
+        ("modbus+rtu:///dev/a?speed=1/1", r"expected the options baudrate, .* and timeout in .*, got speed"),
         ("modbus+rtu:///dev/a?baudrate=fast/1", r"expected a baudrate of 300 to 12000000 in .*, got 'fast'"),
         ("modbus+rtu:///dev/a?baudrate=1/1", r"expected a baudrate of 300 to 12000000"),
         ("modbus+rtu:///dev/a?parity=X/1", r"expected a parity of N, E, O in .*, got 'X'"),
         ("modbus+rtu:///dev/a?stopbits=3/1", r"expected stopbits of 1 or 2 in .*, got '3'"),
+        ("modbus+tcp://drive?timeout=0/1", r"expected a timeout of 0.05 to 10 s in .*, got '0'"),
+        ("modbus+rtu:///dev/a?timeout=soon/1", r"expected a timeout of 0.05 to 10 s in .*, got 'soon'"),
         ("modbus+rtu://?baudrate=9600/1", r"expected modbus\+rtu://DEVICE"),
     ],
 )
@@ -77,3 +79,9 @@ def test_any_text_is_an_address_or_told_not_to_be(text: str) -> None:
 def test_the_door_of_the_drivers_tells_all_its_schemes() -> None:
     with pytest.raises(ConnectError, match=r"modbus\+tcp:// or modbus\+rtu://"):
         check_url("profibus://1")
+
+
+@pytest.mark.parametrize("url", ["modbus+tcp://drive?timeout=1.5/1", "modbus+rtu:///dev/a?baudrate=9600&timeout=1.5/1"])
+def test_an_address_may_say_how_long_answers_take(url: str) -> None:
+    assert parse_modbus_url(url).timeout == 1.5
+    assert parse_modbus_url("modbus+tcp://drive/1").timeout is None

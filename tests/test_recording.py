@@ -520,7 +520,7 @@ def test_an_empty_file_and_one_without_rows_are_refused(write: Write):
 
 def test_a_path_that_is_no_file_says_why(tmp_path: Path):
     assert refusal(tmp_path / "none.csv") == "cannot be read: No such file or directory"
-    assert refusal(tmp_path) == "expected a file, this is none"
+    assert refusal(tmp_path) == "cannot be read: Is a directory"
 
 
 def test_binary_data_is_not_taken_for_text(write: Write):

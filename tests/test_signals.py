@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from tests.conftest import COMMAND, RunningBench
+from drivers.wire.dictionary import SET_POINTS
+from tests.conftest import COMMAND, JSON, RunningBench
 from tests.served_drive import until
 from tests.test_api import problem
 
@@ -20,7 +21,7 @@ SIGNALS = f"{DRIVE}/signals"
 @pytest.fixture
 def client(running_bench: RunningBench) -> Iterator[httpx.Client]:
     """A client of a bench whose drive streams; what the tests write is put back."""
-    with httpx.Client(base_url=running_bench.url, timeout=30.0) as one:
+    with httpx.Client(base_url=running_bench.url, headers=JSON, timeout=30.0) as one:
         until(lambda: one.get(DRIVE).json()["link"]["state"] == "streaming", "the stream")
         before = values(one, "i_q_ref", "i_d_step", "excitation_kind", "sine_count")
         yield one
@@ -82,11 +83,40 @@ def test_a_number_that_is_none_is_refused(client: httpx.Client, number: str) -> 
     assert problem(client.put(SIGNALS, content=body), 422).startswith("0x2300:2 (i_q_ref) takes a finite number, got ")
 
 
-def test_what_the_drive_refuses_is_told_with_what_was_written_before(client: httpx.Client) -> None:
-    told = problem(client.put(SIGNALS, json={"sine_count": 5, "i_q_ref": 1.5, "i_d_ref": 12.5}), 409)
-    assert "0x2300:1 (i_d_ref)" in told
-    assert told.endswith("; written before: sine_count, i_q_ref")
-    assert values(client, "sine_count", "i_d_ref") == {"sine_count": 5.0, "i_d_ref": 0.0}
+def test_what_the_drive_refuses_is_told_and_nothing_of_it_is_written(client: httpx.Client) -> None:
+    before = values(client, "i_q_ref", "sine_count")
+    asked = {"i_q_ref": 0.5, "sine_count": 16, "sine_frequency": 1000.0}  # harmonics that its control is too slow for
+    told = problem(client.put(SIGNALS, json=asked), 409)
+    assert told.endswith("; nothing was written of i_q_ref, sine_count, sine_frequency")
+    assert values(client, "i_q_ref", "sine_count") == before
+
+
+def test_set_points_go_up_to_the_machines_rated_current_and_largest_speed(client: httpx.Client) -> None:
+    before = values(client, "i_q_ref")
+    told = problem(client.put(SIGNALS, json={"i_q_ref": 9.0}), 422)
+    assert told.startswith("set points: currents go up to 6 A, the machine's rated one unless the configuration's ")
+    told = problem(client.put(SIGNALS, json={"speed_ref": 2000.0}), 422)
+    assert told.startswith("set points: speeds go up to 3000 rpm, the machine's largest unless ")
+    assert problem(client.put(SIGNALS, json={"watchdog_time": 0.0}), 422).endswith("takes at least 0.05 s, got 0")
+    assert values(client, "i_q_ref") == before
+
+
+def test_a_stopped_drive_takes_no_set_point_and_started_again_it_does(client: httpx.Client) -> None:
+    kept = values(client, "i_q_ref", "i_d_step", "i_q_step")
+    assert client.post(f"{DRIVE}/stop").raise_for_status().json()["state"] == "switch on disabled"
+    assert set(values(client, *SET_POINTS).values()) == {0.0}
+    told = problem(client.put(SIGNALS, json={"i_q_ref": 1.0}), 409)
+    assert told.startswith("i_q_ref is a set point, and set points hold only while the drive is controlled: start it")
+    assert problem(client.put(SIGNALS, json={"control_word": 15}), 409).endswith("`pmsm-bench start emulated`")
+    control = client.post(f"{DRIVE}/start", json=kept).raise_for_status().json()
+    assert (control["state"], control["ours"], control["fault"]) == ("operation enabled", True, None)
+    assert values(client, "i_q_ref", "i_d_step", "i_q_step") == kept
+    assert problem(client.post(f"{DRIVE}/reset", json={}), 409) == (
+        "drive emulated is in no fault: it is operation enabled"
+    )
+    assert problem(client.post(f"{DRIVE}/start", json={"bandwidth": 500.0}), 422).startswith(
+        "a drive is started with set points (i_d_ref, "
+    )
 
 
 def test_unknown_drives_and_signals_are_told(client: httpx.Client) -> None:
@@ -115,12 +145,13 @@ def test_a_body_that_is_no_object_is_refused_with_an_example_of_this_route(
     )
 
 
-def test_nobody_writes_while_a_capture_has_the_drive(client: httpx.Client) -> None:
-    capture = client.post(f"{DRIVE}/captures", json={"length": 1000, "trigger": "command"}).raise_for_status().json()
-    told = problem(client.put(SIGNALS, json={"i_q_ref": 1.0}), 409)
-    assert told.startswith(f"drive emulated takes one writer at a time, and capture {capture['id']}")
-    client.delete(f"{DRIVE}/captures/latest").raise_for_status()
-    client.put(SIGNALS, json={"i_q_ref": 1.0}).raise_for_status()
+def test_a_capture_waits_for_the_step_that_its_operator_makes(client: httpx.Client) -> None:
+    asked = {"i_d_step": 0.0, "i_q_step": 0.0, "excitation_kind": 0, "i_q_ref": 1.0}
+    client.put(SIGNALS, json=asked).raise_for_status()
+    until(lambda: abs(values(client, "i_q_mean")["i_q_mean"] - 1.0) < 0.1, "the current")
+    client.post(f"{DRIVE}/captures", json={"length": 1000, "trigger": "i_q > 2.0"}).raise_for_status()
+    client.put(SIGNALS, json={"i_q_ref": 3.0}).raise_for_status()
+    until(lambda: client.get(f"{DRIVE}/captures/latest").json()["state"] == "done", "the capture")
 
 
 def command(running_bench: RunningBench, *given: str) -> subprocess.CompletedProcess[str]:
@@ -140,6 +171,7 @@ def test_the_command_line_writes_and_reads_and_says_what_it_expected(
     assert [line for line in done.stdout.splitlines() if "T_s" in line and "0.0001" in line]
     for given, sentence in (
         ("i_q_ref=fast", "expected SIGNAL=NUMBER, got 'i_q_ref=fast'"),
+        ("i_q_ref=nan", "'i_q_ref': expected a finite number, got nan"),
         ("i_q_reff", "no signal 'i_q_reff'; there is i_q_ref"),
     ):
         refused = command(running_bench, given)

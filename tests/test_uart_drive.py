@@ -25,7 +25,7 @@ from drivers.uart_drive import UartDrive, _Upload
 from drivers.wire import uart_frame as uf
 from drivers.wire.cia402 import State
 from drivers.wire.codec import count_size, counts_to_si
-from drivers.wire.dictionary import CAPTURE_SAMPLES, STREAM_ROW, layout_id, signal_named
+from drivers.wire.dictionary import CAPTURE_SAMPLES, STREAM_ROW, layout_id, layout_text, signal_named
 from drivers.wire.uart_url import parse_uart_url
 from emulator.faults import Faults, parse_fault
 from emulator.scenarios import PAPER
@@ -425,7 +425,7 @@ class OtherServer(UartServer):
 
 
 def test_a_drive_with_another_layout_is_told_before_anything_else_is_asked(url: str) -> None:
-    sentence = rf"\('another'\) has another signal layout: expected 0x{layout_id():08X}, got 0x{layout_id() ^ 1:08X}"
+    sentence = rf"\('another'\) has another signal layout: expected {layout_text()}, got 0x{layout_id() ^ 1:08X}"
     with OtherServer(VirtualDrive(PAPER), parse_uart_url(url)), pytest.raises(ConnectError, match=sentence):
         connect(url)
 

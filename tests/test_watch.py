@@ -242,8 +242,9 @@ def test_rest_and_the_command_line_say_since_when_and_where(tmp_path: Path) -> N
         assert json.loads(line.removeprefix("data: "))["estimates"]["mismatch"]["since"] == said["since"]
         done = subprocess.run(
             [*COMMAND, "estimates", "emulated", "--once", "--service", bench.url],
-            capture_output=True, text=True, timeout=60, check=True,
+            capture_output=True, text=True, timeout=60, check=False,
         )
+        assert (done.returncode, done.stderr) == (1, "")  # its estimates are doubtful
         clock = datetime.fromisoformat(said["since"]).astimezone().strftime("%H:%M:%S")
         words = " ".join(done.stdout.split())
         assert f"the model has not explained the drive since {clock}: " in words

@@ -11,7 +11,7 @@ import pytest
 from canopen.objectdictionary import import_od
 
 from drivers.wire import canopen_od as od
-from drivers.wire.dictionary import CAPTURE_DATA, SIGNALS, Signal, layout_id
+from drivers.wire.dictionary import CAPTURE_DATA, CONTROL, SIGNALS, Signal, layout_id
 
 
 def sheet() -> RawConfigParser:
@@ -127,7 +127,7 @@ def test_the_data_sheet_lists_nothing_that_the_dictionary_has_not() -> None:
             listed |= {(index, subindex) for subindex in entry if subindex} if hasattr(entry, "subindices") else {
                 (index, 0)
             }
-    assert listed == {(s.index, s.subindex) for s in SIGNALS if s.index >= 0x2000} | {CAPTURE_DATA}
+    assert listed == {(s.index, s.subindex) for s in SIGNALS if s.index >= 0x2000} | {CAPTURE_DATA, CONTROL}
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -184,7 +184,7 @@ def test_every_listed_object_has_a_section_and_every_section_is_listed() -> None
 def test_a_records_number_of_sub_objects_is_right() -> None:
     parser = sheet()
     for name in parser.sections():
-        if not re.fullmatch("[0-9A-F]{4}", name) or parser[name]["ObjectType"] == "0x7":
+        if not re.fullmatch("[0-9A-F]{4}", name) or parser[name]["ObjectType"] in ("0x2", "0x7"):
             continue
         subs = [int(s[7:], 16) for s in parser.sections() if re.fullmatch(f"{name}sub[0-9A-F]+", s)]
         assert int(parser[name]["SubNumber"]) == len(subs)

@@ -26,9 +26,9 @@ class ServedProcess:
 
 
 @contextmanager
-def serving(url: str) -> Generator[ServedProcess]:
-    """An emulated drive at a URL, ready."""
-    with emulator("--at", url) as process:
+def serving(url: str, *options: str, control: str = "watchdog") -> Generator[ServedProcess]:
+    """An emulated drive at a URL, ready; `options` are those of the emulator, `control` as of `served`."""
+    with emulator("--at", url, *options, control=control) as process:
         ready(process)
         yield ServedProcess(url, process)
 
@@ -39,7 +39,7 @@ class Transport:
 
     new_url: Callable[[], str]  # where nobody is yet
     stream_periods: int = 10  # row length that it keeps up with
-    serve: Callable[[str], AbstractContextManager[ServedProcess]] = serving
+    serve: Callable[..., AbstractContextManager[ServedProcess]] = serving
 
 
 def vcan_url() -> str:

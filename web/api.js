@@ -5,13 +5,19 @@
  * @typedef {{state: "connecting" | "streaming" | "lost", since: string, reconnects: number,
  *   last_error: LinkError | null}} Link
  * @typedef {{rate_hz: number, nominal_rate_hz: number | null, rows: number, gaps: number, rows_lost: number,
+ *   clock_resets: number, frames_late: number, frames_foreign: number, note: string,
  *   age_s: number | null, t_drive_s: number | null}} Stream
  * @typedef {{device_name: string, serial: number, T_s: number}} Identity
  * @typedef {{holder: string, until: string}} Writer
  * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream,
- *   writer: Writer | null}} DriveState
- * @typedef {{value: number | null, std: number | null, unit: string, status: "ok" | "held" | "not_told" | "no_data",
- *   reason: string, window: number | null}} Estimate
+ *   writer: Writer | null, control: Control}} DriveState
+ * @typedef {{code: string, name: string, advice: string}} Fault
+ * @typedef {{state: string | null, fault: Fault | null, holder: string | null, lease_left_s: number | null,
+ *   ours: boolean, whom: string | null, said: string, undone: string, guarded: boolean | null,
+ *   safe_torque_off: string | null}} Control
+ * @typedef {{value: number | null, std: number | null, unit: string,
+ *   status: "ok" | "doubtful" | "stale" | "held" | "not_told" | "no_data", since: string | null, reason: string,
+ *   window: number | null}} Estimate
  * @typedef {{parameters: string[], reason: string}} Combination
  * @typedef {{minimum: number, maximum: number}} Limits
  * @typedef {"wls" | "rls" | "ekf"} Method
@@ -23,14 +29,14 @@
  * @typedef {{status: "explained" | "unexplained" | "not_told", since: string | null, until: string | null,
  *   where: string, reason: string, significance: number | null, ratio: number | null, rms_V: number | null,
  *   least_V: number | null}} Mismatch
- * @typedef {{drive: string, method: Method, status: "ok" | "filling" | "stale" | "no_data",
- *   estimates: Record<string, Estimate>, combinations: Combination[], mismatch: Mismatch, window: Window, samples: number, gaps: number, left_out: number, rows_dropped: number, age_s: number | null,
- *   t_drive_s: number | null, condition: number | null, residual_rms_V: number | null}} Estimates
+ * @typedef {{drive: string, method: Method, status: "ok" | "filling" | "doubtful" | "stale" | "no_data",
+ *   estimates: Record<string, Estimate>, combinations: Combination[], mismatch: Mismatch, window: Window, samples: number, gaps: number, left_out: number, rows_dropped: number,
+ *   drive_state: {state: string | null, fault: Fault | null}, age_s: number | null, t_drive_s: number | null, condition: number | null, residual_rms_V: number | null}} Estimates
  * @typedef {"now" | "command" | {signal: string, level: number, edge: string}} Trigger
  * @typedef {{signals: string[], length: number, decimation: number, trigger?: Trigger, pre_trigger?: number,
  *   timeout_s?: number}} CaptureRequest
  * @typedef {{id: string, drive: string, state: string, progress: number, samples: number, reason: string,
- *   file: string | null, asked: string, request: CaptureRequest}} Capture
+ *   remark: string, file: string | null, asked: string, request: CaptureRequest}} Capture
  * @typedef {{drive: DriveState, estimates: Estimates, capture: Capture | null}} Snapshot
  * @typedef {Partial<Omit<Window, "limits" | "ekf">> & {ekf?: Partial<Tuning>}} WindowChange
  */
@@ -49,6 +55,34 @@ export async function listDrives() {
  */
 export function putWindow(drive, change) {
   return call("PUT", `/api/drives/${encodeURIComponent(drive)}/window`, change);
+}
+
+/**
+ * @param {string} drive
+ * @param {Record<string, number>} setPoints SI
+ * @returns {Promise<Control>}
+ */
+export function startDrive(drive, setPoints) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/start`, setPoints);
+}
+
+/** @param {string} drive @returns {Promise<Control>} */
+export function stopDrive(drive) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/stop`, {});
+}
+
+/** @param {string} drive @returns {Promise<Control>} */
+export function resetDrive(drive) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/reset`, {});
+}
+
+/**
+ * @param {string} drive
+ * @param {string[]} names
+ * @returns {Promise<{name: string, value: number}[]>} SI
+ */
+export async function readSignals(drive, names) {
+  return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals?names=${names.join(",")}`)).signals;
 }
 
 /**
@@ -123,7 +157,7 @@ async function send(method, address, body) {
   try {
     return await fetch(address, {
       method,
-      headers: body === undefined ? {} : { "Content-Type": "application/json" },
+      headers: method === "GET" ? {} : { "Content-Type": "application/json" }, // also of what has no body
       body: body === undefined ? undefined : JSON.stringify(body),
       cache: "no-store",
       signal: AbortSignal.timeout(PATIENCE_MS),

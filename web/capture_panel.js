@@ -98,7 +98,7 @@ function fillState(connected) {
   bar.hidden = !underWay;
   link.hidden = latest === null || latest.file === null;
   if (latest !== null) fillCapture(latest);
-  say(refusal !== "" ? refusal : state === "failed" ? (latest?.reason ?? "") : "");
+  say(refusal !== "" ? refusal : state === "failed" ? (latest?.reason ?? "") : (latest?.remark ?? ""));
 }
 
 /** @param {Capture} capture */

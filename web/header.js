@@ -42,6 +42,11 @@ export function showDrive(drive, sinceSnapshot_s, connected) {
   write("fact-gaps", integer(stream.gaps));
   write("fact-lost", integer(stream.rows_lost));
   write("fact-reconnects", integer(drive.link.reconnects));
+  writeWhereAny("fact-late", stream.frames_late);
+  writeWhereAny("fact-foreign", stream.frames_foreign);
+  writeWhereAny("fact-resets", stream.clock_resets);
+  element("stream-note").hidden = stream.note === "";
+  write("stream-note", stream.note);
   element("fact-gaps").classList.toggle("warn", stream.gaps > 0);
   element("fact-lost").classList.toggle("warn", stream.rows_lost > 0);
 }
@@ -61,6 +66,12 @@ function showLink({ name, link }, connected) {
   element("link-error").hidden = error === null;
   element("link-error").classList.toggle("past", past !== "");
   if (error !== null) write("link-error", `${past}${clock(error.time)}: ${error.sentence}`);
+}
+
+/** @param {string} id @param {number} count of something that is rare */
+function writeWhereAny(id, count) {
+  /** @type {HTMLElement} */ (element(id).parentElement).hidden = count === 0;
+  write(id, integer(count));
 }
 
 /** @param {import("./api.js").Link} link */

@@ -8,6 +8,7 @@
 import { hideBanner, showLost, showNotice } from "./banner.js";
 import { buildCapturePanel, showCapture, startCapturePanel } from "./capture_panel.js";
 import { keepConnected } from "./connection.js";
+import { buildControlBar, showControl, startControlBar } from "./control_bar.js";
 import { onDriveChosen, showDrive, showDrives } from "./header.js";
 import { History } from "./history.js";
 import { PARAMETERS } from "./parameters.js";
@@ -36,6 +37,7 @@ function chooseDrive(name) {
   clearTiles();
   startWindowForm(name);
   startCapturePanel(name);
+  startControlBar(name);
   drawPlots();
 }
 
@@ -43,6 +45,7 @@ function drawWords() {
   const { snapshot, received, connected } = state;
   if (snapshot === null) return;
   const rate = snapshot.drive.stream.nominal_rate_hz ?? snapshot.drive.stream.rate_hz;
+  showControl(snapshot.drive.control, connected);
   showDrive(snapshot.drive, (Date.now() - received) / 1000, connected);
   showEstimates(snapshot.estimates, rate, connected);
   showWindow(snapshot.estimates.window, snapshot.estimates.estimates, rate);
@@ -61,7 +64,7 @@ function drawPlots() {
 
 /** @param {Snapshot} snapshot */
 function remember({ estimates }) {
-  if (estimates.status !== "ok" && estimates.status !== "filling") return;
+  if (estimates.status === "stale" || estimates.status === "no_data") return;
   const time = Date.now() - 1000 * (estimates.age_s ?? 0);
   for (const [name, history] of state.histories) history.push(time, estimates.estimates[name]);
 }
@@ -71,6 +74,7 @@ function start() {
   buildPlots();
   buildWindowForm();
   buildCapturePanel();
+  buildControlBar();
   const reconnect = keepConnected({
     drives(drives) {
       const wanted = state.drive ?? decodeURIComponent(location.hash.slice(1));

@@ -1,5 +1,5 @@
 /**
- * Four time plots: estimate, shaded 95 % interval, held values dashed. The right edge is now, and stays now when
+ * Four time plots: estimate, shaded 95 % interval, doubtful values dotted, held ones dashed. The right edge is now, and stays now when
  * nothing comes any more. Plotly is the classic script of the page; without it the rest of the page still works.
  *
  * @typedef {import("./history.js").Point} Point
@@ -70,8 +70,8 @@ export function drawPlot(parameter, history, span_s, exponent) {
  * @param {Record<string, string>} colours
  */
 function traces(runs, now, scale, unit, colours) {
-  const estimated = runs.filter((run) => !run[0].held);
-  const held = runs.filter((run) => run[0].held);
+  const [estimated, doubtful, held] = ["estimate", "doubtful", "held"]
+    .map((kind) => runs.filter((run) => run[0].kind === kind));
   const latest = estimated.at(-1)?.at(-1);
   const digits = `.${decimalsFor(latest === undefined ? null : latest.half / scale, null)}f`;
   return [
@@ -80,6 +80,9 @@ function traces(runs, now, scale, unit, colours) {
     { ...line(estimated, now, scale), name: "estimate", mode: "lines", type: "scatter", showlegend: false,
       line: { color: colours.accent, width: 1.6 },
       hovertemplate: `%{y:${digits}} ± %{customdata:${digits}} ${unit}<extra></extra>` },
+    { ...line(doubtful, now, scale), name: "doubtful", mode: "lines", type: "scatter", showlegend: false,
+      line: { color: colours.accent, width: 1.6, dash: "dot" },
+      hovertemplate: `doubtful: %{y:${digits}} ± %{customdata:${digits}} ${unit}<extra></extra>` },
     { ...line(held, now, scale), name: "held", mode: "lines", type: "scatter", showlegend: false,
       line: { color: colours.muted, width: 1.6, dash: "dash" }, hovertemplate: `held at %{y} ${unit}<extra></extra>` },
   ];

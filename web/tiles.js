@@ -6,16 +6,21 @@
  * @typedef {import("./api.js").Estimate} Estimate
  */
 
-import { Z_95, age, decimalsFor, duration, engineeringExponent, fixed, integer, plain, prefixed } from "./format.js";
+import { Z_95, age, clock, decimalsFor, duration, engineeringExponent, fixed, integer, plain, prefixed } from "./format.js";
 import { showMismatch } from "./mismatch.js";
 import { PARAMETERS, writeSymbol } from "./parameters.js";
 
 const STATUS_WORDS = {
   ok: "estimated",
+  doubtful: "doubtful",
+  stale: "not live",
   held: "held",
   not_told: "cannot be told",
   no_data: "no data yet",
 };
+
+/** What has a value to show. */
+const TOLD = ["ok", "doubtful", "stale", "held"];
 
 /** @typedef {{parameter: import("./parameters.js").Parameter, root: HTMLElement, exponent: number, decimals: number | null}} Tile */
 
@@ -55,15 +60,15 @@ export function clearTiles() {
  */
 export function showEstimates(estimates, rate_hz, connected) {
   const old = !connected || estimates.status === "stale";
-  const several = estimates.combinations.filter(({ parameters }) => parameters.length > 1);
-  const together = new Set(several.flatMap(({ parameters }) => parameters));
+  const told = tiles.map(({ parameter }) => estimates.estimates[parameter.name]);
+  const several = sharedReasons(told);
   for (const tile of tiles) {
     const { name } = tile.parameter;
     const estimate = estimates.estimates[name];
-    showTile(tile, estimate, old, basis(estimate, rate_hz), !together.has(name));
+    showTile(tile, estimate, old, basis(estimate, rate_hz), !several.includes(estimate?.reason));
   }
   showMismatch(estimates.mismatch, old);
-  writeById("untold", several.map(({ reason }) => sentence(reason)).join(" "));
+  writeById("untold", several.map(sentence).join(" "));
   writeById("estimates-status", connected ? statusSentence(estimates, rate_hz) : "Last numbers received, not live.");
   document.getElementById("estimates-status")?.classList.toggle("warn", old);
   writeById("fit", fitSentence(estimates));
@@ -74,9 +79,15 @@ export function exponentOf(name) {
   return tiles.find(({ parameter }) => parameter.name === name)?.exponent ?? 0;
 }
 
+/** Reasons that several parameters share, but for those held. @param {(Estimate | undefined)[]} estimates */
+function sharedReasons(estimates) {
+  const reasons = estimates.flatMap((e) => e === undefined || e.status === "held" || e.reason === "" ? [] : [e.reason]);
+  return [...new Set(reasons.filter((reason, k) => reasons.indexOf(reason) !== k))];
+}
+
 /** The window that the data chose. @param {Estimate | undefined} estimate @param {number} rate_hz */
 function basis(estimate, rate_hz) {
-  if (estimate === undefined || estimate.window === null || estimate.status !== "ok") return "";
+  if (estimate === undefined || estimate.window === null || !TOLD.includes(estimate.status)) return "";
   return `from the last ${rate_hz > 0 ? duration(estimate.window / rate_hz) : `${integer(estimate.window)} samples`}`;
 }
 
@@ -97,10 +108,10 @@ function showTile(tile, estimate, old, from, alone) {
   const status = estimate?.status ?? "no_data";
   root.dataset.status = status;
   root.classList.toggle("old", old);
-  write(root, "chip", old && status === "ok" ? "last estimate" : STATUS_WORDS[status] ?? status);
+  write(root, "chip", chip(estimate, old));
   write(root, "basis", from);
   write(root, "reason", alone ? estimate?.reason ?? "" : "");
-  const value = status === "ok" || status === "held" ? estimate?.value ?? null : null;
+  const value = TOLD.includes(status) ? estimate?.value ?? null : null;
   if (value === null) {
     write(root, "value", "—");
     write(root, "value-unit", "");
@@ -122,12 +133,20 @@ function showTile(tile, estimate, old, from, alone) {
   write(root, "interval", half === null ? "interval not known" : `± ${fixed(half, tile.decimals)} ${unit} (95 %)`);
 }
 
+/** The status in words. @param {Estimate | undefined} estimate @param {boolean} old */
+function chip(estimate, old) {
+  const status = estimate?.status ?? "no_data";
+  if (old && status === "ok") return "last estimate";
+  const since = estimate?.since ?? null;
+  return `${STATUS_WORDS[status] ?? status}${since === null ? "" : ` since ${clock(since)}`}`;
+}
+
 /**
  * @param {Estimates} estimates
  * @param {number} rate_hz
  */
 function statusSentence({ method, status, samples, window, age_s }, rate_hz) {
-  if (status === "stale") return `Not live: the newest sample is ${age_s === null ? "old" : `${age(age_s)} old`}.`;
+  if (status === "stale") return `Not live: the newest row used is ${age_s === null ? "old" : `${age(age_s)} old`}.`;
   if (status === "no_data") return "No data yet.";
   const span = rate_hz > 0 ? ` (${duration(samples / rate_hz)})` : "";
   const filling = status === "filling";

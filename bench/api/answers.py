@@ -5,7 +5,10 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Final, cast
 
 from fastapi import Depends, Path, Request
+from starlette.requests import ClientDisconnect
 
+from bench.api.kinds import READS, is_stop
+from bench.api.problems import MediaError, TooLargeError
 from bench.errors import LimitError, shown
 from bench.service import Service
 
@@ -14,8 +17,21 @@ _MAX_BODY: Final = 1 << 16  # bytes
 SHAPES: Final = "#/components/schemas/"
 PROBLEM: dict[str, Any] = {"content": {"application/problem+json": {"schema": {"$ref": f"{SHAPES}ProblemModel"}}}}
 Answers = dict[int | str, dict[str, Any]]
-ANY: Answers = {"default": {"description": "Any other refusal or failure"} | PROBLEM}
-DRIVE: Answers = {404: {"description": "No drive of that name"} | PROBLEM} | ANY
+DRIVE: Answers = {
+    404: {"description": "No drive of that name"} | PROBLEM,
+    502: {"description": "The drive answered what cannot be"} | PROBLEM,
+}
+_ANY: Final = {  # of every route
+    "400": "Not HTTP", "403": "Asked for by a page of another origin", "408": "The request took too long to come",
+    "421": "Another Host than the service's", "431": "A head that is too long",
+    "500": "A fault of the service's own; its log says more",
+    "503": "Too much at once, or no answer from the drive, or the service is ending",
+}
+_WRITE: Final = {  # of every route with a body
+    "413": "A body that is too long", "415": "Not said to be JSON",
+    "422": "Not what can be asked for; nothing was changed",
+}
+_TOKEN: Final = {"401": "The token is missing"}
 
 DriveName = Annotated[str, Path(description="name of a drive")]
 
@@ -23,16 +39,16 @@ DriveName = Annotated[str, Path(description="name of a drive")]
 def of_known(service: Service) -> list[Any]:
     """The dependency of a route that refuses a drive it does not know before it looks at anything else."""
 
-    def known(name: DriveName) -> None:
+    async def known(name: DriveName) -> None:  # in the loop: a thread for it would cost more than it does
         service.url(name)
 
     return [Depends(known)]
 
 
-def body_of(model: str, *, required: bool = True) -> dict[str, Any]:
-    """The description of a route's JSON body."""
+def body_of(model: str) -> dict[str, Any]:
+    """The description of a route's JSON body: required, for no OpenAPI document can say that none is JSON, too."""
     schema = {"schema": {"$ref": f"{SHAPES}{model}"}}
-    return {"requestBody": {"required": required, "content": {"application/json": schema}}}
+    return {"requestBody": {"required": True, "content": {"application/json": schema}}}
 
 
 def json_object(example: Mapping[str, Any], *, required: bool = True) -> Any:
@@ -48,12 +64,49 @@ def json_object(example: Mapping[str, Any], *, required: bool = True) -> Any:
     return Depends(body)
 
 
+def complete(document: dict[str, Any], *, with_token: bool) -> None:
+    """Add to an OpenAPI document what every route may answer, and what everybody needs."""
+    for methods in document["paths"].values():
+        for method, told in methods.items():
+            common = _ANY | (_TOKEN if with_token else {}) | ({} if method in ("get", "delete") else _WRITE)
+            answers = {status: {"description": said} | PROBLEM for status, said in common.items()}
+            ours = {key: answer for key, answer in told["responses"].items() if not _is_fastapis(answer)}
+            told["responses"] = dict(sorted((answers | ours).items()))
+    for shape in ("HTTPValidationError", "ValidationError"):
+        document["components"]["schemas"].pop(shape, None)
+    if with_token:
+        document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        document["security"] = [{"token": []}]
+
+
+def _is_fastapis(answer: dict[str, Any]) -> bool:
+    """The framework's own document of what is refused, where ours are problem documents."""
+    schema = answer.get("content", {}).get("application/json", {}).get("schema", {})
+    return schema.get("$ref") == f"{SHAPES}HTTPValidationError"
+
+
+async def says_json(request: Request) -> None:
+    """The dependency of every route: a PUT or POST says that it is JSON, which no form of another page can say.
+
+    What stops a motor needs not say it. Raises MediaError.
+    """
+    if request.method in (*READS, "DELETE") or is_stop(request.method, request.url.path):
+        return
+    said = request.headers.get("content-type", "")
+    if said.partition(";")[0].strip().lower() != "application/json":
+        got = shown(said) if said else "none"
+        raise MediaError(f"expected the header Content-Type: application/json, as of every PUT and POST, got {got}")
+
+
 async def _body(request: Request) -> bytes:
     text = b""
-    async for part in request.stream():
-        text += part
-        if len(text) > _MAX_BODY:
-            raise LimitError(f"expected a body of at most {_MAX_BODY} bytes, got more")
+    try:
+        async for part in request.stream():
+            text += part
+            if len(text) > _MAX_BODY:
+                raise TooLargeError(f"expected a body of at most {_MAX_BODY} bytes, got more")
+    except ClientDisconnect:
+        raise LimitError("the body broke off") from None
     return text
 
 

@@ -1,19 +1,34 @@
 """The application: routes over a running service, the page's files, the live stream."""
 
 import asyncio
+import math
+import time
 from collections.abc import AsyncIterator, Callable
+from dataclasses import asdict
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import FastAPI, Request
+from fastapi import Depends, FastAPI, Request
 from fastapi.responses import FileResponse, HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 
-from bench.api import captures, diagnoses, docs, experiments, problems, signals
-from bench.api.answers import ANY, DRIVE, PROBLEM, SHAPES, Answers, DriveName, body_of, json_object, of_known
+from bench.api import captures, control, diagnoses, docs, experiments, problems, signals
+from bench.api.answers import (
+    DRIVE,
+    PROBLEM,
+    SHAPES,
+    Answers,
+    DriveName,
+    body_of,
+    complete,
+    json_object,
+    of_known,
+    says_json,
+)
 from bench.api.capture_models import CaptureRequestModel, LevelModel, capture_model
+from bench.api.control import SetPointsModel, state_model
 from bench.api.diagnosis_models import DiagnosisRequestModel, diagnosis_shapes
 from bench.api.experiments import ExperimentRequestModel
 from bench.api.models import (
@@ -21,6 +36,7 @@ from bench.api.models import (
     DrivesModel,
     EstimatesModel,
     HealthModel,
+    NothingModel,
     ProblemModel,
     SnapshotModel,
     ThreadModel,
@@ -31,6 +47,7 @@ from bench.api.models import (
     link_model,
     window_model,
 )
+from bench.api.record import changes
 from bench.api.signals import SignalValuesModel
 from bench.service import Service
 
@@ -50,18 +67,35 @@ _EVENTS: Answers = {
 }
 
 
-def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> FastAPI:
-    """The HTTP application over a running service; event streams end where `ending` says so."""
+def create_app(
+    service: Service, ending: Callable[[], bool] = lambda: False, *, with_token: bool = False
+) -> FastAPI:
+    """The HTTP application over a running service; event streams end where `ending` says so.
+
+    Its documentation says that a token is needed `with_token`: the application itself does not ask for it.
+    """
     app = FastAPI(
         title="pmsm-bench", version=VERSION, docs_url=None, redoc_url=None,
         description="Live parameters of permanent-magnet synchronous motor drives. SI units, peak dq quantities, "
-        "electrical angles. Errors are RFC 9457 problem documents.",
+        "electrical angles. Errors are RFC 9457 problem documents.", dependencies=[Depends(says_json)],
     )
     problems.install(app)
 
     known = of_known(service)
+    snapshots = dict[str, tuple[float, str]]()  # by drive: when, what; many streams share one
 
-    @app.get("/api/drives", summary="All drives", responses=ANY)
+    def snapshot(name: str) -> str:
+        made, text = snapshots.get(name, (-math.inf, ""))
+        if time.monotonic() - made > DISPLAY_PERIOD / 4:
+            latest = service.captures.latest(name)
+            text = SnapshotModel(
+                drive=drive_model(service, name), estimates=estimates_model(service, name),
+                capture=None if latest is None else capture_model(latest),
+            ).model_dump_json()
+            snapshots[name] = (time.monotonic(), text)
+        return text
+
+    @app.get("/api/drives", summary="All drives")
     def drives() -> DrivesModel:
         """Every drive of the configuration, there or not."""
         return DrivesModel(drives=[drive_model(service, name) for name in service.drives])
@@ -86,33 +120,34 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
 
     @app.put("/api/drives/{name}/window", summary="Change settings; the samples held stay",
              responses=_CHANGE | DRIVE, openapi_extra=body_of("WindowChangeModel"), dependencies=known)
-    def put_window(name: DriveName, change: Annotated[dict[str, Any], json_object({"length": 2000})]) -> WindowModel:
+    def put_window(
+        name: DriveName, request: Request, change: Annotated[dict[str, Any], json_object({"length": 2000})]
+    ) -> WindowModel:
         """Takes effect at once, on the samples held and those to come. What the body leaves out stays as it is.
 
         The window keeps its samples under every method. rls and ekf begin with the next sample after they are chosen;
         rls again after a change of periods_per_row, ekf after one of estimated, held or ekf.
         """
-        return window_model(service.change_window(name, change))
+        before = asdict(service.estimates(name).window)
+        window = service.change_window(name, change)
+        request.state.before, request.state.after = changes(before, asdict(window))
+        return window_model(window)
 
     @app.get("/api/drives/{name}/stream", summary="Snapshots as server-sent events", responses=_EVENTS | DRIVE,
              response_class=EventSourceResponse, dependencies=known)
     async def stream(name: DriveName) -> AsyncIterator[ServerSentEvent]:
         """The drive, its estimates and its latest capture at display rate, until the client leaves."""
         while not ending():
-            latest = service.captures.latest(name)
-            snapshot = SnapshotModel(
-                drive=drive_model(service, name), estimates=estimates_model(service, name),
-                capture=None if latest is None else capture_model(latest),
-            )
-            yield ServerSentEvent(event="snapshot", raw_data=snapshot.model_dump_json())
+            yield ServerSentEvent(event="snapshot", raw_data=snapshot(name))
             await asyncio.sleep(DISPLAY_PERIOD)
 
     captures.install(app, service)
-    experiments.install(app, service)
     signals.install(app, service)
+    control.install(app, service)
+    experiments.install(app, service)
     diagnoses.install(app, service)
 
-    @app.get("/api/health", summary="State of every thread and link", responses=ANY)
+    @app.get("/api/health", summary="State of every thread and link")
     def health() -> HealthModel:
         """Always 200 while the service lives; its own status says whether all is well."""
         return HealthModel(
@@ -121,14 +156,16 @@ def create_app(service: Service, ending: Callable[[], bool] = lambda: False) -> 
             uptime_s=service.uptime,
             threads=[ThreadModel.model_validate(thread, from_attributes=True) for thread in service.threads()],
             links={name: link_model(service.link(name)) for name in service.drives},
+            drives={name: state_model(service.control(name).state) for name in service.drives},
         )
 
     @app.get("/docs", include_in_schema=False)
     def reference(request: Request) -> HTMLResponse:
-        return HTMLResponse(docs.render(app.openapi(), str(request.base_url), service.drives[0]))
+        return HTMLResponse(docs.render(app.openapi(), str(request.base_url), service.drives[0], with_token=with_token))
 
     _serve_page(app)
     _complete(app.openapi())
+    complete(app.openapi(), with_token=with_token)
     return app
 
 
@@ -136,7 +173,7 @@ def _complete(document: dict[str, Any]) -> None:
     """Add to the OpenAPI document the shapes that no route's signature tells."""
     for model in (
         ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, LevelModel, SignalValuesModel,
-        DiagnosisRequestModel, ExperimentRequestModel,
+        DiagnosisRequestModel, ExperimentRequestModel, SetPointsModel, NothingModel,
     ):
         shape = model.model_json_schema(ref_template=f"{SHAPES}{{model}}")
         shape.pop("$defs", None)  # they are there already

@@ -16,6 +16,8 @@ _SIGNALS = f"1 to 8 of {', '.join(CHANNELS[1:])}"
 class LevelModel(BaseModel):
     """A trigger: a signal crosses a level."""
 
+    model_config = ConfigDict(extra="forbid")
+
     signal: str = Field(description="any that can be recorded", examples=["i_q"])
     level: float = Field(description="in the signal's SI unit: A, V, rad/s, rad", examples=[2.0])
     edge: Literal["rising", "falling", "either"] = Field("rising", examples=["rising"])
@@ -24,7 +26,7 @@ class LevelModel(BaseModel):
 class CaptureRequestModel(BaseModel):
     """What to capture; what is left out is as usual."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [
         {"length": 5000}, {"trigger": "i_q > 2.0", "pre_trigger": 0.1, "timeout_s": 30.0},
         {"signals": ["i_a", "i_b", "i_c", "u_dc"], "length": 65536, "decimation": 2, "trigger": "command"},
     ]})
@@ -60,6 +62,9 @@ class CaptureModel(BaseModel):
     progress: float = Field(description="share of the samples, 0 to 1: recorded, then uploaded", examples=[1.0])
     samples: int = Field(description="recorded so far, then uploaded so far", examples=[10_000])
     reason: str = Field(description="a sentence: why it failed, or what it waits for", examples=[""])
+    remark: str = Field(
+        description="a sentence: what the recording lacks, as of a drive that is off", examples=[""]
+    )
     file: str | None = Field(
         description="the recording, on the service's machine; of a capture that failed in mid-upload a partial one",
         examples=[f"/home/ada/.local/share/pmsm-bench/captures/{_ID}.parquet"],
@@ -78,6 +83,7 @@ def capture_model(status: Status) -> CaptureModel:
     """A capture as REST shows it."""
     return CaptureModel.model_validate({
         "id": status.id, "drive": status.drive, "state": status.state.value, "progress": status.progress,
-        "samples": status.samples, "reason": status.reason, "file": None if status.file is None else str(status.file),
+        "samples": status.samples, "reason": status.reason, "remark": status.remark,
+        "file": None if status.file is None else str(status.file),
         "asked": status.asked, "request": status.request.as_json(),
     })

@@ -34,7 +34,7 @@ def install(app: FastAPI, service: Service) -> None:
         return CapturesModel(captures=[capture_model(status) for status in captures.all(name)])
 
     @app.post("/api/drives/{name}/captures", summary="Record with the drive's recorder", status_code=202,
-              responses=_ASKED | DRIVE, openapi_extra=body_of("CaptureRequestModel", required=False),
+              responses=_ASKED | DRIVE, openapi_extra=body_of("CaptureRequestModel"),
               dependencies=known)
     def ask(
         name: DriveName, request: Request, response: Response,
@@ -63,7 +63,7 @@ def install(app: FastAPI, service: Service) -> None:
         return FileResponse(path, media_type=MEDIA, filename=path.name)
 
     @app.post("/api/drives/{name}/captures/{id}/trigger", summary="Trigger by command", responses=_NOT_NOW | _ONE,
-              dependencies=known)
+              openapi_extra=body_of("NothingModel"), dependencies=[*known, json_object({}, required=False)])
     def trigger(name: DriveName, id_: CaptureId) -> CaptureModel:
         """Triggers now, whatever the capture waits for."""
         return capture_model(captures.trigger(name, id_))

@@ -6,18 +6,18 @@ from urllib.parse import quote
 from fastapi import FastAPI, Path, Response
 from fastapi.responses import HTMLResponse, JSONResponse
 
-from bench.api.answers import ANY, PROBLEM, SHAPES, Answers, body_of, json_object
+from bench.api.answers import PROBLEM, SHAPES, Answers, body_of, json_object
 from bench.api.diagnosis_models import DIAGNOSIS, DiagnosisJobModel, job_model
 from bench.service import Service
 
 _ROOT: Final = "/api/recordings/{id}/diagnosis"
-_ONE: Answers = {404: {"description": "No diagnosis of a recording of that name"} | PROBLEM} | ANY
+_ONE: Answers = {404: {"description": "No diagnosis of a recording of that name"} | PROBLEM}
 _ASKED: Answers = {
     404: {"description": "No recording of that name"} | PROBLEM,
     409: {"description": "It is being diagnosed"} | PROBLEM,
     422: {"description": "Not a nominal machine that is whole, or a trust that cannot be"} | PROBLEM,
     503: {"description": "Too many are waiting"} | PROBLEM,
-} | ANY
+}
 _NOT_NOW: Answers = {409: {"description": "The diagnosis is in another state"} | PROBLEM}
 _RESULT: Answers = {200: {"description": "The diagnosis", "content": {"application/json": {"schema": {
     "$ref": f"{SHAPES}{DIAGNOSIS}"}}}}}
@@ -34,7 +34,7 @@ def install(app: FastAPI, service: Service) -> None:
     jobs = service.diagnoses
 
     @app.post(_ROOT, summary="Diagnose a recording", status_code=202, responses=_ASKED,
-              openapi_extra=body_of("DiagnosisRequestModel", required=False))
+              openapi_extra=body_of("DiagnosisRequestModel"))
     def ask_diagnosis(
         id_: RecordingId, response: Response,
         given: Annotated[dict[str, Any], json_object({"trust": {"R_s": 0.2}}, required=False)],

@@ -18,7 +18,7 @@ _NAMES: Final = {"propertyNames": {"examples": ["R_s"]}}
 class DiagnosisRequestModel(BaseModel):
     """How to diagnose; what is left out is as usual."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [{"trust": {"R_s": 0.2}}, {"nominal": {
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"trust": {"R_s": 0.2}}, {"nominal": {
         "machine": {"R_s": 0.97, "L_d": 4.2e-3, "L_q": 6.2e-3, "psi_f": 0.12, "n_p": 4, "i_rated": 6.0},
         "drive": {"u_dc": 310.0},
     }}]})  # fmt: skip

@@ -48,7 +48,7 @@ _KINDS = {"string": "text", "integer": "whole number", "boolean": "true or false
 _SAMPLES: dict[str, Any] = {"string": "...", "integer": 0, "number": 0.0, "boolean": True, "null": None}
 
 
-def render(document: Schema, root: str, name: str) -> str:
+def render(document: Schema, root: str, name: str, *, with_token: bool = False) -> str:
     """The page for an OpenAPI document; `root`, the service's address, and a drive's `name` go into the commands."""
     info, schemas = document["info"], document["components"]["schemas"]
     operations = list(_operations(document))
@@ -59,7 +59,8 @@ def render(document: Schema, root: str, name: str) -> str:
     )
     articles = "".join(
         _article(method, path, operation, schemas,
-                 _curl(method, root.rstrip("/") + path.format(name=name, id="latest"), operation, schemas))
+                 _curl(method, root.rstrip("/") + path.format(name=name, id="latest"), operation, schemas,
+                       ' -H "Authorization: Bearer $PMSM_BENCH_TOKEN"' if with_token else ""))
         for method, path, operation in operations
     )
     shapes = "".join(_shape(name, schema) for name, schema in sorted(schemas.items()))
@@ -116,14 +117,15 @@ def _article(method: str, path: str, operation: Schema, schemas: Schema, command
     return "".join([*parts, "</article>"])
 
 
-def _curl(method: str, url: str, operation: Schema, schemas: Schema) -> str:
-    answer = _success(operation)["content"]
-    if body := _content(operation.get("requestBody", {})):
-        return f"curl -X {method.upper()} {url} -d '{json.dumps(example(body, schemas))}'"
+def _curl(method: str, url: str, operation: Schema, schemas: Schema, token: str) -> str:
+    answer, url = _success(operation)["content"], f"{url}{token}"
     if method != "get":
-        return f"curl -X {method.upper()} {url}"
+        body = _content(operation.get("requestBody", {}))
+        data = f" -d '{json.dumps(example(body, schemas))}'" if body else ""
+        media = "" if method == "delete" else " -H 'Content-Type: application/json'"
+        return f"curl -X {method.upper()} {url}{media}{data}"
     if _content(_success(operation)).get("format") == "binary":
-        *_, whose, _, name = url.split("/")
+        *_, whose, _, name = url.partition(" ")[0].split("/")
         return f"curl -o {name if '.' in name else f'{whose[:-1]}.parquet'} {url}"
     return f"curl -N {url}" if "text/event-stream" in answer else f"curl {url}"
 

@@ -35,7 +35,10 @@ class HoldModel(BaseModel):
 
 
 class ExperimentRequestModel(BaseModel):
-    """What to hold, one after the other: an experiment of a diagnosis, or its holds, step and machine alone."""
+    """What to hold, one after the other: an experiment of a diagnosis, or its holds, step and machine alone.
+
+    A whole diagnosis, as JSON, stands for the first experiment of it that a drive can do.
+    """
 
     model_config = ConfigDict(extra="allow", json_schema_extra={"examples": [{"holds": [_HOLD], "step": 0.6}]})
 
@@ -43,6 +46,7 @@ class ExperimentRequestModel(BaseModel):
     step: float = Field(0.0, description="A, random steps of i_d and i_q within +- this around each", examples=[0.6])
     machine: dict[str, float] = Field(
         {}, description="the motor it is meant for: any of R_s, L_d, L_q, psi_f, n_p, i_rated; another one is refused",
+        json_schema_extra={"propertyNames": {"enum": ["R_s", "L_d", "L_q", "psi_f", "n_p", "i_rated"]}},
         examples=[{"psi_f": 0.12, "n_p": 4}],
     )
 
@@ -64,6 +68,12 @@ class ExperimentRunModel(BaseModel):
     step: float = Field(description="A", examples=[0.6])
 
 
+class ExperimentsModel(BaseModel):
+    """Experiments of a drive."""
+
+    experiments: list[ExperimentRunModel] = Field(description="the newest first")
+
+
 def install(app: FastAPI, service: Service) -> None:
     """Add the routes to an application."""
 
@@ -80,9 +90,16 @@ def install(app: FastAPI, service: Service) -> None:
         It has the drive's lease until it ends; however it ends, the drive is stopped then, its settings as they were.
         The recording is one of the service's, to be diagnosed.
         """
-        status = experiments.ask(name, given, "" if request.client is None else request.client.host)
+        status = service.begin_experiment(name, given, "" if request.client is None else request.client.host)
         response.headers["Location"] = f"/api/drives/{quote(name)}/experiments/{quote(status.id)}"
         return ExperimentRunModel.model_validate(as_json(status))
+
+    @app.get("/api/drives/{name}/experiments", summary="Experiments of a drive", responses=DRIVE, dependencies=known)
+    def all_experiments(name: DriveName) -> ExperimentsModel:
+        """Those since the service started, and those that a service before it left unfinished, the newest first."""
+        return ExperimentsModel(
+            experiments=[ExperimentRunModel.model_validate(as_json(status)) for status in experiments.all(name)]
+        )
 
     @app.get("/api/drives/{name}/experiments/{id}", summary="State of an experiment", responses=_ONE,
              dependencies=known)

@@ -8,10 +8,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bench.acquisition import Link
 from bench.api.capture_models import CaptureModel
+from bench.api.control import ControlModel, StateModel, control_model, state_model
 from bench.estimation import Snapshot
-from bench.service import STALE, Service
+from bench.service import Service
 from bench.window import Window
 from estimator.ekf import PAPER
+from estimator.estimate import Estimate, Status
 from estimator.machine import PARAMETERS
 from estimator.rls import SHORTEST
 from estimator.window_ls import MAX_LENGTH, MAX_M
@@ -64,7 +66,13 @@ class StreamModel(BaseModel):
     rows: int = Field(description="rows received", examples=[251930])
     gaps: int = Field(description="breaks between rows")
     rows_lost: int = Field(description="rows the drive made and the bench never had, by the drive's clock")
-    age_s: float | None = Field(description="since the latest row arrived", examples=[0.004])
+    clock_resets: int = Field(
+        description="times the drive's clock began anew: rows it made just before, if any, are not in rows_lost"
+    )
+    frames_late: int = Field(description="frames that came twice, or too late: passed over")
+    frames_foreign: int = Field(description="frames under the stream's identifiers that are not of it: passed over")
+    note: str = Field(description="what the bench changed of the stream by itself; empty: nothing", examples=[""])
+    age_s: float | None = Field(description="since the end of the latest row, by the drive's tick", examples=[0.004])
     t_drive_s: float | None = Field(description="drive's clock at the end of the latest row", examples=[251.93])
 
 
@@ -84,6 +92,7 @@ class DriveModel(BaseModel):
     link: LinkModel
     stream: StreamModel
     writer: WriterModel | None = Field(description="null while nobody writes to it", examples=[None])
+    control: ControlModel
 
 
 class DrivesModel(BaseModel):
@@ -96,11 +105,15 @@ class EstimateModel(BaseModel):
     """One parameter; null where there is nothing honest to say."""
 
     value: float | None = Field(examples=[0.9665106])
-    std: float | None = Field(description="standard error; null unless status is ok", examples=[1.9e-4])
-    unit: str = Field(examples=["ohm"])
-    status: Literal["ok", "held", "not_told", "no_data"] = Field(
-        description="held: at the given value; not_told: the window cannot tell it", examples=["ok"]
+    std: float | None = Field(
+        description="standard error; null unless status is ok, doubtful or stale", examples=[1.9e-4]
     )
+    unit: str = Field(examples=["ohm"])
+    status: Literal["ok", "doubtful", "stale", "held", "not_told", "no_data"] = Field(
+        description="doubtful: estimated, but the equations do not fit; stale: estimated, but from rows that are over "
+        "0.8 s old; held: at the given value; not_told: the window cannot tell it", examples=["ok"]
+    )
+    since: datetime | None = Field(description="stale: since when; null otherwise", examples=[None])
     reason: str = Field(description="a sentence where status is not ok", examples=[""])
     window: int | None = Field(description="samples it rests on; null unless the data chose them", examples=[None])
 
@@ -217,7 +230,7 @@ class WindowModel(BaseModel):
 class WindowChangeModel(BaseModel):
     """Settings to change; what is left out stays."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [
         {"length": 2000}, {"length": "auto"}, {"method": "rls", "forgetting_factor": 0.999}, {"ekf": {"noise_i": 0.02}},
     ]})
 
@@ -229,7 +242,7 @@ class WindowChangeModel(BaseModel):
     longest: int = Field(10000, description="wls with length auto: samples it chooses from, within the same limits")
     periods_per_row: int = Field(1, description="wls, rls: stream rows summed to one regression row, 1 to 1000")
     estimated: list[Parameter] = Field(
-        [], description="parameters to estimate, at least one; ekf holds psi_f even where it is among them"
+        [], min_length=1, description="parameters to estimate; ekf holds psi_f even where it is among them"
     )
     held: dict[Parameter, float] = Field(
         {}, description="values above zero, SI, for those not estimated; others stay; ekf needs all four, to start from"
@@ -243,8 +256,8 @@ class EstimatesModel(BaseModel):
 
     drive: str = Field(examples=["emulated"])
     method: Method = Field(examples=["wls"])
-    status: Literal["ok", "filling", "stale", "no_data"] = Field(
-        description="filling: fewer samples than asked for; stale: none came for a second"
+    status: Literal["ok", "filling", "doubtful", "stale", "no_data"] = Field(
+        description="filling: fewer samples than asked for; doubtful, stale: as the parameters"
     )
     estimates: dict[str, EstimateModel] = Field(
         description="by parameter", json_schema_extra={"propertyNames": {"enum": list(PARAMETERS)}}
@@ -253,13 +266,14 @@ class EstimatesModel(BaseModel):
         description="what cannot be told; no parameter is in two of them", examples=[[]]
     )
     mismatch: MismatchModel
+    drive_state: StateModel
     window: WindowModel
     samples: int = Field(description="in the window; rls, ekf: since the method began", examples=[1000])
     gaps: int = Field(description="breaks in the stream among these samples")
     left_out: int = Field(description="rows with a value that is no number, since the estimation began")
     rows_dropped: int = Field(description="rows that came too fast for the estimator, since the start")
-    age_s: float | None = Field(description="since the newest sample of these estimates arrived", examples=[0.021])
-    t_drive_s: float | None = Field(description="drive's clock at the newest sample", examples=[251.93])
+    age_s: float | None = Field(description="age of the newest row that these estimates rest on", examples=[0.021])
+    t_drive_s: float | None = Field(description="drive's clock at the end of that row", examples=[251.93])
     condition: float | None = Field(description="condition number of the column-scaled regressors", examples=[1.84])
     residual_rms_V: float | None = Field(description="of the regression, V", examples=[0.064])
 
@@ -290,6 +304,13 @@ class HealthModel(BaseModel):
     links: dict[str, LinkModel] = Field(
         description="by drive", json_schema_extra={"propertyNames": {"examples": ["emulated"]}}
     )
+    drives: dict[str, StateModel] = Field(
+        description="by name", json_schema_extra={"propertyNames": {"examples": ["emulated"]}}
+    )
+
+
+class NothingModel(BaseModel):
+    """An object with nothing in it; no body at all means the same."""
 
 
 class ProblemModel(BaseModel):
@@ -312,10 +333,12 @@ def drive_model(service: Service, name: str) -> DriveModel:
         link=link_model(link),
         stream=StreamModel(
             rate_hz=round(link.rate, 1), nominal_rate_hz=None if link.row_time is None else round(1 / link.row_time, 6),
-            rows=link.rows, gaps=link.gaps, rows_lost=link.rows_lost, age_s=link.age,
+            rows=link.rows, gaps=link.gaps, rows_lost=link.rows_lost, clock_resets=link.clock_resets,
+            frames_late=link.frames_late, frames_foreign=link.frames_foreign, note=link.note, age_s=link.age,
             t_drive_s=link.t_drive,
         ),
         writer=None if writer is None else WriterModel.model_validate(writer, from_attributes=True),
+        control=control_model(service, name),
     )
 
 
@@ -344,12 +367,10 @@ def estimates_model(service: Service, name: str) -> EstimatesModel:
         drive=name,
         method=snapshot.window.method,
         status=_status(snapshot),
-        estimates={
-            key: EstimateModel.model_validate(estimate, from_attributes=True)
-            for key, estimate in result.estimates.items()
-        },
+        estimates={key: _estimate_model(estimate, snapshot) for key, estimate in result.estimates.items()},
         combinations=[CombinationModel.model_validate(c, from_attributes=True) for c in result.combinations],
         mismatch=MismatchModel.model_validate(snapshot.mismatch, from_attributes=True),
+        drive_state=state_model(service.control(name).state),
         window=window_model(snapshot.window),
         samples=result.samples, gaps=result.gaps, left_out=result.left_out, rows_dropped=snapshot.rows_dropped,
         age_s=snapshot.age,
@@ -357,10 +378,16 @@ def estimates_model(service: Service, name: str) -> EstimatesModel:
     )
 
 
-def _status(snapshot: Snapshot) -> Literal["ok", "filling", "stale", "no_data"]:
-    age = snapshot.age
-    if age is None or snapshot.result.samples == 0:
+def _estimate_model(estimate: Estimate, snapshot: Snapshot) -> EstimateModel:
+    stale = snapshot.stale if estimate.status is Status.STALE else None
+    return EstimateModel.model_validate({**asdict(estimate), "since": None if stale is None else stale.since})
+
+
+def _status(snapshot: Snapshot) -> Literal["ok", "filling", "doubtful", "stale", "no_data"]:
+    if snapshot.age is None or snapshot.result.samples == 0:
         return "no_data"
-    if age > STALE:
+    if snapshot.stale is not None:
         return "stale"
+    if any(estimate.status is Status.DOUBTFUL for estimate in snapshot.result.estimates.values()):
+        return "doubtful"
     return "ok" if snapshot.result.filled else "filling"

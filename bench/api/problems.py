@@ -7,13 +7,23 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from bench.captures import UnknownCaptureError
 from bench.diagnosis_jobs import UnknownRecordingError
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError, shown
 from bench.experiments import UnknownExperimentError
 from bench.service import UnknownDriveError
-from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, RefusedError
+from drivers.errors import ConnectError, DriveError, FaultError, LostError, NoReplyError, RefusedError
+
+
+class MediaError(LimitError):
+    """A write that does not say that it is JSON."""
+
+
+class TooLargeError(LimitError):
+    """A body that is too long."""
+
 
 _STATUS: dict[type[Exception], int] = {
     UnknownDriveError: 404,
@@ -21,10 +31,13 @@ _STATUS: dict[type[Exception], int] = {
     UnknownRecordingError: 404,
     UnknownExperimentError: 404,
     ConflictError: 409,
+    TooLargeError: 413,
+    MediaError: 415,
     LimitError: 422,
     UnavailableError: 503,
     BenchError: 422,
     RefusedError: 409,
+    FaultError: 409,
     ConnectError: 503,
     LostError: 503,
     NoReplyError: 503,
@@ -50,7 +63,9 @@ def install(app: FastAPI) -> None:
         if status == HTTPStatus.NOT_FOUND:
             return problem(status, f"nothing at {path}; see /docs")
         if status == HTTPStatus.METHOD_NOT_ALLOWED:
-            return problem(status, f"{path} does not take {request.method}; see /docs")
+            answer = problem(status, f"{path} does not take {request.method}; see /docs")
+            answer.headers["Allow"] = ", ".join(sorted(_methods(app, request)))
+            return answer
         return problem(status, str(cast(HTTPException, error).detail))
 
     async def invalid(_request: Request, error: Exception) -> JSONResponse:
@@ -64,6 +79,12 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, http)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(Exception, unexpected)
+
+
+def _methods(app: FastAPI, request: Request) -> set[str]:
+    """What all routes of a path take together."""
+    there = (route for route in app.routes if route.matches(request.scope)[0] is not Match.NONE)
+    return {method for route in there for method in getattr(route, "methods", None) or ("GET", "HEAD")}
 
 
 def _sentence(item: dict[str, object]) -> str:

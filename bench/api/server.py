@@ -1,16 +1,30 @@
-"""The HTTP server: a port, the application, an orderly end."""
+"""The HTTP server: a port, who may call, the application, an orderly end."""
 
+import asyncio
 import errno
+import logging
 import os
 import socket
+import sys
+import time
+from typing import Any, Final, cast
 
 import uvicorn
 
+from bench.api.access import Access
 from bench.api.app import create_app
+from bench.api.connections import Connections, Limits
+from bench.api.door import Door
+from bench.api.gate import Gate
+from bench.api.load import Lanes, Load
+from bench.api.record import Record
 from bench.errors import ConfigError
 from bench.service import Service
+from bench.write_log import Entry, WriteLog, short
 
-_GRACE = 1  # s for answers under way at the end
+_GRACE: Final = 1  # s for answers under way at the end
+_SWITCH: Final = 0.001  # s that a thread keeps others waiting, as those that read from the drives and stop them
+_LINES: Final = 10.0  # of the server's own log at once, and one a second for longer
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -32,11 +46,72 @@ def listen(host: str, port: int) -> socket.socket:
     return listener
 
 
-def serve(service: Service, listener: socket.socket) -> None:
+def serve(service: Service, listener: socket.socket, access: Access, log: WriteLog) -> None:
     """Answer requests until SIGINT or SIGTERM."""
+    limits = Limits()
+
+    def tell(who: str, method: str, path: str, said: str) -> None:
+        log.tell(Entry(who, "", short(method), short(path), 503, said))
+
+    connections = Connections(limits, access.tls, tell)
+    app = create_app(service, lambda: server.should_exit, with_token=access.token is not None)
+    loaded = Load(Record(app, log), log, Lanes.for_drives(service.drives))
     config = uvicorn.Config(
-        create_app(service, lambda: server.should_exit), log_level="warning", timeout_graceful_shutdown=_GRACE,
-        access_log=False, lifespan="off",
+        Gate(loaded, access, log), http=cast(Any, connections.protocol), ws="none",
+        log_level="warning", timeout_graceful_shutdown=_GRACE, access_log=False, lifespan="off", proxy_headers=False,
+        server_header=False,
     )
-    server = uvicorn.Server(config)
+    for name in ("uvicorn.error", "asyncio"):
+        logging.getLogger(name).addFilter(_Bounded())
+    server = _Server(config, connections)
+    sys.setswitchinterval(_SWITCH)
     server.run(sockets=[listener])
+
+
+class _Server(uvicorn.Server):
+    """Has a door of ours in place of the event loop's."""
+
+    def __init__(self, config: uvicorn.Config, connections: Connections) -> None:
+        super().__init__(config)
+        self._connections = connections
+        self._doors: list[Door] = []
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Let in."""
+        if sys.platform == "win32":  # its event loop cannot wait for a socket that listens
+            await super().startup(sockets)
+            return
+        await super().startup([])
+        self._doors = [Door(listener, self._connections, self._connection) for listener in sockets or ()]
+        for door in self._doors:
+            door.open()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Let nobody in any more, and wait for who is there."""
+        for door in self._doors:
+            door.close()
+        await super().shutdown(sockets)
+
+    def _connection(self, *, asked: bool) -> asyncio.Protocol:
+        return self._connections.protocol(self.config, self.server_state, {}, asked=asked)
+
+
+class _Bounded(logging.Filter):
+    """Passes so many records, and so many a second for longer: no client fills a disk with them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._left, self._counted, self._held_back = _LINES, time.monotonic(), 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether it is told."""
+        now = time.monotonic()
+        self._left, self._counted = min(_LINES, self._left + now - self._counted), now
+        if self._left < 1.0:
+            self._held_back += 1
+            return False
+        self._left -= 1.0
+        if self._held_back:
+            record.msg, record.args = f"{record.getMessage()} ({self._held_back} before it were not told)", None
+            self._held_back = 0
+        return True

@@ -9,8 +9,10 @@ from pydantic import BaseModel, Field
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.service import Service
 from bench.signals import Reading
+from drivers.wire.dictionary import SIGNALS
 
 _READ: Answers = {
+    409: {"description": "The drive refused"} | PROBLEM,
     422: {"description": "No signal of that name"} | PROBLEM,
     503: {"description": "There is no link to the drive"} | PROBLEM,
 }
@@ -41,7 +43,11 @@ class SignalsModel(BaseModel):
 class SignalValuesModel(BaseModel):
     """Values by the names of signals, SI, written in this order."""
 
-    model_config = {"extra": "allow", "json_schema_extra": {"examples": [{"i_q_ref": 2.0, "bandwidth": 1250.0}]}}
+    model_config = {"extra": "allow", "json_schema_extra": {
+        "examples": [{"i_q_ref": 2.0, "bandwidth": 1250.0}], "minProperties": 1,
+        "propertyNames": {"enum": [signal.name for signal in SIGNALS if signal.access == "rw"]},
+        "additionalProperties": {"type": "number"},
+    }}
 
 
 def install(app: FastAPI, service: Service) -> None:
@@ -67,7 +73,11 @@ def install(app: FastAPI, service: Service) -> None:
 
         All values are judged before the first is written. Who writes holds the drive's lease meanwhile.
         """
-        return _model(service.write_signals(name, values, "" if request.client is None else request.client.host))
+        before = dict[str, float]()
+        request.state.before = before  # also of a write that fails half way
+        read = service.write_signals(name, values, "" if request.client is None else request.client.host, before)
+        request.state.after = {reading.signal.name: reading.value for reading in read}
+        return _model(read)
 
 
 def _model(readings: list[Reading]) -> SignalsModel:

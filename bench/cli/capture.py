@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import httpx
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
 
 from bench.capture import Run, State, Status, new_status
-from bench.capture_file import write_new
 from bench.capture_request import COMMAND, Request
 from bench.cli.output import await_end, check_recording
 from bench.cli.rest import Rest
+from bench.cli.terminal import Terminal, Told
 from bench.errors import BenchError, ConfigError, UnavailableError
+from bench.new_file import write_new
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import DriveError
@@ -25,7 +25,7 @@ from drivers.errors import DriveError
 _PERIOD: Final = 0.1  # s between two looks
 _TIMEOUT: Final = 10.0  # s for one answer
 _PATIENCE: Final = 60.0  # s for a service that is started anew
-_console: Final = Console(highlight=False, soft_wrap=True)
+_console: Final = Terminal(soft_wrap=True)
 
 
 def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | None) -> None:
@@ -36,6 +36,7 @@ def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | No
         rest = Rest(client, service)
         said = rest.call("POST", name, "captures", body=dict(given), key="state")
         id_ = str(said["id"])
+        _remark(said["remark"])
         path = _named(out, id_)
         try:
             with _bar(request.length) as show:
@@ -54,7 +55,7 @@ def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | No
         except (OSError, UnavailableError) as error:
             why = f"{path}: cannot be written: {error.strerror or error}" if isinstance(error, OSError) else str(error)
             raise BenchError(f"{why}; the service still has the recording, as capture {id_} of drive {name}") from None
-    _tell(path, written, request)
+    _tell(path, written, request, off=bool(said["remark"]))
 
 
 def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
@@ -74,11 +75,12 @@ def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
         if run.part.exists():
             raise ConfigError(f"{run.part} is of a capture that was interrupted; remove it, or choose another --out")
         run.arm()
+        _remark(run.status.remark)
         ended = threading.Event()
         threading.Thread(target=lambda: (run.finish(), ended.set()), name="capture", daemon=True).start()
         await_end(ended, run.cancel)
     _check_end(run.status.state, run.status.reason, run.status.file)
-    _tell(path, run.status.file or path, status.request)
+    _tell(path, run.status.file or path, status.request, off=bool(run.status.remark))
 
 
 class _Link:
@@ -119,8 +121,8 @@ Show = Callable[[str, int, str], None]
 @contextmanager
 def _bar(length: int) -> Generator[Show]:
     """A bar on standard error, where that is a terminal."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    console = Terminal(stderr=True)
+    columns = (Told(), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=length)
 
@@ -147,6 +149,11 @@ def _named(out: Path | None, id_: str) -> Path:
     return Path(f"{id_}.parquet") if out is None else out
 
 
+def _remark(said: str) -> None:
+    if said:
+        Terminal(stderr=True).print(f"pmsm-bench: {said}", markup=False, soft_wrap=True, highlight=False)
+
+
 def _check_end(state: str, reason: str, file: object) -> None:
     if state == State.DONE:
         return
@@ -154,11 +161,14 @@ def _check_end(state: str, reason: str, file: object) -> None:
     raise BenchError(f"the capture {said}" + (f": {reason}" if reason else "") + (f" in {file}" if file else ""))
 
 
-def _tell(path: Path, written: Path, request: Request) -> None:
-    """Where the recording is. Raises ConfigError where that is not where it was to be."""
+def _tell(path: Path, written: Path, request: Request, *, off: bool) -> None:
+    """Where the recording is; nothing can be estimated of a drive that was `off`.
+
+    Raises ConfigError where it is not where it was to be.
+    """
     if written != path:
         raise ConfigError(f"--out: {path} has been made by another meanwhile; the recording is whole, in {written}")
     said = f"{written}: {request.length} samples"
-    if request.replayable:
+    if request.replayable and not off:
         said += f"; estimates: pmsm-bench replay {written}"
     _console.print(said, markup=False)

@@ -10,21 +10,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from bench.cli.exit_codes import DOES_NOT, FAULT, HOLDS, NOT_TOLD, REFUSED, details_kept, worst
 from bench.cli.output import check_new, check_output, takes_all, write_whole
-from bench.diagnosis_request import SETTLED, WORK, Request, Result, json_text
+from bench.cli.terminal import Terminal, Told
+from bench.diagnosis_request import WORK, Request, Result, json_text
 from bench.engineering import odds, quantity, words
-from bench.errors import BenchError, ConfigError
+from bench.errors import BenchError, ConfigError, shown
 from bench.machine_file import Nominal, load_machine
 from bench.worker import Failed, each
 from bench.worker import Progress as Under
 
 STEM: Final = "{stem}"
-OPEN: Final = 1  # exit code: a verdict that leaves something open
-BAD: Final = 2  # exit code: a recording without a verdict, or without its files
+EXPLAINED: Final = "explained"
+FAIL_ON: Final = ("unexplained", EXPLAINED)
+_CODES: Final = {
+    "no_mismatch": HOLDS, EXPLAINED: HOLDS, "partly_explained": DOES_NOT, "unexplained": DOES_NOT,
+    "ambiguous": NOT_TOLD, "not_enough_excitation": NOT_TOLD,
+}
 _SUFFIXES: Final = {"--json": ".json", "--report": ".html", "--machine": ".toml"}
 
 
@@ -39,6 +44,7 @@ class Options:
     format: str  # of `bench.formats`, or "auto"
     jobs: int | None  # processes; None: one per core
     force: bool
+    fail_on: str = FAIL_ON[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +53,7 @@ class _Outcome:
 
     result: Result | None  # None: it was refused
     refusal: str = ""  # in a sentence; with a result, of files that cannot be written
+    fault: bool = False  # it was not the recording's fault
 
 
 def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str | None], options: Options) -> int:
@@ -56,10 +63,12 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str |
     """
     if options.jobs is not None and options.jobs < 1:
         raise ConfigError(f"--jobs: expected at least 1, got {options.jobs}")
+    if options.fail_on not in FAIL_ON:
+        raise ConfigError(f"--fail-on: expected {' or '.join(FAIL_ON)}, got {shown(options.fail_on)}")
     places = _places(files, outputs)
     _check(files, nominal, places, force=options.force)
     shared = _shared(nominal)
-    show = _Shown(len(files), machine=outputs.get("--machine") is not None)
+    show = _Shown(len(files), options.fail_on, machine=outputs.get("--machine") is not None)
     wanted = outputs.get("--report") is not None
     requests: list[Request] = []
     told: list[int] = []  # place among the files of each request
@@ -82,13 +91,18 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str |
                 continue
             place = told[k]
             outcomes[place] = (
-                _Outcome(None, said.why) if isinstance(said, Failed)
+                _failed(said) if isinstance(said, Failed)
                 else _written(said.result, places[place], force=options.force)
             )  # fmt: skip
             bar.at(len(outcomes), "")
             show.as_far_as(files, outcomes, bar)
         show.as_far_as(files, outcomes, bar)
     return show.end()
+
+
+def _failed(said: Failed) -> _Outcome:
+    where = details_kept(said.details) if said.details else ""
+    return _Outcome(None, said.why + where, said.fault)
 
 
 def stem_of(file: Path) -> str:
@@ -152,16 +166,16 @@ def _is_folder(path: Path) -> bool:
 
 def _check(files: Sequence[Path], nominal: Path | None, places: Sequence[Mapping[str, Path]], *, force: bool) -> None:
     """Refuse, before any work, what would overwrite a recording, a machine file, another output or a file."""
-    taken = {file.resolve(): "a recording" for file in files}
+    taken = {os.path.realpath(file): "a recording" for file in files}
     if nominal is not None:
-        taken |= {_nominal_of(nominal, file).resolve(): "its machine file" for file in files}
-        taken[nominal.resolve()] = "the machine file"
+        taken |= {os.path.realpath(_nominal_of(nominal, file)): "its machine file" for file in files}
+        taken[os.path.realpath(nominal)] = "the machine file"
     for place in places:
         for option, path in place.items():
-            if (whose := taken.get(path.resolve())) is not None:
+            if (whose := taken.get(os.path.realpath(path))) is not None:
                 raise ConfigError(f"{option}: {path}: expected a file of its own, this is {whose}")
             if not takes_all(path):
-                taken[path.resolve()] = "another output"
+                taken[os.path.realpath(path)] = "another output"
             if not force:
                 check_new(option, path)
 
@@ -207,7 +221,7 @@ class _Bar:
 
     progress: Progress
     task: Any
-    output: Console  # for what goes to standard output meanwhile
+    output: Terminal  # for what goes to standard output meanwhile
 
     def at(self, done: float, phase: str) -> None:
         self.progress.update(self.task, completed=done, description=phase or "diagnosing")
@@ -219,26 +233,28 @@ class _Bar:
 
 @contextmanager
 def _bar(total: int) -> Generator[_Bar]:
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     count = TextColumn("{task.completed:.0f}/{task.total:.0f}") if total > 1 else TextColumn("{task.percentage:.0f} %")
-    columns = (TextColumn("{task.description}"), BarColumn(), count, TimeRemainingColumn())
+    columns = (Told(), BarColumn(), count, TimeRemainingColumn())
     progress = Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal,
         redirect_stdout=False,
     )
     shared = console.is_terminal and sys.stdout.isatty()  # what is said goes above the bar then
     with progress:
-        yield _Bar(progress, progress.add_task("diagnosing", total=total), console if shared else Console())
+        yield _Bar(progress, progress.add_task("diagnosing", total=total), console if shared else Terminal())
 
 
 class _Shown:
     """Outcomes on standard output, in the order of the files."""
 
-    def __init__(self, total: int, *, machine: bool) -> None:
+    def __init__(self, total: int, fail_on: str, *, machine: bool) -> None:
         self._total, self._machine, self._next = total, machine, 0
+        self._codes = _CODES | ({EXPLAINED: DOES_NOT} if fail_on == EXPLAINED else {})
         self._verdicts = Counter[str]()
+        self._faults = 0
         self._unwritten = 0
-        self._console = Console()
+        self._console = Terminal()
 
     def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, _Outcome], bar: _Bar) -> None:
         """Show those whose turn has come."""
@@ -248,6 +264,7 @@ class _Shown:
             self._next += 1
             if outcome.result is None:
                 self._verdicts["refused"] += 1
+                self._faults += outcome.fault
             else:
                 self._verdict(file, outcome.result)
                 self._unwritten += bool(outcome.refusal)
@@ -266,14 +283,15 @@ class _Shown:
 
     def end(self) -> int:
         """The exit code; in words, too, where there were several. After the bar."""
-        self._console = Console()
+        self._console = Terminal()
         if self._total > 1:
             counts = ", ".join(f"{count} {words(verdict)}" for verdict, count in self._verdicts.most_common())
             unwritten = f"; outputs of {self._unwritten} cannot be written" if self._unwritten else ""
             self._say(f"{self._total} recordings: {counts}{unwritten}")
-        if self._verdicts["refused"] or self._unwritten:
-            return BAD
-        return 0 if set(self._verdicts) <= set(SETTLED) else OPEN
+        codes = [self._codes[verdict] for verdict in self._verdicts if verdict in self._codes]
+        if self._verdicts["refused"] > self._faults or self._unwritten:
+            codes.append(REFUSED)
+        return worst([*codes, *([FAULT] if self._faults else [])])
 
     def _details(self, content: Mapping[str, Any]) -> None:
         if content["findings"]:

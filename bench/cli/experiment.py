@@ -1,31 +1,38 @@
 """`pmsm-bench experiment`: what a diagnosis asks for, done on a drive, by the running service or by the drive's bus."""
 
 import contextlib
-import json
+import os
 import threading
 import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, cast
 
 import httpx
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
 from bench import experiment
-from bench.capture_file import write_new
 from bench.cli.output import await_end, check_recording
 from bench.cli.rest import Rest
+from bench.cli.terminal import Terminal, Told
+from bench.config import captures_folder
 from bench.errors import BenchError, ConfigError, UnavailableError
 from bench.experiment import Plan, experiment_of
+from bench.experiment_part import SUFFIX, ExperimentPart
+from bench.input_file import json_of, read_bytes
+from bench.limits import Limits
+from bench.new_file import write_new
+from bench.unfinished import Origin, folder_beside, undo
 from drivers.connect import connect
 
 _PERIOD: Final = 0.1  # s between two looks
 _TIMEOUT: Final = 10.0  # s for one answer
+_PATIENCE: Final = 60.0  # s for a service that is started anew
 _EXPECTED: Final = "expected a diagnosis as `pmsm-bench diagnose --json` writes it"
-_console: Final = Console(highlight=False, soft_wrap=True)
+_console: Final = Terminal(soft_wrap=True)
 
 Show = Callable[[str, float], None]
 
@@ -33,7 +40,7 @@ Show = Callable[[str, float], None]
 def by_service(name: str, service: str, file: Path, ambiguity: int | None, out: Path) -> None:
     """Have the service do it, and download the recording. Raises BenchError."""
     check_recording(out)
-    asked = _asked(file, ambiguity)
+    asked = asked_of(file, ambiguity)
     with httpx.Client(timeout=_TIMEOUT) as client:
         rest = Rest(client, service)
         body = {key: asked[key] for key in ("holds", "step", "machine") if key in asked}
@@ -44,13 +51,14 @@ def by_service(name: str, service: str, file: Path, ambiguity: int | None, out: 
                 while said["state"] == "running":
                     show(said["phase"], said["progress"])
                     time.sleep(_PERIOD)
-                    said = rest.call("GET", name, "experiments", id_, key="state")
+                    said = _patiently(lambda: rest.call("GET", name, "experiments", id_, key="state"), show)
         except KeyboardInterrupt:
             with contextlib.suppress(BenchError):
                 rest.call("DELETE", name, "experiments", id_)
             raise
         if said["state"] != "done":
-            raise BenchError(f"the experiment {said['state']}: {said['reason']}")
+            kept = f" in {said['file']}" if said["file"] else ""
+            raise BenchError(f"the experiment {said['state']}: {said['reason']}{kept}")
         try:
             recording = rest.download(name, "experiments", id_, "file")
             written = write_new(out, lambda part: part.write(recording))
@@ -60,40 +68,84 @@ def by_service(name: str, service: str, file: Path, ambiguity: int | None, out: 
     _tell(written, int(said["samples"]), said["remarks"])
 
 
-def directly(url: str, file: Path, ambiguity: int | None, out: Path) -> None:
+def _patiently(ask: Callable[[], dict[str, Any]], show: Show) -> dict[str, Any]:
+    """An answer of the service, be it after it has been started anew: what there was of the experiment is in it."""
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            return ask()
+        except UnavailableError as error:
+            if time.monotonic() > deadline:
+                raise
+            show(str(error), 0.0)
+            time.sleep(_PERIOD)
+
+
+def directly(url: str, file: Path, ambiguity: int | None, out: Path, i_max: float | None = None) -> None:
     """Do it over a drive's bus. Raises BenchError, DriveError."""
     check_recording(out)
-    plan = Plan.of(_asked(file, ambiguity))
+    plan = Plan.of(asked_of(file, ambiguity))
+    _take_up(out)
     cancelled, ended = threading.Event(), threading.Event()
+    limits = Limits(plan.machine.get("i_rated"), raised_by="--i-max")
+    if i_max is not None:
+        limits = replace(limits, i_max=i_max)
+    origin = Origin(folder_beside(captures_folder()), url, f"an experiment on {url}")
     outcome: list[experiment.Recorded | BaseException] = []
     with connect(url) as drive, _bar() as show:
+        if left := undo(origin.folder, drive):
+            _console.print(left, markup=False)
+        experiment.check(drive, plan, limits)
+        asked = datetime.now(UTC).isoformat()
+        part = experiment.begin(out, plan, drive, {"drive": "drive", "url": url, "asked": asked})
 
         def work() -> None:
             try:
-                outcome.append(experiment.run(drive, plan, lambda far: show(far.phase, far.share), cancelled))
+                outcome.append(experiment.run(
+                    drive, plan, lambda far: show(far.phase, far.share), cancelled, part, limits=limits, origin=origin
+                ))
             except BaseException as error:  # noqa: BLE001 - told by the thread that waits
                 outcome.append(error)
             ended.set()
 
         threading.Thread(target=work, name="experiment", daemon=True).start()
-        await_end(ended, cancelled.set)
-        (recorded,) = outcome
-        if isinstance(recorded, BaseException):
-            raise recorded
-        origin = {"drive": "drive", "url": url, "asked": datetime.now(UTC).isoformat()}
         try:
-            written = experiment.write(out, recorded, plan, drive, origin)
-        except OSError as error:
-            raise BenchError(f"{out}: cannot be written: {error.strerror or error}") from None
+            await_end(ended, cancelled.set)
+        except KeyboardInterrupt:
+            part.remove()
+            raise
+        (recorded,) = outcome
+    if isinstance(recorded, OSError):
+        recorded = BenchError(f"{out}: cannot be written: {recorded.strerror or recorded}")
+    written, kept = part.settled()
+    if written is None or isinstance(recorded, BaseException):
+        why = f"{recorded}; " if isinstance(recorded, BaseException) else ""
+        if not part.samples and isinstance(recorded, BaseException):
+            raise recorded
+        raise BenchError(f"{why}{kept}" + (f" in {written}" if written else "")) from None
     _tell(written, recorded.samples, recorded.remarks)
 
 
-def _asked(file: Path, ambiguity: int | None) -> Mapping[str, Any]:
+def _take_up(out: Path) -> None:
+    """What an experiment to this name has left that was interrupted becomes a recording, which is said."""
+    left = out.with_suffix(SUFFIX)
+    if not os.path.lexists(left):
+        return
+    part = ExperimentPart.found(left)
+    if part is None:
+        raise ConfigError(f"--out: another experiment is under way to {out}")
+    file, kept = part.settled()
+    _console.print(
+        f"an earlier experiment to {out} was interrupted: {kept}" + (f" in {file}" if file else ""), markup=False
+    )
+
+
+def asked_of(file: Path, ambiguity: int | None) -> Mapping[str, Any]:
     """What the diagnosis asks for, told. Raises BenchError."""
     try:
-        diagnosis = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        diagnosis = json_of(read_bytes(file))
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror or error}") from None
     except ValueError as error:
         raise ConfigError(f"{file}: {_EXPECTED}, got no JSON: {error}") from None
     if not isinstance(diagnosis, dict) or "ambiguous" not in diagnosis:
@@ -116,8 +168,8 @@ def _asked(file: Path, ambiguity: int | None) -> Mapping[str, Any]:
 @contextmanager
 def _bar() -> Generator[Show]:
     """A bar on standard error, where that is a terminal."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    console = Terminal(stderr=True)
+    columns = (Told(), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
         yield lambda phase, share: bar.update(task, completed=share, description=phase)

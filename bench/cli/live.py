@@ -2,41 +2,67 @@
 
 import contextlib
 import time
-from datetime import datetime
 from typing import Any
 
 import httpx
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from bench.cli.exit_codes import HOLDS, NOT_TOLD, code_of
 from bench.cli.rest import Rest
-from bench.cli.table import basis_of, estimates_table
+from bench.cli.table import basis_of, clock, estimates_table
+from bench.cli.terminal import Terminal
+from bench.errors import BenchError
 
 _PERIOD = 0.5  # s between two looks
 _TIMEOUT = 3.0  # s for one answer
 
 
-def show(name: str, service: str, *, once: bool) -> None:
-    """Print the table once, or keep it up to date until Ctrl-C. Raises BenchError when the service says no."""
-    console = Console()
+def show(name: str, service: str, *, once: bool) -> int:
+    """Print the table once, or keep it up to date until Ctrl-C; the exit code. Raises BenchError."""
+    console = Terminal()
     with httpx.Client(timeout=_TIMEOUT) as client:
         rest = Rest(client, service)
         if once:
-            console.print(_table(rest.call("GET", name, "estimates", key="estimates")))
-            return
+            content = rest.call("GET", name, "estimates", key="estimates")
+            console.print(_table(content))
+            if content["status"] in ("ok", "filling", "doubtful"):
+                return code_of(content["estimates"])
+            drive = rest.call("GET", name, key="link")
+            if drive["link"]["state"] == "streaming":
+                return NOT_TOLD
+            said = drive["link"]["last_error"]
+            raise BenchError(f"drive {name} is not there" + (f": {said['sentence']}" if said else ""))
         with contextlib.suppress(KeyboardInterrupt), Live(console=console, auto_refresh=False) as live:
             while True:
                 live.update(_table(rest.call("GET", name, "estimates", key="estimates")), refresh=True)
                 time.sleep(_PERIOD)
+    return HOLDS
 
 
 def _table(content: dict[str, Any]) -> Table:
     settings = content["window"]
     age = "no data yet" if content["age_s"] is None else f"{content['age_s']:.2f} s old"
-    title = f"{content['drive']}: {content['status'].replace('_', ' ')}"
+    title = f"{content['drive']}: {_status(content)}"
     basis = f"{basis_of(settings, content['samples'])}, {content['gaps']} gaps, {age}"
-    return estimates_table(content, settings, "\n".join(filter(None, (basis, _mismatch(content)))), title)
+    below = "\n".join(filter(None, (basis, _drive(content["drive_state"]), _mismatch(content))))
+    return estimates_table(content, settings, below, title)
+
+
+def _status(content: dict[str, Any]) -> str:
+    """The status of all; which parameters it does not hold for, where it is ok."""
+    if content["status"] != "ok":
+        return str(content["status"]).replace("_", " ")
+    untold = [name for name, estimate in content["estimates"].items() if estimate["status"] == "not_told"]
+    return f"{', '.join(untold)} not told" if untold else "ok"
+
+
+def _drive(said: dict[str, Any]) -> str:
+    """The drive's state, and what to do where it is in fault."""
+    if said["state"] is None:
+        return "drive: not known, there is no link to it"
+    fault = said["fault"]
+    return f"drive: {said['state']}" + (f", {fault['name']} ({fault['code']}): {fault['advice']}" if fault else "")
 
 
 def _mismatch(content: dict[str, Any]) -> str:
@@ -44,15 +70,11 @@ def _mismatch(content: dict[str, Any]) -> str:
     said = content["mismatch"]
     if said["since"] is None:
         return ""
-    since = _clock(said["since"])
+    since = clock(said["since"])
     if said["until"] is not None:
-        return f"the model explains the drive; from {since} to {_clock(said['until'])} it did not: {said['where']}"
+        return f"the model explains the drive; from {since} to {clock(said['until'])} it did not: {said['where']}"
     return (
         f"the model has not explained the drive since {since}: {said['where']}; "
         f"record and diagnose: pmsm-bench capture {content['drive']}"
     )
 
-
-def _clock(time_utc: str) -> str:
-    """Time of day here."""
-    return datetime.fromisoformat(time_utc).astimezone().strftime("%H:%M:%S")

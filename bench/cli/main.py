@@ -1,19 +1,22 @@
-"""`pmsm-bench`: one console script. Every refusal is one sentence on standard error and exit code 2; standard output
-that cannot be written, 1."""
+"""`pmsm-bench`: one console script. Every refusal is one sentence on standard error; what exit codes mean stands in
+`exit_codes`.
+"""
 
 import errno
 import os
 import sys
+import traceback
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
 
-from bench.errors import BenchError, ConfigError
+from bench.cli.exit_codes import EPILOG, FAULT, INTERRUPTED, REFUSED, details_kept
+from bench.errors import BenchError, ConfigError, InternalError
 from drivers.errors import DriveError
 
 app = typer.Typer(
-    name="pmsm-bench", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+    name="pmsm-bench", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=EPILOG,
     help="Hardware-in-the-loop bench for permanent-magnet synchronous motor drives.",
 )
 
@@ -40,6 +43,19 @@ def serve(
 
 
 @app.command()
+def token(
+    new: Annotated[bool, typer.Option("--new", help="make another one: that before counts no longer")] = False,
+    config: Annotated[Path | None, typer.Option(help="the service's configuration, if it names another file")] = None,
+) -> None:
+    """Print the token that a service beyond loopback asks for; it is made where there is none."""
+    from bench.config import load_config, token_file
+    from bench.token import made, renewed
+
+    path = token_file() if config is None else load_config(config).token
+    print(renewed(path) if new else made(path))
+
+
+@app.command()
 def emulate(
     at: Annotated[
         list[str] | None,
@@ -50,13 +66,19 @@ def emulate(
         list[str] | None, typer.Option(metavar="FAULT", help="what befalls its links, as lose=0.01@5+2; repeatable")
     ] = None,
     fault_script: Annotated[str | None, typer.Option(metavar="FILE", help="such faults, one a line")] = None,
+    control: Annotated[
+        str | None,
+        typer.Option(metavar="lease|local|watchdog", help="who starts it: a client with its lease (default), a master "
+                                                          "inside it, or anybody, as before there were leases"),
+    ] = None,
 ) -> None:
     """Run an emulated drive, in real time, until Ctrl-C."""
     from bench.cli.run import run_emulator
 
     faults = [part for text in fault or () for part in ("--fault", text)]
     script = ["--fault-script", fault_script] if fault_script is not None else []
-    raise typer.Exit(run_emulator(at or [DEFAULT_BUS], scenario, faults + script))
+    who = ["--control", control] if control is not None else []
+    raise typer.Exit(run_emulator(at or [DEFAULT_BUS], scenario, faults + script + who))
 
 
 @app.command()
@@ -83,10 +105,13 @@ def estimates(
     service: Service = None,
     once: Annotated[bool, typer.Option("--once", help="print one table and end")] = False,
 ) -> None:
-    """Show a drive's live estimates as a table, until Ctrl-C."""
+    """Show a drive's live estimates as a table, until Ctrl-C.
+
+    Exit code of --once: 0, estimates are ok; 1, the equations do not fit; 2, no service, no drive; 3, none can be told.
+    """
     from bench.cli.live import show
 
-    show(name, service or _usual_service(), once=once)
+    raise typer.Exit(show(name, service or _usual_service(), once=once))
 
 
 @app.command()
@@ -101,6 +126,40 @@ def signals(
     from bench.cli.signals import show
 
     show(name, given or [], service or _usual_service())
+
+
+@app.command()
+def start(
+    name: Annotated[str, typer.Argument(help="the drive, as the service calls it")],
+    given: Annotated[
+        list[str] | None, typer.Argument(metavar="SETPOINT=VALUE...", help="set points (SI), such as i_q_ref=2")
+    ] = None,
+    service: Service = None,
+) -> None:
+    """Start a drive: the service takes control of it, gives set points and switches its bridge on."""
+    from bench.cli.control import start as start_drive
+
+    start_drive(name, given or [], service or _usual_service())
+
+
+@app.command()
+def stop(
+    name: Annotated[str, typer.Argument(help="the drive, as the service calls it")], service: Service = None
+) -> None:
+    """Stop a drive, whoever controls it: bridge off, set points zero. A stop by software is no safety function."""
+    from bench.cli.control import stop as stop_drive
+
+    stop_drive(name, service or _usual_service())
+
+
+@app.command()
+def reset(
+    name: Annotated[str, typer.Argument(help="the drive, as the service calls it")], service: Service = None
+) -> None:
+    """Reset a drive's fault; its bridge stays off."""
+    from bench.cli.control import reset as reset_drive
+
+    reset_drive(name, service or _usual_service())
 
 
 @app.command()
@@ -176,11 +235,15 @@ def replay(
     json_out: Annotated[Path | None, typer.Option("--json", metavar="OUT", help="result as JSON")] = None,
     csv_out: Annotated[Path | None, typer.Option("--csv", metavar="OUT", help="estimates over time")] = None,
 ) -> None:
-    """Run the streaming estimator over a recording."""
+    """Run the streaming estimator over a recording, and say whether its equations fit.
+
+    Exit code: 0, they do; 1, they do not; 2, the file cannot be read or replayed; 3, nothing can be told.
+    """
     from bench.cli.replay import Options, run
 
     options = Options(method, window, longest, periods, forgetting_factor, ekf, estimate)
-    run(file, nominal, mapping or (), constants or (), align or (), options, every, json_out, csv_out)
+    code = run(file, nominal, mapping or (), constants or (), align or (), options, every, json_out, csv_out)
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -213,11 +276,14 @@ def diagnose(
         list[str] | None, typer.Option(metavar="u=ROWS", help="the voltage in row k was applied ROWS later")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="write over files that are there")] = False,
+    fail_on: Annotated[
+        str, typer.Option("--fail-on", metavar="unexplained|explained", help="explained: a named effect fails, too")
+    ] = "unexplained",
 ) -> None:
     """Say what physics recordings show that a machine's data leave out: where, what, how big, how sure.
 
-    Exit code: 0, every verdict is no mismatch or explained; 1, one leaves something open; 2, a file cannot be
-    read, diagnosed or written.
+    Exit code: 0, no mismatch or explained; 1, something stays unexplained; 2, a file cannot be read, diagnosed or
+    written; 3, the recording cannot tell. Of several files the worst, in the order 70, 2, 1, 3, 0.
     """
     from bench.cli.diagnose import Options, run
     from bench.cli.options import pairs
@@ -226,7 +292,7 @@ def diagnose(
 
     options = Options(
         trust_of(trust or ()), pairs("--map", mapping or (), str), pairs("--set", constants or (), float),
-        pairs("--align", align or (), float), checked_format(kind), jobs, force,
+        pairs("--align", align or (), float), checked_format(kind), jobs, force, fail_on,
     )
     raise typer.Exit(run(files, nominal, {"--json": json_out, "--report": report, "--machine": machine}, options))
 
@@ -264,6 +330,9 @@ def experiment(
     out: Annotated[Path, typer.Option(metavar="FILE.parquet", help="the recording")] = Path("experiment.parquet"),
     service: Service = None,
     drive: Annotated[str | None, typer.Option(metavar="URL", help="a drive by its bus, without a service")] = None,
+    i_max: Annotated[
+        float | None, typer.Option(metavar="A", help="--drive: longest current (default: the diagnosed motor's rating)")
+    ] = None,
 ) -> None:
     """Do on a drive what a diagnosis asks for, record it for the next `diagnose`, and stop the drive. Ctrl-C stops it.
 
@@ -275,10 +344,12 @@ def experiment(
         raise ConfigError("expected a drive's name, or its URL by --drive, got " + ("none" if name is None else "both"))
     if drive is not None and service is not None:
         raise ConfigError("expected --drive, which needs no service, or --service, got both")
+    if name is not None and i_max is not None:
+        raise ConfigError("--i-max goes with --drive; of a service's drive [drives.NAME.limits] says it")
     if name is not None:
         by_service(name, service or _usual_service(), diagnosis, ambiguity, out)
     elif drive is not None:
-        directly(drive, diagnosis, ambiguity, out)
+        directly(drive, diagnosis, ambiguity, out, i_max)
 
 
 @app.command()
@@ -295,14 +366,14 @@ def _usual_service() -> str:
 
 def _written(text: str, out: Path | None) -> None:
     """A text on standard output, or in a file."""
-    from bench.cli.output import check_new
+    from bench.cli.output import check_new, write_whole
 
     if out is None:
         print(text)
         return
     check_new("--out", out)
     try:
-        out.write_text(text + "\n", encoding="ascii")
+        write_whole(out, text + "\n", over=False)
     except OSError as error:
         raise ConfigError(f"cannot write {out}: {error.strerror}") from None
 
@@ -313,11 +384,16 @@ def main() -> None:
     try:
         status = app(standalone_mode=False)
         print(end="", flush=True)  # what cannot be written is told here, and not by the interpreter at its end
-    except (BenchError, DriveError) as error:
+    except InternalError as error:
         print(f"pmsm-bench: {error}", file=sys.stderr)
-        sys.exit(2)
+        sys.exit(FAULT)
+    except (BenchError, DriveError) as error:
+        print(f"pmsm-bench: {_shown(error)}", file=sys.stderr)
+        sys.exit(REFUSED)
+    except SystemExit:  # the command-line library's own, where nobody reads what is written
+        sys.exit(REFUSED)
     except (typer.Abort, KeyboardInterrupt):
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
     except Exception as error:  # noqa: BLE001
         if isinstance(error, OSError) and error.errno in _NO_OUTPUT:
             _no_output(error)
@@ -325,12 +401,18 @@ def main() -> None:
     sys.exit(status if isinstance(status, int) else 0)
 
 
+def _shown(said: object) -> str:
+    from bench.cli.terminal import one_line
+
+    return one_line(said)
+
+
 def _no_output(error: OSError) -> NoReturn:
     """Nobody reads what we write, which is said nowhere; or there is no room for it."""
     if error.errno != errno.EPIPE:
         print(f"pmsm-bench: cannot write: {error.strerror}", file=sys.stderr)
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still to be written at the end
-    sys.exit(1)
+    sys.exit(REFUSED)
 
 
 def _unexpected(error: Exception) -> None:
@@ -338,10 +420,11 @@ def _unexpected(error: Exception) -> None:
     format_message = getattr(error, "format_message", None)
     if format_message is not None:
         if said := format_message():  # nothing where the help has been shown instead
-            print(f"pmsm-bench: {said} (see --help)", file=sys.stderr)
-        sys.exit(2)
-    print(f"pmsm-bench failed: {type(error).__name__}: {error}; please report this", file=sys.stderr)
-    sys.exit(1)
+            print(f"pmsm-bench: {_shown(said)} (see --help)", file=sys.stderr)
+        sys.exit(REFUSED)
+    said = f"pmsm-bench failed: {type(error).__name__}: {_shown(error)}; please report this"
+    print(said + details_kept(traceback.format_exc()), file=sys.stderr)
+    sys.exit(FAULT)
 
 
 if __name__ == "__main__":

@@ -4,16 +4,19 @@ import contextlib
 import errno
 import os
 import secrets
+import stat
 import threading
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Final, TextIO
 
-from bench.capture_file import check_place, give_name
 from bench.errors import ConfigError
+from bench.new_file import check_place, give_name
 
 _PERIOD: Final = 0.1  # s between two looks
+_READER: Final = 5.0  # s for somebody to read from a pipe
 
 
 def check_new(option: str, path: Path) -> None:
@@ -47,10 +50,11 @@ def write_whole(path: Path, text: str, *, over: bool) -> None:
     `over`, also if it has appeared since it was looked for.
     """
     if takes_all(path):
-        path.write_text(text, encoding="utf-8")
+        with opened(path) as file:
+            file.write(text)
         return
     with _unfinished(path.parent) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")  # names may have bytes that are no text
         if over:
             part.replace(path)
             return
@@ -60,6 +64,26 @@ def write_whole(path: Path, text: str, *, over: bool) -> None:
             if _taken(path):
                 raise
             part.replace(path)  # an empty file
+
+
+@contextmanager
+def opened(path: Path) -> Generator[TextIO]:
+    """A file to be written as it comes. Raises OSError, also where nobody reads from a pipe."""
+    deadline = time.monotonic() + _READER
+    piped = takes_all(path) and stat.S_ISFIFO(path.stat().st_mode)
+    while True:
+        try:
+            handle = os.open(path, os.O_WRONLY | (os.O_NONBLOCK if piped else os.O_CREAT | os.O_TRUNC), 0o666)
+            break
+        except OSError as error:
+            if error.errno != errno.ENXIO or not piped:
+                raise
+            if time.monotonic() > deadline:
+                raise OSError(errno.ENXIO, f"nobody has read from this pipe within {_READER:g} s") from None
+            time.sleep(_PERIOD)
+    os.set_blocking(handle, True)
+    with open(handle, "w", newline="", encoding="utf-8", errors="backslashreplace") as file:  # noqa: PTH123 - a handle
+        yield file
 
 
 @contextmanager

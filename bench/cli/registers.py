@@ -4,9 +4,9 @@ import json
 import sys
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
+from bench.cli.terminal import Terminal
 from drivers.wire.modbus_map import table
 
 
@@ -28,7 +28,7 @@ def show(*, as_json: bool) -> None:
             str(line["address"]), f"0x{line['address']:04X}", str(line["registers"]), line["name"], line["type"],
             _count(line), line["access"], line["summary"],
         )
-    Console(width=None if sys.stdout.isatty() else 160).print(shown)
+    Terminal(width=None if sys.stdout.isatty() else 160).print(shown)
 
 
 def _count(line: dict[str, Any]) -> str:

@@ -2,21 +2,24 @@
 
 import csv
 import json
+import os
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+from bench.cli.exit_codes import DOES_NOT, code_of
 from bench.cli.options import pairs
-from bench.cli.output import check_new
+from bench.cli.output import check_new, opened, write_whole
 from bench.cli.table import basis_of, estimates_table
+from bench.cli.terminal import Terminal, Told
 from bench.errors import ConfigError
 from bench.machine_file import Nominal, load_machine, load_toml
 from bench.recording import open_recording
 from bench.replay import OnEstimate, Replay, as_json, replay
+from bench.watch import Explained
 from bench.window import AUTO, Window
 from estimator.estimate import WindowEstimate
 from estimator.machine import PARAMETERS
@@ -66,8 +69,8 @@ class Options:
 def run(
     file: Path, nominal: Path | None, mapping: Sequence[str], constants: Sequence[str], align: Sequence[str],
     options: Options, every: int | None, json_out: Path | None, csv_out: Path | None,
-) -> None:
-    """Replay a recording, print what it says at its end, write what was asked for."""
+) -> int:
+    """Replay a recording, print what it says at its end, write what was asked for; the exit code."""
     machine = load_machine(nominal) if nominal is not None else Nominal({})
     settings = options.settings(machine)
     hop = every if every is not None else max(1, (1000 if options.window is None else settings.samples) // 10)
@@ -83,12 +86,19 @@ def run(
         _track(csv_out) as on_estimate,
         _progress(reader.rows_expected) as on_rows,
     ):
-        replayed = replay(reader, settings, hop if csv_out else 0, on_estimate, on_rows)
+        replayed = replay(reader, settings, hop if csv_out else 0, on_estimate, on_rows, machine.given)
     replayed = replace(replayed, remarks=(*replayed.remarks, *options.remarks(settings)))
     _print(replayed)
     if json_out is not None:
         with _written(json_out):
-            json_out.write_text(json.dumps(as_json(replayed), indent=2) + "\n", encoding="utf-8")
+            write_whole(json_out, json.dumps(as_json(replayed), indent=2) + "\n", over=False)
+    return _code(replayed)
+
+
+def _code(replayed: Replay) -> int:
+    if replayed.verdict.status is Explained.NO:
+        return DOES_NOT
+    return code_of(as_json(replayed)["estimates"])
 
 
 def _length(text: str | None) -> int | str | None:
@@ -108,7 +118,7 @@ def _tuning(text: str) -> Mapping[str, object]:
     """A preset of the filter's tuning, or the settings that a TOML file holds."""
     if text in ("tuned", "paper"):
         return {"preset": text}
-    if not Path(text).is_file():
+    if not os.path.isfile(text):  # noqa: PTH113 - also for a name that cannot be
         raise ConfigError(f"--ekf: expected tuned, paper or a TOML file, got {text!r}")
     settings = load_toml(text)
     if "preset" not in settings:
@@ -119,8 +129,8 @@ def _tuning(text: str) -> Mapping[str, object]:
 @contextmanager
 def _progress(rows: int | None) -> Generator[Callable[[int], None]]:
     """A bar on standard error while a long recording is read, where that is a terminal."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Terminal(stderr=True)
+    columns = (Told(), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("rows", total=rows)
         yield lambda done: bar.update(task, completed=done)
@@ -128,13 +138,13 @@ def _progress(rows: int | None) -> Generator[Callable[[int], None]]:
 
 def _check_outputs(file: Path, outputs: Mapping[str, Path | None]) -> None:
     """Refuse, before anything is opened, an output that would overwrite the recording, the other output or a file."""
-    taken = [file.resolve()]
+    taken = [os.path.realpath(file)]
     for option, path in outputs.items():
         if path is None:
             continue
-        if path.resolve() in taken:
+        if os.path.realpath(path) in taken:
             raise ConfigError(f"{path}: expected a file of its own, this is the recording or the other output")
-        taken.append(path.resolve())
+        taken.append(os.path.realpath(path))
         check_new(option, path)
 
 
@@ -144,7 +154,7 @@ def _track(path: Path | None) -> Generator[OnEstimate | None]:
     if path is None:
         yield None
         return
-    with _written(path), path.open("w", newline="", encoding="utf-8") as file:
+    with _written(path), opened(path) as file:
         writer = csv.writer(file)
         header = [f"{name}{suffix}" for name in PARAMETERS for suffix in ("", "_std", "_status", "_window")]
         writer.writerow(["t", "samples", *header])
@@ -165,7 +175,7 @@ def _written(path: Path) -> Generator[None]:
 
 
 def _print(replayed: Replay) -> None:
-    console = Console(highlight=False)
+    console = Terminal()
     summary, result = replayed.recording, replayed.result
     title = f"{summary.path}: {summary.used} of {summary.rows} rows used, {summary.duration:.6g} s"
     console.print(title, soft_wrap=True, markup=False)
@@ -174,5 +184,7 @@ def _print(replayed: Replay) -> None:
     residual = "" if result.residual_rms is None else f", residual {result.residual_rms:.3g} V"
     basis = f"{basis_of(settings, result.samples)}{rows}, {result.gaps} gaps{residual}"
     console.print(estimates_table(as_json(replayed), settings, basis))
+    said = replayed.verdict.sentence()
+    console.print(f"{said[0].upper()}{said[1:]}.", soft_wrap=True, markup=False)
     for remark in replayed.remarks:
         console.print(remark, soft_wrap=True, markup=False)

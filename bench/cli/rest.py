@@ -1,11 +1,19 @@
 """The service's REST interface as the command line asks it: every failure is a BenchError with a sentence."""
 
-from typing import Any, cast
+import json
+import os
+import socket
+from typing import Any, Final, cast
 from urllib.parse import quote
 
 import httpx
 
-from bench.errors import BenchError, UnavailableError
+from bench import token
+from bench.config import token_file
+from bench.errors import BenchError, InternalError, UnavailableError, shown
+
+TOKEN_VARIABLE: Final = "PMSM_BENCH_TOKEN"
+_JSON: Final = {"Content-Type": "application/json"}  # of every PUT and POST, also of one without a body
 
 
 class Rest:
@@ -19,22 +27,49 @@ class Rest:
     ) -> dict[str, Any]:
         """The JSON object at /api/drives/PATH, which has `key`. Raises UnavailableError where nobody answers."""
         try:
-            response = self._client.request(method, self._address(path), json=body, params=query)
+            text = None if body is None else json.dumps(body, allow_nan=False)
+        except ValueError:
+            raise BenchError(f"expected finite numbers, got {shown(body)}") from None
+        headers = self._headers() | ({} if method in ("GET", "DELETE") else _JSON)
+        try:
+            response = self._client.request(method, self._address(path), content=text, params=query, headers=headers)
             content = response.json()
         except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
             raise UnavailableError(f"no bench service answers at {self._service}: {error}") from None
         if response.is_success and isinstance(content, dict) and key in content:
             return cast(dict[str, Any], content)
         if isinstance(content, dict) and "detail" in content:
-            raise BenchError(str(cast(dict[str, Any], content)["detail"]))
+            failed = response.status_code == int(httpx.codes.INTERNAL_SERVER_ERROR)
+            raise (InternalError if failed else BenchError)(str(cast(dict[str, Any], content)["detail"]))
         raise BenchError(f"expected a bench service at {self._service}, got another answer ({response.status_code})")
 
     def download(self, *path: str) -> bytes:
         """The file at /api/drives/PATH."""
         try:
-            return self._client.get(self._address(path)).raise_for_status().content
+            return self._client.get(self._address(path), headers=self._headers()).raise_for_status().content
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise UnavailableError(f"the service at {self._service} did not hand out the file: {error}") from None
 
+    def _headers(self) -> dict[str, str]:
+        """With the token that the user gives; that of this machine's file goes to no other machine."""
+        said = os.environ.get(TOKEN_VARIABLE)
+        if said is not None:
+            return {"Authorization": f"Bearer {token.checked(said, f'environment variable {TOKEN_VARIABLE}')}"}
+        if not os.path.lexists(token_file()) or not _is_here(self._service):
+            return {}
+        return {"Authorization": f"Bearer {token.read(token_file())}"}
+
     def _address(self, path: tuple[str, ...]) -> str:
         return "/".join([f"{self._service.rstrip('/')}/api/drives", *(quote(part, safe="") for part in path)])
+
+
+def _is_here(service: str) -> bool:
+    """Whether a service's address is one of this machine's: one that can be listened at."""
+    try:
+        found = socket.getaddrinfo(httpx.URL(service).host, 0, type=socket.SOCK_STREAM)
+        for family, kind, protocol, _, address in found:
+            with socket.socket(family, kind, protocol) as there:
+                there.bind(address)
+    except (OSError, ValueError, httpx.InvalidURL):
+        return False
+    return bool(found)

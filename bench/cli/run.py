@@ -8,18 +8,26 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Generator
+import time
+from collections.abc import Callable, Generator, Mapping
 from types import FrameType
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-
+from bench.cli.signals import pairs_of
+from bench.cli.terminal import Terminal
 from bench.config import Config, emulated
 from bench.errors import ConfigError
+from drivers.errors import LostError
+from drivers.lease import HeldError
+
+if TYPE_CHECKING:
+    from bench.service import Service
 
 _READY_TIMEOUT = 180.0  # s, the first start compiles
 _END = 3.0  # s for the emulated drive to end before it is made to
+_LINKED = 10.0  # s for the service's link to its emulated drive
 _LISTENS = 0.2  # s, after which a signal is heard at the latest
-_console = Console(highlight=False, soft_wrap=True)
+_console = Terminal(soft_wrap=True)
 
 
 def run_service(config: Config, port: int | None) -> None:
@@ -35,10 +43,10 @@ def run_emulator(urls: list[str], scenario: str, faults: list[str]) -> int:
 
 
 def run_both(url: str, scenario: str, port: int | None) -> None:
-    """An emulated drive in a process of its own, and the service over it."""
-    config = emulated(url)
-    with _until_told(), _listening(config, port) as listener, _emulator(url, scenario):
-        _serve(config, listener)
+    """An emulated drive in a process of its own, and the service over it, which starts it with its set points."""
+    config = emulated(url, bounded=scenario.startswith("paper"))
+    with _until_told(), _listening(config, port) as listener, _emulator(url, scenario) as set_points:
+        _serve(config, listener, set_points)
 
 
 @contextlib.contextmanager
@@ -70,21 +78,45 @@ def _listening(config: Config, port: int | None) -> Generator[socket.socket]:
         yield listener
 
 
-def _serve(config: Config, listener: socket.socket) -> None:
+def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, float] | None = None) -> None:
+    """Serve; drives are started with set points where there are any."""
+    from bench.api.access import access_to
     from bench.api.server import serve
     from bench.method import warm_up
     from bench.service import Service
+    from bench.write_log import WriteLog, to_standard_error
 
+    host, port = listener.getsockname()[:2]
+    access = access_to(config, host, port)
     with _console.status("preparing the estimator (compiles at the first start)"):
         meanwhile(warm_up)
-    host, port = listener.getsockname()[:2]
-    with Service(config) as service:
-        root = f"http://{host}:{port}"
+    with Service(config) as service, WriteLog(config.log, to_standard_error) as log:
+        root = access.address(host)
         _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
         for drive in config.drives:
             _console.print(f"drive  {drive.name}: {drive.url}")
-        _console.print("Ctrl-C ends it")
-        serve(service, listener)
+            if set_points is not None:
+                _started(service, drive.name, set_points)
+        _console.print(f"open   to {access.told()}\nCtrl-C ends it")
+        serve(service, listener, access, log)
+
+
+def _started(service: "Service", name: str, set_points: Mapping[str, float]) -> None:
+    """Start a drive once there is a link to it. Raises BenchError, DriveError."""
+    deadline = time.monotonic() + _LINKED
+    while True:
+        try:
+            service.start_drive(name, set_points, "pmsm-bench up")
+            break
+        except HeldError as error:
+            _console.print(f"       watched only: {error}")
+            return
+        except LostError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(_LISTENS)
+    given = ", ".join(f"{key} = {value:g}" for key, value in set_points.items() if value)
+    _console.print(f"       started{f' with {given}' if given else ''}, controlled by this service; it stops with it")
 
 
 def meanwhile(work: Callable[[], None]) -> None:
@@ -115,8 +147,11 @@ def _exec(command: list[str]) -> int:
 
 
 @contextlib.contextmanager
-def _emulator(url: str, scenario: str) -> Generator[None]:
-    """The emulated drive's process, once it says that it is on its bus. Raises ConfigError when it cannot be."""
+def _emulator(url: str, scenario: str) -> Generator[dict[str, float]]:
+    """The emulated drive's process, once it says that it is on its bus; its scenario's set points.
+
+    Raises ConfigError when it cannot be.
+    """
     with tempfile.TemporaryFile("w+") as errors, subprocess.Popen(  # a pipe that nobody reads would stop it when full
         [*_emulator_command([url], scenario), "--with-input"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True,
@@ -130,9 +165,10 @@ def _emulator(url: str, scenario: str) -> Generator[None]:
                 process.wait()
                 errors.seek(0)
                 said = errors.read().strip().removeprefix("pmsm-bench emulate: ")
-                raise ConfigError(said or "the emulated drive did not start")
+                busy = "; `pmsm-bench up --at URL` puts it elsewhere" if said.endswith("in use") else ""
+                raise ConfigError(said + busy if said else "the emulated drive did not start")
             _console.print(line)
-            yield
+            yield pairs_of((_first_line(process) or "").split())
         finally:
             process.terminate()
             try:

@@ -1,12 +1,14 @@
 """A drive's signals in the terminal, over the service's REST interface."""
 
+import math
+from collections.abc import Sequence
 from typing import Any, cast
 
 import httpx
-from rich.console import Console
 from rich.table import Table
 
 from bench.cli.rest import Rest
+from bench.cli.terminal import Terminal
 from bench.errors import ConfigError, shown
 
 _TIMEOUT = 30.0  # s; a slow line takes long for all of them
@@ -14,7 +16,7 @@ _TIMEOUT = 30.0  # s; a slow line takes long for all of them
 
 def show(name: str, given: list[str], service: str) -> None:
     """Write what is given as SIGNAL=VALUE, read what is given as SIGNAL, and print. Raises BenchError."""
-    values = dict(_pair(text) for text in given if "=" in text)
+    values = pairs_of([text for text in given if "=" in text])
     asked = [text for text in given if "=" not in text]
     with httpx.Client(timeout=_TIMEOUT) as client:
         rest = Rest(client, service)
@@ -22,21 +24,30 @@ def show(name: str, given: list[str], service: str) -> None:
         if values:
             told += rest.call("PUT", name, "signals", body=values, key="signals")["signals"]
         if asked or not values:
-            told += _read(rest, name, asked)
-    Console().print(_table(name, told))
+            told += read_from(rest, name, asked)
+    Terminal().print(_table(name, told))
 
 
-def _read(rest: Rest, name: str, asked: list[str]) -> list[dict[str, Any]]:
+def read_from(rest: Rest, name: str, asked: Sequence[str]) -> list[dict[str, Any]]:
+    """Signals by name, all where none is named, as the service tells them. Raises BenchError."""
     content = rest.call("GET", name, "signals", key="signals", query={"names": ",".join(asked)})
     return cast(list[dict[str, Any]], content["signals"])
+
+
+def pairs_of(given: list[str]) -> dict[str, float]:
+    """Values given as SIGNAL=NUMBER. Raises ConfigError."""
+    return dict(_pair(text) for text in given)
 
 
 def _pair(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
     try:
-        return name.strip(), float(value)
+        number = float(value)
     except ValueError:
         raise ConfigError(f"expected SIGNAL=NUMBER, got {shown(text)}") from None
+    if not math.isfinite(number):
+        raise ConfigError(f"{shown(name.strip())}: expected a finite number, got {value.strip()}")
+    return name.strip(), number
 
 
 def _table(name: str, signals: list[dict[str, Any]]) -> Table:

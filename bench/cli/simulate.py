@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from rich.console import Console
-
 from bench.capture_file import write_columns
 from bench.cli.output import check_recording
+from bench.cli.terminal import Terminal
 from bench.diagnosis_request import Request
 from bench.engineering import quantity, words
 from bench.machine_file import load_machine
@@ -23,7 +22,7 @@ def run(
         check_recording(out)
     nominal = load_machine(machine)
     summary, found = simulate(Request(file, nominal, mapping=mapping, constants=constants, align=align))
-    console = Console(highlight=False, soft_wrap=True)
+    console = Terminal(soft_wrap=True)
     effects = ", ".join(words(name) for name in nominal.equations) or "no effects"
     console.print(f"{file} by {machine}, with {effects}:")
     for what, error, unit in (

@@ -1,10 +1,13 @@
 """Estimates as a table, with units an engineer reads, and what they rest on in words."""
 
+from collections import Counter
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
 from rich.table import Table
 
+_HELD = "held at"
 _SCALES = {
     "ohm": ((1.0, "ohm"), (1e-3, "mohm")),
     "H": ((1.0, "H"), (1e-3, "mH"), (1e-6, "uH")),
@@ -18,13 +21,14 @@ def estimates_table(content: Mapping[str, Any], settings: Mapping[str, Any], bas
     A reason that several parameters share is told once, below.
     """
     chosen = chosen_by_data(settings)
-    several = [combination for combination in content["combinations"] if len(combination["parameters"]) > 1]
-    together = {name for combination in several for name in combination["parameters"]}
-    table = Table(title=title or None, caption="\n".join([basis, *(combination["reason"] for combination in several)]))
+    counts = Counter(estimate["reason"] for estimate in content["estimates"].values())
+    several = {reason for reason, count in counts.items() if count > 1 and reason and reason not in basis}
+    below = [reason for reason in counts if reason in several and not reason.startswith(_HELD)]
+    table = Table(title=title or None, caption="\n".join([basis, *below]))
     for heading in ("", "value", "± 95 %", "unit", *(("samples",) if chosen else ()), "status"):
         table.add_column(heading, justify="right" if heading in ("value", "± 95 %", "samples") else "left")
     for name, estimate in content["estimates"].items():
-        *cells, status = _row_cells({**estimate, "reason": ""} if name in together else estimate)
+        *cells, status = _row_cells({**estimate, "reason": ""} if estimate["reason"] in below else estimate)
         table.add_row(name, *cells, *((_samples(estimate),) if chosen else ()), status)
     return table
 
@@ -46,6 +50,11 @@ def chosen_by_data(settings: Mapping[str, Any]) -> bool:
     return settings["method"] == "wls" and settings["length"] == "auto"
 
 
+def clock(time_utc: str) -> str:
+    """Time of day here."""
+    return datetime.fromisoformat(time_utc).astimezone().strftime("%H:%M:%S")
+
+
 def _samples(estimate: Mapping[str, Any]) -> str:
     return "" if estimate["window"] is None else str(estimate["window"])
 
@@ -57,6 +66,8 @@ def _row_cells(estimate: Mapping[str, Any]) -> list[str]:
     size, unit = next((scale for scale in scales if value is None or abs(value) >= scale[0]), scales[-1])
     half = None if std is None else 1.96 * std / size
     status = str(estimate["status"]).replace("_", " ")
+    if since := estimate.get("since"):
+        status += f" since {clock(since)}"
     reason = estimate["reason"]
     return [
         "-" if value is None else f"{value / size:{_digits(value / size, half)}}",

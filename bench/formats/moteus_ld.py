@@ -4,7 +4,6 @@
 load; `params` the resistance R (ohm), the poles and, where it is there, the flux as `v_per_hz`. i_q is not stored.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,17 +16,17 @@ from bench.diagnosis_request import Request, Tell
 from bench.errors import ConfigError, RecordingError, shown
 from bench.formats.format import Diagnosed, Format
 from bench.formats.points import summary_of
+from bench.input_file import check_regular, json_of, read_bytes
 from bench.machine_file import Nominal
 from estimator.machine import PLAUSIBLE
 from estimator.mismatch.points.diagnose import given_off
 from estimator.mismatch.points.no_load import NoLoad
 from estimator.mismatch.points.no_load_diagnosis import diagnose_no_load
 
-_LARGEST: Final = 10_000_000  # bytes
-
 
 def sniff(path: Path, _mapping: Mapping[str, str]) -> bool:
     """A JSON object with `raw` and `params`."""
+    check_regular(path)
     with path.open("rb") as file:
         if not file.read(64).lstrip().startswith(b"{"):
             return False
@@ -53,12 +52,10 @@ def diagnose(request: Request, tell: Tell) -> Diagnosed:
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        if path.stat().st_size > _LARGEST:
-            raise RecordingError(f"{path}: expected at most {_LARGEST} bytes of JSON, came {path.stat().st_size}")
-        content = json.loads(path.read_bytes())
+        content = json_of(read_bytes(path))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise RecordingError(f"{path}: expected JSON, came something else: {str(error)[:80]}") from error
     return cast(dict[str, Any], _expect(path, "the file", content))
 

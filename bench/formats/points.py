@@ -122,7 +122,7 @@ def _pole_pairs(request: Request) -> int | None:
         if name not in CONSTANTS:
             raise ConfigError(f"no constant {quoted(name)} for steady points, expected {', '.join(CONSTANTS)}")
     given = request.constants.get("n_p", request.nominal.n_p)
-    if given is not None and not (given == int(given) and 1 <= given <= 200):
+    if given is not None and not (1 <= given <= 200 and given == int(given)):
         raise ConfigError(f"n_p: expected a whole number of pole pairs, 1 to 200, got {shown(given)}")
     return None if given is None else int(given)
 

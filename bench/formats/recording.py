@@ -1,7 +1,7 @@
 """Recordings of every control period: `bench.recording`."""
 
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -11,7 +11,8 @@ import numpy as np
 from bench.diagnosis_request import Request, Tell, check_whole
 from bench.errors import ConfigError, RecordingError
 from bench.formats.format import Diagnosed, Format
-from bench.recording import Recording, read_recording
+from bench.long_recording import read_in_stretches
+from bench.recording import Recording, RecordingReader, open_recording, whole
 from bench.table import column_names
 from estimator.mismatch.diagnose import diagnose
 
@@ -28,24 +29,30 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
         raise ConfigError(needs)
     machine = check_whole(nominal)
     tell(0.0, "reading")
-    recording = read(request)
+    recording, stretches = read_in_stretches(lambda: opened(request))
 
     def on(share: float, phase: str) -> None:
         tell(_READING + (1.0 - _READING) * share, phase)
 
     with refusals_of(request.file):
         diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
-    remarks = (*recording.summary.remarks(), *diagnosis.remarks)
+    remarks = (*((stretches,) if stretches else ()), *recording.summary.remarks(), *diagnosis.remarks)
     return Diagnosed(recording.summary, nominal, replace(diagnosis, remarks=remarks))
 
 
-def read(request: Request) -> Recording:
-    """What a request asks of. Raises RecordingError."""
+def opened(request: Request) -> AbstractContextManager[RecordingReader]:
+    """The recording that a request asks of, chunk by chunk. Raises RecordingError."""
     nominal = request.nominal
-    return read_recording(
+    return open_recording(
         request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
         theta_step=nominal.theta_step, u_dc=nominal.u_dc,
     )
+
+
+def read(request: Request) -> Recording:
+    """The same as a whole."""
+    with opened(request) as reader:
+        return whole(reader)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final
 
-from drivers.wire.dictionary import CAPTURE_DATA, SIGNALS, Signal, WireType, signal_at, signal_named
+from drivers.wire.dictionary import CAPTURE_DATA, CONTROL, SIGNALS, Signal, WireType, signal_at, signal_named
 
 DEVICE_NAME: Final = "pmsm-bench virtual drive"
 DEVICE_TYPE: Final = 0x0002_0192  # CiA 402, servo drive
@@ -54,6 +54,7 @@ class Abort(IntEnum):
     SEQUENCE = 0x05040003
     CRC = 0x05040004
     MEMORY = 0x05040005
+    WRITE_ONLY = 0x06010001
     READ_ONLY = 0x06010002
     NO_OBJECT = 0x06020000
     NOT_MAPPABLE = 0x06040041
@@ -66,6 +67,10 @@ class Abort(IntEnum):
     DEVICE_STATE = 0x08000022
     NO_DATA = 0x08000024
 
+
+# SDO answers (CiA 301, 7.2.4.3): byte 0
+DOWNLOADED: Final = 0x60  # an object has been written
+UPLOADED_4: Final = 0x43  # an object of 4 bytes
 
 SYNC_COB_ID: Final = 0x080
 HEARTBEAT_MS: Final = 100  # ms, default producer time
@@ -116,7 +121,13 @@ def sdo_address(index: int, subindex: int) -> bytes:
 
 def sdo_downloaded(index: int, subindex: int) -> bytes:
     """Bytes 0 to 3 of the server's answer when an object has been written."""
-    return b"\x60" + sdo_address(index, subindex)
+    return bytes([DOWNLOADED]) + sdo_address(index, subindex)
+
+
+def uploaded_size(head: int) -> int:
+    """Bytes of the object that the server's answer holds, by its byte 0; 0 where it holds none, or not all of it."""
+    return 4 - (head >> 2 & 3) if head & 0xE3 == 0x43 else 0
+
 
 
 def heartbeat_cob_id(node_id: int) -> int:
@@ -189,6 +200,7 @@ def eds() -> str:
     for index in sorted({signal.index for signal in SIGNALS}):
         objects[index] = _signals(index, [signal for signal in SIGNALS if signal.index == index])
     objects[CAPTURE_DATA[0]] = _record(CAPTURE_DATA[0], "Recording", [("Data", _DOMAIN_TYPE, "ro", None)])
+    objects[CONTROL[0]] = _variable(CONTROL[0], None, "Control record", _DOMAIN_TYPE, "wo", None)
 
     mandatory = [OD_DEVICE_TYPE, OD_ERROR_REGISTER, OD_IDENTITY]
     own = [index for index in objects if 0x2000 <= index < 0x6000]
@@ -251,7 +263,7 @@ def _array(
 _NAMES: Final = {
     0x1010: "Store parameters", 0x1011: "Restore default parameters", 0x2000: "Drive", 0x2010: "Full scales",
     0x2100: "Stream", 0x2200: "Control", 0x2300: "References", 0x2310: "Protections",
-    0x2400: "Recorder",
+    0x2320: "Safety", 0x2400: "Recorder", 0x2500: "Control lease",
 }
 
 

@@ -59,18 +59,36 @@ OVERVOLTAGE: Final = 0x3210
 UNDERVOLTAGE: Final = 0x3220
 OVERTEMPERATURE_MOTOR: Final = 0x4210
 SPEED_ERROR: Final = 0x8400  # of the speed control; 0x8611 is that of a position control
-COMMUNICATION: Final = 0x8130  # nothing was heard of the bench for the watchdog's time
+OVERSPEED: Final = 0x8481  # in the range of the speed control, as makers of drives use it
+COMMUNICATION: Final = 0x8130  # nothing was heard of the bench: its lease was not renewed, or its watchdog not fed
 
-ERROR_TEXTS: Final = {
-    OVERCURRENT: "overcurrent", OVERVOLTAGE: "dc-link overvoltage", UNDERVOLTAGE: "dc-link undervoltage",
-    OVERTEMPERATURE_MOTOR: "motor too hot", SPEED_ERROR: "the speed does not follow its reference",
-    COMMUNICATION: "the bench fell silent",
+ERRORS: Final = {
+    OVERCURRENT: (
+        "overcurrent", "check the wiring, the current control's parameters and the angle before it is started again"
+    ),
+    OVERVOLTAGE: ("dc-link overvoltage", "brake slower, or give the dc link somewhere to put the energy"),
+    UNDERVOLTAGE: ("dc-link undervoltage", "check the supply"),
+    OVERTEMPERATURE_MOTOR: ("motor too hot", "let it cool down"),
+    SPEED_ERROR: (
+        "the speed does not follow its reference", "check the load and the angle's sign, or allow the speed more time"
+    ),
+    OVERSPEED: (
+        "overspeed",
+        "wait until the shaft stands, then check the angle's sign and what holds the speed: current control does not",
+    ),
+    COMMUNICATION: ("the bench fell silent", "see whether the bench still runs, then reset the fault and start again"),
 }
+"""Error codes with what they are, and what to do about them."""
 
 
 def error_text(code: int) -> str:
     """An error code in words."""
-    return ERROR_TEXTS.get(code, "unknown error")
+    return ERRORS.get(code, ("unknown error", ""))[0]
+
+
+def error_advice(code: int) -> str:
+    """What to do about it."""
+    return ERRORS.get(code, ("", "look the number up in the drive's manual"))[1]
 
 
 def error_register(code: int) -> int:

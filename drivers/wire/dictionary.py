@@ -1,6 +1,7 @@
 """Every signal of the drive, once: CANopen address, type, unit, scale, access, range.
 
-The EDS, the PDO layouts, the Modbus registers and the UART's numbers are derived from this table. A *row* of the
+The EDS, the PDO layouts, the Modbus registers and the UART's numbers are derived from this table. What is new goes to
+its end: a drive of an earlier layout has the same signals as far as it goes, see `signals_of`. A *row* of the
 stream covers `stream_periods` control periods and follows the recording convention: `theta_e i_d i_q` are sampled at
 its start (`row_tick`), `u_d u_q` and the mean quantities are means over the row, each period taken in the rotor frame
 at that period's middle.
@@ -70,6 +71,16 @@ class Signal:
         """A value that the drive keeps and that its user sets."""
         return self.access == "rw" and not self.command
 
+    @property
+    def is_set_point(self) -> bool:
+        """What the motor is to do: zero unless somebody holds the control lease (`drivers.wire.lease`)."""
+        return self.name in SET_POINTS
+
+    @property
+    def is_guarded(self) -> bool:
+        """Only the holder of the control lease writes it while there is one."""
+        return self.access == "rw" and self.index in _GUARDED
+
     def __str__(self) -> str:
         return f"0x{self.index:04X}:{self.subindex} ({self.name})"
 
@@ -123,6 +134,14 @@ CAPTURE_SAMPLES = 65536  # at most, of all channels
 STREAM_ROW = ("theta_e", "i_d", "i_q", "omega_e", "u_d", "u_q", "u_dc", "i_d_mean", "i_q_mean")
 """A row of the stream after its tick, where it travels in one piece."""
 
+SET_POINTS = ("i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "speed_ref", "speed_step")
+"""What is zero while nobody controls the drive, and after its bridge went off, whatever switched it off."""
+
+_GUARDED = frozenset({0x2200, 0x2300, 0x2310, 0x6040, 0x1010, 0x1011})
+"""Objects that act on the motor; the stream's and the recorder's do not."""
+
+LEASE_TIMES = (0.05, 10.0)  # s, shortest and longest that a control lease may last without being renewed
+
 SIGNALS: tuple[Signal, ...] = (
     # What the drive is
     Signal("layout_id", 0x2000, 1, WireType.U32, "1", "const", "checksum of this dictionary"),
@@ -163,7 +182,8 @@ SIGNALS: tuple[Signal, ...] = (
     _setting(0x2300, 3, "i_d_step", "A", 0.0, None, "d-axis excitation: steps within +- this"),
     _setting(0x2300, 4, "i_q_step", "A", 0.0, None, "q-axis excitation: steps within +- this"),
     _setting(0x2300, 5, "step_time", "s", 1e-3, 10.0, "shortest time between excitation steps"),
-    _setting(0x2300, 6, "watchdog_time", "s", 0.0, 10.0, "silence of the bench after which it goes off; 0: never"),
+    _setting(0x2300, 6, "watchdog_time", "s", 0.0, LEASE_TIMES[1],
+             "longest that a control lease lasts unless renewed; without leases: silence after which it goes off"),
     _whole(0x2300, 7, "speed_control", 0, 2, "0: i_q as commanded, 1: by speed_ref, 2: by the drive's own profile"),
     _setting(0x2300, 8, "speed_ref", "rad/s", None, None, "speed reference, electrical"),
     _setting(0x2300, 9, "speed_ramp", "rad/s2", 0.0, None, "rate at which it is approached; 0: at once"),
@@ -203,10 +223,21 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("capture_tick", 0x2400, 18, WireType.U32, "1", "ro", "tick of the first sample"),
     Signal("capture_number", 0x2400, 19, WireType.U16, "1", "ro", "of this recording; each arming makes another"),
     _command(0x2400, 20, "capture_offset", WireType.U32, 0, CAPTURE_SAMPLES, "first sample of the next upload"),
+    # What layout 0x576E360A does not have: who controls it, and what else switches its bridge off
+    _setting(0x2310, 7, "overspeed_trip", "rad/s", 1.0, None, "electrical speed beyond this"),
+    Signal("safe_torque_off", 0x2320, 1, WireType.U16, "1", "ro", "0: no such input, 1: torque allowed, 2: torque off"),
+    *(Signal(f"lease_holder_{k}", 0x2500, k, WireType.U32, "1", "ro",
+             f"who controls it, ASCII, characters {4 * k - 3} to {4 * k}; 0: nobody") for k in range(1, 5)),
+    Signal("lease_left", 0x2500, 5, _F, "s", "ro", "until the control lease ends; 0: there is none, -1: local control"),
+    Signal("lease_end", 0x2500, 6, WireType.U16, "1", "ro",
+           "how the latest ended; 0: none has, 1: given up, 2: not renewed, 3: stopped by another client"),
 )
 
 CAPTURE_DATA = (0x2410, 1)
 """Address of the recording: samples from `capture_offset` on, each all chosen channels as 16-bit counts."""
+
+CONTROL = (0x2501, 0)
+"""Address of the control record: set points, start and renewal of the lease in one piece, see `drivers.wire.lease`."""
 
 _BY_NAME = {signal.name: signal for signal in SIGNALS}
 _BY_ADDRESS = {(signal.index, signal.subindex): signal for signal in SIGNALS}
@@ -232,3 +263,18 @@ def layout_id(signals: Iterable[Signal] = SIGNALS) -> int:
         *CHANNELS, *STREAM_ROW,
     ))
     return zlib.crc32(text.encode("ascii"))
+
+
+_WATCHDOG_SIGNALS = 76  # of the layout before the control lease
+WATCHDOG_LAYOUT = layout_id(SIGNALS[:_WATCHDOG_SIGNALS])
+"""A drive without a control lease: anybody's request feeds its watchdog, and anybody may start it."""
+
+
+def signals_of(layout: int) -> tuple[Signal, ...]:
+    """What a drive of this layout has; nothing where the layout is not known."""
+    return {layout_id(): SIGNALS, WATCHDOG_LAYOUT: SIGNALS[:_WATCHDOG_SIGNALS]}.get(layout, ())
+
+
+def layout_text() -> str:
+    """The layouts that are known, in words."""
+    return f"0x{layout_id():08X} or 0x{WATCHDOG_LAYOUT:08X}"

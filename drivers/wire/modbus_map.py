@@ -8,6 +8,7 @@ One request writes one signal, whole. Stream signals are counts of their full sc
     0x0000  head       who the drive is: layout_id first
     0x0100  request    what is wanted in the window: number, kind, first (32 bits)
     0x0200  window     the answer: number, kind, first, count, and what was wanted
+    0x0300  control    a control record (`drivers.wire.lease`), written whole by function code 16, two bytes a register
     0x1000  signals    area + 16 (index & 0xFFF) + 2 subindex
 
 So a signal keeps its address when others are added at the end of its record. The register after a 16-bit signal is
@@ -64,6 +65,8 @@ REQUEST_LENGTH: Final = 4
 WINDOW: Final = 0x0200
 WINDOW_FORMAT: Final = ">HHIH"
 WINDOW_LENGTH: Final = 5
+
+CONTROL: Final = 0x0300
 
 REGISTERS: Final = 1
 ROWS: Final = 2
@@ -137,7 +140,7 @@ def name_of(address: int, count: int = 1) -> str:
         return f"register 0x{address:04X} ({signals[0]})"
     if signals:
         return f"registers 0x{address:04X} to 0x{address + count - 1:04X} ({signals[0]} to {signals[-1]})"
-    known = {HEAD: "identity", REQUEST: "request", WINDOW: "window"}.get(address)
+    known = {HEAD: "identity", REQUEST: "request", WINDOW: "window", CONTROL: "control record"}.get(address)
     return f"register 0x{address:04X}" + (f" ({known})" if known else "")
 
 
@@ -257,6 +260,7 @@ def table() -> list[dict[str, Any]]:
               "number, kind (1 registers, 2 rows, 3 samples), first; by function code 23"),
         _line(WINDOW, MOST_READ, "window", "block", "ro",
               "number, kind, first (U32), count (U16), and what was wanted"),
+        _line(CONTROL, MOST_WRITTEN, "control", "block", "wo", "a control record: token, lease, bridge, set points"),
     ]
     return own + [
         _line(address, length_of(signal), signal.name, signal.type.name, signal.access, signal.summary, signal.unit,

@@ -1,7 +1,8 @@
-"""The address of a Modbus drive: `modbus+tcp://HOST[:PORT]/UNIT` or `modbus+rtu://DEVICE[?baudrate=...&...]/UNIT`.
+"""The address of a Modbus drive: `modbus+tcp://HOST[:PORT][?timeout=S]/UNIT` or `modbus+rtu://DEVICE[?...]/UNIT`.
 
 DEVICE is a path (`modbus+rtu:///dev/ttyUSB0/1`), a port's name (`modbus+rtu://COM3/1`), or an address of pyserial's as
-it stands (`modbus+rtu://socket://host:port/1`, `modbus+rtu://rfc2217://host:port?baudrate=19200/1`). Bench and virtual
+it stands (`modbus+rtu://socket://host:port/1`, `modbus+rtu://rfc2217://host:port?baudrate=19200/1`). `timeout` is how
+long an answer may take, in s, besides its time on the line: for slow gateways. Bench and virtual
 drive stand at two ends of the same URL. Pure; opens nothing.
 """
 
@@ -13,6 +14,7 @@ from urllib.parse import parse_qsl, urlsplit
 TCP: Final = "modbus+tcp"
 RTU: Final = "modbus+rtu"
 FORMS: Final = f"{TCP}://HOST[:PORT]/UNIT or {RTU}://DEVICE[?baudrate=115200&parity=N&stopbits=1]/UNIT"
+_TIMEOUTS: Final = (0.05, 10.0)  # s
 _PORT: Final = 502
 _MOST_UNIT: Final = {TCP: 255, RTU: 247}
 _PARITIES: Final = ("N", "E", "O")
@@ -48,6 +50,7 @@ class ModbusUrl:
 
     place: TcpPlace | SerialPlace
     unit: int
+    timeout: float | None = None  # s for an answer; None: as usual
 
     def __str__(self) -> str:
         """In words, for messages."""
@@ -66,7 +69,30 @@ def parse_modbus_url(url: str) -> ModbusUrl:
     number = _number(unit)
     if number is None or not 1 <= number <= highest:
         raise ValueError(f"expected a unit of 1 to {highest} at the end of {url!r}, got {unit!r}")
-    return ModbusUrl(_tcp(place, url) if scheme == TCP else _serial(place, url), number)
+    device, options = _taken_apart(place, url)
+    timeout = _timeout(options.pop("timeout", None), url)
+    if scheme == RTU:
+        return ModbusUrl(_serial(device, options, url), number, timeout)
+    if options:
+        raise ValueError(f"expected {TCP}://HOST[:PORT][?timeout=S]/UNIT, got {', '.join(sorted(options))} in {url!r}")
+    return ModbusUrl(_tcp(device, url), number, timeout)
+
+
+def _taken_apart(place: str, url: str) -> tuple[str, dict[str, str]]:
+    """A place and its options."""
+    device, mark, query = place.partition("?")
+    try:
+        return device, dict(parse_qsl(query, strict_parsing=True)) if mark else {}
+    except ValueError:
+        raise ValueError(f"expected option=value after the '?' of {url!r}, got {query!r}") from None
+
+
+def _timeout(text: str | None, url: str) -> float | None:
+    if text is None:
+        return None
+    if not re.fullmatch(r"[0-9]{1,2}(\.[0-9]{1,3})?", text) or not _TIMEOUTS[0] <= float(text) <= _TIMEOUTS[1]:
+        raise ValueError(f"expected a timeout of {_TIMEOUTS[0]:g} to {_TIMEOUTS[1]:g} s in {url!r}, got {text!r}")
+    return float(text)
 
 
 def _tcp(place: str, url: str) -> TcpPlace:
@@ -81,17 +107,14 @@ def _tcp(place: str, url: str) -> TcpPlace:
     return TcpPlace(host, _PORT if port is None else port)
 
 
-def _serial(place: str, url: str) -> SerialPlace:
-    device, _, query = place.partition("?")
-    try:
-        options = dict(parse_qsl(query, strict_parsing=True)) if query else {}
-    except ValueError:
-        raise ValueError(f"expected option=value after the '?' of {url!r}, got {query!r}") from None
+def _serial(device: str, options: dict[str, str], url: str) -> SerialPlace:
     if not device or any(not character.isprintable() for character in device):
         raise ValueError(f"expected {RTU}://DEVICE[?option=value]/UNIT, got {url!r}")
     unknown = sorted(options.keys() - {"baudrate", "parity", "stopbits"})
     if unknown:
-        raise ValueError(f"expected the options baudrate, parity and stopbits in {url!r}, got {', '.join(unknown)}")
+        raise ValueError(
+            f"expected the options baudrate, parity, stopbits and timeout in {url!r}, got {', '.join(unknown)}"
+        )
     baudrate = _number(options.get("baudrate", "115200"))
     if baudrate is None or not 300 <= baudrate <= 12_000_000:
         raise ValueError(f"expected a baudrate of 300 to 12000000 in {url!r}, got {options['baudrate']!r}")

@@ -29,6 +29,7 @@ class Kind(IntEnum):
     STOP = 0x05  # -> nothing
     UPLOAD = 0x06  # SPAN -> pieces, each PIECE and samples; the last has none
     PING = 0x07  # -> nothing
+    CONTROL = 0x08  # a control record (`drivers.wire.lease`) -> nothing
     STREAM = 0x40  # ROWS, rows
     EVENT = 0x41  # EVENT
     REFUSAL = 0x42  # REFUSAL; in place of a reply
@@ -56,10 +57,11 @@ NO_SUCH_OBJECT: Final = 0x06020000
 WRONG_LENGTH: Final = 0x06070010
 WRONG_VALUE: Final = 0x06090030
 GENERAL: Final = 0x08000000
+DEVICE_STATE: Final = 0x08000022
 REFUSAL_TEXTS: Final = {
     NO_SUCH_REQUEST: "no such request", READ_ONLY: "it cannot be written", NO_SUCH_OBJECT: "no such signal",
     WRONG_LENGTH: "wrong number of bytes", WRONG_VALUE: "value outside its range",
-    GENERAL: "general error",
+    GENERAL: "general error", DEVICE_STATE: "not in its present state",
 }
 
 PAYLOAD: Final = 1024  # bytes, at most

@@ -26,7 +26,7 @@ from emulator.scenarios import PAPER
 from emulator.virtual_drive import VirtualDrive
 
 MOST = 100_000  # recordings
-SHORTEST, LONGEST = 0.2, 60.0  # s, so that a winding can warm up within and files can be handled
+SHORTEST, LONGEST = 0.2, 600.0  # s, so that a winding can warm up within and files can be handled
 
 
 @dataclass(frozen=True, slots=True)

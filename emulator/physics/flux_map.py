@@ -19,9 +19,11 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from emulator.input_file import check_regular
 from emulator.kernel import kernel
 
 _ARRAYS = ("i_s_dq", "psi_s_dq")  # of a file
+_LARGEST = 20_000_000  # bytes of a file
 _FEWEST_CELLS, _MOST_CELLS = 10, 20  # per axis, in between half as many as a square of the points has on a side
 _SMOOTH = 1e-3  # weight of the spline's third differences against the points
 
@@ -104,6 +106,7 @@ def loaded(path: Path) -> FluxMap:
     Raises ValueError in a sentence where the file is none, or where current does not follow from flux.
     """
     try:
+        check_regular(path, _LARGEST)
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             columns = {name: np.asarray(file[name], complex).ravel() for name in _ARRAYS if name in file}
     except FileNotFoundError:

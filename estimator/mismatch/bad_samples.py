@@ -1,4 +1,5 @@
-"""Bad samples: rows that no machine makes - voltages beyond the dc link, currents that jump and return, repeated rows.
+"""Bad samples: rows that no machine makes - voltages beyond the dc link, currents and angles that jump and return,
+repeated rows.
 
 They are left out, as gaps, and told. What a machine may do stays: a current may change as fast as its voltage drives
 it, and voltages that are often too high are no glitch but another unit. Knows no effect.
@@ -6,12 +7,14 @@ it, and voltages that are often too high are no glitch but another unit. Knows n
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.machine import Machine
+from estimator.mismatch.odd_rows import FAR, odd_samples
 from estimator.mismatch.words import number
 from estimator.samples import Samples
 
@@ -31,7 +34,13 @@ _CALM: Final = 0.15  # of a jump, that the voltages around it explain at most
 _STUCK: Final = 20  # rows
 _ZEROS: Final = 5  # rows
 _TURNS: Final = 0.01  # rad in the rows: the motor turns
+_SAG: Final = 0.25  # of the dc link, which a capacitor holds, by which a row of it may leave those around it
 _LIVELY: Final = 0.5  # of the rows, that may repeat where rows are no noise
+_REPEATS: Final = 3  # rows that repeat the one before: fewer may be chance
+_CHANCE: Final = 0.1  # times as many, that repeat the row before that one: numbers so coarse repeat by chance
+_ANGLE: Final = 0.1  # rad, and
+_FAR: Final = 20.0  # times what nine of ten angles depart from an even turn
+_BACK: Final = 0.2  # of a jump of the angle, by which the way back may differ
 
 
 class Cleared(NamedTuple):
@@ -41,11 +50,35 @@ class Cleared(NamedTuple):
     remarks: tuple[str, ...]
 
 
-class _Found(NamedTuple):
+class Found(NamedTuple):
     """Bad rows of one kind in a run, and how those from a to b are told."""
 
     bad: Bools
     says: Callable[[int, int], str]
+
+
+@dataclass(slots=True)
+class Account:
+    """Bad rows of one kind, as they are found one run after another: the first in words, of the others how often."""
+
+    first: str = ""
+    places: int = 0
+    rows: int = 0
+
+    def add(self, found: Found) -> None:
+        """Count what was found in a run."""
+        for a, b in stretches(found.bad):
+            self.first = self.first or found.says(a, b)
+            self.places += 1
+            self.rows += b - a
+
+    def remark(self) -> str:
+        """A sentence; empty where nothing was found."""
+        if not self.places:
+            return ""
+        more = self.places - 1
+        others = f", and likewise {more} time{'s' if more > 1 else ''} more" if more else ""
+        return f"{self.first}{others}: {self.rows} row{'s' if self.rows > 1 else ''} left out"
 
 
 def without_bad(runs: Sequence[Samples], nominal: Machine) -> Cleared:
@@ -53,10 +86,13 @@ def without_bad(runs: Sequence[Samples], nominal: Machine) -> Cleared:
     finite = [run for run in runs if len(run) > 2 * _SIDE and _finite(run)]
     if not finite:
         return Cleared(tuple(runs), ())
-    whole = [_beyond(finite), _jumps(finite, nominal), _repeated(finite)]
+    whole = [_beyond(finite), _dc_links(finite), _jumps(finite, nominal), _turns(finite), repeated(finite)]
     bad = {id(run): np.logical_or.reduce([found[k].bad for found in whole]) for k, run in enumerate(finite)}
+    odd = odd_samples(finite, list(bad.values()))
+    whole.append([Found(one & ~bad[id(run)], _of_sample(run)) for run, one in zip(finite, odd, strict=True)])
+    bad = {id(run): bad[id(run)] | one for run, one in zip(finite, odd, strict=True)}
     cut = [part for run in runs for part in (_cut(run, bad[id(run)]) if id(run) in bad else (run,))]
-    remarks = tuple(said for found in whole if (said := _said(finite, found)))
+    remarks = tuple(said for found in whole if (said := _said(found)))
     return Cleared(tuple(cut) if remarks else tuple(runs), remarks)
 
 
@@ -67,36 +103,32 @@ def _finite(run: Samples) -> bool:
 
 def _cut(run: Samples, bad: Bools) -> Iterator[Samples]:
     """What is between bad rows."""
-    for a, b in _stretches(~bad):
+    for a, b in stretches(~bad):
         yield run[a:b]
 
 
-def _stretches(there: Bools) -> list[tuple[int, int]]:
+def stretches(there: Bools) -> list[tuple[int, int]]:
     """Begin and end of what is there."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], there, [False])).astype(np.int8)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _said(runs: Sequence[Samples], found: Sequence[_Found]) -> str:
-    """One remark on all rows of a kind: the first in words, of the others how often."""
-    places = [(k, a, b) for k, one in enumerate(found) for a, b in _stretches(one.bad)]
-    if not places:
-        return ""
-    k, a, b = places[0]
-    rows = sum(b - a for _, a, b in places)
-    more = len(places) - 1
-    others = f", and likewise {more} time{'s' if more > 1 else ''} more" if more else ""
-    return f"{found[k].says(a, b)}{others}: {rows} row{'s' if rows > 1 else ''} left out"
+def _said(found: Sequence[Found]) -> str:
+    """One remark on all rows of a kind."""
+    account = Account()
+    for one in found:
+        account.add(one)
+    return account.remark()
 
 
-def _time(run: Samples, row: int) -> str:
+def time_of(run: Samples, row: int) -> str:
     return f"{run.t0 + row * run.T:.6g} s"
 
 
 # --- Voltages
 
 
-def _beyond(runs: Sequence[Samples]) -> list[_Found]:
+def _beyond(runs: Sequence[Samples]) -> list[Found]:
     """Voltages that no bridge makes of the dc link."""
     size = [np.hypot(run.u_d, run.u_q) for run in runs]
     usual = _HIGH * float(np.quantile(np.concatenate(size), 0.99))
@@ -104,14 +136,34 @@ def _beyond(runs: Sequence[Samples]) -> list[_Found]:
         (u > np.maximum(_BEYOND * run.u_dc, usual)) if run.u_dc is not None else np.zeros(len(run), np.bool_)
         for run, u in zip(runs, size, strict=True)
     ]
-    return [_Found(bad, _of_voltage(run)) for run, bad in zip(runs, _rare(found), strict=True)]
+    return [Found(bad, _of_voltage(run)) for run, bad in zip(runs, _rare(found), strict=True)]
 
 
 def _of_voltage(run: Samples) -> Callable[[int, int], str]:
     def says(a: int, _b: int) -> str:
         assert run.u_dc is not None
         name, value = max((("u_d", run.u_d[a]), ("u_q", run.u_q[a])), key=lambda one: abs(one[1]))
-        return f"{name} is {number(value)} V at {_time(run, a)}, beyond what u_dc = {number(run.u_dc[a])} V can give"
+        return f"{name} is {number(value)} V at {time_of(run, a)}, beyond what u_dc = {number(run.u_dc[a])} V can give"
+
+    return says
+
+
+def _dc_links(runs: Sequence[Samples]) -> list[Found]:
+    """Voltages of the dc link that leave those around them, as no capacitor does."""
+    found: list[Bools] = []
+    for run in runs:
+        if run.u_dc is None:
+            found.append(np.zeros(len(run), np.bool_))
+            continue
+        middle = np.median(_around(run.u_dc), axis=1)
+        found.append(~(np.abs(run.u_dc - middle) <= _SAG * np.abs(middle)))
+    return [Found(bad, _of_dc_link(run)) for run, bad in zip(runs, _rare(found), strict=True)]
+
+
+def _of_dc_link(run: Samples) -> Callable[[int, int], str]:
+    def says(a: int, _b: int) -> str:
+        assert run.u_dc is not None
+        return f"u_dc jumps to {number(run.u_dc[a])} V at {time_of(run, a)} and back"
 
     return says
 
@@ -126,7 +178,7 @@ def _rare(found: list[Bools]) -> list[Bools]:
 # --- Currents
 
 
-def _jumps(runs: Sequence[Samples], nominal: Machine) -> list[_Found]:
+def _jumps(runs: Sequence[Samples], nominal: Machine) -> list[Found]:
     """Currents that leave those around them, farther than voltages drive them."""
     off = [_off(run.i_d + 1j * run.i_q) for run in runs]
     noise = float(np.quantile(np.abs(np.concatenate(off)), 0.9)) / _NINE_OF_TEN
@@ -141,7 +193,7 @@ def _jumps(runs: Sequence[Samples], nominal: Machine) -> list[_Found]:
             driven = np.inf if run.u_dc is None else _DRIVEN * run.u_dc * (run.T / L)
             bad &= calm | (far > driven)
         found.append(bad)
-    return [_Found(bad, _of_current(run, jump)) for run, bad, jump in zip(runs, _rare(found), off, strict=True)]
+    return [Found(bad, _of_current(run, jump)) for run, bad, jump in zip(runs, _rare(found), off, strict=True)]
 
 
 def _around(x: Array) -> Array:
@@ -166,7 +218,52 @@ def _of_current(run: Samples, jump: Vector) -> Callable[[int, int], str]:
     def says(a: int, _b: int) -> str:
         d = abs(jump[a].real) > abs(jump[a].imag)
         name, value = ("i_d", run.i_d[a]) if d else ("i_q", run.i_q[a])
-        return f"{name} jumps to {number(value)} A at {_time(run, a)} and back"
+        return f"{name} jumps to {number(value)} A at {time_of(run, a)} and back"
+
+    return says
+
+
+def _of_sample(run: Samples) -> Callable[[int, int], str]:
+    def says(a: int, _b: int) -> str:
+        return (
+            f"the row at {time_of(run, a)} (i_d = {number(run.i_d[a])} A, i_q = {number(run.i_q[a])} A, u_d = "
+            f"{number(run.u_d[a])} V, u_q = {number(run.u_q[a])} V) leaves those around it, by over {FAR:g} times the "
+            f"noise, and returns as no motor does"
+        )
+
+    return says
+
+
+# --- Angles
+
+
+def _turns(runs: Sequence[Samples]) -> list[Found]:
+    """Angles that leave the rotor's even turn for one row, and return."""
+    off = [_uneven(run) for run in runs]
+    usual = float(np.quantile(np.abs(np.concatenate(off)), 0.9))
+    least = max(_ANGLE, _FAR * usual, *(_FAR * run.resolution.theta_e for run in runs))
+    found: list[Bools] = []
+    for run, r in zip(runs, off, strict=True):
+        away, back = r[:-1], r[1:]
+        there = (np.abs(away) > least) & (np.abs(back) > least) & (np.abs(_wrapped(away + back)) < _BACK * np.abs(away))
+        found.append(np.concatenate(([False], there, [False]))[: len(run)])
+    return [Found(bad, _of_angle(run, r)) for run, bad, r in zip(runs, _rare(found), off, strict=True)]
+
+
+def _uneven(run: Samples) -> Array:
+    """By how much each step of the angle differs from those around it, rad; one less than rows."""
+    turned = _wrapped(np.diff(run.theta_e))
+    middle = np.median(_around(np.cos(turned)), axis=1) + 1j * np.median(_around(np.sin(turned)), axis=1)
+    return _wrapped(turned - np.angle(middle))
+
+
+def _wrapped(angle: Array) -> Array:
+    return angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi))
+
+
+def _of_angle(run: Samples, off: Array) -> Callable[[int, int], str]:
+    def says(a: int, _b: int) -> str:
+        return f"theta_e jumps by {number(abs(off[a - 1]))} rad at {time_of(run, a)} and back"
 
     return says
 
@@ -174,23 +271,39 @@ def _of_current(run: Samples, jump: Vector) -> Callable[[int, int], str]:
 # --- Rows that repeat
 
 
-def _repeated(runs: Sequence[Samples]) -> list[_Found]:
-    """Rows of a recording with noise that hold what the row before them held, for long."""
+def repeated(runs: Sequence[Samples]) -> list[Found]:
+    """Rows of a recording with noise that hold what the row before them held: for long, or its angle too, often."""
     same = [_same(run) for run in runs]
     lively = sum(int(np.count_nonzero(s)) for s in same) < _LIVELY * sum(map(len, runs))
-    return [_Found(_stuck(run, s) if lively else np.zeros(len(run), np.bool_), _of_rows(run))
-            for run, s in zip(runs, same, strict=True)]  # fmt: skip
+    if not lively:
+        return [Found(np.zeros(len(run), np.bool_), _of_rows(run)) for run in runs]
+    twice = [s & _stays(run) for run, s in zip(runs, same, strict=True)]
+    by_chance = sum(int(np.count_nonzero(_same(run, 2) & ~s)) for run, s in zip(runs, same, strict=True))
+    often = sum(int(np.count_nonzero(t)) for t in twice)
+    if often < _REPEATS or by_chance > _CHANCE * often:
+        twice = [np.zeros(len(run), np.bool_) for run in runs]
+    return [Found(_stuck(run, s) | t, _of_rows(run)) for run, s, t in zip(runs, same, twice, strict=True)]
 
 
-def _same(run: Samples) -> Bools:
-    """Of each row: voltages and currents are those of the row before."""
+def _same(run: Samples, rows: int = 1) -> Bools:
+    """Of each row: voltages and currents are those of so many rows before."""
     columns = (run.i_d, run.i_q, run.u_d, run.u_q)
-    return np.concatenate(([False], np.logical_and.reduce([np.diff(column) == 0.0 for column in columns])))
+    same = np.logical_and.reduce([column[rows:] == column[:-rows] for column in columns])
+    return np.concatenate((np.zeros(min(rows, len(run)), np.bool_), same))
+
+
+def _stays(run: Samples) -> Bools:
+    """Of each row: the angle is that of the row before, and not that of the next that differs."""
+    stays = np.concatenate(([False], np.diff(run.theta_e) == 0.0))
+    moved = np.zeros(len(run), np.bool_)
+    for a, b in stretches(stays):
+        moved[a:b] = b < len(run)
+    return stays & moved
 
 
 def _stuck(run: Samples, same: Bools) -> Bools:
     bad = np.zeros(len(run), np.bool_)
-    for a, b in _stretches(same):
+    for a, b in stretches(same):
         if _empty(run, a):
             turns = abs(math.remainder(float(run.theta_e[b - 1] - run.theta_e[a - 1]), 2.0 * math.pi)) > _TURNS
             bad[a - 1 : b] = b - a + 1 >= (_ZEROS if turns else _STUCK)
@@ -205,7 +318,9 @@ def _empty(run: Samples, row: int) -> bool:
 
 def _of_rows(run: Samples) -> Callable[[int, int], str]:
     def says(a: int, b: int) -> str:
+        if b - a < _ZEROS:
+            return f"i_d, i_q, u_d, u_q and theta_e repeat the row before at {time_of(run, a)}"
         what = "are all 0" if _empty(run, a) else "do not change at all"
-        return f"i_d, i_q, u_d and u_q {what} from {_time(run, a)} to {_time(run, b - 1)}"
+        return f"i_d, i_q, u_d and u_q {what} from {time_of(run, a)} to {time_of(run, b - 1)}"
 
     return says

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flux_balance import TURN
-from estimator.samples import Resolution, Samples
+from estimator.samples import LeftOut, Resolution, Samples
 
 Real = NDArray[np.float64]
 Vector = NDArray[np.complex128]
@@ -86,7 +86,16 @@ class Correction:
                 told.encoder,
             ),
             u_dc=None if run.u_dc is None else at(run.u_dc), i_a=phases[0], i_b=phases[1], i_c=phases[2],
+            left_out=None if run.left_out is None else self._left_out(run.left_out),
         )  # fmt: skip
+
+
+    def _left_out(self, told: LeftOut) -> LeftOut:
+        turned = told.turned
+        if turned is not None:  # turns are counted by angle, speed and time: not where one of them is in another unit
+            off = self.theta in (DEGREE, TURNS) or self.omega != 1.0 or self.T_s != 1.0
+            turned = None if off else turned / self.theta
+        return LeftOut(turned, told.heat / abs(self.i) ** 2 / self.T_s)
 
 
 def _straight(x: Vector, mirrored: int, theta: Real) -> Vector:

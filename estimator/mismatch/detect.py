@@ -45,7 +45,7 @@ _COLOUR: Final = 1.3  # times its white level, that noise may have in an octave
 _HIDDEN: Final = 1.2  # of the energy that an angle in steps may leave
 _MOVES: Final = 3.0  # standard deviations of noise, by which a current that moves departs from its mean
 _SPEED_MOVES: Final = 0.02  # of its rms
-_POLE: Final = 0.9  # of the whitening, before noise and parameters are known
+POLE: Final = 0.9  # of the whitening, before noise and parameters are known
 _LONGEST: Final = 0.95  # and at most: a noise at a run's start is forgotten soon
 _LEAST_L: Final = PLAUSIBLE["L_d"][0]  # H
 _ROUND_OFF: Final = 1e-10
@@ -95,14 +95,14 @@ def left_of(runs: Sequence[Samples], estimates: Mapping[str, Estimate]) -> Left 
     beta, free = _start(balance, estimates, one.T)
     if not all(free[k] or beta[k] > 0.0 for k in (1, 2)):
         return None
-    columns, held, poles = _columns(balance), beta, (_POLE, _POLE)
+    columns, held, poles = columns_of(balance), beta, (POLE, POLE)
     step = max(one.resolution.theta_e, _step_of(np.concatenate([run.theta_e for run in runs]), one.periods * D, joined))
     for last in (False, True):
         columns[6] = _of_angle(columns, beta)
         white = columns.copy()
         whiten_axes(white, np.exp(0.5j * D), joined, one.T, *poles)
         beta, offset = _fitted(white, held, beta, free, step)
-        coefficients = np.array([*-beta, 1.0, _of_h(beta), -offset])
+        coefficients = np.array([*-beta, 1.0, of_h(beta), -offset])
         z: Vector = coefficients @ white
         rounded = _rounding(beta, columns, step, one.T, poles)
         axes = tuple(_spectrum(x, n) for x, n in zip((z.real, z.imag), rounded, strict=True))
@@ -142,7 +142,7 @@ def place_of(left: Left) -> Place:
 def warm_up() -> None:
     """Compile the kernels, or load them from the cache."""
     nothing = np.zeros(1, np.complex128)
-    whiten_axes(nothing[None, :].copy(), nothing, np.ones(1, np.bool_), 1.0, _POLE, _POLE)
+    whiten_axes(nothing[None, :].copy(), nothing, np.ones(1, np.bool_), 1.0, POLE, POLE)
 
 
 # --- The fit
@@ -159,7 +159,7 @@ def _start(balance: Array, estimates: Mapping[str, Estimate], T: float) -> tuple
     return beta, free
 
 
-def _columns(balance: Array) -> Vectors:
+def columns_of(balance: Array) -> Vectors:
     """What multiplies R_s, L_d, L_q, psi_f in a row's voltage; the voltage; the small term h; place for the angle."""
     i_d, i_q, x_d, x_q, y_d, y_q, s, h, u_d, u_q = balance.T
     return np.stack((i_d + 1j * i_q, x_d + 1j * y_d, 1j * x_q - y_q, 1j * s, u_d + 1j * u_q, h + 0j, 0j * h))
@@ -170,29 +170,29 @@ def _of_angle(columns: Vectors, beta: Array) -> Vector:
     return -1j * ((beta[1] - beta[2]) * (columns[1] - columns[2]) + beta[3] * columns[3])
 
 
-def _of_h(beta: Array) -> float:
+def of_h(beta: Array) -> float:
     R_s, L_d, _, psi_f = beta.tolist()
     return R_s * psi_f / L_d if L_d > _LEAST_L else 0.0
 
 
 def _fitted(white: Vectors, held: Array, beta: Array, free: Bools, step: float) -> tuple[Array, float]:
     """Least squares for the free parameters, and for an angle that is off by up to its sensor's step (rad)."""
-    y = white[4] + _of_h(beta) * white[5]
+    y = white[4] + of_h(beta) * white[5]
     for k in np.flatnonzero(~free):
         y -= held[k] * white[k]
     found = np.where(free, 0.0, held)
     used = np.flatnonzero(np.append(free, step > 0.0))
     places = np.where(used < 4, used, 6)
-    value = _least_squares(white[places], y)
+    value = least_squares(white[places], y)
     offset = float(value[-1]) if step > 0.0 else 0.0
     if abs(offset) > step:
         offset = math.copysign(step, offset)
-        value = _least_squares(white[places[:-1]], y - offset * white[6])
+        value = least_squares(white[places[:-1]], y - offset * white[6])
     found[free] = value[: int(np.count_nonzero(free))]
     return found, offset
 
 
-def _least_squares(columns: Vectors, y: Vector) -> Array:
+def least_squares(columns: Vectors, y: Vector) -> Array:
     rows: Array = np.concatenate((columns.real, columns.imag), axis=1)
     norm: Array = np.sqrt(np.sum(rows**2, axis=1))
     scale: Array = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0.0)
@@ -220,7 +220,7 @@ def _poles(beta: Array, columns: Vectors, one: Samples, axes: "tuple[_Spectrum, 
     """a of the filter, on d and q."""
     R_s, L_d, L_q, _ = beta.tolist()
     N, T, s2 = one.periods, one.T, _mean_square(columns[3].imag)
-    poles = [_POLE, _POLE]
+    poles = [POLE, POLE]
     for k, (L, other) in enumerate(((L_d, L_q), (L_q, L_d))):
         if L > _LEAST_L:
             q = (N - 1) / N**2 * ((R_s * T / L) ** 2 + s2 * (T * other / L) ** 2)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from estimator.flux_balance import TURN
 from estimator.kernel import kernel
 from estimator.machine import Machine
-from estimator.samples import Samples
+from estimator.samples import Samples, nearest_turns
 
 Real = NDArray[np.float64]
 Vector = NDArray[np.complex128]
@@ -487,12 +487,16 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
         np.concatenate([getattr(run, name) for run in runs])
         for name in ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")
     )
-    by_speed = T * 0.5 * (omega[:-1] + omega[1:])
-    off = np.diff(theta) - by_speed
-    D = by_speed + off - TURN * np.floor(off / TURN + 0.5)
+    seams = np.cumsum([len(run) for run in runs])[:-1] - 1
+    expected, heat = T * 0.5 * (omega[:-1] + omega[1:]), T * (i_d**2 + i_q**2)
+    for seam, run in zip(seams, runs[1:], strict=True):
+        if run.left_out is not None:
+            heat[seam + 1] += run.left_out.heat
+            expected[seam] = expected[seam] if run.left_out.turned is None else run.left_out.turned
+    D = nearest_turns(np.diff(theta), expected)
     n = len(D)
     joined = np.ones(n, np.bool_)
-    joined[np.cumsum([len(run) for run in runs])[:-1] - 1] = False
+    joined[seams] = False
     t: Any = np.concatenate([run.t0 + T * np.arange(len(run)) for run in runs])
     u_dc, i_a, i_b, i_c = column("u_dc"), column("i_a"), column("i_b"), column("i_c")
     u = (u_d + 1j * u_q)[:n]
@@ -503,8 +507,9 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
         zero = None  # one phase is what the others leave: no third sensor bears witness
     rows = Rows(
         machine, T, i_rated, t, i_d + 1j * i_q, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
-        np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, T * np.cumsum(i_d**2 + i_q**2),
+        np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, np.cumsum(heat),
         (float(t[0]), float(t[-1] - t[0])),
     )  # fmt: skip
     rows.prepare()
     return rows
+

@@ -26,8 +26,10 @@ from bench.diagnose import work
 from bench.diagnosis_request import Request, json_text
 from bench.errors import BenchError
 from bench.experiment import Plan, Progress, experiment_of
+from bench.limits import Limits
 from bench.machine_file import Nominal
 from bench.recording import read_recording
+from bench.unfinished import Origin
 from bench.window import Window
 from drivers.connect import connect
 from drivers.errors import DriveError, NoReplyError
@@ -248,7 +250,13 @@ def _one_experiment(url: str, plan: Plan, file: Path) -> tuple[Path, Temperature
             if far.phase.startswith("holding"):
                 read.append((drive.read("temp_winding"), drive.read("temp_magnet")))
 
-        done = experiment.write(file, experiment.run(drive, plan, look), plan, drive, {"url": url})
+        part = experiment.begin(file, plan, drive, {"url": url})
+        try:
+            origin = Origin(file.parent / "control", url, "an experiment of the proof")
+            experiment.run(drive, plan, look, part=part, limits=Limits(), origin=origin)
+            done = part.written()
+        finally:
+            part.remove()
     return done, (read[0], read[-1])
 
 

@@ -187,7 +187,7 @@ def _case(seed: int, kind: Kind, name: str) -> Case:
     scenario = Scenario(f"{name}.toml", machine, drive, run, excitation, remade(size))
     rated = motor.machine
     given = {key: getattr(rated, key) for key in PARAMETERS}
-    nominal = Nominal(given, rated.n_p, rated.i_rated, motor.T_s, motor.u_dc)
+    nominal = Nominal(given, n_p=rated.n_p, i_rated=rated.i_rated, T_s=motor.T_s, u_dc=motor.u_dc)
     return Case(seed, kind, name, steps, scenario, size, nominal, remade)
 
 

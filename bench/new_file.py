@@ -1,0 +1,92 @@
+"""New files: written whole or not at all, under a name that is free. What is there is never written over.
+
+Knows nothing of what a file holds.
+"""
+
+import contextlib
+import errno
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+from typing import BinaryIO, Final, TypeVar
+
+T = TypeVar("T")
+
+_BESIDES: Final = 1_000_000  # bytes: what is in a file besides its samples
+
+
+def write_new(path: Path, write: Callable[[BinaryIO], object]) -> Path:
+    """Write a file, whole or not at all, under this name or the next that is free; tell which. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with _unfinished(path) as (unfinished, file):
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+        path = first_free(path, lambda name: give_name(unfinished, name))[0]
+        sync_folder(path.parent)
+        return path
+
+
+def check_place(path: Path) -> None:
+    """Raise OSError where no new file can be written beside this one."""
+    with _unfinished(path):
+        pass
+
+
+def check_room(folder: Path, samples: int, columns: int) -> None:
+    """Raise OSError where there is no room for a recording: its counts as they come, then its columns, uncompressed."""
+    needed = samples * (2 * columns + 8 * (columns + 1)) + _BESIDES
+    folder.mkdir(parents=True, exist_ok=True)
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise OSError(
+            errno.ENOSPC,
+            f"expected {needed / 1e6:.3g} MB for {samples} samples in {folder}, {free / 1e6:.3g} MB are free",
+        )
+
+
+@contextmanager
+def _unfinished(path: Path) -> Generator[tuple[Path, BinaryIO]]:
+    """A file of a name that nobody else has; it is gone afterwards."""
+    name = path.with_name(f"{path.name}.{secrets.token_hex(4)}.tmp")
+    with name.open("xb") as file:
+        try:
+            yield name, file
+        finally:
+            name.unlink(missing_ok=True)
+
+
+def give_name(unfinished: Path, name: Path) -> None:
+    """Give a written file its name. Raises FileExistsError where that is another's."""
+    try:
+        os.link(unfinished, name)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links
+        name.open("xb").close()
+        unfinished.replace(name)
+
+
+def first_free(path: Path, make: Callable[[Path], T]) -> tuple[Path, T]:
+    """Make a file that is not there yet, under this name or `NAME-1`, `NAME-2`. Raises OSError."""
+    stem, dot, ends = path.name.partition(".")
+    for k in count(1):
+        try:
+            return path, make(path)
+        except FileExistsError:
+            path = path.with_name(f"{stem}-{k}{dot}{ends}")
+    raise AssertionError
+
+
+def sync_folder(folder: Path) -> None:
+    """Have a folder's names on disk, as far as the file system knows of that."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
