@@ -22,7 +22,7 @@ class Carried:
     def periods(self, counts: Counts, periods: int, carries: float | None = None) -> int:
         """The row length to ask for in place of `periods` control periods: the same where the line carries that.
 
-        `carries`: rows/s that it does when nothing else is amiss, where that is known.
+        `carries`: the share of all rows that it does when nothing else is amiss, where that is known.
         """
         rows, lost = counts.rows - self._rows, counts.rows_lost - self._lost
         if (rows + lost) * self._row_time < SPAN:
@@ -30,7 +30,7 @@ class Carried:
         self._rows, self._lost = counts.rows, counts.rows_lost
         if not rows or lost < _LOST * (rows + lost):
             return periods
-        share = rows / (rows + lost) if carries is None else carries * self._row_time  # of what is asked for
+        share = rows / (rows + lost) if carries is None else carries
         return periods if share >= 1.0 else min(math.ceil(periods / (_SPARE * share)), _MOST_PERIODS)
 
 

@@ -9,6 +9,7 @@ import contextlib
 import math
 import struct
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Final, Self, TypeVar
@@ -34,12 +35,12 @@ _BURST_TIME: Final = 0.05  # s ... and no more after this
 LAG: Final = 0.5  # s that a stream may be behind
 CATCH_UP: Final = 0.5  # s in which it is to come up to ...
 _CAUGHT_UP: Final = 0.75  # ... this share of what it was behind, or older rows are skipped
+_FULL_ANSWERS: Final = 8  # in a row tell what the line carries
 _SETTLING: Final = 1000  # control periods in which rows of the length before may still come
 _NUMBERS: Final = 1 << 32  # of rows, and of ticks
 
 _ROW_LENGTH: Final = signal_named("stream_periods")
 T = TypeVar("T")
-
 
 
 class ModbusDrive:
@@ -54,7 +55,8 @@ class ModbusDrive:
         self._stream_lock = Turns()  # start and assembly of the stream
         self._streaming = False
         self._carried: Carried | None = None
-        self._quickest = math.inf  # s, the shortest time that as many rows as one answer takes have taken
+        self._made: deque[int] = deque(maxlen=_FULL_ANSWERS + 1)  # rows made by each of the latest, all full, answers
+        self._carries = 0.0  # share of the rows made that they have carried, at best; 0: not known
         self._lagging: tuple[float, int] | None = None  # s, monotonic, since when rows come late; how many were behind
         self._note = ""
         self._line = ModbusLine(url)
@@ -280,21 +282,22 @@ class ModbusDrive:
             self._ready += self._blocks.take()
         self._tick = tick
         self._blocks = RowBlocks(self.identity.T_s, periods, self._full, tick, after)
-        self._carried, self._quickest = Carried(periods * self.identity.T_s, self._blocks.counts), math.inf
+        self._carried, self._carries = Carried(periods * self.identity.T_s, self._blocks.counts), 0.0
+        self._made.clear()
         return self._blocks
 
     def _fetch(self) -> bool:
         """Take in what is new, as far as a few requests reach; whether there is more."""
         begun, made = time.monotonic(), self._next
         for _ in range(_BURST):
-            asked = time.monotonic()
             part = self._ask(self._next, registers.MOST_ROWS)
-            self._quickest, made = min(self._quickest, time.monotonic() - asked), part.made
+            made = part.made
             if _difference(part.made, self._next) < 0:
                 raise ResetError(f"{self._line.unit} has reset: it counts {part.made} rows, {self._next} were heard of")
             if part.rows:
                 self._take(part)
                 self._next = (part.first + len(part.rows)) % _NUMBERS
+            self._weigh(part)
             if not part.rows or self._next == part.made:
                 self._lagging = None
                 return False
@@ -302,6 +305,16 @@ class ModbusDrive:
                 break
         self._skip(made)
         return True
+
+    def _weigh(self, part: registers.Rows) -> None:
+        """What full answers in a row carry of what the drive makes meanwhile: by its clock, whatever ours does."""
+        if len(part.rows) < registers.MOST_ROWS:
+            self._made.clear()
+            return
+        self._made.append(part.made)
+        if len(self._made) > _FULL_ANSWERS:
+            share = _FULL_ANSWERS * registers.MOST_ROWS / max(1, _difference(self._made[-1], self._made[0]))
+            self._carries = max(self._carries, share)
 
     def _skip(self, made: int) -> None:
         """Go on with the newest rows where the line does not catch up: those between are lost, and counted so."""
@@ -323,7 +336,7 @@ class ModbusDrive:
         if blocks is None or carried is None:
             return
         before = blocks.periods
-        periods = carried.periods(blocks.counts, before, registers.MOST_ROWS / self._quickest)
+        periods = carried.periods(blocks.counts, before, self._carries or math.inf)
         if periods == before:
             return
         words, made = self._words(_ROW_LENGTH, float(periods)), self._ask(0, rows=0).made
