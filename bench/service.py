@@ -126,12 +126,10 @@ class Service:
         """A drive's latest estimates, as far as they are to be believed now. Raises UnknownDriveError."""
         return trusted(self._estimation.snapshot(self._known(name)), self.link(name), self.control(name).off_words)
 
-    def whom(self, name: str) -> str | None:
-        """For whom this service controls a drive, an experiment by its name; None where it does not."""
-        whom, writer = self.control(name).whom, self._leases.writer(name)
-        if whom is not None or writer is None or writer.holder not in self.experiments.holders:
-            return whom
-        return writer.holder
+    def experiment_on(self, name: str) -> str | None:
+        """The experiment that has a drive, by its name; None where none has. Raises UnknownDriveError."""
+        writer = self._leases.writer(self._known(name))
+        return writer.holder if writer is not None and writer.holder in self.experiments.holders else None
 
     def writer(self, name: str) -> Writer | None:
         """Who writes to a drive at present, besides this service's control of it. Raises UnknownDriveError."""

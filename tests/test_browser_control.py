@@ -72,7 +72,7 @@ def test_a_drive_that_is_off_is_started_with_set_points(page: Chrome, running_be
     until(page, lambda: text(page, "control-state") == ON, "a powered motor")
     assert not shown(page, "start-form")
     assert set_points(running_bench)["i_q_ref"] == pytest.approx(1.5, abs=1e-3)
-    assert control(running_bench)["whom"] == "127.0.0.1"
+    assert (control(running_bench)["whom"], control(running_bench)["in_experiment"]) == ("127.0.0.1", False)
 
 
 def test_set_points_of_a_running_drive_stand_in_the_form_and_can_be_changed(

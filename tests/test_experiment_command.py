@@ -187,13 +187,13 @@ def test_the_service_does_it_under_the_drives_lease_and_hands_out_the_recording(
         assert f"experiment {running.json()['id']}" in refused.json()["detail"]
         assert httpx.post(routes, json=DONE).status_code == 409
         until(lambda: "holding" in httpx.get(f"{routes}/latest").json()["phase"], "it does not begin")
-        assert (control()["ours"], control()["said"]) == (True, "")
+        assert (control()["ours"], control()["in_experiment"], control()["said"]) == (True, True, "")
         assert control()["whom"] == f"experiment {running.json()['id']} (asked for from 127.0.0.1)"
         assert httpx.get(f"{routes}/latest/file").status_code == 409
         assert httpx.delete(f"{routes}/latest").json()["state"] == "cancelled"
         assert stopped(url)
         assert httpx.delete(f"{routes}/latest").status_code == 409
-        assert (control()["ours"], control()["whom"]) == (False, None)
+        assert (control()["ours"], control()["in_experiment"], control()["whom"]) == (False, False, None)
         beyond = httpx.post(routes, json={"holds": [DONE["holds"][0] | {"i_q": 99.0}]})
         assert (beyond.status_code, "overcurrent trip" in beyond.json()["detail"]) == (422, True)
         another = httpx.post(routes, json=DONE | {"machine": {"psi_f": 0.0052}})

@@ -13,7 +13,7 @@
  *   writer: Writer | null, control: Control}} DriveState
  * @typedef {{code: string, name: string, advice: string}} Fault
  * @typedef {{state: string | null, fault: Fault | null, holder: string | null, lease_left_s: number | null,
- *   ours: boolean, whom: string | null, said: string, undone: string, guarded: boolean | null,
+ *   ours: boolean, whom: string | null, in_experiment: boolean, said: string, undone: string, guarded: boolean | null,
  *   safe_torque_off: string | null}} Control
  * @typedef {{value: number | null, std: number | null, unit: string,
  *   status: "ok" | "doubtful" | "stale" | "held" | "not_told" | "no_data", since: string | null, reason: string,

@@ -68,16 +68,11 @@ export function showControl(control, connected) {
   write(element("control-holder"), connected ? holderWords(control) : "");
   write(element("control-fault"), connected ? faultWords(control) : "");
   const known = connected && control.state !== null;
-  begin.disabled = !known || control.fault !== null || inExperiment(control) || (control.holder !== null && !control.ours);
+  begin.disabled = !known || control.fault !== null || control.in_experiment || (control.holder !== null && !control.ours);
   begin.title = begin.disabled ? whyNot(control, known) : "";
-  write(begin, control.state === ON && control.ours && !inExperiment(control) ? "Set points" : "Start");
+  write(begin, control.state === ON && control.ours && !control.in_experiment ? "Set points" : "Start");
   reset.hidden = !known || control.fault === null;
   show(answer !== "" ? answer : "", bad);
-}
-
-/** @param {Control} control @returns {boolean} whether this service controls it for an experiment */
-function inExperiment({ ours, whom }) {
-  return ours && whom !== null && whom.startsWith("experiment ");
 }
 
 /** @param {Control} control */
@@ -85,7 +80,7 @@ function holderWords(control) {
   const { holder, ours, whom, lease_left_s, guarded, state, safe_torque_off } = control;
   const sto = safe_torque_off === null ? "" : ` · STO: ${safe_torque_off}`;
   if (state === null) return "";
-  if (inExperiment(control)) return `controlled by this service for ${whom}${sto}`;
+  if (control.in_experiment) return `controlled by this service for ${whom}${sto}`;
   if (ours) return `controlled by this service${whom ? `, started from ${whom}` : ""}${sto}`;
   if (holder === "local") return `under local control, by a master inside the drive${sto}`;
   if (holder !== null) return `controlled by ${holder}${lease_left_s === null ? "" : ", another bench"}${sto}`;
@@ -105,7 +100,7 @@ function faultWords({ fault, said, undone }) {
 function whyNot(control, known) {
   const { fault, holder, whom } = control;
   if (!known) return "There is no link to the drive.";
-  if (inExperiment(control)) return `${whom} is under way: stop it first.`;
+  if (control.in_experiment) return `${whom} is under way: stop it first.`;
   if (fault !== null) return "The drive is in fault: reset it first.";
   return `${holder} controls the drive: stop it first.`;
 }

@@ -57,6 +57,7 @@ class ControlModel(StateModel):
     )
     ours: bool = Field(description="this service controls it")
     whom: str | None = Field(description="who asked for that, or for which experiment", examples=["127.0.0.1"])
+    in_experiment: bool = Field(description="this service controls it for an experiment: `start` is refused")
     said: str = Field(description="why control ended, a clause; empty while it has not", examples=[""])
     undone: str = Field(
         description="what a bench that ended without notice had left, and this one has undone", examples=[""]
@@ -91,11 +92,13 @@ def control_model(service: Service, name: str) -> ControlModel:
     """A drive's control as REST shows it."""
     control = service.control(name)
     now: DriveState | None = control.state
-    held, whom = now.held if now else None, service.whom(name)
+    held, started, experiment = now.held if now else None, control.whom, service.experiment_on(name)
+    whom = experiment if started is None else started
     return ControlModel(
         **state_model(now).model_dump(),
         holder=held and held.holder, lease_left_s=held and held.left, ours=whom is not None,
-        whom=whom, said=control.said, undone=service.undone(name),
+        whom=whom, in_experiment=started is None and experiment is not None,
+        said=control.said, undone=service.undone(name),
         guarded=now.has_lease if now else None, safe_torque_off=now.safe_torque_off if now else None,
         seen=now and now.at,
     )  # fmt: skip

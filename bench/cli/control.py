@@ -44,7 +44,7 @@ def words(control: dict[str, Any]) -> str:
     if control["ours"]:
         said = control["whom"] or ""
         whom = "controlled by this service"
-        whom += f" for {said}" if said.startswith("experiment ") else f", started from {said}" if said else ""
+        whom += f" for {said}" if control["in_experiment"] else f", started from {said}" if said else ""
     else:
         whom = f"controlled by {control['holder']}" if control["holder"] else "controlled by nobody"
     return f"{state}; {whom}"
