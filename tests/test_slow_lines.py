@@ -49,8 +49,9 @@ def test_on_a_slow_line_longer_rows_are_asked_for_and_none_is_old(make_url: Call
     ages = list[float]()
 
     def aged(drive: Drive, bench: Served) -> list[Block]:
-        blocks = list[Block]()
+        blocks, deadline = list[Block](), time.monotonic() + 60.0
         for block in drive.stream():
+            assert time.monotonic() < deadline, f"rows of {block.periods} control periods, {drive.counts}"
             blocks.append(block)
             ages.append((bench.drive.tick - int(block.tick[-1])) * block.T_s)
             settled = [b for b in blocks if b.periods > 10]
