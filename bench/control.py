@@ -128,9 +128,13 @@ class Control:
             self.said = ""
         self._look(drive, who=True)
 
+    def void(self) -> None:
+        """Have a start that is under way end: its drive is being stopped, here or under another name of it."""
+        self._stops += 1
+
     def stop(self, whom: str) -> None:
         """Switch the bridge off, whoever controls the drive; nobody does then, nor renews. Raises DriveError."""
-        self._stops += 1  # a start that is under way is void
+        self.void()
         self._stopping.add(mine := object())
         try:
             drive = self._stop_repeatedly()

@@ -156,7 +156,9 @@ class Service:
     def stop_drive(self, name: str, whom: str = "") -> None:
         """Stop a drive, whoever controls it. Raises UnknownDriveError, DriveError."""
         one = self.control(name)
-        self.experiments.stop(name)
+        for other in self._names_of(name):
+            self.experiments.stop(other)
+            self._controls[other].void()
         one.stop(whom)
 
     def begin_experiment(self, name: str, given: Mapping[str, Any], whom: str = "") -> Status:
@@ -229,6 +231,11 @@ class Service:
         if identity is None or not identity.serial:
             return None
         return identity.vendor_id, identity.product_code, identity.serial
+
+    def _names_of(self, name: str) -> list[str]:
+        """All names that a drive has here, by its serial number."""
+        device = self._device(name)
+        return [other for other in self._urls if other == name or (device and self._device(other) == device)]
 
     def _known(self, name: str) -> str:
         if name not in self._urls:

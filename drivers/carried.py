@@ -14,23 +14,26 @@ _MOST_PERIODS: Final = 1000  # control periods per row
 class Carried:
     """Looks at the counts of one stream whose rows have one length, now and then."""
 
-    def __init__(self, row_time: float, counts: Counts) -> None:
-        """`row_time` in s; `counts` so far."""
-        self._row_time = row_time
+    def __init__(self, row_time: float, counts: Counts, *, weighed: bool = False) -> None:
+        """`row_time` in s; `counts` so far. `weighed`: `carries` tells what the line does, not its losses."""
+        self._row_time, self._weighed = row_time, weighed
         self._rows, self._lost = counts.rows, counts.rows_lost
+        self._best = 0.0  # share of all rows that it has carried since the last look; 0: not known
 
-    def periods(self, counts: Counts, periods: int, carries: float | None = None) -> int:
-        """The row length to ask for in place of `periods` control periods: the same where the line carries that.
+    def carries(self, share: float) -> None:
+        """It has carried this share of all rows for a moment in which nothing else was amiss."""
+        self._best = max(self._best, share)
 
-        `carries`: the share of all rows that it does when nothing else is amiss, where that is known.
-        """
+    def periods(self, counts: Counts, periods: int) -> int:
+        """The row length to ask for in place of `periods` control periods: the same where the line carries that."""
         rows, lost = counts.rows - self._rows, counts.rows_lost - self._lost
         if (rows + lost) * self._row_time < SPAN:
             return periods
+        best, self._best = self._best, 0.0
         self._rows, self._lost = counts.rows, counts.rows_lost
         if not rows or lost < _LOST * (rows + lost):
             return periods
-        share = rows / (rows + lost) if carries is None else carries
+        share = (best or 1.0) if self._weighed else rows / (rows + lost)
         return periods if share >= 1.0 else min(math.ceil(periods / (_SPARE * share)), _MOST_PERIODS)
 
 

@@ -56,7 +56,6 @@ class ModbusDrive:
         self._streaming = False
         self._carried: Carried | None = None
         self._made: deque[int] = deque(maxlen=_FULL_ANSWERS + 1)  # rows made by each of the latest, all full, answers
-        self._carries = 0.0  # share of the rows made that they have carried, at best; 0: not known
         self._lagging: tuple[float, int] | None = None  # s, monotonic, since when rows come late; how many were behind
         self._note = ""
         self._line = ModbusLine(url)
@@ -282,7 +281,7 @@ class ModbusDrive:
             self._ready += self._blocks.take()
         self._tick = tick
         self._blocks = RowBlocks(self.identity.T_s, periods, self._full, tick, after)
-        self._carried, self._carries = Carried(periods * self.identity.T_s, self._blocks.counts), 0.0
+        self._carried = Carried(periods * self.identity.T_s, self._blocks.counts, weighed=True)
         self._made.clear()
         return self._blocks
 
@@ -312,9 +311,9 @@ class ModbusDrive:
             self._made.clear()
             return
         self._made.append(part.made)
-        if len(self._made) > _FULL_ANSWERS:
-            share = _FULL_ANSWERS * registers.MOST_ROWS / max(1, _difference(self._made[-1], self._made[0]))
-            self._carries = max(self._carries, share)
+        if len(self._made) > _FULL_ANSWERS and self._carried is not None:
+            made = max(1, _difference(self._made[-1], self._made[0]))
+            self._carried.carries(_FULL_ANSWERS * registers.MOST_ROWS / made)
 
     def _skip(self, made: int) -> None:
         """Go on with the newest rows where the line does not catch up: those between are lost, and counted so."""
@@ -336,7 +335,7 @@ class ModbusDrive:
         if blocks is None or carried is None:
             return
         before = blocks.periods
-        periods = carried.periods(blocks.counts, before, self._carries or math.inf)
+        periods = carried.periods(blocks.counts, before)
         if periods == before:
             return
         words, made = self._words(_ROW_LENGTH, float(periods)), self._ask(0, rows=0).made

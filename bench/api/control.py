@@ -116,7 +116,7 @@ def install(app: FastAPI, service: Service) -> None:
     ) -> ControlModel:
         """Takes the drive's control lease, gives set points, switches its bridge on, and renews the lease from then on.
 
-        Asked again, it gives new set points; those left out are zero then. A drive in fault is reset first.
+        Asked again, it gives new set points; those left out are zero then. A drive in fault has to be reset before.
         """
         before = _set_points(service, name)
         model = _changed(service, name, request, lambda: service.start_drive(name, values, _whom(request)))
