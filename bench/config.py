@@ -110,7 +110,7 @@ def emulated(url: str, *, bounded: bool = True) -> Config:
     """
     held = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}  # ohm, H, H, Vs
     nominal = Nominal(held, n_p=4, i_rated=6.0, speed_max_rpm=3000.0)
-    limits = Limits(nominal.i_rated, nominal.speed_max_rpm) if bounded else Limits()
+    limits = Limits(nominal.i_rated, nominal.speed_max_rpm, n_p=nominal.n_p) if bounded else Limits()
     drive = DriveConfig("emulated", url, Window(held=held), nominal, limits)
     return Config((drive,), port=_port({}, "built-in configuration"))
 
@@ -176,7 +176,7 @@ def _limits(table: Mapping[str, Any], nominal: Nominal, name: str, where: str) -
             values[key] = number(f"{where} limits {key}", value, 1e-3, 1e6)
         except LimitError as error:
             raise ConfigError(str(error)) from None
-    return Limits(**values, raised_by=f"the configuration's [drives.{name}.limits]")
+    return Limits(**values, raised_by=f"the configuration's [drives.{name}.limits]", n_p=nominal.n_p)
 
 
 def _folder(service: Mapping[str, Any], key: str, usual: Path, path: Path) -> Path:

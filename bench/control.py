@@ -14,16 +14,16 @@ from datetime import UTC, datetime
 from typing import Final
 
 from bench.capture import Link
-from bench.errors import BenchError, ConflictError
+from bench.errors import BenchError, ConflictError, LimitError
 from bench.lease import Leases, Part
-from bench.limits import RPM, TRIP, Limits
+from bench.limits import JUDGED, TRIP, Limits, Overload
 from bench.unfinished import Noted, Origin, take
 from bench.write_log import to_standard_error
 from drivers import lease as control
 from drivers import operation
 from drivers.drive import Drive
-from drivers.errors import DriveError
-from drivers.lease import Held, HeldError, Lease
+from drivers.errors import DriveError, RefusedError
+from drivers.lease import SECONDS, Held, HeldError, Lease
 from drivers.operation import Fault
 from drivers.wire.cia402 import Command, State, command_of
 from drivers.wire.dictionary import SET_POINTS, signal_named
@@ -32,7 +32,6 @@ _PERIOD: Final = 0.1  # s between two looks at a drive's state
 _WHO: Final = 5  # such looks between two at who controls it
 _HELD: Final = 30.0  # s that the bench's own lease is taken for, anew with every look
 _STOPPING: Final = 5.0  # s that a stop goes on trying while there is no link
-_TRIP: Final = "overspeed_trip"
 _SAFE_TORQUE_OFF: Final = {1: "torque allowed", 2: "torque off"}
 
 
@@ -56,6 +55,8 @@ class Controlled:
     noted: Noted
     holder: str  # in the bench's own lease
     whom: str
+    before: Mapping[str, float]  # what it has changed of the settings, as it was
+    overload: Overload
 
 
 class Control:
@@ -67,6 +68,7 @@ class Control:
         self._name, self._link, self._leases, self._limits, self._origin = name, link, leases, limits, origin
         self._lock = threading.RLock()  # guards what follows, and all that is written to the drive
         self._controlled: Controlled | None = None
+        self._left: Controlled | None = None  # has ended, and what it changed is to be undone
         self._stops = 0  # so often has somebody asked for Stop
         self._stopping = set[object]()  # those under way
         self._ending = threading.Event()
@@ -95,6 +97,7 @@ class Control:
         self._ending.set()
         with self._lock, contextlib.suppress(DriveError):
             self._give_up(self._link.drive())
+            self._restore(self._link.drive())
 
     def join(self, timeout: float) -> None:
         """Wait for the thread's end, at most so many seconds."""
@@ -116,9 +119,10 @@ class Control:
             assert controlled is not None
             try:
                 given = dict.fromkeys(SET_POINTS, 0.0) | dict(values)
-                self._limits.check_set_points(given, drive.read("n_p"), "set points")
+                self._check(drive, given)
                 kept = [name for name in SET_POINTS if name not in values and not drive.read(name)]
-                controlled.lease.start(drive, self._trip(drive) | {k: v for k, v in given.items() if k not in kept})
+                lowered = dict.fromkeys(controlled.before, self._limits.trip(drive.read("n_p")) or 0.0) if fresh else {}
+                controlled.lease.start(drive, lowered | {k: v for k, v in given.items() if k not in kept})
                 self._check_not_stopped(stops)
             except (BenchError, DriveError):
                 if fresh or stops != self._stops or _off(drive):
@@ -191,7 +195,7 @@ class Control:
                 with self._lock:
                     if not _off(drive):  # by a start that was under way
                         control.stop(drive)
-                    self._ended("")
+                    self._ended("", drive)
                 return drive
             except DriveError:
                 if time.monotonic() > deadline:
@@ -203,14 +207,16 @@ class Control:
     def _take(self, drive: Drive, whom: str) -> None:
         started = f"started from {whom}; " if whom else ""
         holder = f"the operator's control ({started}`pmsm-bench stop {self._name}` ends it)"
+        self._restore(drive)
+        before = self._trip_too_high(drive)
         self._leases.take(self._name, holder, _HELD, Part.CONTROL)
         lease = Lease()
         try:
-            noted = take(drive, lease, self._origin(holder), {})
+            noted = take(drive, lease, self._origin(holder), before)
         except BaseException:
             self._leases.release(self._name, holder)
             raise
-        self._controlled = Controlled(lease, noted, holder, whom)
+        self._controlled = Controlled(lease, noted, holder, whom, before, Overload(self._limits))
 
     def _give_up(self, drive: Drive) -> None:
         if (controlled := self._controlled) is None:
@@ -220,35 +226,60 @@ class Control:
         except DriveError as error:
             self._ended(f"the drive could not be told that it is over ({error})", off=False)
             raise
-        self._ended("")
+        self._ended("", drive)
 
-    def _ended(self, said: str, *, off: bool = True) -> None:
+    def _ended(self, said: str, drive: Drive | None = None, *, off: bool = True) -> None:
         """Control is over: nothing is renewed. Where the drive may not be `off`, the note for a later start stays."""
         if (controlled := self._controlled) is None:
             return
         self.said, self._controlled = said, None
         self._leases.release(self._name, controlled.holder)
-        controlled.noted.undone() if off else controlled.noted.close()
+        if off:
+            self._left = controlled
+            if drive is not None:
+                with contextlib.suppress(DriveError):  # it is tried again with every look
+                    self._restore(drive)
+        else:
+            controlled.noted.close()
         if said:
             to_standard_error(f"drive  {self._name}: control ended: {said}")
+
+    def _restore(self, drive: Drive) -> None:
+        """What control that is over had changed is as before, unless another has control by now. Raises DriveError."""
+        if (left := self._left) is None:
+            return
+        for name, value in left.before.items():
+            with contextlib.suppress(RefusedError):
+                drive.write(name, value)
+        self._left = None
+        left.noted.undone()
 
     def _check_not_stopped(self, stops: int) -> None:
         if stops != self._stops:
             raise ConflictError(f"drive {self._name} was stopped meanwhile: start it again where that is meant")
 
     def _check(self, drive: Drive, values: Mapping[str, float]) -> None:
-        """Raise LimitError where set points would be too far."""
-        if any(name in SET_POINTS for name in values):
-            present = {name: values[name] if name in values else drive.read(name) for name in SET_POINTS}
-            self._limits.check_set_points(present, drive.read("n_p"), "set points")
+        """Raise LimitError where set points would be too far, or a guard weaker under control."""
+        if any(name in JUDGED for name in values):
+            present = {name: values[name] if name in values else drive.read(name) for name in JUDGED}
+            self._limits.check_set_points(present, "set points")
+        if self._controlled is None:
+            return
+        if TRIP in values:
+            self._limits.check_trip(values[TRIP], drive.read("n_p"))
+        watchdog = SECONDS if drive.identity.has_lease else values.get("watchdog_time", SECONDS)
+        if not 0.0 < watchdog <= SECONDS:
+            raise LimitError(
+                f"watchdog_time goes up to {SECONDS:g} s while the drive is controlled: nothing else stops it when its "
+                f"bench is gone; got {watchdog:g}"
+            )
 
-    def _trip(self, drive: Drive) -> dict[str, float]:
-        """The overspeed trip that the machine's largest speed asks for, where it is lower than the drive's."""
-        most = self._limits.speed_max_rpm
-        if most is None or not drive.identity.has_lease:
+    def _trip_too_high(self, drive: Drive) -> dict[str, float]:
+        """The drive's overspeed trip, where the machine's largest speed asks for a lower one."""
+        if not drive.identity.has_lease or (most := self._limits.trip(drive.read("n_p"))) is None:
             return {}
-        trip = TRIP * most * RPM * drive.read("n_p")
-        return {_TRIP: trip} if trip < drive.read(_TRIP) else {}
+        now = drive.read(TRIP)
+        return {TRIP: now} if now > most else {}
 
     def _watch(self) -> None:
         looks = 0
@@ -268,11 +299,19 @@ class Control:
     def _keep(self, drive: Drive) -> None:
         with self._lock:
             controlled = self._controlled
-            if controlled is None or self._stopping:  # a stop that is under way ends control itself
+            if self._stopping:  # a stop that is under way ends control itself
+                return
+            if controlled is None:
+                self._restore(drive)
                 return
             self._leases.take(self._name, controlled.holder, _HELD, Part.CONTROL)
             try:
                 controlled.lease.keep(drive)
+                if too_much := controlled.overload.told(drive):
+                    self._give_up(drive)
+                    self.said = f"the drive's own control asked for {too_much}"
+                    to_standard_error(f"drive  {self._name}: stopped: {self.said}")
+                    return
                 now = operation.state(drive)
                 if now is not State.OPERATION_ENABLED:
                     fault = operation.fault(drive)
@@ -280,9 +319,9 @@ class Control:
                     if drive.identity.has_lease:
                         with contextlib.suppress(HeldError):
                             controlled.lease.release(drive)
-                    self._ended(f"the drive was stopped by another client, or went off by itself{why}")
+                    self._ended(f"the drive was stopped by another client, or went off by itself{why}", drive)
             except HeldError as error:
-                self._ended(str(error))
+                self._ended(str(error), drive)
 
     def _out_of_reach(self) -> None:
         """Without a link a lease runs out by itself."""

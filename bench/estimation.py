@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from typing import ParamSpec
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench import method, watch
 from bench.errors import LimitError, UnavailableError
@@ -31,6 +32,8 @@ QUEUE = 1024  # blocks; four drives bring 800 a second, and a busy machine holds
 REFRESH = 0.05  # s, shortest time between two estimates of one drive
 REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
 WATCH = 1.0  # s between two windows in which a mismatch is looked for
+PAUSE = 1.0  # s, or the time that the window covers where that is longer: rows of before are too old to go on from
+_TICKS = 1 << 32  # that a drive counts
 LATE = 0.5  # s that an estimate waits for rows to be taken in first, where those come faster
 _VALUES = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")  # of a row, all needed
 _CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings
@@ -202,13 +205,13 @@ class Estimation:
 
     def _take(self, drive: _Drive, block: Block, received: float) -> None:
         row = (block.periods, block.T_s)
-        if drive.row != row:  # other rows cannot share an estimator
+        samples = samples_of(block, drive.theta_step)
+        if drive.row != row or _too_old(drive, samples, block):  # other rows cannot share an estimator
             drive.running = method.start(drive.running.window)
-            drive.watch = Watch(drive.watch.said)
+            drive.watch = watch.anew(drive.watch)
             drive.row, drive.next_tick = row, None
         joined = drive.next_tick == int(block.tick[0])
         drive.next_tick = None  # should the update fail, the next block begins a new run
-        samples = samples_of(block, drive.theta_step)
         method.take(drive.running, samples, joined=joined)
         watch.take(drive.watch, samples, drive.running.window)
         drive.next_tick = int(block.tick[-1]) + block.periods
@@ -228,9 +231,24 @@ class Estimation:
         watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, nominal, datetime.now(UTC))
 
 
+def _whole(samples: Samples) -> dict[str, NDArray[np.bool_]]:
+    """Of each value, whether it is a number, in every row."""
+    return {name: np.isfinite(column) for name in _VALUES if (column := getattr(samples, name)) is not None}
+
+
+def _too_old(drive: _Drive, samples: Samples, block: Block) -> bool:
+    """Whether the rows used so far are of a drive's clock that has begun anew since, or of long before these."""
+    used = np.flatnonzero(np.logical_and.reduce(list(_whole(samples).values())))
+    if drive.t_drive is None or not len(used):
+        return False
+    turn = _TICKS * block.T_s
+    pause = (int(block.tick[used[0]]) * block.T_s - drive.t_drive + 0.5 * turn) % turn - 0.5 * turn
+    return pause < -0.5 * samples.T or pause > max(PAUSE, drive.running.window.samples * samples.T)
+
+
 def _note_used(drive: _Drive, samples: Samples, block: Block, received: float) -> None:
     """Note the newest row that is used, and what the newest row of all lacks."""
-    whole = {name: np.isfinite(column) for name in _VALUES if (column := getattr(samples, name)) is not None}
+    whole = _whole(samples)
     used = np.flatnonzero(np.logical_and.reduce(list(whole.values())))
     drive.lacking = tuple(name for name, finite in whole.items() if not finite[-1])
     if len(used):

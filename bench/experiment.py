@@ -24,7 +24,7 @@ from bench.capture_file import device_of
 from bench.capture_request import NEEDED
 from bench.errors import BenchError, LimitError, UnavailableError, shown
 from bench.experiment_part import ExperimentPart, Heading
-from bench.limits import Limits
+from bench.limits import Limits, Overload
 from bench.new_file import check_room
 from bench.tuning import number
 from bench.unfinished import Origin, take
@@ -207,7 +207,7 @@ class _UnderWay:
         part: ExperimentPart | None = None,
     ) -> None:  # fmt: skip
         self._drive, self._plan, self._tell, self._cancelled, self._part = drive, plan, tell, cancelled, part
-        self._limits, self._lease = limits, lease
+        self._limits, self._lease, self._overload = limits, lease, Overload(limits)
         self._most_speed = math.inf  # rad/s, electrical
         self._T_s = drive.identity.T_s
         self._n_p = drive.read("n_p")
@@ -224,6 +224,11 @@ class _UnderWay:
         R_s, L_d, L_q, psi_f = (drive.read(f"control_{name}") for name in ("R_s", "L_d", "L_q", "psi_f"))
         own = {"R_s": R_s, "L_d": L_d, "L_q": L_q, "psi_f": psi_f, "n_p": self._n_p}
         check_motor(self._plan, own, "the drive's current control")
+        if self._limits.n_p not in (None, self._n_p):
+            raise LimitError(
+                f"the drive is set for {self._n_p:g} pole pairs, its machine file says {self._limits.n_p}: its speeds "
+                "would be others than were planned"
+            )
         trip, omega_full = drive.read("overcurrent_trip"), drive.identity.omega_full
         most_current = _REACH * (trip if trip > 0.0 else drive.identity.i_full)
         u_most = _REACH * drive.read("u_dc") / math.sqrt(3.0)
@@ -351,6 +356,8 @@ class _UnderWay:
             rpm, most = (omega / (self._n_p * _RPM) for omega in (omega_e, self._most_speed))
             raise FaultError(f"the shaft turned at {rpm:.5g} rpm, expected at most {most:.5g}: the drive is stopped", 0)
         if now is State.OPERATION_ENABLED:
+            if self._speed_controlled and (too_much := self._overload.told(self._drive)):
+                raise FaultError(f"the drive's speed control asked for {too_much}", 0)
             return
         found = operation.fault(self._drive)
         code, text = (found.code, f"{found.text} (0x{found.code:04X})") if found else (0, f"it is in state {now}")

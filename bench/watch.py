@@ -70,6 +70,15 @@ class Watch:
     rows: int = 0
 
 
+def anew(watch: Watch) -> Watch:
+    """One that goes on with other rows: what was not explained lasts, what was is to be seen again."""
+    said = watch.said
+    if said.status is Explained.YES:
+        reason = "no window has been judged since the rows began anew"
+        said = replace(said, status=Explained.NOT_TOLD, reason=reason, against=None)
+    return Watch(said)
+
+
 def take(watch: Watch, samples: Samples, window: Window) -> None:
     """Take in consecutive rows."""
     watch.recent.append(samples)

@@ -103,7 +103,8 @@ class Lease:
         if drive.identity.has_lease:
             self._send(drive, Action.RENEW)
         else:
-            drive.read("status_word")  # any request feeds a watchdog
+            if not 0.0 < drive.read("watchdog_time") <= self.seconds:  # any request feeds it; somebody has set it
+                drive.write("watchdog_time", self.seconds)
             self._renewed = time.monotonic()
 
     def write(self, drive: Drive, values: Mapping[str, float]) -> None:

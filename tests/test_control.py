@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from bench.control import Control
-from bench.errors import BenchError, ConflictError
+from bench.errors import BenchError, ConflictError, LimitError
 from bench.lease import Leases
 from bench.limits import Limits
 from bench.unfinished import Origin
@@ -21,11 +21,26 @@ from drivers.drive import Drive
 from drivers.errors import DriveError, LostError, NoReplyError, RefusedError
 from drivers.lease import Controlled, HeldError, Lease
 from drivers.wire.cia402 import Command, State
+from emulator.scenarios import PAPER, Scenario, parse
 from tests.served_drive import served, until, virtual_url
 
 pytestmark = pytest.mark.live
 
 SET_POINTS = {"i_q_ref": 2.0}
+LIMITS = Limits(10.0, None)
+HEAVY = """[motor]
+R_s = 0.9664
+L_d = 4.24e-3
+L_q = 6.21e-3
+psi_f = 0.12
+n_p = 4
+i_rated = 6.0
+J = 0.3
+[run]
+shaft = "free"
+speed_control = true
+speed_rpm = 0.0
+"""
 
 
 class Between:
@@ -71,12 +86,14 @@ class OneLink:
 
 
 @contextlib.contextmanager
-def controlled(kind: str, folder: Path) -> Generator[tuple[Control, Between, OneLink]]:
-    with served(virtual_url(), control=kind) as bench, connect(bench.url) as drive:
+def controlled(
+    kind: str, folder: Path, limits: Limits = LIMITS, scenario: Scenario = PAPER
+) -> Generator[tuple[Control, Between, OneLink]]:
+    with served(virtual_url(), scenario, control=kind) as bench, connect(bench.url) as drive:
         between = Between(drive)
         between.url = bench.url
         link = OneLink(between)
-        control = Control("x", link, Leases(), Limits(10.0, None), lambda what: Origin(folder, "x", what))
+        control = Control("x", link, Leases(), limits, lambda what: Origin(folder, "x", what))
         control.begin()
         try:
             yield control, between, link
@@ -257,7 +274,7 @@ def test_a_start_that_another_bench_keeps_out_leaves_that_ones_motor_alone(
 ) -> None:
     control, drive, link = one
     control.start(SET_POINTS, "")
-    second = Control("x", link, Leases(), Limits(10.0, None), lambda what: Origin(tmp_path, "x", what))
+    second = Control("x", link, Leases(), LIMITS, lambda what: Origin(tmp_path, "x", what))
     with pytest.raises((ConflictError, HeldError), match=r"controls the drive|another bench on this machine"):
         second.start({}, "")
     time.sleep(0.3)
@@ -310,3 +327,69 @@ def test_control_lasts_while_another_client_uploads_recordings(tmp_path: Path) -
             uploads += 1
             assert control.whom == "somebody", control.said
         assert uploads >= 2
+
+
+# What bounds a motor besides its set points
+
+
+def test_field_weakening_counts_as_a_current(one: tuple[Control, Between, OneLink]) -> None:
+    control, drive, _ = one
+    plainly(control, drive, field_weakening=1.0, i_d_weakening=8.0)
+    with pytest.raises(LimitError, match=r"currents go up to 10 A, .*, got 10\.63 A with the steps"):
+        control.start({"i_q_ref": 7.0}, "")
+    control.start({"i_q_ref": 5.0}, "")
+    with pytest.raises(LimitError, match="got 13 A"):
+        plainly(control, drive, i_d_weakening=12.0)
+    control.stop("")
+    plainly(control, drive, field_weakening=0.0, i_d_weakening=12.0)
+    control.start({"i_q_ref": 7.0}, "")
+    with pytest.raises(LimitError, match=r"got 13\.89"):
+        plainly(control, drive, field_weakening=1.0)
+
+
+def test_speeds_are_of_the_machine_and_its_guard_is_as_before_afterwards(tmp_path: Path) -> None:
+    limits = Limits(10.0, 1500.0, n_p=4)
+    most = 1.1 * 1500.0 * 2.0 * 3.14159265 / 60.0 * 4
+    with controlled("lease", tmp_path, limits) as (control, drive, link):
+        plainly(control, drive, n_p=40.0, overspeed_trip=1e4)
+        with pytest.raises(LimitError, match=r"speeds go up to 1500 rpm, .*, got 1600 rpm"):
+            control.start({"speed_ref": 1600.0 * 4 * 2.0 * 3.14159265 / 60.0}, "")
+        assert drive.read("overspeed_trip") == 1e4
+        plainly(control, drive, n_p=4.0)
+        control.start({}, "")
+        assert drive.read("overspeed_trip") == pytest.approx(most, rel=1e-5)
+        with pytest.raises(LimitError, match=r"overspeed_trip goes up to 691\.2 rad/s while the drive is controlled"):
+            plainly(control, drive, overspeed_trip=1e4)
+        plainly(control, drive, overspeed_trip=600.0)
+        control.stop("")
+        assert drive.read("overspeed_trip") == 1e4
+        control.start({}, "")
+        drive.write("control_word", 0.0)  # of another client
+        until(lambda: control.whom is None and drive.read("overspeed_trip") == 1e4, "what was before")
+        control.start({}, "")
+        link.there = False
+        until(lambda: control.whom is None, "control to end")
+        link.there = True
+        until(lambda: drive.read("overspeed_trip") == 1e4, "what was before")
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_drive_without_leases_keeps_a_watchdog_that_bites_in_time(tmp_path: Path) -> None:
+    with controlled("watchdog", tmp_path) as (control, drive, _):
+        control.start(SET_POINTS, "")
+        with pytest.raises(LimitError, match="watchdog_time goes up to 2 s while the drive is controlled"):
+            plainly(control, drive, watchdog_time=10.0)
+        drive.write("watchdog_time", 10.0)  # of another client
+        until(lambda: drive.read("watchdog_time") == 2.0, "the bench to set it back", 2.0)
+
+
+def test_a_speed_loop_that_asks_for_more_than_the_machine_takes_is_stopped(tmp_path: Path) -> None:
+    limits = Limits(6.0, None, n_p=4)
+    with controlled("lease", tmp_path, limits, parse(HEAVY, "heavy")) as (control, drive, _):
+        plainly(control, drive, speed_control=1.0, speed_ramp=0.0)
+        control.start({"speed_ref": 600.0}, "")
+        assert drive.read("i_q") > 8.0
+        until(lambda: control.whom is None, "control to end")
+        assert "A for 0." in control.said
+        assert "currents go up to 6 A" in control.said
+        assert operation.state(drive) is State.SWITCH_ON_DISABLED  # pyright: ignore[reportArgumentType]

@@ -192,7 +192,7 @@ def test_a_lease_longer_than_the_watchdogs_time_is_refused(drive: Drive) -> None
 
 
 def test_a_reset_ends_it_and_leaves_the_drive_off(transport: Transport) -> None:
-    resetting = transport.serve(transport.new_url(), "--fault", "reset@1.5", control="lease")
+    resetting = transport.serve(transport.new_url(), "--fault", "reset@4", control="lease")
     with resetting as served, connect(served.url) as drive:
         lease = Lease("reset", 2.0)
         lease.take(drive)

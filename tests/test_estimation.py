@@ -50,6 +50,12 @@ class Source:
         )
 
 
+def resting(block: Block) -> Block:
+    """As of a drive whose bridge is off."""
+    none = np.full(len(block), np.nan)
+    return replace(block, u_d=none, u_q=none)
+
+
 @contextmanager
 def running(**windows: Window) -> Generator[Estimation]:
     worker = Estimation(windows or {"a": WINDOW})
@@ -179,6 +185,25 @@ def test_another_row_length_begins_anew(method: str) -> None:
         assert (snapshot.result.samples, snapshot.result.gaps) == (399, 0)
         assert snapshot.result.filled == (method != "wls")
         expect_truth(snapshot)
+
+
+def test_rows_of_before_a_reset_or_a_long_pause_are_not_gone_on_from() -> None:
+    warm = Source(R_s=2.0)
+    with running() as worker:
+        assert fed(worker, Source(), 1000).result.samples == 600
+        assert fed(worker, warm, 100).result.samples == pytest.approx(100, abs=4)  # its clock has begun anew
+        warm.skip(500)
+        assert fed(worker, warm, 100).result.samples == pytest.approx(200, abs=4)  # rows that were lost
+        worker.put("a", resting(warm.block(900)))
+        snapshot = fed(worker, warm, 100)
+        assert snapshot.result.samples == pytest.approx(300, abs=4)  # off for less than a second
+        worker.put("a", resting(warm.block(1100)))
+        snapshot = fed(worker, warm, 100)
+        assert snapshot.result.samples == pytest.approx(100, abs=4)
+        expect_truth(snapshot, 0.05, R_s=2.0)
+        fed(worker, warm, 600)
+        warm.skip(1500)
+        assert fed(worker, warm, 100).result.samples == pytest.approx(100, abs=4)
 
 
 def test_drives_do_not_mix() -> None:

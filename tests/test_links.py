@@ -1,6 +1,9 @@
 """One emulated drive over every transport at once, and the real service over them: loss, return, resets, faults."""
 
 import contextlib
+import itertools
+import threading
+import time
 from collections.abc import Generator
 from pathlib import Path
 
@@ -9,13 +12,16 @@ import pytest
 
 from bench.acquisition import Link, LinkState
 from bench.config import Config, DriveConfig
+from bench.errors import BenchError
 from bench.service import Service
 from bench.window import Window
+from drivers import operation
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import DriveError, RefusedError
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
+from drivers.wire.cia402 import State
 from tests.conftest import command
 from tests.driving import driving
 from tests.served_drive import Listening, emulator, joined, listening, ready, tcp_url, until
@@ -179,3 +185,37 @@ def refused(drive: Drive) -> bool:
     except DriveError:  # late
         return False
     return False
+
+
+def test_a_stop_under_one_name_of_a_drive_ends_what_begins_under_another(urls: dict[str, str]) -> None:
+    two = {name: urls[name] for name in ("canopen", "modbus-tcp")}
+    holds = [{"speed_rpm": 1200.0, "i_d": 0.0, "i_q": 2.0, "seconds": 2.0}]
+
+    def start(service: Service) -> threading.Thread:
+        def begun() -> None:
+            with contextlib.suppress(BenchError, DriveError):
+                service.start_drive("canopen", {"i_q_ref": 2.0})
+
+        thread = threading.Thread(target=begun)
+        thread.start()
+        until(lambda: service.control("canopen").whom is not None, "control to be taken")
+        return thread
+
+    def experiment(service: Service) -> threading.Thread:
+        service.begin_experiment("canopen", {"holds": holds, "step": 0.5})
+        thread = threading.Thread(target=lambda: until(lambda: not service.experiments.holders, "its end"))
+        thread.start()
+        return thread
+
+    with command("emulate", *at(two), "--control", "lease") as process:
+        ready(process)
+        with service_over(two) as service, connect(two["modbus-tcp"]) as drive:
+            for begin, later in itertools.product((start, experiment), (0.0, 0.01, 0.03, 0.06)):
+                thread = begin(service)
+                time.sleep(later)
+                service.stop_drive("modbus-tcp")
+                deadline, states = time.monotonic() + 0.4, set[State]()
+                while time.monotonic() < deadline:
+                    states.add(operation.state(drive))
+                thread.join()
+                assert states == {State.SWITCH_ON_DISABLED}, (begin.__name__, later)
