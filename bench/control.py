@@ -195,7 +195,7 @@ class Control:
                 with self._lock:
                     if not _off(drive):  # by a start that was under way
                         control.stop(drive)
-                    self._ended("", drive)
+                    self._ended("")
                 return drive
             except DriveError:
                 if time.monotonic() > deadline:
@@ -226,21 +226,22 @@ class Control:
         except DriveError as error:
             self._ended(f"the drive could not be told that it is over ({error})", off=False)
             raise
-        self._ended("", drive)
+        self._ended("")
 
-    def _ended(self, said: str, drive: Drive | None = None, *, off: bool = True) -> None:
+    def _ended(self, said: str, *, off: bool = True) -> None:
         """Control is over: nothing is renewed. Where the drive may not be `off`, the note for a later start stays."""
         if (controlled := self._controlled) is None:
             return
         self.said, self._controlled = said, None
         self._leases.release(self._name, controlled.holder)
-        if off:
-            self._left = controlled
-            if drive is not None:
-                with contextlib.suppress(DriveError):  # it is tried again with every look
-                    self._restore(drive)
-        else:
+        if not off:
             controlled.noted.close()
+        elif not controlled.before:
+            controlled.noted.undone()
+        else:
+            self._left = controlled
+            with contextlib.suppress(DriveError):  # it is tried again with every look
+                self._restore(self._link.drive())
         if said:
             to_standard_error(f"drive  {self._name}: control ended: {said}")
 
@@ -319,9 +320,9 @@ class Control:
                     if drive.identity.has_lease:
                         with contextlib.suppress(HeldError):
                             controlled.lease.release(drive)
-                    self._ended(f"the drive was stopped by another client, or went off by itself{why}", drive)
+                    self._ended(f"the drive was stopped by another client, or went off by itself{why}")
             except HeldError as error:
-                self._ended(str(error), drive)
+                self._ended(str(error))
 
     def _out_of_reach(self) -> None:
         """Without a link a lease runs out by itself."""

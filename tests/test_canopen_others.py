@@ -286,8 +286,8 @@ def test_a_block_that_another_client_never_ends_is_waited_for_but_not_for_long(
     number = capture.arm(drive, Setup(("u_d", "u_q"), 100))
     until(lambda: capture.seen(drive, number).state == capture.DONE, "the recording")
     with on_the_bus(bench) as bus:
+        begun = time.monotonic()
         send(bus, od.sdo_request_cob_id(5), bytes.fromhex("a41024017f000000"))
         time.sleep(0.05)
-        begun = time.monotonic()
         assert drive.read("u_full") == 387.5
         assert 1.0 < time.monotonic() - begun < 3.0
