@@ -290,4 +290,4 @@ def test_a_block_that_another_client_never_ends_is_waited_for_but_not_for_long(
         send(bus, od.sdo_request_cob_id(5), bytes.fromhex("a41024017f000000"))
         time.sleep(0.05)
         assert drive.read("u_full") == 387.5
-        assert 1.0 < time.monotonic() - begun < 3.0
+        assert 0.5 < time.monotonic() - begun < 3.0  # the node gives it up after 2 s, by its own clock
