@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import httpx
 
@@ -44,8 +45,8 @@ class Tried:
 
     def started(self) -> None:
         """The drive runs, and all it tells is ok."""
-        drive = self.service.drive()
-        if drive["control"]["fault"] is not None:
+        until(lambda: self._control()["state"] is not None, f"{self.link}: no look at the drive")
+        if self._control()["fault"] is not None:
             self._post("reset", {})
         self._post("start", SET_POINTS)
         until(lambda: self._ok() == 4, f"{self.link}: estimates are not ok")
@@ -106,6 +107,9 @@ class Tried:
         """As it was."""
         self._put({"overspeed_trip": 2000.0})
 
+    def _control(self) -> dict[str, Any]:
+        return self.service.drive()["control"]
+
     def _ok(self) -> int:
         return sum(estimate["status"] == "ok" for estimate in self._estimates().values())
 
@@ -114,7 +118,8 @@ class Tried:
         return answer.raise_for_status().json()["estimates"]
 
     def _post(self, what: str, body: dict[str, float]) -> None:
-        httpx.post(f"{self.service.url}/api/drives/x/{what}", json=body, timeout=20.0).raise_for_status()
+        answer = httpx.post(f"{self.service.url}/api/drives/x/{what}", json=body, timeout=20.0)
+        assert answer.is_success, answer.text
 
     def _put(self, values: dict[str, float]) -> None:
         httpx.put(f"{self.service.url}/api/drives/x/signals", json=values, timeout=20.0).raise_for_status()

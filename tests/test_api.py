@@ -21,9 +21,19 @@ ROUTES = ("", "/estimates", "/window", "/stream", "/signals", "/captures", "/cap
 PROBLEM = "application/problem+json"
 
 
+class Patient(httpx.HTTPTransport):
+    """Asks again when the service says so: these tests are more requests than it takes for longer."""
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        while (response := super().handle_request(request)).status_code == 503 and "Retry-After" in response.headers:
+            response.close()
+            time.sleep(float(response.headers["Retry-After"]))
+        return response
+
+
 @pytest.fixture(scope="module")
 def connection(running_bench: RunningBench) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=running_bench.url, headers=JSON) as client:
+    with httpx.Client(base_url=running_bench.url, headers=JSON, transport=Patient()) as client:
         yield client
 
 

@@ -197,8 +197,13 @@ def test_a_reset_ends_it_and_leaves_the_drive_off(transport: Transport) -> None:
         lease = Lease("reset", 2.0)
         lease.take(drive)
         lease.start(drive, {"i_q_ref": 1.0})
-        latest = drive.read("tick")
-        until(lambda: drive.read("tick") < latest, "it does not reset")
+        ticks = [drive.read("tick")]
+
+        def has_reset() -> bool:
+            ticks.append(drive.read("tick"))
+            return ticks[-1] < ticks[-2]
+
+        until(has_reset, "it does not reset")
         assert operation.state(drive) is State.SWITCH_ON_DISABLED
         assert control.held(drive) is None
         assert set_points(drive) == {0.0}
