@@ -218,7 +218,7 @@ class Control:
             raise
         self._controlled = Controlled(lease, noted, holder, whom, before, Overload(self._limits))
 
-    def _give_up(self, drive: Drive) -> None:
+    def _give_up(self, drive: Drive, said: str = "") -> None:
         if (controlled := self._controlled) is None:
             return
         try:
@@ -226,7 +226,7 @@ class Control:
         except DriveError as error:
             self._ended(f"the drive could not be told that it is over ({error})", off=False)
             raise
-        self._ended("")
+        self._ended(said)
 
     def _ended(self, said: str, *, off: bool = True) -> None:
         """Control is over: nothing is renewed. Where the drive may not be `off`, the note for a later start stays."""
@@ -309,9 +309,7 @@ class Control:
             try:
                 controlled.lease.keep(drive)
                 if too_much := controlled.overload.told(drive):
-                    self._give_up(drive)
-                    self.said = f"the drive's own control asked for {too_much}"
-                    to_standard_error(f"drive  {self._name}: stopped: {self.said}")
+                    self._give_up(drive, f"the drive's own control asked for {too_much}")
                     return
                 now = operation.state(drive)
                 if now is not State.OPERATION_ENABLED:

@@ -294,10 +294,12 @@ class VirtualDrive:
             self._switch(record)
 
     def _switch(self, record: Record) -> None:
-        """Bridge on or off, after the record's values; a lease that was given up leaves it off."""
+        """Bridge on or off, after the record's values; a lease that was given up leaves it off, without set points."""
         bridge = record.bridge if self._lease.held else Bridge.OFF
         if bridge is not Bridge.AS_IT_IS:
             self._written.append((_BRIDGE, float(bridge)))
+        if bridge is Bridge.OFF:
+            self._written += [(name, 0.0) for name in SET_POINTS]
 
     def _stopped(self) -> None:
         """Somebody without a token has stopped it: whoever had control has it no longer."""
