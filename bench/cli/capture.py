@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedCo
 from bench.capture import Run, State, Status, new_status
 from bench.capture_request import COMMAND, Request
 from bench.cli.output import await_end, check_recording
-from bench.cli.rest import Rest
+from bench.cli.rest import Rest, patiently
 from bench.cli.terminal import Terminal, Told
 from bench.errors import BenchError, ConfigError, UnavailableError
 from bench.new_file import write_new
@@ -24,7 +24,6 @@ from drivers.errors import DriveError
 
 _PERIOD: Final = 0.1  # s between two looks
 _TIMEOUT: Final = 10.0  # s for one answer
-_PATIENCE: Final = 60.0  # s for a service that is started anew
 _console: Final = Terminal(soft_wrap=True)
 
 
@@ -43,7 +42,10 @@ def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | No
                 while not State(said["state"]).ended:
                     show(said["state"], said["samples"], said["reason"])
                     time.sleep(_PERIOD)
-                    said = _patiently(lambda: rest.call("GET", name, "captures", id_, key="state"), show)
+                    said = patiently(
+                        lambda: rest.call("GET", name, "captures", id_, key="state"),
+                        lambda why: show("waiting", 0, why),
+                    )
         except KeyboardInterrupt:
             with contextlib.suppress(BenchError):
                 rest.call("DELETE", name, "captures", id_)
@@ -130,19 +132,6 @@ def _bar(length: int) -> Generator[Show]:
             bar.update(task, completed=samples, description=f"{state}: {reason}" if reason else str(state))
 
         yield show
-
-
-def _patiently(ask: Callable[[], dict[str, Any]], show: Show) -> dict[str, Any]:
-    """An answer of the service, be it after it has been started anew: the capture goes on in it."""
-    deadline = time.monotonic() + _PATIENCE
-    while True:
-        try:
-            return ask()
-        except UnavailableError as error:
-            if time.monotonic() > deadline:
-                raise
-            show("waiting", 0, str(error))
-            time.sleep(_PERIOD)
 
 
 def _named(out: Path | None, id_: str) -> Path:

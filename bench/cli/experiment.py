@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
 from bench import experiment
 from bench.cli.output import await_end, check_recording
-from bench.cli.rest import Rest
+from bench.cli.rest import Rest, patiently
 from bench.cli.terminal import Terminal, Told
 from bench.config import captures_folder
 from bench.errors import BenchError, ConfigError, UnavailableError
@@ -30,7 +30,6 @@ from drivers.connect import connect
 
 _PERIOD: Final = 0.1  # s between two looks
 _TIMEOUT: Final = 10.0  # s for one answer
-_PATIENCE: Final = 60.0  # s for a service that is started anew
 _EXPECTED: Final = "expected a diagnosis as `pmsm-bench diagnose --json` writes it"
 _console: Final = Terminal(soft_wrap=True)
 
@@ -51,7 +50,9 @@ def by_service(name: str, service: str, file: Path, ambiguity: int | None, out: 
                 while said["state"] == "running":
                     show(said["phase"], said["progress"])
                     time.sleep(_PERIOD)
-                    said = _patiently(lambda: rest.call("GET", name, "experiments", id_, key="state"), show)
+                    said = patiently(
+                        lambda: rest.call("GET", name, "experiments", id_, key="state"), lambda why: show(why, 0.0)
+                    )
         except KeyboardInterrupt:
             with contextlib.suppress(BenchError):
                 rest.call("DELETE", name, "experiments", id_)
@@ -66,19 +67,6 @@ def by_service(name: str, service: str, file: Path, ambiguity: int | None, out: 
             why = f"{out}: cannot be written: {error.strerror or error}" if isinstance(error, OSError) else str(error)
             raise BenchError(f"{why}; the service still has it, as experiment {id_} of drive {name}") from None
     _tell(written, int(said["samples"]), said["remarks"])
-
-
-def _patiently(ask: Callable[[], dict[str, Any]], show: Show) -> dict[str, Any]:
-    """An answer of the service, be it after it has been started anew: what there was of the experiment is in it."""
-    deadline = time.monotonic() + _PATIENCE
-    while True:
-        try:
-            return ask()
-        except UnavailableError as error:
-            if time.monotonic() > deadline:
-                raise
-            show(str(error), 0.0)
-            time.sleep(_PERIOD)
 
 
 def directly(url: str, file: Path, ambiguity: int | None, out: Path, i_max: float | None = None) -> None:

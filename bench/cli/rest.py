@@ -3,6 +3,8 @@
 import json
 import os
 import socket
+import time
+from collections.abc import Callable
 from typing import Any, Final, cast
 from urllib.parse import quote
 
@@ -13,6 +15,8 @@ from bench.config import token_file
 from bench.errors import BenchError, InternalError, UnavailableError, shown
 
 TOKEN_VARIABLE: Final = "PMSM_BENCH_TOKEN"
+_PATIENCE: Final = 60.0  # s for a service that is started anew
+_PERIOD: Final = 0.1  # s between two questions
 _JSON: Final = {"Content-Type": "application/json"}  # of every PUT and POST, also of one without a body
 
 
@@ -61,6 +65,22 @@ class Rest:
 
     def _address(self, path: tuple[str, ...]) -> str:
         return "/".join([f"{self._service.rstrip('/')}/api/drives", *(quote(part, safe="") for part in path)])
+
+
+def patiently(ask: Callable[[], dict[str, Any]], wait: Callable[[str], None]) -> dict[str, Any]:
+    """An answer of the service, be it after it has been started anew: what it had under way goes on, or is kept, in it.
+
+    `wait` is told why there is none yet. Raises UnavailableError where there is none for long.
+    """
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            return ask()
+        except UnavailableError as error:
+            if time.monotonic() > deadline:
+                raise
+            wait(str(error))
+            time.sleep(_PERIOD)
 
 
 def _is_here(service: str) -> bool:
