@@ -1,12 +1,14 @@
 """Clients of a drive: a URL in, blocks of SI samples out.
 
-* `connect` - URL to `Drive`
+Read in this order:
+
+* `wire` - what the drive's manual says: signals, objects, registers, frames, URLs
 * `drive` - the `Drive` protocol; `block` - what its stream yields; `errors` - what can go wrong
-* `assembler` - CAN frames to rows; `rows` - rows to blocks: unwraps ticks, counts gaps; pure
-* `operation` - the state machine over any drive; `capture` - its recorder: set up, trigger, resumable upload
-* `canopen_drive` - the CANopen client; `canopen_bus` - the bus beneath it; `socketcand` - whether a port serves one
-* `modbus_drive` - the Modbus client; `modbus_line` - the line beneath it; `turns` - a lock that starves nobody
-* `wire` - the drive's published contract
+* `rows` - rows of counts to blocks: unwraps ticks, counts gaps; `carried` - whether a line carries the rows asked for
+* `settled` - a write whose answer was lost; `serial_port` - the end of a port
+* `canopen`, `modbus`, `uart` - a client each
+* `operation` - the state machine over any drive; `capture` - its recorder; `lease` - control, and its renewal
+* `connect` - URL to `Drive`
 
 Knows nothing of estimators, disks or HTTP. One reader thread and one lock inside a client.
 """

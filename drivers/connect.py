@@ -18,16 +18,16 @@ def connect(url: str) -> Drive:
     """Connect to the drive at a URL. Raises ConnectError when it is not there or not such a drive."""
     check_url(url)
     if url.startswith("uart://"):
-        from drivers.uart_drive import UartDrive
+        from drivers.uart.drive import UartDrive
         from drivers.wire.uart_url import parse_uart_url
 
         return UartDrive(parse_uart_url(url))
     if url.startswith("modbus+"):
-        from drivers.modbus_drive import ModbusDrive
+        from drivers.modbus.drive import ModbusDrive
         from drivers.wire.modbus_url import parse_modbus_url
 
         return ModbusDrive(parse_modbus_url(url))
-    from drivers.canopen_drive import CanopenDrive
+    from drivers.canopen.drive import CanopenDrive
     from drivers.wire.can_url import parse_can_url
 
     return CanopenDrive(parse_can_url(url))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.answers import Answers
+from drivers.canopen.answers import Answers
 from drivers.wire import canopen_od as od
 
 STATUS, NAME = od.sdo_address(0x6041, 0), od.sdo_address(0x1008, 0)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.assembler import Assembler
 from drivers.block import Block
+from drivers.canopen.assembler import Assembler
 from drivers.errors import FrameError
 from drivers.rows import Counts
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers import capture, operation
-from drivers.canopen_drive import CanopenDrive
+from drivers.canopen.drive import CanopenDrive
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import DriveError, FrameError, LostError, NoReplyError, RefusedError

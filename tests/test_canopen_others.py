@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drivers import capture
-from drivers.canopen_drive import CanopenDrive
+from drivers.canopen.drive import CanopenDrive
 from drivers.capture import Setup
 from drivers.connect import connect
 from drivers.errors import ConnectError, DriveError, FrameError, LostError

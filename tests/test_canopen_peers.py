@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from canopen.objectdictionary import ODRecord, ODVariable
 
-from drivers.canopen_bus import CanopenBus
+from drivers.canopen.bus import CanopenBus
 from drivers.connect import connect
 from drivers.errors import ConnectError
 from drivers.wire import canopen_od as od

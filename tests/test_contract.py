@@ -9,10 +9,13 @@ from collections.abc import Callable, Generator, Iterator
 import numpy as np
 import pytest
 
-from drivers import canopen_drive, capture, modbus_drive, operation, uart_drive
+from drivers import capture, operation
+from drivers.canopen import drive as canopen_drive
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import ConnectError, FaultError, LostError, RefusedError
+from drivers.modbus import drive as modbus_drive
+from drivers.uart import drive as uart_drive
 from drivers.wire.canopen_od import Abort
 from drivers.wire.cia402 import COMMUNICATION, OVERCURRENT, SPEED_ERROR, State, error_text
 from drivers.wire.dictionary import WATCHDOG_LAYOUT, signals_of

@@ -19,11 +19,12 @@ from hypothesis import strategies as st
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers import capture, modbus_line, operation
+from drivers import capture, operation
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import ConnectError, DriveError, FaultError, FrameError, LostError, NoReplyError, RefusedError
-from drivers.turns import Turns
+from drivers.modbus import line as modbus_line
+from drivers.modbus.turns import Turns
 from drivers.wire import modbus_map as registers
 from drivers.wire.cia402 import State
 from drivers.wire.codec import count_size

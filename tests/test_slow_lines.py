@@ -14,7 +14,7 @@ from drivers.block import Block
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import ConnectError
-from drivers.uart_drive import UartDrive
+from drivers.uart.drive import UartDrive
 from drivers.wire import uart_frame as uf
 from drivers.wire.uart_url import parse_uart_url
 from emulator.faults import Faults, parse_fault

@@ -17,11 +17,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers import capture, operation, uart_drive
+from drivers import capture, operation
 from drivers.block import Block
 from drivers.connect import connect
 from drivers.errors import ConnectError, DriveError, FaultError, FrameError, LostError, NoReplyError, RefusedError
-from drivers.uart_drive import UartDrive, _Upload
+from drivers.uart import drive as uart_drive
+from drivers.uart.drive import UartDrive, _Upload
 from drivers.wire import uart_frame as uf
 from drivers.wire.cia402 import State
 from drivers.wire.codec import count_size, counts_to_si

@@ -19,7 +19,7 @@ import canopen
 import pytest
 
 from drivers.block import Block
-from drivers.canopen_drive import HEARTBEAT_MISSED_MS
+from drivers.canopen.drive import HEARTBEAT_MISSED_MS
 from drivers.connect import connect
 from drivers.errors import ConnectError, LostError, RefusedError
 from drivers.wire.dictionary import CHANNELS

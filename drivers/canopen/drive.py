@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Self
 
-from drivers.assembler import Assembler
 from drivers.block import Block
-from drivers.canopen_bus import READ_ATTEMPTS, SDO_TIMEOUT, CanopenBus
+from drivers.canopen.assembler import Assembler
+from drivers.canopen.bus import READ_ATTEMPTS, SDO_TIMEOUT, CanopenBus
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
 from drivers.operation import Fault

@@ -26,7 +26,7 @@ from pymodbus.pdu import ModbusPDU
 
 from drivers import serial_port
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, held
-from drivers.turns import Turns
+from drivers.modbus.turns import Turns
 from drivers.wire.modbus_map import (
     EXCEPTIONS,
     READ,

@@ -21,10 +21,10 @@ from can.util import cast_from_string
 from canopen.network import MessageListener
 from canopen.sdo.client import SdoClient
 
-from drivers.answers import Answers
+from drivers.canopen.answers import Answers
+from drivers.canopen.socketcand import check_served
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
 from drivers.settled import settle
-from drivers.socketcand import check_served
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import CanUrl
 

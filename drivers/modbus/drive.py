@@ -18,10 +18,10 @@ from drivers.block import Block
 from drivers.carried import Carried, note
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
-from drivers.modbus_line import ModbusLine
+from drivers.modbus.line import ModbusLine
+from drivers.modbus.turns import Turns
 from drivers.rows import TELLABLE, TICKS, Counts, RowBlocks
 from drivers.settled import REPEATABLE, settle
-from drivers.turns import Turns
 from drivers.wire import modbus_map as registers
 from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode
 from drivers.wire.dictionary import Signal, layout_text, signal_named, signals_of
