@@ -18,12 +18,12 @@ from pathlib import Path
 from drivers.wire.dictionary import SET_POINTS
 from emulator.bounds import ScenarioError
 from emulator.clock import Pacer
-from emulator.faults import FORMS, Faults, parse_fault, script
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.errors import BusError
 from emulator.input_file import one_line
-from emulator.link import Link
-from emulator.scenarios import BUILT_IN, CONTROLS, Scenario, load
-from emulator.socketcand import BusError
-from emulator.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import BUILT_IN, CONTROLS, Scenario, load
+from emulator.servers.faults import FORMS, Faults, parse_fault, script
+from emulator.servers.link import Link
 
 DEFAULT_URL = "canopen://socketcand/127.0.0.1:29536/can0/5"
 _STEP = 2e-3  # s, how often the virtual drive catches up with real time

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from emulator.scenarios import PAPER_RUN, PAPER_RUN_WARMING, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER_RUN, PAPER_RUN_WARMING, Scenario
 from estimator import auto_window, window_ls
 from tests.samples import recorded, streamed
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from estimator import window_ls
 from estimator.flux_balance import Balance, flux_balance
 from estimator.machine import PARAMETERS

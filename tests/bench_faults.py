@@ -28,10 +28,10 @@ from bench.errors import BenchError
 from drivers.block import Block
 from drivers.errors import DriveError
 from emulator.clock import Pacer
-from emulator.faults import Faults, parse_fault
-from emulator.link import Link
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
+from emulator.servers.faults import Faults, parse_fault
+from emulator.servers.link import Link
 from tests.conftest import bus_url, free_port
 from tests.meddling import Meddled, meddled
 

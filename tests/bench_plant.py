@@ -11,9 +11,9 @@ import time
 
 import numpy as np
 
-from emulator.effects import NONE, Effects
-from emulator.scenarios import PAPER_RUN, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.effects import NONE, Effects
+from emulator.scenario.scenarios import PAPER_RUN, Scenario
 from tests.effects import ALL, only, scenario_with
 from tests.peers.speed import real_time_factors
 

@@ -13,11 +13,11 @@ from datetime import UTC, datetime, timedelta
 from bench import watch
 from bench.watch import Explained, Watch
 from bench.window import Window
-from emulator.effects import Effects
-from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.legs import Inverter
-from emulator.scenarios import PAPER, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.legs import Inverter
+from emulator.scenario.effects import Effects
+from emulator.scenario.scenarios import PAPER, Scenario
 from tests.samples import streamed
 from tests.test_detect import SCENARIOS, estimates_of, paper
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from emulator.conceal.files import write
 from emulator.conceal.populations import KINDS
 from emulator.conceal.recording import Choice, Concealed, drawn
-from emulator.motors import MOTORS
-from emulator.virtual_drive import Column
+from emulator.drive.virtual_drive import Column
+from emulator.scenario.motors import MOTORS
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import TOLERANCE
 from estimator.mismatch.given import Given

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulator.conceal.recording import Choice, drawn
-from emulator.motors import MOTORS
+from emulator.scenario.motors import MOTORS
 from estimator.machine import Machine
 from estimator.samples import Samples
 from tests.samples import machine_of

@@ -6,10 +6,10 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 
 from emulator.clock import Pacer
-from emulator.faults import Faults, parse_fault
-from emulator.link import Link
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
+from emulator.servers.faults import Faults, parse_fault
+from emulator.servers.link import Link
 
 
 @dataclass

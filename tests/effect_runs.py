@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emulator.effects import Effects
-from emulator.machine import Machine
-from emulator.motors import MOTORS
-from emulator.plant import PlantState
-from emulator.scenarios import PAPER, Excitation, Run, Scenario, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.dynamics import PlantState
+from emulator.plant.machine import Machine
+from emulator.scenario.effects import Effects
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, drive_for
 
 Column = NDArray[np.floating[Any]]
 Vectors = NDArray[np.complexfloating[Any, Any]]

@@ -3,23 +3,23 @@
 from dataclasses import replace
 from typing import Final
 
-from emulator.effects import NONE, Effects
-from emulator.physics.compliance import Compliance
-from emulator.physics.dc_link import DcLink
-from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.friction import Friction
-from emulator.physics.harmonics import Harmonics
-from emulator.physics.imbalance import Imbalance
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import Inverter
-from emulator.physics.saturation import Saturation
-from emulator.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
-from emulator.physics.skin import Skin
-from emulator.physics.strangers import Resonance, Stray, Telegraph
-from emulator.physics.thermal import Thermal
-from emulator.physics.timing import Timing
-from emulator.physics.turn_short import TurnShort
-from emulator.scenarios import PAPER_RUN, Scenario
+from emulator.plant.physics.compliance import Compliance
+from emulator.plant.physics.dc_link import DcLink
+from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.friction import Friction
+from emulator.plant.physics.harmonics import Harmonics
+from emulator.plant.physics.imbalance import Imbalance
+from emulator.plant.physics.iron_loss import IronLoss
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.saturation import Saturation
+from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
+from emulator.plant.physics.skin import Skin
+from emulator.plant.physics.strangers import Resonance, Stray, Telegraph
+from emulator.plant.physics.thermal import Thermal
+from emulator.plant.physics.timing import Timing
+from emulator.plant.physics.turn_short import TurnShort
+from emulator.scenario.effects import NONE, Effects
+from emulator.scenario.scenarios import PAPER_RUN, Scenario
 
 ALL: Final = Effects(
     inverter=Inverter(dead_time=2e-6, min_pulse=1e-6, u_transistor=1.2, u_diode=1.0, r_on=0.05),

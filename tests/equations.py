@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from emulator.conceal.recording import Choice, drawn
-from emulator.motors import MOTORS
-from emulator.scenarios import Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import Scenario
 from estimator.machine import PARAMETERS
 from estimator.mismatch.columns import regression
 from estimator.mismatch.explain import Search

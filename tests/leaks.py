@@ -16,8 +16,8 @@ import pyarrow
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from emulator.scenario_text import keys_of
-from emulator.scenarios import parse
+from emulator.scenario.scenarios import parse
+from emulator.scenario.text import keys_of
 
 pa: Any = pyarrow  # comes without types
 pq: Any = pyarrow.parquet

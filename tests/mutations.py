@@ -37,9 +37,9 @@ from bench.replay import replay
 from bench.simulate import simulate
 from bench.window import Window
 from emulator.bounds import ScenarioError
-from emulator.scenario_text import text_of
-from emulator.scenarios import PAPER, load
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER, load
+from emulator.scenario.text import text_of
 
 ROWS: Final = 3000  # of the recording
 LONGEST: Final = 10.0  # s that a file may take

@@ -2,16 +2,16 @@
 
 from dataclasses import replace
 
-from emulator.assembly import plant_of_scenario
-from emulator.bridge import Bridge, BridgeState
-from emulator.effects import NONE, Effects
+from emulator.drive.assembly import plant_of_scenario
 from emulator.frames import turned
-from emulator.machine import Machine
-from emulator.mechanics import Profile, Shaft
-from emulator.physics.dc_link import DcLink
-from emulator.physics.legs import Inverter
-from emulator.plant import Plant, PlantState, bridge_current, started
-from emulator.scenarios import PAPER
+from emulator.plant.bridge import Bridge, BridgeState
+from emulator.plant.dynamics import Plant, PlantState, bridge_current, started
+from emulator.plant.machine import Machine
+from emulator.plant.mechanics import Profile, Shaft
+from emulator.plant.physics.dc_link import DcLink
+from emulator.plant.physics.legs import Inverter
+from emulator.scenario.effects import NONE, Effects
+from emulator.scenario.scenarios import PAPER
 
 U_DC = PAPER.drive.u_dc
 IDEAL = Bridge(True, 5000, Inverter(), DcLink(), U_DC, 1.0, 1e-9)

@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from emulator.machine import Machine as Motor
-from emulator.scenarios import PAPER, Scenario
-from emulator.virtual_drive import Column, StreamRows, VirtualDrive
+from emulator.drive.virtual_drive import Column, StreamRows, VirtualDrive
+from emulator.plant.machine import Machine as Motor
+from emulator.scenario.scenarios import PAPER, Scenario
 from estimator.machine import Machine
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Resolution, Samples

@@ -19,12 +19,12 @@ from drivers.drive import Drive
 from drivers.errors import DriveError
 from drivers.wire.modbus_url import parse_modbus_url
 from drivers.wire.uart_url import parse_uart_url
-from emulator.faults import Faults
-from emulator.link import server_at
-from emulator.modbus_server import ModbusServer
-from emulator.scenarios import PAPER, Scenario
-from emulator.uart_server import UartServer
-from emulator.virtual_drive import StreamRows, VirtualDrive
+from emulator.drive.virtual_drive import StreamRows, VirtualDrive
+from emulator.scenario.scenarios import PAPER, Scenario
+from emulator.servers.faults import Faults
+from emulator.servers.link import server_at
+from emulator.servers.modbus.server import ModbusServer
+from emulator.servers.uart import UartServer
 from tests.conftest import bus_url, free_port
 
 PATIENCE = 15.0  # s

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.wire.modbus_url import SerialPlace, TcpPlace, parse_modbus_url
-from emulator.faults import Passed
+from emulator.servers.faults import Passed
 from tests.conftest import free_port
 
 _ANSWER = 1.0  # s within which a server has answered

@@ -9,14 +9,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emulator.bridge import Bridge, BridgeState, scratch, switched
-from emulator.effects import Effects
 from emulator.frames import phases
-from emulator.machine import Machine
-from emulator.modulation import Duties, modulated
-from emulator.physics.dc_link import DcLink
-from emulator.physics.legs import Inverter
-from emulator.plant import Plant, bridge_current
+from emulator.plant.bridge import Bridge, BridgeState, scratch, switched
+from emulator.plant.dynamics import Plant, bridge_current
+from emulator.plant.machine import Machine
+from emulator.plant.modulation import Duties, modulated
+from emulator.plant.physics.dc_link import DcLink
+from emulator.plant.physics.legs import Inverter
+from emulator.scenario.effects import Effects
 from estimator.mismatch.standstill.pulse_fit import Train
 from estimator.mismatch.standstill.tones import Tone
 from tests.plants import LOCKED, at_rest, plant_with

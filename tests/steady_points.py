@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from emulator.machine import Machine
+from emulator.plant.machine import Machine
 from estimator.mismatch.points.no_load import NoLoad
 from estimator.mismatch.points.table import Points
 from tests.effect_runs import SALIENT, at, steady, switched, with_effects

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulator.conceal.recording import Choice, drawn
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
 from estimator.machine import Machine
 from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.physics.rows import Rows, rows_of

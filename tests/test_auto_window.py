@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from emulator.scenarios import PAPER_RUN
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER_RUN
 from estimator import auto_window, window_ls
 from estimator.auto_window import RINGS, SHORTEST, Stretches, lengths_of, weighed
 from estimator.estimate import Status

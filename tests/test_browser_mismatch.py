@@ -7,7 +7,7 @@ from pathlib import Path
 
 from selenium.webdriver import Chrome
 
-from emulator.scenario_text import text_of
+from emulator.scenario.text import text_of
 from tests.conftest import bench_up
 from tests.test_browser_page import Bench, browser, forget_logs, log, page, pytestmark, text, until
 from tests.test_watch import DEAD_TIME

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.connect import connect
 from drivers.errors import ConnectError, LostError
-from emulator.socketcand import BusError
+from emulator.errors import BusError
 from tests.driving import driving
 from tests.falling_bus import troubles
 from tests.served_drive import first_blocks, listening, until

@@ -18,10 +18,10 @@ from drivers.errors import ConnectError, DriveError, LostError, NoReplyError, Re
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
 from drivers.wire.dictionary import layout_id, layout_text
-from emulator.canopen_server import CanopenNode
-from emulator.faults import Faults, parse_fault
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
+from emulator.servers.canopen.server import CanopenNode
+from emulator.servers.faults import Faults, parse_fault
 from tests.served_drive import PATIENCE, in_threads, served, tcp_url, virtual_url
 
 pytestmark = pytest.mark.live

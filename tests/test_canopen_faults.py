@@ -20,7 +20,7 @@ from drivers.wire.can_url import parse_can_url
 from drivers.wire.cia402 import COMMUNICATION
 from drivers.wire.codec import count_size
 from drivers.wire.dictionary import signal_named
-from emulator.faults import Faults, parse_fault
+from emulator.servers.faults import Faults, parse_fault
 from tests.served_drive import (
     Served,
     emulator,

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
 from drivers.wire.dictionary import CAPTURE_DATA, CONTROL, WATCHDOG_LAYOUT, signals_of
-from emulator.canopen_objects import NodeObjects
-from emulator.canopen_server import CanopenNode
-from emulator.scenarios import PAPER, Scenario
-from emulator.socketcand import BusError
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.errors import BusError
+from emulator.scenario.scenarios import PAPER, Scenario
+from emulator.servers.canopen.objects import NodeObjects
+from emulator.servers.canopen.server import CanopenNode
 from tests.served_drive import PATIENCE, until, virtual_url
 
 pytestmark = pytest.mark.live

@@ -19,8 +19,8 @@ from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
 from drivers.wire.codec import count_size
 from drivers.wire.dictionary import CAPTURE_DATA, signal_named
-from emulator.canopen_server import CanopenNode
-from emulator.faults import Faults, parse_fault
+from emulator.servers.canopen.server import CanopenNode
+from emulator.servers.faults import Faults, parse_fault
 from tests.served_drive import Served, first_blocks, joined, listening, served, tcp_url, until, virtual_url
 
 pytestmark = pytest.mark.live

@@ -16,10 +16,10 @@ from drivers.errors import ConnectError
 from drivers.wire import canopen_od as od
 from drivers.wire.can_url import parse_can_url
 from drivers.wire.dictionary import CHANNELS, signal_named
-from emulator.canopen_server import CanopenNode
-from emulator.scenarios import PAPER
-from emulator.sdo_server import SdoAbortError
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
+from emulator.servers.canopen.sdo_server import SdoAbortError
+from emulator.servers.canopen.server import CanopenNode
 from tests.library_client import data_sheet, library_client
 from tests.served_drive import PATIENCE, Served, first_blocks, served, until, virtual_url
 

@@ -12,8 +12,8 @@ from drivers.drive import Drive
 from drivers.errors import DriveError, GoneError, NoReplyError, RefusedError
 from drivers.wire.codec import count_size
 from drivers.wire.dictionary import signal_named
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from tests.conftest import bus_url, free_port
 from tests.relay import Relay, relayed
 from tests.served_drive import Served, served, until

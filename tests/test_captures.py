@@ -27,9 +27,9 @@ from bench.window import Window
 from drivers import capture, operation
 from drivers.connect import connect
 from drivers.errors import LostError, RefusedError
-from emulator.faults import Faults, parse_fault
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
+from emulator.servers.faults import Faults, parse_fault
 from tests.conftest import bus_url, free_port
 from tests.driving import driving
 from tests.relay import relayed

@@ -16,8 +16,8 @@ import pyarrow.parquet
 import pytest
 
 from bench.cli.main import main
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from tests.conftest import COMMAND
 
 pytestmark = pytest.mark.live

@@ -27,11 +27,11 @@ from emulator.conceal.populations import EFFECTS, KINDS, POPULATIONS, STRANGERS,
 from emulator.conceal.recording import Choice, TripError, drawn, recorded
 from emulator.conceal.runs import drawn_run
 from emulator.conceal.suite import SHORTEST, Suite, make
-from emulator.effects import NONE, effects_from_table
-from emulator.motors import MOTORS, TOLERANCE
-from emulator.physics.strangers import Stray
-from emulator.scenario_text import text_of
-from emulator.scenarios import BUILT_IN, PAPER, Scenario, check, parse
+from emulator.plant.physics.strangers import Stray
+from emulator.scenario.effects import NONE, effects_from_table
+from emulator.scenario.motors import MOTORS, TOLERANCE
+from emulator.scenario.scenarios import BUILT_IN, PAPER, Scenario, check, parse
+from emulator.scenario.text import text_of
 from tests.conftest import READY
 from tests.leaks import Features, findable, outside_of, planted, told_apart
 

@@ -20,7 +20,7 @@ from drivers.wire.canopen_od import Abort
 from drivers.wire.cia402 import COMMUNICATION, OVERCURRENT, SPEED_ERROR, State, error_text
 from drivers.wire.dictionary import WATCHDOG_LAYOUT, signals_of
 from drivers.wire.uart_frame import WRONG_VALUE
-from emulator.scenarios import PAPER
+from emulator.scenario.scenarios import PAPER
 from tests.served_drive import Listening, first_blocks, in_threads, joined, listening, until
 from tests.transports import TRANSPORTS, ServedProcess, Transport
 

@@ -21,7 +21,7 @@ from drivers.drive import Drive
 from drivers.errors import DriveError, LostError, NoReplyError, RefusedError
 from drivers.lease import Controlled, HeldError, Lease
 from drivers.wire.cia402 import Command, State
-from emulator.scenarios import PAPER, Scenario, parse
+from emulator.scenario.scenarios import PAPER, Scenario, parse
 from tests.served_drive import served, until, virtual_url
 
 pytestmark = pytest.mark.live

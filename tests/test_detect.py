@@ -8,14 +8,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from emulator.effects import NONE, Effects
-from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import Inverter
-from emulator.physics.saturation import Saturation
-from emulator.physics.sensing import CurrentSensing
-from emulator.scenarios import PAPER, Scenario, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.iron_loss import IronLoss
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.saturation import Saturation
+from emulator.plant.physics.sensing import CurrentSensing
+from emulator.scenario.effects import NONE, Effects
+from emulator.scenario.scenarios import PAPER, Scenario, drive_for
 from estimator import window_ls
 from estimator.estimate import Estimate, Status
 from estimator.machine import PARAMETERS, UNITS

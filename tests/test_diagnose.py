@@ -19,8 +19,8 @@ from bench.diagnosis_request import Request, json_text, schema, trust_of
 from bench.engineering import odds, quantity, words
 from bench.errors import ConfigError
 from bench.machine_file import Nominal, load_machine
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from estimator.mismatch.verdict import (
     Ambiguity,
     Candidate,

@@ -16,8 +16,8 @@ import pytest
 
 from bench.diagnosis_request import schema
 from bench.machine_file import load_machine
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from tests.conftest import COMMAND
 from tests.diagnoses import EXPLAINED
 from tests.test_cli_replay import pmsm_bench

@@ -19,8 +19,8 @@ from bench.diagnosis_jobs import WAITING, DiagnosisJobs, JobState, UnknownRecord
 from bench.diagnosis_request import schema
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal, load_machine
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from tests.conftest import JSON, RunningBench, bench_up
 from tests.diagnoses import EXPLAINED, NOMINAL
 from tests.served_drive import until

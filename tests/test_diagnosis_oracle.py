@@ -12,10 +12,10 @@ import pytest
 
 from emulator.conceal.files import answer_of
 from emulator.conceal.recording import Choice, drawn, recorded
-from emulator.effects import effects_from_table
-from emulator.motors import TOLERANCE
-from emulator.scenarios import Scenario
-from emulator.virtual_drive import Column
+from emulator.drive.virtual_drive import Column
+from emulator.scenario.effects import effects_from_table
+from emulator.scenario.motors import TOLERANCE
+from emulator.scenario.scenarios import Scenario
 from tests.diagnosis.oracle import NEEDED, Array, Oracle, weights, whitened
 
 SEED = 1000

@@ -14,9 +14,9 @@ from emulator.conceal.files import answer_of
 from emulator.conceal.populations import EFFECTS, STRANGERS
 from emulator.conceal.recording import Choice, drawn
 from emulator.conceal.suite import Suite, make
-from emulator.motors import MOTORS
-from emulator.scenarios import parse
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import parse
 from estimator.machine import Machine
 from estimator.mismatch.verdict import (
     Before,

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from drivers.wire.cia402 import OVERVOLTAGE
-from emulator.physics.dc_link import DcLink, charged
-from emulator.physics.legs import Inverter
-from emulator.physics.sensing import CurrentSensing, VoltageSensing
-from emulator.scenarios import Run
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.dc_link import DcLink, charged
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.sensing import CurrentSensing, VoltageSensing
+from emulator.scenario.scenarios import Run
 from tests.effect_runs import (
     ROUND,
     SALIENT,

@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from emulator.machine import Machine
-from emulator.physics.imbalance import Imbalance
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import vector as held
-from emulator.physics.skin import Skin
-from emulator.physics.thermal import REFERENCE, Thermal
-from emulator.physics.turn_short import TurnShort
-from emulator.plant import advanced, motor_current
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.dynamics import advanced, motor_current
+from emulator.plant.machine import Machine
+from emulator.plant.physics.imbalance import Imbalance
+from emulator.plant.physics.iron_loss import IronLoss
+from emulator.plant.physics.legs import vector as held
+from emulator.plant.physics.skin import Skin
+from emulator.plant.physics.thermal import REFERENCE, Thermal
+from emulator.plant.physics.turn_short import TurnShort
 from tests.effect_runs import (
     ROUND,
     SALIENT,

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emulator.effects import MapFile
-from emulator.motors import MOTORS
-from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.flux_map import gradient, loaded, misfit
-from emulator.physics.harmonics import Harmonics
-from emulator.physics.saturation import Saturation
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.flux_map import gradient, loaded, misfit
+from emulator.plant.physics.harmonics import Harmonics
+from emulator.plant.physics.saturation import Saturation
+from emulator.scenario.effects import MapFile
+from emulator.scenario.motors import MOTORS
 from tests.effect_runs import (
     ROUND,
     SALIENT,

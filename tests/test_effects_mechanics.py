@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from emulator.physics.compliance import Compliance
-from emulator.physics.friction import Friction
-from emulator.scenarios import Run
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.compliance import Compliance
+from emulator.plant.physics.friction import Friction
+from emulator.scenario.scenarios import Run
 from tests.effect_runs import SALIENT, T_S, at, free, states, switched, with_effects
 
 COASTING = SALIENT._replace(B=0.0)

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emulator.physics.legs import vector as held
-from emulator.physics.strangers import Resonance, Stray, Telegraph
-from emulator.plant import advanced
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.dynamics import advanced
+from emulator.plant.physics.legs import vector as held
+from emulator.plant.physics.strangers import Resonance, Stray, Telegraph
 from tests.effect_runs import ROUND, T_S, Column, Vectors, at, line, middle, steady, voltage_error, with_effects
 
 TURN = 2.0 * math.pi

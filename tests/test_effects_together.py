@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from emulator.bounds import ScenarioError
-from emulator.effects import NONE, Effects
-from emulator.physics.compliance import Compliance
-from emulator.physics.dc_link import DcLink
-from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.friction import Friction
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import Inverter
-from emulator.physics.sensing import AngleSensing
-from emulator.physics.skin import Skin
-from emulator.physics.strangers import Resonance, Stray, Telegraph
-from emulator.physics.thermal import Thermal
-from emulator.physics.turn_short import TurnShort
-from emulator.scenarios import PAPER_RUN, Run, parse
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.compliance import Compliance
+from emulator.plant.physics.dc_link import DcLink
+from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.friction import Friction
+from emulator.plant.physics.iron_loss import IronLoss
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.sensing import AngleSensing
+from emulator.plant.physics.skin import Skin
+from emulator.plant.physics.strangers import Resonance, Stray, Telegraph
+from emulator.plant.physics.thermal import Thermal
+from emulator.plant.physics.turn_short import TurnShort
+from emulator.scenario.effects import NONE, Effects
+from emulator.scenario.scenarios import PAPER_RUN, Run, parse
 from tests.effect_runs import Column
 from tests.effects import only, scenario_with
 

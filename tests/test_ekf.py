@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.scenarios import PAPER, Excitation, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER, Excitation, Scenario
 from estimator import ekf, kalman
 from estimator.ekf import TELLABLE, EkfState, EkfTuning, Model, tuned
 from estimator.estimate import Status

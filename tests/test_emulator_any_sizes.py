@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from emulator.bounds import Bound, ScenarioError
-from emulator.effects import NONE, Effects
-from emulator.motors import MOTORS
-from emulator.scenarios import Excitation, Run, Scenario, check, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.effects import NONE, Effects
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import Excitation, Run, Scenario, check, drive_for
 from tests.test_emulator_energy import BAR, imbalances
 
 KINDS: dict[str, Any] = {name: kind for name, kind in get_type_hints(Effects).items() if name != "flux_map"}

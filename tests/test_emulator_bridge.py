@@ -10,16 +10,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.bridge import moments, scratch, switched, switches
+from emulator.drive.virtual_drive import StreamRows, VirtualDrive
 from emulator.frames import clarke, turned
-from emulator.inverter import longest
-from emulator.machine import TABLE_TEMPERATURES
-from emulator.mechanics import Profile, Shaft
-from emulator.modulation import Duties, modulated, voltage_of
-from emulator.physics.legs import vector
-from emulator.plant import Plant, PlantState, advanced, bridge_current, settled
-from emulator.scenarios import BUILT_IN, PAPER, PAPER_RUN, PAPER_RUN_WARMING, Scenario, ScenarioError, check, drive_for
-from emulator.virtual_drive import StreamRows, VirtualDrive
+from emulator.plant.bridge import moments, scratch, switched, switches
+from emulator.plant.dynamics import Plant, PlantState, advanced, bridge_current, settled
+from emulator.plant.inverter import longest
+from emulator.plant.machine import TABLE_TEMPERATURES
+from emulator.plant.mechanics import Profile, Shaft
+from emulator.plant.modulation import Duties, modulated, voltage_of
+from emulator.plant.physics.legs import vector
+from emulator.scenario.scenarios import (
+    BUILT_IN,
+    PAPER,
+    PAPER_RUN,
+    PAPER_RUN_WARMING,
+    Scenario,
+    ScenarioError,
+    check,
+    drive_for,
+)
 from tests.plants import BEFORE, IDEAL, LOCKED, at_rest, plant_with, rotor_current, textbook_energy, textbook_flux
 
 MOTOR, U_DC, T = PAPER.motor, 310.0, 1e-4

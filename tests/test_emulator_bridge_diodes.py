@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulator.assembly import bench_of
-from emulator.bridge import BridgeState, scratch, switched
-from emulator.effects import NONE
+from emulator.drive.assembly import bench_of
 from emulator.frames import phases
-from emulator.modulation import Duties
-from emulator.motors import MOTORS
-from emulator.physics.legs import Inverter
-from emulator.physics.turn_short import TurnShort
-from emulator.plant import PlantState, bridge_current, settled, started
-from emulator.scenarios import PAPER, Run, Scenario, drive_for
+from emulator.plant.bridge import BridgeState, scratch, switched
+from emulator.plant.dynamics import PlantState, bridge_current, settled, started
+from emulator.plant.modulation import Duties
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.turn_short import TurnShort
+from emulator.scenario.effects import NONE
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import PAPER, Run, Scenario, drive_for
 
 Column = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emulator.effects import NONE, Effects, MapFile
-from emulator.motors import MOTORS
-from emulator.plant import mechanical_energy, stored_energy
-from emulator.scenarios import PAPER_RUN, Excitation, Run, Scenario, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.dynamics import mechanical_energy, stored_energy
+from emulator.scenario.effects import NONE, Effects, MapFile
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import PAPER_RUN, Excitation, Run, Scenario, drive_for
 from tests.effects import ALL, only, scenario_with
 
 BAR = 1e-3  # of the energy that comes in

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from emulator.bounds import ScenarioError
-from emulator.excitation import (
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.firmware.excitation import (
     AXIS_AT_REST,
     KINDS,
     MOST_SINES,
@@ -18,8 +19,7 @@ from emulator.excitation import (
     jumped,
     multisine,
 )
-from emulator.scenarios import PAPER, Scenario, parse
-from emulator.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER, Scenario, parse
 
 MOTOR = "[motor]\nR_s = 0.5\nL_d = 2e-3\nL_q = 3e-3\npsi_f = 0.1\nn_p = 3\ni_rated = 10\n"
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulator.faults import DELAY, Fault, Faults, Passed, parse_fault
+from emulator.servers.faults import DELAY, Fault, Faults, Passed, parse_fault
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emulator.excitation import AXIS_AT_REST, LEVELS, LONGEST_HOLD, fraction, stepped
-from emulator.inverter import longest
-from emulator.scenarios import PAPER, Excitation, Run, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.firmware.excitation import AXIS_AT_REST, LEVELS, LONGEST_HOLD, fraction, stepped
+from emulator.plant.inverter import longest
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario
 from tests.plants import textbook_flux
 
 MOTOR = PAPER.motor

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from emulator.bounds import ScenarioError
-from emulator.physics.flux_map import energy, fitted, gradient, hessian, loaded, misfit
-from emulator.scenarios import parse
+from emulator.plant.physics.flux_map import energy, fitted, gradient, hessian, loaded, misfit
+from emulator.scenario.scenarios import parse
 from tests.peers.saturated import baldor_current, tabled
 
 L_d, L_q, psi_f = 18e-3, 110e-3, 0.47

@@ -6,9 +6,9 @@ import pytest
 
 from emulator.bounds import ScenarioError
 from emulator.frames import clarke, nearest, phases, turned, wrapped
-from emulator.machine import Machine, at_temperature
-from emulator.magnetics import current_and_pull, field_energy, flux_of
-from emulator.scenarios import PAPER
+from emulator.plant.machine import Machine, at_temperature
+from emulator.plant.magnetics import current_and_pull, field_energy, flux_of
+from emulator.scenario.scenarios import PAPER
 from tests.plants import LOCKED, plant_with, textbook_energy, textbook_flux, textbook_torque
 
 MOTOR = PAPER.motor

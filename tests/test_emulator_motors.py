@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from emulator.bounds import ScenarioError
-from emulator.machine import Machine
-from emulator.motors import MOTORS, Motor, drive_table, motor_from_table
-from emulator.scenarios import Excitation, Run, Scenario, check, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.machine import Machine
+from emulator.scenario.motors import MOTORS, Motor, drive_table, motor_from_table
+from emulator.scenario.scenarios import Excitation, Run, Scenario, check, drive_for
 
 each = pytest.mark.parametrize("motor", MOTORS.values(), ids=list(MOTORS))
 

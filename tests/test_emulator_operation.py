@@ -21,12 +21,12 @@ from drivers.wire.cia402 import (
     state_of,
 )
 from emulator.bounds import ScenarioError
-from emulator.effects import NONE
-from emulator.firmware import computed
-from emulator.operation import Operation
-from emulator.physics.thermal import Thermal
-from emulator.scenarios import PAPER, Excitation, Run, Scenario, check
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.firmware.control import computed
+from emulator.firmware.operation import Operation
+from emulator.plant.physics.thermal import Thermal
+from emulator.scenario.effects import NONE
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, check
 
 OFF, READY, ON, ENABLED = (
     State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED,

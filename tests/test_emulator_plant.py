@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from emulator.frames import turned
-from emulator.inverter import limited, longest
-from emulator.mechanics import Profile, Shaft, profile_speed
-from emulator.physics.legs import vector
-from emulator.plant import AT_REST, Plant, PlantState, advanced, settled
-from emulator.scenarios import PAPER
+from emulator.plant.dynamics import AT_REST, Plant, PlantState, advanced, settled
+from emulator.plant.inverter import limited, longest
+from emulator.plant.mechanics import Profile, Shaft, profile_speed
+from emulator.plant.physics.legs import vector
+from emulator.scenario.scenarios import PAPER
 from tests.plants import LOCKED, STILL, U_DC, at_rest, plant_with, rotor_current, textbook_energy
 
 MOTOR = PAPER.motor

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulator.assembly import plant_of_scenario
-from emulator.physics.compliance import Compliance
-from emulator.physics.harmonics import Harmonics
-from emulator.physics.imbalance import Imbalance
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import vector as held
-from emulator.physics.saturation import Saturation
-from emulator.physics.skin import Skin
-from emulator.physics.turn_short import TurnShort, loop_inductance
-from emulator.plant import Plant, PlantState, advanced, motor_current, settled, started
-from emulator.scenarios import Run, Scenario
+from emulator.drive.assembly import plant_of_scenario
+from emulator.plant.dynamics import Plant, PlantState, advanced, motor_current, settled, started
+from emulator.plant.physics.compliance import Compliance
+from emulator.plant.physics.harmonics import Harmonics
+from emulator.plant.physics.imbalance import Imbalance
+from emulator.plant.physics.iron_loss import IronLoss
+from emulator.plant.physics.legs import vector as held
+from emulator.plant.physics.saturation import Saturation
+from emulator.plant.physics.skin import Skin
+from emulator.plant.physics.turn_short import TurnShort, loop_inductance
+from emulator.scenario.scenarios import Run, Scenario
 from tests.effect_runs import SALIENT as M
 from tests.effect_runs import with_effects
 

@@ -6,10 +6,10 @@ from dataclasses import astuple, fields, replace
 import numpy as np
 import pytest
 
-from emulator.course import continued, course_of, machine_at, row_at, rows_at
-from emulator.machine import TABLE_TEMPERATURES, at_temperature
-from emulator.scenarios import PAPER, Excitation, Run, Scenario, ScenarioError, check, parse
-from emulator.virtual_drive import StreamRows, Truth, VirtualDrive
+from emulator.drive.virtual_drive import StreamRows, Truth, VirtualDrive
+from emulator.plant.course import continued, course_of, machine_at, row_at, rows_at
+from emulator.plant.machine import TABLE_TEMPERATURES, at_temperature
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, ScenarioError, check, parse
 
 MOTOR = PAPER.motor
 IDEAL = replace(PAPER.drive, noise_i=0.0, adc_bits=0)

@@ -5,8 +5,8 @@ import pytest
 
 from drivers.wire.codec import si_to_counts
 from drivers.wire.dictionary import CHANNELS
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 
 IDLE, ARMED, TRIGGERED, DONE = 0, 1, 2, 3
 STOP, ARM, TRIGGER = 0, 1, 2

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from emulator.bounds import ScenarioError
-from emulator.reference import Ramp, ramped
-from emulator.scenarios import PAPER, PAPER_RUN, Excitation, Run, parse
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.firmware.reference import Ramp, ramped
+from emulator.scenario.scenarios import PAPER, PAPER_RUN, Excitation, Run, parse
 
 MOTOR = PAPER.motor
 OFF, BY_REFERENCE, BY_PROFILE = 0.0, 1.0, 2.0

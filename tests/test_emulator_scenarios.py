@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from emulator.scenarios import BUILT_IN, PAPER, ScenarioError, check, drive_for, load, parse
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import BUILT_IN, PAPER, ScenarioError, check, drive_for, load, parse
 
 MOTOR = """
 [motor]

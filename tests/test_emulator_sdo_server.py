@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.sdo_server import PATIENCE, SdoAbortError, SdoServer
+from emulator.servers.canopen.sdo_server import PATIENCE, SdoAbortError, SdoServer
 
 TEXT = b"what a drive has to say, in more than one piece"
 LONG = bytes(range(256)) * 8  # 2048 bytes: three blocks of 127 segments

@@ -7,7 +7,7 @@ import pytest
 
 from emulator.frames import phases
 from emulator.noise import _mixed, gauss, uniform
-from emulator.sensors import Sensors, converted, measured_current, sampled
+from emulator.plant.sensors import Sensors, converted, measured_current, sampled
 
 QUIET = Sensors(noise_i=0.0, adc_bits=12, adc_full=18.0, encoder_counts=0, seed=1)
 STEP = 18.0 / 2048

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from drivers.connect import connect
-from emulator.socketcand import BusError
-from emulator.terminal import Terminal
+from emulator.errors import BusError
+from emulator.servers.terminal import Terminal
 from tests.served_drive import emulator, ready
 from tests.transports import modbus_pty_url, pty_url
 

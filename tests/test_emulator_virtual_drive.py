@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from drivers.wire.dictionary import SIGNALS, WireType
-from emulator import stream
+from emulator.drive import stream
+from emulator.drive.simulation import RECORDED
+from emulator.drive.virtual_drive import StreamRows, VirtualDrive
 from emulator.frames import clarke
-from emulator.scenarios import PAPER, Excitation, Run
-from emulator.simulation import RECORDED
-from emulator.virtual_drive import StreamRows, VirtualDrive
+from emulator.scenario.scenarios import PAPER, Excitation, Run
 
 
 def joined(parts: list[StreamRows]) -> dict[str, np.ndarray]:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from emulator.bounds import ScenarioError
-from emulator.inverter import longest
-from emulator.scenarios import PAPER, Excitation, Run, Scenario, check, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.inverter import longest
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, check, drive_for
 
 MOTOR = PAPER.motor
 REACH = longest(PAPER.drive.u_dc)

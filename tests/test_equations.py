@@ -7,10 +7,10 @@ import pytest
 
 from emulator.conceal.populations import KINDS
 from emulator.conceal.recording import Choice, drawn
-from emulator.motors import MOTORS as ALL_MOTORS
-from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.saturation import Saturation
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.saturation import Saturation
+from emulator.scenario.motors import MOTORS as ALL_MOTORS
 from estimator.mismatch.model import Model
 from estimator.mismatch.thinning import settled
 from estimator.physics.library import BY_NAME

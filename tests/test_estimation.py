@@ -16,8 +16,8 @@ from bench.errors import LimitError, UnavailableError
 from bench.estimation import QUEUE, Estimation, Snapshot
 from bench.window import Window
 from drivers.block import Block
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import StreamRows, VirtualDrive
+from emulator.drive.virtual_drive import StreamRows, VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from estimator import rls, window_ls
 from estimator.estimate import Status
 from estimator.machine import PARAMETERS

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emulator.machine import Machine
-from emulator.scenarios import PAPER, Excitation, Run, Scenario, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.machine import Machine
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, drive_for
 from estimator import window_ls
 from estimator.estimate import WindowEstimate
 from estimator.machine import PARAMETERS

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulator.scenarios import PAPER, Excitation, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER, Excitation, Scenario
 from estimator import window_ls
 from estimator.estimate import Status, WindowEstimate
 from estimator.excitation import Excitation as Told

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emulator.scenarios import PAPER, Excitation, Run, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.experiment import DURATION, FEWEST, MOST, experiment

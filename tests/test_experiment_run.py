@@ -28,7 +28,7 @@ from drivers.errors import DriveError, FaultError, RefusedError
 from drivers.wire.cia402 import State
 from drivers.wire.dictionary import SET_POINTS
 from drivers.wire.lease import Bridge, Record
-from emulator.scenarios import PAPER, Excitation, Run
+from emulator.scenario.scenarios import PAPER, Excitation, Run
 from tests.served_drive import Served, served, tcp_url, until, virtual_url
 
 pytestmark = pytest.mark.live

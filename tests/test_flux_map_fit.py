@@ -11,11 +11,11 @@ import pytest
 from bench.diagnosed_machine import machine_text
 from bench.machine_file import Nominal, nominal_of
 from bench.report_figures import flux_map as picture
-from emulator.effects import NONE, MapFile
-from emulator.motors import MOTORS
-from emulator.physics.legs import Inverter
-from emulator.scenarios import Excitation, Run, Scenario, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.legs import Inverter
+from emulator.scenario.effects import NONE, MapFile
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
 from estimator.machine import PARAMETERS, Machine
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.fitting import Fitted, fitted

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from emulator.effects import Effects
+from emulator.scenario.effects import Effects
 from tests.gallery import PICTURES, drive, motor, shaft, supply
 from tests.gallery.page import page
 from tests.gallery.picture import save
@@ -37,7 +37,7 @@ def test_the_page_has_every_effects_picture_words_and_file() -> None:
         assert f"[effects.{name}]" in section
         assert len(picture.look) > 40
         assert len(picture.confused) > 40
-        file = re.search(r"<code>(emulator/physics/\w+\.py)</code>", section)
+        file = re.search(r"<code>(emulator/plant/physics/\w+\.py)</code>", section)
         assert file is not None
         assert (Path(__file__).parents[1] / file[1]).is_file()
         assert len(section.split("<pre>")[1]) > 300

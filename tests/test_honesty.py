@@ -7,9 +7,9 @@ import pytest
 
 from bench import method
 from bench.window import Window
-from emulator.machine import Machine
-from emulator.scenarios import PAPER, Excitation, Run, Scenario, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.machine import Machine
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, drive_for
 from estimator.estimate import Status
 from estimator.machine import PARAMETERS
 from tests.samples import noiseless, recorded, streamed, truth_of

@@ -13,9 +13,9 @@ from bench.screen import ROWS as LOOKED_AT
 from bench.screen import Screen
 from bench.watch import Explained
 from bench.window import Window
-from emulator.effects import Effects
-from emulator.physics.legs import Inverter
-from emulator.scenarios import PAPER
+from emulator.plant.physics.legs import Inverter
+from emulator.scenario.effects import Effects
+from emulator.scenario.scenarios import PAPER
 from estimator.samples import Samples
 from tests.test_detect import paper, windows
 

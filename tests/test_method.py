@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from bench import method
 from bench.method import SPEED_ROWS, Running
 from bench.window import Window
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from estimator.estimate import Status
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples

@@ -30,8 +30,8 @@ from drivers.wire.cia402 import State
 from drivers.wire.codec import count_size
 from drivers.wire.dictionary import layout_id, layout_text, signal_named
 from drivers.wire.modbus_url import parse_modbus_url
-from emulator.faults import Faults, parse_fault
-from emulator.row_ring import CAPACITY
+from emulator.servers.faults import Faults, parse_fault
+from emulator.servers.modbus.row_ring import CAPACITY
 from tests.conftest import free_port
 from tests.served_drive import PATIENCE, Listening, Served, first_blocks, in_threads, joined, listening, served, until
 from tests.served_modbus import ALL_URLS, URLS, Disturbed, path_of, pty_url, tcp_url

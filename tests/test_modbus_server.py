@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 from drivers.wire.dictionary import WATCHDOG_LAYOUT
 from drivers.wire.modbus_url import parse_modbus_url
-from emulator.faults import Faults, parse_fault
-from emulator.modbus_frames import RtuFraming, TcpFraming, crc16
-from emulator.modbus_registers import Registers
-from emulator.modbus_server import ModbusServer
-from emulator.row_ring import CAPACITY, RowRing
-from emulator.scenarios import PAPER
-from emulator.socketcand import BusError
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.errors import BusError
+from emulator.scenario.scenarios import PAPER
+from emulator.servers.faults import Faults, parse_fault
+from emulator.servers.modbus.frames import RtuFraming, TcpFraming, crc16
+from emulator.servers.modbus.registers import Registers
+from emulator.servers.modbus.row_ring import CAPACITY, RowRing
+from emulator.servers.modbus.server import ModbusServer
 from tests.served_drive import Served, served, until
 from tests.served_modbus import ALL_URLS, Disturbed, line_to, path_of, pty_url, tcp_url
 

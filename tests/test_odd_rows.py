@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emulator.effects import Effects
-from emulator.physics.legs import Inverter
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.legs import Inverter
+from emulator.scenario.effects import Effects
+from emulator.scenario.scenarios import PAPER
 from estimator.mismatch.odd_rows import FEWEST, odd_rows, odd_samples
 from estimator.samples import Samples
 from tests.samples import recorded, streamed

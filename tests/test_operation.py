@@ -10,7 +10,7 @@ from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import FaultError
 from drivers.wire.cia402 import OVERTEMPERATURE_MOTOR, State
-from emulator.scenarios import PAPER
+from emulator.scenario.scenarios import PAPER
 from tests.served_drive import Served, served, until, virtual_url
 
 pytestmark = pytest.mark.live

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
 from tests.peers.cases import AVERAGED, BAR, REFERENCES, SWITCHED, Case, errors, recorded, switched
 from tests.peers.saturated import by_curve, by_map, under_control
 from tests.peers.speed import real_time_factors

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import Inverter
-from emulator.physics.saturation import Saturation
-from emulator.physics.sensing import AngleSensing
-from emulator.physics.skin import Skin
+from emulator.plant.physics.iron_loss import IronLoss
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.saturation import Saturation
+from emulator.plant.physics.sensing import AngleSensing
+from emulator.plant.physics.skin import Skin
 from estimator.mismatch.points.diagnose import diagnose_points
 from estimator.mismatch.points.no_load import NoLoad
 from estimator.mismatch.points.no_load_diagnosis import diagnose_no_load

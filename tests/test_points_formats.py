@@ -16,7 +16,7 @@ from bench.diagnosis_request import Request, schema
 from bench.errors import BenchError, ConfigError, RecordingError
 from bench.formats import FORMATS, checked_format, format_of
 from bench.machine_file import Nominal, load_machine
-from emulator.physics.legs import Inverter
+from emulator.plant.physics.legs import Inverter
 from estimator.mismatch.points.no_load import NoLoad
 from estimator.mismatch.points.table import Points
 from tests.real_data import REAL_DATA

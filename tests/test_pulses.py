@@ -9,9 +9,9 @@ from bench.diagnose import as_json, diagnose_recording
 from bench.diagnosis_request import Request, schema
 from bench.errors import RecordingError
 from bench.machine_file import Nominal
-from emulator.effects import Effects
-from emulator.physics.legs import Inverter
-from emulator.physics.skin import Skin
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.skin import Skin
+from emulator.scenario.effects import Effects
 from estimator.mismatch.standstill.pulses import diagnose_pulses
 from estimator.mismatch.verdict import Verdict
 from tests.real_data import REAL_DATA

@@ -17,7 +17,7 @@ from drivers.errors import ConnectError
 from drivers.uart.drive import UartDrive
 from drivers.wire import uart_frame as uf
 from drivers.wire.uart_url import parse_uart_url
-from emulator.faults import Faults, parse_fault
+from emulator.servers.faults import Faults, parse_fault
 from tests import served_modbus, transports
 from tests.meddling import echoing, meddled, other_numbers, slow
 from tests.served_drive import Served, emulator, first_blocks, joined, listening, ready, served, until

@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulator.socketcand import SETTLE, BusError, Frame, SocketcandServer, parse_send
+from emulator.errors import BusError
+from emulator.servers.socketcand import SETTLE, Frame, SocketcandServer, parse_send
 
 pytestmark = pytest.mark.live
 

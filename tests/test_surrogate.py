@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
 from estimator.mismatch.explain import Choice as Names
 from estimator.mismatch.fitting import fitted
 from estimator.mismatch.surrogate import Surrogates, converter_step

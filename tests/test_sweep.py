@@ -13,10 +13,10 @@ from bench.diagnose import as_json, diagnose_recording
 from bench.diagnosis_request import Request, schema
 from bench.errors import ConfigError, RecordingError
 from bench.machine_file import Nominal
-from emulator.effects import Effects
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import Inverter
-from emulator.physics.skin import Skin
+from emulator.plant.physics.iron_loss import IronLoss
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.skin import Skin
+from emulator.scenario.effects import Effects
 from estimator.mismatch.standstill.sweep import diagnose_sweep
 from estimator.mismatch.standstill.tones import Tone
 from estimator.mismatch.verdict import Diagnosis, Quantity, Verdict

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emulator.effects import NONE
-from emulator.motors import MOTORS
-from emulator.physics.legs import Inverter
-from emulator.scenarios import Excitation, Run, Scenario, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.legs import Inverter
+from emulator.scenario.effects import NONE
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
 from estimator.machine import PARAMETERS
 from estimator.mismatch.diagnose import TOLERANCE, diagnose
 from estimator.mismatch.explain import Search

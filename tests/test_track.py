@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from estimator.flux_balance import Balance, flux_balance
 from estimator.machine import PARAMETERS
 from estimator.track import track

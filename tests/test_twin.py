@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emulator.effects import NONE, Effects
-from emulator.physics.imbalance import Imbalance
-from emulator.physics.legs import Inverter
-from emulator.physics.saturation import Saturation
-from emulator.physics.sensing import AngleSensing, CurrentSensing
-from emulator.physics.skin import Skin
-from emulator.physics.timing import Timing
-from emulator.scenarios import PAPER, Excitation, Run, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.imbalance import Imbalance
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.saturation import Saturation
+from emulator.plant.physics.sensing import AngleSensing, CurrentSensing
+from emulator.plant.physics.skin import Skin
+from emulator.plant.physics.timing import Timing
+from emulator.scenario.effects import NONE, Effects
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario
 from estimator.machine import PARAMETERS
 from estimator.mismatch.cleaning import raw
 from estimator.mismatch.fitting import polished

@@ -28,11 +28,11 @@ from drivers.wire.cia402 import State
 from drivers.wire.codec import count_size, counts_to_si
 from drivers.wire.dictionary import CAPTURE_SAMPLES, STREAM_ROW, layout_id, layout_text, signal_named
 from drivers.wire.uart_url import parse_uart_url
-from emulator.faults import Faults, parse_fault
-from emulator.scenarios import PAPER
-from emulator.socketcand import BusError
-from emulator.uart_server import UartServer
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.errors import BusError
+from emulator.scenario.scenarios import PAPER
+from emulator.servers.faults import Faults, parse_fault
+from emulator.servers.uart import UartServer
 from tests.served_drive import (
     PATIENCE,
     Listening,

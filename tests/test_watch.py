@@ -18,12 +18,12 @@ from bench.config import Config, DriveConfig
 from bench.service import Service
 from bench.watch import MOST, Explained, Mismatch, Watch
 from bench.window import Window
-from emulator.effects import Effects
-from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.legs import Inverter
-from emulator.scenario_text import text_of
-from emulator.scenarios import PAPER, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.legs import Inverter
+from emulator.scenario.effects import Effects
+from emulator.scenario.scenarios import PAPER, Scenario
+from emulator.scenario.text import text_of
 from tests.conftest import COMMAND, bench_up
 from tests.samples import streamed
 from tests.served_drive import served, tcp_url, until

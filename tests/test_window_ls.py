@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from estimator import window_ls
 from estimator.estimate import Status, WindowEstimate
 from estimator.flux_balance import COLUMNS, Balance, flux_balance, mean_of

@@ -14,7 +14,7 @@ from emulator.conceal import __doc__ as about
 from emulator.conceal.populations import EFFECTS, KINDS, POPULATIONS, STRANGERS
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
-from emulator.motors import MOTORS
+from emulator.scenario.motors import MOTORS
 
 _EVERY = 5.0  # s, between lines of progress where standard error is no terminal
 _NAME = "emulator conceal"

@@ -14,12 +14,12 @@ from drivers.wire.codec import channel_signal, count_size
 from emulator.bounds import Bound
 from emulator.conceal.populations import POPULATIONS
 from emulator.conceal.recording import Choice, Concealed, full_scales, recorded
-from emulator.effects import NONE
-from emulator.machine import Machine
-from emulator.motors import MOTORS, TOLERANCE
-from emulator.scenario_text import keys_of, section_text, text_of
-from emulator.scenarios import Scenario, parse
-from emulator.virtual_drive import Column
+from emulator.drive.virtual_drive import Column
+from emulator.plant.machine import Machine
+from emulator.scenario.effects import NONE
+from emulator.scenario.motors import MOTORS, TOLERANCE
+from emulator.scenario.scenarios import Scenario, parse
+from emulator.scenario.text import keys_of, section_text, text_of
 
 _NOTES: Final = b"pmsm-bench"  # key of the bench's notes in a Parquet file
 _DATE: Final = 1_700_000_000.0  # Unix time of all files

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from emulator.conceal.chance import Chance
-from emulator.machine import Machine
-from emulator.physics.saturation import Saturation, saturation_curve
-from emulator.physics.thermal import REFERENCE
+from emulator.plant.machine import Machine
+from emulator.plant.physics.saturation import Saturation, saturation_curve
+from emulator.plant.physics.thermal import REFERENCE
 
 Sections = dict[str, dict[str, float]]  # keys of `[effects.*]`
 

@@ -11,10 +11,10 @@ from emulator.bounds import ScenarioError
 from emulator.conceal.chance import Chance
 from emulator.conceal.populations import POPULATIONS, Setting, chosen, merged
 from emulator.conceal.runs import Drawn, drawn_run
-from emulator.effects import effects_from_table
-from emulator.scenarios import Scenario, check
-from emulator.simulation import RECORDED
-from emulator.virtual_drive import Column, VirtualDrive
+from emulator.drive.simulation import RECORDED
+from emulator.drive.virtual_drive import Column, VirtualDrive
+from emulator.scenario.effects import effects_from_table
+from emulator.scenario.scenarios import Scenario, check
 
 _RUNS = 4  # drawn at most: a run that no size can be had in is given up
 _SIZES = 6  # drawn at most per run

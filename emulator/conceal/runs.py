@@ -11,10 +11,10 @@ from typing import Final
 
 from emulator.conceal.chance import Chance
 from emulator.conceal.populations import Sections
-from emulator.inverter import longest
-from emulator.machine import Machine
-from emulator.motors import MOTORS, TOLERANCE
-from emulator.scenarios import Drive, Excitation, Run, drive_for
+from emulator.plant.inverter import longest
+from emulator.plant.machine import Machine
+from emulator.scenario.motors import MOTORS, TOLERANCE
+from emulator.scenario.scenarios import Drive, Excitation, Run, drive_for
 
 _RPM: Final = 2.0 * math.pi / 60.0  # rad/s
 _REACH: Final = 0.75  # of the voltage there is, that a run's corners may take in a machine without effects

@@ -20,10 +20,10 @@ from emulator.bounds import ScenarioError
 from emulator.conceal.files import MANIFEST, date_alike, write
 from emulator.conceal.populations import KINDS, POPULATIONS
 from emulator.conceal.recording import Choice, drawn
+from emulator.drive.virtual_drive import VirtualDrive
 from emulator.kernel import source_hash
-from emulator.motors import MOTORS
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import PAPER
 
 MOST = 100_000  # recordings
 SHORTEST, LONGEST = 0.2, 600.0  # s, so that a winding can warm up within and files can be handled

@@ -48,10 +48,10 @@ from drivers.wire.codec import channel_signal, count_size
 from emulator.conceal.chance import Chance
 from emulator.conceal.populations import POPULATIONS, Sections, Setting
 from emulator.conceal.recording import full_scales
-from emulator.effects import effects_from_table
-from emulator.motors import MOTORS, TOLERANCE
-from emulator.scenarios import Scenario, parse
-from emulator.virtual_drive import Column, VirtualDrive
+from emulator.drive.virtual_drive import Column, VirtualDrive
+from emulator.scenario.effects import effects_from_table
+from emulator.scenario.motors import MOTORS, TOLERANCE
+from emulator.scenario.scenarios import Scenario, parse
 from tests.diagnosis.innovations import Array, Noise, innovations
 
 NEEDED: Final = (2.0 * 2.326348) ** 2  # signal energy over noise for 1 % false alarms and 1 % misses

@@ -18,8 +18,8 @@ from typing import Final
 from emulator.conceal.files import write
 from emulator.conceal.populations import STRANGERS
 from emulator.conceal.recording import Choice, TripError, drawn, recorded
-from emulator.motors import MOTORS
-from emulator.scenarios import Excitation, Run
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import Excitation, Run
 from tests.diagnosis.diagnosed import Said, diagnosed
 from tests.diagnosis.score import FUNCTION
 from tests.diagnosis.truth import EFFECT

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from emulator.conceal.populations import STRANGERS
-from emulator.physics.thermal import Temperatures, Thermal, flux_factor, resistance_factor
-from emulator.scenarios import Scenario, parse
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.thermal import Temperatures, Thermal, flux_factor, resistance_factor
+from emulator.scenario.scenarios import Scenario, parse
 
 EFFECT: Final[Mapping[str, str]] = {
     "dead_time": "inverter_voltage_error",

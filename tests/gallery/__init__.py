@@ -1,6 +1,6 @@
 """The gallery: for every effect that the plant can have, its fingerprint beside the ideal drive. `make gallery`."""
 
-from emulator.effects import Effects
+from emulator.scenario.effects import Effects
 from tests.gallery import drive, motor, shaft, supply
 
 _ALL = supply.PICTURES | motor.PICTURES | shaft.PICTURES | drive.PICTURES

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 
-from emulator.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
-from emulator.physics.timing import Timing
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
+from emulator.plant.physics.timing import Timing
 from tests.effect_runs import (
     ROUND,
     T_S,

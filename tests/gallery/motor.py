@@ -9,20 +9,20 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 
-from emulator.effects import MapFile
-from emulator.motors import MOTORS
-from emulator.physics.demagnetisation import Demagnetisation
-from emulator.physics.flux_map import gradient, loaded
-from emulator.physics.harmonics import Harmonics
-from emulator.physics.imbalance import Imbalance
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import vector as held
-from emulator.physics.saturation import Saturation
-from emulator.physics.skin import Skin
-from emulator.physics.thermal import Thermal
-from emulator.physics.turn_short import TurnShort
-from emulator.plant import advanced, motor_current
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.dynamics import advanced, motor_current
+from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.flux_map import gradient, loaded
+from emulator.plant.physics.harmonics import Harmonics
+from emulator.plant.physics.imbalance import Imbalance
+from emulator.plant.physics.iron_loss import IronLoss
+from emulator.plant.physics.legs import vector as held
+from emulator.plant.physics.saturation import Saturation
+from emulator.plant.physics.skin import Skin
+from emulator.plant.physics.thermal import Thermal
+from emulator.plant.physics.turn_short import TurnShort
+from emulator.scenario.effects import MapFile
+from emulator.scenario.motors import MOTORS
 from tests.effect_runs import (
     ROUND,
     SALIENT,

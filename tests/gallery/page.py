@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from types import ModuleType
 from typing import Any, Final, get_type_hints
 
-from emulator.effects import Effects
-from emulator.physics import flux_map
+from emulator.plant.physics import flux_map
+from emulator.scenario.effects import Effects
 from tests.gallery.picture import Picture
 
 _STYLE: Final = """

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 
-from emulator.physics.compliance import Compliance
-from emulator.physics.friction import Friction
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.compliance import Compliance
+from emulator.plant.physics.friction import Friction
 from tests.effect_runs import SALIENT, T_S, free, states, switched, with_effects
 from tests.gallery.picture import IDEAL, A, D, Picture, Q, label
 

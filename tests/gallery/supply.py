@@ -6,10 +6,10 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 
-from emulator.physics.dc_link import DcLink
-from emulator.physics.legs import Inverter
-from emulator.physics.strangers import Resonance, Stray, Telegraph
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.dc_link import DcLink
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.strangers import Resonance, Stray, Telegraph
 from tests.effect_runs import (
     ROUND,
     T_S,

@@ -4,12 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from emulator import bridge as bridges
+from emulator.drive.virtual_drive import VirtualDrive
 from emulator.frames import phases
-from emulator.inverter import limited
-from emulator.modulation import modulated
-from emulator.plant import bridge_current, stepped
-from emulator.virtual_drive import VirtualDrive
+from emulator.plant import bridge as bridges
+from emulator.plant.dynamics import bridge_current, stepped
+from emulator.plant.inverter import limited
+from emulator.plant.modulation import modulated
 from tests.effect_runs import Column
 
 _STEP = 2.5e-7  # s

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from emulator.scenarios import PAPER_RUN
+from emulator.scenario.scenarios import PAPER_RUN
 from tests.paper import figures, table
 from tests.paper.findings import Cells, best_of, by_rival, by_window, loud, table_1
 from tests.paper.published import (

@@ -15,8 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from emulator.scenarios import PAPER_RUN, PAPER_RUN_WARMING, Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER_RUN, PAPER_RUN_WARMING, Scenario
 from estimator import ekf, rls, window_ls
 from estimator.ekf import EkfTuning
 from estimator.estimate import WindowEstimate

@@ -7,10 +7,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from emulator.magnetics import current_and_pull, flux_of
-from emulator.motors import MOTORS
-from emulator.scenarios import Excitation, Run, Scenario, drive_for
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.magnetics import current_and_pull, flux_of
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
 from tests.samples import noiseless
 
 Array = NDArray[np.float64]

@@ -20,10 +20,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from emulator.effects import NONE, MapFile, curve_of
-from emulator.motors import MOTORS
-from emulator.physics.saturation import Saturation
-from emulator.scenarios import Excitation, Run, Scenario, drive_for
+from emulator.plant.physics.saturation import Saturation
+from emulator.scenario.effects import NONE, MapFile, curve_of
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
 from tests.peers.cases import AVERAGED, Case, Vectors, switched
 from tests.samples import noiseless
 

@@ -8,7 +8,7 @@ import gym_electric_motor as gem
 import numpy as np
 from gym_electric_motor.physical_systems.mechanical_loads import ConstantSpeedLoad
 
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
 from tests.peers.cases import AVERAGED, PERIODS, REFERENCES, SWITCHED, Case, recorded
 from tests.peers.with_motulator import under_references, under_voltages
 

@@ -34,10 +34,10 @@ from bench.window import Window
 from drivers.connect import connect
 from drivers.errors import DriveError, NoReplyError
 from emulator.conceal.recording import recorded
-from emulator.physics.thermal import REFERENCE
-from emulator.scenario_text import text_of
-from emulator.scenarios import Scenario
-from emulator.virtual_drive import VirtualDrive
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.thermal import REFERENCE
+from emulator.scenario.scenarios import Scenario
+from emulator.scenario.text import text_of
 from estimator.estimate import Status, WindowEstimate
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples

@@ -12,14 +12,14 @@ from typing import Final
 from bench.machine_file import Nominal
 from emulator.conceal.chance import Chance
 from emulator.conceal.populations import Setting
-from emulator.effects import NONE, Effects
-from emulator.machine import Machine
-from emulator.motors import MOTORS, TOLERANCE
-from emulator.physics.iron_loss import IronLoss
-from emulator.physics.legs import Inverter
-from emulator.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
-from emulator.physics.thermal import REFERENCE, Thermal
-from emulator.scenarios import Excitation, Run, Scenario, drive_for
+from emulator.plant.machine import Machine
+from emulator.plant.physics.iron_loss import IronLoss
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
+from emulator.plant.physics.thermal import REFERENCE, Thermal
+from emulator.scenario.effects import NONE, Effects
+from emulator.scenario.motors import MOTORS, TOLERANCE
+from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
 from estimator.machine import PARAMETERS
 
 SECONDS: Final = 3.0  # of a recording

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bench.engineering import quantity
 from emulator.conceal.files import answer_of, write
 from emulator.conceal.recording import Choice, drawn
-from emulator.motors import MOTORS
+from emulator.scenario.motors import MOTORS
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.mismatch.diagnose import TOLERANCE, diagnose
 from estimator.mismatch.explain import Search

@@ -17,16 +17,16 @@ from bench.table import NOTES
 from drivers.wire.codec import channel_signal, count_size
 from emulator.conceal.chance import Chance
 from emulator.conceal.recording import full_scales, recorded
-from emulator.effects import NONE
-from emulator.inverter import longest
-from emulator.machine import Machine
-from emulator.physics.legs import Inverter
-from emulator.physics.sensing import AngleSensing, CurrentSensing
-from emulator.physics.thermal import Thermal
-from emulator.physics.timing import Timing
-from emulator.scenario_text import section_text, text_of
-from emulator.scenarios import Drive, Excitation, Run, Scenario, check, drive_for
-from emulator.virtual_drive import Column, VirtualDrive
+from emulator.drive.virtual_drive import Column, VirtualDrive
+from emulator.plant.inverter import longest
+from emulator.plant.machine import Machine
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.sensing import AngleSensing, CurrentSensing
+from emulator.plant.physics.thermal import Thermal
+from emulator.plant.physics.timing import Timing
+from emulator.scenario.effects import NONE
+from emulator.scenario.scenarios import Drive, Excitation, Run, Scenario, check, drive_for
+from emulator.scenario.text import section_text, text_of
 from tests.diagnosis.truth import Size, Truth, truth_of
 
 DIFFERENT: Final = (

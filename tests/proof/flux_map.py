@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from emulator.conceal.chance import Chance
 from emulator.conceal.recording import recorded
-from emulator.effects import NONE, MapFile
-from emulator.motors import MOTORS
-from emulator.scenarios import Excitation, Run, Scenario, drive_for
+from emulator.scenario.effects import NONE, MapFile
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
 from estimator.machine import Machine
 from estimator.mismatch.diagnose import diagnose
 from estimator.mismatch.verdict import FluxTable

@@ -18,10 +18,10 @@ from emulator.conceal.chance import Chance
 from emulator.conceal.files import answer_of, write
 from emulator.conceal.populations import merged
 from emulator.conceal.recording import Choice, Concealed, TripError, drawn, recorded
-from emulator.effects import effects_from_table
-from emulator.motors import MOTORS
-from emulator.scenarios import check
-from emulator.virtual_drive import Column
+from emulator.drive.virtual_drive import Column
+from emulator.scenario.effects import effects_from_table
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import check
 from tests.diagnosis.oracle import Oracle
 from tests.diagnosis.truth import EFFECT
 from tests.proof.suite_parser import suite_parser

@@ -17,7 +17,7 @@ from emulator.bounds import ScenarioError
 from emulator.conceal.files import answer_of, write
 from emulator.conceal.populations import STRANGERS
 from emulator.conceal.recording import Choice, TripError, drawn, recorded
-from emulator.motors import MOTORS
+from emulator.scenario.motors import MOTORS
 from tests.diagnosis.diagnosed import Said
 from tests.diagnosis.poor import RUNS, poor, told
 from tests.diagnosis.truth import EFFECT

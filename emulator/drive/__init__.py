@@ -1,0 +1,9 @@
+"""The drive: plant and firmware stepped together, behind the drive's dictionary. No clock, no thread.
+
+* `stream` - the rows it sends; `recorder` - its recorder
+* `simulation` - plant, sensors, firmware and stream in one compiled loop; `assembly` - a scenario made ready for it
+* `control_lease` - who controls the drive
+* `virtual_drive` - all of it behind the dictionary, advanced by control periods
+
+Knows nothing of buses and of real time.
+"""

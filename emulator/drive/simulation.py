@@ -1,0 +1,233 @@
+"""The simulation: plant, sensors, firmware and stream, stepped together by control periods in one loop.
+
+It has no clock and no state of its own: `simulated` takes a state and returns the one after so many periods.
+
+Where parameters move with temperature, a period is integrated with those of its middle, and a sample at t is that
+of the machine at t. The flux linkage is the state: an inductance that rises takes the current down with it.
+
+The voltage that the drive records is the one it set: within the inverter's reach and, where the bridge switches,
+what the compare registers of its timer hold. A drive reads those back; what its legs make of them it cannot see.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emulator.drive.stream import NO_ROW, Period, Row, extended, write_row
+from emulator.firmware.control import Commissioning, FirmwareState, Settings, computed, switched_on
+from emulator.frames import nearest, turned, wrapped
+from emulator.kernel import kernel
+from emulator.plant.bridge import Bridge, BridgeState, scratch, switched
+from emulator.plant.course import Course, machine_at
+from emulator.plant.dynamics import Plant, PlantState, advanced, bridge_current, field, settled, stepped
+from emulator.plant.dynamics import started as plant_started
+from emulator.plant.inverter import limited
+from emulator.plant.machine import Machine
+from emulator.plant.magnetics import magnetics_of
+from emulator.plant.mechanics import profile_speed
+from emulator.plant.modulation import Duties, modulated, voltage_of
+from emulator.plant.physics import demagnetisation as demagnetisations
+from emulator.plant.physics import thermal as thermals
+from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.legs import vector
+from emulator.plant.physics.sensing import VoltageSensing, longest_skew, read_voltage
+from emulator.plant.physics.strangers import Telegraph, keyed, telegraph_voltage
+from emulator.plant.physics.thermal import Temperatures, Thermal, warmed
+from emulator.plant.physics.timing import Timing
+from emulator.plant.sensors import Sample, Sensors, measured_current, sampled
+
+_LEAST_READ: Final = 0.01  # of the dc link: no converter tells a voltage below zero
+RECORDED: Final = ("t", "u_d", "u_q", "i_d", "i_q", "omega_e", "theta_e", "u_dc", "i_a", "i_b", "i_c")
+
+
+class Bench(NamedTuple):
+    """What stays while a call of `simulated` runs."""
+
+    plant: Plant  # at 23.4 degC, its magnets whole
+    course: Course  # what temperature makes of the machine over time, where it is prescribed
+    thermal: Thermal
+    demagnetisation: Demagnetisation
+    telegraph: Telegraph
+    sensors: Sensors
+    voltage: VoltageSensing
+    timing: Timing
+    fixed: Commissioning
+    bridge: Bridge
+    sub_steps: int  # integration steps per control period
+    moves: bool  # magnets or inductances move, which takes energy
+
+
+class State(NamedTuple):
+    """All that changes from period to period; `sample` is the one taken at `tick`."""
+
+    tick: int
+    plant: PlantState
+    machine: Machine  # of the period before
+    heat: Temperatures
+    telegraph: bool  # its offset is there
+    bridge: BridgeState
+    W_given: float  # J, that moving magnets and inductances gave to the field
+    u_waiting: complex  # V, stationary, computed and held back by a delay
+    u_before: complex  # V, rotor frame, of the period before
+    sample: Sample
+    firmware: FirmwareState
+    row: Row
+
+
+@kernel
+def machine_now(bench: Bench, t: float, heat: Temperatures) -> Machine:
+    """The machine as it is at a time (s) and so warm."""
+    m = machine_at(bench.plant.machine, bench.course, t)
+    R_s, psi_f = m.R_s, m.psi_f
+    if bench.thermal.C_w > 0.0:
+        R_s *= thermals.resistance_factor(bench.thermal, heat)
+        psi_f *= thermals.flux_factor(bench.thermal, heat)
+    if bench.demagnetisation.share > 0.0:
+        psi_f *= demagnetisations.flux_factor(bench.demagnetisation, t)
+    return Machine(R_s, m.L_d, m.L_q, psi_f, m.n_p, m.i_rated, m.J, m.B)
+
+
+@kernel
+def plant_of(bench: Bench, machine: Machine, telegraph: bool) -> Plant:
+    """The plant with the machine as it is now."""
+    p = bench.plant
+    m = p.magnetics
+    magnetics = magnetics_of(machine, m.psi_0, m.curve, m.harmonics, m.ripples, p.flux_map)
+    offset = telegraph_voltage(bench.telegraph, telegraph)
+    return Plant(
+        machine, p.R_cold, magnetics, p.flux_map, p.shaft, p.iron, p.imbalance, p.skin, p.short, p.stray, offset,
+        p.resonance,
+    )  # fmt: skip
+
+
+@kernel
+def _sampled(bench: Bench, plant: Plant, state: PlantState, u: complex, powered: bool, tick: int) -> Sample:
+    """The sample at a tick; u (V) is what a bridge without edges applies from then on; off, one with edges none."""
+    i, slope, skew = bridge_current(plant, state), 0j, longest_skew(bench.sensors.current)
+    if skew > 0.0 and (powered or not bench.bridge.switched):
+        supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
+        later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
+        slope = (bridge_current(plant, later) - i) / skew
+    return sampled(bench.sensors, i, state.theta_m, tick, slope)
+
+
+def started(bench: Bench, n_p: int, psi_f: float, powered: bool, temperature: float) -> State:
+    """The state at tick 0: no current, angle zero, speed as the profile says, all at a temperature (degC).
+
+    `n_p` and `psi_f` (Vs) are what the drive takes the machine for.
+    """
+    omega_m = profile_speed(bench.plant.shaft.profile, 0.0)
+    heat = Temperatures(temperature, temperature, temperature)
+    machine = machine_now(bench, 0.0, heat)
+    plant = plant_of(bench, machine, False)
+    state = plant_started(plant, 0.0, omega_m)
+    back_emf = 1j * machine.n_p * omega_m * machine.psi_f  # at angle zero
+    sample = _sampled(bench, plant, state, back_emf, powered, 0)
+    firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s, powered)
+    bridge = BridgeState(bench.bridge.E, False, False, False, 0.0, 0.0, 0.0)
+    return State(0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, firmware, NO_ROW)
+
+
+@kernel
+def _duties(bench: Bench, u: complex, u_dc: float) -> Duties:
+    """What the modulator makes of a stationary voltage (V)."""
+    shortest = bench.bridge.inverter.min_pulse / bench.fixed.T_s
+    return modulated(u if bench.fixed.overmodulates else limited(u, u_dc), u_dc, bench.bridge.timer_counts, shortest)
+
+
+@kernel
+def _within_reach(bench: Bench, u: complex, u_dc: float) -> complex:
+    """The voltage (V, stationary) that a drive takes for applied."""
+    return voltage_of(_duties(bench, u, u_dc), u_dc) if bench.bridge.switched else limited(u, u_dc)
+
+
+@kernel
+def _write_line(line: NDArray[np.float64], t: float, T_s: float, period: Period, sample: Sample) -> None:
+    """One line of a recording: `RECORDED`."""
+    line[0] = t
+    line[1], line[2] = period.u.real, period.u.imag
+    line[3], line[4] = period.i.real, period.i.imag
+    line[5], line[6], line[7] = period.turn / T_s, period.theta_e, period.u_dc
+    line[8], line[9], line[10] = sample.i_a, sample.i_b, sample.i_c
+
+
+@kernel
+def simulated(
+    bench: Bench,
+    settings: Settings,
+    state: State,
+    periods: int,
+    ticks: NDArray[np.int64],
+    rows: NDArray[np.float64],
+    recording: NDArray[np.float64],
+) -> tuple[State, int]:
+    """The state after `periods` control periods, and how many stream rows became complete.
+
+    Those are written to `ticks` (m) and `rows` (m x stream.COLUMNS); every period to a line of `recording`
+    (periods x RECORDED) unless that is empty.
+    """
+    T_s, n_p, edges = bench.fixed.T_s, settings.n_p, bench.bridge.switched
+    tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, firmware, row = state
+    room = scratch()
+    complete = 0
+    for n in range(periods):
+        t = tick * T_s
+        u_dc = max(read_voltage(bench.voltage, bridge.u_dc), _LEAST_READ * bench.fixed.u_dc)
+        # The period: the voltage computed one period ago is applied while the next is computed
+        u, known = firmware.u_next, firmware.powered
+        if bench.timing.delay > 0:
+            u, u_waiting = u_waiting, u
+        firmware = computed(bench.fixed, settings, firmware, sample, u_dc, t)
+        if bench.telegraph.amplitude > 0.0:
+            telegraph = keyed(bench.telegraph, telegraph, T_s, bench.fixed.seed, tick)
+        was, machine = machine, machine_now(bench, t + 0.5 * T_s, heat)
+        now = plant_of(bench, machine, telegraph)
+        if bench.moves:
+            W_given += field(now, plant) - field(plant_of(bench, was, telegraph), plant)
+        W_copper, W_iron = plant.W_copper, plant.W_iron
+        if edges:
+            duties = _duties(bench, u, u_dc) if known else Duties(0.0, 0.0, 0.0)
+            bridge, plant = switched(bench.bridge, now, duties, known, t, T_s, bench.sub_steps, bridge, plant, room)
+            u = voltage_of(duties, u_dc)
+        else:
+            u = limited(u, u_dc)
+            plant = advanced(now, vector(u * (bridge.u_dc / u_dc), bridge.u_dc), t, T_s, bench.sub_steps, plant)
+        plant = settled(now, t + T_s, plant)
+        if bench.thermal.C_w > 0.0:
+            heat = warmed(bench.thermal, heat, plant.W_copper - W_copper, plant.W_iron - W_iron, T_s)
+        then = plant_of(bench, machine_now(bench, (tick + 1) * T_s, heat), telegraph)
+        u_next = u_waiting if bench.timing.delay > 0 else firmware.u_next
+        u_held = limited(u_next, u_dc) * (bridge.u_dc / u_dc)
+        before, sample = sample, _sampled(bench, then, plant, u_held, firmware.powered, tick + 1)
+
+        # What the drive knows of it
+        theta_e = wrapped(n_p * before.theta_m)
+        turn = n_p * nearest(sample.theta_m - before.theta_m)
+        u_told = u * turned(-(theta_e + turn / 2.0)) if known else complex(math.nan, math.nan)
+        u_dq = u_told
+        if bench.timing.shift < 0:
+            u_dq = u_before
+        elif bench.timing.shift > 0 and known:
+            u_dq = _within_reach(bench, u_next, u_dc) * turned(-(theta_e + 1.5 * turn))
+        u_before = u_told
+        period = Period(
+            theta_e,
+            turn,
+            measured_current(before) * turned(-theta_e),
+            measured_current(sample) * turned(-(theta_e + turn)),
+            u_dq,
+            u_dc,
+        )
+        row = extended(row, tick, period, settings.stream_periods)
+        if row.taken == row.periods:
+            write_row(row, T_s, ticks, rows, complete)
+            complete += 1
+        if len(recording) > 0:
+            _write_line(recording[n], t, T_s, period, before)
+        tick += 1
+    after = State(
+        tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, firmware, row
+    )
+    return after, complete

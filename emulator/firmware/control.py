@@ -1,0 +1,226 @@
+"""The drive's firmware: current and speed control, field weakening, excitation, protections, once a control period.
+
+The voltage computed from the samples of period k is applied over period k + 1. Knows of the machine only what
+its settings say, and of the world only its samples.
+"""
+
+import math
+from typing import NamedTuple
+
+from emulator.firmware.excitation import AT_REST, Excited, excited
+from emulator.firmware.reference import Ramp, ramped
+from emulator.firmware.weakening import NOT_WEAKENED, Weakening, d_first, room, weakened
+from emulator.frames import nearest, turned
+from emulator.kernel import kernel
+from emulator.plant.inverter import corner, longest, shortened
+from emulator.plant.mechanics import Profile, profile_speed
+from emulator.plant.sensors import Sample, measured_current
+
+OFF, REFERENCE, PROFILE = 0, 1, 2  # speed control: none, after the reference, after the drive's profile
+NO_TRIP, TRIP_CURRENT, TRIP_HIGH_VOLTAGE, TRIP_LOW_VOLTAGE, TRIP_SPEED, TRIP_OVERSPEED = 0, 1, 2, 3, 4, 5
+_DELAY = 1.5  # periods from the sample to the middle of the period its voltage is applied over
+
+
+class Settings(NamedTuple):
+    """What can be written to the drive while it runs; names and ranges as in `drivers.wire.dictionary`."""
+
+    stream_periods: int  # control periods per stream row
+    n_p: int
+    control_R_s: float  # ohm
+    control_L_d: float  # H
+    control_L_q: float  # H
+    control_psi_f: float  # Vs
+    bandwidth: float  # rad/s, of the current control
+    field_weakening: int  # 0 or 1
+    i_d_weakening: float  # A, most that it takes
+    weakening_voltage: float  # share of the inverter's reach that it holds the voltage below
+    i_d_ref: float  # A
+    i_q_ref: float  # A; without effect under speed control
+    i_d_step: float  # A
+    i_q_step: float  # A
+    step_time: float  # s
+    speed_control: int  # OFF, REFERENCE or PROFILE: where i_q comes from
+    speed_ref: float  # rad/s, electrical, as what follows
+    speed_ramp: float  # rad/s2; 0: at once
+    speed_step: float  # rad/s
+    speed_hold: float  # s
+    excitation_kind: int  # number in `excitation.KINDS`
+    sine_frequency: float  # Hz
+    sine_count: int
+    i_d_levels: int
+    level_time: float  # s
+    speed_error_trip: float  # rad/s; 0: never
+    speed_error_time: float  # s
+    overspeed_trip: float  # rad/s
+
+
+class Commissioning(NamedTuple):
+    """What is fixed in the drive."""
+
+    T_s: float  # s, control period
+    u_dc: float  # V
+    i_max: float  # A, longest current reference
+    i_trip: float  # A, a sampled current beyond it switches the bridge off
+    overvoltage_trip: float  # V, and so does a dc link above this; 0: never
+    undervoltage_trip: float  # V, or below this
+    profile: Profile
+    k_p_speed: float  # A s/rad, proportional gain of the speed loop, electrical speed
+    k_i_speed: float  # A/rad, integral gain
+    T_speed: float  # s, time constant of the speed filter
+    overmodulates: bool  # voltages beyond the linear range are tried
+    seed: int
+
+
+class FirmwareState(NamedTuple):
+    """What the firmware remembers from period to period."""
+
+    powered: bool  # the bridge is on
+    trip: int  # and was switched off by this
+    u_next: complex  # V, stationary frame: to be applied over the next period
+    integral: complex  # V, rotor frame: of the current control
+    theta_m: float  # rad, of the sample before
+    omega_e: float  # rad/s, filtered
+    i_q_integral: float  # A, of the speed control
+    ramp: Ramp  # its reference
+    late: int  # periods that the speed has been too far from it
+    weakening: Weakening
+    excited: Excited
+
+
+def switched_on(
+    theta_m: float, omega_m: float, n_p: int, psi_f: float, T_s: float, powered: bool
+) -> FirmwareState:
+    """State at the first sample; the first voltage is the back-EMF, so that no current rushes in."""
+    omega_e = n_p * omega_m
+    u = turned(n_p * theta_m + 0.5 * omega_e * T_s) * (1j * omega_e * psi_f)
+    return FirmwareState(
+        powered, NO_TRIP, u, 0j, theta_m - omega_m * T_s, omega_e, 0.0, Ramp(omega_e, 1, 0), 0, NOT_WEAKENED, AT_REST
+    )
+
+
+@kernel
+def tripped(
+    fixed: Commissioning, settings: Settings, state: FirmwareState, i: float, u_dc: float, omega_e: float
+) -> int:
+    """What switches the bridge off at this current (A), dc-link voltage (V), speed (rad/s): the first cause first."""
+    if state.trip != NO_TRIP or not state.powered:
+        return state.trip
+    cause = NO_TRIP
+    if i > fixed.i_trip:
+        cause = TRIP_CURRENT
+    elif fixed.overvoltage_trip > 0.0 and u_dc > fixed.overvoltage_trip:
+        cause = TRIP_HIGH_VOLTAGE
+    elif u_dc < fixed.undervoltage_trip:
+        cause = TRIP_LOW_VOLTAGE
+    elif state.late * fixed.T_s > settings.speed_error_time:
+        cause = TRIP_SPEED
+    elif abs(omega_e) > settings.overspeed_trip:
+        cause = TRIP_OVERSPEED
+    return cause
+
+
+@kernel
+def periods(time: float, T_s: float) -> int:
+    """A time (s) in control periods, 1 at least."""
+    return max(1, math.ceil(time / T_s - 1e-6))
+
+
+@kernel
+def speed_reference(
+    fixed: Commissioning, settings: Settings, state: FirmwareState, omega_e: float, powered: bool, t: float
+) -> Ramp:
+    """The reference of this period, at time t (s); without speed control the speed there is (rad/s)."""
+    if settings.speed_control == PROFILE:
+        return Ramp(settings.n_p * profile_speed(fixed.profile, t), 1, 0)
+    if settings.speed_control == OFF or not powered:
+        return Ramp(omega_e, 1, 0)
+    hold = periods(settings.speed_hold, fixed.T_s)
+    return ramped(state.ramp, settings.speed_ref, settings.speed_step, settings.speed_ramp, hold, fixed.T_s)
+
+
+@kernel
+def weaker(
+    settings: Settings, before: Weakening, u: complex, omega_e: float, most: float, i_max: float, T_s: float
+) -> Weakening:
+    """Field weakening after a period that needed the voltage u (V) where there is `most` (V)."""
+    L_d, psi_f = settings.control_L_d, settings.control_psi_f
+    lowest = -min(settings.i_d_weakening, psi_f / L_d)  # further on, the flux would grow again
+    slowest = most / (psi_f + L_d * i_max)  # below, no current needs more
+    spare = settings.weakening_voltage * most - abs(u)
+    return weakened(before, spare, omega_e, slowest, L_d, settings.bandwidth, lowest, T_s)
+
+
+@kernel
+def computed(
+    fixed: Commissioning, settings: Settings, state: FirmwareState, sample: Sample, u_dc: float, t: float
+) -> FirmwareState:
+    """One control period: sample and dc-link voltage (V) at time t (s) taken in, the voltage of the next in `u_next`.
+
+    With the bridge off, `u_next` is what the machine's terminals then have, near enough: the current decays, and with
+    no current the back-EMF is left. The drive does not know that voltage.
+    """
+    T_s, i_max = fixed.T_s, fixed.i_max
+    R_s, L_d, L_q, psi_f = (settings.control_R_s, settings.control_L_d, settings.control_L_q, settings.control_psi_f)
+    alpha = settings.bandwidth
+
+    theta_e = settings.n_p * sample.theta_m
+    raw_speed = settings.n_p * nearest(sample.theta_m - state.theta_m) / T_s
+    omega_e = state.omega_e + (raw_speed - state.omega_e) * T_s / (fixed.T_speed + T_s)
+    i = measured_current(sample) * turned(-theta_e)
+
+    trip = tripped(fixed, settings, state, abs(i), u_dc, omega_e)
+    powered = state.powered and trip == NO_TRIP
+
+    # Excitation
+    excitation, x_d, x_q = excited(
+        state.excited, settings.excitation_kind, periods(settings.step_time, T_s), periods(settings.level_time, T_s),
+        settings.i_d_levels, settings.sine_count, settings.sine_frequency, fixed.seed, t,
+    )
+
+    # The current that is left for i_q
+    i_d_ref, i_q_most = settings.i_d_ref + settings.i_d_step * x_d, i_max
+    weakening = settings.field_weakening != 0 and powered
+    if weakening:
+        i_d_ref += state.weakening.i_d
+        i_q_most = room(i_d_ref, i_max)
+
+    # Speed control: PI; switched on, it goes on from the current there is
+    i_q_wanted, i_q_integral, late = settings.i_q_ref, settings.i_q_ref, 0
+    ramp = speed_reference(fixed, settings, state, omega_e, powered, t)
+    if settings.speed_control != OFF:
+        error = ramp.omega_e - omega_e
+        late = state.late + 1 if 0.0 < settings.speed_error_trip < abs(error) else 0
+        i_q_wanted = fixed.k_p_speed * error + state.i_q_integral
+        i_q_integral = state.i_q_integral + fixed.k_i_speed * T_s * error
+        i_q_integral = min(max(i_q_integral, -i_q_most), i_q_most)
+    i_ref = complex(i_d_ref, i_q_wanted + settings.i_q_step * x_q)
+    if weakening:
+        i_ref = d_first(i_ref, i_max)
+    if not powered:
+        i_ref, i_q_integral, late = 0j, 0.0, 0
+    if abs(i_ref) > i_max:
+        i_ref *= i_max / abs(i_ref)
+
+    # Current control: PI, cross-coupling and back-EMF fed forward
+    e = i_ref - i
+    back_emf = omega_e * complex(-L_q * i.imag, L_d * i.real + psi_f)
+    u = complex(alpha * L_d * e.real, alpha * L_q * e.imag) + state.integral + back_emf
+    linear = longest(u_dc)
+    most = corner(u_dc) if fixed.overmodulates else linear
+    u_limited = d_first(u, most) if weakening else shortened(u, most)
+    # Anti-windup: the integral takes in the error that the limited voltage answers to
+    short = u_limited - u
+    integral = state.integral + alpha * R_s * T_s * (
+        e + complex(short.real / (alpha * L_d), short.imag / (alpha * L_q))
+    )
+    if not powered:
+        integral = 0j
+    if abs(integral) > most:
+        integral *= most / abs(integral)
+
+    weakened_next = weaker(settings, state.weakening, u, omega_e, linear, i_max, T_s) if weakening else NOT_WEAKENED
+
+    u_next = u_limited * turned(theta_e + _DELAY * omega_e * T_s)
+    return FirmwareState(
+        powered, trip, u_next, integral, sample.theta_m, omega_e, i_q_integral, ramp, late, weakened_next, excitation
+    )

@@ -1,0 +1,70 @@
+"""The drive's sensors: phase currents through noise and a converter, the shaft's angle through an encoder."""
+
+import math
+from typing import NamedTuple
+
+from emulator.frames import TURN, clarke, phases
+from emulator.kernel import kernel
+from emulator.noise import gauss
+from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, read_angle
+
+_PHASE_A, _PHASE_B, _PHASE_C = 1, 2, 3  # sources of noise
+
+
+class Sensors(NamedTuple):
+    """What the sensors are."""
+
+    noise_i: float  # A, standard deviation of the noise of each phase current
+    adc_bits: int  # resolution of the current converter; 0 for an ideal one
+    adc_full: float  # A, the converter spans -adc_full to +adc_full
+    encoder_counts: int  # counts per mechanical turn; 0 for an ideal one
+    seed: int
+    current: CurrentSensing = CurrentSensing()
+    angle: AngleSensing = AngleSensing()
+
+
+class Sample(NamedTuple):
+    """What the drive sees at the start of a control period."""
+
+    i_a: float  # A
+    i_b: float  # A
+    i_c: float  # A
+    theta_m: float  # rad, mechanical
+
+
+@kernel
+def converted(i: float, bits: int, full: float) -> float:
+    """The value (A) that a converter tells of a current: rounded to its step, clipped at its ends."""
+    if bits == 0:
+        return i
+    half = 2.0 ** (bits - 1)
+    count = math.floor(i / full * half + 0.5)
+    return min(max(count, -half), half - 1.0) * (full / half)
+
+
+@kernel
+def sampled(sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: complex = 0j) -> Sample:
+    """The sample of a stationary current vector (A), which changes by `slope` (A/s), and an angle (rad) at a tick."""
+    sigma, bits, full, channels = sensors.noise_i, sensors.adc_bits, sensors.adc_full, sensors.current
+    i_a, i_b, i_c = phases(i_ab)
+    if slope != 0j:
+        by_a, by_b, by_c = phases(slope)
+        i_a, i_b, i_c = i_a + channels.skew_a * by_a, i_b + channels.skew_b * by_b, i_c + channels.skew_c * by_c
+    i_a = channels.gain_a * i_a + channels.offset_a
+    i_b = channels.gain_b * i_b + channels.offset_b
+    i_c = channels.gain_c * i_c + channels.offset_c
+    if sigma > 0.0:
+        i_a += sigma * gauss(sensors.seed, _PHASE_A, tick)
+        i_b += sigma * gauss(sensors.seed, _PHASE_B, tick)
+        i_c += sigma * gauss(sensors.seed, _PHASE_C, tick)
+    theta_m = read_angle(sensors.angle, theta_m)
+    if sensors.encoder_counts > 0:
+        count = TURN / sensors.encoder_counts
+        theta_m = math.floor(theta_m / count) * count
+    return Sample(converted(i_a, bits, full), converted(i_b, bits, full), converted(i_c, bits, full), theta_m)
+
+
+@kernel
+def measured_current(sample: Sample) -> complex:
+    """Stationary current vector (A) of a sample."""
+    return clarke(sample.i_a, sample.i_b, sample.i_c)
