@@ -27,7 +27,7 @@
     estimated = ["R_s", "L_d", "L_q", "psi_f"]
     held = {psi_f = 0.12}                             # SI; what it leaves out comes from the nominal machine
     forgetting_factor = 1.0                           # rls: 0.99 to 1 = nothing is forgotten
-    ekf = {preset = "tuned", noise_i = 0.01}          # or "paper", "custom": see bench/tuning.py
+    ekf = {preset = "tuned", noise_i = 0.01}          # or "paper", "custom": see bench/live/tuning.py
 
 What is not understood is refused in a sentence that names file and key.
 """
@@ -39,11 +39,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, cast
 
+from bench.actions.limits import Limits
 from bench.errors import ConfigError, LimitError, shown
-from bench.limits import Limits
+from bench.live.tuning import number
+from bench.live.window import Window
 from bench.machine_file import Nominal, load_machine, load_toml
-from bench.tuning import number
-from bench.window import Window
 from drivers.connect import check_url
 from drivers.errors import ConnectError
 

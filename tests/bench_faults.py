@@ -22,9 +22,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from bench.acquisition import Acquisition, LinkState
-from bench.cli import capture
+from bench.cli.commands import capture
 from bench.errors import BenchError
+from bench.live.acquisition import Acquisition, LinkState
 from drivers.block import Block
 from drivers.errors import DriveError
 from emulator.clock import Pacer

@@ -10,9 +10,9 @@ import time
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
-from bench import watch
-from bench.watch import Explained, Watch
-from bench.window import Window
+from bench.live import watch
+from bench.live.watch import Explained, Watch
+from bench.live.window import Window
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.legs import Inverter

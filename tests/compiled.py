@@ -9,7 +9,7 @@ from tests.bench_diagnose import conceal, seconds
 
 
 def _estimator() -> None:
-    from bench.method import warm_up
+    from bench.live.method import warm_up
     from estimator.mismatch import detect
 
     warm_up()

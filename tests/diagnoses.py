@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.diagnose import Diagnosed, as_json
-from bench.diagnosed_machine import machine_text
-from bench.diagnosis_request import Request, Result, Tell
+from bench.diagnoses.diagnose import Diagnosed, as_json
+from bench.diagnoses.diagnosed_machine import machine_text
+from bench.diagnoses.diagnosis_request import Request, Result, Tell
+from bench.diagnoses.report import report
 from bench.errors import RecordingError
 from bench.machine_file import Nominal
-from bench.recording import Summary
-from bench.report import report
+from bench.recordings.recording import Summary
 from estimator.mismatch.sentences import sentence_of
 from estimator.mismatch.verdict import (
     Ambiguity,

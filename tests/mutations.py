@@ -25,17 +25,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench.capture_file import CapturePart, Heading, write_columns
-from bench.capture_request import NEEDED, Request
-from bench.cli.experiment import asked_of
-from bench.diagnose import as_json, diagnose_recording
-from bench.diagnosis_request import Request as Asked
+from bench.actions.capture_request import NEEDED, Request
+from bench.cli.commands.experiment import asked_of
+from bench.diagnoses.diagnose import as_json, diagnose_recording
+from bench.diagnoses.diagnosis_request import Request as Asked
+from bench.diagnoses.simulate import simulate
 from bench.errors import BenchError
+from bench.live.window import Window
 from bench.machine_file import Nominal, load_machine
-from bench.recording import open_recording, read_recording
-from bench.replay import replay
-from bench.simulate import simulate
-from bench.window import Window
+from bench.recordings.capture_file import CapturePart, Heading, write_columns
+from bench.recordings.recording import open_recording, read_recording
+from bench.recordings.replay import replay
 from emulator.bounds import ScenarioError
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER, load

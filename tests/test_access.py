@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 from starlette.datastructures import Headers
 
-from bench.api import page_pass
-from bench.api.access import Access, access_to
-from bench.api.kinds import is_stop
+from bench.api.guard import page_pass
+from bench.api.guard.access import Access, access_to
+from bench.api.guard.kinds import is_stop
 from bench.config import Config
 from bench.errors import ConfigError
-from bench.token import Known, made, renewed
+from bench.service.token import Known, made, renewed
 
 LOOPBACK = Access(8080, names=frozenset({"127.0.0.1", "bench.lan", "desk.lan:9000"}))
 

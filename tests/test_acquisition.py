@@ -8,10 +8,10 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from bench.acquisition import Acquisition, Link, LinkState
 from bench.config import Config, DriveConfig
-from bench.service import Service
-from bench.window import Window
+from bench.live.acquisition import Acquisition, Link, LinkState
+from bench.live.window import Window
+from bench.service.service import Service
 from drivers.block import Block
 from tests.conftest import bus_url, free_port
 from tests.relay import relayed

@@ -7,7 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
-from bench.recording import read_recording
+from bench.recordings.recording import read_recording
 from tests.conftest import JSON, RunningBench
 from tests.served_drive import until
 from tests.test_api import problem

@@ -15,16 +15,16 @@ import httpx
 import jsonschema
 import pytest
 
+from bench.actions.capture_request import Request
 from bench.api.capture_models import CaptureModel, CapturesModel
 from bench.api.diagnosis_models import DiagnosisJobModel
 from bench.api.docs import example
 from bench.api.experiments import ExperimentRunModel
 from bench.api.models import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
-from bench.capture_request import Request
-from bench.diagnosis_request import checked_trust, schema
+from bench.diagnoses.diagnosis_request import checked_trust, schema
+from bench.live.window import Window
 from bench.machine_file import nominal_of
-from bench.recording import read_recording
-from bench.window import Window
+from bench.recordings.recording import read_recording
 from tests.conftest import READY, RunningBench, bench_up
 from tests.served_drive import until
 

@@ -12,7 +12,7 @@ from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
-from bench.recording import read_recording
+from bench.recordings.recording import read_recording
 from tests.conftest import RunningBench
 from tests.test_browser_page import browser, pytestmark, text, type_over, until
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from selenium.webdriver import Chrome
 
-from bench.report import report
+from bench.diagnoses.report import report
 from tests.diagnoses import ALL, NOMINAL, RECORDING
 from tests.test_browser_page import browser, forget_logs, log, pytestmark, requested, until
 

@@ -16,8 +16,8 @@ from typing import Any
 import httpx
 import pytest
 
-from bench.recording import read_recording
-from bench.table import column_names
+from bench.recordings.recording import read_recording
+from bench.recordings.table import column_names
 from drivers.connect import connect
 from tests.conftest import COMMAND, command, free_port, wait_for_answer
 from tests.served_drive import emulator, ready, tcp_url, until

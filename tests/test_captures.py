@@ -14,16 +14,16 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from bench.capture import State, Status
-from bench.capture_file import CapturePart, Heading
-from bench.capture_request import Request
-from bench.captures import UnknownCaptureError
+from bench.actions.capture import State, Status
+from bench.actions.capture_request import Request
+from bench.actions.captures import UnknownCaptureError
 from bench.config import Config, DriveConfig
 from bench.errors import BenchError, ConflictError, LimitError, RecordingError, UnavailableError
-from bench.recording import read_recording
-from bench.service import Service
-from bench.table import notes
-from bench.window import Window
+from bench.live.window import Window
+from bench.recordings.capture_file import CapturePart, Heading
+from bench.recordings.recording import read_recording
+from bench.recordings.table import notes
+from bench.service.service import Service
 from drivers import capture, operation
 from drivers.connect import connect
 from drivers.errors import LostError, RefusedError
@@ -650,7 +650,7 @@ def test_without_room_for_the_recording_nothing_is_armed(
 
 
 def test_only_so_many_captures_are_remembered(service: Service, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.captures._REMEMBERED", 3)
+    monkeypatch.setattr("bench.actions.captures._REMEMBERED", 3)
     asked = list[str]()
     for _ in range(5):
         asked.append(ask(service, length=5).id)
@@ -661,7 +661,7 @@ def test_only_so_many_captures_are_remembered(service: Service, monkeypatch: pyt
 def test_a_lost_link_is_waited_for_no_longer_than_it_is_worth(
     drive: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.capture.LINK_PATIENCE", 0.5)
+    monkeypatch.setattr("bench.actions.capture.LINK_PATIENCE", 0.5)
     with relayed(int(drive.url.split(":")[2].split("/")[0])) as line, running(bus_url(line.port), tmp_path) as service:
         ask(service, length=60_000)
         uploading(service)

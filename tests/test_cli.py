@@ -17,8 +17,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from bench.cli.commands.run import meanwhile
 from bench.cli.main import main
-from bench.cli.run import meanwhile
 from drivers.wire.canopen_od import eds
 from tests.conftest import COMMAND, RunningBench, bus_url, command, free_port
 from tests.served_drive import until
@@ -99,7 +99,7 @@ def test_a_fault_of_ours_is_a_sentence_with_a_file_of_details_and_a_code_of_its_
     def fail(**_: object) -> None:
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr("bench.cli.registers.show", fail)
+    monkeypatch.setattr("bench.cli.commands.registers.show", fail)
     assert pmsm_bench(monkeypatch, "registers") == 70
     said = capsys.readouterr().err
     assert said.startswith("pmsm-bench failed: ZeroDivisionError: division by zero; please report this; the details ")

@@ -19,7 +19,7 @@ import pyarrow.parquet
 import pytest
 
 from bench.cli.main import main as pmsm_bench
-from bench.recording import read_recording
+from bench.recordings.recording import read_recording
 from emulator.bounds import ScenarioError
 from emulator.conceal.chance import Chance
 from emulator.conceal.files import made_anew

@@ -7,7 +7,7 @@ import pytest
 
 from bench.config import PORT_VARIABLE, emulated, load_config
 from bench.errors import ConfigError
-from bench.tuning import Tuning
+from bench.live.tuning import Tuning
 from estimator.machine import PARAMETERS
 
 URL = "canopen://socketcand/127.0.0.1:29536/can0/5"

@@ -17,7 +17,7 @@ import pytest
 import uvicorn
 from starlette.types import Receive, Scope, Send
 
-from bench.api.connections import Connections, Limits
+from bench.api.guard.connections import Connections, Limits
 from tests.served_drive import until
 
 SHORT = Limits(open=8, head=0.4, body=0.4, handshake=0.4, taking=0.4)

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from bench.control import Control
+from bench.actions.control import Control
+from bench.actions.lease import Leases
+from bench.actions.limits import Limits
+from bench.actions.unfinished import Origin
 from bench.errors import BenchError, ConflictError, LimitError
-from bench.lease import Leases
-from bench.limits import Limits
-from bench.unfinished import Origin
 from drivers import capture, operation
 from drivers.capture import Setup
 from drivers.connect import connect
@@ -307,7 +307,7 @@ def test_control_goes_on_where_nobody_hears_what_the_service_says(
             raise BrokenPipeError
 
     control.start({}, "")
-    monkeypatch.setattr("bench.control.to_standard_error", broken)
+    monkeypatch.setattr("bench.actions.control.to_standard_error", broken)
     drive.write("control_word", 0.0)  # of another client
     until(lambda: control.whom is None, "control to end")
     monkeypatch.undo()

@@ -13,9 +13,9 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from bench.diagnose import Diagnosed, as_json, diagnose_recording
-from bench.diagnosed_machine import machine_text
-from bench.diagnosis_request import Request, json_text, schema, trust_of
+from bench.diagnoses.diagnose import Diagnosed, as_json, diagnose_recording
+from bench.diagnoses.diagnosed_machine import machine_text
+from bench.diagnoses.diagnosis_request import Request, json_text, schema, trust_of
 from bench.engineering import odds, quantity, words
 from bench.errors import ConfigError
 from bench.machine_file import Nominal, load_machine

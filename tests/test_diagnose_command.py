@@ -14,7 +14,7 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from bench.diagnosis_request import schema
+from bench.diagnoses.diagnosis_request import schema
 from bench.machine_file import load_machine
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
@@ -36,14 +36,14 @@ n_p = 4
 [drive]
 T_s = 1e-4
 """
-BY_NAME = [sys.executable, "-c", "import bench.cli.diagnose as d; d.WORK = 'tests.diagnoses:work'\n"
+BY_NAME = [sys.executable, "-c", "import bench.cli.commands.diagnose as d; d.WORK = 'tests.diagnoses:work'\n"
            "from bench.cli.main import main; main()"]  # fmt: skip
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to be in, with a machine file, where diagnoses go by the names of files."""
-    monkeypatch.setattr("bench.cli.diagnose.WORK", "tests.diagnoses:work")
+    monkeypatch.setattr("bench.cli.commands.diagnose.WORK", "tests.diagnoses:work")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
     (tmp_path / "m.toml").write_text(MACHINE, encoding="utf-8")

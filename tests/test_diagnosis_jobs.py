@@ -15,8 +15,8 @@ import pyarrow.parquet
 import pytest
 
 from bench.config import captures_folder
-from bench.diagnosis_jobs import WAITING, DiagnosisJobs, JobState, UnknownRecordingError
-from bench.diagnosis_request import schema
+from bench.diagnoses.diagnosis_jobs import WAITING, DiagnosisJobs, JobState, UnknownRecordingError
+from bench.diagnoses.diagnosis_request import schema
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal, load_machine
 from emulator.drive.virtual_drive import VirtualDrive

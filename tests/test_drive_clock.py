@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.drive_clock import DriveClock
+from bench.live.drive_clock import DriveClock
 
 T_S = 1e-4
 

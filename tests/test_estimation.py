@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench import estimation
 from bench.errors import LimitError, UnavailableError
-from bench.estimation import QUEUE, Estimation, Snapshot
-from bench.window import Window
+from bench.live import estimation
+from bench.live.estimation import QUEUE, Estimation, Snapshot
+from bench.live.window import Window
 from drivers.block import Block
 from emulator.drive.virtual_drive import StreamRows, VirtualDrive
 from emulator.scenario.scenarios import PAPER

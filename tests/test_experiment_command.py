@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from bench.recording import read_recording
+from bench.recordings.recording import read_recording
 from drivers import operation
 from drivers.connect import connect
 from drivers.wire.cia402 import State

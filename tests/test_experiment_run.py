@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench import experiment
+from bench.actions import experiment
+from bench.actions.experiment import CancelledError, Hold, Plan, Progress, Recorded, Tell, check_motor, experiment_of
+from bench.actions.experiment_part import ExperimentPart
+from bench.actions.experiments import Experiments
+from bench.actions.lease import Leases
+from bench.actions.limits import Limits
+from bench.actions.unfinished import Origin
 from bench.errors import ConflictError, LimitError, UnavailableError
-from bench.experiment import CancelledError, Hold, Plan, Progress, Recorded, Tell, check_motor, experiment_of
-from bench.experiment_part import ExperimentPart
-from bench.experiments import Experiments
-from bench.lease import Leases
-from bench.limits import Limits
 from bench.machine_file import Nominal
-from bench.recording import read_recording
-from bench.unfinished import Origin
+from bench.recordings.recording import read_recording
 from drivers import operation
 from drivers.connect import connect
 from drivers.drive import Drive

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.diagnosed_machine import machine_text
+from bench.diagnoses.diagnosed_machine import machine_text
+from bench.diagnoses.report_figures import flux_map as picture
 from bench.machine_file import Nominal, nominal_of
-from bench.report_figures import flux_map as picture
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import NONE, MapFile

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from bench import method
-from bench.window import Window
+from bench.live import method
+from bench.live.window import Window
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.machine import Machine
 from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, drive_for

@@ -7,12 +7,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bench.judgement import Judgement, Verdict
-from bench.runs import Chunk
-from bench.screen import ROWS as LOOKED_AT
-from bench.screen import Screen
-from bench.watch import Explained
-from bench.window import Window
+from bench.live.watch import Explained
+from bench.live.window import Window
+from bench.recordings.judgement import Judgement, Verdict
+from bench.recordings.runs import Chunk
+from bench.recordings.screen import ROWS as LOOKED_AT
+from bench.recordings.screen import Screen
 from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import Effects
 from emulator.scenario.scenarios import PAPER

@@ -4,8 +4,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from bench.actions.lease import Leases, Part
 from bench.errors import ConflictError
-from bench.lease import Leases, Part
 from tests.served_drive import until
 
 pytestmark = pytest.mark.live

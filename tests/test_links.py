@@ -10,11 +10,11 @@ from pathlib import Path
 import canopen
 import pytest
 
-from bench.acquisition import Link, LinkState
 from bench.config import Config, DriveConfig
 from bench.errors import BenchError
-from bench.service import Service
-from bench.window import Window
+from bench.live.acquisition import Link, LinkState
+from bench.live.window import Window
+from bench.service.service import Service
 from drivers import operation
 from drivers.connect import connect
 from drivers.drive import Drive

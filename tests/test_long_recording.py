@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.long_recording import BLOCK, read_in_stretches
-from bench.recording import Recording, open_recording, read_recording
+from bench.recordings.long_recording import BLOCK, read_in_stretches
+from bench.recordings.recording import Recording, open_recording, read_recording
 from estimator.machine import Machine
 from estimator.physics.rows import rows_of
 from tests.test_recording import parquet_bytes

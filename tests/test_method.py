@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench import method
-from bench.method import SPEED_ROWS, Running
-from bench.window import Window
+from bench.live import method
+from bench.live.method import SPEED_ROWS, Running
+from bench.live.window import Window
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
 from estimator.estimate import Status

@@ -11,10 +11,10 @@ import jsonschema
 import numpy as np
 import pytest
 
-from bench.diagnose import diagnose_recording, work
-from bench.diagnosis_request import Request, schema
+from bench.diagnoses.diagnose import diagnose_recording, work
+from bench.diagnoses.diagnosis_request import Request, schema
+from bench.diagnoses.formats import FORMATS, checked_format, format_of
 from bench.errors import BenchError, ConfigError, RecordingError
-from bench.formats import FORMATS, checked_format, format_of
 from bench.machine_file import Nominal, load_machine
 from emulator.plant.physics.legs import Inverter
 from estimator.mismatch.points.no_load import NoLoad

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.diagnose import diagnose_recording
-from bench.diagnosis_request import Request
+from bench.diagnoses.diagnose import diagnose_recording
+from bench.diagnoses.diagnosis_request import Request
 from bench.machine_file import Nominal
 from estimator.mismatch.verdict import Diagnosis, Verdict
 from tests.real_data import REAL_DATA

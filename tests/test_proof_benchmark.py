@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.machine_file import load_machine
-from bench.recording import read_recording
+from bench.recordings.recording import read_recording
 from estimator.mismatch.verdict import Before, Diagnosis, Finding, Fit, Place, Quantity, Verdict
 from estimator.samples import Samples
 from tests.diagnosis.diagnosed import Said

@@ -5,8 +5,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from bench.diagnose import as_json, diagnose_recording
-from bench.diagnosis_request import Request, schema
+from bench.diagnoses.diagnose import as_json, diagnose_recording
+from bench.diagnoses.diagnosis_request import Request, schema
 from bench.errors import RecordingError
 from bench.machine_file import Nominal
 from emulator.plant.physics.legs import Inverter

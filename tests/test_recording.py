@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from bench.errors import ConfigError, RecordingError
-from bench.recording import Recording, open_recording, read_recording
+from bench.recordings.recording import Recording, open_recording, read_recording
 from estimator.samples import Samples
 from tests.real_data import REAL_DATA
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.report import report
-from bench.report_figures import AFTER, BEFORE, WIDTH
+from bench.diagnoses.report import report
+from bench.diagnoses.report_figures import AFTER, BEFORE, WIDTH
 from estimator.mismatch.verdict import Candidate, Diagnosis
 from tests.diagnoses import ALL, AMBIGUOUS, CONVENTION, EXPLAINED, NO_MISMATCH, NOMINAL, NOTHING_TOLD, RECORDING
 

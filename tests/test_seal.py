@@ -8,10 +8,10 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from bench.capture_file import write_columns
 from bench.errors import BenchError
-from bench.recording import read_recording
-from bench.seal import sealed
+from bench.recordings.capture_file import write_columns
+from bench.recordings.recording import read_recording
+from bench.recordings.seal import sealed
 
 pq: Any = pyarrow.parquet
 

@@ -7,11 +7,11 @@ import pytest
 from typer.testing import CliRunner
 
 from bench.cli.main import app
-from bench.diagnosed_machine import machine_text
-from bench.diagnosis_request import Request
+from bench.diagnoses.diagnosed_machine import machine_text
+from bench.diagnoses.diagnosis_request import Request
+from bench.diagnoses.simulate import simulate
 from bench.errors import ConfigError
 from bench.machine_file import load_machine
-from bench.simulate import simulate
 from emulator.conceal.recording import Choice
 from estimator.mismatch.diagnose import diagnose
 from estimator.physics.library import LIBRARY

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.acquisition import Acquisition
+from bench.live.acquisition import Acquisition
 from drivers.block import Block
 from drivers.connect import connect
 from drivers.drive import Drive

@@ -9,8 +9,8 @@ import jsonschema
 import numpy as np
 import pytest
 
-from bench.diagnose import as_json, diagnose_recording
-from bench.diagnosis_request import Request, schema
+from bench.diagnoses.diagnose import as_json, diagnose_recording
+from bench.diagnoses.diagnosis_request import Request, schema
 from bench.errors import ConfigError, RecordingError
 from bench.machine_file import Nominal
 from emulator.plant.physics.iron_loss import IronLoss

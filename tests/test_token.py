@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bench.errors import ConfigError
-from bench.token import Known, made, read, renewed
+from bench.service.token import Known, made, read, renewed
 from tests.conftest import COMMAND
 
 

@@ -6,13 +6,13 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from bench.acquisition import Failure, Link, LinkState
 from bench.config import Config, DriveConfig
-from bench.estimation import Snapshot
-from bench.service import Service
-from bench.trust import STALE, trusted
-from bench.watch import Explained, Mismatch
-from bench.window import Window
+from bench.live.acquisition import Failure, Link, LinkState
+from bench.live.estimation import Snapshot
+from bench.live.trust import STALE, trusted
+from bench.live.watch import Explained, Mismatch
+from bench.live.window import Window
+from bench.service.service import Service
 from estimator.estimate import Estimate, Status, WindowEstimate
 from tests.served_drive import served, tcp_url, until
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from bench.actions.unfinished import Noted, Origin, undo
 from bench.errors import ConflictError, UnavailableError
-from bench.unfinished import Noted, Origin, undo
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.lease import Lease

@@ -13,11 +13,11 @@ import httpx
 import numpy as np
 import pytest
 
-from bench import watch
 from bench.config import Config, DriveConfig
-from bench.service import Service
-from bench.watch import MOST, Explained, Mismatch, Watch
-from bench.window import Window
+from bench.live import watch
+from bench.live.watch import MOST, Explained, Mismatch, Watch
+from bench.live.window import Window
+from bench.service.service import Service
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.legs import Inverter

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import LimitError, shown
-from bench.window import Window
+from bench.live.window import Window
 
 WINDOW = Window(length=400, held={"psi_f": 0.12})
 KEYS = "length, periods_per_row, estimated, held, method, longest, forgetting_factor or ekf"

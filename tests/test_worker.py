@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.worker import Done, Failed, Heard, Progress, Worker, each
+from bench.diagnoses.worker import Done, Failed, Heard, Progress, Worker, each
 from tests.served_drive import until
 
 pytestmark = pytest.mark.live

@@ -3,7 +3,7 @@
 import os
 import signal
 
-from bench.diagnosis_request import Tell
+from bench.diagnoses.diagnosis_request import Tell
 from bench.errors import LimitError
 
 

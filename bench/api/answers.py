@@ -7,10 +7,10 @@ from typing import Annotated, Any, Final, cast
 from fastapi import Depends, Path, Request
 from starlette.requests import ClientDisconnect
 
-from bench.api.kinds import READS, is_stop
+from bench.api.guard.kinds import READS, is_stop
 from bench.api.problems import MediaError, TooLargeError
 from bench.errors import LimitError, shown
-from bench.service import Service
+from bench.service.service import Service
 
 _MAX_BODY: Final = 1 << 16  # bytes
 

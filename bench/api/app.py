@@ -31,6 +31,7 @@ from bench.api.capture_models import CaptureRequestModel, LevelModel, capture_mo
 from bench.api.control import SetPointsModel, state_model
 from bench.api.diagnosis_models import DiagnosisRequestModel, diagnosis_shapes
 from bench.api.experiments import ExperimentRequestModel
+from bench.api.guard.record import changes
 from bench.api.models import (
     DriveModel,
     DrivesModel,
@@ -47,9 +48,8 @@ from bench.api.models import (
     link_model,
     window_model,
 )
-from bench.api.record import changes
 from bench.api.signals import SignalValuesModel
-from bench.service import Service
+from bench.service.service import Service
 
 DISPLAY_PERIOD = 0.1  # s between two events of the live stream
 VERSION = metadata.version("pmsm-bench")

@@ -5,8 +5,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.capture import Status
-from bench.capture_request import NEEDED, TIMEOUT
+from bench.actions.capture import Status
+from bench.actions.capture_request import NEEDED, TIMEOUT
 from drivers.wire.dictionary import CAPTURE_SAMPLES, CHANNELS
 
 _ID = "emulated-20260131-120000-000"

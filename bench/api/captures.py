@@ -8,7 +8,7 @@ from fastapi.responses import FileResponse
 
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.capture_models import CaptureModel, CapturesModel, capture_model
-from bench.service import Service
+from bench.service.service import Service
 
 MEDIA: Final = "application/vnd.apache.parquet"
 _ONE: Answers = DRIVE | {404: {"description": "No drive, or no capture, of that name"} | PROBLEM}

@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 from fastapi import FastAPI, Request
 from pydantic import BaseModel, Field
 
+from bench.actions.control import DriveState
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
-from bench.api.record import changes
-from bench.control import DriveState
-from bench.service import Service
+from bench.api.guard.record import changes
+from bench.service.service import Service
 from drivers.errors import DriveError
 from drivers.wire.cia402 import error_advice
 

@@ -8,7 +8,7 @@ from fastapi.responses import HTMLResponse, JSONResponse
 
 from bench.api.answers import PROBLEM, SHAPES, Answers, body_of, json_object
 from bench.api.diagnosis_models import DIAGNOSIS, DiagnosisJobModel, job_model
-from bench.service import Service
+from bench.service.service import Service
 
 _ROOT: Final = "/api/recordings/{id}/diagnosis"
 _ONE: Answers = {404: {"description": "No diagnosis of a recording of that name"} | PROBLEM}

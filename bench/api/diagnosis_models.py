@@ -7,8 +7,8 @@ from typing import Any, Final, Literal, cast
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.api.answers import SHAPES
-from bench.diagnosis_jobs import Job
-from bench.diagnosis_request import schema
+from bench.diagnoses.diagnosis_jobs import Job
+from bench.diagnoses.diagnosis_request import schema
 
 DIAGNOSIS: Final = "DiagnosisModel"
 _ID = "emulated-20260131-120000-000"

@@ -8,11 +8,11 @@ from fastapi import FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
+from bench.actions.experiment import LONGEST
+from bench.actions.experiments import as_json
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.captures import FILE, MEDIA
-from bench.experiment import LONGEST
-from bench.experiments import as_json
-from bench.service import Service
+from bench.service.service import Service
 
 _ONE: Answers = DRIVE | {404: {"description": "No drive, or no experiment, of that name"} | PROBLEM}
 _ASKED: Answers = {

@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.acquisition import Link
 from bench.api.capture_models import CaptureModel
 from bench.api.control import ControlModel, StateModel, control_model, state_model
-from bench.estimation import Snapshot
-from bench.service import Service
-from bench.window import Window
+from bench.live.acquisition import Link
+from bench.live.estimation import Snapshot
+from bench.live.window import Window
+from bench.service.service import Service
 from estimator.ekf import PAPER
 from estimator.estimate import Estimate, Status
 from estimator.machine import PARAMETERS

@@ -9,11 +9,11 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-from bench.captures import UnknownCaptureError
-from bench.diagnosis_jobs import UnknownRecordingError
+from bench.actions.captures import UnknownCaptureError
+from bench.actions.experiments import UnknownExperimentError
+from bench.diagnoses.diagnosis_jobs import UnknownRecordingError
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError, shown
-from bench.experiments import UnknownExperimentError
-from bench.service import UnknownDriveError
+from bench.service.service import UnknownDriveError
 from drivers.errors import ConnectError, DriveError, FaultError, LostError, NoReplyError, RefusedError
 
 

@@ -11,15 +11,15 @@ from typing import Any, Final, cast
 
 import uvicorn
 
-from bench.api.access import Access
 from bench.api.app import create_app
-from bench.api.connections import Connections, Limits
-from bench.api.door import Door
-from bench.api.gate import Gate
-from bench.api.load import Lanes, Load
-from bench.api.record import Record
+from bench.api.guard.access import Access
+from bench.api.guard.connections import Connections, Limits
+from bench.api.guard.door import Door
+from bench.api.guard.gate import Gate
+from bench.api.guard.load import Lanes, Load
+from bench.api.guard.record import Record
 from bench.errors import ConfigError
-from bench.service import Service
+from bench.service.service import Service
 from bench.write_log import Entry, WriteLog, short
 
 _GRACE: Final = 1  # s for answers under way at the end

@@ -7,8 +7,8 @@ from fastapi import FastAPI, Query, Request
 from pydantic import BaseModel, Field
 
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
-from bench.service import Service
-from bench.signals import Reading
+from bench.service.service import Service
+from bench.service.signals import Reading
 from drivers.wire.dictionary import SIGNALS
 
 _READ: Answers = {

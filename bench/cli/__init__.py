@@ -1,1 +1,6 @@
-"""The command line: `pmsm-bench serve | emulate | up | estimates | capture | replay`. `main` has them all."""
+"""The command line: `pmsm-bench COMMAND`.
+
+* `exit_codes` - one meaning each; `terminal`, `table` - what is shown; `output` - files that a command writes
+* `rest` - the service's interface as commands ask it; `options` - options whose value is several
+* `commands` - a file each; `main` has them all
+"""

@@ -36,7 +36,7 @@ def serve(
     port: Port = None,
 ) -> None:
     """Run the service over the drives of a configuration file, until Ctrl-C."""
-    from bench.cli.run import run_service
+    from bench.cli.commands.run import run_service
     from bench.config import load_config
 
     run_service(load_config(config), port)
@@ -49,7 +49,7 @@ def token(
 ) -> None:
     """Print the token that a service beyond loopback asks for; it is made where there is none."""
     from bench.config import load_config, token_file
-    from bench.token import made, renewed
+    from bench.service.token import made, renewed
 
     path = token_file() if config is None else load_config(config).token
     print(renewed(path) if new else made(path))
@@ -73,7 +73,7 @@ def emulate(
     ] = None,
 ) -> None:
     """Run an emulated drive, in real time, until Ctrl-C."""
-    from bench.cli.run import run_emulator
+    from bench.cli.commands.run import run_emulator
 
     faults = [part for text in fault or () for part in ("--fault", text)]
     script = ["--fault-script", fault_script] if fault_script is not None else []
@@ -84,7 +84,7 @@ def emulate(
 @app.command()
 def up(at: At = DEFAULT_BUS, scenario: Scenario = "paper", port: Port = None) -> None:
     """Run an emulated drive and the service over it, until Ctrl-C ends both."""
-    from bench.cli.run import run_both
+    from bench.cli.commands.run import run_both
 
     run_both(at, scenario, port)
 
@@ -109,7 +109,7 @@ def estimates(
 
     Exit code of --once: 0, estimates are ok; 1, the equations do not fit; 2, no service, no drive; 3, none can be told.
     """
-    from bench.cli.live import show
+    from bench.cli.commands.live import show
 
     raise typer.Exit(show(name, service or _usual_service(), once=once))
 
@@ -123,7 +123,7 @@ def signals(
     service: Service = None,
 ) -> None:
     """Read or write a drive's signals: references, excitation, limits, commands."""
-    from bench.cli.signals import show
+    from bench.cli.commands.signals import show
 
     show(name, given or [], service or _usual_service())
 
@@ -137,7 +137,7 @@ def start(
     service: Service = None,
 ) -> None:
     """Start a drive: the service takes control of it, gives set points and switches its bridge on."""
-    from bench.cli.control import start as start_drive
+    from bench.cli.commands.control import start as start_drive
 
     start_drive(name, given or [], service or _usual_service())
 
@@ -147,7 +147,7 @@ def stop(
     name: Annotated[str, typer.Argument(help="the drive, as the service calls it")], service: Service = None
 ) -> None:
     """Stop a drive, whoever controls it: bridge off, set points zero. A stop by software is no safety function."""
-    from bench.cli.control import stop as stop_drive
+    from bench.cli.commands.control import stop as stop_drive
 
     stop_drive(name, service or _usual_service())
 
@@ -157,7 +157,7 @@ def reset(
     name: Annotated[str, typer.Argument(help="the drive, as the service calls it")], service: Service = None
 ) -> None:
     """Reset a drive's fault; its bridge stays off."""
-    from bench.cli.control import reset as reset_drive
+    from bench.cli.commands.control import reset as reset_drive
 
     reset_drive(name, service or _usual_service())
 
@@ -184,7 +184,7 @@ def capture(
     drive: Annotated[str | None, typer.Option(metavar="URL", help="a drive by its bus, without a service")] = None,
 ) -> None:
     """Record with a drive's own recorder, every control period, into a file for `replay`. Ctrl-C cancels it."""
-    from bench.cli.capture import by_service, directly
+    from bench.cli.commands.capture import by_service, directly
 
     given = {
         "signals": None if signals is None else [part.strip() for part in signals.split(",")], "length": length,
@@ -239,7 +239,7 @@ def replay(
 
     Exit code: 0, they do; 1, they do not; 2, the file cannot be read or replayed; 3, nothing can be told.
     """
-    from bench.cli.replay import Options, run
+    from bench.cli.commands.replay import Options, run
 
     options = Options(method, window, longest, periods, forgetting_factor, ekf, estimate)
     code = run(file, nominal, mapping or (), constants or (), align or (), options, every, json_out, csv_out)
@@ -285,10 +285,10 @@ def diagnose(
     Exit code: 0, no mismatch or explained; 1, something stays unexplained; 2, a file cannot be read, diagnosed or
     written; 3, the recording cannot tell. Of several files the worst, in the order 70, 2, 1, 3, 0.
     """
-    from bench.cli.diagnose import Options, run
+    from bench.cli.commands.diagnose import Options, run
     from bench.cli.options import pairs
-    from bench.diagnosis_request import trust_of
-    from bench.formats import checked_format
+    from bench.diagnoses.diagnosis_request import trust_of
+    from bench.diagnoses.formats import checked_format
 
     options = Options(
         trust_of(trust or ()), pairs("--map", mapping or (), str), pairs("--set", constants or (), float),
@@ -311,8 +311,8 @@ def simulate(
     ] = None,
 ) -> None:
     """Simulate a recording's currents by a machine with the effects of its file, and say how far off they are."""
+    from bench.cli.commands.simulate import run
     from bench.cli.options import pairs
-    from bench.cli.simulate import run
 
     run(
         file, machine, pairs("--map", mapping or (), str), pairs("--set", constants or (), float),
@@ -338,7 +338,7 @@ def experiment(
 
     The currents are held one after the other; the speed as well where the drive controls it.
     """
-    from bench.cli.experiment import by_service, directly
+    from bench.cli.commands.experiment import by_service, directly
 
     if (name is None) == (drive is None):
         raise ConfigError("expected a drive's name, or its URL by --drive, got " + ("none" if name is None else "both"))
@@ -355,7 +355,7 @@ def experiment(
 @app.command()
 def registers(as_json: Annotated[bool, typer.Option("--json", help="as JSON")] = False) -> None:
     """Print the Modbus registers of a drive."""
-    from bench.cli.registers import show
+    from bench.cli.commands.registers import show
 
     show(as_json=as_json)
 

@@ -10,9 +10,9 @@ from urllib.parse import quote
 
 import httpx
 
-from bench import token
 from bench.config import token_file
 from bench.errors import BenchError, InternalError, UnavailableError, shown
+from bench.service import token
 
 TOKEN_VARIABLE: Final = "PMSM_BENCH_TOKEN"
 _PATIENCE: Final = 60.0  # s for a service that is started anew

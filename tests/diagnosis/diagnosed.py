@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from bench.machine_file import load_machine
-from bench.recording import read_recording
+from bench.recordings.recording import read_recording
 from estimator.machine import Machine
 from estimator.mismatch.verdict import Diagnosis
 from estimator.samples import Samples

@@ -19,18 +19,19 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
-from bench import experiment, method
-from bench.capture_request import NEEDED
-from bench.cli import capture
-from bench.diagnose import work
-from bench.diagnosis_request import Request, json_text
+from bench.actions import experiment
+from bench.actions.capture_request import NEEDED
+from bench.actions.experiment import Plan, Progress, experiment_of
+from bench.actions.limits import Limits
+from bench.actions.unfinished import Origin
+from bench.cli.commands import capture
+from bench.diagnoses.diagnose import work
+from bench.diagnoses.diagnosis_request import Request, json_text
 from bench.errors import BenchError
-from bench.experiment import Plan, Progress, experiment_of
-from bench.limits import Limits
+from bench.live import method
+from bench.live.window import Window
 from bench.machine_file import Nominal
-from bench.recording import read_recording
-from bench.unfinished import Origin
-from bench.window import Window
+from bench.recordings.recording import read_recording
 from drivers.connect import connect
 from drivers.errors import DriveError, NoReplyError
 from emulator.conceal.recording import recorded

@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 import plotly.graph_objects
 
-from bench.diagnose import diagnose_recording
-from bench.diagnosis_request import Request
+from bench.diagnoses.diagnose import diagnose_recording
+from bench.diagnoses.diagnosis_request import Request
 from bench.engineering import quantity, words
 from bench.machine_file import Nominal
 from estimator.mismatch.verdict import Diagnosis, LeaveOneOut, Quantity

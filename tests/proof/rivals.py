@@ -17,8 +17,8 @@ import numpy as np
 import statsmodels.stats.diagnostic
 from numpy.typing import NDArray
 
-from bench import method
-from bench.window import Window
+from bench.live import method
+from bench.live.window import Window
 from estimator import window_ls
 from estimator.flux_balance import COLUMNS, flux_balance
 from estimator.machine import PARAMETERS, Machine

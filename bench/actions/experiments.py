@@ -1,0 +1,330 @@
+"""The experiments of all drives: asked for, watched, cancelled; what a service before this one left of them.
+
+One at a time per drive, under the drive's lease. Recordings go to the folder of the captures. Knows nothing of HTTP.
+"""
+
+import contextlib
+import re
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Final
+
+from bench.actions import experiment
+from bench.actions.capture import Link
+from bench.actions.experiment import CancelledError, Plan, Progress, experiment_of
+from bench.actions.experiment_part import SUFFIX, ExperimentPart
+from bench.actions.lease import Leases, Part
+from bench.actions.limits import Limits
+from bench.actions.unfinished import Origin, folder_beside
+from bench.errors import BenchError, ConflictError, RecordingError, UnavailableError, shown
+from bench.machine_file import Nominal
+from bench.new_file import check_place
+from drivers import capture
+from drivers.errors import DriveError, GoneError
+
+LATEST: Final = "latest"
+_RENEWED: Final = 30.0  # s that the lease is taken for, anew with every step ahead
+_CANCEL: Final = 5.0  # s for an experiment to end
+_REMEMBERED: Final = 50  # experiments, of all drives
+_LINK: Final = 20.0  # s that a link is waited for, to take up what a drive still has
+_RETRY: Final = 0.2  # s
+_WHEN: Final = r"-experiment-\d{8}-\d{6}-\d{3}"  # in an id, after the drive's name
+_KILLED: Final = "the service ended while it ran"
+
+
+class UnknownExperimentError(KeyError):
+    """No experiment of that name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class State(StrEnum):
+    """Where an experiment stands; all but the first are ends."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """An experiment at one moment."""
+
+    id: str
+    drive: str
+    plan: Plan
+    asked: datetime
+    state: State = State.RUNNING
+    phase: str = ""  # what is being done, in words
+    progress: float = 0.0  # 0 to 1
+    reason: str = ""  # why it failed
+    remarks: tuple[str, ...] = ()  # what was held otherwise than planned
+    samples: int = 0
+    file: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    thread: threading.Thread
+    cancelled: threading.Event
+
+
+class Experiments:
+    """Everything about experiments, until `leave`."""
+
+    def __init__(
+        self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Leases,
+        nominals: Mapping[str, Nominal], limits: Mapping[str, Limits],
+    ) -> None:  # fmt: skip
+        self._folder, self._urls, self._links, self._leases = folder.absolute(), urls, links, leases
+        self._nominals, self._limits = nominals, limits
+        self._lock = threading.Lock()  # guards what follows
+        self._known: dict[str, Status] = {}  # oldest first
+        self._runs: dict[str, _Run] = {}  # under way
+        self._stops = Counter[str]()  # so often has somebody asked for a drive's Stop
+        self._ending = False
+
+    def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
+        """Have a drive do an experiment. Raises LimitError, ConflictError, UnavailableError, DriveError."""
+        stops = self._stops[drive]
+        given = experiment_of(given) if "ambiguous" in given else given  # of a whole diagnosis
+        plan, asked = Plan.of(given), datetime.now(UTC)
+        experiment.check_motor(plan, self._nominals[drive].told, f"drive {drive}'s machine file")
+        self._check_folder()
+        link = self._links[drive].drive()  # from here on it is known which device that is
+        id_ = f"{drive}-experiment-{asked:%Y%m%d-%H%M%S}-{asked.microsecond // 1000:03d}"
+        status = Status(id_, drive, plan, asked)
+        holder = f"experiment {id_}" + (f" (asked for from {whom})" if whom else "")
+        self._leases.take(drive, holder, _RENEWED, *Part)
+        with contextlib.ExitStack() as otherwise:
+            otherwise.callback(self._leases.release, drive, holder)
+            experiment.check(link, plan, self._limits[drive])
+            origin = {"drive": drive, "url": self._urls[drive], "asked": asked.isoformat()}
+            part = experiment.begin(self._folder / f"{id_}.parquet", plan, link, origin)
+            otherwise.callback(part.remove)
+            self._begin(status, holder, lambda cancelled: self._done(status, part, holder, cancelled), stops)
+            otherwise.pop_all()
+        return status
+
+    @property
+    def holders(self) -> set[str]:
+        """Those under way, as they are named where they hold a lease."""
+        with self._lock:
+            return {run.thread.name for run in self._runs.values()}
+
+    def start(self) -> None:
+        """Finish what a service before this one has left, as far as it can be; say what cannot."""
+        for path in sorted(self._folder.glob(f"*{SUFFIX}")):
+            try:
+                self._go_on(path)
+            except RecordingError as error:
+                named = [drive for drive in self._urls if re.fullmatch(re.escape(drive) + _WHEN, path.stem)]
+                if named:
+                    left = Status(path.stem, named[0], Plan(()), datetime.now(UTC), State.FAILED, reason=str(error))
+                    with self._lock:
+                        self._known[left.id] = left
+            except Exception:  # noqa: BLE001 - what makes no sense is left alone
+                continue
+
+    def all(self, drive: str) -> list[Status]:
+        """A drive's experiments since the service started, the newest first."""
+        with self._lock:
+            return [status for status in reversed(self._known.values()) if status.drive == drive]
+
+    def one(self, drive: str, id_: str) -> Status:
+        """An experiment by its id, or `latest`. Raises UnknownExperimentError."""
+        for status in self.all(drive):
+            if id_ in (status.id, LATEST):
+                return status
+        raise UnknownExperimentError(f"drive {drive} has no experiment {shown(id_)}")
+
+    def cancel(self, drive: str, id_: str) -> Status:
+        """End one that is under way; its drive is stopped. Raises UnknownExperimentError, ConflictError."""
+        status = self.one(drive, id_)
+        with self._lock:
+            run = self._runs.get(status.id)
+        if run is None:
+            raise ConflictError(f"experiment {status.id} is {status.state}, there is nothing to cancel")
+        run.cancelled.set()
+        run.thread.join(_CANCEL)
+        if run.thread.is_alive():
+            raise UnavailableError(f"experiment {status.id} is to end, but has not within {_CANCEL:g} s")
+        return self.one(drive, status.id)
+
+    def stop(self, drive: str) -> None:
+        """Have one that is under way, or asked for, end, without waiting for it."""
+        with self._lock:
+            self._stops[drive] += 1
+            for id_, run in self._runs.items():
+                if self._known[id_].drive == drive:
+                    run.cancelled.set()
+
+    def file(self, drive: str, id_: str) -> Path:
+        """The recording. Raises UnknownExperimentError; ConflictError where there is none."""
+        status = self.one(drive, id_)
+        if status.file is None or not status.file.is_file():
+            raise ConflictError(f"experiment {status.id} has no recording: it is {status.state}")
+        return status.file
+
+    def leave(self) -> None:
+        """Have all end, and their drives stopped."""
+        with self._lock:
+            self._ending = True
+            runs = list(self._runs.values())
+        for run in runs:
+            run.cancelled.set()
+
+    def join(self, timeout: float) -> None:
+        """Wait for their end, at most so many seconds."""
+        deadline = time.monotonic() + timeout
+        with self._lock:
+            runs = list(self._runs.values())
+        for run in runs:
+            run.thread.join(max(0.0, deadline - time.monotonic()))
+
+    def _begin(
+        self, status: Status, holder: str, work: Callable[[threading.Event], dict[str, Any]], stops: int | None = None
+    ) -> None:
+        """Have a thread work at an experiment; what it returns is how it ended. `stops`: so many were there before."""
+        id_, cancelled = status.id, threading.Event()
+
+        def guarded() -> None:
+            try:
+                ended = work(cancelled)
+            except Exception as error:  # noqa: BLE001 - a fault of ours must not leave an experiment without an end
+                why = f"the bench failed on this experiment: {type(error).__name__}: {error}"
+                ended = {"state": State.FAILED, "reason": why}
+            self._leases.release(status.drive, holder)
+            self._change(id_, phase="", **ended)
+            with self._lock:
+                del self._runs[id_]
+
+        thread = threading.Thread(target=guarded, name=holder, daemon=True)
+        with self._lock:
+            if self._ending:
+                raise UnavailableError("the service is ending")
+            if stops is not None and stops != self._stops[status.drive]:
+                raise ConflictError(f"drive {status.drive} was stopped meanwhile: ask again where that is meant")
+            self._known[id_] = status
+            self._runs[id_] = _Run(thread, cancelled)
+            for key in [k for k in self._known if k not in self._runs][: max(0, len(self._known) - _REMEMBERED)]:
+                del self._known[key]
+            thread.start()
+
+    def _done(self, status: Status, part: ExperimentPart, holder: str, cancelled: threading.Event) -> dict[str, Any]:
+        """Do all of it; how it went."""
+
+        def tell(far: Progress) -> None:
+            self._leases.take(status.drive, holder, _RENEWED, *Part)
+            self._change(status.id, phase=far.phase, progress=far.share)
+
+        state = State.FAILED
+        try:
+            noted = Origin(folder_beside(self._folder), status.drive, holder)
+            experiment.run(
+                self._links[status.drive].drive(), status.plan, tell, cancelled, part,
+                limits=self._limits[status.drive], origin=noted,
+            )  # fmt: skip
+            why = ""
+        except CancelledError as error:
+            state, why = State.CANCELLED, str(error)
+            if not self._ending:
+                part.remove()
+                return {"state": state, "reason": why}
+        except (BenchError, DriveError) as error:
+            why = str(error)
+            if cancelled.is_set() and not self._ending:  # a stop, which has ended its control as well
+                part.remove()
+                return {"state": State.CANCELLED, "reason": f"the experiment was stopped ({why})"}
+        except OSError as error:
+            why = f"the recording cannot be kept on disk: {error.strerror or error}"
+        except Exception as error:  # noqa: BLE001 - as in `_begin`, and nothing that was recorded is lost
+            why = f"the bench failed on this experiment: {type(error).__name__}: {error}"
+        return self._ended(part, state, why)
+
+    def _ended(self, part: ExperimentPart, state: State, why: str) -> dict[str, Any]:
+        """What there is becomes a recording; `why` it came no further, where it did not."""
+        samples, remarks, complete = part.samples, part.remarks, part.complete
+        file, kept = part.settled()
+        if complete and file is not None:
+            state, why = State.DONE, ""
+        else:
+            why = "; ".join(filter(None, (why, kept if samples else "")))
+        share = {"progress": 1.0} if state is State.DONE else {}
+        return {"state": state, "reason": why, "file": file, "samples": samples, "remarks": remarks, **share}
+
+    def _go_on(self, path: Path) -> None:
+        """Take up what an experiment has left, unless it is of another service, or drive; see `Captures`."""
+        part = ExperimentPart.found(path)
+        if part is None:
+            return
+        with contextlib.ExitStack() as otherwise:
+            otherwise.callback(part.close)
+            origin, name = part.heading.origin, part.heading.origin["drive"]
+            if self._urls.get(name) != origin["url"]:
+                return
+            asked = datetime.fromisoformat(origin["asked"])
+            status = Status(path.stem, name, Plan.of(part.heading.plan), asked, phase="taken up again")
+            holder = f"experiment {status.id}"
+            self._leases.take(name, holder, _RENEWED, Part.RECORDER)
+            self._begin(status, holder, lambda cancelled: self._taken_up(status, part, holder, cancelled))
+            otherwise.pop_all()
+
+    def _taken_up(
+        self, status: Status, part: ExperimentPart, holder: str, cancelled: threading.Event
+    ) -> dict[str, Any]:
+        """Upload what the drive still has of the newest group, which moves nothing; write what there is."""
+        last = part.groups[-1] if part.groups else None
+        if last is not None and last.done < last.count:
+            rest = replace(last, data=bytearray(last.data))
+
+            def uploaded(done: int) -> None:
+                part.keep(rest.data, done * 2 * len(rest.setup.channels))
+                self._leases.take(status.drive, holder, _RENEWED, Part.RECORDER)
+                self._change(status.id, phase=f"uploading {done} of {rest.count} samples")
+                if cancelled.is_set():
+                    raise CancelledError("the experiment was cancelled")
+
+            deadline = time.monotonic() + _LINK
+            while time.monotonic() < deadline and not cancelled.is_set():
+                try:
+                    capture.upload(self._links[status.drive].drive(), rest, uploaded)
+                    break
+                except (GoneError, CancelledError, OSError):
+                    break
+                except DriveError:  # not connected yet, or no longer
+                    cancelled.wait(_RETRY)
+        if self._ending:
+            part.close()
+            return {"state": State.FAILED, "reason": f"{_KILLED}; what there is of it is taken up at the next start"}
+        return self._ended(part, State.FAILED, _KILLED)
+
+    def _change(self, id_: str, **changes: Any) -> None:
+        with self._lock:
+            self._known[id_] = replace(self._known[id_], **changes)
+
+    def _check_folder(self) -> None:
+        """Before anything moves, there is a place to put the recording. Raises UnavailableError."""
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            check_place(self._folder / "experiment")
+        except OSError as error:
+            raise UnavailableError(f"the folder of captures cannot be written: {error.strerror or error}") from None
+
+
+def as_json(status: Status) -> dict[str, Any]:
+    """An experiment as plain values."""
+    return {
+        "id": status.id, "drive": status.drive, "state": status.state.value, "phase": status.phase,
+        "progress": status.progress, "reason": status.reason, "remarks": list(status.remarks),
+        "samples": status.samples, "file": None if status.file is None else str(status.file),
+        "asked": status.asked, **asdict(status.plan),
+    }  # fmt: skip

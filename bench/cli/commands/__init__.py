@@ -1,0 +1,1 @@
+"""The commands, a file each; those that go together share one."""

@@ -1,0 +1,163 @@
+"""`pmsm-bench capture`: by the running service, or by a drive's bus without one."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import httpx
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
+
+from bench.actions.capture import Run, State, Status, new_status
+from bench.actions.capture_request import COMMAND, Request
+from bench.cli.output import await_end, check_recording
+from bench.cli.rest import Rest, patiently
+from bench.cli.terminal import Terminal, Told
+from bench.errors import BenchError, ConfigError, UnavailableError
+from bench.new_file import write_new
+from drivers.connect import connect
+from drivers.drive import Drive
+from drivers.errors import DriveError
+
+_PERIOD: Final = 0.1  # s between two looks
+_TIMEOUT: Final = 10.0  # s for one answer
+_console: Final = Terminal(soft_wrap=True)
+
+
+def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | None) -> None:
+    """Have the service capture, and download the recording. Raises BenchError."""
+    check_recording(_named(out, "capture"))
+    request = Request.of(given)
+    with httpx.Client(timeout=_TIMEOUT) as client:
+        rest = Rest(client, service)
+        said = rest.call("POST", name, "captures", body=dict(given), key="state")
+        id_ = str(said["id"])
+        _remark(said["remark"])
+        path = _named(out, id_)
+        try:
+            with _bar(request.length) as show:
+                while not State(said["state"]).ended:
+                    show(said["state"], said["samples"], said["reason"])
+                    time.sleep(_PERIOD)
+                    said = patiently(
+                        lambda: rest.call("GET", name, "captures", id_, key="state"),
+                        lambda why: show("waiting", 0, why),
+                    )
+        except KeyboardInterrupt:
+            with contextlib.suppress(BenchError):
+                rest.call("DELETE", name, "captures", id_)
+            raise
+        _check_end(said["state"], said["reason"], said["file"])
+        try:
+            recording = rest.download(name, "captures", id_, "file")
+            written = write_new(path, lambda file: file.write(recording))
+        except (OSError, UnavailableError) as error:
+            why = f"{path}: cannot be written: {error.strerror or error}" if isinstance(error, OSError) else str(error)
+            raise BenchError(f"{why}; the service still has the recording, as capture {id_} of drive {name}") from None
+    _tell(path, written, request, off=bool(said["remark"]))
+
+
+def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
+    """Capture over a drive's bus. Raises BenchError, DriveError."""
+    check_recording(_named(out, "capture"))
+    status = new_status("drive", Request.of(given))
+    if status.request.trigger == COMMAND:
+        raise ConfigError("--trigger command: without a service nobody can give it, expected now or a level as i_q>2.0")
+    path = _named(out, status.id)
+    with _Link(url) as link, _bar(status.request.length) as show:
+
+        def changed(status: Status) -> None:
+            if not status.state.ended:
+                show(status.state, status.samples, status.reason)
+
+        run = Run(status, url, link, path, changed)
+        if run.part.exists():
+            raise ConfigError(f"{run.part} is of a capture that was interrupted; remove it, or choose another --out")
+        run.arm()
+        _remark(run.status.remark)
+        ended = threading.Event()
+        threading.Thread(target=lambda: (run.finish(), ended.set()), name="capture", daemon=True).start()
+        await_end(ended, run.cancel)
+    _check_end(run.status.state, run.status.reason, run.status.file)
+    _tell(path, run.status.file or path, status.request, off=bool(run.status.remark))
+
+
+class _Link:
+    """A drive by its URL, connected anew where it was lost."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._drive: Drive | None = None
+
+    def drive(self) -> Drive:
+        """The drive, connected. Raises DriveError."""
+        if self._drive is not None:
+            try:
+                self._drive.read("tick")
+            except DriveError:
+                self.close()
+        if self._drive is None:
+            self._drive = connect(self._url)
+        return self._drive
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._drive is not None:
+            self._drive.close()
+            self._drive = None
+
+    def __enter__(self) -> "_Link":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+Show = Callable[[str, int, str], None]
+"""Shows a state, samples, and what it waits for."""
+
+
+@contextmanager
+def _bar(length: int) -> Generator[Show]:
+    """A bar on standard error, where that is a terminal."""
+    console = Terminal(stderr=True)
+    columns = (Told(), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=length)
+
+        def show(state: str, samples: int, reason: str) -> None:
+            bar.update(task, completed=samples, description=f"{state}: {reason}" if reason else str(state))
+
+        yield show
+
+
+def _named(out: Path | None, id_: str) -> Path:
+    return Path(f"{id_}.parquet") if out is None else out
+
+
+def _remark(said: str) -> None:
+    if said:
+        Terminal(stderr=True).print(f"pmsm-bench: {said}", markup=False, soft_wrap=True, highlight=False)
+
+
+def _check_end(state: str, reason: str, file: object) -> None:
+    if state == State.DONE:
+        return
+    said = "failed" if state == State.FAILED else f"was {state}"
+    raise BenchError(f"the capture {said}" + (f": {reason}" if reason else "") + (f" in {file}" if file else ""))
+
+
+def _tell(path: Path, written: Path, request: Request, *, off: bool) -> None:
+    """Where the recording is; nothing can be estimated of a drive that was `off`.
+
+    Raises ConfigError where it is not where it was to be.
+    """
+    if written != path:
+        raise ConfigError(f"--out: {path} has been made by another meanwhile; the recording is whole, in {written}")
+    said = f"{written}: {request.length} samples"
+    if request.replayable and not off:
+        said += f"; estimates: pmsm-bench replay {written}"
+    _console.print(said, markup=False)

@@ -1,0 +1,62 @@
+"""`pmsm-bench start`, `stop`, `reset`: a drive's state from the terminal, over the service's REST interface."""
+
+from typing import Any
+
+import httpx
+
+from bench.cli.commands.signals import pairs_of, read_from
+from bench.cli.rest import Rest
+from bench.cli.terminal import Terminal
+from bench.errors import BenchError
+from drivers.wire.dictionary import SET_POINTS
+
+_TIMEOUT = 15.0  # s for one answer
+_console = Terminal(soft_wrap=True)
+
+
+def start(name: str, given: list[str], service: str) -> None:
+    """Start a drive with set points given as SIGNAL=VALUE, and tell which it has. Raises BenchError."""
+    _ask(name, "start", service, pairs_of(given))
+    with httpx.Client(timeout=_TIMEOUT) as client:
+        told = read_from(Rest(client, service), name, SET_POINTS)
+    has = ", ".join(f"{one['name']} = {one['value']:g} {one['unit']}" for one in told if one["value"])
+    _console.print(f"set points: {has or 'none, no current flows'}", markup=False)
+
+
+def stop(name: str, service: str) -> None:
+    """Stop a drive. Raises BenchError, also where it does not say that it is off."""
+    said = _ask(name, "stop", service)
+    if said["state"] in (None, "operation enabled"):
+        raise BenchError(f"drive {name} does not say that it is off: it is {said['state'] or 'not to be had'}")
+
+
+def reset(name: str, service: str) -> None:
+    """Reset a drive's fault. Raises BenchError."""
+    _ask(name, "reset", service)
+
+
+def words(control: dict[str, Any]) -> str:
+    """A drive's state and who controls it, a clause."""
+    if control["state"] is None:
+        return "no link to the drive"
+    fault = control["fault"]
+    state = control["state"] + (f", {fault['name']} ({fault['code']}): {fault['advice']}" if fault else "")
+    if control["ours"]:
+        said = control["whom"] or ""
+        whom = "controlled by this service"
+        whom += f" for {said}" if control["in_experiment"] else f", started from {said}" if said else ""
+    else:
+        whom = f"controlled by {control['holder']}" if control["holder"] else "controlled by nobody"
+    return f"{state}; {whom}"
+
+
+def _ask(name: str, what: str, service: str, body: dict[str, float] | None = None) -> dict[str, Any]:
+    with httpx.Client(timeout=_TIMEOUT) as client:
+        said = Rest(client, service).call("POST", name, what, body=body or {}, key="state")
+    _console.print(f"{name}: {words(said)}")
+    if said["guarded"] is False:
+        _console.print(
+            "this drive has no control lease, only a watchdog that any client's request feeds: a second client keeps "
+            "it running, and may write to it",
+        )  # fmt: skip
+    return said

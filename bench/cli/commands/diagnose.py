@@ -1,0 +1,373 @@
+"""`pmsm-bench diagnose`: recordings to diagnoses, several at a time; what each says, and files of it."""
+
+import contextlib
+import os
+import sys
+from collections import Counter
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from bench.cli.exit_codes import DOES_NOT, FAULT, HOLDS, NOT_TOLD, REFUSED, details_kept, worst
+from bench.cli.output import check_new, check_output, takes_all, write_whole
+from bench.cli.terminal import Terminal, Told
+from bench.diagnoses.diagnosis_request import WORK, Request, Result, json_text
+from bench.diagnoses.worker import Failed, each
+from bench.diagnoses.worker import Progress as Under
+from bench.engineering import odds, quantity, words
+from bench.errors import BenchError, ConfigError, shown
+from bench.machine_file import Nominal, load_machine
+
+STEM: Final = "{stem}"
+EXPLAINED: Final = "explained"
+FAIL_ON: Final = ("unexplained", EXPLAINED)
+_CODES: Final = {
+    "no_mismatch": HOLDS, EXPLAINED: HOLDS, "partly_explained": DOES_NOT, "unexplained": DOES_NOT,
+    "ambiguous": NOT_TOLD, "not_enough_excitation": NOT_TOLD,
+}
+_SUFFIXES: Final = {"--json": ".json", "--report": ".html", "--machine": ".toml"}
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What goes for all recordings of a command."""
+
+    trust: Mapping[str, float]
+    mapping: Mapping[str, str]
+    constants: Mapping[str, float]
+    align: Mapping[str, float]
+    format: str  # of `bench.diagnoses.formats`, or "auto"
+    jobs: int | None  # processes; None: one per core
+    force: bool
+    fail_on: str = FAIL_ON[0]
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What has become of a recording."""
+
+    result: Result | None  # None: it was refused
+    refusal: str = ""  # in a sentence; with a result, of files that cannot be written
+    fault: bool = False  # it was not the recording's fault
+
+
+def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str | None], options: Options) -> int:
+    """Diagnose recordings, print and write what is said of them; the exit code. Raises ConfigError before any work.
+
+    An output is a file, a name with {stem}, or a folder: one that is there, or a name that ends with a slash.
+    """
+    if options.jobs is not None and options.jobs < 1:
+        raise ConfigError(f"--jobs: expected at least 1, got {options.jobs}")
+    if options.fail_on not in FAIL_ON:
+        raise ConfigError(f"--fail-on: expected {' or '.join(FAIL_ON)}, got {shown(options.fail_on)}")
+    places = _places(files, outputs)
+    _check(files, nominal, places, force=options.force)
+    shared = _shared(nominal)
+    show = _Shown(len(files), options.fail_on, machine=outputs.get("--machine") is not None)
+    wanted = outputs.get("--report") is not None
+    requests: list[Request] = []
+    told: list[int] = []  # place among the files of each request
+    outcomes: dict[int, _Outcome] = {}
+    for k, file in enumerate(files):
+        try:
+            machine = shared or (Nominal({}) if nominal is None else load_machine(_nominal_of(nominal, file)))
+            _check_writable(places[k])
+        except BenchError as error:
+            outcomes[k] = _Outcome(None, str(error))
+        else:
+            requests.append(_request(file, machine, options, report=wanted))
+            told.append(k)
+    shares = [0.0] * len(requests)
+    with _bar(len(files)) as bar, contextlib.closing(each(WORK, requests, options.jobs or _cores())) as heard:
+        for k, said in heard:
+            if isinstance(said, Under):
+                shares[k] = said.share
+                bar.at(len(outcomes) + sum(s for n, s in enumerate(shares) if told[n] not in outcomes), said.phase)
+                continue
+            place = told[k]
+            outcomes[place] = (
+                _failed(said) if isinstance(said, Failed)
+                else _written(said.result, places[place], force=options.force)
+            )  # fmt: skip
+            bar.at(len(outcomes), "")
+            show.as_far_as(files, outcomes, bar)
+        show.as_far_as(files, outcomes, bar)
+    return show.end()
+
+
+def _failed(said: Failed) -> _Outcome:
+    where = details_kept(said.details) if said.details else ""
+    return _Outcome(None, said.why + where, said.fault)
+
+
+def stem_of(file: Path) -> str:
+    """A recording's name without what its format adds to it."""
+    name = file.name.removesuffix(".gz")
+    for suffix in (".csv", ".parquet", ".pq", ".json"):
+        name = name.removesuffix(suffix)
+    return name
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _request(file: Path, machine: Nominal, options: Options, *, report: bool) -> Request:
+    return Request(
+        file, machine, options.trust, options.mapping, options.constants, options.align, report, options.format
+    )
+
+
+def _shared(nominal: Path | None) -> Nominal | None:
+    """The machine of all recordings, where it is one."""
+    return None if nominal is None or STEM in str(nominal) or _is_folder(nominal) else load_machine(nominal)
+
+
+def _nominal_of(nominal: Path, file: Path) -> Path:
+    if STEM in str(nominal):
+        return Path(str(nominal).replace(STEM, stem_of(file)))
+    return nominal / f"{stem_of(file)}.toml"
+
+
+# --- files
+
+
+def _places(files: Sequence[Path], outputs: Mapping[str, str | None]) -> list[dict[str, Path]]:
+    """Where each recording's outputs go, by option."""
+    places = [dict[str, Path]() for _ in files]
+    for option, out in outputs.items():
+        if out is None:
+            continue
+        suffix, folder = _SUFFIXES[option], Path(out)
+        pattern = out
+        meant = out.endswith(os.sep) or _is_folder(folder)
+        if STEM not in out and (len(files) > 1 or meant):
+            if not meant and (folder.suffix == suffix or os.path.lexists(folder)):
+                raise ConfigError(f"{option}: several recordings need a folder or a name with {STEM}, got {out}")
+            pattern = str(folder / f"{STEM}{suffix}")
+            with _as_refusal(folder):
+                folder.mkdir(parents=True, exist_ok=True)
+        for place, file in zip(places, files, strict=True):
+            place[option] = Path(pattern.replace(STEM, stem_of(file)))
+    return places
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # a name that cannot be, which whoever reads or writes it will say
+        return False
+
+
+def _check(files: Sequence[Path], nominal: Path | None, places: Sequence[Mapping[str, Path]], *, force: bool) -> None:
+    """Refuse, before any work, what would overwrite a recording, a machine file, another output or a file."""
+    taken = {os.path.realpath(file): "a recording" for file in files}
+    if nominal is not None:
+        taken |= {os.path.realpath(_nominal_of(nominal, file)): "its machine file" for file in files}
+        taken[os.path.realpath(nominal)] = "the machine file"
+    for place in places:
+        for option, path in place.items():
+            if (whose := taken.get(os.path.realpath(path))) is not None:
+                raise ConfigError(f"{option}: {path}: expected a file of its own, this is {whose}")
+            if not takes_all(path):
+                taken[os.path.realpath(path)] = "another output"
+            if not force:
+                check_new(option, path)
+
+
+def _check_writable(place: Mapping[str, Path]) -> None:
+    """Refuse a recording before it is worked on where its outputs cannot be written."""
+    for path in place.values():
+        with _as_refusal(path):
+            check_output(path)
+
+
+def _written(result: Result, place: Mapping[str, Path], *, force: bool) -> _Outcome:
+    """The result, its files written; and a sentence where one cannot be."""
+    texts = {"--json": json_text(result.content), "--report": result.report, "--machine": result.machine}
+    refusals: list[str] = []
+    for option, path in place.items():
+        if (text := texts[option]) is None:
+            continue
+        try:
+            with _as_refusal(path):
+                write_whole(path, text, over=force)
+        except ConfigError as error:
+            refusals.append(str(error))
+    return _Outcome(result, "; ".join(refusals))
+
+
+@contextmanager
+def _as_refusal(path: Path) -> Generator[None]:
+    try:
+        yield
+    except FileExistsError:
+        raise ConfigError(f"{path} exists already, expected a new file") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+# --- what is shown
+
+
+@dataclass(slots=True)
+class _Bar:
+    """A bar on standard error while it takes long, where that is a terminal."""
+
+    progress: Progress
+    task: Any
+    output: Terminal  # for what goes to standard output meanwhile
+
+    def at(self, done: float, phase: str) -> None:
+        self.progress.update(self.task, completed=done, description=phase or "diagnosing")
+
+    def refuse(self, sentence: str) -> None:
+        """A sentence on standard error, above the bar."""
+        self.progress.console.print(f"pmsm-bench: {sentence}", markup=False, soft_wrap=True, highlight=False)
+
+
+@contextmanager
+def _bar(total: int) -> Generator[_Bar]:
+    console = Terminal(stderr=True)
+    count = TextColumn("{task.completed:.0f}/{task.total:.0f}") if total > 1 else TextColumn("{task.percentage:.0f} %")
+    columns = (Told(), BarColumn(), count, TimeRemainingColumn())
+    progress = Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal,
+        redirect_stdout=False,
+    )
+    shared = console.is_terminal and sys.stdout.isatty()  # what is said goes above the bar then
+    with progress:
+        yield _Bar(progress, progress.add_task("diagnosing", total=total), console if shared else Terminal())
+
+
+class _Shown:
+    """Outcomes on standard output, in the order of the files."""
+
+    def __init__(self, total: int, fail_on: str, *, machine: bool) -> None:
+        self._total, self._machine, self._next = total, machine, 0
+        self._codes = _CODES | ({EXPLAINED: DOES_NOT} if fail_on == EXPLAINED else {})
+        self._verdicts = Counter[str]()
+        self._faults = 0
+        self._unwritten = 0
+        self._console = Terminal()
+
+    def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, _Outcome], bar: _Bar) -> None:
+        """Show those whose turn has come."""
+        self._console = bar.output
+        while self._next in outcomes:
+            file, outcome = files[self._next], outcomes[self._next]
+            self._next += 1
+            if outcome.result is None:
+                self._verdicts["refused"] += 1
+                self._faults += outcome.fault
+            else:
+                self._verdict(file, outcome.result)
+                self._unwritten += bool(outcome.refusal)
+            if why := outcome.refusal:
+                bar.refuse(why if why.startswith(str(file)) else f"{file}: {why}")
+
+    def _verdict(self, file: Path, result: Result) -> None:
+        content = result.content
+        self._verdicts[content["verdict"]] += 1
+        self._say(f"{file}: {words(content['verdict'])}")
+        self._say(content["sentence"])
+        if self._total == 1:
+            self._details(content)
+        if self._machine and result.machine is None:
+            self._say("no machine file: nothing could be fitted")
+
+    def end(self) -> int:
+        """The exit code; in words, too, where there were several. After the bar."""
+        self._console = Terminal()
+        if self._total > 1:
+            counts = ", ".join(f"{count} {words(verdict)}" for verdict, count in self._verdicts.most_common())
+            unwritten = f"; outputs of {self._unwritten} cannot be written" if self._unwritten else ""
+            self._say(f"{self._total} recordings: {counts}{unwritten}")
+        codes = [self._codes[verdict] for verdict in self._verdicts if verdict in self._codes]
+        if self._verdicts["refused"] > self._faults or self._unwritten:
+            codes.append(REFUSED)
+        return worst([*codes, *([FAULT] if self._faults else [])])
+
+    def _details(self, content: Mapping[str, Any]) -> None:
+        if content["findings"]:
+            self._console.print(_findings(content["findings"]))
+        if content["fit"] is not None:
+            self._console.print(_before_and_after(content))
+        said = [content["sentence"]]
+        for ambiguity in content["ambiguous"]:
+            names = " or ".join(map(words, ambiguity["effects"]))
+            self._once(f"{names}? ", ambiguity["reason"], said)
+            self._once("to tell: ", ambiguity["experiment"]["sentence"], said)
+        if content["experiment"] is not None:
+            self._once("", content["experiment"]["sentence"], said)
+        for remark in content["remarks"]:
+            self._say(remark)
+
+    def _once(self, lead: str, text: str, said: list[str]) -> None:
+        """Say what no sentence has said, whose first letter may be a capital."""
+        if not any(text[1:] in already for already in said):
+            said.append(text)
+            self._say(f"{lead}{text}")
+
+    def _say(self, text: str) -> None:
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _findings(findings: Sequence[Mapping[str, Any]]) -> Table:
+    table = Table("what was left out", "size ± std", "odds", "where")
+    for finding in findings:
+        sizes = [
+            f"{words(name)} {quantity(size['value'], size['unit'], size['std'])}"
+            for name, size in finding["parameters"].items()
+        ]
+        table.add_row(
+            words(finding["effect"]), "\n".join(sizes), odds(finding["odds_against_next"]), finding["where"]["sentence"]
+        )
+    return table
+
+
+def _before_and_after(content: Mapping[str, Any]) -> Table:
+    fit = content["fit"]
+    loo = fit.get("leave_one_out")
+    table = Table(caption=_caption(fit, loo))
+    for heading in ("", "before", "after", "noise floor"):
+        table.add_column(heading, justify="left" if not heading else "right")
+    voltage, current = fit["one_step_rms_V"], fit["free_run_rms_A"]
+    what = "u, one step" if loo is None else "u"
+    compared = _compared(content)
+    table.add_row(what, *_errors(voltage, "V", compared=compared))
+    if current["before"] is not None:
+        table.add_row("i, free run", *_errors(current, "A", compared=compared))
+    before, after = content["machine"]["before"], content["machine"]["after"]
+    for name in {**before, **after}:
+        sizes = [machine.get(name) for machine in (before, after)]
+        like = next((size["value"] for size in sizes[::-1] if size is not None), None)
+        table.add_row(name, *("–" if s is None else quantity(s["value"], s["unit"], s["std"], like) for s in sizes))
+    return table
+
+
+def _errors(rms: Mapping[str, float | None], unit: str, *, compared: bool) -> list[str]:
+    told = [quantity(value, unit, like=rms["before"]) for value in rms.values()]
+    return told if compared else ["–", *told[1:]]
+
+
+def _compared(content: Mapping[str, Any]) -> bool:
+    """Before and after are of two models; see `estimator.mismatch.sentences.compares`."""
+    named = {finding["effect"] for finding in content["findings"]}
+    named |= {name for ambiguity in content["ambiguous"] for name in ambiguity["effects"]}
+    voltage = content["fit"]["one_step_rms_V"]
+    return "convention_error" not in named or voltage["before"] != voltage["after"]
+
+
+def _caption(fit: Mapping[str, Any], loo: Mapping[str, Any] | None) -> str:
+    """What the errors are of; and those of other models, where they were tried."""
+    if loo is None:
+        return "held out" if fit["held_out"] else "on the rows of the fit"
+    said = f"left out: one {loo['left_out']} at a time"
+    rms = {words(name): quantity(value, loo["unit"], like=loo["before"]) for name, value in loo["alternatives"].items()}
+    return "\n".join((said, *(f"with {name} {value}" for name, value in rms.items())))

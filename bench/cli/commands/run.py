@@ -1,0 +1,193 @@
+"""Running things: the service, the emulated drive, both. The emulated drive is a process of its own, behind a bus."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from bench.cli.commands.signals import pairs_of
+from bench.cli.terminal import Terminal
+from bench.config import Config, emulated
+from bench.errors import ConfigError
+from drivers.errors import LostError
+from drivers.lease import HeldError
+
+if TYPE_CHECKING:
+    from bench.service.service import Service
+
+_READY_TIMEOUT = 180.0  # s, the first start compiles
+_END = 3.0  # s for the emulated drive to end before it is made to
+_LINKED = 10.0  # s for the service's link to its emulated drive
+_LISTENS = 0.2  # s, after which a signal is heard at the latest
+_console = Terminal(soft_wrap=True)
+
+
+def run_service(config: Config, port: int | None) -> None:
+    """Serve until SIGINT or SIGTERM."""
+    with _until_told(), _listening(config, port) as listener:
+        _serve(config, listener)
+
+
+def run_emulator(urls: list[str], scenario: str, faults: list[str]) -> int:
+    """Become the emulated drive; `faults` are its options about them."""
+    command = [*_emulator_command(urls, scenario), *faults]
+    return subprocess.call(command) if os.name == "nt" else _exec(command)
+
+
+def run_both(url: str, scenario: str, port: int | None) -> None:
+    """An emulated drive in a process of its own, and the service over it, which starts it with its set points."""
+    config = emulated(url, bounded=scenario.startswith("paper"))
+    with _until_told(), _listening(config, port) as listener, _emulator(url, scenario) as set_points:
+        _serve(config, listener, set_points)
+
+
+@contextlib.contextmanager
+def _until_told() -> Generator[None]:
+    """What runs inside ends in good order at Ctrl-C, SIGTERM or a closed terminal, which is no failure."""
+    hang_up = getattr(signal, "SIGHUP", None)  # not on every system
+    with contextlib.suppress(KeyboardInterrupt), _handling(signal.SIGTERM, signal.default_int_handler):
+        if hang_up is None or signal.getsignal(hang_up) is signal.SIG_IGN:  # nohup
+            yield
+        else:
+            with _handling(hang_up, lambda _number, _frame: signal.raise_signal(signal.SIGTERM)):
+                yield
+
+
+@contextlib.contextmanager
+def _handling(number: int, handler: Callable[[int, FrameType | None], object]) -> Generator[None]:
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+@contextlib.contextmanager
+def _listening(config: Config, port: int | None) -> Generator[socket.socket]:
+    from bench.api.server import listen
+
+    with listen(config.host, config.port if port is None else port) as listener:
+        yield listener
+
+
+def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, float] | None = None) -> None:
+    """Serve; drives are started with set points where there are any."""
+    from bench.api.guard.access import access_to
+    from bench.api.server import serve
+    from bench.live.method import warm_up
+    from bench.service.service import Service
+    from bench.write_log import WriteLog, to_standard_error
+
+    host, port = listener.getsockname()[:2]
+    access = access_to(config, host, port)
+    with _console.status("preparing the estimator (compiles at the first start)"):
+        meanwhile(warm_up)
+    with Service(config) as service, WriteLog(config.log, to_standard_error) as log:
+        root = access.address(host)
+        _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
+        for drive in config.drives:
+            _console.print(f"drive  {drive.name}: {drive.url}")
+            if set_points is not None:
+                _started(service, drive.name, set_points)
+        _console.print(f"open   to {access.told()}\nCtrl-C ends it")
+        serve(service, listener, access, log)
+
+
+def _started(service: "Service", name: str, set_points: Mapping[str, float]) -> None:
+    """Start a drive once there is a link to it. Raises BenchError, DriveError."""
+    deadline = time.monotonic() + _LINKED
+    while True:
+        try:
+            service.start_drive(name, set_points, "pmsm-bench up")
+            break
+        except HeldError as error:
+            _console.print(f"       watched only: {error}")
+            return
+        except LostError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(_LISTENS)
+    given = ", ".join(f"{key} = {value:g}" for key, value in set_points.items() if value)
+    _console.print(f"       started{f' with {given}' if given else ''}, controlled by this service; it stops with it")
+
+
+def meanwhile(work: Callable[[], None]) -> None:
+    """Do it in a thread of its own: a compiler that a signal interrupts fails in its own words."""
+    failed: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            work()
+        except BaseException as error:  # noqa: BLE001 - raised again below
+            failed.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(_LISTENS)
+    if failed:
+        raise failed[0]
+
+
+def _emulator_command(urls: list[str], scenario: str) -> list[str]:
+    places = [part for url in urls for part in ("--at", url)]
+    return [sys.executable, "-m", "emulator", *places, "--scenario", scenario]
+
+
+def _exec(command: list[str]) -> int:
+    os.execv(sys.executable, command)
+
+
+@contextlib.contextmanager
+def _emulator(url: str, scenario: str) -> Generator[dict[str, float]]:
+    """The emulated drive's process, once it says that it is on its bus; its scenario's set points.
+
+    Raises ConfigError when it cannot be.
+    """
+    with tempfile.TemporaryFile("w+") as errors, subprocess.Popen(  # a pipe that nobody reads would stop it when full
+        [*_emulator_command([url], scenario), "--with-input"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True,
+        start_new_session=True,  # Ctrl-C reaches the service alone, which then ends the drive
+    ) as process:
+        try:
+            with _console.status("preparing the emulated drive (compiles at the first start)"):
+                line = _first_line(process)
+            if line is None:
+                process.kill()
+                process.wait()
+                errors.seek(0)
+                said = errors.read().strip().removeprefix("pmsm-bench emulate: ")
+                busy = "; `pmsm-bench up --at URL` puts it elsewhere" if said.endswith("in use") else ""
+                raise ConfigError(said + busy if said else "the emulated drive did not start")
+            _console.print(line)
+            yield pairs_of((_first_line(process) or "").split())
+        finally:
+            process.terminate()
+            try:
+                process.wait(_END)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def _first_line(process: "subprocess.Popen[str]") -> str | None:
+    """What the process says first; None when it ends, or is silent for too long, before it says anything."""
+    lines: list[str] = []
+
+    def read() -> None:
+        if process.stdout is not None:
+            lines.append(process.stdout.readline().strip())
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    reader.join(_READY_TIMEOUT)
+    return lines[0] if lines and lines[0] else None
+
+

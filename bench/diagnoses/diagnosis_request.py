@@ -1,0 +1,105 @@
+"""What is asked of a diagnosis, and what comes of it, as processes hand them on. Knows nothing of how it is done."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from bench.errors import ConfigError, shown
+from bench.machine_file import Nominal
+from estimator.machine import PARAMETERS, Machine
+
+WORK: Final = "bench.diagnoses.diagnose:work"  # takes a Request and a Tell, gives a Result
+MOST_TRUST: Final = 10.0  # share
+SETTLED: Final = ("no_mismatch", "explained")  # verdicts that leave nothing open
+
+
+class Tell(Protocol):
+    """Hears the share that is done, 0 to 1, and what is being done, in words."""
+
+    def __call__(self, share: float, phase: str) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A recording and what is known of its machine."""
+
+    file: Path
+    nominal: Nominal
+    trust: Mapping[str, float] = field(default_factory=dict[str, float])  # tolerance of nominal values, as a share
+    mapping: Mapping[str, str] = field(default_factory=dict[str, str])
+    constants: Mapping[str, float] = field(default_factory=dict[str, float])
+    align: Mapping[str, float] = field(default_factory=dict[str, float])
+    report: bool = False
+    format: str = "recording"  # of `bench.diagnoses.formats`, or "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A diagnosis in texts."""
+
+    content: dict[str, Any]  # by bench/diagnoses/diagnosis.schema.json
+    machine: str | None  # a machine file; None where nothing was fitted
+    report: str | None  # HTML
+
+
+def check_whole(nominal: Nominal) -> Machine:
+    """The nominal machine. Raises ConfigError where it is not whole."""
+    machine = nominal.machine
+    if machine is None:
+        known = {**nominal.given, **({} if nominal.n_p is None else {"n_p": nominal.n_p})}
+        missing = ", ".join(name for name in (*PARAMETERS, "n_p") if name not in known)
+        raise ConfigError(f"a diagnosis needs the nominal machine whole, missing in [machine]: {missing}")
+    return machine
+
+
+def schema() -> dict[str, Any]:
+    """The JSON schema of a diagnosis (draft 2020-12)."""
+    return json.loads((resources.files("bench.diagnoses") / "diagnosis.schema.json").read_text(encoding="utf-8"))
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """A diagnosis as it is written to files."""
+    return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def trust_of(items: Sequence[str]) -> dict[str, float]:
+    """`R_s=20%,L_d=0.1` as shares. Raises ConfigError."""
+    shares: dict[str, object] = {}
+    for item in ",".join(items).split(","):
+        if not item.strip():
+            continue
+        name, _, text = (part.strip() for part in item.partition("="))
+        if name in shares:
+            raise ConfigError(f"trust: {name} is given twice")
+        shares[name] = _share(name, text)
+    return checked_trust(shares)
+
+
+def checked_trust(given: Mapping[str, object]) -> dict[str, float]:
+    """Tolerances by parameter as shares. Raises ConfigError."""
+    checked: dict[str, float] = {}
+    for name, share in given.items():
+        if name not in PARAMETERS:
+            raise ConfigError(f"trust: expected {', '.join(PARAMETERS)}, got {shown(name)}")
+        if isinstance(share, bool) or not isinstance(share, int | float) or not 0 < share <= MOST_TRUST:
+            raise ConfigError(
+                f"trust: {name}: expected a share above 0 and at most {MOST_TRUST:g} "
+                f"({100 * MOST_TRUST:g} %), such as 0.2 for 20 %, got {shown(share)}"
+            )
+        checked[name] = float(share)
+    return checked
+
+
+def _share(name: str, text: str) -> object:
+    number = text.removesuffix("%").strip()
+    try:
+        share = float(number) / 100 if text.endswith("%") else float(number)
+    except ValueError:
+        return text
+    if 1.0 < share < math.inf and not text.endswith("%"):
+        raise ConfigError(f"trust: {name}: expected per cent, such as 20%, or a share up to 1, got {text}")
+    return share

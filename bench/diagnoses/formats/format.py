@@ -1,0 +1,28 @@
+"""The shape that every format has, and what reading one gives."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.diagnoses.diagnosis_request import Request, Tell
+from bench.machine_file import Nominal
+from bench.recordings.recording import Summary
+from estimator.mismatch.verdict import Diagnosis
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosed:
+    """A recording and what is said of it."""
+
+    recording: Summary
+    nominal: Nominal
+    diagnosis: Diagnosis
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A kind of file that can be diagnosed."""
+
+    name: str  # of `--format`
+    sniff: Callable[[Path, Mapping[str, str]], bool]  # a file and its mapping: is it one? may raise BenchError, OSError
+    diagnose: Callable[[Request, Tell], Diagnosed]  # raises ConfigError, RecordingError, and what the Tell raises

@@ -1,0 +1,135 @@
+"""Steady points: a table (CSV, CSV.gz, Parquet) with one steady state a row, SI and peak dq quantities.
+
+Columns `u_d u_q i_d i_q`, and `omega_e` (rad/s, electrical) or `speed_rpm` (mechanical, with pole pairs from the
+machine file or `--set n_p=...`); `t` (s) where the rows are a log in time. A mapping names columns called otherwise.
+Further columns are not read.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.diagnoses.diagnosis_request import Request, Tell
+from bench.diagnoses.formats.format import Diagnosed, Format
+from bench.errors import ConfigError, RecordingError, shown
+from bench.recordings.recording import Summary
+from bench.recordings.table import column_names, quoted, read_whole
+from estimator.mismatch.points.diagnose import diagnose_points, given_off
+from estimator.mismatch.points.table import Points, steady
+
+VOLTAGES_AND_CURRENTS: Final = ("u_d", "u_q", "i_d", "i_q")
+KNOWN: Final = (*VOLTAGES_AND_CURRENTS, "omega_e", "speed_rpm", "t")
+CONSTANTS: Final = ("n_p",)
+OF_PERIODS: Final = ("theta_e", "i_a", "i_b", "i_c")  # told by recordings only
+_MOST: Final = 1_000_000  # rows of a log in time
+_MOST_APART: Final = 3_000  # rows, each an operating point
+_RAD_S: Final = math.pi / 30.0  # of 1 rpm
+
+Column = NDArray[np.float64]
+
+
+def sniff(path: Path, mapping: Mapping[str, str]) -> bool:
+    """Voltages, currents and a speed, and no time; or a time beside a speed in rpm. Nothing of single periods."""
+    present = {*column_names(path), *mapping}
+    if present & set(OF_PERIODS):
+        return False
+    speed = "speed_rpm" in present or ("omega_e" in present and "t" not in present)
+    return speed and present >= set(VOLTAGES_AND_CURRENTS)
+
+
+def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnosed:
+    """Read and diagnose points. `rate` (Hz) of the rows of a log without a column of times."""
+    tell(0.0, "reading")
+    if request.align:
+        raise ConfigError("--align is of recordings: steady points stand still")
+    columns = columns_of(request.file, request.mapping)
+    n_p = _pole_pairs(request)
+    if "speed_rpm" in columns and n_p is None:
+        raise ConfigError(
+            f"{request.file}: speed_rpm is mechanical, expected the pole pairs: n_p in --nominal MACHINE.toml, "
+            "or --set n_p=..."
+        )
+    most = _MOST if "t" in columns or rate is not None else _MOST_APART
+    too_many = (
+        f"expected at most {most} steady points, one operating point a row, came more; a log of them needs a column t "
+        "(s), and so does a recording of every control period, with theta_e or omega_e"
+    )
+    cells = read_whole(request.file, columns, most, too_many)
+    omega_e = cells["omega_e"] if "omega_e" in cells else cells["speed_rpm"] * _RAD_S * (n_p or 1)
+    nominal = replace(request.nominal, n_p=n_p)
+    rows = len(omega_e)
+    t = np.arange(rows) / rate if rate is not None and "t" not in cells else cells.get("t")
+    u, i = cells["u_d"] + 1j * cells["u_q"], cells["i_d"] + 1j * cells["i_q"]
+    whole = np.isfinite(u) & np.isfinite(i) & np.isfinite(omega_e)
+    if t is not None:
+        whole &= np.isfinite(t)
+    left_out = int(np.sum(~whole))
+    if not whole.any():
+        raise RecordingError(f"{request.file}: expected rows with a number in every column, came none of {rows}")
+    t = None if t is None else t[whole]
+    points = Points(omega_e[whole], i[whole], u[whole], t)
+    if t is not None:
+        points = points.at(np.argsort(t, kind="stable"))
+    tell(0.1, "fitting")
+    diagnosis = diagnose_points(points, n_p=nominal.n_p, i_rated=nominal.i_rated)
+    remarks = [*diagnosis.remarks, *given_off(diagnosis.machine_after, nominal.given, request.trust)]
+    if left_out:
+        remarks.insert(0, f"rows left out for want of a value: {left_out} of {rows}")
+    summary = summary_of(
+        request.file, rows, len(steady(points).points), {name: f"column {column}" for name, column in columns.items()},
+        0.0 if t is None else float(t.max() - t.min()),
+    )
+    return Diagnosed(summary, nominal, replace(diagnosis, remarks=tuple(remarks)))
+
+
+def summary_of(path: Path, rows: int, used: int, sources: Mapping[str, str], duration: float) -> Summary:
+    """The account of a table, which has no control period."""
+    return Summary(
+        path=str(path), T_s=math.nan, periods=1, rows=rows, used=used, runs=1, duration=duration, left_out=0,
+        missing={}, unaligned=0, lost_rows=0, irregular_steps=0, sources=sources, unused=(),
+    )  # fmt: skip
+
+
+def columns_of(path: Path, mapping: Mapping[str, str]) -> dict[str, str]:
+    """The file's column of each quantity. Raises ConfigError, RecordingError."""
+    for name in mapping:
+        if name not in KNOWN:
+            raise ConfigError(f"no quantity {quoted(name)} in steady points, expected one of {', '.join(KNOWN)}")
+    present = column_names(path)
+    for name, column in mapping.items():
+        if column not in present:
+            raise RecordingError(f"{path}: no column {quoted(column)} for {name}; present: {_list(present)}")
+    found = {name: mapping.get(name, name) for name in KNOWN if mapping.get(name, name) in present}
+    missing = [name for name in VOLTAGES_AND_CURRENTS if name not in found]
+    if "omega_e" not in found and "speed_rpm" not in found:
+        missing.append("omega_e or speed_rpm")
+    if missing:
+        raise RecordingError(
+            f"{path}: missing columns: {', '.join(missing)}; present: {_list(present)}; map a column to each by --map"
+        )
+    if "omega_e" in found:
+        found.pop("speed_rpm", None)
+    return found
+
+
+def _pole_pairs(request: Request) -> int | None:
+    for name in request.constants:
+        if name not in CONSTANTS:
+            raise ConfigError(f"no constant {quoted(name)} for steady points, expected {', '.join(CONSTANTS)}")
+    given = request.constants.get("n_p", request.nominal.n_p)
+    if given is not None and not (1 <= given <= 200 and given == int(given)):
+        raise ConfigError(f"n_p: expected a whole number of pole pairs, 1 to 200, got {shown(given)}")
+    return None if given is None else int(given)
+
+
+def _list(names: Sequence[str]) -> str:
+    shown_names = [name if name.isprintable() and 0 < len(name) <= 40 else quoted(name) for name in names[:30]]
+    return ", ".join(shown_names) + (f" and {len(names) - 30} more" if len(names) > 30 else "")
+
+
+FORMAT: Final = Format("points", sniff, diagnose)

@@ -1,0 +1,69 @@
+"""Recordings of every control period: `bench.recordings.recording`."""
+
+from collections.abc import Generator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from bench.diagnoses.diagnosis_request import Request, Tell, check_whole
+from bench.diagnoses.formats.format import Diagnosed, Format
+from bench.errors import ConfigError, RecordingError
+from bench.recordings.long_recording import read_in_stretches
+from bench.recordings.recording import Recording, RecordingReader, open_recording, whole
+from bench.recordings.table import column_names
+from estimator.mismatch.diagnose import diagnose
+
+_READING: Final = 0.05  # share of the work
+
+
+def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
+    """Read and diagnose a recording."""
+    nominal = request.nominal
+    if not nominal.given and nominal.n_p is None:
+        needs = f"{request.file}: a recording needs its machine's data, expected --nominal MACHINE.toml"
+        if "t" not in (*column_names(request.file), *request.mapping):
+            needs += "; a table of steady points, which needs none, has u_d, u_q, i_d, i_q and omega_e or speed_rpm"
+        raise ConfigError(needs)
+    machine = check_whole(nominal)
+    tell(0.0, "reading")
+    recording, stretches = read_in_stretches(lambda: opened(request))
+
+    def on(share: float, phase: str) -> None:
+        tell(_READING + (1.0 - _READING) * share, phase)
+
+    with refusals_of(request.file):
+        diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
+    remarks = (*((stretches,) if stretches else ()), *recording.summary.remarks(), *diagnosis.remarks)
+    return Diagnosed(recording.summary, nominal, replace(diagnosis, remarks=remarks))
+
+
+def opened(request: Request) -> AbstractContextManager[RecordingReader]:
+    """The recording that a request asks of, chunk by chunk. Raises RecordingError."""
+    nominal = request.nominal
+    return open_recording(
+        request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
+        theta_step=nominal.theta_step, u_dc=nominal.u_dc,
+    )
+
+
+def read(request: Request) -> Recording:
+    """The same as a whole."""
+    with opened(request) as reader:
+        return whole(reader)
+
+
+@contextmanager
+def refusals_of(file: Path) -> Generator[None]:
+    """What the estimator refuses of a file, as a sentence for the user: a RecordingError."""
+    try:
+        yield
+    except np.linalg.LinAlgError:  # ours, not the file's
+        raise
+    except ValueError as error:
+        raise RecordingError(f"{file}: {error}") from error
+
+
+FORMAT: Final = Format("recording", lambda _path, _mapping: True, diagnose_recording)

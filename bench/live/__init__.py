@@ -1,0 +1,9 @@
+"""A drive's stream to live estimates, and whether they may be trusted.
+
+* `window`, `tuning` - settings of an estimation; `method` - the estimator that runs
+* `drive_clock` - a drive's clock beside ours; `acquisition` - one pump thread per drive
+* `watch` - since when constant parameters no longer explain the drive; `doubts` - what that does to a status
+* `estimation` - one worker for all drives; `trust` - which estimates may be called ok
+
+Knows nothing of disks and HTTP.
+"""

@@ -1,0 +1,271 @@
+"""Estimation: one worker thread for all drives, fed by a bounded queue, read by swapped snapshots.
+
+When it cannot keep up it drops blocks and counts them; what it drops is a gap to the estimator, never a false
+neighbour. Knows nothing of links or HTTP.
+"""
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import ParamSpec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import LimitError, UnavailableError
+from bench.live import method, watch
+from bench.live.method import Running
+from bench.live.watch import Mismatch, Watch
+from bench.live.window import Window
+from drivers.block import Block
+from estimator.estimate import WindowEstimate
+from estimator.mismatch import detect
+from estimator.samples import Resolution, Samples
+
+P = ParamSpec("P")
+
+QUEUE = 1024  # blocks; four drives bring 800 a second, and a busy machine holds the worker up
+REFRESH = 0.05  # s, shortest time between two estimates of one drive
+REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
+WATCH = 1.0  # s between two windows in which a mismatch is looked for
+PAUSE = 1.0  # s, or the time that the window covers where that is longer: rows of before are too old to go on from
+_TICKS = 1 << 32  # that a drive counts
+LATE = 0.5  # s that an estimate waits for rows to be taken in first, where those come faster
+_VALUES = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")  # of a row, all needed
+_CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings
+
+
+@dataclass(frozen=True, slots=True)
+class Stale:
+    """Estimates that rest on old rows only."""
+
+    since: datetime  # of the newest row that they rest on
+    why: str  # no newer one is used, a sentence
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The latest estimates of one drive, with all that says how far to trust them.
+
+    A row is used where each of its values is a number: where the bridge is off, its voltage is none.
+    """
+
+    window: Window
+    result: WindowEstimate
+    mismatch: Mismatch = field(default_factory=Mismatch)
+    received: float | None = None  # s, monotonic, when the newest row used was made
+    t_drive: float | None = None  # s, drive's clock at the end of the newest row used
+    rows_dropped: int = 0  # because the worker was behind
+    lacking: tuple[str, ...] = ()  # what is no number in the newest row, where that is not used
+    stale: Stale | None = None  # known to whoever knows the link
+
+    @property
+    def age(self) -> float | None:
+        """Age of the newest row used, in s; None before the first."""
+        return None if self.received is None else max(0.0, time.monotonic() - self.received)
+
+
+@dataclass(slots=True)
+class _Drive:
+    """One drive's estimator; touched by the worker alone, but for `snapshot` and `rows_dropped`."""
+
+    running: Running
+    snapshot: Snapshot
+    watch: Watch = field(default_factory=Watch)
+    theta_step: float = 0.0  # rad, resolution of its angle, 0 where not known
+    next_tick: int | None = None
+    row: tuple[int, float] | None = None  # periods and T_s of the rows taken in
+    received: float | None = None
+    t_drive: float | None = None
+    rows_dropped: int = 0
+    estimated_at: float = field(default=0.0)
+    watched_at: float = field(default=0.0)
+    lacking: tuple[str, ...] = ()
+    behind: bool = False  # the snapshot is behind the estimator
+
+    @property
+    def due(self) -> float:
+        """When the next estimate may be made, in s, monotonic."""
+        return self.estimated_at + (REFRESH_CHOSEN if self.running.window.chosen_by_data else REFRESH)
+
+
+class Estimation:
+    """The worker; runs from `start` to `stop`."""
+
+    def __init__(
+        self, windows: Mapping[str, Window], theta_steps: Mapping[str, float] | None = None,
+        nominals: Mapping[str, Mapping[str, float]] | None = None,
+    ) -> None:
+        """Settings by drive, and what is known of their angles' resolution in rad and of nominal values (SI)."""
+        known = theta_steps or {}
+        self._nominals = nominals or {}
+        self._drives = {name: _new_drive(window, known.get(name, 0.0)) for name, window in windows.items()}
+        self._queue: queue.Queue[tuple[str, Block, float] | Callable[[], None]] = queue.Queue(QUEUE)
+        self._stop = threading.Event()
+        self.thread = threading.Thread(target=self._run, name="estimation", daemon=True)
+        self._failing: dict[tuple[str, str], str] = {}  # by drive and step
+
+    def start(self) -> None:
+        """Compile the kernels, then begin."""
+        method.warm_up()
+        detect.warm_up()
+        self.thread.start()
+
+    def stop(self) -> None:
+        """End the worker and wait for it."""
+        self._stop.set()
+        if self.thread.ident is not None:
+            self.thread.join(timeout=10.0)
+
+    def put(self, name: str, block: Block, made: float | None = None) -> None:
+        """Hand over a block whose last row ended at a time in s, monotonic (None: now); never waits."""
+        try:
+            self._queue.put_nowait((name, block, time.monotonic() if made is None else made))
+        except queue.Full:
+            self._drives[name].rows_dropped += len(block)
+
+    def snapshot(self, name: str) -> Snapshot:
+        """The latest estimates of a drive."""
+        return self._drives[name].snapshot
+
+    def change_window(self, name: str, change: Mapping[str, object]) -> Window:
+        """Replace settings of a drive's window; the samples held stay. Raises LimitError, UnavailableError."""
+        answer: Future[Window] = Future()
+
+        def apply() -> None:
+            if not answer.set_running_or_notify_cancel():
+                return
+            try:
+                answer.set_result(self._changed(self._drives[name], change))
+            except Exception as error:  # noqa: BLE001 - raised again where the answer is awaited
+                answer.set_exception(error)
+
+        if not self.thread.is_alive():
+            raise UnavailableError("the estimation does not run, the window stays as it is")
+        try:
+            self._queue.put(apply, timeout=_CHANGE_TIMEOUT)
+            return answer.result(_CHANGE_TIMEOUT)
+        except (queue.Full, TimeoutError):
+            if not answer.cancel():  # taken up at the last moment
+                return answer.result()
+            raise UnavailableError(
+                f"the estimation is behind: expected to change the window within {_CHANGE_TIMEOUT:g} s, "
+                "it stays as it is"
+            ) from None
+
+    def _changed(self, drive: _Drive, change: Mapping[str, object]) -> Window:
+        before = drive.running
+        window = before.window.changed(change)
+        try:
+            drive.running = method.changed(before, window)
+            self._estimate(drive)
+        except BaseException as error:
+            drive.running = before
+            if isinstance(error, ValueError):
+                raise LimitError(str(error)) from None
+            raise
+        return window
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                item = self._queue.get(timeout=REFRESH)
+            except queue.Empty:
+                item = None
+            if callable(item):
+                item()
+            elif item is not None:
+                name, block, received = item
+                self._guarded(name, self._take, self._drives[name], block, received)
+            late = LATE if self._queue.qsize() > QUEUE // 8 else 0.0
+            due = {name: drive.due + late for name, drive in self._drives.items() if drive.behind}
+            if due and time.monotonic() >= due[name := min(due, key=due.__getitem__)]:
+                drive = self._drives[name]
+                if not late and time.monotonic() >= drive.watched_at + WATCH:
+                    self._guarded(name, self._watch, drive, self._nominals.get(name, {}))
+                self._guarded(name, self._estimate, drive)
+
+    def _guarded(self, name: str, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Take a step; a fault of ours is told by the health page and ends neither the worker nor other drives."""
+        try:
+            step(*args, **kwargs)
+        except Exception as error:  # noqa: BLE001
+            self._failing[name, step.__name__] = f"drive {name}: {type(error).__name__}: {error}"
+        else:
+            self._failing.pop((name, step.__name__), None)
+
+    @property
+    def failure(self) -> str | None:
+        """What fails at present; None when each drive's last step went well."""
+        return "; ".join(list(self._failing.values())) or None
+
+    def _take(self, drive: _Drive, block: Block, received: float) -> None:
+        row = (block.periods, block.T_s)
+        samples = samples_of(block, drive.theta_step)
+        if drive.row != row or _too_old(drive, samples, block):  # other rows cannot share an estimator
+            drive.running = method.start(drive.running.window)
+            drive.watch = watch.anew(drive.watch)
+            drive.row, drive.next_tick = row, None
+        joined = drive.next_tick == int(block.tick[0])
+        drive.next_tick = None  # should the update fail, the next block begins a new run
+        method.take(drive.running, samples, joined=joined)
+        watch.take(drive.watch, samples, drive.running.window)
+        drive.next_tick = int(block.tick[-1]) + block.periods
+        _note_used(drive, samples, block, received)
+        drive.behind = True
+
+    def _estimate(self, drive: _Drive) -> None:
+        drive.estimated_at, drive.behind = time.monotonic(), False
+        drive.snapshot = Snapshot(
+            drive.running.window, method.estimate(drive.running), drive.watch.said, drive.received, drive.t_drive,
+            drive.rows_dropped, drive.lacking,
+        )
+
+    def _watch(self, drive: _Drive, nominal: Mapping[str, float]) -> None:
+        drive.watched_at = time.monotonic()
+        snapshot = drive.snapshot
+        watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, nominal, datetime.now(UTC))
+
+
+def _whole(samples: Samples) -> dict[str, NDArray[np.bool_]]:
+    """Of each value, whether it is a number, in every row."""
+    return {name: np.isfinite(column) for name in _VALUES if (column := getattr(samples, name)) is not None}
+
+
+def _too_old(drive: _Drive, samples: Samples, block: Block) -> bool:
+    """Whether the rows used so far are of a drive's clock that has begun anew since, or of long before these."""
+    used = np.flatnonzero(np.logical_and.reduce(list(_whole(samples).values())))
+    if drive.t_drive is None or not len(used):
+        return False
+    turn = _TICKS * block.T_s
+    pause = (int(block.tick[used[0]]) * block.T_s - drive.t_drive + 0.5 * turn) % turn - 0.5 * turn
+    return pause < -0.5 * samples.T or pause > max(PAUSE, drive.running.window.samples * samples.T)
+
+
+def _note_used(drive: _Drive, samples: Samples, block: Block, received: float) -> None:
+    """Note the newest row that is used, and what the newest row of all lacks."""
+    whole = _whole(samples)
+    used = np.flatnonzero(np.logical_and.reduce(list(whole.values())))
+    drive.lacking = tuple(name for name, finite in whole.items() if not finite[-1])
+    if len(used):
+        newest = int(used[-1])
+        drive.received = received - (len(samples) - 1 - newest) * samples.T
+        drive.t_drive = (int(block.tick[newest]) + block.periods) * block.T_s
+
+
+def samples_of(block: Block, theta_step: float = 0.0) -> Samples:
+    """A block in the estimator's terms."""
+    return Samples(
+        block.theta_e, block.omega_e, block.i_d, block.i_q, block.u_d, block.u_q, block.T_s, block.periods,
+        block.i_d_mean, block.i_q_mean, int(block.tick[0]) * block.T_s,
+        Resolution(block.i_step, block.u_step, theta_step),
+    )
+
+
+def _new_drive(window: Window, theta_step: float) -> _Drive:
+    running = method.start(window)
+    return _Drive(running, Snapshot(window, method.estimate(running)), theta_step=theta_step)

@@ -1,0 +1,310 @@
+"""Recordings on disk to samples: CSV, CSV.gz or Parquet, whole or chunk by chunk in constant memory.
+
+Columns `t u_d u_q i_d i_q omega_e`, and `theta_e` or its integral; `i_d_mean i_q_mean periods` where a row covers
+several control periods; `u_dc`, and `i_a i_b i_c` where all three are there, unless they hold no value at the
+beginning. SI, peak dq, by the period convention. A mapping names columns called otherwise, a
+constant stands in for a column and wins over one that is there.
+
+Alignment: `u=+1` says that the voltage recorded in row k was applied over row k+1; fractions mix two rows by
+the time each was applied. The rows at a run's ends that are left without a voltage are not used. All else,
+`u_dc` too, is of the row it stands in.
+
+Knows nothing of estimators. Options that cannot be are a ConfigError, files that cannot be a RecordingError.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from itertools import chain, groupby
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from bench.errors import RecordingError, shown
+from bench.recordings.runs import LARGEST, PROBE, Chunk, Clock, Part, RunSplitter, find_clock
+from bench.recordings.sources import MAX_PERIODS, OPTIONAL, Sources, check_options, find_sources
+from bench.recordings.table import check_undamaged, column_names, notes, read_parts, row_count
+from estimator.samples import Column, Resolution, Samples
+
+CHUNK_ROWS = 65_536
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a recording held and what became of it, for reports."""
+
+    path: str
+    T_s: float  # s, control period
+    periods: int  # control periods per row
+    rows: int  # in the file
+    used: int  # handed on as samples
+    runs: int  # stretches without a gap
+    duration: float  # s, first row's start to last row's end, gaps included
+    left_out: int  # rows with a cell missing or not finite
+    missing: Mapping[str, int]  # such cells, by quantity
+    unaligned: int  # rows at the runs' ends without a partner after alignment
+    lost_rows: int  # rows that the times say are not in the file
+    irregular_steps: int  # steps of time that are no multiple of the row's duration
+    sources: Mapping[str, str]  # each quantity's source in words
+    unused: tuple[str, ...]  # columns present and not read
+    expected: int | None = None  # rows it was to have, where it says so
+    off: str = ""  # when the drive drove no voltage, where it says so
+
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know besides the result."""
+        said: list[str] = []
+        if self.lost_rows:
+            said.append(f"rows lost, by the times: {self.lost_rows}")
+        if self.irregular_steps:
+            said.append(f"steps of time that are no multiple of the rows' duration: {self.irregular_steps}")
+        if self.left_out:
+            cells = ", ".join(f"{name} in {count}" for name, count in self.missing.items())
+            said.append(f"rows left out for want of a value: {self.left_out} of {self.rows} ({cells})")
+        if self.unaligned:
+            said.append(f"rows without a voltage after alignment: {self.unaligned}")
+        if self.expected is not None and self.rows < self.expected:
+            said.append(f"the recording is partial: {self.rows} of {self.expected} rows")
+        if self.off:
+            said.append(self.off)
+        if self.runs > 1:
+            said.append(f"runs without a gap: {self.runs}")
+        return tuple(said)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A recording in memory."""
+
+    runs: tuple[Samples, ...]
+    summary: Summary
+
+
+class RecordingReader:
+    """An open recording: iterate once over its chunks; `summary` grows on the way."""
+
+    def __init__(
+        self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float,
+        noted: "_Noted", u_dc: float | None,
+    ) -> None:
+        self.path = path
+        with _naming(path):
+            first = _first_rows(parts)
+            self.clock = _clock(first, sources, T_s)
+        self.sources = sources = sources.without(_empty(first)).with_u_dc(u_dc)
+        self._parts = ({name: part[name] for name in sources.columns} for part in chain(first, parts))
+        self._noted = noted
+        self._splitter = RunSplitter(self.clock, sources.constants, shift, noted.resolution)
+        self._chunks = self._read()
+
+    @property
+    def rows_expected(self) -> int | None:
+        """Rows of the file, where its format says so beforehand."""
+        return row_count(self.path)
+
+    def __iter__(self) -> Iterator[Chunk]:
+        return self._chunks
+
+    @property
+    def summary(self) -> Summary:
+        """The account of what has been read so far."""
+        tally = self._splitter.tally
+        return Summary(
+            path=str(self.path),
+            T_s=self.clock.T_s,
+            periods=self.clock.periods,
+            rows=tally.rows,
+            used=tally.used,
+            runs=tally.runs,
+            duration=tally.last_t - tally.first_t + self.clock.step,
+            left_out=tally.left_out,
+            missing=dict(tally.missing),
+            unaligned=tally.unaligned,
+            lost_rows=tally.lost,
+            irregular_steps=tally.irregular,
+            sources=self.sources.told,
+            unused=self.sources.unused,
+            expected=self._noted.expected,
+            off=self._noted.off,
+        )
+
+    def _read(self) -> Iterator[Chunk]:
+        for part in self._parts:
+            with _naming(self.path):
+                chunks = list(self._splitter.feed(part))
+            yield from chunks
+        with _naming(self.path, self._noted.off):
+            self._splitter.finish()
+
+
+@contextmanager
+def open_recording(
+    path: str | Path,
+    *,
+    mapping: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    T_s: float | None = None,
+    align: Mapping[str, float] | None = None,
+    theta_step: float = 0.0,
+    u_dc: float | None = None,
+    optional: bool = True,
+    chunk_rows: int = CHUNK_ROWS,
+) -> Generator[RecordingReader]:
+    """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
+
+    `mapping`: quantity to the file's column. `constants`: quantity to value. `T_s`: control period in s, which the
+    file's times must meet within 1 %. `align`: `{"u": rows}`, see the module. `theta_step`: resolution of `theta_e` in
+    rad, 0 where it is not known. `u_dc`: V, where the recording does not say. `optional`: whether to read dc link and
+    phase currents.
+    """
+    path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
+    check_options(mapping, constants, T_s, align)
+    check_undamaged(path)
+    sources = find_sources(path, column_names(path), mapping, constants, optional=optional)
+    columns = tuple(dict.fromkeys(sources.columns.values()))
+    with closing(read_parts(path, columns, chunk_rows)) as parts:
+        named = ({name: part[column] for name, column in sources.columns.items()} for part in parts)
+        noted = _noted(path, sources, theta_step)
+        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted, u_dc)
+
+
+def read_recording(
+    path: str | Path,
+    *,
+    mapping: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    T_s: float | None = None,
+    align: Mapping[str, float] | None = None,
+    theta_step: float = 0.0,
+    u_dc: float | None = None,
+) -> Recording:
+    """A whole recording in memory, by the options of `open_recording`."""
+    with open_recording(
+        path, mapping=mapping, constants=constants, T_s=T_s, align=align, theta_step=theta_step, u_dc=u_dc
+    ) as reader:
+        return whole(reader)
+
+
+def whole(reader: RecordingReader) -> Recording:
+    """All of an open recording."""
+    runs = tuple(joined(reader))
+    return Recording(runs, reader.summary)
+
+
+def joined(chunks: Iterable[Chunk]) -> Iterator[Samples]:
+    """Runs from their chunks."""
+    for _, run in groupby(chunks, lambda chunk: chunk.run):
+        yield one_of([chunk.samples for chunk in run])
+
+
+def one_of(stretches: Sequence[Samples]) -> Samples:
+    """Stretches of one run as one."""
+    first = stretches[0]
+
+    def whole(columns: list[Column | None]) -> Column | None:
+        present = [column for column in columns if column is not None]
+        return np.concatenate(present) if present else None
+
+    return Samples(
+        theta_e=np.concatenate([s.theta_e for s in stretches]),
+        omega_e=np.concatenate([s.omega_e for s in stretches]),
+        i_d=np.concatenate([s.i_d for s in stretches]),
+        i_q=np.concatenate([s.i_q for s in stretches]),
+        u_d=np.concatenate([s.u_d for s in stretches]),
+        u_q=np.concatenate([s.u_q for s in stretches]),
+        T_s=first.T_s,
+        periods=first.periods,
+        i_d_mean=whole([s.i_d_mean for s in stretches]),
+        i_q_mean=whole([s.i_q_mean for s in stretches]),
+        t0=first.t0, resolution=first.resolution,
+        u_dc=whole([s.u_dc for s in stretches]),
+        i_a=whole([s.i_a for s in stretches]),
+        i_b=whole([s.i_b for s in stretches]),
+        i_c=whole([s.i_c for s in stretches]),
+    )
+
+
+def off_remark(before: str, after: str) -> str:
+    """When a drive drove no voltage, by clauses that tell why before and after the recording; empty: it did."""
+    told = (("when the recorder was armed", before), ("when it was uploaded", after))
+    return "; ".join(f"{when} {why.replace(' is ', ' was ', 1)}" for when, why in told if why)
+
+
+@dataclass(frozen=True, slots=True)
+class _Noted:
+    """What a recording of the bench's own says besides its columns."""
+
+    resolution: Resolution
+    expected: int | None  # rows it was to have
+    off: str  # when the drive drove no voltage
+
+
+def _noted(path: Path, sources: Sources, theta_step: float) -> _Noted:
+    """Raises RecordingError where it holds some control periods only: their flux balances do not join."""
+    told = notes(path)
+    decimation, expected, steps = told.get("decimation", 1), told.get("expected"), told.get("steps")
+    if decimation != 1:
+        raise RecordingError(
+            f"{path}: expected every control period, it holds one of {shown(decimation)}; "
+            "capture with a decimation of 1"
+        )
+    known: Mapping[str, object] = cast(Mapping[str, object], steps) if isinstance(steps, dict) else {}
+
+    def step(*names: str) -> float:
+        found = [known[column] for name in names if (column := sources.columns.get(name, "")) in known]
+        for size in found:
+            if isinstance(size, bool) or not isinstance(size, int | float) or not 0.0 <= size < LARGEST:
+                raise RecordingError(f"{path}: its notes tell a step of {names[0]} of {shown(size)}, expected a number")
+        return max(cast("list[float]", found), default=0.0)
+
+    resolution = Resolution(step("i_d", "i_q"), step("u_d", "u_q"), math.hypot(theta_step, step("theta_e")), theta_step)
+    before, after = (said if isinstance(said := told.get(key), str) else "" for key in ("off_before", "off_after"))
+    return _Noted(resolution, expected if isinstance(expected, int) else None, off_remark(before, after))
+
+
+def _first_rows(parts: Iterator[Part]) -> list[Part]:
+    """The parts that hold the first rows, from which the step is told."""
+    first: list[Part] = []
+    rows = 0
+    while rows <= PROBE and (part := next(parts, None)) is not None:
+        first.append(part)
+        rows += len(part["t"])
+    if rows < 2:
+        raise RecordingError(f"expected at least 2 rows, came {rows}")
+    return first
+
+
+def _empty(first: list[Part]) -> list[str]:
+    """Optional columns without a value in the first rows: a channel that nothing was connected to."""
+    names = [name for name in OPTIONAL if name in first[0]]
+    cells = {name: np.concatenate([part[name] for part in first])[:PROBE] for name in names}
+    return [name for name in names if not (np.abs(cells[name]) < LARGEST).any()]
+
+
+def _clock(first: list[Part], sources: Sources, T_s: float | None) -> Clock:
+    periods = sources.constants.get("periods", 1.0)
+    if "periods" in sources.columns:
+        told = np.concatenate([part["periods"] for part in first])[: PROBE + 1]
+        told = told[np.isfinite(told)]
+        periods = float(told[0]) if len(told) else 0.0
+    if not 1 <= periods <= MAX_PERIODS or periods != int(periods):
+        raise RecordingError(f"periods = {periods:g}: expected a whole number of control periods, 1 or more")
+    if periods > 1 and "i_d_mean" not in sources.told:
+        raise RecordingError(
+            f"rows that cover {periods:g} control periods need their mean currents, missing columns: "
+            "i_d_mean, i_q_mean"
+        )
+    t = np.concatenate([part["t"] for part in first])[: PROBE + 1]
+    return find_clock(t, int(periods), T_s)
+
+
+@contextmanager
+def _naming(path: Path, off: str = "") -> Generator[None]:
+    """Put the file's name before what is wrong with its rows, and after it when the drive was off."""
+    try:
+        yield
+    except RecordingError as error:
+        said = str(error)
+        named = said if said.startswith(f"{path}: ") else f"{path}: {said}"
+        raise RecordingError(f"{named}; {off}" if off else named) from error

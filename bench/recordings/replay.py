@@ -1,0 +1,161 @@
+"""Replay: the streaming core over a recording, chunk by chunk in constant memory. Knows nothing of terminals."""
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from bench.live import method
+from bench.live.doubts import doubted
+from bench.live.window import Window
+from bench.recordings.judgement import Judgement, Verdict
+from bench.recordings.recording import RecordingReader, Summary
+from bench.recordings.runs import Chunk
+from bench.recordings.screen import Screen
+from estimator.estimate import WindowEstimate
+from estimator.samples import Samples
+from estimator.window_ls import MAX_LENGTH
+
+_NOT_EXPLAINED: Final = "the model does not explain these rows"
+_MEMORY: Final = 5.0  # time constants, after which what is forgotten counts no more
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What a recording says at its end; no estimate is ok of equations that do not fit."""
+
+    recording: Summary
+    window: Window
+    result: WindowEstimate
+    verdict: Verdict
+    remarks: tuple[str, ...]  # what a user should know besides, a sentence each
+
+
+OnEstimate = Callable[[float, WindowEstimate], None]
+"""Called with the time (s) at the newest row's end, and what the rows so far say."""
+
+
+def replay(
+    reader: RecordingReader, window: Window, every: int = 0, on_estimate: OnEstimate | None = None,
+    on_rows: Callable[[int], None] | None = None, nominal: Mapping[str, float] | None = None,
+) -> Replay:
+    """Stream a recording through the estimator; with `every`, report each time so many more rows have come.
+
+    `on_rows` hears the number of rows done, now and then. `nominal`: values (SI) that the machine should have.
+    """
+    running, turned, screen = method.start(window), _Turned(), Screen()
+    judgement, rests_on, due, rows = Judgement(window, nominal or {}), _rests_on(window), every, 0
+    reports: deque[_Report] = deque()  # that wait until their rows have been judged
+
+    def run(chunk: Chunk) -> None:
+        nonlocal due, rows
+        judgement.take(chunk.samples)
+        for piece, joined in _pieces(chunk, due, every):
+            method.take(running, piece, joined=joined)
+            due -= len(piece)
+            rows += len(piece)
+            if every and due <= 0:
+                reports.append(_Report(rows, piece.t0 + len(piece) * piece.T, method.estimate(running)))
+                due = every
+        report()
+
+    def report() -> None:
+        while reports and reports[0].rows <= judgement.done:
+            one = reports.popleft()
+            mismatch = _NOT_EXPLAINED if judgement.concerns(one.rows, rests_on) else ""
+            if on_estimate is not None:
+                on_estimate(one.t, replace(one.result, estimates=doubted(one.result, mismatch)))
+
+    for chunk in reader:
+        turned.take(chunk.samples)
+        if on_rows is not None:
+            on_rows(reader.summary.rows)
+        for left in screen.take(chunk):
+            run(left)
+    for left in screen.finish():
+        run(left)
+    verdict = judgement.verdict()
+    report()
+    result = method.estimate(running)
+    mismatch = _NOT_EXPLAINED if judgement.concerns(rows, rests_on) else ""
+    changes = judgement.changes() if rests_on is None and window.method != "ekf" else {}
+    result = replace(result, estimates=doubted(result, mismatch, changes))
+    remarks = (*reader.summary.remarks(), *screen.remarks(), *turned.remarks())
+    return Replay(reader.summary, window, result, verdict, remarks)
+
+
+@dataclass(frozen=True, slots=True)
+class _Report:
+    """What the rows so far say, before it is known whether constant parameters explain them."""
+
+    rows: int
+    t: float  # s
+    result: WindowEstimate
+
+
+def _rests_on(window: Window) -> int | None:
+    """The newest so many rows that estimates rest on; None: all of them."""
+    if window.method == "wls":
+        return window.samples + 1 if window.samples < MAX_LENGTH else None
+    forgotten = 1.0 - window.forgetting_factor
+    return round(_MEMORY / forgotten) * window.periods_per_row if window.method == "rls" and forgotten > 0.0 else None
+
+
+def as_json(replayed: Replay) -> dict[str, Any]:
+    """A replay as plain values, SI."""
+    result, window = replayed.result, replayed.window
+    return {
+        "method": window.method,
+        "estimates": {name: asdict(estimate) for name, estimate in result.estimates.items()},
+        "samples": result.samples,
+        "gaps": result.gaps,
+        "equations": result.equations,
+        "condition": result.condition,
+        "residual_rms_V": result.residual_rms,
+        "combinations": [asdict(combination) for combination in result.combinations],
+        "mismatch": asdict(replayed.verdict),
+        "window": asdict(window),
+        "remarks": list(replayed.remarks),
+        "recording": asdict(replayed.recording),
+    }
+
+
+@dataclass(slots=True)
+class _Turned:
+    """Whether speed and angle of a recording tell the same; the estimator rests on the angle."""
+
+    time: float = 0.0  # s
+    by_angle: float = 0.0  # rad
+    by_speed: float = 0.0  # rad
+    path: float = 0.0  # rad, without sign
+
+    def take(self, samples: Samples) -> None:
+        by_speed = 0.5 * (samples.omega_e[:-1] + samples.omega_e[1:]) * samples.T
+        off = np.diff(samples.theta_e) - by_speed
+        off -= 2.0 * math.pi * np.round(off / (2.0 * math.pi))
+        self.time += len(off) * samples.T
+        self.by_speed += float(by_speed.sum())
+        self.by_angle += float((by_speed + off).sum())
+        self.path += float(np.abs(by_speed).sum())
+
+    def remarks(self) -> tuple[str, ...]:
+        if abs(self.by_angle - self.by_speed) <= 0.02 * self.path + 1.0:
+            return ()
+        return (
+            f"theta_e turns at {self.by_angle / self.time:.4g} rad/s on average, but omega_e says "
+            f"{self.by_speed / self.time:.4g} rad/s; the estimates rest on theta_e",
+        )
+
+
+def _pieces(chunk: Chunk, due: int, every: int) -> Iterator[tuple[Samples, bool]]:
+    """A chunk cut where reports are due, and whether each piece follows the rows before it."""
+    if not every:
+        yield chunk.samples, chunk.joined
+        return
+    start, stop = 0, min(due, len(chunk.samples))
+    while start < len(chunk.samples):
+        yield chunk.samples[start:stop], chunk.joined or start > 0
+        start, stop = stop, min(stop + every, len(chunk.samples))

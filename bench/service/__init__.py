@@ -1,0 +1,7 @@
+"""The service: everything that runs, as one context manager.
+
+* `signals` - a drive's signals by name; `token` - what is asked for beyond loopback
+* `service` - pumps, worker, captures, experiments, diagnoses
+
+Knows nothing of HTTP.
+"""
