@@ -1,12 +1,12 @@
-"""Pure numerics: from samples to parameters with standard errors. No clocks, threads, files or sockets.
+"""Pure numerics: from samples to parameters, and from a mismatch to the physics that was left out.
 
-* `machine` - the machine's parameters; `samples` - SI columns without gaps; `flux_balance` - the regression's rows
-* `window_ls` - streaming sliding-window least squares over the sums of `window_sums`; `auto_window` - a window
-  chosen by the data; `track` - plain estimates at every row
-* `rls`, `ekf` - recursive least squares and the extended Kalman filter over runs of `stream`; `kalman` - its rows
-* `sums` - what a solution needs of a window; `fit` - from sums to numbers; `excitation` - what a window can tell;
-  `solve` - from numbers to sentences; `estimate` - value, standard error, unit, status
-* `twin` - the simulation: currents of a machine with effects from a recording's voltages, speed and angle
-* `mismatch` - from a recording to a diagnosis: what was left out, where, how big; `physics` - the effects, a file each
-* `kernel` - compilation, cached by the content of this room
+Read in this order:
+
+* `machine` - the machine's parameters; `samples` - SI columns without gaps; `kernel` - compilation, cached
+* `online` - estimates while the motor runs, with standard errors
+* `physics` - what a machine, its inverter and its sensors do beyond the textbook, one effect a file
+* `twin` - a machine with any set of effects: its voltages and currents
+* `diagnosis` - a recording and a nominal machine to what was left out, where, how big, how sure
+
+No clocks, threads, files or sockets. Shares no line with `emulator`.
 """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER_RUN, PAPER_RUN_WARMING, Scenario
-from estimator import auto_window, window_ls
+from estimator.online import auto_window, window_ls
 from tests.samples import recorded, streamed
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
-from estimator.mismatch.diagnose import diagnose
+from estimator.diagnosis.diagnose import diagnose
 from tests.diagnosis.diagnosed import loaded
 
 SEED, MOTOR = 1950, "servo_4nm"

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
-from estimator import window_ls
-from estimator.flux_balance import Balance, flux_balance
 from estimator.machine import PARAMETERS
-from estimator.track import track
+from estimator.online import window_ls
+from estimator.online.flux_balance import Balance, flux_balance
+from estimator.online.track import track
 from tests.samples import streamed
 
 Array = NDArray[np.float64]

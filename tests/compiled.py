@@ -10,7 +10,7 @@ from tests.bench_diagnose import conceal, seconds
 
 def _estimator() -> None:
     from bench.live.method import warm_up
-    from estimator.mismatch import detect
+    from estimator.diagnosis import watch as detect
 
     warm_up()
     detect.warm_up()

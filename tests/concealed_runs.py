@@ -8,10 +8,10 @@ from emulator.conceal.populations import KINDS
 from emulator.conceal.recording import Choice, Concealed, drawn
 from emulator.drive.virtual_drive import Column
 from emulator.scenario.motors import MOTORS
+from estimator.diagnosis.diagnose import TOLERANCE
+from estimator.diagnosis.intake.prepared import prepared
+from estimator.diagnosis.likelihood.given import Given
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.diagnose import TOLERANCE
-from estimator.mismatch.given import Given
-from estimator.mismatch.prepared import prepared
 from estimator.physics.rows import Rows
 from estimator.samples import Samples
 from tests.diagnosis.diagnosed import loaded

@@ -14,8 +14,8 @@ from bench.diagnoses.report import report
 from bench.errors import RecordingError
 from bench.machine_file import Nominal
 from bench.recordings.recording import Summary
-from estimator.mismatch.sentences import sentence_of
-from estimator.mismatch.verdict import (
+from estimator.diagnosis.answer.sentences import sentence_of
+from estimator.diagnosis.verdict import (
     Ambiguity,
     Before,
     Candidate,

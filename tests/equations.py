@@ -19,17 +19,18 @@ from emulator.conceal.recording import Choice, drawn
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import Scenario
+from estimator.diagnosis.likelihood.columns import regression
+from estimator.diagnosis.likelihood.evidence import Search
+from estimator.diagnosis.likelihood.given import Given
+from estimator.diagnosis.likelihood.noise import Noise, filter_of, whitened
+from estimator.diagnosis.likelihood.thinning import settled
+from estimator.diagnosis.search.fitting import moved
+from estimator.diagnosis.search.flux_step import with_step_in_place
 from estimator.machine import PARAMETERS
-from estimator.mismatch.columns import regression
-from estimator.mismatch.explain import Search
-from estimator.mismatch.fitting import moved
-from estimator.mismatch.flux_step import with_step_in_place
-from estimator.mismatch.given import Given
-from estimator.mismatch.model import Model, Noise, filter_of, residual, whitened
-from estimator.mismatch.thinning import settled
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
+from estimator.twin.model import Model, residual
 from tests.diagnosis.truth import EFFECT
 from tests.samples import machine_of, rows_of_columns
 

@@ -13,8 +13,8 @@ import sys
 from collections import Counter
 
 from emulator.conceal.populations import POPULATIONS, STRANGERS
-from estimator.mismatch.causes import SCALES, forms
-from estimator.mismatch.convention import suspected
+from estimator.diagnosis.intake.causes import SCALES, forms
+from estimator.diagnosis.intake.convention import suspected
 from tests.convention_runs import Recorded, made, recording
 from tests.test_convention import FOUND, TOLERANCE
 

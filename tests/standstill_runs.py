@@ -17,8 +17,8 @@ from emulator.plant.modulation import Duties, modulated
 from emulator.plant.physics.dc_link import DcLink
 from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import Effects
-from estimator.mismatch.standstill.pulse_fit import Train
-from estimator.mismatch.standstill.tones import Tone
+from estimator.diagnosis.standstill.pulse_fit import Train
+from estimator.diagnosis.standstill.tones import Tone
 from tests.plants import LOCKED, at_rest, plant_with
 
 SERVO = Machine(R_s=0.1, L_d=1.4e-4, L_q=1.5e-4, psi_f=0.01, n_p=4, i_rated=7.0)

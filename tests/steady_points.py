@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from emulator.plant.machine import Machine
-from estimator.mismatch.points.no_load import NoLoad
-from estimator.mismatch.points.table import Points
+from estimator.diagnosis.points.no_load import NoLoad
+from estimator.diagnosis.points.table import Points
 from tests.effect_runs import SALIENT, at, steady, switched, with_effects
 
 SETTLE, TURNS = 0.12, 8  # s; electrical turns

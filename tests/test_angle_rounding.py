@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from emulator.conceal.recording import Choice, drawn
 from emulator.drive.virtual_drive import VirtualDrive
+from estimator.diagnosis.angle.angle_rounding import resolution_of, unrounded
 from estimator.machine import Machine
-from estimator.mismatch.angle_rounding import resolution_of, unrounded
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Resolution, Samples
 from tests.samples import machine_of

@@ -10,9 +10,9 @@ import pytest
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER_RUN
-from estimator import auto_window, window_ls
-from estimator.auto_window import RINGS, SHORTEST, Stretches, lengths_of, weighed
-from estimator.estimate import Status
+from estimator.online import auto_window, window_ls
+from estimator.online.auto_window import RINGS, SHORTEST, Stretches, lengths_of, weighed
+from estimator.online.estimate import Status
 from estimator.samples import Samples
 from tests.auto_window import HELD, MOTIONS, NAMES, errors_of, pooled
 from tests.samples import streamed

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from emulator.conceal.populations import POPULATIONS
-from estimator.mismatch.bad_samples import without_bad
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.verdict import Verdict
-from estimator.mismatch.words import number as in_words
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.intake.bad_samples import without_bad
+from estimator.diagnosis.verdict import Verdict
+from estimator.diagnosis.words import number as in_words
 from estimator.samples import Samples
 from tests.convention_runs import made, recording, scaled, shifted
 

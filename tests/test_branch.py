@@ -5,10 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from estimator.flux_balance import TURN
+from estimator.diagnosis.unnamed.branch import current_of
 from estimator.machine import Machine
-from estimator.mismatch.branch import current_of
-from estimator.physics.rows import AXES, Rows, Vector, rows_of
+from estimator.online.flux_balance import TURN
+from estimator.physics.rows import Rows, rows_of
+from estimator.physics.vectors import AXES, Vector
 from estimator.samples import Samples
 
 T_S, U_DC, N, STEPS = 1e-4, 300.0, 60, 20

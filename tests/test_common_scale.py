@@ -2,9 +2,9 @@
 
 import pytest
 
+from estimator.diagnosis.answer.common_scale import IMPEDANCES, scaled, scales_left_open, uncalibrated
+from estimator.diagnosis.verdict import Ambiguity, Finding, Place, Quantity, Range
 from estimator.machine import PARAMETERS, UNITS, Machine
-from estimator.mismatch.common_scale import IMPEDANCES, scaled, scales_left_open, uncalibrated
-from estimator.mismatch.verdict import Ambiguity, Finding, Place, Quantity, Range
 
 NOMINAL = Machine(1.0, 2e-3, 3e-3, 0.1, 4, 5.0)
 TOLERANCE = dict.fromkeys(PARAMETERS, 0.1)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from emulator.conceal.populations import STRANGERS
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.intake.convention import AS_GOOD, Suspicion, suspected
+from estimator.diagnosis.verdict import Verdict
+from estimator.diagnosis.words import begun
 from estimator.machine import PARAMETERS
-from estimator.mismatch.convention import AS_GOOD, Suspicion, suspected
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.verdict import Verdict
-from estimator.mismatch.words import begun
 from estimator.physics.convention_error import UNIT
 from tests.convention_runs import (
     TURN,

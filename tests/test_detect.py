@@ -16,10 +16,10 @@ from emulator.plant.physics.saturation import Saturation
 from emulator.plant.physics.sensing import CurrentSensing
 from emulator.scenario.effects import NONE, Effects
 from emulator.scenario.scenarios import PAPER, Scenario, drive_for
-from estimator import window_ls
-from estimator.estimate import Estimate, Status
+from estimator.diagnosis.watch import FEWEST, SURE, Left, left_of, place_of
 from estimator.machine import PARAMETERS, UNITS
-from estimator.mismatch.detect import FEWEST, SURE, Left, left_of, place_of
+from estimator.online import window_ls
+from estimator.online.estimate import Estimate, Status
 from estimator.samples import Samples
 from tests.samples import streamed
 from tests.test_estimator_accuracy import SCENARIOS

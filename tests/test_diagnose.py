@@ -21,7 +21,7 @@ from bench.errors import ConfigError
 from bench.machine_file import Nominal, load_machine
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
-from estimator.mismatch.verdict import (
+from estimator.diagnosis.verdict import (
     Ambiguity,
     Candidate,
     Diagnosis,

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.likelihood.identifiability import at_its_bound
+from estimator.diagnosis.likelihood.noise import noise_of
+from estimator.diagnosis.verdict import Verdict
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.excitation_check import at_its_bound
-from estimator.mismatch.model import noise_of
-from estimator.mismatch.verdict import Verdict
 from estimator.physics.rows import rows_of
 from estimator.samples import Samples
 from tests.convention_runs import recording

@@ -8,9 +8,9 @@ import pytest
 from emulator.conceal.files import write
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.samples import Samples
 from tests.concealed_runs import population, recording_of, written

@@ -17,18 +17,8 @@ from emulator.conceal.suite import Suite, make
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import parse
+from estimator.diagnosis.verdict import Before, Diagnosis, Finding, Fit, Place, Quantity, Range, Unexplained, Verdict
 from estimator.machine import Machine
-from estimator.mismatch.verdict import (
-    Before,
-    Diagnosis,
-    Finding,
-    Fit,
-    Place,
-    Quantity,
-    Range,
-    Unexplained,
-    Verdict,
-)
 from estimator.samples import Samples
 from tests.diagnosis.diagnosed import Said, diagnosed, loaded
 from tests.diagnosis.rows import Row, row_of

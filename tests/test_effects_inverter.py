@@ -164,8 +164,6 @@ def test_overmodulation_tries_more_and_the_legs_cut_it_off_at_the_hexagon() -> N
     assert U_DC / math.sqrt(3.0) * 1.02 < np.abs(voltages(r)).max() <= 2.0 / 3.0 * U_DC * (1.0 + 1e-9)
 
 
-
-
 def test_a_steady_draw_takes_the_dc_link_down_as_a_capacitor_behind_a_resistance_goes() -> None:
     link, E, i, h = DcLink(C=1e-4, R=2.0), 300.0, 10.0, 1.5e-4
     expected = E - link.R * i * (1.0 - math.exp(-h / (link.R * link.C)))

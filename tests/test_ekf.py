@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER, Excitation, Scenario
-from estimator import ekf, kalman
-from estimator.ekf import TELLABLE, EkfState, EkfTuning, Model, tuned
-from estimator.estimate import Status
+from estimator.online import ekf, kalman
+from estimator.online.ekf import TELLABLE, EkfState, EkfTuning, Model, tuned
+from estimator.online.estimate import Status
 from estimator.samples import Samples
 from tests.samples import noiseless, recorded, streamed, truth_of
 

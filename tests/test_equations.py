@@ -11,9 +11,9 @@ from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.saturation import Saturation
 from emulator.scenario.motors import MOTORS as ALL_MOTORS
-from estimator.mismatch.model import Model
-from estimator.mismatch.thinning import settled
+from estimator.diagnosis.likelihood.thinning import settled
 from estimator.physics.library import BY_NAME
+from estimator.twin.model import Model
 from tests.diagnosis.truth import EFFECT
 from tests.equations import SECONDS, fitted_to, left_of, rows_without_noise, with_effect
 from tests.samples import machine_of, rows_of_columns

@@ -18,9 +18,9 @@ from bench.live.window import Window
 from drivers.block import Block
 from emulator.drive.virtual_drive import StreamRows, VirtualDrive
 from emulator.scenario.scenarios import PAPER
-from estimator import rls, window_ls
-from estimator.estimate import Status
 from estimator.machine import PARAMETERS
+from estimator.online import rls, window_ls
+from estimator.online.estimate import Status
 from tests.served_drive import until
 
 pytestmark = pytest.mark.live

@@ -8,9 +8,9 @@ import pytest
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.machine import Machine
 from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, drive_for
-from estimator import window_ls
-from estimator.estimate import WindowEstimate
 from estimator.machine import PARAMETERS
+from estimator.online import window_ls
+from estimator.online.estimate import WindowEstimate
 from estimator.samples import Samples
 from tests.samples import noiseless, recorded, streamed, truth_of
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from estimator.mismatch.exchange import one_for_others, together
-from estimator.mismatch.fitting import fitted, without
-from estimator.mismatch.remainder import excess_of
+from estimator.diagnosis.search.exchange import one_for_others, together
+from estimator.diagnosis.search.fitting import fitted, without
+from estimator.diagnosis.search.remainder import excess_of
 from estimator.physics.library import BY_NAME
 from tests.concealed_runs import population, rows_as_diagnosed, rows_of, written
 from tests.proof.near_suite import near, near_population

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER, Excitation, Scenario
-from estimator import window_ls
-from estimator.estimate import Status, WindowEstimate
-from estimator.excitation import Excitation as Told
-from estimator.excitation import combinations, condition, excitation
+from estimator.online import window_ls
+from estimator.online.estimate import Status, WindowEstimate
+from estimator.online.excitation import Excitation as Told
+from estimator.online.excitation import combinations, condition, excitation
 from estimator.samples import Resolution
 from tests.samples import noiseless, recorded, streamed, truth_of
 

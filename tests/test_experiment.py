@@ -8,12 +8,13 @@ import pytest
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario
+from estimator.diagnosis.answer.design import DURATION, FEWEST, MOST, experiment
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.likelihood.noise import Noise
+from estimator.diagnosis.verdict import Diagnosis, Experiment, Verdict
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.experiment import DURATION, FEWEST, MOST, experiment
-from estimator.mismatch.model import Model, Noise
-from estimator.mismatch.verdict import Diagnosis, Experiment, Verdict
 from estimator.physics.rows import Rows, rows_of
+from estimator.twin.model import Model
 from tests.samples import recorded
 
 I_RATED = 6.0  # A

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.mismatch.fitting import fitted
+from estimator.diagnosis.search.fitting import fitted
 from tests.concealed_runs import population, rows_of
 
 

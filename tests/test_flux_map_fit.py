@@ -16,17 +16,18 @@ from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import NONE, MapFile
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.likelihood.given import Given
+from estimator.diagnosis.likelihood.noise import flux_errors
+from estimator.diagnosis.search.fitting import Fitted, fitted
+from estimator.diagnosis.search.flux_map_fit import FluxMap, begun, told_map
+from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.fitting import Fitted, fitted
-from estimator.mismatch.flux_map_fit import FluxMap, begun, told_map
-from estimator.mismatch.given import Given
-from estimator.mismatch.model import Model, flux_errors, residual
-from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.physics.rows import Rows, rows_of
 from estimator.physics.saturation import EFFECTS
 from estimator.samples import Samples
-from estimator.twin import free_run
+from estimator.twin.currents import free_run
+from estimator.twin.model import Model, residual
 from tests.peers.saturated import baldor_current, tabled
 from tests.samples import recorded
 

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from emulator.conceal.recording import Choice, drawn
-from estimator.mismatch.flux_step import with_step_in_place
-from estimator.mismatch.model import Model
+from estimator.diagnosis.search.flux_step import with_step_in_place
+from estimator.twin.model import Model
 from tests.samples import machine_of, rows_of_columns
 
 TURN = 2.0 * math.pi

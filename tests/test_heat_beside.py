@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from estimator.mismatch.model import Model, in_truth, with_local_course
-from estimator.mismatch.thinning import thinned
+from estimator.diagnosis.likelihood.thinning import thinned
+from estimator.twin.model import Model, in_truth, with_local_course
 from tests.equations import rows_without_noise, with_effect
 
 WARMER = {"winding_resistance_drift": (0.1, 1.0, 0.0)}

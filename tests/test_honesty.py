@@ -10,8 +10,8 @@ from bench.live.window import Window
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.machine import Machine
 from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, drive_for
-from estimator.estimate import Status
 from estimator.machine import PARAMETERS
+from estimator.online.estimate import Status
 from tests.samples import noiseless, recorded, streamed, truth_of
 
 CONSTANT = Excitation(-2.0, 2.0)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from emulator.conceal.populations import POPULATIONS, STRANGERS
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.intake.data_sheet import contradicted
+from estimator.diagnosis.intake.input_check import checked
+from estimator.diagnosis.verdict import Verdict
 from estimator.machine import Machine
-from estimator.mismatch.data_sheet import contradicted
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.input_check import checked
-from estimator.mismatch.verdict import Verdict
 from estimator.samples import Resolution, Samples
 from tests.convention_runs import LENGTH, TURN, currents, made, recording, scaled, speed, voltages, with_vectors
 

@@ -10,15 +10,18 @@ import pytest
 from numpy.typing import NDArray
 
 from emulator.conceal.recording import Choice, Concealed, drawn
+from estimator.diagnosis.angle.angle_rounding import unrounded
+from estimator.diagnosis.likelihood.noise import filter_of, noise_of, whitened
+from estimator.diagnosis.unnamed.branch import Branch
+from estimator.diagnosis.unnamed.describe import branch, describe
+from estimator.diagnosis.verdict import Place, Unexplained
+from estimator.diagnosis.where.place import place_of
+from estimator.diagnosis.words import number
 from estimator.machine import Machine
-from estimator.mismatch.angle_rounding import unrounded
-from estimator.mismatch.branch import Branch
-from estimator.mismatch.locate import branch, describe, place_of
-from estimator.mismatch.model import Model, filter_of, noise_of, residual, whitened
-from estimator.mismatch.verdict import Place, Unexplained
-from estimator.mismatch.words import number
-from estimator.physics.rows import Rows, Vector, rows_of
+from estimator.physics.rows import Rows, rows_of
+from estimator.physics.vectors import Vector
 from estimator.samples import Samples
+from estimator.twin.model import Model, residual
 from tests.samples import machine_of, rows_of_columns
 
 TURN = 2.0 * math.pi

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from estimator.physics.legs import legs_at_rest
-from estimator.physics.lost_voltage import lost_between
-from estimator.physics.rows import AXES
+from estimator.physics.bridge.legs import legs_at_rest
+from estimator.physics.bridge.lost_voltage import lost_between
+from estimator.physics.vectors import AXES
 
 U_DC, T_s, L = 545.0, 1e-4, 0.02  # V, s, H
 DEAD_TIME = 2.7e-6  # s

@@ -16,8 +16,8 @@ from bench.live.method import SPEED_ROWS, Running
 from bench.live.window import Window
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
-from estimator.estimate import Status
 from estimator.machine import PARAMETERS
+from estimator.online.estimate import Status
 from estimator.samples import Samples
 from tests.samples import streamed
 

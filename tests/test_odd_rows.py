@@ -9,7 +9,7 @@ from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import Effects
 from emulator.scenario.scenarios import PAPER
-from estimator.mismatch.odd_rows import FEWEST, odd_rows, odd_samples
+from estimator.diagnosis.intake.odd_rows import FEWEST, odd_rows, odd_samples
 from estimator.samples import Samples
 from tests.samples import recorded, streamed
 from tests.test_detect import paper

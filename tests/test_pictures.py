@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from estimator.mismatch.model import Model
-from estimator.mismatch.pictures import traces
-from estimator.mismatch.quality import floor_of_means
-from estimator.mismatch.verdict import Traces
+from estimator.diagnosis.answer.pictures import traces
+from estimator.diagnosis.answer.quality import floor_of_means
+from estimator.diagnosis.verdict import Traces
+from estimator.twin.model import Model
 from tests.test_locate import ROWS, T, run
 
 VOLTS = 0.5

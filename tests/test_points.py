@@ -16,11 +16,11 @@ from emulator.plant.physics.legs import Inverter
 from emulator.plant.physics.saturation import Saturation
 from emulator.plant.physics.sensing import AngleSensing
 from emulator.plant.physics.skin import Skin
-from estimator.mismatch.points.diagnose import diagnose_points
-from estimator.mismatch.points.no_load import NoLoad
-from estimator.mismatch.points.no_load_diagnosis import diagnose_no_load
-from estimator.mismatch.points.table import FEWEST, Points, steady
-from estimator.mismatch.verdict import Diagnosis, Verdict
+from estimator.diagnosis.points.diagnose import diagnose_points
+from estimator.diagnosis.points.no_load import NoLoad
+from estimator.diagnosis.points.no_load_diagnosis import diagnose_no_load
+from estimator.diagnosis.points.table import FEWEST, Points, steady
+from estimator.diagnosis.verdict import Diagnosis, Verdict
 from tests.effect_runs import SALIENT
 from tests.steady_points import operating_points, steady_points, without_load
 

@@ -17,8 +17,8 @@ from bench.diagnoses.formats import FORMATS, checked_format, format_of
 from bench.errors import BenchError, ConfigError, RecordingError
 from bench.machine_file import Nominal, load_machine
 from emulator.plant.physics.legs import Inverter
-from estimator.mismatch.points.no_load import NoLoad
-from estimator.mismatch.points.table import Points
+from estimator.diagnosis.points.no_load import NoLoad
+from estimator.diagnosis.points.table import Points
 from tests.real_data import REAL_DATA
 from tests.steady_points import operating_points, steady_points, without_load
 from tests.test_cli_replay import pmsm_bench

@@ -8,7 +8,7 @@ import pytest
 from bench.diagnoses.diagnose import diagnose_recording
 from bench.diagnoses.diagnosis_request import Request
 from bench.machine_file import Nominal
-from estimator.mismatch.verdict import Diagnosis, Verdict
+from estimator.diagnosis.verdict import Diagnosis, Verdict
 from tests.real_data import REAL_DATA
 
 MOTEUS = {name: REAL_DATA / "moteus_ld" / f"ld_{name}.json" for name in ("be8108", "custom", "mj5208", "spindle")}

@@ -15,8 +15,8 @@ import pytest
 from emulator.conceal.files import answer_of
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
+from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.machine import Machine
-from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.samples import Samples
 from tests.diagnosis.diagnosed import Said
 from tests.diagnosis.oracle import Oracle

@@ -10,7 +10,7 @@ import pytest
 
 from bench.machine_file import load_machine
 from bench.recordings.recording import read_recording
-from estimator.mismatch.verdict import Before, Diagnosis, Finding, Fit, Place, Quantity, Verdict
+from estimator.diagnosis.verdict import Before, Diagnosis, Finding, Fit, Place, Quantity, Verdict
 from estimator.samples import Samples
 from tests.diagnosis.diagnosed import Said
 from tests.proof.benchmark import Outcome, judged, prove

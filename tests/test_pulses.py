@@ -12,8 +12,8 @@ from bench.machine_file import Nominal
 from emulator.plant.physics.legs import Inverter
 from emulator.plant.physics.skin import Skin
 from emulator.scenario.effects import Effects
-from estimator.mismatch.standstill.pulses import diagnose_pulses
-from estimator.mismatch.verdict import Verdict
+from estimator.diagnosis.standstill.pulses import diagnose_pulses
+from estimator.diagnosis.verdict import Verdict
 from tests.real_data import REAL_DATA
 from tests.standstill_runs import SALIENT, U_DC, pulses
 from tests.test_sweep import named, size, within

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from emulator.conceal.recording import Choice
-from estimator.mismatch.exchange import together
-from estimator.mismatch.excitation_check import untold
-from estimator.mismatch.fitting import at_nominal, fitted, of_machine
-from estimator.mismatch.given import Given
-from estimator.mismatch.remainder import alone, leaves_some, left_of, upright
+from estimator.diagnosis.likelihood.given import Given
+from estimator.diagnosis.likelihood.identifiability import untold
+from estimator.diagnosis.search.exchange import together
+from estimator.diagnosis.search.fitting import at_nominal, fitted, of_machine
+from estimator.diagnosis.search.remainder import alone, leaves_some, left_of, upright
 from estimator.physics.rows import Rows
 from tests.concealed_runs import population, rows_of
 

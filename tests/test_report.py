@@ -12,7 +12,7 @@ import pytest
 
 from bench.diagnoses.report import report
 from bench.diagnoses.report_figures import AFTER, BEFORE, WIDTH
-from estimator.mismatch.verdict import Candidate, Diagnosis
+from estimator.diagnosis.verdict import Candidate, Diagnosis
 from tests.diagnoses import ALL, AMBIGUOUS, CONVENTION, EXPLAINED, NO_MISMATCH, NOMINAL, NOTHING_TOLD, RECORDING
 
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
-from estimator import rls
-from estimator.estimate import Status, WindowEstimate
-from estimator.flux_balance import Balance, flux_balance, mean_of
 from estimator.machine import PARAMETERS
-from estimator.rls import Prior, RlsState
+from estimator.online import rls
+from estimator.online.estimate import Status, WindowEstimate
+from estimator.online.flux_balance import Balance, flux_balance, mean_of
+from estimator.online.rls import Prior, RlsState
 from estimator.samples import Samples
 from tests.samples import noiseless, recorded, streamed, truth_of
 

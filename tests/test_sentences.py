@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from estimator.mismatch.sentences import quantity, sentence_of
-from estimator.mismatch.verdict import Ambiguity, Before, Diagnosis, Experiment, Fit, Quantity, Range, Verdict
+from estimator.diagnosis.answer.sentences import quantity, sentence_of
+from estimator.diagnosis.verdict import Ambiguity, Before, Diagnosis, Experiment, Fit, Quantity, Range, Verdict
 from tests.diagnoses import CONVENTION, EXPLAINED, NO_MISMATCH
 
 

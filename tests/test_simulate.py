@@ -13,7 +13,7 @@ from bench.diagnoses.simulate import simulate
 from bench.errors import ConfigError
 from bench.machine_file import load_machine
 from emulator.conceal.recording import Choice
-from estimator.mismatch.diagnose import diagnose
+from estimator.diagnosis.diagnose import diagnose
 from estimator.physics.library import LIBRARY
 from tests.concealed_runs import recording_of
 from tests.equations import rows_without_noise, with_effect

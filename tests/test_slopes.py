@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.diagnosis.likelihood.columns import regression
+from estimator.diagnosis.likelihood.given import Given
+from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.machine import PARAMETERS
-from estimator.mismatch.columns import regression
-from estimator.mismatch.given import Given
-from estimator.mismatch.model import Model, filter_of, residual, whitened, with_machine
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Vector
+from estimator.twin.model import Model, residual, with_machine
 from tests.equations import rows_without_noise, with_effect
 
 _STEP = 1e-3  # of a parameter

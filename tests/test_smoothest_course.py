@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.mismatch.smoothest_course import smoothest, surer, surest
+from estimator.diagnosis.angle.smoothest_course import smoothest, surer, surest
 
 Real = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from estimator.online.stream import Stream, runs_of
 from estimator.samples import Samples
-from estimator.stream import Stream, runs_of
 
 ROWS = 200
 T = 1e-3  # s

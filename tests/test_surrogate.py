@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from emulator.drive.virtual_drive import VirtualDrive
-from estimator.mismatch.explain import Choice as Names
-from estimator.mismatch.fitting import fitted
-from estimator.mismatch.surrogate import Surrogates, converter_step
+from estimator.diagnosis.likelihood.evidence import Choice as Names
+from estimator.diagnosis.search.fitting import fitted
+from estimator.diagnosis.trust.surrogate import Surrogates, converter_step
 from estimator.physics.rows import Rows
 from tests.concealed_runs import population, rows_of
 from tests.effect_runs import at, with_effects

@@ -17,9 +17,9 @@ from emulator.plant.physics.iron_loss import IronLoss
 from emulator.plant.physics.legs import Inverter
 from emulator.plant.physics.skin import Skin
 from emulator.scenario.effects import Effects
-from estimator.mismatch.standstill.sweep import diagnose_sweep
-from estimator.mismatch.standstill.tones import Tone
-from estimator.mismatch.verdict import Diagnosis, Quantity, Verdict
+from estimator.diagnosis.standstill.sweep import diagnose_sweep
+from estimator.diagnosis.standstill.tones import Tone
+from estimator.diagnosis.verdict import Diagnosis, Quantity, Verdict
 from tests.real_data import REAL_DATA
 from tests.standstill_runs import SERVO, U_DC, T, sweep
 

@@ -8,15 +8,15 @@ import pytest
 
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.likelihood.columns import regression
+from estimator.diagnosis.likelihood.given import Given
+from estimator.diagnosis.likelihood.thinning import BLOCKS, settled, thinned
+from estimator.diagnosis.verdict import Verdict
 from estimator.machine import PARAMETERS, Machine
-from estimator.mismatch.columns import regression
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.given import Given
-from estimator.mismatch.model import Model
-from estimator.mismatch.thinning import BLOCKS, settled, thinned
-from estimator.mismatch.verdict import Verdict
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Resolution, Samples
+from estimator.twin.model import Model
 from tests.diagnosis.diagnosed import loaded
 
 T_s = 1e-4
@@ -84,7 +84,7 @@ def test_what_effects_remember_is_the_same_a_stretch_at_a_time(monkeypatch: pyte
     for effects in ({}, {"ac_resistance": (0.5, 60.0), "winding_resistance_drift": (0.1, 1.0, 0.0)}):
         model = Model(MACHINE, effects)
         whole = regression(rows, rows, model, given)
-        monkeypatch.setattr("estimator.mismatch.columns._LONG", 10_000)
+        monkeypatch.setattr("estimator.diagnosis.likelihood.columns._LONG", 10_000)
         parts = regression(rows, rows, model, given)
         monkeypatch.undo()
         size = np.sqrt(np.einsum("sii->i", whole.gram))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from emulator.conceal.populations import POPULATIONS
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.told_drive import believed
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.intake.drive_data import believed
 from estimator.samples import Resolution, Samples
 from tests.convention_runs import recording
 

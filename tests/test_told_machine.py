@@ -10,12 +10,12 @@ from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import NONE
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
+from estimator.diagnosis.diagnose import TOLERANCE, diagnose
+from estimator.diagnosis.intake.prepared import prepared
+from estimator.diagnosis.likelihood.evidence import Search
+from estimator.diagnosis.search.fitting import of_machine, searched
+from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.machine import PARAMETERS
-from estimator.mismatch.diagnose import TOLERANCE, diagnose
-from estimator.mismatch.explain import Search
-from estimator.mismatch.fitting import of_machine, searched
-from estimator.mismatch.prepared import prepared
-from estimator.mismatch.verdict import Diagnosis, Verdict
 from estimator.samples import Samples
 from tests.samples import machine_of, recorded
 

@@ -5,9 +5,9 @@ import pytest
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
-from estimator.flux_balance import Balance, flux_balance
 from estimator.machine import PARAMETERS
-from estimator.track import track
+from estimator.online.flux_balance import Balance, flux_balance
+from estimator.online.track import track
 from tests.samples import streamed
 
 BALANCE = flux_balance(streamed(VirtualDrive(PAPER), 6000))

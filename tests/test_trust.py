@@ -13,7 +13,7 @@ from bench.live.trust import STALE, trusted
 from bench.live.watch import Explained, Mismatch
 from bench.live.window import Window
 from bench.service.service import Service
-from estimator.estimate import Estimate, Status, WindowEstimate
+from estimator.online.estimate import Estimate, Status, WindowEstimate
 from tests.served_drive import served, tcp_url, until
 
 ESTIMATES = {

@@ -16,16 +16,17 @@ from emulator.plant.physics.skin import Skin
 from emulator.plant.physics.timing import Timing
 from emulator.scenario.effects import NONE, Effects
 from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario
+from estimator.diagnosis.answer.quality import fit_quality
+from estimator.diagnosis.likelihood.cleaning import raw
+from estimator.diagnosis.likelihood.given import Given
+from estimator.diagnosis.likelihood.noise import filter_of, noise_of, whitened
+from estimator.diagnosis.search.fitting import polished
 from estimator.machine import PARAMETERS
-from estimator.mismatch.cleaning import raw
-from estimator.mismatch.fitting import polished
-from estimator.mismatch.given import Given
-from estimator.mismatch.model import Model, filter_of, noise_of, whitened
-from estimator.mismatch.quality import fit_quality
 from estimator.physics.library import LIBRARY
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Samples
-from estimator.twin import followed, free_run, implied_voltage, one_step
+from estimator.twin.currents import followed, free_run, implied_voltage, one_step
+from estimator.twin.model import Model
 from tests.samples import machine_of
 
 T_S = 1e-4  # s

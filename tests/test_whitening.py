@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.diagnosis.likelihood.averages import voltage_of
+from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.machine import Machine
-from estimator.mismatch.averages import voltage_of
-from estimator.mismatch.model import filter_of, whitened
 from estimator.physics.ac_resistance import voltage
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Samples

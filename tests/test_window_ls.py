@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
-from estimator import window_ls
-from estimator.estimate import Status, WindowEstimate
-from estimator.flux_balance import COLUMNS, Balance, flux_balance, mean_of
 from estimator.machine import PARAMETERS
+from estimator.online import window_ls
+from estimator.online.estimate import Status, WindowEstimate
+from estimator.online.flux_balance import COLUMNS, Balance, flux_balance, mean_of
+from estimator.online.window_ls import CHUNK, MAX_LENGTH, WindowState
 from estimator.samples import Samples
-from estimator.window_ls import CHUNK, MAX_LENGTH, WindowState
 from tests.samples import streamed
 
 ROWS = 6000

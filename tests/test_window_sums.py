@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.window_ls import WindowState, init, sums_of
-from estimator.window_sums import BATCH, SHORTEST_BATCH, take_balances
+from estimator.online.window_ls import WindowState, init, sums_of
+from estimator.online.window_sums import BATCH, SHORTEST_BATCH, take_balances
 
 Array = NDArray[np.float64]
 

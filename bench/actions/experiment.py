@@ -35,8 +35,8 @@ from drivers.errors import DriveError, FaultError, GoneError, NoReplyError, Refu
 from drivers.lease import HeldError, Lease
 from drivers.wire.cia402 import State
 from drivers.wire.dictionary import CAPTURE_SAMPLES
+from estimator.diagnosis.verdict import Hold
 from estimator.machine import UNITS
-from estimator.mismatch.verdict import Hold
 
 SIGNALS: Final = (*NEEDED, "u_dc")
 MOST_HOLDS: Final = 100

@@ -12,11 +12,11 @@ from bench.live.acquisition import Link
 from bench.live.estimation import Snapshot
 from bench.live.window import Window
 from bench.service.service import Service
-from estimator.ekf import PAPER
-from estimator.estimate import Estimate, Status
 from estimator.machine import PARAMETERS
-from estimator.rls import SHORTEST
-from estimator.window_ls import MAX_LENGTH, MAX_M
+from estimator.online.ekf import PAPER
+from estimator.online.estimate import Estimate, Status
+from estimator.online.rls import SHORTEST
+from estimator.online.window_ls import MAX_LENGTH, MAX_M
 
 Parameter = Literal["R_s", "L_d", "L_q", "psi_f"]
 Method = Literal["wls", "rls", "ekf"]

@@ -13,7 +13,7 @@ from bench.diagnoses.diagnosis_request import Request, Result, Tell
 from bench.diagnoses.formats import format_of
 from bench.diagnoses.formats.format import Diagnosed
 from bench.diagnoses.report import report
-from estimator.mismatch.verdict import Before, Fit
+from estimator.diagnosis.verdict import Before, Fit
 
 MOST_ODDS: Final = 1e12  # beyond, a figure says no more than that
 

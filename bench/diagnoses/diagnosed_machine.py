@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterable
 
 from bench.machine_file import EQUATION, KEYS, Nominal
+from estimator.diagnosis.verdict import Diagnosis, Finding, FluxTable, Quantity
 from estimator.machine import PARAMETERS, UNITS
-from estimator.mismatch.verdict import Diagnosis, Finding, FluxTable, Quantity
 from estimator.physics.library import BY_NAME
 
 

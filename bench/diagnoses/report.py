@@ -16,9 +16,9 @@ from bench.diagnoses.diagnosis_request import SETTLED
 from bench.engineering import number, odds, quantity, scaled, words
 from bench.machine_file import Nominal
 from bench.recordings.recording import Summary
+from estimator.diagnosis.answer.sentences import compares
+from estimator.diagnosis.verdict import Ambiguity, Before, Diagnosis, Experiment, Finding, Fit, Place, Quantity, Range
 from estimator.machine import PARAMETERS, UNITS
-from estimator.mismatch.sentences import compares
-from estimator.mismatch.verdict import Ambiguity, Before, Diagnosis, Experiment, Finding, Fit, Place, Quantity, Range
 
 _STYLE: Final = f"""
 @page {{ size: A4; margin: 14mm; }}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.engineering import words
-from estimator.mismatch.verdict import Candidate, FluxTable, Map, Scatter, Traces
+from estimator.diagnosis.verdict import Candidate, FluxTable, Map, Scatter, Traces
 
 BEFORE: Final = "#c8571b"
 AFTER: Final = "#14708c"

@@ -4,8 +4,8 @@ from bench.diagnoses.diagnosis_request import Request, check_whole
 from bench.diagnoses.formats.recording import read, refusals_of
 from bench.errors import ConfigError
 from bench.recordings.recording import Summary
-from estimator.mismatch.beside import Beside, beside
-from estimator.mismatch.model import Model
+from estimator.diagnosis.answer.beside import Beside, beside
+from estimator.twin.model import Model
 
 
 def simulate(request: Request) -> tuple[Summary, Beside]:

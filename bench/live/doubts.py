@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from estimator.estimate import Estimate, Status, WindowEstimate
 from estimator.machine import PLAUSIBLE
+from estimator.online.estimate import Estimate, Status, WindowEstimate
 
 
 def doubted(result: WindowEstimate, mismatch: str, of: Mapping[str, str] | None = None) -> dict[str, Estimate]:

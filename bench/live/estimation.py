@@ -22,8 +22,8 @@ from bench.live.method import Running
 from bench.live.watch import Mismatch, Watch
 from bench.live.window import Window
 from drivers.block import Block
-from estimator.estimate import WindowEstimate
-from estimator.mismatch import detect
+from estimator.diagnosis import watch as detect
+from estimator.online.estimate import WindowEstimate
 from estimator.samples import Resolution, Samples
 
 P = ParamSpec("P")

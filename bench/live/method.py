@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench.live.window import Window
-from estimator import auto_window, ekf, rls, window_ls
-from estimator.ekf import TELLABLE, EkfState
-from estimator.estimate import Estimate, Status, WindowEstimate
-from estimator.rls import Prior, RlsState
+from estimator.online import auto_window, ekf, rls, window_ls
+from estimator.online.ekf import TELLABLE, EkfState
+from estimator.online.estimate import Estimate, Status, WindowEstimate
+from estimator.online.rls import Prior, RlsState
+from estimator.online.window_ls import WindowState
 from estimator.samples import Samples
-from estimator.window_ls import WindowState
 
 SPEED_ROWS = 100  # from which the filter learns the speed, where that is left to it
 

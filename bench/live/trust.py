@@ -13,7 +13,7 @@ from bench.live.acquisition import Link, LinkState
 from bench.live.doubts import doubted
 from bench.live.estimation import Snapshot, Stale
 from bench.live.watch import Explained
-from estimator.estimate import Estimate, Status
+from estimator.online.estimate import Estimate, Status
 
 STALE: Final = 0.8  # s; with the way of a row and of an answer, nothing is called ok that is older than a second
 _BRIDGE: Final = "the bridge is off, or the drive is in fault"

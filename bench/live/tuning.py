@@ -4,7 +4,7 @@
     paper    the published variances
     custom   model, P_0, Q, R, i_min
 
-Settings of a preset that is not in use are kept. See `estimator.ekf` for what they mean.
+Settings of a preset that is not in use are kept. See `estimator.online.ekf` for what they mean.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final, cast
 
 from bench.errors import LimitError, shown
-from estimator import ekf
-from estimator.ekf import EkfTuning, Model
+from estimator.online import ekf
+from estimator.online.ekf import EkfTuning, Model
 
 PRESETS: Final = ("tuned", "paper", "custom")
 MODELS: Final = {"inductances": Model.INDUCTANCES, "fluxes": Model.FLUXES}

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.live.window import Window
-from estimator.estimate import Estimate, Status
-from estimator.mismatch.detect import FEWEST, Left, left_of, place_of
-from estimator.mismatch.words import number
+from estimator.diagnosis.watch import FEWEST, Left, left_of, place_of
+from estimator.diagnosis.words import number
+from estimator.online.estimate import Estimate, Status
 from estimator.samples import Samples
 
 Array = NDArray[np.float64]

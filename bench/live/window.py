@@ -7,10 +7,10 @@ from typing import Any, Final, Literal, cast
 
 from bench.errors import LimitError, shown
 from bench.live.tuning import Tuning, number, one_of
-from estimator.ekf import TELLABLE
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
-from estimator.rls import SHORTEST
-from estimator.window_ls import check_window
+from estimator.online.ekf import TELLABLE
+from estimator.online.rls import SHORTEST
+from estimator.online.window_ls import check_window
 
 AUTO: Final = "auto"
 METHODS: Final = ("wls", "rls", "ekf")

@@ -10,12 +10,12 @@ from typing import Final
 
 from bench.live.watch import MOST, SURELY, Explained, strange_of
 from bench.live.window import Window
-from estimator import window_ls
-from estimator.ekf import TELLABLE
-from estimator.estimate import Estimate, Status
+from estimator.diagnosis.watch import FEWEST, Left, left_of, place_of
+from estimator.diagnosis.words import number
 from estimator.machine import PARAMETERS
-from estimator.mismatch.detect import FEWEST, Left, left_of, place_of
-from estimator.mismatch.words import number
+from estimator.online import window_ls
+from estimator.online.ekf import TELLABLE
+from estimator.online.estimate import Estimate, Status
 from estimator.samples import Samples
 
 _MOVED: Final = 6.0  # standard errors, and

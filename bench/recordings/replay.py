@@ -15,9 +15,9 @@ from bench.recordings.judgement import Judgement, Verdict
 from bench.recordings.recording import RecordingReader, Summary
 from bench.recordings.runs import Chunk
 from bench.recordings.screen import Screen
-from estimator.estimate import WindowEstimate
+from estimator.online.estimate import WindowEstimate
+from estimator.online.window_ls import MAX_LENGTH
 from estimator.samples import Samples
-from estimator.window_ls import MAX_LENGTH
 
 _NOT_EXPLAINED: Final = "the model does not explain these rows"
 _MEMORY: Final = 5.0  # time constants, after which what is forgotten counts no more

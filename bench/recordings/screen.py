@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from bench.recordings.recording import one_of
 from bench.recordings.runs import Chunk
-from estimator.mismatch.bad_samples import Account, Found, repeated, stretches, time_of
-from estimator.mismatch.odd_rows import FAR, Fitted, Odd, odd_rows
+from estimator.diagnosis.intake.bad_samples import Account, Found, repeated, stretches, time_of
+from estimator.diagnosis.intake.odd_rows import FAR, Fitted, Odd, odd_rows
 from estimator.samples import Samples
 
 Bools = NDArray[np.bool_]

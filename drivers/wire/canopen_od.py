@@ -129,7 +129,6 @@ def uploaded_size(head: int) -> int:
     return 4 - (head >> 2 & 3) if head & 0xE3 == 0x43 else 0
 
 
-
 def heartbeat_cob_id(node_id: int) -> int:
     """Identifier of boot-up and heartbeat."""
     return 0x700 + node_id

@@ -1,0 +1,13 @@
+"""The physics that a machine, its inverter and its sensors may have beyond the textbook, one effect a file.
+
+Every effect's file says the equation, its source, its units and what it can be confused with.
+
+* `vectors` - space vectors and phases; `pulses` - the ripple under a bridge's pulses
+* `rows` - what every effect's equation is made of, period by period
+* `effect` - what an effect is; `library` - all of them
+* `saturation`, `magnet_flux`, `flux_map` - what several effects of the flux linkage share
+* `current_sensing`, `angle_sensing` - what errors of the sensors share; `bridge` - what a switched bridge loses
+* `convention_error` - a recording that follows another convention: no physics, but told likewise
+
+Knows nothing of how effects are found.
+"""

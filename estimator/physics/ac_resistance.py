@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from estimator.kernel import kernel
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.rows import Real, Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Real, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

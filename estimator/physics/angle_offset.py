@@ -7,7 +7,8 @@ At steady speed it looks like a voltage on the d axis that grows with speed. Der
 
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

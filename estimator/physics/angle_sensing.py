@@ -6,7 +6,8 @@ exp(-j error) psi(exp(j error) i).
 
 import numpy as np
 
-from estimator.physics.rows import Real, Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Real, Vector
 
 
 def voltage_of_error(rows: Rows, error: Real | float) -> Vector:

@@ -6,8 +6,9 @@ not be told from its mirror image.
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
 from estimator.physics.saturation import together
+from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

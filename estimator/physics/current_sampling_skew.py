@@ -11,7 +11,8 @@ from typing import Any
 
 from estimator.physics.current_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.rows import AXES, Real, Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import AXES, Real, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

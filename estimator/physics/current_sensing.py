@@ -5,7 +5,8 @@ With the truth i = measured - error, the machine's equation in the measured curr
     - R_s error - balance of L error
 """
 
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Vector
 
 
 def voltage_of_error(rows: Rows, error: Vector) -> Vector:

@@ -10,7 +10,8 @@ doi 10.1109/28.663477.
 
 from estimator.physics.current_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Real, Rows, Vector, by_phase
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Real, Vector, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

@@ -12,7 +12,8 @@ import numpy as np
 
 from estimator.physics.current_sensing import voltage_of_error
 from estimator.physics.effect import Effect, Parameter, Sizes, no_shapes
-from estimator.physics.rows import Rows, Vector, by_phase
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Vector, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

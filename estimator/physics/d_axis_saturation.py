@@ -5,8 +5,9 @@ current than at no current. Without the magnets' flux in psi_d a drop could not 
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
 from estimator.physics.saturation import together
+from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from estimator.physics.rows import Real, Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Real, Vector
 
 Sizes = Sequence[float]
 """Values of an effect's parameters, in their order."""

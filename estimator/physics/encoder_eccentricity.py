@@ -12,7 +12,8 @@ import numpy as np
 
 from estimator.physics.angle_sensing import voltage_of_error
 from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Real, Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Real, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

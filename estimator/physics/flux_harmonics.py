@@ -9,7 +9,8 @@ looks alike from both sides has cosines on d and sines on q. D. Hanselman, "Brus
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

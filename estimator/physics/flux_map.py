@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from estimator.kernel import kernel
 from estimator.machine import Machine
-from estimator.physics.rows import Real, Rows, Stiffness, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Real, Stiffness, Vector
 
 Array = NDArray[np.float64]
 

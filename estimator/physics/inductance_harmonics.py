@@ -7,8 +7,9 @@ so that the flux linkage of a current is L i / (1 + inverse_6 L/L_q cos 6 theta_
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
 from estimator.physics.saturation import HARMONIC, together
+from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

@@ -15,7 +15,8 @@ import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.iron_loss import branch, emf, followed
-from estimator.physics.rows import AXES, Real, Rows, Vector, by_phase
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import AXES, Real, Vector, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

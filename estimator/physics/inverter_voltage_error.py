@@ -22,10 +22,11 @@ IEEE Trans. Industry Applications, 1994.
 
 import numpy as np
 
+from estimator.physics.bridge.legs import legs_of
+from estimator.physics.bridge.lost_voltage import lost_between
 from estimator.physics.effect import Effect, Parameter, Sizes
-from estimator.physics.legs import legs_of
-from estimator.physics.lost_voltage import lost_between
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Vector
 
 _UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transistor's
 

@@ -20,7 +20,8 @@ import numpy as np
 
 from estimator.kernel import kernel
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.rows import AXES, LOST, Real, Rows, Vector
+from estimator.physics.rows import LOST, Rows
+from estimator.physics.vectors import AXES, Real, Vector
 
 _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from estimator.kernel import kernel
 from estimator.physics.effect import Sizes
-from estimator.physics.rows import Real, Rows
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Real
 
 DRIFT: Final = "magnet_flux_drift"
 STEP: Final = "magnet_flux_step"

@@ -11,8 +11,9 @@ Miller, "Design of Brushless Permanent-Magnet Machines", 2010, chapter 15.
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.magnet_flux import DRIFT
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
 from estimator.physics.saturation import together
+from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

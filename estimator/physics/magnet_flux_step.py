@@ -9,8 +9,9 @@ IEEE Trans. Magnetics, 2007.
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.magnet_flux import STEP
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
 from estimator.physics.saturation import together
+from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

@@ -8,7 +8,8 @@ symmetrical co-ordinates applied to the solution of polyphase networks", Trans. 
 """
 
 from estimator.physics.effect import Effect, Parameter, Sizes, no_shapes
-from estimator.physics.rows import Rows, Vector, by_phase
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Vector, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

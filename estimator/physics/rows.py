@@ -5,7 +5,6 @@ vectors are amplitude-invariant and in the rotor frame; those of a period in the
 Knows no effect.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -14,17 +13,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.flux_balance import TURN
 from estimator.kernel import kernel
 from estimator.machine import Machine
+from estimator.physics.pulses import add_mean_of_pulses, duties_of, moments_of_pulses, powers_of_pulses
+from estimator.physics.vectors import AXES, Real, Stiffness, Vector
 from estimator.samples import Samples, nearest_turns
-
-Real = NDArray[np.float64]
-Vector = NDArray[np.complex128]
-
-AXES: Final = tuple(complex(math.cos(k * TURN / 3.0), math.sin(k * TURN / 3.0)) for k in range(3))
-"""Directions of the phases a, b, c."""
-
 
 _OF_ANGLE: Final = ("D", "speed", "rotor", "middle", "six", "turn")
 OF_ANGLE_AND_BRIDGE: Final = (
@@ -40,32 +33,7 @@ OTHERS: Final = "others' voltage"
 BRIDGED: Final = (LOST, OTHERS)
 """Of a model with the bridge's voltage error."""
 _NO_SENSOR: Final = 1e-4  # of the current: no three sensors agree that closely
-_NO_PULSE: Final = 1e-5  # of a period: no bridge makes one so short; a leg stays at its rail
 _FOLLOWED: Final = 10  # periods that are not there
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Stiffness:
-    """d(i)/d(psi) at samples, 1/H: of a flux linkage v, a v + b conj(v)."""
-
-    a: Real
-    b: Vector
-
-    def __call__(self, v: Vector) -> Vector:
-        """Current (A) that belongs to a small flux linkage (Vs)."""
-        return self.a * v + self.b * v.conj()
-
-    def __sub__(self, other: "Stiffness") -> "Stiffness":
-        return Stiffness(self.a - other.a, self.b - other.b)
-
-    def flux(self, i: Vector) -> Vector:
-        """Flux linkage (Vs) that belongs to a small current (A); no number where a curve that is tried is too bent."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return (self.a * i - self.b * i.conj()) / (self.a * self.a - self.b.real**2 - self.b.imag**2)
-
-    def __getitem__(self, samples: slice) -> "Stiffness":
-        """At some samples."""
-        return Stiffness(self.a[samples], self.b[samples])
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
@@ -243,7 +211,7 @@ class Rows:
         R_s = float(self.machine.R_s)
         mean = _mean_currents(self.i, self.half, self.u, self.speed, self.T_s, R_s, psi, g.a, g.b)
         if self.u_dc is not None:
-            _add_mean_of_pulses(mean, self.moment_of_pulses, self.D, self.T_s, R_s, g.a, g.b)
+            add_mean_of_pulses(mean, self.moment_of_pulses, self.D, self.T_s, R_s, g.a, g.b)
         return mean
 
     def bent(self, v_0: Vector, v_1: Vector) -> Vector:
@@ -256,14 +224,14 @@ class Rows:
         """First moment (Vs s) of the flux linkage's ripple in each period. Needs `u_dc`."""
         assert self.u_dc is not None
         u_dc = self.u_dc
-        return self.once("moment of pulses", lambda: _moments(self.duties, u_dc, self.middle, self.T_s))
+        return self.once("moment of pulses", lambda: moments_of_pulses(self.duties, u_dc, self.middle, self.T_s))
 
     @property
     def power_of_pulses(self) -> tuple[Real, Vector]:
         """Means of abs(ripple)^2 and ripple^2 of the flux linkage (Vs^2) in each period. Needs `u_dc`."""
         if "size of pulses" not in self.kept:
             assert self.u_dc is not None
-            size, square = _powers(self.duties, self.u_dc, self.middle, self.T_s)
+            size, square = powers_of_pulses(self.duties, self.u_dc, self.middle, self.T_s)
             self.kept |= {"size of pulses": size, "square of pulses": square}
         return self.kept["size of pulses"], self.kept["square of pulses"]
 
@@ -339,7 +307,7 @@ class Rows:
     def _duties(self) -> Real:
         u_s, u_dc = self.u * self.middle, self.u_dc
         assert u_dc is not None
-        return _duties_of(u_s, u_dc)
+        return duties_of(u_s, u_dc)
 
     # --- balances
 
@@ -395,78 +363,9 @@ def mean_between(i_0: complex, i_1: complex, s_0: complex, s_1: complex, half: c
     return 0.5 * (half * i_1 + back * i_0) + T_s / 12.0 * (back * s_0 - half * s_1)
 
 
-@kernel
-def _add_mean_of_pulses(mean: Vector, M: Vector, D: Real, T_s: float, R_s: float, g_a: Real, g_b: Vector) -> None:
-    for k in range(len(mean)):
-        mean[k] += mean_of_pulses(M[k], D[k] / T_s, R_s, g_a[k], g_b[k])
-
-
-@kernel
-def mean_of_pulses(M: complex, omega: float, R_s: float, g_a: float, g_b: complex) -> complex:
-    """What the first moment (Vs s) of a period's pulses adds to its mean current, A: see `Rows.mean_current`."""
-    once = g_a * M + g_b * M.conjugate()
-    twice = g_a * once + g_b * once.conjugate()
-    return R_s * twice + 2j * omega * g_b * M.conjugate()
-
-
-@kernel
-def _moments(duties: Real, u_dc: Real, middle: Vector, T_s: float) -> Vector:
-    M = np.empty(len(middle), np.complex128)
-    for k in range(len(middle)):
-        ripple = 0j
-        for leg in range(3):
-            d = duties[k, leg]
-            ripple += 2.0 / 3.0 * AXES[leg] * (d * (1.0 - d * d))
-        M[k] = ripple * u_dc[k] * middle[k].conjugate() * (T_s**2 / 24.0)
-    return M
-
-
-@kernel
-def _powers(duties: Real, u_dc: Real, middle: Vector, T_s: float) -> tuple[Real, Vector]:
-    size, square = np.empty(len(middle)), np.empty(len(middle), np.complex128)
-    for k in range(len(middle)):
-        plain, turning = 0.0, 0j
-        for j in range(3):
-            for n in range(j + 1):
-                both = (1.0 if j == n else 2.0) * _common_ripple(duties[k, j], duties[k, n])
-                plain += (AXES[j] * AXES[n].conjugate()).real * both
-                turning += AXES[j] * AXES[n] * both
-        scale, back = (u_dc[k] * T_s / 3.0) ** 2, middle[k].conjugate()  # (2/3)^2 (T_s/2)^2
-        size[k], square[k] = scale * plain, scale * turning * back * back
-    return size, square
-
-
-@kernel
-def _common_ripple(one: float, other: float) -> float:
-    """Mean product of the ripples of two legs' pulses of such duties, for a link of 1 V and half a period of 1 s."""
-    d, e = min(one, other), max(one, other)
-    inner = (1.0 - d) * d**3 / 3.0 + d * ((e * e - d * d) / 2.0 - (e**3 - d**3) / 3.0)
-    return (1.0 - e) * (inner + d * e * (1.0 - e) ** 2 / 3.0)
-
-
 def _sixth_power(x: Vector) -> Vector:
     x = x * x
     return x * x * x
-
-
-@kernel
-def _duties_of(u_s: Vector, u_dc: Real) -> Real:
-    duties = np.empty((len(u_s), 3))
-    u = np.empty(3)
-    for k in range(len(u_s)):
-        for leg in range(3):
-            u[leg] = u_s[k].real * AXES[leg].real + u_s[k].imag * AXES[leg].imag
-        lift = 0.5 * (max(u[0], u[1], u[2]) + min(u[0], u[1], u[2]))
-        for leg in range(3):
-            duty = 0.5 + (u[leg] - lift) / u_dc[k]
-            duties[k, leg] = 0.0 if duty < _NO_PULSE else 1.0 if duty > 1.0 - _NO_PULSE else duty
-    return duties
-
-
-def by_phase(alpha: float, beta: float) -> tuple[float, float, float]:
-    """What a vector is on the three phases."""
-    a, b, c = ((complex(alpha, beta) * axis.conjugate()).real for axis in AXES)
-    return a, b, c
 
 
 def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
@@ -512,4 +411,3 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     )  # fmt: skip
     rows.prepare()
     return rows
-

@@ -19,7 +19,9 @@ from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.physics.effect import Sizes
 from estimator.physics.magnet_flux import change_of
-from estimator.physics.rows import Real, Rows, Stiffness, Vector, mean_between, mean_of_pulses, slope_of
+from estimator.physics.pulses import mean_of_pulses
+from estimator.physics.rows import Rows, mean_between, slope_of
+from estimator.physics.vectors import Real, Stiffness, Vector
 
 _STEPS: Final = 12  # of Newton's method at most
 _NEAR: Final = 1e-7  # of the magnets' flux: such a step is followed by one of its square

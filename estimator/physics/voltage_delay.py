@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Vector
 
 _FORESEEN: Final = 1.5  # times a count's variance, that may be left where the angle was foreseen otherwise
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes
 from estimator.physics.inverter_voltage_error import bus
-from estimator.physics.rows import Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

@@ -15,7 +15,8 @@ import math
 import numpy as np
 
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.rows import Real, Rows, Vector
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Real, Vector
 
 COURSE = "course of the heat"
 """Begin of the keys of what is worked out once of `heat` and `heat_beside`."""

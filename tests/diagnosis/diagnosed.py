@@ -12,8 +12,8 @@ from typing import Any, Final, cast
 
 from bench.machine_file import load_machine
 from bench.recordings.recording import read_recording
+from estimator.diagnosis.verdict import Diagnosis
 from estimator.machine import Machine
-from estimator.mismatch.verdict import Diagnosis
 from estimator.samples import Samples
 
 _WARM: Final = 3_000  # rows

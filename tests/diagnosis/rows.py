@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from estimator.mismatch.verdict import Diagnosis, Finding, Quantity, Unexplained, Verdict
+from estimator.diagnosis.verdict import Diagnosis, Finding, Quantity, Unexplained, Verdict
 from tests.diagnosis.diagnosed import Said
 from tests.diagnosis.truth import EFFECT, Size, Truth
 

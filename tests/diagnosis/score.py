@@ -25,7 +25,7 @@ from tests.diagnosis.oracle import answers_in, limits
 from tests.diagnosis.rows import DEVIATIONS, FLOOR, MACHINE, PLAIN, Row, as_json, row_of
 from tests.diagnosis.truth import EFFECT, truth_of
 
-FUNCTION: Final = "estimator.mismatch.diagnose:diagnose"
+FUNCTION: Final = "estimator.diagnosis.diagnose:diagnose"
 SEEN: Final = 2.0  # of the oracle's limits: a size from which on 99 of 100 are to be seen
 BINS: Final = (0.0, 1.0, 2.0, 3.0, 5.0, 10.0, math.inf)  # size over limit
 _EVERY: Final = 20  # recordings, between lines of progress

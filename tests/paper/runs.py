@@ -17,9 +17,9 @@ import numpy as np
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER_RUN, PAPER_RUN_WARMING, Scenario
-from estimator import ekf, rls, window_ls
-from estimator.ekf import EkfTuning
-from estimator.estimate import WindowEstimate
+from estimator.online import ekf, rls, window_ls
+from estimator.online.ekf import EkfTuning
+from estimator.online.estimate import WindowEstimate
 from estimator.samples import Samples
 from tests.paper.published import NAMES, Array
 from tests.samples import noiseless, recorded

@@ -39,8 +39,8 @@ from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.thermal import REFERENCE
 from emulator.scenario.scenarios import Scenario
 from emulator.scenario.text import text_of
-from estimator.estimate import Status, WindowEstimate
 from estimator.machine import PARAMETERS
+from estimator.online.estimate import Status, WindowEstimate
 from estimator.samples import Samples
 from tests.proof.absorbed_cases import Case, cases
 from tests.proof.proof import Bar, Proof, Settings, Table

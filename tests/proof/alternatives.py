@@ -17,13 +17,13 @@ from bench.engineering import quantity
 from emulator.conceal.files import answer_of, write
 from emulator.conceal.recording import Choice, drawn
 from emulator.scenario.motors import MOTORS
+from estimator.diagnosis.diagnose import TOLERANCE, diagnose
+from estimator.diagnosis.intake.prepared import prepared
+from estimator.diagnosis.likelihood.evidence import Search
+from estimator.diagnosis.search.fitting import fitted, moved
 from estimator.machine import PARAMETERS, UNITS, Machine
-from estimator.mismatch.diagnose import TOLERANCE, diagnose
-from estimator.mismatch.explain import Search
-from estimator.mismatch.fitting import fitted, moved
-from estimator.mismatch.model import residual
-from estimator.mismatch.prepared import prepared
 from estimator.samples import Samples
+from estimator.twin.model import residual
 from tests.diagnosis.diagnosed import loaded
 from tests.diagnosis.truth import EFFECT, truth_of
 from tests.proof.proof import Bar, Proof, Settings, Table

@@ -20,7 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
 
-from estimator.mismatch.verdict import Verdict
+from estimator.diagnosis.verdict import Verdict
 from tests.diagnosis.diagnosed import Said, diagnosed
 from tests.diagnosis.rows import FLOOR, Row, as_json, row_of
 from tests.diagnosis.score import FUNCTION

@@ -16,9 +16,9 @@ from emulator.conceal.recording import recorded
 from emulator.scenario.effects import NONE, MapFile
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.verdict import FluxTable
 from estimator.machine import Machine
-from estimator.mismatch.diagnose import diagnose
-from estimator.mismatch.verdict import FluxTable
 from estimator.physics.saturation import EFFECTS
 from estimator.samples import Samples
 from tests.proof.proof import Bar, Proof, Settings, Table

@@ -16,7 +16,7 @@ from bench.diagnoses.diagnose import diagnose_recording
 from bench.diagnoses.diagnosis_request import Request
 from bench.engineering import quantity, words
 from bench.machine_file import Nominal
-from estimator.mismatch.verdict import Diagnosis, LeaveOneOut, Quantity
+from estimator.diagnosis.verdict import Diagnosis, LeaveOneOut, Quantity
 from tests.proof.proof import Bar, Proof, Settings, Table
 from tests.real_data import REAL_DATA
 

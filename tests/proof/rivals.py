@@ -1,9 +1,9 @@
 """What others make of a recording: conventional estimators, a whiteness test, sparse regression, a black box.
 
 All are fitted on every second of 48 stretches and judged on the others, by the voltage that they miss of the flux
-balance averaged over ten periods, see `estimator.flux_balance`. Each is given what speaks for it: the filter the true
-noise, sparse regression the shapes of dead time and of harmonics and its threshold by BIC, the whiteness test rows
-that share no sample.
+balance averaged over ten periods, see `estimator.online.flux_balance`. Each is given what speaks for it: the filter the
+true noise, sparse regression the shapes of dead time and of harmonics and its threshold by BIC, the whiteness test
+rows that share no sample.
 """
 
 import math
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from bench.live import method
 from bench.live.window import Window
-from estimator import window_ls
-from estimator.flux_balance import COLUMNS, flux_balance
 from estimator.machine import PARAMETERS, Machine
+from estimator.online import window_ls
+from estimator.online.flux_balance import COLUMNS, flux_balance
 from estimator.samples import Samples
 
 diagnostic: Any = statsmodels.stats.diagnostic  # comes without types

@@ -357,7 +357,7 @@ def _errors(rms: Mapping[str, float | None], unit: str, *, compared: bool) -> li
 
 
 def _compared(content: Mapping[str, Any]) -> bool:
-    """Before and after are of two models; see `estimator.mismatch.sentences.compares`."""
+    """Before and after are of two models; see `estimator.diagnosis.answer.sentences.compares`."""
     named = {finding["effect"] for finding in content["findings"]}
     named |= {name for ambiguity in content["ambiguous"] for name in ambiguity["effects"]}
     voltage = content["fit"]["one_step_rms_V"]

@@ -21,9 +21,9 @@ from bench.live.window import AUTO, Window
 from bench.machine_file import Nominal, load_machine, load_toml
 from bench.recordings.recording import open_recording
 from bench.recordings.replay import OnEstimate, Replay, as_json, replay
-from estimator.estimate import WindowEstimate
 from estimator.machine import PARAMETERS
-from estimator.window_ls import MAX_LENGTH
+from estimator.online.estimate import WindowEstimate
+from estimator.online.window_ls import MAX_LENGTH
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from bench.diagnoses.simulate import simulate
 from bench.engineering import quantity, words
 from bench.machine_file import load_machine
 from bench.recordings.capture_file import write_columns
-from estimator.mismatch.verdict import Before
+from estimator.diagnosis.verdict import Before
 
 
 def run(

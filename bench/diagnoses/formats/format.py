@@ -7,7 +7,7 @@ from pathlib import Path
 from bench.diagnoses.diagnosis_request import Request, Tell
 from bench.machine_file import Nominal
 from bench.recordings.recording import Summary
-from estimator.mismatch.verdict import Diagnosis
+from estimator.diagnosis.verdict import Diagnosis
 
 
 @dataclass(frozen=True, slots=True)

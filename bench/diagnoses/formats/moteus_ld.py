@@ -18,10 +18,10 @@ from bench.diagnoses.formats.points import summary_of
 from bench.errors import ConfigError, RecordingError, shown
 from bench.input_file import check_regular, json_of, read_bytes
 from bench.machine_file import Nominal
+from estimator.diagnosis.points.diagnose import given_off
+from estimator.diagnosis.points.no_load import NoLoad
+from estimator.diagnosis.points.no_load_diagnosis import diagnose_no_load
 from estimator.machine import PLAUSIBLE
-from estimator.mismatch.points.diagnose import given_off
-from estimator.mismatch.points.no_load import NoLoad
-from estimator.mismatch.points.no_load_diagnosis import diagnose_no_load
 
 
 def sniff(path: Path, _mapping: Mapping[str, str]) -> bool:

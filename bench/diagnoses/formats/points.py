@@ -19,8 +19,8 @@ from bench.diagnoses.formats.format import Diagnosed, Format
 from bench.errors import ConfigError, RecordingError, shown
 from bench.recordings.recording import Summary
 from bench.recordings.table import column_names, quoted, read_whole
-from estimator.mismatch.points.diagnose import diagnose_points, given_off
-from estimator.mismatch.points.table import Points, steady
+from estimator.diagnosis.points.diagnose import diagnose_points, given_off
+from estimator.diagnosis.points.table import Points, steady
 
 VOLTAGES_AND_CURRENTS: Final = ("u_d", "u_q", "i_d", "i_q")
 KNOWN: Final = (*VOLTAGES_AND_CURRENTS, "omega_e", "speed_rpm", "t")

@@ -14,7 +14,7 @@ from bench.errors import ConfigError, RecordingError
 from bench.recordings.long_recording import read_in_stretches
 from bench.recordings.recording import Recording, RecordingReader, open_recording, whole
 from bench.recordings.table import column_names
-from estimator.mismatch.diagnose import diagnose
+from estimator.diagnosis.diagnose import diagnose
 
 _READING: Final = 0.05  # share of the work
 

@@ -16,8 +16,8 @@ from bench.diagnoses.diagnosis_request import Request, Tell
 from bench.diagnoses.formats.format import Diagnosed, Format
 from bench.diagnoses.formats.standstill import Columns, is_there, read, summary_of
 from bench.errors import RecordingError
-from estimator.mismatch.standstill.pulse_fit import Train
-from estimator.mismatch.standstill.pulses import diagnose_pulses
+from estimator.diagnosis.standstill.pulse_fit import Train
+from estimator.diagnosis.standstill.pulses import diagnose_pulses
 
 CURRENTS: Final = ("ia_A", "ib_A", "ic_A")
 COLUMNS: Final = ("angle_pu", "segment", "t_us", "Vdc_V", *CURRENTS, "state")

@@ -14,8 +14,8 @@ from bench.diagnoses.diagnosis_request import Request, Tell
 from bench.diagnoses.formats.format import Diagnosed, Format
 from bench.diagnoses.formats.standstill import Columns, is_there, read, summary_of
 from bench.errors import RecordingError
-from estimator.mismatch.standstill.sweep import diagnose_sweep
-from estimator.mismatch.standstill.tones import Tone
+from estimator.diagnosis.standstill.sweep import diagnose_sweep
+from estimator.diagnosis.standstill.tones import Tone
 
 CURRENTS: Final = ("ia_A", "ib_A", "ic_A")
 COUNTS: Final = ("va_cnt", "vb_cnt", "vc_cnt")

@@ -1,0 +1,134 @@
+"""Pictures of a mismatch before and after: series in time, a short window, spectra and maps, small enough for a report.
+
+Shows mean voltages over several periods, as single ones show the noise of the current rather than the mismatch.
+Knows nothing of effects, nor of how a picture is drawn.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from estimator.diagnosis.likelihood.averages import Array, Means, means, usual_periods
+from estimator.diagnosis.verdict import Map, Traces
+from estimator.physics.rows import Rows
+from estimator.physics.vectors import Real, Vector
+
+_BINS: Final = 300
+_WINDOW: Final = 400  # periods
+_SEGMENT: Final = 1024  # periods of a spectrum
+_CELLS: Final = 24  # of a map, either way
+_LEAST: Final = 3  # means in a cell
+
+
+def traces(
+    rows: Rows, r_before: Vector, r_after: Vector, i_before: Vector, i_after: Vector,
+    floor: Callable[[int], float] | None = None,
+) -> Traces:  # fmt: skip
+    """What to draw of residual voltages (V of each period) and free-running currents (A at samples, or NaN).
+
+    `floor`: what noise alone leaves (V rms) of means over so many periods.
+    """
+    m = usual_periods(rows)
+    before, after = means(rows, r_before, m), means(rows, r_after, m)
+    edges = np.linspace(float(rows.t[0]), float(rows.t[-1]), min(_BINS, max(1, len(before.v))) + 1)
+    window = _window(rows, before)
+    now = slice(window.start, window.stop + 1)
+    return Traces(
+        t=0.5 * (edges[:-1] + edges[1:]),
+        before_V=_rms(rows.t[before.at], edges, before.v),
+        after_V=_rms(rows.t[after.at], edges, after.v),
+        window_t=rows.t[window],
+        window={
+            "u_d": (_smoothed(r_before, window, m).real, _smoothed(r_after, window, m).real),
+            "u_q": (_smoothed(r_before, window, m).imag, _smoothed(r_after, window, m).imag),
+        },
+        window_i={
+            "i_d": (rows.i[now].real[:-1], i_before[now].real[:-1], i_after[now].real[:-1]),
+            "i_q": (rows.i[now].imag[:-1], i_before[now].imag[:-1], i_after[now].imag[:-1]),
+        },
+        frequency=_frequency(rows),
+        spectrum=(_spectrum(rows, r_before), _spectrum(rows, r_after)),
+        maps=_maps(rows, before, after),
+        periods=m,
+        floor_V=None if floor is None else floor(m),
+    )
+
+
+def _rms(x: Array, edges: Array, v: Vector) -> Array:
+    """Root mean square in bins; NaN where there is nothing."""
+    count = np.histogram(x, edges)[0]
+    total = np.histogram(x, edges, weights=np.abs(v) ** 2)[0]
+    return np.sqrt(np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0))
+
+
+def _window(rows: Rows, before: Means) -> slice:
+    """The periods of the short stretch that holds most of the mismatch."""
+    n = min(_WINDOW, len(rows))
+    energy = np.zeros(len(rows) + 1)
+    energy[1:][before.at] = np.abs(before.v) ** 2
+    total = np.cumsum(energy)
+    start = int(np.argmax(total[n:] - total[: len(total) - n]))
+    return slice(start, start + n)
+
+
+def _smoothed(r: Vector, window: slice, m: int) -> Vector:
+    """Moving mean over m periods, or over as many of them as there are."""
+    near = slice(max(window.start - m, 0), window.stop + m)
+    ones = np.ones(m)
+    count: Array = np.convolve(np.ones(len(r[near])), ones)
+    mean = np.convolve(r[near], ones).astype(np.complex128) / count
+    return mean[window.start - near.start + m // 2 :][: window.stop - window.start]
+
+
+def _segment(rows: Rows) -> int:
+    return min(_SEGMENT, len(rows))
+
+
+def _frequency(rows: Rows) -> Array:
+    n = _segment(rows)
+    return np.arange(n // 2 + 1) / (n * rows.T_s)
+
+
+def _spectrum(rows: Rows, r: Vector) -> Array:
+    """Amplitude density (V/sqrt(Hz)) of d and q together, one-sided, by Welch's method."""
+    n = _segment(rows)
+    hann = np.hanning(n + 1)[:-1] if n > 1 else np.ones(1)
+    starts = np.arange(0, len(r) - n + 1, max(n // 2, 1))
+    power: Array = np.zeros(n // 2 + 1)
+    for channel in (r.real, r.imag):
+        for start in starts:
+            part = channel[start : start + n]
+            power += np.abs(np.fft.rfft(hann * (part - part.mean()))) ** 2
+    return np.sqrt(power * (2.0 * rows.T_s / (len(starts) * float(hann @ hann))))
+
+
+def _maps(rows: Rows, before: Means, after: Means) -> tuple[Map, ...]:
+    at = before.at
+    i, t = rows.i[at], rows.t[at]
+    rpm = rows.omega_e[np.minimum(at, len(rows) - 1)] / rows.machine.n_p * 60.0 / (2.0 * np.pi)
+    angle = np.degrees(np.mod(rows.theta_e[at], 2.0 * np.pi))
+    smallest = np.min(np.abs([rows.phase(k)[at] for k in range(3)]), axis=0)
+    return (
+        _map("speed (rpm)", rpm, "i_q (A)", i.imag, before, after),
+        _map("i_d (A)", i.real, "i_q (A)", i.imag, before, after),
+        _map("electrical angle (deg)", angle, "smallest phase current (A)", smallest, before, after),
+        _map("time (s)", t, "speed (rpm)", rpm, before, after),
+    )
+
+
+def _edges(x: Array) -> Array:
+    low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
+    room = max(1e-3 * abs(high), 1e-6) if high - low < 1e-6 * max(abs(high), 1e-9) else 0.0
+    return np.linspace(low - room, high + room, _CELLS + 1)
+
+
+def _map(x: str, of_x: Real, y: str, of_y: Real, before: Means, after: Means) -> Map:
+    x_edges, y_edges = _edges(of_x), _edges(of_y)
+    count = np.histogram2d(of_y, of_x, (y_edges, x_edges))[0]
+
+    def rms(v: Vector) -> Array:
+        total = np.histogram2d(of_y, of_x, (y_edges, x_edges), weights=np.abs(v) ** 2)[0]
+        return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count >= _LEAST))
+
+    return Map(x, y, x_edges, y_edges, rms(before.v), rms(after.v))

@@ -1,0 +1,190 @@
+"""The verdict in a sentence. Knows nothing of how it was reached."""
+
+import math
+
+from estimator.diagnosis.verdict import Diagnosis, Finding, Fit, Quantity, Verdict
+from estimator.diagnosis.words import begun
+from estimator.machine import UNITS
+from estimator.physics import convention_error
+from estimator.physics.library import BY_NAME
+
+_PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+_COUNTS = ("periods", "phase", "pole_pairs", "u_shift", "theta_shift", "u_mirrored", "i_mirrored")  # without a unit
+_MOST_DECIMALS = 9
+_GAIN = "a gain of all voltages or of all currents, by which the parameters are off then"
+_UNFITTED = {convention_error.NAME: convention_error.TITLE, "dc_link_gain": "a dc link that is misread"}
+"""Titles of causes that no column stands for."""
+_LIKE_NOISE = 1.05  # times the noise floor
+_CLOSE = 0.02  # of a scale, that needs no words
+_WHOLE = 0.05  # periods, by which a delay is one of whole periods
+_FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
+
+
+def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
+    """The answer as a bench engineer would say it. `cause`: a convention that was followed, in words."""
+    fit, said = diagnosis.fit, list[str]()
+    if diagnosis.findings:
+        parts = [_finding(finding, cause) for finding in diagnosis.findings]
+        said.append("; ".join(parts))
+        if fit is not None and (loo := fit.leave_one_out) is not None:
+            said.append(
+                f"leaving out one {loo.left_out} at a time the error goes from {quantity(loo.before, loo.unit)} to "
+                f"{quantity(loo.after, loo.unit)}"
+            )
+        elif fit is not None and compares(diagnosis):
+            u, i = fit.one_step_rms_V, fit.free_run_rms_A
+            undone = any(finding.effect == convention_error.NAME for finding in diagnosis.findings)
+            said.append(
+                f"{'once that convention is undone, ' if undone else ''}on stretches that took no part in the fit the "
+                f"one-step error goes from {quantity(u.before, 'V')} to {quantity(u.after, 'V')} and the free-running "
+                f"one from {quantity(i.before, 'A')} to {quantity(i.after, 'A')}"
+            )
+    for doubt in diagnosis.ambiguous:
+        titles = [_title(name) for name in doubt.effects]
+        are = "are" if len(titles) > 1 or _plural(titles[0]) else "is"
+        what = f"whether {' and '.join(titles)} {are} there"
+        if doubt.rivals:
+            what = " from ".join(titles) if len(titles) < 3 else f"which it is of {', '.join(titles)}"
+        said.append(f"cannot tell {what}: {doubt.reason}; {doubt.experiment.sentence}")
+    if diagnosis.unexplained is not None:
+        lead = "what is left has no name in the library" if diagnosis.findings else "none of the library's effects"
+        said.append(f"{lead}: {diagnosis.unexplained.description}")
+    elif diagnosis.verdict is Verdict.UNEXPLAINED:
+        said.append("no effect is found, but " + "; ".join(diagnosis.remarks))
+    elif diagnosis.verdict is Verdict.PARTLY_EXPLAINED:
+        said.append("not all is explained: " + "; ".join(diagnosis.remarks))
+    if diagnosis.verdict is Verdict.EXPLAINED:
+        said += [f"what is left is {left}" if (left := _beyond_noise(fit)) else "", _left_open(diagnosis)]
+    if diagnosis.verdict is Verdict.NO_MISMATCH:
+        left = _beyond_noise(fit) or "nothing but noise"
+        nothing = f"no mismatch: the machine's equations with fitted parameters leave {left}"
+        said.append("; ".join(part for part in (nothing, _detectable(diagnosis)) if part))
+        said.append(_left_open(diagnosis))
+    if diagnosis.verdict is Verdict.NOT_ENOUGH_EXCITATION:
+        why = "no effect stands out, and not every parameter can be told"
+        said.append(f"not enough excitation to judge: {'; '.join(diagnosis.remarks[-1:]) or why}")
+    if diagnosis.experiment is not None and diagnosis.experiment not in (d.experiment for d in diagnosis.ambiguous):
+        said.append(diagnosis.experiment.sentence)
+    text = ". ".join(begun(part) for part in said if part)
+    return text + "."
+
+
+def _beyond_noise(fit: Fit | None) -> str:
+    """What is left where nothing is amiss, if it is more than noise: too little beside the voltage to matter."""
+    error = None if fit is None else fit.one_step_rms_V
+    if error is None or error.noise_floor is None or error.after <= _LIKE_NOISE * error.noise_floor:
+        return ""
+    return (
+        f"little beside the voltage: an error of {quantity(error.after, 'V')} in one step, where noise makes "
+        f"{quantity(error.noise_floor, 'V')}"
+    )
+
+
+def compares(diagnosis: Diagnosis) -> bool:
+    """Whether a fit's before and after are of two models. Where a convention alone is named, both are of the recording
+    without it, and of the same model.
+    """
+    doubted = (name for doubt in diagnosis.ambiguous for name in doubt.effects)
+    named = {finding.effect for finding in diagnosis.findings} | set(doubted)
+    u = None if diagnosis.fit is None else diagnosis.fit.one_step_rms_V
+    return u is not None and (convention_error.NAME not in named or u.before != u.after)
+
+
+def _title(name: str) -> str:
+    return BY_NAME[name].title if name in BY_NAME else _UNFITTED.get(name, name.replace("_", " "))
+
+
+def _plural(title: str) -> bool:
+    return title.startswith(("harmonics", "offsets", "unequal"))
+
+
+def _finding(finding: Finding, cause: str) -> str:
+    sizes = ", ".join(_size(name, q) for name, q in finding.parameters.items() if q.value is not None)
+    hid = ", ".join(_signed(change, UNITS[name]) + f" of {name}" for name, change in finding.absorbed_as.items())
+    if finding.effect == convention_error.NAME:
+        return f"the recording follows {convention_error.TITLE}: {cause or sizes}"
+    title = BY_NAME[finding.effect].title
+    text = f"{title} {'were' if _plural(title) else 'was'} left out: {sizes}"
+    if finding.effect == "voltage_delay":
+        text += _delayed(finding.parameters["periods"].value or 0.0)
+    if hid:
+        text += f"; it hid as {hid}"
+    return f"{text}; it acts {finding.where.sentence}"
+
+
+def _delayed(periods: float) -> str:
+    """What a delay means; of no whole periods it need not be the voltage's."""
+    text = f", that is, the voltage acts {'later' if periods > 0.0 else 'earlier'} than its row says"
+    if periods > 0.0 and abs(periods - round(periods)) > _WHOLE:
+        text += ", or currents are filtered or sampled late, which looks the same"
+    return text
+
+
+def _signed(change: float, unit: str) -> str:
+    return f"{'+' if change > 0.0 else ''}{quantity(change, unit)}"
+
+
+def _size(name: str, told: Quantity) -> str:
+    """A size with its standard error: a count, a share or a quantity with a unit."""
+    value, std = told.value or 0.0, told.std
+    if told.unit != "1":
+        said = quantity(value, told.unit, std)
+    elif name in _COUNTS:
+        said = _with_error(value, std, 4)
+    else:
+        said = f"{_with_error(100.0 * value, None if std is None else 100.0 * std)} %"
+    return f"{name.replace('_', ' ')} {said}"
+
+
+def _detectable(diagnosis: Diagnosis) -> str:
+    limits = {name: diagnosis.detectable[name] for name in _FAMILIAR if math.isfinite(_limit(diagnosis, name))}
+    unseen = [name for name, limit in limits.items() if limit.unit == "1" and _limit(diagnosis, name) >= 1.0]
+    seen = [f"{_title(name)} from {quantity(limit.value, limit.unit)}"
+            for name, limit in limits.items() if name not in unseen]  # fmt: skip
+    parts = [f"it would have shown {', '.join(seen)}"] if seen else []
+    if unseen:
+        parts.append(f"it would not have shown {' or '.join(map(_title, unseen))} below 100 %")
+    return "; ".join(parts)
+
+
+def _left_open(diagnosis: Diagnosis) -> str:
+    """What no recording tells: all voltages or all currents scaled alike, by how much where that is bounded."""
+    if not diagnosis.scales:
+        return f"{_GAIN}, would not have shown within the nominal values' tolerance"
+    wide = {what: scale for what, scale in diagnosis.scales.items() if scale.most - scale.least > _CLOSE}
+    if not wide:
+        return ""
+    parts = " or ".join(f"all {what} as {x.least:.2f} to {x.most:.2f} times what they are" for what, x in wide.items())
+    return f"a drive that reads {parts} would look the same, the parameters off by that; R_s by a meter would tell"
+
+
+def _limit(diagnosis: Diagnosis, name: str) -> float:
+    value = diagnosis.detectable[name].value if name in diagnosis.detectable else None
+    return math.inf if value is None else value
+
+
+def quantity(value: float | None, unit: str, std: float | None = None) -> str:
+    """A number with an engineering prefix, and its standard error: `2.000 ± 0.030 us`; shares in per cent."""
+    if value is None or not math.isfinite(value):
+        return "unknown"
+    scale, shown = _scaled(max(abs(value), std or 0.0), unit)
+    return f"{_with_error(value / scale, None if std is None else std / scale)} {shown}".rstrip()
+
+
+def _scaled(size: float, unit: str) -> tuple[float, str]:
+    """By what to divide a number of that size, and the unit of the quotient."""
+    if unit == "1":
+        return (0.01, "%") if size < 1.0 else (1.0, "")
+    if unit == "rad/s" or size == 0.0 or not math.isfinite(size):
+        return 1.0, unit
+    scale, prefix = next((one for one in _PREFIXES if size >= 0.9995 * one[0]), _PREFIXES[-1])
+    return scale, f"{prefix}{unit}"
+
+
+def _with_error(value: float, std: float | None, digits: int = 3) -> str:
+    """A number and its standard error to two digits of that; without one, to so many digits."""
+    if not std or not math.isfinite(std):
+        return f"{value:.{digits}g}"
+    places = 1 - math.floor(math.log10(std))
+    decimals = min(max(places, 0), _MOST_DECIMALS)
+    return f"{value:.{decimals}f} ± {round(std, places):.{decimals}f}"

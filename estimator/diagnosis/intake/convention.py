@@ -1,0 +1,364 @@
+"""Conventions: is what looks like missing physics a recording, or a data sheet, that follows another convention?
+
+Every hypothesis undoes what a convention may have done to the columns and fits the machine anew, roughly. Scales leave
+the flux balance as closed as it was and show by the parameters' distance to the nominal ones alone; forms show by what
+the balance leaves. A cause is suspected only where the recording as it stands is beyond what physics does, and where
+undoing the cause brings both in order. A shift of one row is left to the library's `voltage_delay`.
+"""
+
+import cmath
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.diagnosis.intake.causes import (
+    ANGLE_ROWS,
+    DELAYS,
+    NO_FORM,
+    NO_SCALE,
+    SCALES,
+    Form,
+    Scale,
+    forms,
+    speed_as,
+)
+from estimator.diagnosis.intake.correction import Correction
+from estimator.diagnosis.intake.rough_fit import Fit, Stretches, fit, rows_of_angle, speed_over_rate, stretches_of
+from estimator.diagnosis.verdict import Quantity, Rival
+from estimator.diagnosis.words import begun
+from estimator.machine import PARAMETERS, Machine
+from estimator.physics.convention_error import UNIT
+from estimator.samples import Samples
+
+Array = NDArray[np.float64]
+
+ENTRY: Final = 6.0  # log-odds over the recording as it stands
+RIVALS: Final = 5
+AS_GOOD: Final = 20.0  # odds below which another cause does equally well
+PER_UNIT: Final = 2.0  # the most that voltages in per unit reach
+_SPEED: Final = 4.0  # log-odds against a speed column that contradicts the angle
+_SAME_SPEED: Final = 0.015  # log
+_BEYOND: Final = 0.26  # log: 30 % on two parameters are beyond physics
+_MAGNETS: Final = 0.34  # log: 40 % on psi_f alone
+_HALVED: Final = 0.5  # of what the flux balance leaves: a form's due
+_BY_FAR: Final = 0.25  # of the same, where the flux balance is not closed even then
+_MISREAD: Final = 0.75  # times what it is, as which a dc link may be read
+_MORE: Final = 1.1  # of what the flux balance leaves: no cause leaves more
+_CLOSED: Final = 0.007  # of rated current: what a closed flux balance may leave
+_APART: Final = 0.16  # log: two factors that are nearer are told apart by a flux balance that is closed, or not at all
+_RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
+_TAIL: Final = np.exp([-2.5, -12.0, -12.0, -12.0])  # of R_s, L_d, L_q, psi_f: R_s takes in what is not modelled
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Suspicion:
+    """A cause that is no physics, and the recording without it."""
+
+    cause: str
+    says: str  # the same in words
+    sentence: str  # and what undoing it brings
+    parameters: Mapping[str, Quantity]  # as in `physics.convention_error`
+    runs: tuple[Samples, ...]  # corrected
+    machine: Machine  # the nominal one, with the right pole pairs
+    odds: float  # against the recording as it stands
+    rivals: tuple[Rival, ...]  # other causes, likeliest first
+    ambiguous: tuple[str, ...]  # the cause and those that do as well, in words; empty where it is certain
+    rival_effects: tuple[str, ...]  # that do as well
+    scale: Scale = NO_SCALE  # a part of the cause
+
+    def contradicted(self, found: Machine, tolerance: Mapping[str, float]) -> bool:
+        """The machine that is found in the corrected recording is farther from the nominal one than as recorded."""
+        expected, spread = _expected(self.machine, tolerance)
+        over = np.array([getattr(found, name) for name in PARAMETERS]) / expected
+        corrected, recorded = (np.sum(_cost(times, spread**2)) for times in (over, over * _by_scale(self.scale)))
+        return bool(corrected > recorded)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Hypothesis:
+    form: Form
+    scale: Scale
+    fit: Fit  # of the form alone
+    over_nominal: Array  # R_s, L_d, L_q, psi_f as corrected, over the nominal ones
+    cost: Array  # log-odds of those
+    speed: float  # speed column over the corrected angle's rate; NaN where that cannot be told
+    score: float  # log-odds, but for a constant
+
+    @property
+    def name(self) -> str:
+        return self.scale.name or self.form.name
+
+    @property
+    def says(self) -> str:
+        return self.scale.says or self.form.says
+
+    @property
+    def relative_std(self) -> Array:
+        """Standard errors over the parameters themselves."""
+        return self.fit.std / np.maximum(np.abs(self.fit.value), 1e-12)
+
+    @property
+    def in_order(self) -> bool:
+        """Whether the parameters are near the nominal ones; R_s need not be.
+
+        Within what physics does to them is enough for what is no factor: of factors another one may be the nearer.
+        """
+        near = bool(np.all(np.abs(np.log(np.maximum(self.over_nominal[1:], 0.02))) < _BEYOND))
+        return bool(np.sum(self.cost[1:]) < _RIGHT) or (near and self.no_factor)
+
+    @property
+    def no_factor(self) -> bool:
+        """Nothing is multiplied by a number of which there are others that are near."""
+        c = self.form.correction
+        as_large = abs(abs(c.u) - 1.0) < 1e-9 and abs(abs(c.i) - 1.0) < 1e-9 and c.per_unit == 0.0
+        return self.scale is NO_SCALE and as_large and self.form.pole_pairs is None
+
+    @property
+    def correction(self) -> Correction:
+        """What is undone; a delay is left to the library."""
+        c = Correction() if self.form in DELAYS else self.form.correction
+        s = self.scale
+        return replace(c, u=c.u * s.u, i=c.i * s.i, T_s=s.T_s)
+
+
+def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, float]) -> Suspicion | None:
+    """The convention that a recording follows instead of the expected one. `tolerance`: of nominal values, shares."""
+    if not runs or any(run.periods != 1 for run in runs):
+        return None
+    stretches = stretches_of(runs)
+    if stretches is None:
+        return None
+    hypotheses = _hypotheses(stretches, nominal, tolerance)
+    stands = max((h for h in hypotheses if not h.name or h.name == "voltage_delay"), key=lambda h: h.score)
+    best = max(hypotheses, key=lambda h: h.score)
+    plain = next(h for h in hypotheses if not h.name)
+    if not _explains(best, stands, plain, stretches, nominal):
+        best = stands
+    speed = speed_as(best.speed, nominal.n_p, _SAME_SPEED)
+    if speed is not None and speed[0] == 1.0:
+        speed = None
+    rows = rows_of_angle(stretches) if best is stands else 0
+    if best is stands and speed is None and not rows:
+        return None
+    correction = replace(best.correction, omega=1.0 if speed is None else speed[0], theta_shift=rows)
+    n_p = best.form.pole_pairs
+    alike = _alike(best, stands, hypotheses, speed, _closed(best, stretches, nominal))
+    return Suspicion(
+        best.name if best is not stands else ANGLE_ROWS[rows].name if rows else "speed_unit",
+        "; ".join(_says(best, stands, speed, rows)), _sentence(best, stands, speed, rows),
+        _parameters(correction, nominal, n_p), correction.undone(runs),
+        nominal if n_p is None else replace(nominal, n_p=n_p), _odds(best, stands),
+        tuple(Rival(h.name, _odds(best, h)) for h in _rivals(best, stands, hypotheses)), alike,
+        ("dc_link_gain",) if _read_as(best, stands) else (), best.scale,
+    )  # fmt: skip
+
+
+def _hypotheses(stretches: Stretches, nominal: Machine, tolerance: Mapping[str, float]) -> list[_Hypothesis]:
+    expected, spread = _expected(nominal, tolerance)
+    per_unit = float(np.max(np.abs(stretches.u))) < PER_UNIT
+    known = forms(nominal.n_p, per_unit=per_unit and stretches.u_dc is not None)
+    fits = {form: fit(stretches, form.correction, nominal) for form in known}
+    least = max(min(f.left for f in fits.values()), 1e-30)
+    scales = (*SCALES, *_base(fits[NO_FORM], nominal)) if per_unit and stretches.u_dc is None else SCALES
+    found: list[_Hypothesis] = []
+    for form, fitted in fits.items():
+        closes = -stretches.count * math.log(max(fitted.left / least, 1.0))
+        ratio = speed_over_rate(stretches, form.correction)
+        for scale in scales if form is NO_FORM or form in DELAYS else (NO_SCALE,):
+            over, cost = _against_nominal(fitted, scale, expected, spread)
+            speed = ratio / scale.T_s
+            score = closes - float(np.sum(cost)) - form.prior - scale.prior - _cost_of_speed(speed, nominal.n_p)
+            found.append(_Hypothesis(form, scale, fitted, over, cost, speed, score))
+    return found
+
+
+def _expected(nominal: Machine, tolerance: Mapping[str, float]) -> tuple[Array, Array]:
+    """R_s, L_d, L_q, psi_f, and their relative standard deviations."""
+    expected = np.array([getattr(nominal, name) for name in PARAMETERS])
+    return expected, np.array([tolerance[name] for name in PARAMETERS]) / math.sqrt(3.0)
+
+
+def _by_scale(scale: Scale) -> Array:
+    """Times what they are, as which R_s, L_d, L_q, psi_f come out."""
+    Z = scale.u / scale.i
+    return np.array([Z, Z * scale.T_s, Z * scale.T_s, scale.u * scale.T_s])
+
+
+def _against_nominal(fitted: Fit, scale: Scale, expected: Array, spread: Array) -> tuple[Array, Array]:
+    """Parameters over the nominal ones, and the log-odds that their distances cost."""
+    by = expected * _by_scale(scale)
+    over = fitted.value / by
+    variance = spread**2 + (fitted.std / by / np.maximum(np.abs(over), 0.3)) ** 2
+    return over, _cost(over, variance)
+
+
+def _cost(over: Array, variance: Array) -> Array:
+    """Log-odds that parameters cost by their distances from the nominal ones, given the variance of the logarithms."""
+    off = np.log(np.maximum(over, 0.02))
+    return -np.log((1.0 - _TAIL) * np.exp(-0.5 * off**2 / variance) + _TAIL)
+
+
+def _base(fitted: Fit, nominal: Machine) -> tuple[Scale, ...]:
+    """Per unit of a dc link that is not known: of whatever makes the machine the nominal one."""
+    value = fitted.value[1:]
+    if np.any(value <= 0.0):
+        return ()
+    base = math.exp(float(np.mean(np.log(np.array([nominal.L_d, nominal.L_q, nominal.psi_f]) / value))))
+    if not 2.0 * PER_UNIT < base < 2e3:
+        return ()
+    says = f"the voltages are in per unit of about {base:.3g} V, expected V"
+    return (Scale("voltage_per_unit", says, u=1.0 / base, prior=5.0),)
+
+
+def _cost_of_speed(speed: float, n_p: int) -> float:
+    if math.isnan(speed) or abs(speed - 1.0) < _SAME_SPEED:
+        return 0.0
+    return _SPEED if speed_as(speed, n_p, _SAME_SPEED) else 2.0 * _SPEED
+
+
+def _explains(
+    h: _Hypothesis, stands: _Hypothesis, plain: _Hypothesis, stretches: Stretches, nominal: Machine
+) -> bool:  # fmt: skip
+    """Whether the recording as it stands is beyond what physics does, and undoing the cause brings it in order.
+
+    plain: as it stands without a delay, which physics that is left out may look like.
+    """
+    if h is stands or h.score - stands.score < ENTRY or not h.in_order:
+        return False
+    if h.fit.left > _MORE * max(stands.fit.left, plain.fit.left):
+        return False
+    if h.fit.left < _HALVED * stands.fit.left:  # which a lagging loss may do for a shift that is none
+        return h.fit.left < _BY_FAR * stands.fit.left or _closed(h, stretches, nominal)
+    if np.sum(stands.fit.value[1:] < -3.0 * stands.fit.std[1:]) >= 2:  # inductances or flux below zero
+        return True
+    off = np.abs(np.log(np.maximum(stands.over_nominal, 0.02))) - 2.0 * stands.relative_std
+    if off[3] > _MAGNETS or (off[3] > _BEYOND and np.sum(off > _BEYOND) >= 2):
+        return True
+    # Physics that is left out may raise R_s, L_d and L_q together, but leaves a balance that is not closed
+    return _closed(stands, stretches, nominal) and bool(off[3] > _BEYOND or np.sum(off > _BEYOND) >= 2)
+
+
+def _closed(h: _Hypothesis, stretches: Stretches, nominal: Machine) -> bool:
+    """Whether a flux balance leaves nothing, as a current, of the rated one, or of the largest there is."""
+    L, c = max(0.5 * (abs(h.fit.value[1]) + abs(h.fit.value[2])), 1e-12), h.form.correction
+    volts = c.per_unit * float(np.mean(stretches.u_dc)) if c.per_unit and stretches.u_dc is not None else 1.0
+    left = math.sqrt(h.fit.left) * volts / abs(c.u) * stretches.T_s / L
+    return left < _CLOSED * (nominal.i_rated or float(np.quantile(np.abs(stretches.i), 0.999)))
+
+
+def _rivals(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis]) -> list[_Hypothesis]:
+    """Other causes, likeliest first, each once."""
+    found: dict[str, _Hypothesis] = {}
+    for h in sorted(hypotheses, key=lambda h: -h.score):
+        if best is not stands and h.score > stands.score and h.name not in (best.name, "", "voltage_delay"):
+            found.setdefault(h.name, h)
+    return list(found.values())[:RIVALS]
+
+
+def _alike(
+    best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis], speed: tuple[float, str] | None,
+    closed: bool,
+) -> tuple[str, ...]:  # fmt: skip
+    """The best and what does as well, in words; none where nothing does. `closed`: the best one's flux balance is."""
+    if best is stands and speed is not None:  # or it is right, and the angle is not, which missing physics may hide
+        right = [h for h in hypotheses if abs(h.speed - 1.0) < _SAME_SPEED and h.score - stands.score > ENTRY]
+        if right:
+            return _of_speed(speed), max(right, key=lambda h: h.score).says
+        if abs(math.log(max(float(stands.over_nominal[3]), 0.02))) > _MAGNETS:  # by that angle it is no machine
+            return _of_speed(speed), "the angle is not the electrical one in rad"
+        return ()
+    found = [h.says for h in _rivals(best, stands, hypotheses) if _odds(best, h) < AS_GOOD and h.in_order]
+    if best is not stands and not closed:  # physics that is left out moves parameters by as much
+        found += [h.says for h in hypotheses if _factors_apart(h, best) < _APART and h.says not in (*found, best.says)]
+    if read := _read_as(best, stands):
+        found.append(f"the dc link's voltage is read as {read:.2g} times what it is")
+    weaker = 1.0 - stands.over_nominal[3]
+    if best.scale.u == best.scale.i < 1.0 and weaker > 0.0:
+        found.append(f"the magnets are {weaker:.0%} weaker than the nominal ones")
+    return (best.says, *found) if found else ()
+
+
+def _factors_apart(h: _Hypothesis, other: _Hypothesis) -> float:
+    """How far two causes that differ by factors alone are apart, log; infinite for others."""
+    one, two = h.correction, other.correction
+    if h.form in DELAYS or (one.per_unit > 0.0) != (two.per_unit > 0.0):
+        return math.inf
+    if replace(one, u=two.u, i=two.i, T_s=two.T_s, per_unit=two.per_unit) != two:
+        return math.inf
+    u, i = one.u / two.u * (two.per_unit or 1.0) / (one.per_unit or 1.0), one.i / two.i
+    if abs(cmath.phase(u)) + abs(cmath.phase(i)) > 1e-9:
+        return math.inf
+    return max(abs(math.log(abs(u))), abs(math.log(abs(i))), abs(math.log(one.T_s / two.T_s)))
+
+
+def _read_as(best: _Hypothesis, stands: _Hypothesis) -> float | None:
+    """Times what it is, as which a dc link may be read in the place of a scale of the voltages."""
+    read = best.scale.u if best is not stands and best.scale.i == 1.0 else 1.0
+    return read if read != 1.0 and _MISREAD < read < 1.0 / _MISREAD else None
+
+
+def _odds(best: _Hypothesis, other: _Hypothesis) -> float:
+    """Of what a column tells by itself, where the two are one: as good as certain."""
+    return math.exp(700.0 if best is other else min(best.score - other.score, 700.0))
+
+
+def _says(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] | None, rows: int) -> list[str]:
+    """What was followed instead of what is expected."""
+    parts = [] if best is stands else [best.says]
+    if rows:
+        parts.append(f"{ANGLE_ROWS[rows].says}, as the phase currents tell")
+    if speed is not None:
+        parts.append(f"{_of_speed(speed)}, as the angle's rate of change tells")
+    return parts
+
+
+def _of_speed(speed: tuple[float, str]) -> str:
+    if speed[0] == -1.0:
+        return "the speed has the wrong sign"
+    return f"the speed is {speed[1]}, expected electrical and in rad/s"
+
+
+def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] | None, rows: int) -> str:
+    parts = _says(best, stands, speed, rows)
+    if best is not stands:
+        before, after = math.sqrt(stands.fit.left), math.sqrt(best.fit.left)
+        if after < 0.7 * before:
+            undone = f"once that is undone, {after / before:.2g} of what the voltages left unexplained is left"
+        else:
+            undone = (f"R_s, L_d, L_q and psi_f are {_listed(stands.over_nominal)} times the nominal ones, and "
+                      f"{_listed(best.over_nominal)} times once that is undone")
+        parts[0] = f"{parts[0]}: {undone}"
+    return f"{begun('; '.join(parts))}."
+
+
+def _listed(values: Array) -> str:
+    *first, last = (f"{value:.3g}" for value in values)
+    return f"{', '.join(first)} and {last}"
+
+
+def _parameters(correction: Correction, nominal: Machine, n_p: int | None) -> dict[str, Quantity]:
+    """What the correction undoes, by the names of `physics.convention_error`."""
+    found: dict[str, float] = {}
+    for name, vector in (("u", correction.u), ("i", correction.i)):
+        angle = cmath.phase(vector)
+        straight = abs(math.remainder(angle, math.pi)) < 1e-9
+        scale = abs(vector) * (-1.0 if straight and vector.real < 0.0 else 1.0)
+        if abs(scale - 1.0) > 1e-9:
+            found[f"{name}_scale"] = scale
+        if not straight:
+            found[f"{name}_angle"] = angle
+    c = correction
+    scales = {"T_s_scale": c.T_s, "theta_scale": c.theta, "omega_scale": c.omega}
+    found |= {name: value for name, value in scales.items() if value != 1.0}
+    others = {
+        "u_shift": c.u_shift, "theta_shift": c.theta_shift, "u_base": c.per_unit, "u_mirrored": c.u_mirrored,
+        "i_mirrored": c.i_mirrored,
+    }  # fmt: skip
+    found |= {name: float(value) for name, value in others.items() if value}
+    if n_p is not None:
+        found["pole_pairs"] = float(nominal.n_p)
+    return {name: Quantity(value, None, UNIT[name]) for name, value in found.items()}

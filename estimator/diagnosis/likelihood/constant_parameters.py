@@ -1,0 +1,57 @@
+"""Constant parameters over a window of rows: flux balances as columns, their whitening on each axis, least squares.
+
+Rows may cover several control periods. Noise of the sampled currents is differenced in a balance e, and white, by axis,
+in the flux error
+
+    z[k+1] = exp(-jD/2) (a exp(-jD/2) z[k] + T e[k])
+
+Pure; knows nothing of effects.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.kernel import kernel
+from estimator.machine import PLAUSIBLE
+
+Array = NDArray[np.float64]
+Vector = NDArray[np.complex128]
+Vectors = NDArray[np.complex128]
+Bools = NDArray[np.bool_]
+POLE: Final = 0.9  # of the whitening, before noise and parameters are known
+LEAST_L: Final = PLAUSIBLE["L_d"][0]  # H
+ROUND_OFF: Final = 1e-10
+
+
+def columns_of(balance: Array) -> Vectors:
+    """What multiplies R_s, L_d, L_q, psi_f in a row's voltage; the voltage; the small term h; place for the angle."""
+    i_d, i_q, x_d, x_q, y_d, y_q, s, h, u_d, u_q = balance.T
+    return np.stack((i_d + 1j * i_q, x_d + 1j * y_d, 1j * x_q - y_q, 1j * s, u_d + 1j * u_q, h + 0j, 0j * h))
+
+
+def of_h(beta: Array) -> float:
+    R_s, L_d, _, psi_f = beta.tolist()
+    return R_s * psi_f / L_d if L_d > LEAST_L else 0.0
+
+
+def least_squares(columns: Vectors, y: Vector) -> Array:
+    rows: Array = np.concatenate((columns.real, columns.imag), axis=1)
+    norm: Array = np.sqrt(np.sum(rows**2, axis=1))
+    scale: Array = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0.0)
+    rows *= scale[:, None]
+    inverse: Array = np.array(np.linalg.pinv(rows @ rows.T, ROUND_OFF, hermitian=True), np.float64)
+    return inverse @ (rows @ np.concatenate((y.real, y.imag))) * scale
+
+
+@kernel
+def whiten_axes(v: Vectors, half: Vector, joined: Bools, T: float, a_d: float, a_q: float) -> None:
+    """The filter above, over the rows of v (columns x rows) in place; it begins anew where a row is not joined."""
+    for c in range(v.shape[0]):
+        z = 0j
+        for k in range(v.shape[1]):
+            back = half[k].conjugate()
+            z = back * z if joined[k] else 0j
+            z = back * (complex(a_d * z.real, a_q * z.imag) + T * v[c, k])
+            v[c, k] = z

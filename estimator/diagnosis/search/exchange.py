@@ -1,0 +1,146 @@
+"""Exchange: other sets of effects for one that is found step by step, where equations bend.
+
+A search adds what explains most where the equations are lines, at shapes to begin with. Beyond their bend one effect
+may explain what two do there: a loss that lags looks like a resistance that rises with frequency and an offset of the
+voltage. And what another explains may be this one's at a shape in between. And an angle that is off and saturations
+make up for each other: none of them alone leads to the set. Knows nothing of verdicts.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+from estimator.diagnosis.likelihood.evidence import ENTRY, MOST, Choice, Search
+from estimator.diagnosis.likelihood.given import Given
+from estimator.diagnosis.likelihood.identifiability import apart, at_an_end
+from estimator.diagnosis.search.fitting import Fitted, closely, exchanged, fitted, with_more, without
+from estimator.diagnosis.search.remainder import ROUNDED, TRADES, excess_of, hidden_of, leaves_some
+from estimator.physics.library import BY_NAME, LIBRARY
+from estimator.physics.rows import Rows
+
+_NEARLY: Final = 2.0  # times what several effects leave: more, and the one is not worth what others may add to it
+_AS_MUCH: Final = 0.75  # of what several effects explain, that one has to explain before its equation bends
+_ALL_BUT: Final = 0.1  # of what one effect explains, that another may explain less at a shape to begin with
+_BEYOND: Final = 0.5  # the same of two that bend and look like the machine's parameters
+_BENT: Final = tuple(effect.name for effect in LIBRARY if effect.bends)
+"""Effects that make up for each other, and for the machine's parameters."""
+
+
+def together(rows: Rows, found: Fitted, given: Given) -> Fitted:
+    """The fit, or one that begins with all saturations and an angle's offset at once, and leaves less.
+
+    It is asked for where more than noise is left, or a parameter of the machine is beyond its tolerance. Where an
+    effect is not needed then, others may show that it had stood for.
+    """
+    if not (_leaves_more(found) or _beyond(found, given)):
+        return found
+    other = with_more(found, [name for name in _BENT if name not in found.model.effects], given)
+    if excess_of(other) >= excess_of(found) or len(other.choice) > MOST:
+        return found
+    other = closely(other, given)
+    if _beyond(other, given) and not _beyond(found, given) and excess_of(found) - excess_of(other) < hidden_of(found):
+        return found
+    if set(found.model.effects) <= set(other.model.effects):
+        return other
+    return min(other, fitted(rows, given, begin=other.model), key=excess_of)
+
+
+def without_idle(found: Fitted, given: Given) -> Fitted:
+    """The fit without effects that bend and whose place the machine's parameters take: without them no more is left.
+
+    Where the equations are lines they do explain, but only around a machine that has made room for them.
+    """
+    for name in [name for name, _ in found.choice if BY_NAME[name].bends]:
+        other = without(found, [name], given)
+        if excess_of(other) <= excess_of(found):
+            found = other
+    return found
+
+
+def _leaves_more(found: Fitted) -> bool:
+    """Than noise, and than rounding of the angle."""
+    return leaves_some(found) and excess_of(found) > hidden_of(found)
+
+
+def _beyond(found: Fitted, given: Given) -> bool:
+    return not all(given.within(name, getattr(found.model.machine, name)) for name in given.told)
+
+
+class Exchanged(NamedTuple):
+    """What exchanges have led to."""
+
+    found: Fitted
+    at_best: Mapping[tuple[str, str], float]  # log-odds of an effect over another at that one's best shapes
+
+
+def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
+    """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
+    for several.
+
+    Of two effects that bend and look like the machine's parameters, what rounding of the angle may leave and equations
+    may miss is lent to the first; then the one is taken whose machine is as its data sheet says.
+    """
+    here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
+    trading, less = _trading(found), 2.0 * ENTRY + ROUNDED * hidden_of(found)
+    lent = hidden_of(found) + found.search.missed(found.choice)
+    for dropped, one in _instead(found.search, found.choice, trading):
+        begin = exchanged(found, [name for name, _ in dropped], one, given)
+        if one[0] not in begin.model.effects:
+            continue
+        there = excess_of(begin)
+        if len(dropped) == 1 and len(begin.choice) == len(found.choice):
+            more, both = there - here, dropped[0][0] in trading and one[0] in _trading(begin)
+            if both and -less < more < lent and _beyond(found, given) and not _beyond(begin, given):
+                as_told.append(begin)
+            # what may be lent makes nothing likelier than it is
+            at_best[dropped[0][0], one[0]] = 0.5 * (max(more - lent, 0.0) if both and more > 0.0 else more)
+        if there > (_NEARLY * here if len(dropped) > 1 else here - less):
+            continue
+        other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
+        fewer = len(found.choice) - len(other.choice)
+        if fewer >= 0 and excess_of(other) < here + 2.0 * ENTRY * fewer:
+            return Exchanged(other, {})
+    return Exchanged(min(as_told, key=excess_of), {}) if as_told else Exchanged(found, at_best)
+
+
+def _trading(found: Fitted) -> list[str]:
+    """Effects of a fit that bend and look like the machine's parameters."""
+    return [name for name, share in apart(found.search, found.choice).items() if name in _BENT and share < TRADES]
+
+
+def _instead(
+    search: Search, choice: Choice, trading: Sequence[str]
+) -> list[tuple[Choice, tuple[str, int]]]:
+    """Effects of a set, and the one, at its likeliest shapes, that may stand in their place. `trading`: those that bend
+    and look like the machine's parameters.
+
+    In the place of several, one that they are confused with; in that of one alone, one whose equation bends; in that of
+    one at the end of what is plausible, itself at other shapes.
+    """
+    full, found = search.fit(choice).chi2, list[tuple[Choice, tuple[str, int]]]()
+    present, candidates = {name for name, _ in choice}, search.candidates()
+    for name in dict.fromkeys(name for name, _ in candidates if name not in present):
+        alike = tuple(one for one in choice if name in _confused(one[0]) or one[0] in _confused(name))
+        tried = [(alike, 1.0 - _AS_MUCH)] * (len(alike) > 1)
+        worth = {one: _BEYOND if one[0] in trading and name in _BENT else _ALL_BUT for one in choice}
+        tried += [((one,), most) for one, most in worth.items()] * _bends(name)
+        for dropped, most in tried:
+            rest = tuple(one for one in choice if one not in dropped)
+            left = {one: search.fit((*rest, one)).chi2 for one in candidates if one[0] == name}
+            one = min(left, key=lambda each: left[each])
+            if left[one] - full < most * (search.fit(rest).chi2 - full):
+                found.append((dropped, one))
+    for one in (each for each in choice if at_an_end(search, search.fit(choice), each)):
+        rest = tuple(other for other in choice if other != one)
+        seeds = [other for other in candidates if other[0] == one[0] and other != one]
+        if seeds:
+            found.append(((one,), max(seeds, key=lambda other: search.fit((*rest, other)).log_evidence)))
+    return found
+
+
+def _bends(name: str) -> bool:
+    """By shapes that move in small steps, or as one of those that make up for each other."""
+    return name in _BENT or any(one.shape and not one.discrete for one in BY_NAME[name].parameters)
+
+
+def _confused(name: str) -> tuple[str, ...]:
+    return BY_NAME[name].confused_with

@@ -1,0 +1,7 @@
+"""How sure a set of effects is.
+
+* `rivals` - odds against rivals, what cannot be told apart, what could have been seen
+* `surrogate` - the recording as it would be without an effect: how often chance shows as much
+
+Knows nothing of sentences.
+"""

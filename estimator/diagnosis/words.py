@@ -1,0 +1,37 @@
+"""Numbers as an engineer writes them in a sentence."""
+
+import math
+
+from estimator.online.flux_balance import TURN
+
+
+def number(x: float, digits: int = 3) -> str:
+    """To some digits, without an exponent where none is needed."""
+    if x == 0.0 or not math.isfinite(x):
+        return f"{x:g}"
+    if not 1e-4 <= abs(x) < 1e6:
+        return f"{x:.{digits - 1}e}"
+    places = digits - 1 - math.floor(math.log10(abs(x)))
+    return f"{round(x, places):.{max(0, places)}f}"
+
+
+def percent(share: float) -> str:
+    """Two digits, and all where it is."""
+    return f"{100.0 * share:.2g} %" if share < 0.995 else "all"
+
+
+def degrees(direction: float) -> str:
+    """A direction (rad) in deg, -180 to 180."""
+    return f"{round(math.degrees(math.remainder(direction, TURN)))} deg"
+
+
+def begun(text: str) -> str:
+    """A text as a sentence begins: with a capital letter, but for a symbol, which stays as it is."""
+    first = text.partition(" ")[0]
+    return text if first in ("d", "q") or "_" in first else f"{text[:1].upper()}{text[1:]}"
+
+
+def continued(text: str) -> str:
+    """A sentence as a part of another one."""
+    first = text.partition(" ")[0]
+    return text if "_" in first else f"{text[:1].lower()}{text[1:]}"
