@@ -26,7 +26,7 @@ fast: fast-computed fast-live
 OTHERS := not browser and not vcan and not peers
 
 fast-computed: $(VENV)/.dev
-	$(BIN)/python -m tests.compiled
+	$(BIN)/python -m tests.bars.compiled
 	$(BIN)/pytest --numprocesses 2 --dist loadfile -m "not slow and not live and $(OTHERS)"
 
 LIVE = $(BIN)/pytest -o cache_dir=.pytest_cache/live -m "$(1) and live and $(OTHERS)"
@@ -66,10 +66,10 @@ prove-quick: $(VENV)/.dev ## a part of it, on a development population: four min
 	$(BIN)/python -m tests.proof --quick
 
 score-diagnosis: $(VENV)/.dev ## the diagnosis on 500 concealed recordings of development seeds, beside an oracle: an hour or more
-	$(BIN)/python -m tests.diagnosis
+	$(BIN)/python -m tests.score
 
 bench-diagnose: $(VENV)/.dev ## how long diagnoses of 6 s and of 60 s take on one core, and their memory
-	$(BIN)/python -m tests.bench_diagnose
+	$(BIN)/python -m tests.bars.bench_diagnose
 
 $(VENV)/.run: pyproject.toml .ci/constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pmsm-bench needs Python 3.11 or later, got " + sys.version.split()[0])'
@@ -84,31 +84,31 @@ $(VENV)/.dev: $(VENV)/.run
 	@touch $@
 
 bench-estimator: $(VENV)/.dev ## the estimator's speed beside its peers and a C loop (needs gcc)
-	$(BIN)/python -m tests.bench_estimator
+	$(BIN)/python -m tests.bars.bench_estimator
 
 bench-links: $(VENV)/.dev ## the links over loopback beside what their buses would allow: about nine minutes
-	$(BIN)/python -m tests.bench_links
+	$(BIN)/python -m tests.bars.bench_links
 
 bench-kills: $(VENV)/.dev ## 100 kills of the service while it holds a current, over four links
-	$(BIN)/python -m tests.bench_kills
+	$(BIN)/python -m tests.bars.bench_kills
 
 bench-stale: $(VENV)/.dev ## how long estimates are ok after their drive is off, in fault, reset, unplugged, late: four links
-	$(BIN)/python -m tests.bench_stale
+	$(BIN)/python -m tests.bars.bench_stale
 
 bench-faults: $(VENV)/.dev ## rows and captures over links under faults: about ten minutes
-	$(BIN)/python -m tests.bench_faults
+	$(BIN)/python -m tests.bars.bench_faults
 
 bench-http: $(VENV)/.dev ## the HTTP interface under too much: what is answered, and how soon Stop is
-	$(BIN)/python -m tests.bench_http
+	$(BIN)/python -m tests.bars.bench_http
 
 bench-plant: $(VENV)/.dev ## the emulated plant's speed, effect by effect and beside its peers
-	$(BIN)/python -m tests.bench_plant
+	$(BIN)/python -m tests.bars.bench_plant
 
 bench-watch: $(VENV)/.dev ## what the watch over a stream costs, how quiet it is, how soon and how small it tells
-	$(BIN)/python -m tests.bench_watch
+	$(BIN)/python -m tests.bars.bench_watch
 
 auto-window: $(VENV)/.dev ## windows chosen by the data beside fixed ones, 40 seeds: about ten minutes
-	$(BIN)/python -m tests.auto_window
+	$(BIN)/python -m tests.bars.auto_window
 
 clean: ## remove what make made
 	rm -rf $(VENV) build .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -18,7 +18,7 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.real_data import REAL_DATA
+from tests.support.real_data import REAL_DATA
 
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")  # tests run side by side, a core each
 # A shell starts what it runs in the background with Ctrl-C ignored, nohup with a closed terminal; children inherit that

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from estimator.diagnosis.answer.common_scale import scaled, uncalibrated
 from estimator.diagnosis.answer.design import experiment
 from estimator.diagnosis.answer.finding import finding_of, told_sizes
-from estimator.diagnosis.answer.held_out import _odd_stretches, no_help, shown_held_out
+from estimator.diagnosis.answer.held_out import no_help, odd_stretches, shown_held_out
 from estimator.diagnosis.answer.parameters import told_machine
 from estimator.diagnosis.answer.quality import SHORTEST, longest
 from estimator.diagnosis.answer.sentences import sentence_of
@@ -111,7 +111,7 @@ def _explained(
     runs, not_used = believed(runs)
     remarks = (*remarks, *not_used)
     rows, given = prepared(runs, nominal, tolerance)
-    if longest(_odd_stretches(len(rows)) & rows.joined) < SHORTEST:
+    if longest(odd_stretches(len(rows)) & rows.joined) < SHORTEST:
         return _no_verdict((*remarks, (
             f"expected stretches of at least {SHORTEST} periods without a gap to judge by; record over a faster link, "
             "or by a capture buffer"

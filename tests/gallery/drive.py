@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, VoltageSensing
 from emulator.plant.physics.timing import Timing
-from tests.effect_runs import (
+from tests.emulator.plant.physics.effect_runs import (
     ROUND,
     T_S,
     Column,

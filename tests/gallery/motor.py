@@ -23,7 +23,7 @@ from emulator.plant.physics.thermal import Thermal
 from emulator.plant.physics.turn_short import TurnShort
 from emulator.scenario.effects import MapFile
 from emulator.scenario.motors import MOTORS
-from tests.effect_runs import (
+from tests.emulator.plant.physics.effect_runs import (
     ROUND,
     SALIENT,
     T_S,
@@ -40,7 +40,7 @@ from tests.effect_runs import (
     with_effects,
 )
 from tests.gallery.picture import IDEAL, A, D, Picture, Q, bars, degrees, dq, label
-from tests.real_data import REAL_DATA
+from tests.support.real_data import REAL_DATA
 
 _MAP: Final = REAL_DATA / "baldor_flux_map" / "baldor_400rpm_map.npz"
 _COLOURS: Final = ("C4", "C0", "C2", "C1", "C3")

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.typing import RcKeyType
 
-from tests.effect_runs import Column, Recording, Vectors
+from tests.emulator.plant.physics.effect_runs import Column, Recording, Vectors
 
 IDEAL: Final = "0.55"  # colour of the drive without the effect
 D, Q, A, B = "C0", "C3", "C2", "C1"  # colours of axes d and q, of phase a or alpha, and of what is second to it

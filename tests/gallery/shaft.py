@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.compliance import Compliance
 from emulator.plant.physics.friction import Friction
-from tests.effect_runs import SALIENT, T_S, free, states, switched, with_effects
+from tests.emulator.plant.physics.effect_runs import SALIENT, T_S, free, states, switched, with_effects
 from tests.gallery.picture import IDEAL, A, D, Picture, Q, label
 
 _MOTOR = SALIENT._replace(B=1e-3)

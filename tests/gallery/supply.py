@@ -10,7 +10,7 @@ from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.dc_link import DcLink
 from emulator.plant.physics.legs import Inverter
 from emulator.plant.physics.strangers import Resonance, Stray, Telegraph
-from tests.effect_runs import (
+from tests.emulator.plant.physics.effect_runs import (
     ROUND,
     T_S,
     Column,

@@ -10,7 +10,7 @@ from emulator.plant import bridge as bridges
 from emulator.plant.dynamics import bridge_current, stepped
 from emulator.plant.inverter import limited
 from emulator.plant.modulation import modulated
-from tests.effect_runs import Column
+from tests.emulator.plant.physics.effect_runs import Column
 
 _STEP = 2.5e-7  # s
 

@@ -22,7 +22,7 @@ from estimator.online.ekf import EkfTuning
 from estimator.online.estimate import WindowEstimate
 from estimator.samples import Samples
 from tests.paper.published import NAMES, Array
-from tests.samples import noiseless, recorded
+from tests.support.samples import noiseless, recorded
 
 SEEDS: Final = (101, 102, 103, 104, 105)
 PERIODS: Final = 10_000  # of a run

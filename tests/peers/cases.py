@@ -11,7 +11,7 @@ from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.magnetics import current_and_pull, flux_of
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
-from tests.samples import noiseless
+from tests.support.samples import noiseless
 
 Array = NDArray[np.float64]
 Vectors = NDArray[np.complex128]

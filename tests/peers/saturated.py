@@ -25,7 +25,7 @@ from emulator.scenario.effects import NONE, MapFile, curve_of
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
 from tests.peers.cases import AVERAGED, Case, Vectors, switched
-from tests.samples import noiseless
+from tests.support.samples import noiseless
 
 _POINTS: Final = 41  # of the table on either axis; of q one sign only, the machine is symmetric
 _REACH: Final = ((0.2, 0.7), (0.0, 1.1))  # Vs, of psi_d and psi_q: a little beyond what the runs see

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, cast
 
-from tests.diagnosis.diagnosed import Said, diagnosed
-from tests.diagnosis.score import FUNCTION
+from tests.score.diagnosed import Said, diagnosed
+from tests.score.score import FUNCTION
 
 _EVERY: Final = 20  # recordings, between lines of progress
 

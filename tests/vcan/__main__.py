@@ -12,15 +12,15 @@ from tests.vcan.machine import QEMU, MachineError, found, run
 
 PROJECT = Path(__file__).resolve().parents[2]
 FOLDER = PROJECT / "build" / "vcan"
-TESTS = ["tests/test_contract.py", "tests/test_vcan.py"]
+TESTS = ["tests/drivers/test_contract.py", "tests/vcan/test_vcan.py"]
 PROGRAMS = {QEMU: "qemu-system-x86", "busybox": "busybox-static", "candump": "can-utils"}  # Debian packages
 TIMEOUT = 30.0 * 60.0  # s, where others use the processor, too
 
 # Compiled here once, for any processor: the machine's own is slow to compile for
 COMPILED = {"XDG_CACHE_HOME": str(FOLDER / "cache"), "NUMBA_CPU_NAME": "generic"}
 WARM_UP = """
-from emulator.scenarios import PAPER
-from emulator.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
+from emulator.drive.virtual_drive import VirtualDrive
 VirtualDrive(PAPER).warm_up()
 """
 

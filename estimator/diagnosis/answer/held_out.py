@@ -31,7 +31,7 @@ def shown_held_out(rows: Rows, found: Fitted, left: Vector, plain: Search) -> tu
     before, after = (Search(replace(s.regression, gram=s.regression.gram[0::2])) for s in (plain, found.search))
     by_half = moved(before, ()), moved(after, found.choice, shaped=True)
     runs = free_run(rows, by_half[0]), free_run(rows, by_half[1])
-    fit = fit_quality(rows, *by_half, runs, _odd_stretches(len(rows)), found.noise)
+    fit = fit_quality(rows, *by_half, runs, odd_stretches(len(rows)), found.noise)
 
     def floor(periods: int) -> float:
         return floor_of_means(rows, by_half[1], found.noise, periods)
@@ -53,7 +53,8 @@ def no_help(found: Fitted, fit: Fit) -> bool:
     return run.after > _RISES * run.before or found.search.borne_out(found.choice) < _BORNE_OUT
 
 
-def _odd_stretches(n: int) -> NDArray[np.bool_]:
+def odd_stretches(n: int) -> NDArray[np.bool_]:
+    """Of n periods: those of every second stretch, which take no part in a fit."""
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
     held = np.zeros(n, np.bool_)
     for a, b in zip(edges[1:-1:2], edges[2::2], strict=True):

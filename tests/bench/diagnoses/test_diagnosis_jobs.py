@@ -1,0 +1,294 @@
+"""Diagnoses by the service: one at a time in a process, queued, cancelled, refused; and over REST to their results."""
+
+import contextlib
+import json
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import jsonschema
+import pyarrow
+import pyarrow.parquet
+import pytest
+
+from bench.config import captures_folder
+from bench.diagnoses.diagnosis_jobs import WAITING, DiagnosisJobs, JobState, UnknownRecordingError
+from bench.diagnoses.diagnosis_request import schema
+from bench.errors import ConflictError, LimitError, UnavailableError
+from bench.machine_file import Nominal, load_machine
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
+from tests.bench.api.test_api import problem
+from tests.bench.diagnoses.test_worker import alive, children
+from tests.conftest import JSON, RunningBench, bench_up
+from tests.support.diagnoses import EXPLAINED, NOMINAL
+from tests.support.served_drive import until
+
+pytestmark = pytest.mark.live
+
+pa: Any = pyarrow  # comes without types
+pq: Any = pyarrow.parquet
+validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]
+
+NOMINALS = {"spindle": NOMINAL, "bare": Nominal({"R_s": 1.0})}
+WHOLE = {"R_s": 1.0, "L_d": 4e-3, "L_q": 6e-3, "psi_f": 0.1, "n_p": 4}
+
+
+def recorded(folder: Path, *names: str, drive: str = "spindle") -> None:
+    """Files that a diagnosis by name takes for recordings of a drive."""
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        table = pa.table({"t": [0.0]}).replace_schema_metadata({b"pmsm-bench": json.dumps({"drive": drive}).encode()})
+        pq.write_table(table, folder / f"{name}.parquet")
+
+
+@pytest.fixture
+def jobs(tmp_path: Path) -> Iterator[DiagnosisJobs]:
+    """Diagnoses by the names of recordings."""
+    recorded(tmp_path, "explained", "explained2", "nothing_told", "refused", "dies", "endless", "endless2")
+    jobs = DiagnosisJobs(tmp_path, NOMINALS, "tests.support.diagnoses:work")
+    yield jobs
+    jobs.leave()
+    jobs.join(10.0)
+
+
+def ended(jobs: DiagnosisJobs, id_: str) -> JobState:
+    until(lambda: jobs.one(id_).state.ended, "its end")
+    return jobs.one(id_).state
+
+
+def test_a_diagnosis_is_worked_on_in_a_process_that_is_gone_with_it(jobs: DiagnosisJobs) -> None:
+    before = set(children(os.getpid()))
+    asked = jobs.ask("explained", {"trust": {"R_s": 0.2}})
+    assert (asked.recording, asked.state, asked.progress) == ("explained", JobState.QUEUED, 0.0)
+    assert ended(jobs, "explained") is JobState.DONE
+    done = jobs.done("explained")
+    assert (done.progress, done.phase, done.reason) == (1.0, "", "")
+    assert done.content is not None
+    assert done.content["sentence"] == EXPLAINED.sentence
+    assert "trust {'R_s': 0.2}" in done.content["remarks"]
+    assert EXPLAINED.sentence.split(":")[1] in jobs.report("explained")
+    assert "[effects.inverter_voltage_error]" in jobs.machine("explained")
+    assert set(children(os.getpid())) <= before
+    assert jobs.ask("explained", {}).state is JobState.QUEUED  # once more
+    assert ended(jobs, "explained") is JobState.DONE
+
+
+def test_a_result_stays_until_another_one_is_done(jobs: DiagnosisJobs) -> None:
+    jobs.ask("explained", {"trust": {"R_s": 0.2}})
+    assert ended(jobs, "explained") is JobState.DONE
+    first = jobs.done("explained")
+    jobs.ask("endless", {})  # what comes after it waits
+    assert jobs.ask("explained", {}).state is JobState.QUEUED
+    assert jobs.one("explained").state is JobState.QUEUED
+    assert jobs.done("explained") == first
+    assert jobs.report("explained").startswith("<!doctype html>")
+    assert "[machine]" in jobs.machine("explained")
+    assert jobs.cancel("explained").state is JobState.CANCELLED
+    assert jobs.done("explained") == first
+    jobs.ask("explained", {})
+    jobs.cancel("endless")
+    assert ended(jobs, "explained") is JobState.DONE
+    assert jobs.done("explained").asked > first.asked
+
+
+def test_one_is_under_way_and_the_others_wait_their_turn(jobs: DiagnosisJobs) -> None:
+    before = set(children(os.getpid()))
+    jobs.ask("endless", {})
+    jobs.ask("explained", {})
+    jobs.ask("endless2", {})
+    until(lambda: jobs.one("endless").phase == "looking at the name", "the first")
+    first = set(children(os.getpid())) - before
+    assert (jobs.one("endless").state, jobs.one("endless").progress) == (JobState.RUNNING, 0.5)
+    assert {jobs.one(name).state for name in ("explained", "endless2")} == {JobState.QUEUED}
+    assert len(first) == 1
+    with pytest.raises(ConflictError, match="recording endless is being diagnosed"):
+        jobs.ask("endless", {})
+    assert jobs.cancel("endless2").state is JobState.CANCELLED  # at once, from the queue
+    assert jobs.one("endless").state is JobState.RUNNING
+    assert jobs.cancel("endless").state is JobState.CANCELLED
+    assert not any(map(alive, first))
+    assert ended(jobs, "explained") is JobState.DONE
+    for name in ("endless", "explained"):
+        with pytest.raises(ConflictError, match=r"there is nothing to cancel$"):
+            jobs.cancel(name)
+    with pytest.raises(ConflictError, match="the diagnosis of endless is cancelled, there is no result"):
+        jobs.done("endless")
+
+
+def test_a_diagnosis_that_fails_says_why_and_stops_none_after_it(jobs: DiagnosisJobs) -> None:
+    for name in ("refused", "dies", "nothing_told"):
+        jobs.ask(name, {})
+    assert [ended(jobs, name) for name in ("refused", "dies", "nothing_told")] == [
+        JobState.FAILED, JobState.FAILED, JobState.DONE,
+    ]  # fmt: skip
+    assert jobs.one("refused").reason.endswith("refused.parquet: expected another name")
+    assert jobs.one("dies").reason.endswith("ended before it was done (exit code 3)")
+    with pytest.raises(ConflictError, match=r"is failed: .* expected another name, there is no result"):
+        jobs.report("refused")
+    with pytest.raises(ConflictError, match="has no machine file: nothing could be fitted"):
+        jobs.machine("nothing_told")
+
+
+def test_so_many_may_wait_and_no_more_and_none_is_left_at_the_end(tmp_path: Path) -> None:
+    names = ["endless", *(f"explained{k}" for k in range(WAITING + 1))]
+    recorded(tmp_path, *names)
+    jobs = DiagnosisJobs(tmp_path, NOMINALS, "tests.support.diagnoses:work")
+    before = set(children(os.getpid()))
+    with contextlib.ExitStack() as at_the_end:
+        at_the_end.callback(jobs.join, 10.0)
+        at_the_end.callback(jobs.leave)
+        for name in names[:-1]:
+            jobs.ask(name, {})
+        with pytest.raises(UnavailableError, match=f"^{WAITING} diagnoses are waiting"):
+            jobs.ask(names[-1], {})
+        until(lambda: jobs.one("endless").state is JobState.RUNNING, "the first")
+    assert set(children(os.getpid())) <= before
+    assert {(jobs.one(name).state, jobs.one(name).reason) for name in names[:-1]} == {
+        (JobState.CANCELLED, "the service has ended")
+    }
+    with pytest.raises(UnavailableError, match="the service is ending"):
+        jobs.ask("endless", {})
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"trust": {"R": 0.2}}, "trust: expected R_s, L_d, L_q, psi_f, got 'R'"),
+        ({"trust": {"R_s": "20%"}}, "trust: R_s: expected a share above 0 and at most 10 (1000 %), "
+         "such as 0.2 for 20 %, got '20%'"),
+        ({"trust": [1]}, "trust: expected an object, got [1]"),
+        ({"nominal": "m.toml"}, "nominal: expected an object, got 'm.toml'"),
+        ({"nominal": {"machine": {"R_s": -1}}}, "nominal: [machine] R_s = -1: expected a finite number of ohm"),
+        ({"nominal": {"motor": {}}}, "nominal: unknown entry 'motor', expected the tables [machine] and [drive]"),
+        ({"nominal": {"machine": {}}}, "nominal machine whole, missing in [machine]: R_s, L_d, L_q, psi_f, n_p"),
+        ({"other": 1}, "a diagnosis takes trust and nominal, got 'other'"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_is_refused_and_nothing_is_begun(jobs: DiagnosisJobs, given: dict[str, Any], said: str) -> None:
+    with pytest.raises(LimitError) as caught:
+        jobs.ask("explained", given)
+    assert said in str(caught.value)
+    with pytest.raises(UnknownRecordingError, match="no diagnosis of a recording 'explained'"):
+        jobs.one("explained")
+
+
+def test_the_nominal_machine_is_that_of_the_drive_unless_told(tmp_path: Path) -> None:
+    recorded(tmp_path, "explained", drive="bare")
+    recorded(tmp_path, "explained2", drive="elsewhere")
+    jobs = DiagnosisJobs(tmp_path, NOMINALS, "tests.support.diagnoses:work")
+    try:
+        with pytest.raises(LimitError, match="missing in \\[machine\\]: L_d, L_q, psi_f, n_p"):
+            jobs.ask("explained", {})
+        with pytest.raises(LimitError, match="missing in \\[machine\\]: R_s, L_d, L_q, psi_f, n_p"):
+            jobs.ask("latest", {})
+        assert jobs.ask("latest", {"nominal": {"machine": WHOLE}}).recording == "explained2"
+        assert ended(jobs, "latest") is JobState.DONE
+    finally:
+        jobs.leave()
+        jobs.join(10.0)
+
+
+@pytest.mark.parametrize("id_", ["x", "", "..", "../explained", "explained.parquet", "\0", "y" * 3000])
+def test_an_unknown_recording_is_told(jobs: DiagnosisJobs, id_: str) -> None:
+    with pytest.raises(UnknownRecordingError):
+        jobs.ask(id_, {})
+    with pytest.raises(UnknownRecordingError):
+        jobs.one(id_)
+
+
+# --- over REST
+
+
+@pytest.fixture
+def recording(running_bench: RunningBench) -> Iterator[tuple[httpx.Client, str]]:
+    """A client of a bench, and the address of a recording that it has made."""
+    with httpx.Client(base_url=running_bench.url, headers=JSON, timeout=30.0) as client:
+        drive = "/api/drives/emulated"
+        until(lambda: client.get(drive).json()["link"]["state"] == "streaming", "the stream")
+        made = client.post(f"{drive}/captures", json={"length": 12_000}).json()["id"]
+        until(lambda: client.get(f"{drive}/captures/{made}").json()["state"] == "done", "the capture")
+        address = f"/api/recordings/{made}/diagnosis"
+        yield client, address
+        client.delete(address)
+
+
+def test_a_recording_is_diagnosed_over_rest_from_its_location_to_its_results(
+    recording: tuple[httpx.Client, str], tmp_path: Path
+) -> None:
+    client, address = recording
+    assert problem(client.get(address), 404).startswith("no diagnosis of a recording 'emulated-")
+    answer = client.post(address, json={"trust": {"R_s": 0.2}})
+    assert (answer.status_code, answer.headers["location"]) == (202, address)
+    assert answer.json()["state"] in ("queued", "running")
+    until(lambda: client.get(address).json()["state"] in ("done", "failed"), "its end")
+    job = client.get(address).json()
+    assert (job["state"], job["progress"], job["reason"]) == ("done", 1.0, "")
+    content = client.get(f"{address}/result").json()
+    validate(content, schema())
+    assert (job["verdict"], job["sentence"]) == (content["verdict"], content["sentence"])
+    assert content["recording"]["rows"] == 12_000
+    page = client.get(f"{address}/report.html")
+    assert page.headers["content-type"].startswith("text/html")
+    assert page.text.startswith("<!doctype html>")
+    machine = client.get(f"{address}/machine.toml")
+    assert machine.headers["content-type"] == "application/toml"
+    (tmp_path / "m.toml").write_text(machine.text, encoding="utf-8")
+    assert load_machine(tmp_path / "m.toml").n_p == 4
+    assert " is done, there is nothing to cancel" in problem(client.delete(address), 409)
+
+
+def test_a_diagnosis_is_cancelled_over_rest_and_the_drive_streams_on(
+    recording: tuple[httpx.Client, str], running_bench: RunningBench
+) -> None:
+    client, address = recording
+    before = children(running_bench.process.pid)
+    client.post(address)
+    cancelled = client.delete(address)
+    assert cancelled.json()["state"] == "cancelled"
+    assert set(children(running_bench.process.pid)) <= set(before)
+    assert "is cancelled, there is no result" in problem(client.get(f"{address}/report.html"), 409)
+    assert client.get("/api/health").json()["status"] == "ok"
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [(b'{"trust": {"R_s": 0}}', "trust: R_s: expected a share above 0"),
+     (b"[]", 'expected a JSON object such as {"trust": {"R_s": 0.2}}, got []'),
+     (b'{"nominal": {"machine": {"n_p": 1e400}}}', "nominal: [machine] n_p: expected a whole number of pole pairs")],
+    ids=str,
+)  # fmt: skip
+def test_a_body_that_cannot_be_is_422(recording: tuple[httpx.Client, str], body: bytes, said: str) -> None:
+    client, address = recording
+    assert problem(client.post(address, content=body), 422).startswith(said)
+    assert client.get(address).status_code == 404
+
+
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGKILL])
+def test_a_service_that_ends_in_the_middle_of_a_diagnosis_leaves_no_process(number: signal.Signals) -> None:
+    folder = captures_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    pq.write_table(pa.table(dict(VirtualDrive(PAPER).record(60_000))), folder / "long.parquet")
+    try:
+        with bench_up() as bench:
+            before = set(children(bench.process.pid))
+            answer = httpx.post(f"{bench.url}/api/recordings/long/diagnosis", json={"nominal": {"machine": WHOLE}})
+            assert answer.status_code == 202
+            until(lambda: bool(set(children(bench.process.pid)) - before), "the process that works on it")
+            (worker,) = set(children(bench.process.pid)) - before
+            bench.process.send_signal(number)
+            bench.process.wait(15.0)
+            until(lambda: not alive(worker), "its end")
+    finally:
+        (folder / "long.parquet").unlink()
+
+
+@pytest.mark.parametrize("id_", ["x", "..%2F..%2Fetc", "%00", "y" * 3000])
+def test_an_unknown_recording_is_404(running_bench: RunningBench, id_: str) -> None:
+    for method, end in (("POST", ""), ("GET", ""), ("GET", "/result"), ("GET", "/report.html"), ("DELETE", "")):
+        answer = httpx.request(method, f"{running_bench.url}/api/recordings/{id_}/diagnosis{end}", headers=JSON)
+        assert problem(answer, 404).startswith(("no recording ", "no diagnosis ", "nothing at "))

@@ -1,0 +1,266 @@
+"""Conventions: a recording that follows another one is told from one that lacks physics, and brought in order."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from emulator.conceal.populations import STRANGERS
+from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.intake.convention import AS_GOOD, Suspicion, suspected
+from estimator.diagnosis.verdict import Verdict
+from estimator.diagnosis.words import begun
+from estimator.machine import PARAMETERS
+from estimator.physics.convention_error import UNIT
+from tests.estimator.diagnosis.convention_runs import (
+    TURN,
+    Error,
+    angle,
+    axes_swapped,
+    in_per_unit,
+    made,
+    period,
+    phases_swapped,
+    poles_for_pole_pairs,
+    recording,
+    scaled,
+    shifted,
+    speed,
+    with_vectors,
+)
+
+TOLERANCE = dict.fromkeys(PARAMETERS, 0.1)
+NUMBERS = (1, 2, 3, 5, 8)
+
+_3, _2 = math.sqrt(3.0), math.sqrt(2.0)
+
+FOUND: dict[str, tuple[Error, str, dict[str, float]]] = {
+    "line-to-line voltages": (scaled(u=_3), "voltage_line_to_line", {"u_scale": _3}),
+    "line-to-line voltages with their angle": (
+        scaled(u=_3 * complex(math.cos(TURN / 12.0), math.sin(TURN / 12.0))), "voltage_line_to_line_ahead",
+        {"u_scale": _3, "u_angle": TURN / 12.0},
+    ),
+    "rms voltages": (scaled(u=1.0 / _2), "voltage_rms", {"u_scale": 1.0 / _2}),
+    "voltages times 3/2": (scaled(u=1.5), "voltage_three_halves", {"u_scale": 1.5}),
+    "line-to-line rms voltages and rms currents": (
+        scaled(_3 / _2, 1.0 / _2), "line_to_line_rms", {"u_scale": _3 / _2, "i_scale": 1.0 / _2},
+    ),
+    "voltages of the wrong sign": (scaled(u=-1.0), "voltage_sign", {"u_scale": -1.0}),
+    "currents of the wrong sign": (scaled(i=-1.0), "current_sign", {"i_scale": -1.0}),
+    "a d axis the other way round": (scaled(-1.0, -1.0), "axis_opposite", {"u_scale": -1.0, "i_scale": -1.0}),
+    "voltages in per unit": (in_per_unit(1.0), "voltage_per_unit_u_dc", {"u_base": 1.0}),
+    "voltages in per unit of half the dc link": (in_per_unit(0.5), "voltage_per_unit_half_u_dc", {"u_base": 0.5}),
+    "d and q swapped": (axes_swapped, "axes_swapped", {"u_scale": 1.0}),
+    "phases b and c of the currents swapped": (phases_swapped(1, 2), "current_phases_bc", {"i_mirrored": 2.0}),
+    "phases a and b of the currents swapped": (phases_swapped(0, 1), "current_phases_ab", {"i_mirrored": 2.0}),
+    "an angle of the wrong sign": (angle(lambda theta, _: -theta), "angle_sign", {"theta_scale": -1.0}),
+    "a mechanical angle": (angle(lambda theta, m: np.mod(theta / m.n_p, TURN)), "mechanical_angle", {}),
+    "an angle times the pole pairs twice": (
+        angle(lambda theta, m: np.mod(theta * m.n_p, TURN)), "angle_times_pole_pairs_twice", {},
+    ),
+    "an angle in degrees": (angle(lambda theta, _: np.degrees(np.mod(theta, TURN))), "angle_in_degrees", {}),
+    "a period twice as long": (period(2.0), "period_doubled", {"T_s_scale": 2.0}),
+    "a period half as long": (period(0.5), "period_halved", {"T_s_scale": 0.5}),
+    "voltages two rows late": (shifted(("u_d", "u_q"), 2), "voltage_2_rows_late", {"u_shift": 2.0}),
+    "an angle one row early": (shifted(("theta_e",), -1), "angle_1_row_early", {"theta_shift": -1.0}),
+    "a mechanical speed": (speed(lambda m: 1.0 / m.n_p), "speed_unit", {}),
+    "a speed in Hz": (speed(lambda _: 1.0 / TURN), "speed_unit", {"omega_scale": 1.0 / TURN}),
+}  # fmt: skip
+
+
+def found(error: Error, number: int) -> Suspicion:
+    suspicion = suspected(*made(error, recording("none", number)), TOLERANCE)
+    assert suspicion is not None, number
+    return suspicion
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_what_users_do_to_a_recording_is_named_and_undone(name: str) -> None:
+    error, cause, parameters = FOUND[name]
+    for number in NUMBERS:
+        suspicion = found(error, number)
+        likely = {suspicion.cause} | {rival.effect for rival in suspicion.rivals if rival.odds < AS_GOOD}
+        assert cause in likely, number
+        if len(likely) > 1:  # and then it says so
+            assert suspicion.ambiguous
+            continue
+        for key, value in parameters.items():
+            told = suspicion.parameters.get(key)
+            assert (1.0 if told is None else told.value) == pytest.approx(value), key
+        assert all(quantity.unit == UNIT[key] for key, quantity in suspicion.parameters.items())
+        assert suspicion.sentence.startswith(begun(suspicion.says))
+        assert suspicion.sentence.endswith(".")
+        honest, nominal = recording("none", number)
+        for run, true in zip(suspicion.runs, honest, strict=True):
+            first = round((run.t0 - true.t0) / true.T_s)
+            assert len(true) - len(run) <= 4
+            rows = slice(first, first + len(run))
+            assert run.T_s == pytest.approx(true.T_s)
+            for column in ("i_d", "i_q", "u_d", "u_q", "omega_e"):
+                scale = float(np.max(np.abs(getattr(true, column))))
+                np.testing.assert_allclose(getattr(run, column), getattr(true, column)[rows], atol=1e-6 * scale)
+            turned = np.unwrap(true.theta_e)[rows]
+            np.testing.assert_allclose(np.unwrap(run.theta_e) - run.theta_e[0], turned - turned[0], atol=1e-6)
+        assert suspicion.machine == nominal
+        assert suspected(suspicion.runs, suspicion.machine, TOLERANCE) is None
+
+
+def test_a_sentence_that_begins_with_a_symbol_leaves_it_as_it_is() -> None:
+    assert found(axes_swapped, 1).sentence.startswith("d and q are swapped in voltages and currents: ")
+    assert found(phases_swapped(1, 2), 1).sentence.startswith("Phases b and c of the currents are swapped: ")
+    assert begun("u_d has the wrong sign") == "u_d has the wrong sign"
+
+
+def test_the_verdict_names_the_cause_and_not_only_a_scale() -> None:
+    degrees, cause, _ = FOUND["an angle in degrees"]
+    said = diagnose(*made(degrees, recording("none", 3, length=1.0)))
+    assert [finding.effect for finding in said.findings] == ["convention_error"], cause
+    assert ": the angle is in degrees, expected rad" in said.sentence
+    assert "theta scale" not in said.sentence
+
+
+def test_poles_given_for_pole_pairs_are_told_with_the_right_number() -> None:
+    for number in NUMBERS:
+        suspicion = found(poles_for_pole_pairs, number)
+        _, nominal = recording("none", number)
+        assert suspicion.cause == f"pole_pairs_{nominal.n_p}"
+        assert suspicion.machine == nominal
+        assert suspicion.parameters["pole_pairs"].value == 2 * nominal.n_p
+
+
+def test_a_base_of_per_unit_voltages_is_worked_out_where_no_dc_link_was_recorded() -> None:
+    for number in NUMBERS:
+        suspicion = found(in_per_unit(1.0, u_dc_known=False), number)
+        assert suspicion.cause == "voltage_per_unit"
+        (run, *_), _ = recording("none", number)
+        assert run.u_dc is not None
+        assert 1.0 / (suspicion.parameters["u_scale"].value or math.inf) == pytest.approx(np.mean(run.u_dc), rel=0.12)
+
+
+def test_factors_that_lie_within_the_tolerance_of_each_other_are_both_named() -> None:
+    both = 0
+    for number in NUMBERS:
+        suspicion = found(scaled(i=1.0 / _2), number)
+        names = {suspicion.cause, *(rival.effect for rival in suspicion.rivals if rival.odds < AS_GOOD)}
+        assert "current_rms" in names
+        if "current_two_thirds" in names:
+            both += 1
+            assert any("scaled by 2/3" in says or "rms" in says for says in suspicion.ambiguous)
+    assert both
+
+
+@pytest.mark.parametrize("kind", ["none", "one", "two", "three", *STRANGERS])
+def test_missing_physics_is_not_taken_for_a_convention(kind: str) -> None:
+    for number in range(1, 9):
+        runs, nominal = recording(kind, number, seed=31, length=1.0)
+        suspicion = suspected(runs, nominal, TOLERANCE)
+        assert suspicion is None, (kind, number, suspicion.sentence)
+
+
+@pytest.mark.parametrize("kind", ["dead_time", "iron_loss", "saturation_q"])
+@pytest.mark.parametrize(
+    "name",
+    ["voltages of the wrong sign", "currents of the wrong sign", "voltages in per unit", "d and q swapped",
+     "an angle of the wrong sign", "a mechanical angle", "line-to-line voltages with their angle"],
+)  # fmt: skip
+def test_a_convention_is_undone_beside_missing_physics(kind: str, name: str) -> None:
+    """What a dead time and a loss leave open, a delay may take in a little of: no ground to doubt a sign."""
+    error, cause, _ = FOUND[name]
+    suspicion = suspected(*made(error, recording(kind, 1, seed=33)), TOLERANCE)
+    assert suspicion is not None
+    assert suspicion.cause == cause
+    assert not suspicion.ambiguous
+
+
+def test_saturation_hides_no_sign() -> None:
+    """An inductance that is a fifth too low, by currents that saturate it."""
+    error, cause, _ = FOUND["voltages of the wrong sign"]
+    suspicion = suspected(*made(error, recording("saturation_q", 1, seed=31)), TOLERANCE)
+    assert suspicion is not None
+    assert suspicion.cause == cause
+
+
+def test_beside_missing_physics_factors_that_are_near_each_other_are_not_told_apart() -> None:
+    for name in ("rms voltages", "voltages times 3/2", "voltages in per unit of half the dc link"):
+        runs, nominal = made(FOUND[name][0], recording("saturation_q", 1, seed=31))
+        for known in (nominal, replace(nominal, i_rated=None)):
+            suspicion = suspected(runs, known, TOLERANCE)
+            assert suspicion is not None, name
+            assert len(suspicion.ambiguous) > 1, name
+
+
+def test_an_angle_that_physics_may_hide_is_not_called_a_wrong_speed() -> None:
+    """And a machine that is far from any is no reason to fail."""
+    runs, nominal = made(FOUND["an angle of the wrong sign"][0], recording("dead_time", 1, seed=31))
+    suspicion = suspected(runs, nominal, TOLERANCE)
+    assert suspicion is not None
+    assert suspicion.ambiguous[0] == "the speed has the wrong sign"
+    assert suspicion.ambiguous[1].startswith("the angle counts the other way")
+    said = diagnose(runs, nominal)
+    assert said.verdict is Verdict.AMBIGUOUS
+    assert not said.findings
+
+
+def test_an_angle_of_too_many_turns_is_not_called_a_mechanical_speed() -> None:
+    for number in NUMBERS:
+        error, cause, _ = FOUND["an angle times the pole pairs twice"]
+        suspicion = suspected(*made(error, recording("dead_time", number, seed=31)), TOLERANCE)
+        assert suspicion is not None, number
+        assert suspicion.cause == cause or len(suspicion.ambiguous) > 1, number
+
+
+@pytest.mark.parametrize("late", [1, -1])
+def test_a_shift_of_one_row_is_left_to_the_library(late: int) -> None:
+    for number in NUMBERS:
+        assert suspected(*made(shifted(("u_d", "u_q"), late), recording("none", number)), TOLERANCE) is None
+
+
+def test_a_recording_too_short_for_a_fit_is_not_judged() -> None:
+    runs, nominal = recording("none", 1)
+    assert suspected([runs[0][:15]], nominal, TOLERANCE) is None
+    assert suspected([], nominal, TOLERANCE) is None
+
+
+def test_a_scale_is_contradicted_by_a_machine_that_fits_better_as_recorded() -> None:
+    suspicion = found(scaled(u=1.5), NUMBERS[0])
+    nominal = suspicion.machine
+    names = ("R_s", "L_d", "L_q", "psi_f")
+    assert not suspicion.contradicted(nominal, TOLERANCE)
+    assert not suspicion.contradicted(replace(nominal, R_s=1.5 * nominal.R_s, L_d=0.8 * nominal.L_d), TOLERANCE)
+    as_recorded = {name: getattr(nominal, name) / 1.5 for name in names}
+    assert suspicion.contradicted(replace(nominal, **as_recorded), TOLERANCE)
+
+
+def test_a_scale_that_leaves_parameters_off_gets_no_name() -> None:
+    """A dc link read as three quarters of what it is: as rms values it would leave R_s and L_d 16 % too high."""
+    runs, nominal = recording("none", NUMBERS[2])
+    true = {name: quantity.value or 0.0 for name, quantity in diagnose(runs, nominal).machine_after.items()}
+    told = {name: true[name] / times for name, times in {"R_s": 1.09, "L_d": 1.09, "L_q": 0.93, "psi_f": 0.93}.items()}
+    runs, nominal = made(scaled(u=0.75), (runs, replace(nominal, **told)))
+    suspicion = suspected(runs, nominal, TOLERANCE)
+    assert suspicion is not None
+    assert suspicion.cause == "voltage_rms"
+    said = diagnose(runs, nominal)
+    assert said.verdict is Verdict.AMBIGUOUS
+    assert not said.findings
+    (doubt,) = said.ambiguous
+    assert {"dc_link_gain", "convention_error"} <= {*doubt.effects}
+    assert "the voltages are rms values" in doubt.reason
+
+
+def test_a_motor_that_stands_without_voltage_or_current_is_not_judged() -> None:
+    (run, *_), nominal = recording("none", 1)
+    nothing = np.zeros(len(run), complex)
+    still = replace(run, theta_e=np.zeros(len(run)), omega_e=np.zeros(len(run)))
+    assert suspected([with_vectors(still, i=nothing, u=nothing)], nominal, TOLERANCE) is None
+    assert suspected([with_vectors(still, i=nothing)], nominal, TOLERANCE) is None
+
+
+def test_what_is_left_beside_no_such_machine_is_not_called_physics() -> None:
+    runs, nominal = recording("angle_offset", 1, length=1.0)
+    turned = [with_vectors(run, i=1j * (run.i_d + 1j * run.i_q), u=1j * (run.u_d + 1j * run.u_q)) for run in runs]
+    said = diagnose([replace(run, i_a=None, i_b=None, i_c=None) for run in turned], nominal)
+    assert said.verdict is Verdict.UNEXPLAINED
+    assert said.unexplained is not None
+    assert "what it is cannot be told; check the nominal values, and the columns" in said.unexplained.description

@@ -1,0 +1,90 @@
+"""Sizes near the limit.
+
+`python -m tests.proof.parts.near_suite --seed S --count N --length L --out DIR --answers DIR2`
+
+One effect in each, as `python -m emulator conceal --class one` draws it, but of a size from half to thirty times what
+the oracle could see in that recording. An answer tells how many times in `over_limit`.
+"""
+
+import json
+import sys
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final
+
+from emulator.bounds import ScenarioError
+from emulator.conceal.chance import Chance
+from emulator.conceal.files import answer_of, write
+from emulator.conceal.populations import merged
+from emulator.conceal.recording import Choice, Concealed, TripError, drawn, recorded
+from emulator.drive.virtual_drive import Column
+from emulator.scenario.effects import effects_from_table
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import check
+from tests.proof.parts.suite_parser import suite_parser
+from tests.score.oracle import Oracle
+from tests.score.truth import EFFECT
+
+LOW, HIGH = 0.5, 30.0  # limits
+_TRIES: Final = 20  # draws of a recording that the drive can do
+_KINDS: Final = tuple(name for name in EFFECT if not name.startswith("voltage_"))  # those have one size
+
+
+def make(seed: int, wanted: int, length: float, out: Path, answers: Path, jobs: int = 1) -> None:
+    """Write recordings and machines into one folder, answers into another."""
+    for folder in (out, answers):
+        folder.mkdir(parents=True)
+    choice = near_population(seed, length)
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        for done in [pool.submit(_one, choice, k, out, answers) for k in range(1, wanted + 1)]:
+            done.result()
+
+
+def near_population(seed: int, length: float) -> Choice:
+    """What recordings of so many seconds are drawn from."""
+    return Choice(seed, _KINDS, (0.0, 1.0), tuple(MOTORS), length)
+
+
+def _one(choice: Choice, k: int, out: Path, answers: Path) -> None:
+    name = f"{k:04}"
+    for attempt in range(_TRIES):
+        try:
+            there, columns, ratio = near(choice, k + 10_000 * attempt)
+        except (ScenarioError, TripError):  # a size that this drive cannot have
+            continue
+        write(there, columns, choice, name, out, answers)
+        answer = answer_of(there, choice, name) | {"over_limit": {there.classes[0]: ratio}}
+        (answers / f"{name}.json").write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
+        return
+    raise ScenarioError(f"recording {name}: none of {_TRIES} draws is one that the drive can do")
+
+
+def near(choice: Choice, number: int) -> tuple[Concealed, Mapping[str, Column], float]:
+    """A recording, its columns, and its size over the limit. Raises ScenarioError, TripError."""
+    concealed, _ = drawn(choice, number)
+    (name,) = concealed.classes
+    answer: dict[str, Any] = json.loads(json.dumps(answer_of(concealed, choice, f"{number}")))
+    oracle = Oracle(answer)
+    ratio = Chance(choice.seed, number, "size over limit").log_uniform(LOW, HIGH)
+    size = ratio * oracle.limit(name, concealed.sizes[name])
+    parts = merged([concealed.drawn.surroundings, oracle.sections(name, size)])
+    scenario = replace(concealed.scenario, effects=effects_from_table(parts, f"recording {number}: effects.", Path()))
+    check(scenario)
+    there = replace(concealed, scenario=scenario, sizes={name: size})
+    return there, recorded(scenario, there.periods), ratio
+
+
+def main() -> int:
+    """Make a suite."""
+    parser = suite_parser("near_suite", __doc__)
+    parser.add_argument("--length", type=float, required=True, help="s")
+    given = parser.parse_args()
+    make(given.seed, given.count, given.length, given.out, given.answers, given.jobs)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

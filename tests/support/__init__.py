@@ -1,0 +1,1 @@
+"""Real parts that several rooms' tests need: drives on links, runs of the emulated drive, real recordings."""
