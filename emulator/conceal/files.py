@@ -35,7 +35,7 @@ def write(
     _whole(answers / f"{name}.json", lambda path: path.write_text(answer, encoding="utf-8"))
     machine = nominal_text(concealed)
     _whole(out / f"{name}.toml", lambda path: path.write_text(machine, encoding="utf-8"))
-    _whole(out / f"{name}.parquet", lambda path: _write_parquet(path, concealed.scenario, columns))
+    _whole(out / f"{name}.parquet", lambda path: write_recording(path, concealed.scenario, columns))
 
 
 def date_alike(folder: Path, name: str) -> None:
@@ -99,7 +99,8 @@ def made_anew(answer: Mapping[str, Any]) -> dict[str, Column]:
     return recorded(parse(answer["scenario"], f"recording {answer['number']}"), answer["periods"])
 
 
-def _write_parquet(path: Path, scenario: Scenario, columns: Mapping[str, Column]) -> None:
+def write_recording(path: Path, scenario: Scenario, columns: Mapping[str, Column]) -> None:
+    """Write a recording as the bench writes it. Raises OSError."""
     import pyarrow
     import pyarrow.parquet
 

@@ -53,17 +53,17 @@ def diagnosed(
     """What `function` ("module:name") says of recordings (folder and name), in the order in which they are done."""
     started = (function, *wanted[0])
     with ProcessPoolExecutor(jobs, get_context("spawn"), _warm_up, started) as pool:
-        futures = {pool.submit(_one, function, *each): each for each in wanted}
+        futures = {pool.submit(said_of, function, *each): each for each in wanted}
         for future in as_completed(futures):
             yield futures[future], future.result()
 
 
 def _warm_up(function: str, folder: Path, name: str) -> None:
     """Compile, so that no recording's time has it in it: by the first rows of one."""
-    _one(function, folder, name, _WARM)
+    said_of(function, folder, name, _WARM)
 
 
-def _one(function: str, folder: Path, name: str, most: int | None = None) -> Said:
+def said_of(function: str, folder: Path, name: str, most: int | None = None) -> Said:
     """What is said of a recording, or of so many of its first rows."""
     diagnose, begun = named(function), time.perf_counter()
     try:

@@ -50,16 +50,20 @@ def near_population(seed: int, length: float) -> Choice:
 
 def _one(choice: Choice, k: int, out: Path, answers: Path) -> None:
     name = f"{k:04}"
+    there, columns, ratio = drawn_near(choice, k)
+    write(there, columns, choice, name, out, answers)
+    answer = answer_of(there, choice, name) | {"over_limit": {there.classes[0]: ratio}}
+    (answers / f"{name}.json").write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
+
+
+def drawn_near(choice: Choice, number: int) -> tuple[Concealed, Mapping[str, Column], float]:
+    """A recording that the drive can do, its columns, and its size over the limit. Raises ScenarioError."""
     for attempt in range(_TRIES):
         try:
-            there, columns, ratio = near(choice, k + 10_000 * attempt)
+            return near(choice, number + 10_000 * attempt)
         except (ScenarioError, TripError):  # a size that this drive cannot have
             continue
-        write(there, columns, choice, name, out, answers)
-        answer = answer_of(there, choice, name) | {"over_limit": {there.classes[0]: ratio}}
-        (answers / f"{name}.json").write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
-        return
-    raise ScenarioError(f"recording {name}: none of {_TRIES} draws is one that the drive can do")
+    raise ScenarioError(f"recording {number}: none of {_TRIES} draws is one that the drive can do")
 
 
 def near(choice: Choice, number: int) -> tuple[Concealed, Mapping[str, Column], float]:

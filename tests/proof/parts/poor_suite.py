@@ -16,7 +16,8 @@ from typing import Any, Final
 from emulator.bounds import ScenarioError
 from emulator.conceal.files import answer_of, write
 from emulator.conceal.populations import STRANGERS
-from emulator.conceal.recording import Choice, TripError, drawn, recorded
+from emulator.conceal.recording import Choice, Concealed, TripError, drawn, recorded
+from emulator.drive.virtual_drive import Column
 from emulator.scenario.motors import MOTORS
 from tests.proof.parts.suite_parser import suite_parser
 from tests.proof.proof import Table
@@ -37,32 +38,40 @@ def make(
     """Write recordings and machines into one folder, answers into another; of some numbers only, if given."""
     for folder in (out, answers):
         folder.mkdir(parents=True)
-    motors, cases = tuple(MOTORS), list[tuple[Choice, int, str]]()
-    for k in range(count):
-        kind, run = _KINDS[k % len(_KINDS)], RUNS[(k + k // len(_KINDS)) % len(RUNS)]
-        if only is None or k + 1 in only:
-            cases.append((Choice(seed, (kind,), _WINDOW, (motors[_STRIDE * k % len(motors)],), LENGTH), k + 1, run))
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        for done in [pool.submit(_one, *case, out, answers) for case in cases]:
+        numbers = [k for k in range(1, count + 1) if only is None or k in only]
+        for done in [pool.submit(_one, seed, k, out, answers) for k in numbers]:
             done.result()
 
 
-def _one(choice: Choice, number: int, run: str, out: Path, answers: Path) -> None:
+def _one(seed: int, number: int, out: Path, answers: Path) -> None:
     name = f"{number:04}"
+    choice, run = case_of(seed, number)
+    there, columns = drawn_poor(choice, number, run)
+    write(there, columns, choice, name, out, answers)
+    answer = answer_of(there, choice, name) | {"run": run}
+    (answers / f"{name}.json").write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
+
+
+def case_of(seed: int, number: int) -> tuple[Choice, str]:
+    """What a recording is drawn from, and its run."""
+    k, motors = number - 1, tuple(MOTORS)
+    kind, run = _KINDS[k % len(_KINDS)], RUNS[(k + k // len(_KINDS)) % len(RUNS)]
+    return Choice(seed, (kind,), _WINDOW, (motors[_STRIDE * k % len(motors)],), LENGTH), run
+
+
+def drawn_poor(choice: Choice, number: int, run: str) -> tuple[Concealed, Mapping[str, Column]]:
+    """A recording that the drive can do, and its columns. Raises ScenarioError."""
     rated = MOTORS[choice.motors[0]]
     for attempt in range(_TRIES):
         concealed, _ = drawn(choice, number + 10_000 * attempt)
         excitation, turning = poor(run, rated.machine.i_rated, rated.speed_rpm, choice.length)
         there = replace(concealed, scenario=replace(concealed.scenario, excitation=excitation, run=turning))
         try:
-            columns = recorded(there.scenario, there.periods)
+            return there, recorded(there.scenario, there.periods)
         except TripError:
             continue
-        write(there, columns, choice, name, out, answers)
-        answer = answer_of(there, choice, name) | {"run": run}
-        (answers / f"{name}.json").write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
-        return
-    raise ScenarioError(f"recording {name}: none of {_TRIES} draws of {choice.kinds[0]} is one that the drive can do")
+    raise ScenarioError(f"recording {number}: none of {_TRIES} draws of {choice.kinds[0]} is one that the drive can do")
 
 
 def table(answers: list[dict[str, Any]], said: Mapping[str, Said]) -> Table:
