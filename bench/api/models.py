@@ -15,7 +15,7 @@ from bench.service.service import Service
 from estimator.machine import PARAMETERS
 from estimator.online.ekf import PAPER
 from estimator.online.estimate import Estimate, Status
-from estimator.online.rls import SHORTEST
+from estimator.online.rls import SMALLEST_LAM
 from estimator.online.window_ls import MAX_LENGTH, MAX_M
 
 Parameter = Literal["R_s", "L_d", "L_q", "psi_f"]
@@ -354,7 +354,7 @@ def window_model(window: Window) -> WindowModel:
     limits = WindowLimits(
         length=samples, longest=samples,
         periods_per_row=Bounds(minimum=1, maximum=min(MAX_M, window.samples // parameters)),
-        forgetting_factor=Range(minimum=SHORTEST, maximum=1.0),
+        forgetting_factor=Range(minimum=SMALLEST_LAM, maximum=1.0),
     )
     return WindowModel.model_validate({**asdict(window), "limits": limits})
 

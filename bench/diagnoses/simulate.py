@@ -4,11 +4,11 @@ from bench.diagnoses.diagnosis_request import Request, check_whole
 from bench.diagnoses.formats.recording import read, refusals_of
 from bench.errors import ConfigError
 from bench.recordings.recording import Summary
-from estimator.diagnosis.answer.beside import Beside, beside
+from estimator.diagnosis.answer.beside import Comparison, compared_with
 from estimator.twin.model import Model
 
 
-def simulate(request: Request) -> tuple[Summary, Beside]:
+def simulate(request: Request) -> tuple[Summary, Comparison]:
     """Simulate a file's currents. Raises ConfigError, RecordingError."""
     nominal = request.nominal
     machine = check_whole(nominal)
@@ -20,4 +20,6 @@ def simulate(request: Request) -> tuple[Summary, Beside]:
         )
     recording = read(request)
     with refusals_of(request.file):
-        return recording.summary, beside(recording.runs, Model(machine, dict(nominal.equations), nominal.angle_ahead))
+        return recording.summary, compared_with(
+            recording.runs, Model(machine, dict(nominal.equations), nominal.angle_ahead)
+        )

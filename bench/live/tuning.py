@@ -13,10 +13,10 @@ from typing import Any, Final, cast
 
 from bench.errors import LimitError, shown
 from estimator.online import ekf
-from estimator.online.ekf import EkfTuning, Model
+from estimator.online.ekf import EkfTuning, FilterModel
 
 PRESETS: Final = ("tuned", "paper", "custom")
-MODELS: Final = {"inductances": Model.INDUCTANCES, "fluxes": Model.FLUXES}
+MODELS: Final = {"inductances": FilterModel.INDUCTANCES, "fluxes": FilterModel.FLUXES}
 
 _RANGES: Final = {
     "noise_i": (1e-6, 1e4, "A"), "lsb": (0.0, 1e4, "A"), "omega_e": (0.0, 1e5, "rad/s"), "doubt": (0.01, 1.0, ""),

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.live.window import Window
-from estimator.diagnosis.watch import FEWEST, Left, left_of, place_of
+from estimator.diagnosis.watch import FEWEST_WATCHED, Left, mismatch_of, place_in_window
 from estimator.diagnosis.words import number
 from estimator.online.estimate import Estimate, Status
 from estimator.samples import Samples
@@ -97,9 +97,9 @@ def judge(
     watch.recent = deque(runs)  # joined once, however many parts they came in
     watch.rows = sum(map(len, runs))
     rows = min([most, *(e.window for e in estimates.values() if e.window is not None)])
-    left = left_of(_newest(runs, rows + 1), estimates)
+    left = mismatch_of(_newest(runs, rows + 1), estimates)
     if left is None:
-        reason = f"the window has fewer than {FEWEST} rows, or nothing in it tells the inductances"
+        reason = f"the window has fewer than {FEWEST_WATCHED} rows, or nothing in it tells the inductances"
     elif not left.moves:
         reason = "currents and speed are constant, and any parameters would explain that"
     else:
@@ -133,7 +133,7 @@ def _after(
 
 
 def _placed(said: Mismatch, left: Left, strange: Mapping[str, str]) -> Mismatch:
-    where = "; ".join([*([place_of(left).sentence] if left.mismatch else []), *strange.values()])
+    where = "; ".join([*([place_in_window(left).sentence] if left.mismatch else []), *strange.values()])
     return replace(said, where=where, largest_V=left.rms_V, strange=tuple(strange))
 
 

@@ -9,7 +9,7 @@ from bench.errors import LimitError, shown
 from bench.live.tuning import Tuning, number, one_of
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
 from estimator.online.ekf import TELLABLE
-from estimator.online.rls import SHORTEST
+from estimator.online.rls import SMALLEST_LAM
 from estimator.online.window_ls import check_window
 
 AUTO: Final = "auto"
@@ -58,7 +58,7 @@ class Window:
             periods_per_row=_whole(change, "periods_per_row", self.periods_per_row),
             estimated=_names(change.get("estimated", self.estimated)),
             held={**self.held, **_values(change.get("held", {}))},
-            forgetting_factor=number("forgetting_factor", lam, SHORTEST, 1.0),
+            forgetting_factor=number("forgetting_factor", lam, SMALLEST_LAM, 1.0),
             ekf=self.ekf.changed(change.get("ekf", {})),
         )
         window._check(longest="longest" in change)

@@ -10,7 +10,7 @@ from typing import Final
 
 from bench.live.watch import MOST, SURELY, Explained, strange_of
 from bench.live.window import Window
-from estimator.diagnosis.watch import FEWEST, Left, left_of, place_of
+from estimator.diagnosis.watch import FEWEST_WATCHED, Left, mismatch_of, place_in_window
 from estimator.diagnosis.words import number
 from estimator.machine import PARAMETERS
 from estimator.online import window_ls
@@ -119,11 +119,11 @@ class Judgement:
     def _judge(self, runs: list[Samples]) -> None:
         self.done += (rows := sum(map(len, runs)))
         estimates = self._estimates(runs, rows)
-        left, said = left_of(runs, estimates), self._said
+        left, said = mismatch_of(runs, estimates), self._said
         if left is None or not left.moves:
             reason = (
-                f"fewer than {FEWEST} rows can be judged, or nothing in them tells the inductances" if left is None
-                else "currents and speed are constant, and any parameters would explain that"
+                f"fewer than {FEWEST_WATCHED} rows can be judged, or nothing in them tells the inductances"
+                if left is None else "currents and speed are constant, and any parameters would explain that"
             )  # fmt: skip
             self._said = said if said.windows else replace(said, reason=reason)
             return
@@ -133,7 +133,7 @@ class Judgement:
         denied = left.mismatch or bool(strange)
         said = replace(said, windows=said.windows + 1, reason="")
         if denied and (not said.unexplained or left.rms_V > (said.rms_V or 0.0)):
-            where = "; ".join([*([place_of(left).sentence] if left.mismatch else []), *strange.values()])
+            where = "; ".join([*([place_in_window(left).sentence] if left.mismatch else []), *strange.values()])
             said = replace(_with_figures(said, left), where=where)
         elif said.significance is None:
             said = _with_figures(said, left)

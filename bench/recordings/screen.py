@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.recordings.recording import one_of
 from bench.recordings.runs import Chunk
 from estimator.diagnosis.intake.bad_samples import Account, Found, repeated, stretches, time_of
-from estimator.diagnosis.intake.odd_rows import FAR, Fitted, Odd, odd_rows
+from estimator.diagnosis.intake.odd_rows import FAR, Odd, Usual, odd_rows
 from estimator.samples import Samples
 
 Bools = NDArray[np.bool_]
@@ -31,7 +31,7 @@ class Screen:
         self._rows = 0
         self._before: Chunk | None = None  # the newest rows handed on
         self._cut = False  # the newest row handed on is bad, as the rows after it have shown
-        self._fitted: Fitted | None = None
+        self._fitted: Usual | None = None
         self._repeated, self._odd = Account(), Account()
 
     def take(self, chunk: Chunk) -> Iterator[Chunk]:

@@ -24,8 +24,14 @@ from estimator.diagnosis.intake.prepared import prepared
 from estimator.diagnosis.likelihood.columns import STRETCHES
 from estimator.diagnosis.likelihood.evidence import Choice, Search
 from estimator.diagnosis.likelihood.given import Given
-from estimator.diagnosis.likelihood.identifiability import APART, apart, not_borne_out, poorly_told, untold
-from estimator.diagnosis.search.exchange import one_for_others, together, without_idle
+from estimator.diagnosis.likelihood.identifiability import (
+    APART,
+    apart,
+    not_borne_out,
+    poorly_told,
+    unidentified_inductances,
+)
+from estimator.diagnosis.search.exchange import all_saturations_at_once, one_for_others, without_idle
 from estimator.diagnosis.search.fitting import Fitted, at_nominal, fitted, without
 from estimator.diagnosis.search.flux_map_stage import fitted_by_map, has_map, saturations
 from estimator.diagnosis.search.remainder import (
@@ -33,11 +39,11 @@ from estimator.diagnosis.search.remainder import (
     alone,
     excess_of,
     leaves_some,
-    left_of,
     not_astray,
+    unexplained_by,
     upright,
 )
-from estimator.diagnosis.trust.rivals import SURE, ambiguity, candidates, detectable, rivals
+from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS, ambiguity, candidates, detectable, rivals
 from estimator.diagnosis.trust.surrogate import Surrogates
 from estimator.diagnosis.verdict import (
     Ambiguity,
@@ -67,7 +73,7 @@ _MAPPED: Final = (
 )
 _MOST_OF_A_ROW: Final = 0.5
 _SEVERAL: Final = 2  # parameters
-_NOTHING: Final = "what is found of it is less than its standard error"
+_NO_SIZE: Final = "what is found of it is less than its standard error"
 _NO_HELP: Final = "on stretches that took no part in the fit the error does not fall with it"
 
 
@@ -91,17 +97,17 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
         few = f"expected at least {_FEWEST} rows to tell effects from noise, came {rows_there}; record some seconds"
         return _no_verdict(checks.remarks if checks.stop else (*checks.remarks, few))
     if (suspicion := suspected(long_enough, nominal, tolerance)) is not None:
-        diagnosis = _explained(long_enough, nominal, tolerance, checks.remarks, progress, suspicion)
+        diagnosis = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress, suspicion)
         if diagnosis is not None:
             return diagnosis
     elif (wrong := contradicted(long_enough, nominal)) is not None:
         return _no_verdict((*checks.remarks, wrong))
-    diagnosis = _explained(long_enough, nominal, tolerance, checks.remarks, progress)
+    diagnosis = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress)
     assert diagnosis is not None
     return diagnosis
 
 
-def _explained(
+def _explained_without(
     runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, float], remarks: Sequence[str],
     progress: Callable[[float, str], None], suspicion: Suspicion | None = None,
 ) -> Diagnosis | None:  # fmt: skip
@@ -117,12 +123,12 @@ def _explained(
             "or by a capture buffer"
         )))  # fmt: skip
     progress(0.0, "fitting")
-    given = replace(given, untold=untold(at_nominal(rows, given)))
+    given = replace(given, untold=unidentified_inductances(at_nominal(rows, given)))
     by_form = alone(rows, given)
     there = _by_effects(rows, given, progress) if by_form is None else _There(*by_form)
     if suspicion is not None and _taken_back(suspicion, there.found.model, tolerance):
         return None
-    diagnosis = _judged(rows, given, there, progress)
+    diagnosis = _judged_fit(rows, given, there, progress)
     if suspicion is not None:
         diagnosis = _with_convention(diagnosis, suspicion)
     said = sentence_of(diagnosis, "" if suspicion is None else suspicion.says)
@@ -148,12 +154,12 @@ def _by_effects(rows: Rows, given: Given, progress: Callable[[float, str], None]
     found, at_best = one_for_others(rows, found, given)
     compared = set(found.choice)
     progress(0.71, "judging")
-    found = without_idle(together(rows, found, given), given)
+    found = without_idle(all_saturations_at_once(rows, found, given), given)
     progress(0.72, "judging")
     found = not_astray(rows, found, given)
-    left = left_of(rows, found)
+    left = unexplained_by(rows, found)
     if left is not None and (by_map := fitted_by_map(rows, given, found, progress)) is not None:
-        by_map, left_by_map, _ = upright(rows, by_map, left_of(rows, by_map), given)
+        by_map, left_by_map, _ = upright(rows, by_map, unexplained_by(rows, by_map), given)
         if has_map(by_map):
             return _There(by_map, left_by_map, found.search)
     found, left, resonance = upright(rows, found, left, given)
@@ -213,7 +219,7 @@ def _with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     )
 
 
-def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, str], None]) -> Diagnosis:
+def _judged_fit(rows: Rows, given: Given, there: _There, progress: Callable[[float, str], None]) -> Diagnosis:
     found, left, plain, resonance, again, at_best = there
     nominal, tolerance = given.machine, given.tolerance
     search, choice, model = found.search, found.choice, found.model
@@ -231,7 +237,7 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
     r_after = residual(rows, found.smooth, model)
     fit, pictures = shown_held_out(rows, found, r_after, plain or search)
     if faint and (other := _undoubted(rows, found, faint, fit, given, surrogates, again)) is not found:
-        return _judged(rows, given, _There(other, left_of(rows, other), plain, again=True), progress)
+        return _judged_fit(rows, given, _There(other, unexplained_by(rows, other), plain, again=True), progress)
     progress(0.9, "judging")
     lacks = poorly is not None or bool(blind)
     richer = experiment(rows, Model(nominal), found.noise, nominal, tolerance) if lacks or faint else None
@@ -241,7 +247,7 @@ def _judged(rows: Rows, given: Given, there: _There, progress: Callable[[float, 
     ]  # fmt: skip
     for one in (each for each in choice if each not in faint):
         others = rivals(search, choice, one, at_best)
-        close = [doubt for doubt in others if doubt.log_odds < SURE]
+        close = [doubt for doubt in others if doubt.log_odds < SURE_LOG_ODDS]
         if close:
             pair = (one[0], close[0].effect)
             would_tell = experiment(rows, replace(model, bend=None), found.noise, nominal, tolerance, pair)
@@ -299,7 +305,7 @@ def _doubted(
     reasons = not_borne_out(found.search, found.choice, blind, excess, stands)
     already = [one for some in reasons.values() for one in some]
     if nothing := tuple(one for one in found.choice if one not in already and _of_no_size(found, one)):
-        reasons, already = {**reasons, _NOTHING: nothing}, [*already, *nothing]
+        reasons, already = {**reasons, _NO_SIZE: nothing}, [*already, *nothing]
     losses = tuple(one for one in found.choice if one[0] in LIKE_RESONANCE and one not in already)
     return {**reasons, f"it may as well be {resonance.description}": losses} if resonance and losses else reasons
 

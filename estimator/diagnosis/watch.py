@@ -20,22 +20,19 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Array, Bools, Vector, Vectors
 from estimator.diagnosis.likelihood.averages import Means
 from estimator.diagnosis.likelihood.constant_parameters import (
     LEAST_L,
     POLE,
     ROUND_OFF,
-    Array,
-    Bools,
-    Vector,
-    Vectors,
-    columns_of,
+    balance_columns,
     least_squares,
     of_h,
     whiten_axes,
 )
 from estimator.diagnosis.verdict import Place
-from estimator.diagnosis.where.regions import regions, together
+from estimator.diagnosis.where.regions import regions, shares_together
 from estimator.diagnosis.words import percent
 from estimator.machine import PARAMETERS, Machine
 from estimator.online.estimate import Estimate, Status
@@ -43,17 +40,17 @@ from estimator.online.flux_balance import TURN, angle_turned, flux_balance
 from estimator.physics.rows import Rows
 from estimator.samples import Samples
 
-FEWEST: Final = 200  # rows; of fewer nothing is said
-SURE: Final = 6.0  # standard deviations of noise
+FEWEST_WATCHED: Final = 200  # rows; of fewer nothing is said
+SURE_SIGMAS: Final = 6.0  # standard deviations of noise
 LEAST: Final = 1e-3  # of the voltage's rms: less does not matter
 GONE: Final = 0.7  # of either: a mismatch that was there is there no more
 _COLOUR: Final = 1.3  # times its white level, that noise may have in an octave
-_HIDDEN: Final = 1.2  # of the energy that an angle in steps may leave
-_MOVES: Final = 3.0  # standard deviations of noise, by which a current that moves departs from its mean
+_ROUNDING_ENERGY: Final = 1.2  # of the energy that an angle in steps may leave
+_CURRENT_MOVES: Final = 3.0  # standard deviations of noise, by which a current that moves departs from its mean
 _SPEED_MOVES: Final = 0.02  # of its rms
 _LONGEST: Final = 0.95  # and at most: a noise at a run's start is forgotten soon
-_PLAIN: Final = 50.0  # standard deviations of noise, at which means over fewer rows show where a mismatch is
-_ONE_AXIS: Final = 0.7  # of the energy
+_PLAIN_SIGMAS: Final = 50.0  # standard deviations of noise, at which means over fewer rows show where a mismatch is
+_AXIS_SHARE: Final = 0.7  # of the energy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,22 +70,22 @@ class Left:
     @property
     def mismatch(self) -> bool:
         """More than noise, and enough to matter."""
-        return self.moves and self.significance > SURE and self.rms_V > self.least_V
+        return self.moves and self.significance > SURE_SIGMAS and self.rms_V > self.least_V
 
     @property
     def clear(self) -> bool:
         """Clearly no mismatch, of a window that would show one."""
-        return self.moves and (self.significance < GONE * SURE or self.rms_V < GONE * self.least_V)
+        return self.moves and (self.significance < GONE * SURE_SIGMAS or self.rms_V < GONE * self.least_V)
 
 
-def left_of(runs: Sequence[Samples], estimates: Mapping[str, Estimate]) -> Left | None:
+def mismatch_of(runs: Sequence[Samples], estimates: Mapping[str, Estimate]) -> Left | None:
     """Judge a window's rows, given as runs without gaps; None where nothing can be said of them.
 
     `estimates` say which parameters are held; the others are fitted anew, but for an inductance of an axis on which no
     current moves, which stays as estimated.
     """
     runs = [run for run in runs if len(run) > 1]
-    if sum(len(run) - 1 for run in runs) < FEWEST:
+    if sum(len(run) - 1 for run in runs) < FEWEST_WATCHED:
         return None
     one, parts = runs[0], [flux_balance(run) for run in runs]
     balance = np.concatenate(parts)
@@ -98,36 +95,38 @@ def left_of(runs: Sequence[Samples], estimates: Mapping[str, Estimate]) -> Left 
     beta, free = _start(balance, estimates, one.T)
     if not all(free[k] or beta[k] > 0.0 for k in (1, 2)):
         return None
-    columns, held, poles = columns_of(balance), beta, (POLE, POLE)
-    step = max(one.resolution.theta_e, _step_of(np.concatenate([run.theta_e for run in runs]), one.periods * D, joined))
+    columns, held, poles = balance_columns(balance), beta, (POLE, POLE)
+    step = max(
+        one.resolution.theta_e, _largest_step(np.concatenate([run.theta_e for run in runs]), one.periods * D, joined)
+    )
     for last in (False, True):
-        columns[6] = _of_angle(columns, beta)
+        columns[6] = _voltage_by_angle(columns, beta)
         white = columns.copy()
         whiten_axes(white, np.exp(0.5j * D), joined, one.T, *poles)
-        beta, offset = _fitted(white, held, beta, free, step)
+        beta, offset = _fit_free(white, held, beta, free, step)
         coefficients = np.array([*-beta, 1.0, of_h(beta), -offset])
         z: Vector = coefficients @ white
-        rounded = _rounding(beta, columns, step, one.T, poles)
-        axes = tuple(_spectrum(x, n) for x, n in zip((z.real, z.imag), rounded, strict=True))
+        rounded = _rounding_variance(beta, columns, step, one.T, poles)
+        axes = tuple(_spectrum_of(x, n) for x, n in zip((z.real, z.imag), rounded, strict=True))
         if not last:
             poles = _poles(beta, columns, one, axes)
     volts2 = sum(axis.excess(pole, one.T) for axis, pole in zip(axes, poles, strict=True))
     return Left(
         len(z), _moves(columns, beta, one, axes), max(axis.significance for axis in axes),
-        0.5 * sum(axis.ratio for axis in axes), math.sqrt(volts2), _least(columns, beta, one),
+        0.5 * sum(axis.ratio for axis in axes), math.sqrt(volts2), _least_voltage(columns, beta, one),
         coefficients @ columns, (axes[0].level, axes[1].level), _seen(balance, D, runs, beta),
     )  # fmt: skip
 
 
-def place_of(left: Left) -> Place:
+def place_in_window(left: Left) -> Place:
     """Where it acts: axis, speed, current, time, or distance of a phase current to its change of sign."""
-    blocks, power_d, power_q = _blocks(left)
+    blocks, power_d, power_q = _mean_voltages(left)
     total = float((power_d + power_q).sum())
     if len(blocks.v) < 4 or not total > 0.0:
         return Place("nowhere in particular", {}, 0.0, 1.0)
     shares = {"d": float(power_d.sum()) / total, "q": float(power_q.sum()) / total}
     axis = max(shares, key=lambda name: shares[name])
-    on_one = shares[axis] >= _ONE_AXIS
+    on_one = shares[axis] >= _AXIS_SHARE
     power = (power_d if axis == "d" else power_q) if on_one else power_d + power_q
     found = regions(left.seen, blocks, power, most=1)
     on = f"mostly on {axis}" if on_one else "on both axes"
@@ -136,7 +135,7 @@ def place_of(left: Left) -> Place:
         region["axis"] = axis
     if not found:
         return Place(f"{on}, at all speeds, currents and times", region, min(shares[axis], 1.0) if on_one else 1.0, 1.0)
-    energy, samples = together(found, power)
+    energy, samples = shares_together(found, power)
     where = " and ".join(one.words for one in found)
     sentence = f"{on} where {where} ({percent(energy)} of the energy in {percent(samples)} of the time)"
     return Place(sentence, region, energy, samples)
@@ -157,17 +156,17 @@ def _start(balance: Array, estimates: Mapping[str, Estimate], T: float) -> tuple
     free = np.array([estimates[name].status is not Status.HELD for name in PARAMETERS])
     for k, name, i, x in ((1, "L_d", balance[:, 0], balance[:, 2]), (2, "L_q", balance[:, 1], balance[:, 3])):
         noise = float(np.median(np.abs(x))) * T / 0.6744898 / math.sqrt(2.0)  # or changes, if they are more
-        free[k] &= float(np.std(i)) > (1.0 if estimates[name].status is Status.OK else _MOVES) * noise
+        free[k] &= float(np.std(i)) > (1.0 if estimates[name].status is Status.OK else _CURRENT_MOVES) * noise
     beta[1:3] = np.where(beta[1:3] > 0.0, beta[1:3], beta[2:0:-1])  # the other axis' stands in
     return beta, free
 
 
-def _of_angle(columns: Vectors, beta: Array) -> Vector:
+def _voltage_by_angle(columns: Vectors, beta: Array) -> Vector:
     """What an angle that is read low by a constant adds to the voltage, V/rad."""
     return -1j * ((beta[1] - beta[2]) * (columns[1] - columns[2]) + beta[3] * columns[3])
 
 
-def _fitted(white: Vectors, held: Array, beta: Array, free: Bools, step: float) -> tuple[Array, float]:
+def _fit_free(white: Vectors, held: Array, beta: Array, free: Bools, step: float) -> tuple[Array, float]:
     """Least squares for the free parameters, and for an angle that is off by up to its sensor's step (rad)."""
     y = white[4] + of_h(beta) * white[5]
     for k in np.flatnonzero(~free):
@@ -202,7 +201,7 @@ def _poles(beta: Array, columns: Vectors, one: Samples, axes: "tuple[_Spectrum, 
     return poles[0], poles[1]
 
 
-def _step_of(theta_e: Array, turned: Array, joined: Bools) -> float:
+def _largest_step(theta_e: Array, turned: Array, joined: Bools) -> float:
     """The largest step (rad) in which the angle may have been told: as close as two of them are, and as uneven."""
     gaps = np.diff(np.sort(np.mod(theta_e, TURN)))
     gaps = gaps[gaps > ROUND_OFF]
@@ -212,14 +211,14 @@ def _step_of(theta_e: Array, turned: Array, joined: Bools) -> float:
     return min(float(gaps.min()), math.sqrt(2.0 * _mean_square(uneven)))
 
 
-def _rounding(
+def _rounding_variance(
     beta: Array, columns: Vectors, step: float, T: float, poles: tuple[float, float]
 ) -> tuple[float, float]:
     """Variance (Vs^2) of the flux error, d and q, that an angle in steps (rad) leaves: at rows' ends and in means."""
     saliency, i, s = float(beta[1] - beta[2]), columns[0], columns[3].imag
     d = _mean_square(saliency * i.imag)  # Vs^2/rad^2
     q = _mean_square(float(beta[3]) + saliency * i.real)
-    turn2, each = T**2 * _mean_square(s), _HIDDEN * step**2 / 12.0
+    turn2, each = T**2 * _mean_square(s), _ROUNDING_ENERGY * step**2 / 12.0
     return each * (d + turn2 * q / (1.0 - poles[0] ** 2)), each * (q + turn2 * d / (1.0 - poles[1] ** 2))
 
 
@@ -249,17 +248,17 @@ class _Spectrum:
         n = len(self.power)
         above = np.zeros(n)
         for a, b, deviate in zip(self.edges, self.edges[1:], self.deviates, strict=False):
-            if deviate > GONE * SURE:
+            if deviate > GONE * SURE_SIGMAS:
                 energy = float(self.power[a:b].sum())
                 above[a:b] = (self.power[a:b] - 1.0) * max(1.0 - self.rounding / energy, 0.0)
-        if self.line > GONE * SURE:
+        if self.line > GONE * SURE_SIGMAS:
             k = int(np.argmax(self.power))
             above[k] = self.power[k] - 1.0 - self.rounding
         turn = np.abs(1.0 - pole * np.exp(-1j * math.pi * np.arange(1, n + 1) / n)) ** 2
         return max(float(np.mean(above * turn)), 0.0) * (self.level / T) ** 2
 
 
-def _spectrum(x: Array, rounded: float) -> _Spectrum:
+def _spectrum_of(x: Array, rounded: float) -> _Spectrum:
     power = np.abs(np.fft.rfft(x)[1:]) ** 2 / len(x)
     n = len(power)
     white = max(float(np.median(power)) / math.log(2.0), 1e-300)
@@ -286,12 +285,12 @@ def _moves(columns: Vectors, beta: Array, one: Samples, axes: tuple[_Spectrum, .
     s: Array = columns[3].imag
     for current, L, axis in zip((i_d, i_q), beta[1:3].tolist(), axes, strict=True):
         noise = axis.level / abs(L) / math.sqrt(one.periods) if L != 0.0 else math.inf
-        if float(np.std(current)) > max(_MOVES * noise, 2.0 * one.resolution.i):
+        if float(np.std(current)) > max(_CURRENT_MOVES * noise, 2.0 * one.resolution.i):
             return True
     return float(np.std(s)) > _SPEED_MOVES * math.sqrt(_mean_square(s))
 
 
-def _least(columns: Vectors, beta: Array, one: Samples) -> float:
+def _least_voltage(columns: Vectors, beta: Array, one: Samples) -> float:
     """Voltage (V) that matters: of the applied one, and no less than the records resolve."""
     u = columns[4]
     u_rms = math.sqrt(_mean_square(u.real) + _mean_square(u.imag))
@@ -321,7 +320,7 @@ def _seen(balance: Array, D: Array, runs: Sequence[Samples], beta: Array) -> Row
     )  # fmt: skip
 
 
-def _blocks(left: Left) -> tuple[Means, Array, Array]:
+def _mean_voltages(left: Left) -> tuple[Means, Array, Array]:
     """Mean voltages over as few rows as show the mismatch, and their energies above noise (V^2) on d and q."""
     best: tuple[float, tuple[Means, Array, Array]] | None = None
     for m in (1, 3, 10):
@@ -332,7 +331,7 @@ def _blocks(left: Left) -> tuple[Means, Array, Array]:
         plain = float((power_d + power_q).sum()) / max(math.sqrt(2.0 * len(v)) * (d2 + q2), 1e-300)
         if best is None or plain > best[0]:
             best = plain, (Means(v, np.arange(m // 2, n, m), m), power_d, power_q)
-        if plain > _PLAIN:
+        if plain > _PLAIN_SIGMAS:
             break
     assert best is not None
     return best[1]

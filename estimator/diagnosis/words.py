@@ -25,7 +25,7 @@ def degrees(direction: float) -> str:
     return f"{round(math.degrees(math.remainder(direction, TURN)))} deg"
 
 
-def begun(text: str) -> str:
+def sentence_start(text: str) -> str:
     """A text as a sentence begins: with a capital letter, but for a symbol, which stays as it is."""
     first = text.partition(" ")[0]
     return text if first in ("d", "q") or "_" in first else f"{text[:1].upper()}{text[1:]}"

@@ -31,18 +31,16 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.machine import PARAMETERS, UNITS
 from estimator.online.estimate import Estimate, Status, WindowEstimate
-from estimator.online.fit import PRIOR_SHARE, Z_95, fit
-from estimator.online.solve import check_held, plausible, solution
+from estimator.online.fit import PRIOR_SHARE, Z_95, fit_windows
+from estimator.online.solve import check_held, plausible, solution_of
 from estimator.online.window_ls import WindowState, sums_of, waiting
 
-Array = NDArray[np.float64]
-
 RINGS: Final = 12
-SHORTEST: Final = 16  # regression rows per axis of the newest stretch, and of any other at least
+SHORTEST_ROWS: Final = 16  # regression rows per axis of the newest stretch, and of any other at least
 PRICE: Final = 10.0  # a line or a cut must improve chi^2 by about this: 3 standard errors
 WARMTH: Final = 1.5
 LAG_DOUBT: Final = 0.1  # of what lies between present value and longest window: the lag that no hypothesis shows
@@ -50,7 +48,7 @@ WARMTH_OF_DOUBT: Final = 3.0  # of the standard error: it hears hypotheses that 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stretches:
+class StretchEstimates:
     """Estimates of one parameter from consecutive stretches of the stream, newest first; arrays of equal length."""
 
     value: Array
@@ -72,9 +70,9 @@ def estimate(
     cuts = lengths_of(state.samples, state.m, waiting(state))
     rings = sums_of(state, cuts, [0, *cuts[:-1]])
     sums = sums_of(state, [state.length])
-    whole = fit(sums, estimated, held)
-    said = solution(sums, whole, held)
-    found = fit(rings, estimated, held, together=True)
+    whole = fit_windows(sums, estimated, held)
+    said = solution_of(sums, whole, held)
+    found = fit_windows(rings, estimated, held, together=True)
     ends = np.array([0, *cuts[:-1]], np.float64)
     estimates: dict[str, Estimate] = {}
     for j, name in enumerate(PARAMETERS):
@@ -87,7 +85,7 @@ def estimate(
             continue
         shared = float(found.lasting[tells, j].min())
         std = np.sqrt(found.std[tells, j] ** 2 - shared**2)
-        told = Stretches(found.beta[tells, j], std, np.array(cuts, np.float64)[tells], ends[tells])
+        told = StretchEstimates(found.beta[tells, j], std, np.array(cuts, np.float64)[tells], ends[tells])
         if alone.std is not None and float(np.sum(told.std**-2.0)) < 0.5 / alone.std**2:
             continue  # the stretches, each by itself, miss what they tell together
         value, error, length = weighed(told, alone.value)
@@ -111,7 +109,7 @@ def lengths_of(samples: int, m: int, waiting: int = 0) -> list[int]:
 
     All but the last are whole groups of m after the `waiting` newest, so that an unbroken stream is cut between groups.
     """
-    shortest = SHORTEST * m
+    shortest = SHORTEST_ROWS * m
     ratio = max(math.sqrt(2.0), (max(samples, 1) / shortest) ** (1.0 / (RINGS - 1)))
     lengths: list[int] = []
     length = shortest
@@ -121,7 +119,7 @@ def lengths_of(samples: int, m: int, waiting: int = 0) -> list[int]:
     return [*lengths, samples]
 
 
-def weighed(told: Stretches, together: float | None = None) -> tuple[float, float, int]:
+def weighed(told: StretchEstimates, together: float | None = None) -> tuple[float, float, int]:
     """Present value, its standard error, and the length of the weightiest window in samples.
 
     `together` is the value that all stretches give in one solution, which is the better level of the longest window.
@@ -151,12 +149,12 @@ def weighed(told: Stretches, together: float | None = None) -> tuple[float, floa
     score = misfit + PRICE * np.concatenate((left_out, left_out[1:] + 1))
     freedom = np.concatenate((np.arange(len(y)), np.arange(len(y) - 1)))
     variances *= np.maximum(1.0, misfit / np.maximum(freedom, 1))
-    value = float(_weights(score, WARMTH) @ values)
-    variance = float(_weights(score, WARMTH_OF_DOUBT) @ (variances + (values - value) ** 2))
+    value = float(_score_weights(score, WARMTH) @ values)
+    variance = float(_score_weights(score, WARMTH_OF_DOUBT) @ (variances + (values - value) ** 2))
     reach = np.concatenate((told.start, told.start[1:]))
     return about + value, math.sqrt(variance), int(reach[np.argmin(score)])
 
 
-def _weights(score: Array, warmth: float) -> Array:
+def _score_weights(score: Array, warmth: float) -> Array:
     weight = np.exp(-0.5 / warmth * (score - score.min()))
     return weight / weight.sum()

@@ -39,8 +39,8 @@ from enum import IntEnum
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.machine import PARAMETERS, UNITS
 from estimator.online import rls
 from estimator.online.estimate import Estimate, Status, WindowEstimate
@@ -51,7 +51,6 @@ from estimator.online.rls import RlsState
 from estimator.online.stream import Stream, runs_of
 from estimator.samples import Samples
 
-Array = NDArray[np.float64]
 Five = tuple[float, float, float, float, float]
 
 TELLABLE: Final = ("R_s", "L_d", "L_q")
@@ -59,7 +58,7 @@ RECENT: Final = 0.999  # forgetting factor of the least squares beside the filte
 _AT_START: Final = 0.6  # share of P_0 from which a variance counts as not reduced
 
 
-class Model(IntEnum):
+class FilterModel(IntEnum):
     """What the filter takes the machine for."""
 
     FLUXES = 0  # the published states
@@ -77,7 +76,7 @@ class EkfTuning:
     Q: Five  # the same per second: what a state may move on its own
     R: tuple[float, float]  # A^2, A^2: of a sampled i_d, i_q
     i_min: float = 0.5  # A, FLUXES: a smaller current tells no inductance
-    model: Model = Model.FLUXES
+    model: FilterModel = FilterModel.FLUXES
 
 
 PAPER: Final = EkfTuning(P_0=(0.1, 0.1, 0.0004, 0.002, 0.02), Q=(30.0, 15.0, 0.005, 0.03, 0.03), R=(0.1, 0.02))
@@ -101,7 +100,7 @@ def tuned(
     start = [(doubt * value) ** 2 for value in (R_s, L_d, L_q)]
     return EkfTuning(
         P_0=(R, R, start[0], start[1], start[2]), Q=(input_d, input_q, moves[0], moves[1], moves[2]), R=(R, R),
-        model=Model.INDUCTANCES,
+        model=FilterModel.INDUCTANCES,
     )
 
 
@@ -145,7 +144,7 @@ def init(
         if not 0.0 < source.get(name, 0.0) < math.inf:
             raise ValueError(f"{name} needs {role} that is positive, got {source.get(name, 'none')}")
     known = {**beta_0, **held, **{name: beta_0[name] for name in estimated}}
-    places = {"R_s": 4} if tuning.model is Model.FLUXES else {"R_s": 2, "L_d": 3, "L_q": 4}
+    places = {"R_s": 4} if tuning.model is FilterModel.FLUXES else {"R_s": 2, "L_d": 3, "L_q": 4}
     free = np.ones(5)
     free[[place for name, place in places.items() if name not in estimated]] = 0.0
     x = np.zeros(5)
@@ -198,7 +197,7 @@ def estimate(state: EkfState) -> WindowEstimate:
         elif state.samples == 0:
             estimates[name] = Estimate(name, None, None, UNITS[name], Status.NO_DATA, "no row has come in yet")
         else:
-            estimates[name] = _told(name, *_parameter(state, name), state.known[name], recent[name])
+            estimates[name] = _told_by_filter(name, *_parameter_told(state, name), state.known[name], recent[name])
     n = state.samples
     rms = math.sqrt(state.sums[0] / (2 * n)) if n else None
     return WindowEstimate(
@@ -207,7 +206,7 @@ def estimate(state: EkfState) -> WindowEstimate:
     )
 
 
-def _told(
+def _told_by_filter(
     name: str, value: float, variance: float, reason: str, known: float, recent: Estimate
 ) -> Estimate:
     """The filter's value, unless it has a reason not to tell it or the recent rows have one."""
@@ -225,15 +224,15 @@ def _told(
 
 def values(state: EkfState) -> dict[str, float]:
     """What the filter itself has for each parameter, borne out or not; NaN where it has nothing."""
-    found = {name: _parameter(state, name) for name in state.estimated}
+    found = {name: _parameter_told(state, name) for name in state.estimated}
     return dict(state.known) | {name: math.nan if reason else value for name, (value, _, reason) in found.items()}
 
 
-def _parameter(state: EkfState, name: str) -> tuple[float, float, str]:
+def _parameter_told(state: EkfState, name: str) -> tuple[float, float, str]:
     """Value, variance, and why the filter cannot tell it (empty where it can)."""
     x, P = state.x, state.P
-    if state.tuning.model is Model.INDUCTANCES or name == "R_s":
-        place = TELLABLE.index(name) + 2 if state.tuning.model is Model.INDUCTANCES else 4
+    if state.tuning.model is FilterModel.INDUCTANCES or name == "R_s":
+        place = TELLABLE.index(name) + 2 if state.tuning.model is FilterModel.INDUCTANCES else 4
         value, variance = float(x[place]), float(P[place, place])
         unmoved = variance >= _AT_START * state.P_0[place, place]
         return value, variance, f"the rows have told nothing of {name} beyond its start value" if unmoved else ""
@@ -251,7 +250,7 @@ def _parameter(state: EkfState, name: str) -> tuple[float, float, str]:
 
 def _restart_currents(state: EkfState, i_d: float, i_q: float) -> None:
     """Currents, and flux linkages where they are states, from a sample; what is known of parameters stays."""
-    fluxes = state.tuning.model is Model.FLUXES
+    fluxes = state.tuning.model is FilterModel.FLUXES
     x, P = state.x, state.P
     x[:2] = i_d, i_q
     if fluxes:

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from estimator.arrays import Array
 
 NOISE_SHARE: Final = 0.1  # a direction owing more of its regressor energy than this to noise is not told
-ROUND_OFF: Final = 1e-10  # relative energy below which a direction is arithmetic, not excitation
+ARITHMETIC_ENERGY: Final = 1e-10  # relative energy below which a direction is arithmetic, not excitation
 INVOLVED: Final = 0.05  # share from which two parameters count as coupled by a direction
 
 
@@ -35,10 +34,10 @@ class Excitation:
 
 def excitation(G: Array, N: Array) -> Excitation:
     """Judge normal matrices G = A'A (K, p, p) against what noise contributes to their diagonals, N (K, p)."""
-    scale, C = _scaled(G)
+    scale, C = _normalised(G)
     noise = N * scale**2
     # Generalised eigenvalues of (C, doubt): energy of a direction over what noise would feign.
-    doubt = noise / NOISE_SHARE + ROUND_OFF
+    doubt = noise / NOISE_SHARE + ARITHMETIC_ENERGY
     whitening = 1.0 / np.sqrt(doubt)
     strength, v = np.linalg.eigh(C * whitening[:, :, None] * whitening[:, None, :])
     v = whitening[:, :, None] * v  # columns with v' C v = strength, v' doubt v = 1
@@ -47,7 +46,7 @@ def excitation(G: Array, N: Array) -> Excitation:
     V = v * np.where(strong, energy_1, 0.0)[:, None, :]
     inner = np.eye(G.shape[-1]) - V.transpose(0, 2, 1) @ (noise[:, :, None] * V)
     size = np.linalg.norm(v, axis=1)  # a direction of length 1 has the energy strength / size^2
-    some = ~strong & (strength > ROUND_OFF * size**2)
+    some = ~strong & (strength > ARITHMETIC_ENERGY * size**2)
     W = v * np.where(some, energy_1, 0.0)[:, None, :]
     back = scale[:, :, None] * scale[:, None, :]
     return Excitation(
@@ -58,7 +57,7 @@ def excitation(G: Array, N: Array) -> Excitation:
 
 def condition(G: Array) -> Array:
     """Condition numbers of the column-scaled regressors, shape (K,); infinite where a column is zero."""
-    scale, C = _scaled(G)
+    scale, C = _normalised(G)
     eigenvalue = np.linalg.eigvalsh(C)
     least, largest = eigenvalue[:, 0], eigenvalue[:, -1]
     finite = (scale > 0.0).all(axis=1) & (least > 0.0)
@@ -85,7 +84,7 @@ def combinations(weak: Array, untold: Sequence[int]) -> list[tuple[int, ...]]:
     return groups
 
 
-def _scaled(G: Array) -> tuple[Array, Array]:
+def _normalised(G: Array) -> tuple[Array, Array]:
     """One over the norm of each column, 0 for a column of zeros, and G in columns of norm 1."""
     norm = np.sqrt(np.diagonal(G, axis1=1, axis2=2))
     scale = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0.0)
@@ -96,4 +95,4 @@ def _basis(columns: Array) -> Array:
     """Orthonormal columns that span the same as those of each matrix, and columns of zeros."""
     norm = np.linalg.norm(columns, axis=1, keepdims=True)
     basis, spread, _ = np.linalg.svd(np.divide(columns, norm, out=np.zeros_like(columns), where=norm > 0.0))
-    return basis * (spread > ROUND_OFF)[:, None, :]
+    return basis * (spread > ARITHMETIC_ENERGY)[:, None, :]

@@ -31,11 +31,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.machine import PARAMETERS
 from estimator.online.excitation import Excitation, condition, excitation
 from estimator.online.sums import H, U, WindowSums
-
-Array = NDArray[np.float64]
 
 NOISE_DOUBT: Final = 0.1  # the bias that current noise leaves is known to within this share of it, at best
 NOISE_ECHO: Final = 10.0  # and that share grows by so much times the bias over the value
@@ -47,14 +46,18 @@ MODEL_MOVING: Final = 3e-5  # times the relative spread of speed^2, more where i
 MODEL_TURN: Final = 8e-4  # and, times D^3, more where the rotor turns far within a control period
 SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
 Z_95: Final = 1.96
-_LEAST: Final = 1e-5  # of the voltage, that a prior leaves open: with less, arithmetic loses what is wide beside it
-_ROUNDS: Final = 4  # of the iteration of the small terms; each gains three digits
-_FEWEST: Final = 4.0  # degrees of freedom of a variance at least: below, the correction knows no more than the error
+_PRIOR_LEAST: Final = (
+    1e-5  # of the voltage, that a prior leaves open: with less, arithmetic loses what is wide beside it
+)
+_SMALL_TERM_ROUNDS: Final = 4  # of the iteration of the small terms; each gains three digits
+_FEWEST_FREEDOM: Final = (
+    4.0  # degrees of freedom of a variance at least: below, the correction knows no more than the error
+)
 _BATCHES: Final = 8.0  # that a reference takes at least
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class WindowFit:
     """Solutions of K windows for p of the parameters, the others held."""
 
     free: list[int]  # places of the p parameters in PARAMETERS
@@ -68,10 +71,10 @@ class Fit:
     noise: Array  # (K, 2), A^2: variance of a row's mean current, d and q axis
 
 
-def fit(
+def fit_windows(
     sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool = True,
     together: bool = False,
-) -> Fit:
+) -> WindowFit:
     """Least-squares solutions for `estimated`, the others at their `held` values (SI).
 
     `noise_aware` takes the energy of current noise out of the normal matrix; without it the result is plain least
@@ -85,14 +88,14 @@ def fit(
     """
     task = _task(sums, estimated, held, noise_aware=noise_aware, together=together)
     small = np.zeros((len(sums.rows), 3))
-    found = _solved(sums, task, small)
-    for _ in range(_ROUNDS - 1):
-        small = _second_order(_known(found.beta, found.sure, task.stand_in), sums.T_s)
-        found = _solved(sums, task, small)
+    found = _round_solved(sums, task, small)
+    for _ in range(_SMALL_TERM_ROUNDS - 1):
+        small = _second_order(_known_parameters(found.beta, found.sure, task.stand_in), sums.T_s)
+        found = _round_solved(sums, task, small)
 
     free, beta = task.free, found.beta
     variance, constant, rss = _variance(
-        sums, _axes(found.full, small), free, found.inverse, found.sigma2, together=together
+        sums, _axis_coefficients(found.full, small), free, found.inverse, found.sigma2, together=together
     )
     bias = _times(found.inverse, found.noise * beta[:, free])
     bias *= _share_of_bias(sums, bias, beta[:, free], found.apart) if noise_aware else 1.0
@@ -104,7 +107,7 @@ def fit(
     of_h = _times(found.inverse, of_h)
     std[:, free], lasting[:, free] = np.hypot(std[:, free], of_h), np.hypot(lasting[:, free], of_h)
     rows = np.maximum(sums.rows, 1.0)
-    return Fit(
+    return WindowFit(
         free, beta, std, lasting, sure & (Z_95 * std < np.abs(beta)) & task.enough[:, None], found.ex.weak,
         condition(task.G), np.sqrt(rss / (2.0 * rows)), found.sigma2 / float(sums.periods),
     )
@@ -149,21 +152,23 @@ def _task(
     stand_in = np.array([held.get(name, 0.0) for name in PARAMETERS])
     known = np.where(np.isin(np.arange(len(PARAMETERS)), free), 0.0, stand_in)
     calm = np.where((enough & (sums.batches >= _BATCHES))[:, None, None, None], sums.batch, sums.lag0)
-    G, G_calm = (np.where(enough[:, None, None], _of(S, free), 0.0) for S in (sums.lag0, calm))
+    G, G_calm = (np.where(enough[:, None, None], _free_normal(S, free), 0.0) for S in (sums.lag0, calm))
     return _Task(
         free, np.tile(known, (len(enough), 1)), stand_in, enough, G, _plain(G), calm, _plain(G_calm),
         noise_aware, together,
     )
 
 
-def _solved(sums: WindowSums, task: _Task, small: Array) -> _Round:
+def _round_solved(sums: WindowSums, task: _Task, small: Array) -> _Round:
     """A round, for given coefficients of the small terms (K, 3)."""
-    free, c_0 = task.free, _axes(task.known, small)
+    free, c_0 = task.free, _axis_coefficients(task.known, small)
     rest = np.sum(_times(sums.lag0, c_0), axis=1)[:, free]
     by_rows, by_batches = task.known.copy(), task.known.copy()
     by_rows[:, free] = -_times(task.plain, rest)
     by_batches[:, free] = -_times(task.plain_calm, np.sum(_times(task.calm, c_0), axis=1)[:, free])
-    one, other = (_current_noise(sums, reference, _axes(reference, small)) for reference in (by_rows, by_batches))
+    one, other = (
+        _current_noise(sums, reference, _axis_coefficients(reference, small)) for reference in (by_rows, by_batches)
+    )
     if task.together:
         rows = np.maximum(sums.rows, 1.0)
         one, other = (np.tile(np.average(each, axis=0, weights=rows), (len(rows), 1)) for each in (one, other))
@@ -174,14 +179,14 @@ def _solved(sums: WindowSums, task: _Task, small: Array) -> _Round:
     strong = -_times(inverse, rest)
     beta, full = task.known.copy(), task.known.copy()
     full[:, free] = strong - _times(ex.plain, rest + _times(task.G, strong))
-    beta[:, free], doubt = _with_prior(sums, ex, strong, full[:, free], free, task.stand_in)
+    beta[:, free], doubt = _filled_by_prior(sums, ex, strong, full[:, free], free, task.stand_in)
     sure = np.zeros(beta.shape, dtype=np.bool_)
     sure[:, free] = doubt < PRIOR_SHARE * np.abs(beta[:, free])
     apart = np.max(np.abs(one - other) / sigma2, axis=1)
     return _Round(beta, full, sure, doubt, inverse, ex, sigma2, apart, noise)
 
 
-def _of(S: Array, free: list[int]) -> Array:
+def _free_normal(S: Array, free: list[int]) -> Array:
     """Normal matrices of the free parameters, both axes together."""
     return S.sum(axis=1)[:, free][:, :, free]
 
@@ -191,7 +196,7 @@ def _plain(G: Array) -> Array:
     return excitation(G, np.zeros_like(G[:, 0])).inverse
 
 
-def _with_prior(
+def _filled_by_prior(
     sums: WindowSums, ex: Excitation, strong: Array, full: Array, free: list[int], stand_in: Array
 ) -> tuple[Array, Array]:
     """Values with the directions that are not told filled in from what is plausible, and the standard errors of that.
@@ -215,7 +220,7 @@ def _with_prior(
     norm = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     b, prior = strong * norm, value * norm
     deviation = np.where(value > 0.0, np.minimum(prior, u), u)
-    precision = share / np.maximum(deviation, np.maximum(_LEAST * u, 1e-100)) ** 2
+    precision = share / np.maximum(deviation, np.maximum(_PRIOR_LEAST * u, 1e-100)) ** 2
     used = np.any(B != 0.0, axis=1).astype(np.float64)  # columns that are directions
     A = B.transpose(0, 2, 1) @ (precision[:, :, None] * B)
     size = np.sqrt(np.maximum(np.diagonal(A, axis1=1, axis2=2), 1e-300))
@@ -239,7 +244,7 @@ def _share_of_bias(sums: WindowSums, bias: Array, value: Array, apart: Array) ->
     control answers to noise, so that what seems excited is in part its echo.
     """
     known = np.maximum(NOISE_DOUBT, 3.0 / np.sqrt(np.maximum(sums.rows, 1.0)))
-    return np.minimum(1.0, (known + apart)[:, None] + NOISE_ECHO * _over(np.abs(bias), np.abs(value)))
+    return np.minimum(1.0, (known + apart)[:, None] + NOISE_ECHO * _quotient(np.abs(bias), np.abs(value)))
 
 
 def _times(A: Array, x: Array) -> Array:
@@ -252,7 +257,7 @@ def _form(c: Array, S: Array) -> Array:
     return np.sum(c * _times(S, c), axis=-1)
 
 
-def _axes(beta: Array, small: Array) -> Array:
+def _axis_coefficients(beta: Array, small: Array) -> Array:
     """Coefficients c (K, 2, 6) of the d and the q axis, so that c' z is minus the residual of a row z."""
     h, b_d, b_q = small.T
     R_s, L_d, L_q, psi_f = beta.T
@@ -262,7 +267,7 @@ def _axes(beta: Array, small: Array) -> Array:
     return np.stack((np.stack(d, axis=-1), np.stack(q, axis=-1)), axis=1)
 
 
-def _known(beta: Array, told: NDArray[np.bool_], stand_in: Array) -> Array:
+def _known_parameters(beta: Array, told: NDArray[np.bool_], stand_in: Array) -> Array:
     """Parameters (K, 4) where told or held, else 0; the other axis' inductance stands in for one that is neither."""
     known = np.where(told, beta, stand_in)
     L_d, L_q = known[:, 1].copy(), known[:, 2].copy()
@@ -273,7 +278,7 @@ def _known(beta: Array, told: NDArray[np.bool_], stand_in: Array) -> Array:
 def _second_order(known: Array, T_s: float) -> Array:
     """Coefficients (K, 3) of the small terms: of h in V, b_d and b_q in H; 0 where a parameter is not known."""
     R_s, L_d, L_q, psi_f = known.T
-    h = -_over(R_s * psi_f, L_d)
+    h = -_quotient(R_s * psi_f, L_d)
     b_d, b_q = (
         np.divide((R_s * T_s) ** 2 / 12.0, L, out=np.zeros_like(L), where=np.abs(R_s) * T_s < 3.0 * L)
         for L in (L_d, L_q)
@@ -287,18 +292,18 @@ def _doubt_of_h(sums: WindowSums, beta: Array, std: Array, told: NDArray[np.bool
     What is neither told nor held is no larger than the q-axis voltage allows: R_s i_q, psi_f s, or half of it each;
     L_d is then L_q or half of it.
     """
-    known, off = _known(np.abs(beta), told, stand_in), Z_95 * np.where(told, std, 0.0)
+    known, off = _known_parameters(np.abs(beta), told, stand_in), Z_95 * np.where(told, std, 0.0)
     i_q, s, u_q = np.sqrt(np.diagonal(sums.lag0[:, 1], axis1=1, axis2=2)[:, [0, 3, U]].T)
     share = np.where((known[:, 0] > 0.0) | (known[:, 3] > 0.0), 1.0, 0.5)
     R_s, psi_f = (
-        np.where(known[:, j] > 0.0, known[:, j] + off[:, j], _over(share * u_q, by)) for j, by in ((0, i_q), (3, s))
+        np.where(known[:, j] > 0.0, known[:, j] + off[:, j], _quotient(share * u_q, by)) for j, by in ((0, i_q), (3, s))
     )
     L = np.where(known[:, 1] > 0.0, known[:, 1], np.abs(beta[:, 1:3]).max(axis=1))
     smallest = np.where(told[:, 1] | (stand_in[1] > 0.0), np.maximum(L - off[:, 1], 0.1 * L), 0.5 * L)
-    return (_over(R_s * psi_f, smallest) - _over(known[:, 0] * known[:, 3], L)) / Z_95
+    return (_quotient(R_s * psi_f, smallest) - _quotient(known[:, 0] * known[:, 3], L)) / Z_95
 
 
-def _over(a: Array, b: Array) -> Array:
+def _quotient(a: Array, b: Array) -> Array:
     """a / b, and 0 where b is not above 0."""
     return np.divide(a, b, out=np.zeros_like(b), where=b > 0.0)
 
@@ -347,7 +352,7 @@ class Residual:
         return Residual(*(np.sum(getattr(self, f.name), axis=0, keepdims=True) for f in fields(self)))
 
 
-def residual(sums: WindowSums, c: Array) -> Residual:
+def window_residual(sums: WindowSums, c: Array) -> Residual:
     """Residuals of windows, for coefficients c (K, 2, 6), so that c' z is minus the residual of a row z."""
     squares, neighbours, batch = (_form(c, S) for S in (sums.lag0, sums.lag1, sums.batch))
     counts = (sums.rows, sums.pairs, sums.batches, sums.w_w, sums.w_next)
@@ -392,7 +397,7 @@ def _variance(
     sums: WindowSums, c: Array, free: list[int], inverse: Array, sigma2: Array, *, together: bool
 ) -> tuple[Array, Array, Array]:
     """Sandwich variances (K, p) with residuals of first-order moving average; of constant errors; squares (K,)."""
-    r = residual(sums, c)
+    r = window_residual(sums, c)
     n = np.maximum(r.rows, 1.0)
     known, own = colour(r), np.maximum(n - 0.5 * len(free), 0.5)
     gamma0, freedom_of_gamma0 = r.squares / own, own
@@ -407,7 +412,7 @@ def _variance(
     of_gamma0, of_f, of_both = (of[..., None] for of in (known.of_gamma0, known.of_f, known.of_both))
     of_variance = np.sum(of_gamma0 * A**2 + of_f * B**2 + 2.0 * of_both * A * B, axis=1)
     freedom = np.divide(2.0 * variance**2, of_variance, out=np.full_like(variance, np.inf), where=of_variance > 0.0)
-    variance *= _student(np.minimum(np.maximum(freedom, _FEWEST), np.maximum(freedom_of_gamma0, 1.0))) ** 2
+    variance *= _student(np.minimum(np.maximum(freedom, _FEWEST_FREEDOM), np.maximum(freedom_of_gamma0, 1.0))) ** 2
     constant = n * _constant_errors(sums, c, r.squares / n, sigma2)
     return variance, np.sum(constant[..., None] * S0, axis=1), r.squares.sum(axis=1)
 
@@ -422,11 +427,11 @@ def _constant_errors(sums: WindowSums, c: Array, gamma0: Array, sigma2: Array) -
     u2, s2 = np.sum(sums.lag0[:, :, U, U], axis=1) / n, sums.lag0[:, 1, 3, 3] / n
     Z2 = c[:, 0, 0] ** 2 + s2 * np.max(c[:, 0, 1:3] ** 2, axis=1)  # ohm^2
     of_u, of_i = _undithered(sums.resolution.u, gamma0), _undithered(sums.resolution.i, sigma2 / sums.periods)
-    model2 = MODEL**2 + (MODEL_TURN * _turn(sums) ** 3) ** 2 + MODEL_MOVING**2 * spread_of_speed(sums)
-    return (model2 * u2)[:, None] + of_u + Z2[:, None] * of_i + _of_angle(sums, c, s2)
+    model2 = MODEL**2 + (MODEL_TURN * _turn_rms(sums) ** 3) ** 2 + MODEL_MOVING**2 * spread_of_speed(sums)
+    return (model2 * u2)[:, None] + of_u + Z2[:, None] * of_i + _angle_error(sums, c, s2)
 
 
-def _of_angle(sums: WindowSums, c: Array, s2: Array) -> Array:
+def _angle_error(sums: WindowSums, c: Array, s2: Array) -> Array:
     """What a constant error of the angle, of up to its sensor's step, does to the voltages: in V^2 (K, 2).
 
     The rotor frame is turned by delta: psi_d gains delta (L_d - L_q) i_q, psi_q gains delta (psi_f + (L_d - L_q) i_d).
@@ -442,10 +447,10 @@ def _of_angle(sums: WindowSums, c: Array, s2: Array) -> Array:
 def spread_of_speed(sums: WindowSums) -> Array:
     """Relative variance of the speed's square (K,), 0 to 1; from h, which grows with it."""
     h_2 = sums.lag0[:, 0, H, H] / np.maximum(sums.rows, 1.0)
-    return np.clip(_over(h_2, (_turn(sums) ** 2 / 12.0) ** 2) - 1.0, 0.0, 1.0)
+    return np.clip(_quotient(h_2, (_turn_rms(sums) ** 2 / 12.0) ** 2) - 1.0, 0.0, 1.0)
 
 
-def _turn(sums: WindowSums) -> Array:
+def _turn_rms(sums: WindowSums) -> Array:
     """Angle D that the rotor turns in a control period, rms, in rad (K,)."""
     s = np.sqrt(sums.lag0[:, 1, 3, 3] / np.maximum(sums.rows, 1.0))
     return 2.0 * np.arcsin(np.minimum(1.0, 0.5 * sums.T_s * s))

@@ -6,11 +6,9 @@ Letters and models as in `ekf`, which prepares the rows; knows nothing of tuning
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.kernel import kernel
-
-Array = NDArray[np.float64]
 
 _CLEAR = 25.0  # a square this many times its variance is no noise
 
@@ -95,8 +93,8 @@ def _inductances_moved(
     di_q = g_q * (u_q - R_s * i_q - (L_d + b_q) * y_d - psi_f * s)
     level[0] = _level(level[0], i_d, R[0] / periods)
     level[1] = _level(level[1], i_q, R[1] / periods)
-    learnt_d = _change(di_d, row[11] - x[0], 2.0 * R[0])
-    learnt_q = _change(di_q, row[12] - x[1], 2.0 * R[1])
+    learnt_d = _plausible_change(di_d, row[11] - x[0], 2.0 * R[0])
+    learnt_q = _plausible_change(di_q, row[12] - x[1], 2.0 * R[1])
     x[0] += di_d
     x[1] += di_q
     i_d, i_q = level
@@ -111,7 +109,7 @@ def _level(before: float, now: float, variance: float) -> float:
 
 
 @kernel
-def _change(predicted: float, measured: float, variance: float) -> float:
+def _plausible_change(predicted: float, measured: float, variance: float) -> float:
     """A predicted change where it stands out of the noise and was not made up by wrong parameters, else 0.
 
     Predicted and not measured: where a measured one stands out, its noise is more likely than not in its favour.

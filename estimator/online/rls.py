@@ -29,8 +29,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array, Integers
 from estimator.kernel import kernel
 from estimator.machine import PARAMETERS
 from estimator.online.estimate import Estimate, Status, WindowEstimate
@@ -42,11 +42,8 @@ from estimator.online.window_ls import check_m
 from estimator.online.window_sums import BATCH, BATCHES, PLACES, SIGNS, SUMS, add_batch
 from estimator.samples import Samples
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
-SHORTEST: Final = 0.99  # the smallest lam: a hundred rows remembered; fewer tell no standard errors
-FEWEST: Final = 100  # rows, effective, from which anything is told
+SMALLEST_LAM: Final = 0.99  # the smallest lam: a hundred rows remembered; fewer tell no standard errors
+FEWEST_EFFECTIVE_ROWS: Final = 100  # rows, effective, from which anything is told
 _AT_BOUND: Final = 0.5  # share of P_0 from which P counts as come back to it
 _FILLED: Final = 0.95  # share of its final length that a forgetting memory has after three time constants
 _TINY: Final = 1e-200  # sums below are zero; they would become subnormal numbers, which are slow
@@ -104,8 +101,8 @@ def init(
 
 def check_lam(lam: float) -> None:
     """Raise ValueError, in a sentence, when a forgetting factor cannot work."""
-    if not SHORTEST <= lam <= 1.0:
-        raise ValueError(f"the forgetting factor must be {SHORTEST} to 1, got {lam}")
+    if not SMALLEST_LAM <= lam <= 1.0:
+        raise ValueError(f"the forgetting factor must be {SMALLEST_LAM} to 1, got {lam}")
 
 
 def warm_up() -> None:
@@ -134,12 +131,12 @@ def with_lam(state: RlsState, lam: float) -> RlsState:
 
 def estimate(state: RlsState, *, noise_aware: bool = True) -> WindowEstimate:
     """What is remembered; `noise_aware` as in `solve.solve`, without it the textbook's recursion."""
-    sums = _with_prior(state)
-    found = solve(sums, state.estimated, _known(state), noise_aware=noise_aware)
+    sums = _with_prior_rows(state)
+    found = solve(sums, state.estimated, _stand_ins(state), noise_aware=noise_aware)
     at_bound = _at_bound(state)
-    if sums.rows[0] < FEWEST:
+    if sums.rows[0] < FEWEST_EFFECTIVE_ROWS:
         at_bound = set(state.estimated)
-    estimates = {name: _told(state, e, name in at_bound) for name, e in found.estimates.items()}
+    estimates = {name: _told_by_recursion(state, e, name in at_bound) for name, e in found.estimates.items()}
     rows = float(state.weights[_ROWS])
     return WindowEstimate(
         estimates, state.samples, state.stream.gaps, 2 * round(rows),
@@ -173,7 +170,7 @@ def _triangles(state: RlsState, scale: float) -> Array:
     return state.products[None] * scale
 
 
-def _with_prior(state: RlsState) -> WindowSums:
+def _with_prior_rows(state: RlsState) -> WindowSums:
     """The same with the prior as one row more for each parameter."""
     sums = _data(state)
     scale = float(sums.rows[0]) / float(state.weights[_ROWS]) if sums.rows[0] else 1.0
@@ -186,7 +183,7 @@ def _with_prior(state: RlsState) -> WindowSums:
     return replace(sums, lag0=lag0)
 
 
-def _known(state: RlsState) -> dict[str, float]:
+def _stand_ins(state: RlsState) -> dict[str, float]:
     """What stands in for a parameter that is not told: its held value, else where the recursion started."""
     return {**state.prior.beta_0, **state.held}
 
@@ -197,7 +194,7 @@ def _at_bound(state: RlsState) -> set[str]:
     return {name for name, P in zip(names, np.diag(P_of(state)), strict=True) if P > _AT_BOUND * state.prior.P_0}
 
 
-def _told(state: RlsState, e: Estimate, at_bound: bool) -> Estimate:
+def _told_by_recursion(state: RlsState, e: Estimate, at_bound: bool) -> Estimate:
     if e.status not in (Status.OK, Status.NOT_TOLD):
         return e
     reason = e.reason
@@ -207,7 +204,7 @@ def _told(state: RlsState, e: Estimate, at_bound: bool) -> Estimate:
         reason = f"the rows cannot tell {e.name}: P is at its bound"
     if state.lam < 1.0:
         reason += f"; what came before is forgotten (lam = {state.lam:g})"
-    return replace(e, value=_known(state).get(e.name), std=None, status=Status.NOT_TOLD, reason=reason)
+    return replace(e, value=_stand_ins(state).get(e.name), std=None, status=Status.NOT_TOLD, reason=reason)
 
 
 @kernel

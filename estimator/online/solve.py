@@ -9,15 +9,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
 from estimator.online.estimate import Combination, Estimate, Status
 from estimator.online.excitation import combinations
-from estimator.online.fit import FAINT_I, FAINT_SPEED, Z_95, Fit, fit, spread_of_speed
+from estimator.online.fit import FAINT_I, FAINT_SPEED, Z_95, WindowFit, fit_windows, spread_of_speed
 from estimator.online.sums import WindowSums
-
-Array = NDArray[np.float64]
 
 _STEADY: Final = 0.02  # share of its mean by which a steady signal departs from it, or 3 times its noise
 
@@ -47,17 +44,17 @@ def solve(
 
     A parameter that the sums cannot tell gets no value of its own: its held one, if any, and a reason.
     """
-    return solution(sums, fit(sums, estimated, held, noise_aware=noise_aware), held)
+    return solution_of(sums, fit_windows(sums, estimated, held, noise_aware=noise_aware), held)
 
 
-def solution(sums: WindowSums, found: Fit, held: Mapping[str, float]) -> Solution:
+def solution_of(sums: WindowSums, found: WindowFit, held: Mapping[str, float]) -> Solution:
     """What the first of the windows in `found` says; `sums` are theirs."""
     rows, p = float(sums.rows[0]), len(found.free)
     if 2.0 * rows <= p:
         return Solution(_no_data(round(2.0 * rows), found.free, held), (), None, None)
     untold = [j for j, k in enumerate(found.free) if not (found.told[0, k] and found.beta[0, k] > 0.0)]
     groups = combinations(found.weak[0], untold)
-    said = [Combination(tuple(PARAMETERS[found.free[j]] for j in g), _why(g, sums, found)) for g in groups]
+    said = [Combination(tuple(PARAMETERS[found.free[j]] for j in g), _why_untold(g, sums, found)) for g in groups]
     reasons = {name: each.reason for each in said for name in each.parameters}
     estimates: dict[str, Estimate] = {}
     for k, name in enumerate(PARAMETERS):
@@ -94,13 +91,13 @@ def _at_held(name: str, held: Mapping[str, float], status: Status, reason: str) 
     return Estimate(name, held.get(name), None, UNITS[name], status, reason)
 
 
-def _why(group: tuple[int, ...], sums: WindowSums, found: Fit) -> str:
+def _why_untold(group: tuple[int, ...], sums: WindowSums, found: WindowFit) -> str:
     """Why a window cannot tell parameters apart, or one at all, in a sentence. `group` counts the free parameters."""
     places = [found.free[j] for j in group]
     names = [PARAMETERS[k] for k in places]
     signals = _Signals.of(sums, found)
     if len(names) > 1:
-        return f"{_listed(names)} cannot be told apart here: {signals.steadiness(names)}"
+        return f"{_words_listed(names)} cannot be told apart here: {signals.steadiness(names)}"
     (name,), (k,) = names, places
     if np.sum(found.weak[0, group[0]] ** 2) > 0.5:
         return f"{name} cannot be told here: {signals.silence(name)}"
@@ -113,7 +110,7 @@ def _why(group: tuple[int, ...], sums: WindowSums, found: Fit) -> str:
     return f"{name} cannot be told here: no closer than {value:.3g} +- {half:.2g} {UNITS[name]}"
 
 
-def _listed(words: Sequence[str]) -> str:
+def _words_listed(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
@@ -129,7 +126,7 @@ class _Signals:
     steady: tuple[bool, bool, bool]  # i_d, i_q, speed
 
     @classmethod
-    def of(cls, sums: WindowSums, found: Fit) -> "_Signals":
+    def of(cls, sums: WindowSums, found: WindowFit) -> "_Signals":
         """From the sums: at speed, y_d = i_d s and i_q keep in step with s where i_d and i_q are steady."""
         d, q = sums.lag0[0]
         n = float(sums.rows[0])
@@ -170,4 +167,4 @@ class _Signals:
         constant = [letter for letter, steady in zip(letters, self.steady, strict=False) if steady]
         if not constant:
             return f"currents and speed vary too little beside what is left of the voltages, {self.left:.3g} V rms"
-        return f"{_listed(constant)} {'is' if len(constant) == 1 else 'are'} constant"
+        return f"{_words_listed(constant)} {'is' if len(constant) == 1 else 'are'} constant"

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.samples import NOT_KNOWN, Resolution, Samples
-
-Array = NDArray[np.float64]
 
 
 @dataclass(slots=True, eq=False)
@@ -40,37 +39,37 @@ def runs_of(stream: Stream, samples: Samples, *, joined: bool = True) -> Iterato
     """
     if not joined:
         stream.last = None
-    finite = _finite(samples)
+    finite = _finite_rows(samples)
     if finite.all():
         if len(samples):
-            yield _taken(stream, samples)
+            yield _taken_run(stream, samples)
         return
     stream.left_out += int(np.count_nonzero(~finite))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], finite, [False]))))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         if first > 0:
             stream.last = None
-        yield _taken(stream, samples[int(first) : int(end)])
+        yield _taken_run(stream, samples[int(first) : int(end)])
     if not finite[-1]:
         stream.last = None
 
 
-def _finite(samples: Samples) -> NDArray[np.bool_]:
+def _finite_rows(samples: Samples) -> NDArray[np.bool_]:
     columns = [samples.theta_e, samples.omega_e, samples.i_d, samples.i_q, samples.u_d, samples.u_q]
     columns += [column for column in (samples.i_d_mean, samples.i_q_mean) if column is not None]
     return np.logical_and.reduce([np.isfinite(column) for column in columns])
 
 
-def _taken(stream: Stream, run: Samples) -> tuple[Samples, bool]:
+def _taken_run(stream: Stream, run: Samples) -> tuple[Samples, bool]:
     before, stream.last = stream.last, run[len(run) - 1 :]
     stream.T_s, stream.periods, stream.resolution = run.T_s, run.periods, run.resolution
     if before is None:
         stream.runs += 1
         return run, False
-    return _joined(before, run), True
+    return _joined_samples(before, run), True
 
 
-def _joined(a: Samples, b: Samples) -> Samples:
+def _joined_samples(a: Samples, b: Samples) -> Samples:
     def both(x: Array, y: Array) -> Array:
         return np.concatenate((x, y))
 

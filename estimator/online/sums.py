@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.samples import NOT_KNOWN, Resolution
-
-Array = NDArray[np.float64]
 
 SIZE: Final = 6  # of z
 H: Final = 4  # place of h, and

@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.kernel import kernel
 from estimator.machine import PARAMETERS
 from estimator.online.flux_balance import Balance
-
-Array = NDArray[np.float64]
 
 _CHUNK = 1024  # rows
 _SUMS = 14  # upper triangle of A'A (4 x 4), then A'b

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array, Bools, Integers
 from estimator.machine import PARAMETERS
 from estimator.online.estimate import WindowEstimate
 from estimator.online.flux_balance import COLUMNS, columns_of
@@ -37,10 +37,6 @@ from estimator.online.window_sums import (
     unfinished,
 )
 from estimator.samples import NOT_KNOWN, Resolution, Samples
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 
 MAX_LENGTH: Final = 1_000_000  # samples: 80 MB
 MAX_M: Final = 1000

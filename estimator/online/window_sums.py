@@ -15,15 +15,11 @@ Knows nothing of what the sums are for.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array, Bools, Integers
 from estimator.kernel import kernel, summing_kernel
 from estimator.online.flux_balance import balances_into
 from estimator.samples import Column
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 
 Sample = tuple[float, float, float, float, float, float, float, float]
 """theta_e (rad), omega_e (rad/s), i_d, i_q (A), u_d, u_q (V), i_d_mean, i_q_mean (A)."""
@@ -82,7 +78,7 @@ def take_samples(
                 _set(ends, last)
                 count[1] = 2
                 k = stop
-                _taken(size, m, rows, starts, sums, places, count)
+                _count_balances(size, m, rows, starts, sums, places, count)
                 continue
         for j in range(k, stop):
             sample = (theta_e[j], omega_e[j], i_d[j], i_q[j], u_d[j], u_q[j], i_d_mean[j], i_q_mean[j])
@@ -109,7 +105,7 @@ def take_sample(
             rows, at, np.empty((3, 1)),
         )
         starts[at] = count[1] == 1
-        _taken(1, m, rows, starts, sums, places, count)
+        _count_balances(1, m, rows, starts, sums, places, count)
     count[1] = 2 if count[1] > 0 else 1
     _set(ends, sample)
 
@@ -148,11 +144,13 @@ def take_balances(
         for j in range(10):
             rows[j, at] = new[j, k]
         starts[at] = new_starts[k]
-        _taken(1, m, rows, starts, sums, places, count)
+        _count_balances(1, m, rows, starts, sums, places, count)
 
 
 @kernel
-def _taken(size: int, m: int, rows: Array, starts: Bools, sums: Array, places: Integers, count: Integers) -> None:
+def _count_balances(
+    size: int, m: int, rows: Array, starts: Bools, sums: Array, places: Integers, count: Integers
+) -> None:
     """Count the balances just written, all of one chunk; sum the chunk when they complete it."""
     count[0] += size
     if count[0] % CHUNK == 0:

@@ -12,10 +12,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -30,14 +30,14 @@ def emf(rows: Rows, sizes: Sizes) -> Vector:
     return sizes[0] * rows.machine.R_s * _through(rows, sizes[1]) * rows.rotor.conj()
 
 
-def _heats(rows: Rows, sizes: Sizes) -> Real:
+def _rung_heat(rows: Rows, sizes: Sizes) -> Array:
     """What of the rung's loss R_s would make of a current's square, A^2."""
     return sizes[0] * np.abs(_through(rows, sizes[1])) ** 2
 
 
 def _through(rows: Rows, corner: float) -> Vector:
     """i - i_x at samples, A, in the stationary frame."""
-    return _over(rows.i_s, rows, corner, _beside_straight(rows, corner))
+    return _rung_lag(rows.i_s, rows, corner, _beside_straight(rows, corner))
 
 
 def _currents(rows: Rows, corner: float) -> Vector:
@@ -47,8 +47,8 @@ def _currents(rows: Rows, corner: float) -> Vector:
     """
     x = 2.0 * math.pi * corner * rows.T_s
     over = _through(rows, corner)
-    bent = _bent(rows, over)
-    more = -_over(0.0 * rows.i_s, rows, corner, bent * rows.middle)
+    bent = _rung_mean(rows, over)
+    more = -_rung_lag(0.0 * rows.i_s, rows, corner, bent * rows.middle)
     return np.stack((rows.stationary(np.diff(rows.i_s - over) / x) + bent, rows.stationary(np.diff(more) / x)), axis=1)
 
 
@@ -70,25 +70,25 @@ def _beside_straight(rows: Rows, corner: float) -> Vector:
     return beside
 
 
-def _bent(rows: Rows, over: Vector) -> Vector:
+def _rung_mean(rows: Rows, over: Vector) -> Vector:
     """Mean current (A) of each period that a rung of R_s, with i - i_x at samples, adds."""
     g, drop = rows.stiffness[:-1], rows.machine.R_s * over * rows.rotor.conj()
     bent = rows.bent(drop[:-1], drop[1:])
     return bent if rows.u_dc is None else bent + rows.machine.R_s * g(g(rows.moment_of_pulses))
 
 
-def _over(i: Vector, rows: Rows, corner: float, beside: Vector) -> Vector:
+def _rung_lag(i: Vector, rows: Rows, corner: float, beside: Vector) -> Vector:
     """i - i_x at samples, for a current that goes straight from sample to sample but for what is `beside`.
 
     Over periods that are not there it goes straight in the rotor frame; after a pause the rung begins anew.
     """
     periods = np.where(rows.pauses, 0, rows.apart)
-    return _followed(i, beside, periods, rows.D, *rung(rows.T_s, corner)[1:])
+    return _rung_course(i, beside, periods, rows.D, *rung(rows.T_s, corner)[1:])
 
 
 @kernel
-def _followed(
-    i: Vector, beside: Vector, periods: NDArray[np.intp], D: Real, share: float, late: float
+def _rung_course(
+    i: Vector, beside: Vector, periods: NDArray[np.intp], D: Array, share: float, late: float
 ) -> Vector:
     over = np.empty(len(i), np.complex128)
     i_x = i[0]
@@ -124,6 +124,6 @@ EFFECT = Effect(
     missed=1e-5,
     remembers=voltage,
     emf=emf,
-    heats=_heats,
+    heats=_rung_heat,
     fast_resistance=lambda rows, p: p[0] * rows.machine.R_s,
 )

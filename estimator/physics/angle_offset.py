@@ -5,16 +5,16 @@
 At steady speed it looks like a voltage on the d axis that grows with speed. Derived here.
 """
 
-from estimator.physics.angle_sensing import voltage_of_error
+from estimator.arrays import Vector
+from estimator.physics.angle_sensing import voltage_of_angle_error
 from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     (offset,) = sizes
-    return voltage_of_error(rows, offset)
+    return voltage_of_angle_error(rows, offset)
 
 
 EFFECT = Effect(

@@ -6,11 +6,11 @@ exp(-j error) psi(exp(j error) i).
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real, Vector
 
 
-def voltage_of_error(rows: Rows, error: Real | float) -> Vector:
+def voltage_of_angle_error(rows: Rows, error: Array | float) -> Vector:
     """What an error (rad electrical, at samples; measured less true) adds to the implied voltage, V."""
     back = np.exp(1j * np.asarray(error))
     return rows.balance(back.conj() * rows.flux(back * rows.i) - rows.flux(rows.i))

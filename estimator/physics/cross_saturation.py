@@ -5,15 +5,15 @@ current than at no current of the other axis: L_q at i_d = i_rated. Without the 
 not be told from its mirror image.
 """
 
+from estimator.arrays import Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
-from estimator.physics.saturation import together
-from estimator.physics.vectors import Vector
+from estimator.physics.saturation import voltage_together
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return together(rows, {"cross_saturation": sizes})
+    return voltage_together(rows, {"cross_saturation": sizes})
 
 
 EFFECT = Effect(
@@ -23,7 +23,7 @@ EFFECT = Effect(
     no_shapes,
     "psi_d that falls with i_q squared, L_q that falls with i_d",
     ("q_axis_saturation", "d_axis_saturation"),
-    together=together,
+    together=voltage_together,
     bends=True,
     missed=3e-5,
 )

@@ -9,15 +9,16 @@ here.
 
 from typing import Any
 
-from estimator.physics.current_sensing import voltage_of_error
+from estimator.arrays import Array, Vector
+from estimator.physics.current_sensing import voltage_of_current_error
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import AXES, Real, Vector
+from estimator.physics.vectors import AXES
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return voltage_of_error(rows, error(rows, sizes) * rows.rotor.conj())
+    return voltage_of_current_error(rows, error(rows, sizes) * rows.rotor.conj())
 
 
 def error(rows: Rows, sizes: Sizes) -> Vector:
@@ -33,13 +34,13 @@ def halfway(rows: Rows, sizes: Sizes) -> Vector:
     return 0.5 * sizes[0] * _slope(rows)
 
 
-def zero(rows: Rows, sizes: Sizes) -> Real:
+def zero(rows: Rows, sizes: Sizes) -> Array:
     """Mean of the three channels' errors, A."""
     skew, phase = sizes
     return skew * _of_phase(_slope(rows), AXES[round(phase) % 3]) / 3.0
 
 
-def _of_phase(x: Vector, axis: complex) -> Real:
+def _of_phase(x: Vector, axis: complex) -> Array:
     return (x * axis.conjugate()).real
 
 

@@ -5,11 +5,11 @@ With the truth i = measured - error, the machine's equation in the measured curr
     - R_s error - balance of L error
 """
 
+from estimator.arrays import Vector
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
 
-def voltage_of_error(rows: Rows, error: Vector) -> Vector:
+def voltage_of_current_error(rows: Rows, error: Vector) -> Vector:
     """What an error (A, at samples, rotor frame; measured less true) adds to the implied voltage, V."""
     m = rows.machine
     mean = 0.5 * (rows.half * error[1:] + rows.half.conj() * error[:-1])

@@ -8,18 +8,19 @@ current measurement error in vector-controlled AC motor drives", IEEE Trans. Ind
 doi 10.1109/28.663477.
 """
 
-from estimator.physics.current_sensing import voltage_of_error
+from estimator.arrays import Array, Vector
+from estimator.physics.current_sensing import voltage_of_current_error
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real, Vector, by_phase
+from estimator.physics.vectors import by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return voltage_of_error(rows, error(rows, sizes) * rows.rotor.conj())
+    return voltage_of_current_error(rows, error(rows, sizes) * rows.rotor.conj())
 
 
-def zero(rows: Rows, sizes: Sizes) -> Real:
+def zero(rows: Rows, sizes: Sizes) -> Array:
     """Mean of the three channels' errors, A, for true currents."""
     alpha, beta = sizes
     return 0.5 * (alpha * rows.i_s.real + beta * rows.i_s.imag)  # a third of the sum of gain_k i_k

@@ -10,16 +10,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimator.physics.current_sensing import voltage_of_error
+from estimator.arrays import Vector
+from estimator.physics.current_sensing import voltage_of_current_error
 from estimator.physics.effect import Effect, Parameter, Sizes, no_shapes
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector, by_phase
+from estimator.physics.vectors import by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     alpha, beta = sizes
-    return voltage_of_error(rows, (alpha + 1j * beta) * rows.rotor.conj())
+    return voltage_of_current_error(rows, (alpha + 1j * beta) * rows.rotor.conj())
 
 
 def error(rows: Rows, sizes: Sizes) -> Vector:

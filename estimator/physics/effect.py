@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from estimator.arrays import Array, Vector
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real, Vector
 
 Sizes = Sequence[float]
 """Values of an effect's parameters, in their order."""
@@ -47,18 +47,18 @@ class Effect:
     shapes: Callable[[Rows], tuple[tuple[float, ...], ...]]  # values of the shapes to begin with, in their order
     fingerprint: str
     confused_with: tuple[str, ...]
-    zero: Callable[[Rows, Sizes], Real] | None = None
+    zero: Callable[[Rows, Sizes], Array] | None = None
     told: Callable[[Rows, Sizes], dict[str, tuple[float, str]]] | None = None  # value and unit of what users are told
     current_error: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, stationary frame; measured less true
     moved: Callable[[Rows, Sizes], Vector] | None = None  # A, stationary, by which true currents then have; an error
     # of the current that goes by its slope has this
-    angle_error: Callable[[Rows, Sizes], Real | float] | None = None  # rad electrical at samples; measured less true
+    angle_error: Callable[[Rows, Sizes], Array | float] | None = None  # rad electrical at samples; measured less true
     misreads_voltage: bool = False  # `voltage` is what the recorded one is too high by
     together: Together | None = None  # `voltage` of all effects that share this
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
     fast_stiffness: Callable[[Sizes], float] | None = None  # 1/H of a branch beside the machine, within a period
     fast_resistance: Callable[[Rows, Sizes], float] | None = None  # ohm, to what changes within a period
-    heats: Callable[[Rows, Sizes], Real] | None = None  # A^2 at samples, to |i|^2 in what warms the winding
+    heats: Callable[[Rows, Sizes], Array] | None = None  # A^2 at samples, to |i|^2 in what warms the winding
     beside: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, that flows beside what makes flux
     lasts: bool = False  # it remembers all of the recording, not its last tenths of a second
     sees_voltage: bool = False  # it follows the voltage at the terminals, of which a bridge may lose some

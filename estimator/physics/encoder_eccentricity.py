@@ -10,37 +10,37 @@ import math
 
 import numpy as np
 
-from estimator.physics.angle_sensing import voltage_of_error
+from estimator.arrays import Array, Vector
+from estimator.physics.angle_sensing import voltage_of_angle_error
 from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real, Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return voltage_of_error(rows, error(rows, sizes))
+    return voltage_of_angle_error(rows, error(rows, sizes))
 
 
-def error(rows: Rows, sizes: Sizes) -> Real:
+def error(rows: Rows, sizes: Sizes) -> Array:
     """Of the angle, rad electrical."""
-    return _at(rows.turn, sizes)
+    return _eccentricity_at(rows.turn, sizes)
 
 
-def _at(once: Vector, sizes: Sizes) -> Real:
+def _eccentricity_at(once: Vector, sizes: Sizes) -> Array:
     once_cos, once_sin, twice_cos, twice_sin = sizes
     twice = once * once
     return once_cos * once.real + once_sin * once.imag + twice_cos * twice.real + twice_sin * twice.imag
 
 
-def measured_less_true(rows: Rows, sizes: Sizes) -> Real:
+def measured_less_true(rows: Rows, sizes: Sizes) -> Array:
     """Of the measured angle, rad electrical: it is the true one that tells how far off it is."""
     off = error(rows, sizes)
     for _ in range(3):
-        off = _at(np.exp(1j * (rows.theta_m - off / rows.machine.n_p)), sizes)
+        off = _eccentricity_at(np.exp(1j * (rows.theta_m - off / rows.machine.n_p)), sizes)
     return off
 
 
-def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
+def _told_sizes(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
     once_cos, once_sin, twice_cos, twice_sin = sizes
     return {
         "once": (math.hypot(once_cos, once_sin), "rad"), "once_phase": (math.atan2(once_cos, once_sin), "rad"),
@@ -48,16 +48,16 @@ def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
     }  # fmt: skip
 
 
-_ANGLE = constant(2.0 * DEGREE), constant(-0.6), constant(0.6)
+_ONCE_ANGLE = constant(2.0 * DEGREE), constant(-0.6), constant(0.6)
 
 EFFECT = Effect(
     "encoder_eccentricity", "an eccentric encoder",
-    tuple(Parameter(name, "rad", *_ANGLE) for name in ("once_cos", "once_sin", "twice_cos", "twice_sin")),
+    tuple(Parameter(name, "rad", *_ONCE_ANGLE) for name in ("once_cos", "once_sin", "twice_cos", "twice_sin")),
     voltage,
     no_shapes,
     "u_d and speed that swing once or twice a mechanical turn",
     ("magnet_flux_drift",),
     angle_error=measured_less_true,
-    told=_told,
+    told=_told_sizes,
     missed=1e-5,
 )

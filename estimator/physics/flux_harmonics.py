@@ -8,25 +8,25 @@ looks alike from both sides has cosines on d and sines on q. D. Hanselman, "Brus
 2nd ed., 2003, chapter 6.
 """
 
+from estimator.arrays import Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    psi, per_angle = _flux(rows, sizes)
+    psi, per_angle = _harmonic_flux(rows, sizes)
     v, omega = per_angle + 1j * psi, rows.omega_e
     return rows.balance(psi) + rows.machine.R_s * rows.bent(omega * v[:-1], omega * v[1:])
 
 
 def emf(rows: Rows, sizes: Sizes) -> Vector:
     """Back-EMF at samples, V."""
-    psi, per_angle = _flux(rows, sizes)
+    psi, per_angle = _harmonic_flux(rows, sizes)
     return rows.speed * (per_angle + 1j * psi)
 
 
-def _flux(rows: Rows, sizes: Sizes) -> tuple[Vector, Vector]:
+def _harmonic_flux(rows: Rows, sizes: Sizes) -> tuple[Vector, Vector]:
     """Flux linkage (Vs) at samples, and its derivative by the angle (Vs)."""
     d_6, q_6, d_12, q_12 = sizes
     psi_f, six = rows.machine.psi_f * rows.psi_f_ratio, rows.six
@@ -39,11 +39,11 @@ def _flux(rows: Rows, sizes: Sizes) -> tuple[Vector, Vector]:
     return psi, per_angle
 
 
-_SHARES = constant(0.02), constant(-0.2), constant(0.2)
+_SHARE_RANGE = constant(0.02), constant(-0.2), constant(0.2)
 
 EFFECT = Effect(
     "flux_harmonics", "harmonics of the magnets' flux",
-    tuple(Parameter(name, "1", *_SHARES) for name in ("d_6", "q_6", "d_12", "q_12")),
+    tuple(Parameter(name, "1", *_SHARE_RANGE) for name in ("d_6", "q_6", "d_12", "q_12")),
     voltage,
     no_shapes,
     "ripple at 6 and 12 times the electrical frequency that grows with speed and does not depend on current",

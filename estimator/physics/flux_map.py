@@ -17,12 +17,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real, Stiffness, Vector
-
-Array = NDArray[np.float64]
+from estimator.physics.vectors import Stiffness
 
 MISSED: Final = 3e-5
 """Part of its energy that a map may leave, as bends within a cell."""
@@ -46,12 +45,12 @@ class Axis:
         cells = min(max(2, round(2.0 * reach / cell)), _MOST)
         return cls(middle - reach, 2.0 * reach / cells, cells)
 
-    def place(self, i: Real) -> NDArray[np.intp]:
+    def place(self, i: Array) -> NDArray[np.intp]:
         """The cell of each current; beyond the ends the outermost."""
         cell: NDArray[np.intp] = np.floor((i - self.low) / self.step).astype(np.intp)
         return np.clip(cell, 0, self.cells - 1)
 
-    def splines(self, i: Real, order: int) -> Array:
+    def splines(self, i: Array, order: int) -> Array:
         """All cells + 3 cubic B-splines at currents (n, cells + 3), or their derivatives, 1/A^order."""
         return _all_splines(i, self.low, self.step, self.cells, order)
 
@@ -103,7 +102,7 @@ class Bend:
         """Flux linkage (Vs) at currents (A), beside that of straight lines."""
         return self._at(i)[0]
 
-    def inductances(self, machine: Machine, i: Vector) -> tuple[Real, Real, Real]:
+    def inductances(self, machine: Machine, i: Vector) -> tuple[Array, Array, Array]:
         """d(psi_d)/d(i_d), d(psi_q)/d(i_q) and d(psi_d)/d(i_q) of the whole map, H."""
         _, dd, qq, dq = self._at(i)
         dd = np.maximum(dd + machine.L_d, _FLATTEST * machine.L_d)
@@ -132,16 +131,16 @@ class Bend:
         psi = (on_d @ self.basis + 1j * (on_q @ self.basis)).T
         return (rows.half * psi[:, 1:] - rows.half.conj() * psi[:, :-1]) / rows.T_s
 
-    def _at(self, i: Vector) -> tuple[Vector, Real, Real, Real]:
+    def _at(self, i: Vector) -> tuple[Vector, Array, Array, Array]:
         w = (self.basis @ self.size).reshape(self.d.cells + 3, -1) @ mirrored(self.q).T
         d, q = self.d, self.q
-        return _slopes(i, np.ascontiguousarray(w), d.low, d.step, d.cells, q.low, q.step, q.cells)
+        return _spline_slopes(i, np.ascontiguousarray(w), d.low, d.step, d.cells, q.low, q.step, q.cells)
 
 
 @kernel
-def _slopes(
+def _spline_slopes(
     i: Vector, w: Array, d_low: float, d_step: float, d_cells: int, q_low: float, q_step: float, q_cells: int
-) -> tuple[Vector, Real, Real, Real]:  # fmt: skip
+) -> tuple[Vector, Array, Array, Array]:  # fmt: skip
     """Slopes of a spline w of two currents as a vector, and its curvatures dd, qq, dq."""
     n = len(i)
     psi, dd, qq, dq = np.empty(n, np.complex128), np.empty(n), np.empty(n), np.empty(n)
@@ -162,7 +161,7 @@ def _slopes(
 
 
 @kernel
-def _all_splines(i: Real, low: float, step: float, cells: int, order: int) -> Array:
+def _all_splines(i: Array, low: float, step: float, cells: int, order: int) -> Array:
     found, on = np.zeros((len(i), cells + 3)), np.empty((3, 4))
     for k in range(len(i)):
         n = _splines(i[k], low, step, cells, on)

@@ -6,15 +6,15 @@ so that the flux linkage of a current is L i / (1 + inverse_6 L/L_q cos 6 theta_
 `saturation`. D. Hanselman, "Brushless Permanent Magnet Motor Design", 2nd ed., 2003, chapter 10.
 """
 
+from estimator.arrays import Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
-from estimator.physics.saturation import HARMONIC, together
-from estimator.physics.vectors import Vector
+from estimator.physics.saturation import HARMONIC, voltage_together
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return together(rows, {HARMONIC: sizes})
+    return voltage_together(rows, {HARMONIC: sizes})
 
 
 def emf(rows: Rows, sizes: Sizes) -> Vector:
@@ -31,7 +31,7 @@ EFFECT = Effect(
     no_shapes,
     "ripple at 6 times the electrical frequency in proportion to current, with speed and with how fast current changes",
     ("flux_harmonics",),
-    together=together,
+    together=voltage_together,
     emf=emf,
     missed=1e-4,
 )

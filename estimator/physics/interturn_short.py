@@ -13,10 +13,11 @@ the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.iron_loss import branch, emf, followed
+from estimator.physics.iron_loss import emf, iron_branch, voltage_followed
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import AXES, Real, Vector, by_phase
+from estimator.physics.vectors import AXES, by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -33,7 +34,7 @@ def _loop(rows: Rows, sizes: Sizes) -> Vector:
     return np.asarray(_conductance(rows, sizes) * along * axis, np.complex128)
 
 
-def _conductance(rows: Rows, sizes: Sizes) -> Real | float:
+def _conductance(rows: Rows, sizes: Sizes) -> Array | float:
     """S, at samples."""
     ratio = rows.R_s_ratio
     if not isinstance(ratio, np.ndarray):
@@ -42,41 +43,41 @@ def _conductance(rows: Rows, sizes: Sizes) -> Real | float:
     return sizes[0] / (1.0 + sizes[3] * warmer)
 
 
-def _beside(rows: Rows, sizes: Sizes) -> Vector:
+def _loop_voltage(rows: Rows, sizes: Sizes) -> Vector:
     """The same in the rotor frame."""
     return _loop(rows, sizes) * rows.rotor.conj()
 
 
-def _falls(rows: Rows, sizes: Sizes) -> Vector:
+def _loop_falls(rows: Rows, sizes: Sizes) -> Vector:
     """Voltage (V, at samples) that would make a current fall as the loop's does where the winding is short."""
-    return rows.flux_of_little(_beside(rows, sizes)) / sizes[2]
+    return rows.flux_of_little(_loop_voltage(rows, sizes)) / sizes[2]
 
 
-def _heats(rows: Rows, sizes: Sizes) -> Real:
+def _loop_heat(rows: Rows, sizes: Sizes) -> Array:
     """Squared current (A^2, at samples) that R_s would make the loop's loss of, less what the loop spares the phase."""
     axis, along = _along(rows, sizes)
-    lost: Real = sizes[0] * along**2 / rows.machine.R_s
+    lost: Array = sizes[0] * along**2 / rows.machine.R_s
     return lost + np.abs(rows.i_s - sizes[0] * along * axis) ** 2 - np.abs(rows.i_s) ** 2
 
 
-def _along(rows: Rows, sizes: Sizes) -> tuple[complex, Real]:
+def _along(rows: Rows, sizes: Sizes) -> tuple[complex, Array]:
     """The phase's axis, and the voltage along it (V, at samples) as the loop's current follows it."""
-    axis, (along, mean) = AXES[round(sizes[1]) % 3], _driven(rows, sizes)
+    axis, (along, mean) = AXES[round(sizes[1]) % 3], _loop_driven(rows, sizes)
     return axis, (along * axis.conjugate()).real + mean
 
 
-def _driven(rows: Rows, sizes: Sizes) -> tuple[Vector, Real | float]:
+def _loop_driven(rows: Rows, sizes: Sizes) -> tuple[Vector, Array | float]:
     """Voltages (V, at samples) as a loop's current follows them: the terminals', and the mean of the three phases'."""
     lag = sizes[2]
-    along = rows.once(f"loop {lag!r}", lambda: branch(rows, 0.0, lag, behind_R_s=False))
+    along = rows.once(f"loop {lag!r}", lambda: iron_branch(rows, 0.0, lag, behind_R_s=False))
     if not any(rows.R_s_excess):
         return along, 0.0
-    return along, rows.once(f"loop {lag!r} {rows.R_s_excess!r}", lambda: followed(rows, lag, _mean_drop(rows)))
+    return along, rows.once(f"loop {lag!r} {rows.R_s_excess!r}", lambda: voltage_followed(rows, lag, _mean_drop(rows)))
 
 
-def _mean_drop(rows: Rows) -> Real:
+def _mean_drop(rows: Rows) -> Array:
     """Mean (V, of each period) of what unequal resistances drop in the three phases."""
-    mean: Real = 0.5 * (complex(*rows.R_s_excess).conjugate() * rows.i_mean * rows.middle).real
+    mean: Array = 0.5 * (complex(*rows.R_s_excess).conjugate() * rows.i_mean * rows.middle).real
     return mean * rows.R_s_ratio
 
 
@@ -94,9 +95,9 @@ EFFECT = Effect(
     ("iron_loss", "current_sensor_gain"),
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
     missed=1e-4,
-    remembers=_driven,
-    beside=_beside,
-    emf=_falls,
+    remembers=_loop_driven,
+    beside=_loop_voltage,
+    emf=_loop_falls,
     sees_voltage=True,
-    heats=_heats,
+    heats=_loop_heat,
 )  # fmt: skip

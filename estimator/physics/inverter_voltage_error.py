@@ -22,13 +22,13 @@ IEEE Trans. Industry Applications, 1994.
 
 import numpy as np
 
+from estimator.arrays import Vector
 from estimator.physics.bridge.legs import legs_of
 from estimator.physics.bridge.lost_voltage import lost_between
 from estimator.physics.effect import Effect, Parameter, Sizes
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
-_UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transistor's
+_DIODE_UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transistor's
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -51,7 +51,7 @@ def bus(rows: Rows) -> float:
 
 
 def _scales(rows: Rows, sizes: Sizes) -> float:
-    return _UNLIKE * sizes[1] / bus(rows)
+    return _DIODE_UNLIKE * sizes[1] / bus(rows)
 
 
 EFFECT = Effect(

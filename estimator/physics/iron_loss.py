@@ -18,10 +18,11 @@ import math
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import LOST, Rows
-from estimator.physics.vectors import AXES, Real, Vector
+from estimator.physics.vectors import AXES
 
 _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
 
@@ -29,16 +30,16 @@ _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     conductance = sizes[0]
-    i_i = conductance * _driven(rows, sizes) * rows.rotor.conj()
+    i_i = conductance * _iron_driven(rows, sizes) * rows.rotor.conj()
     return -rows.balance(rows.flux_of_little(i_i))
 
 
-def _driven(rows: Rows, sizes: Sizes) -> Vector:
+def _iron_driven(rows: Rows, sizes: Sizes) -> Vector:
     _, omega_h, lag = sizes
-    return rows.once(f"iron {omega_h!r} {lag!r}", lambda: branch(rows, omega_h, lag))
+    return rows.once(f"iron {omega_h!r} {lag!r}", lambda: iron_branch(rows, omega_h, lag))
 
 
-def branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -> Vector:
+def iron_branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -> Vector:
     """Current times R_c, V, at samples in the stationary frame, of a branch at the flux, or at the terminals."""
     speed = np.abs(rows.omega_e) + _SLOWEST
     share = speed / (speed + omega_h)  # R_i / R_c
@@ -47,18 +48,18 @@ def branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -
     if LOST in rows.kept:
         lost = lost + rows.kept[LOST] * rows.middle
     if rows.u_dc is None:
-        return _followed(x, share, rows.u * rows.middle - lost, np.zeros((0, 3)), np.zeros(0))
-    return _followed(x, share, -lost, rows.duties, rows.u_dc)
+        return _branch_course(x, share, rows.u * rows.middle - lost, np.zeros((0, 3)), np.zeros(0))
+    return _branch_course(x, share, -lost, rows.duties, rows.u_dc)
 
 
-def followed(rows: Rows, lag: float, v: Real) -> Real:
+def voltage_followed(rows: Rows, lag: float, v: Array) -> Array:
     """A voltage (V, of each period) at samples, as the current of a branch that lags so follows it."""
     x = np.full(len(rows), rows.T_s / lag)
-    return _followed(x, np.ones(len(rows)), v.astype(np.complex128), np.zeros((0, 3)), np.zeros(0)).real
+    return _branch_course(x, np.ones(len(rows)), v.astype(np.complex128), np.zeros((0, 3)), np.zeros(0)).real
 
 
 @kernel
-def _followed(x: Real, share: Real, steady: Vector, duties: Real, u_dc: Real) -> Vector:
+def _branch_course(x: Array, share: Array, steady: Vector, duties: Array, u_dc: Array) -> Vector:
     """The branch's current from period to period: fed by a steady voltage, and by the legs' pulses where known."""
     i = np.empty(len(x) + 1, np.complex128)
     for k in range(len(x)):
@@ -89,7 +90,7 @@ EFFECT = Effect(
     told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
     missed=1e-4,
     fast_stiffness=lambda p: p[0] / p[2],
-    remembers=_driven,
+    remembers=_iron_driven,
     sees_voltage=True,
 )  # fmt: skip
 

@@ -9,17 +9,17 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.kernel import kernel
 from estimator.physics.effect import Sizes
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real
 
 DRIFT: Final = "magnet_flux_drift"
 STEP: Final = "magnet_flux_step"
 _BEFORE: Final = 0.5  # of the magnets' time constant, that what warms them has at most
 
 
-def drifted(rows: Rows, sizes: Sizes) -> Real:
+def drifted(rows: Rows, sizes: Sizes) -> Array:
     """Change since the start, Vs at samples."""
     change, time_constant, lag = sizes
     before = min(lag, _BEFORE * time_constant)
@@ -30,23 +30,23 @@ def drifted(rows: Rows, sizes: Sizes) -> Real:
     return change * rows.machine.psi_f * course / whole
 
 
-def stepped(rows: Rows, sizes: Sizes) -> Real:
+def stepped(rows: Rows, sizes: Sizes) -> Array:
     """The same."""
     change, time, duration = map(float, sizes)
     return _stepped(rows.t, rows.span[0] + time * rows.span[1], duration, change * float(rows.machine.psi_f))
 
 
 @kernel
-def _stepped(t: Real, middle: float, duration: float, change: float) -> Real:
+def _stepped(t: Array, middle: float, duration: float, change: float) -> Array:
     course = np.empty(len(t))
     for k in range(len(t)):
         course[k] = change * min(max((t[k] - middle) / duration + 0.5, 0.0), 1.0)
     return course
 
 
-CHANGES: Final[Mapping[str, Callable[[Rows, Sizes], Real]]] = {DRIFT: drifted, STEP: stepped}
+CHANGES: Final[Mapping[str, Callable[[Rows, Sizes], Array]]] = {DRIFT: drifted, STEP: stepped}
 
 
-def change_of(rows: Rows, effects: Mapping[str, Sizes]) -> Real | float:
+def change_of(rows: Rows, effects: Mapping[str, Sizes]) -> Array | float:
     """What those of the effects that change the magnets' flux linkage add to it, Vs at samples."""
     return sum((CHANGES[name](rows, sizes) for name, sizes in effects.items() if name in CHANGES), start=0.0)

@@ -9,16 +9,16 @@ rotor's iron, with a time constant of its own, `lag`: two nodes of a thermal net
 Miller, "Design of Brushless Permanent-Magnet Machines", 2010, chapter 15.
 """
 
+from estimator.arrays import Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.magnet_flux import DRIFT
 from estimator.physics.rows import Rows
-from estimator.physics.saturation import together
-from estimator.physics.vectors import Vector
+from estimator.physics.saturation import voltage_together
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return together(rows, {DRIFT: sizes})
+    return voltage_together(rows, {DRIFT: sizes})
 
 
 EFFECT = Effect(
@@ -33,7 +33,7 @@ EFFECT = Effect(
     "back-EMF that falls with time at the same speed",
     ("magnet_flux_step", "d_axis_saturation"),
     told=lambda rows, p: {"change": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
-    together=together,
+    together=voltage_together,
     in_proportion_to="psi_f",
     missed=2e-4,
 )

@@ -7,16 +7,16 @@ A. Arkkio, "Comparison of demagnetization models for finite-element analysis of 
 IEEE Trans. Magnetics, 2007.
 """
 
+from estimator.arrays import Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.magnet_flux import STEP
 from estimator.physics.rows import Rows
-from estimator.physics.saturation import together
-from estimator.physics.vectors import Vector
+from estimator.physics.saturation import voltage_together
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
-    return together(rows, {STEP: sizes})
+    return voltage_together(rows, {STEP: sizes})
 
 
 EFFECT = Effect(
@@ -33,7 +33,7 @@ EFFECT = Effect(
     told=lambda rows, p: {
         "change": (p[0], "1"), "time": (rows.span[0] + p[1] * rows.span[1], "s"), "duration": (p[2], "s"),
     },
-    together=together,
+    together=voltage_together,
     in_proportion_to="psi_f",
     missed=5e-5,
 )

@@ -7,9 +7,10 @@ twice the electrical frequency, in proportion to current. Symmetrical components
 symmetrical co-ordinates applied to the solution of polyphase networks", Trans. AIEE 37, 1918.
 """
 
+from estimator.arrays import Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, no_shapes
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector, by_phase
+from estimator.physics.vectors import by_phase
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

@@ -7,14 +7,15 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
-from estimator.physics.vectors import AXES, Real, Vector
+from estimator.physics.vectors import AXES
 
 _NO_PULSE: Final = 1e-5  # of a period: no bridge makes one so short; a leg stays at its rail
 
 
 @kernel
-def add_mean_of_pulses(mean: Vector, M: Vector, D: Real, T_s: float, R_s: float, g_a: Real, g_b: Vector) -> None:
+def add_mean_of_pulses(mean: Vector, M: Vector, D: Array, T_s: float, R_s: float, g_a: Array, g_b: Vector) -> None:
     """Add to mean currents (A, of each period) what the first moments (Vs s) of its pulses add."""
     for k in range(len(mean)):
         mean[k] += mean_of_pulses(M[k], D[k] / T_s, R_s, g_a[k], g_b[k])
@@ -29,7 +30,7 @@ def mean_of_pulses(M: complex, omega: float, R_s: float, g_a: float, g_b: comple
 
 
 @kernel
-def moments_of_pulses(duties: Real, u_dc: Real, middle: Vector, T_s: float) -> Vector:
+def moments_of_pulses(duties: Array, u_dc: Array, middle: Vector, T_s: float) -> Vector:
     """First moment (Vs s) of the ripple in each period, rotor frame, for duties of shape (n, 3)."""
     M = np.empty(len(middle), np.complex128)
     for k in range(len(middle)):
@@ -42,7 +43,7 @@ def moments_of_pulses(duties: Real, u_dc: Real, middle: Vector, T_s: float) -> V
 
 
 @kernel
-def powers_of_pulses(duties: Real, u_dc: Real, middle: Vector, T_s: float) -> tuple[Real, Vector]:
+def powers_of_pulses(duties: Array, u_dc: Array, middle: Vector, T_s: float) -> tuple[Array, Vector]:
     """Means of abs(ripple)^2 and ripple^2 (Vs^2) in each period, for duties of shape (n, 3)."""
     size, square = np.empty(len(middle)), np.empty(len(middle), np.complex128)
     for k in range(len(middle)):
@@ -66,7 +67,7 @@ def _common_ripple(one: float, other: float) -> float:
 
 
 @kernel
-def duties_of(u_s: Vector, u_dc: Real) -> Real:
+def duties_of(u_s: Vector, u_dc: Array) -> Array:
     """Duties of the three legs, (n, 3), for voltages (V) in the stationary frame by space-vector modulation."""
     duties = np.empty((len(u_s), 3))
     u = np.empty(3)

@@ -13,10 +13,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.physics.pulses import add_mean_of_pulses, duties_of, moments_of_pulses, powers_of_pulses
-from estimator.physics.vectors import AXES, Real, Stiffness, Vector
+from estimator.physics.vectors import AXES, Stiffness
 from estimator.samples import Samples, nearest_turns
 
 _OF_ANGLE: Final = ("D", "speed", "rotor", "middle", "six", "turn")
@@ -33,7 +34,7 @@ OTHERS: Final = "others' voltage"
 BRIDGED: Final = (LOST, OTHERS)
 """Of a model with the bridge's voltage error."""
 _NO_SENSOR: Final = 1e-4  # of the current: no three sensors agree that closely
-_FOLLOWED: Final = 10  # periods that are not there
+_FOLLOWED_PERIODS: Final = 10  # periods that are not there
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
@@ -43,27 +44,27 @@ class Rows:
     machine: Machine  # the best that is known now
     T_s: float  # s
     i_rated: float  # A, peak
-    t: Real  # s, at samples
+    t: Array  # s, at samples
     i: Vector  # A, at samples
-    theta_e: Real  # rad, at samples, unwrapped
+    theta_e: Array  # rad, at samples, unwrapped
     half: Vector  # exp(j D/2) of each period, D the angle turned in it
     u: Vector  # V, of each period
     joined: NDArray[np.bool_]  # of each period: its two samples are of one run
-    u_dc: Real | None  # V, of each period
-    zero: Real | None  # A, mean of the three measured phase currents at samples, where they are known
-    heat: Real  # A^2 s, integral of the squared current up to each sample
+    u_dc: Array | None  # V, of each period
+    zero: Array | None  # A, mean of the three measured phase currents at samples, where they are known
+    heat: Array  # A^2 s, integral of the squared current up to each sample
     span: tuple[float, float]  # s, start and length of the recording
     angle_step: float = 0.0  # rad, resolution of the angle, where it has one
     angle_turned: float = 1.0  # share of its rounding, by which the drive turned the currents
-    turned_by: Real | float = 0.0  # rad at samples, by which the angle was further when the drive turned by it
+    turned_by: Array | float = 0.0  # rad at samples, by which the angle was further when the drive turned by it
     angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves of it: it looks like movement
     fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances
     fast_resistance: float = 0.0  # ohm, by which what changes within a period drops more than by R_s
     curvature: tuple[float, float, float] = (0.0, 0.0, 0.0)  # a_d, a_q, c of the saturation curve, A/Vs^3
-    R_s_ratio: Real | float = 1.0  # of each period: R_s over that at the start
+    R_s_ratio: Array | float = 1.0  # of each period: R_s over that at the start
     R_s_excess: tuple[float, float] = (0.0, 0.0)  # ohm, alpha and beta, by which phases have more; see `by_phase`
-    psi_f_ratio: Real | float = 1.0  # at samples: psi_f over that at the start
-    heat_beside: Real | float = 0.0  # A^2 s, what effects add to heat
+    psi_f_ratio: Array | float = 1.0  # at samples: psi_f over that at the start
+    heat_beside: Array | float = 0.0  # A^2 s, what effects add to heat
     emf: Vector | float = 0.0  # V at samples, that effects take from what drives the current between pulses
     steps: NDArray[np.intp] | None = None  # control periods from each sample to the next, where `t` does not tell
     kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
@@ -124,32 +125,32 @@ class Rows:
         """Control periods from each sample to the next."""
         if self.steps is not None:
             return self.steps
-        steps: Real = np.rint(np.diff(self.t) / self.T_s)
+        steps: Array = np.rint(np.diff(self.t) / self.T_s)
         return steps.astype(np.intp)
 
     @property
     def pauses(self) -> NDArray[np.bool_]:
         """Of each period: it is none, but a time over which a rotor cannot be followed; then another run begins."""
-        return ~self.joined & ((self.apart > _FOLLOWED) | (self.apart < 1))
+        return ~self.joined & ((self.apart > _FOLLOWED_PERIODS) | (self.apart < 1))
 
     # --- angles
 
     @property
-    def D(self) -> Real:
+    def D(self) -> Array:
         """Angle turned in each period, rad."""
         return self.once("D", lambda: np.diff(self.theta_e))
 
     @property
-    def omega_e(self) -> Real:
+    def omega_e(self) -> Array:
         """Electrical speed in each period, rad/s."""
         return self.D / self.T_s
 
     @property
-    def speed(self) -> Real:
+    def speed(self) -> Array:
         """Electrical speed at samples, rad/s: the mean of the periods before and after; over a gap none is known."""
         return self.once("speed", self._speed)
 
-    def _speed(self) -> Real:
+    def _speed(self) -> Array:
         there = self.apart == 1
         omega = np.where(there, self.omega_e, 0.0)
         periods = np.concatenate((there[:1], there)).astype(int) + np.concatenate((there, there[-1:]))
@@ -176,7 +177,7 @@ class Rows:
         return self.once("turn", lambda: np.exp(1j * self.theta_m))
 
     @property
-    def theta_m(self) -> Real:
+    def theta_m(self) -> Array:
         """Mechanical angle at samples, rad, but for a constant of each run: in a pause nobody counts turns."""
         return self.theta_e / self.machine.n_p
 
@@ -187,7 +188,7 @@ class Rows:
         """Current at samples in the stationary frame, A."""
         return self.once("i_s", lambda: self.i * self.rotor)
 
-    def phase(self, k: int) -> Real:
+    def phase(self, k: int) -> Array:
         """Current of phase k at samples, A."""
         return (self.i_s * AXES[k].conjugate()).real
 
@@ -227,7 +228,7 @@ class Rows:
         return self.once("moment of pulses", lambda: moments_of_pulses(self.duties, u_dc, self.middle, self.T_s))
 
     @property
-    def power_of_pulses(self) -> tuple[Real, Vector]:
+    def power_of_pulses(self) -> tuple[Array, Vector]:
         """Means of abs(ripple)^2 and ripple^2 of the flux linkage (Vs^2) in each period. Needs `u_dc`."""
         if "size of pulses" not in self.kept:
             assert self.u_dc is not None
@@ -247,7 +248,7 @@ class Rows:
     def flux(self, i: Vector) -> Vector:
         """Flux linkage (Vs) of the machine at a current (A)."""
         m = self.machine
-        return _flux(i, float(m.L_d), float(m.L_q), float(m.psi_f))
+        return _flux_of(i, float(m.L_d), float(m.L_q), float(m.psi_f))
 
     @property
     def local_line(self) -> tuple[Stiffness, Vector]:
@@ -300,18 +301,18 @@ class Rows:
     # --- bridge
 
     @property
-    def duties(self) -> Real:
+    def duties(self) -> Array:
         """Share of each period that the three legs are high, (n, 3), by space-vector modulation. Needs `u_dc`."""
         return self.once("duties", self._duties)
 
-    def _duties(self) -> Real:
+    def _duties(self) -> Array:
         u_s, u_dc = self.u * self.middle, self.u_dc
         assert u_dc is not None
         return duties_of(u_s, u_dc)
 
     # --- balances
 
-    def balance(self, psi: Vector | Real) -> Vector:
+    def balance(self, psi: Vector | Array) -> Vector:
         """Voltage (V) of each period that changes a flux linkage (Vs, at samples) as the rotor turns."""
         return _balance(self.half, psi, 1.0 / self.T_s)
 
@@ -321,7 +322,7 @@ class Rows:
 
 
 @kernel
-def _flux(i: Vector, L_d: float, L_q: float, psi_f: float) -> Vector:
+def _flux_of(i: Vector, L_d: float, L_q: float, psi_f: float) -> Vector:
     psi = np.empty(len(i), np.complex128)
     for k in range(len(i)):
         psi[k] = complex(L_d * i[k].real + psi_f, L_q * i[k].imag)
@@ -329,7 +330,7 @@ def _flux(i: Vector, L_d: float, L_q: float, psi_f: float) -> Vector:
 
 
 @kernel
-def _balance(half: Vector, psi: Vector | Real, rate: float) -> Vector:
+def _balance(half: Vector, psi: Vector | Array, rate: float) -> Vector:
     v = np.empty(len(half), np.complex128)
     for k in range(len(half)):
         v[k] = (half[k] * psi[k + 1] - half[k].conjugate() * psi[k]) * rate
@@ -338,7 +339,7 @@ def _balance(half: Vector, psi: Vector | Real, rate: float) -> Vector:
 
 @kernel
 def _mean_currents(
-    i: Vector, half: Vector, u: Vector, speed: Real, T_s: float, R_s: float, psi: Vector, g_a: Real, g_b: Vector
+    i: Vector, half: Vector, u: Vector, speed: Array, T_s: float, R_s: float, psi: Vector, g_a: Array, g_b: Vector
 ) -> Vector:  # fmt: skip
     mean = np.empty(len(u), np.complex128)
     for k in range(len(u)):
@@ -378,7 +379,7 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
         raise ValueError("expected a row for every control period, came rows of several")
     T = runs[0].T_s
 
-    def column(name: str) -> Real | None:
+    def column(name: str) -> Array | None:
         parts = [getattr(run, name) for run in runs]
         return None if any(part is None for part in parts) else np.concatenate(parts)
 

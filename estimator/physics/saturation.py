@@ -15,16 +15,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
 from estimator.machine import Machine
 from estimator.physics.effect import Sizes
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.pulses import mean_of_pulses
 from estimator.physics.rows import Rows, mean_between, slope_of
-from estimator.physics.vectors import Real, Stiffness, Vector
+from estimator.physics.vectors import Stiffness
 
-_STEPS: Final = 12  # of Newton's method at most
-_NEAR: Final = 1e-7  # of the magnets' flux: such a step is followed by one of its square
+_FLUX_STEPS: Final = 12  # of Newton's method at most
+_STEP_SQUARED: Final = 1e-7  # of the magnets' flux: such a step is followed by one of its square
 
 EFFECTS: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation")
 """The three, in the order of `curve_of`."""
@@ -60,7 +61,7 @@ def flux_of(curve: Curve, machine: Machine, i: Vector) -> Vector:
 
 
 @kernel
-def _on_curve(i: Vector, curve: Curve, L_d: float, L_q: float, psi_m: Real, harmonic: Real) -> Vector:
+def _on_curve(i: Vector, curve: Curve, L_d: float, L_q: float, psi_m: Array, harmonic: Array) -> Vector:
     psi = np.empty(len(i), np.complex128)
     for k in range(len(i)):
         psi[k] = _flux_at(i[k], curve, L_d, L_q, psi_m[k], harmonic[k])
@@ -74,7 +75,7 @@ def _flux_at(i: complex, curve: Curve, L_d: float, L_q: float, psi_m: float, har
     g_d, g_q = curve.g_d + harmonic, curve.g_q + harmonic
     i_F = (g_d + a_d * psi_m * psi_m) * psi_m
     d, q = psi_m + L_d * i.real, L_q * i.imag
-    for _ in range(_STEPS):
+    for _ in range(_FLUX_STEPS):
         miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i.real
         miss_q = (g_q + a_q * q * q + c * d * d) * q - i.imag
         dd, qq, dq = g_d + 3.0 * a_d * d * d + c * q * q, g_q + 3.0 * a_q * q * q + c * d * d, 2.0 * c * d * q
@@ -83,7 +84,7 @@ def _flux_at(i: complex, curve: Curve, L_d: float, L_q: float, psi_m: float, har
         # Far out, where the curve bends, a whole step would overshoot
         reach = 0.5 * (abs(d) + abs(q) + psi_m)
         d, q = d - min(max(step_d, -reach), reach), q - min(max(step_q, -reach), reach)
-        if max(abs(step_d), abs(step_q)) < _NEAR * psi_m:
+        if max(abs(step_d), abs(step_q)) < _STEP_SQUARED * psi_m:
             break
     return complex(d, q)
 
@@ -92,7 +93,7 @@ def saturated(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Vector, Stiffne
     """Flux linkages (Vs) at samples and their stiffness, with one or several of the three, or a harmonic or a change of
     the magnets' flux beside.
     """
-    curve, (psi_m, harmonic) = _curve(rows, effects), _beside(rows, effects)
+    curve, (psi_m, harmonic) = _curve(rows, effects), _flux_beside(rows, effects)
     psi = _on_curve(rows.i, curve, float(rows.machine.L_d), float(rows.machine.L_q), psi_m, harmonic)
     a, b = np.empty(len(psi)), np.empty(len(psi), np.complex128)
     _add_stiffness(a, b, curve, psi, harmonic)
@@ -100,7 +101,7 @@ def saturated(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Vector, Stiffne
 
 
 @kernel
-def _add_stiffness(a: Real, b: Vector, curve: Curve, psi: Vector, harmonic: Real) -> None:
+def _add_stiffness(a: Array, b: Vector, curve: Curve, psi: Vector, harmonic: Array) -> None:
     for k in range(len(psi)):
         a[k], b[k] = _stiffness_at(curve, psi[k], harmonic[k])
 
@@ -137,13 +138,13 @@ def _curve(rows: Rows, effects: Mapping[str, Sizes]) -> Curve:
     return curve_of(rows.machine, rows.i_rated, (d, q, cross))
 
 
-def _beside(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Real, Real]:
+def _flux_beside(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Array, Array]:
     """At samples: the magnets' flux, Vs, and a harmonic of the inverse inductances, 1/H."""
     harmonic = effects[HARMONIC][0] / rows.machine.L_q * rows.six.real if HARMONIC in effects else 0.0
     return np.full(len(rows.i), rows.machine.psi_f + change_of(rows, effects)), np.full(len(rows.i), harmonic)
 
 
-def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
+def voltage_together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
     """What saturations, a harmonic of the inductances and changes of the magnets' flux add to the voltage of constant
     inductances, V: not the sum of what each adds.
     """
@@ -156,15 +157,15 @@ def together(rows: Rows, effects: Mapping[str, Sizes]) -> Vector:
     pulses = (none, np.zeros(0), none) if rows.u_dc is None else (rows.moment_of_pulses, *rows.power_of_pulses)
     return _added(
         rows.i, rows.half, rows.u, rows.speed, rows.D, rows.i_mean, *pulses, float(rows.T_s), float(m.R_s),
-        float(m.L_d), float(m.L_q), float(m.psi_f), _curve(rows, effects), *_beside(rows, effects),
+        float(m.L_d), float(m.L_q), float(m.psi_f), _curve(rows, effects), *_flux_beside(rows, effects),
     )  # fmt: skip
 
 
 @kernel
 def _added(
-    i: Vector, half: Vector, u: Vector, speed: Real, D: Real, i_mean: Vector, moment: Vector, size: Real,
-    square: Vector, T_s: float, R_s: float, L_d: float, L_q: float, psi_f: float, curve: Curve, psi_m: Real,
-    harmonic: Real,
+    i: Vector, half: Vector, u: Vector, speed: Array, D: Array, i_mean: Vector, moment: Vector, size: Array,
+    square: Vector, T_s: float, R_s: float, L_d: float, L_q: float, psi_f: float, curve: Curve, psi_m: Array,
+    harmonic: Array,
 ) -> Vector:  # fmt: skip
     """Voltage (V) of each period that the curve adds to that of constant inductances, whose mean current is i_mean."""
     added = np.empty(len(half), np.complex128)

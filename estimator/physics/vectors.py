@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Vector = NDArray[np.complex128]
+from estimator.arrays import Array, Vector
+
 AXES: Final = tuple(complex(math.cos(k * math.tau / 3.0), math.sin(k * math.tau / 3.0)) for k in range(3))
 """Directions of the phases a, b, c."""
 
@@ -17,7 +16,7 @@ AXES: Final = tuple(complex(math.cos(k * math.tau / 3.0), math.sin(k * math.tau 
 class Stiffness:
     """d(i)/d(psi) at samples, 1/H: of a flux linkage v, a v + b conj(v)."""
 
-    a: Real
+    a: Array
     b: Vector
 
     def __call__(self, v: Vector) -> Vector:

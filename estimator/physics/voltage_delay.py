@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
 _FORESEEN: Final = 1.5  # times a count's variance, that may be left where the angle was foreseen otherwise
 
@@ -20,10 +20,10 @@ _FORESEEN: Final = 1.5  # times a count's variance, that may be left where the a
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     periods, _ = sizes
-    return periods * _change(rows, sizes)
+    return periods * _change_of_voltage(rows, sizes)
 
 
-def _change(rows: Rows, sizes: Sizes) -> Vector:
+def _change_of_voltage(rows: Rows, sizes: Sizes) -> Vector:
     """The voltage (V) of each period less that of the one before or after it; none over a gap.
 
     Each was turned by rounded angles: one that is read late by those of the period in which it acted, one that is read
@@ -61,7 +61,7 @@ EFFECT = Effect(
     lambda _rows: ((1.0,), (-1.0,)),
     "an error in proportion to how fast the voltage changes",
     ("angle_offset",),
-    remembers=_change,
+    remembers=_change_of_voltage,
     misreads_voltage=True,
     told=lambda _rows, p: {"periods": (p[0] * p[1], "1")},
     missed=2e-5,

@@ -7,10 +7,10 @@ It stays what it is at every speed and current, and in the other direction of tu
 
 import numpy as np
 
+from estimator.arrays import Vector
 from estimator.physics.effect import Effect, Parameter, Sizes
 from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:

@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real, Vector
 
 COURSE = "course of the heat"
 """Begin of the keys of what is worked out once of `heat` and `heat_beside`."""
@@ -27,27 +27,27 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return rows.machine.R_s * rise(rows, sizes) * rows.i_mean
 
 
-def rise(rows: Rows, sizes: Sizes) -> Real:
+def rise(rows: Rows, sizes: Sizes) -> Array:
     """Of R_s in each period, as a share of that at the start."""
     (heating, time_constant, cooling), share = sizes, np.zeros(len(rows))  # to 1e-16, sooner than by expm1
     if heating != 0.0:
-        share += np.exp(np.log1p(heating) * _course(rows, sizes)[:-1]) - 1.0
+        share += np.exp(np.log1p(heating) * _heat_course(rows, sizes)[:-1]) - 1.0
     if cooling != 0.0:
         share += cooling * (np.exp((rows.span[0] - rows.t[:-1]) / (time_constant * rows.span[1])) - 1.0)
     return share
 
 
-def _course(rows: Rows, sizes: Sizes) -> Real:
+def _heat_course(rows: Rows, sizes: Sizes) -> Array:
     """h(t)/h(end) at samples."""
     tau = sizes[1] * rows.span[1]
-    return rows.once(f"{COURSE} {tau!r}", lambda: _heated(rows, tau))
+    return rows.once(f"{COURSE} {tau!r}", lambda: _heated_by(rows, tau))
 
 
-def _heated(rows: Rows, tau: float) -> Real:
+def _heated_by(rows: Rows, tau: float) -> Array:
     t, heat = (rows.t - rows.span[0]) / tau, rows.heat + rows.heat_beside
     more = np.diff(heat, prepend=heat[:1])
     came = np.exp(t - 0.5 * np.diff(t, prepend=t[:1]))  # midway since the sample before
-    h: Real = np.cumsum(came * more) * np.exp(-t)
+    h: Array = np.cumsum(came * more) * np.exp(-t)
     return h / max(float(h[-1]), 1e-300)
 
 
@@ -65,7 +65,7 @@ EFFECT = Effect(
     told=lambda rows, p: {
         "rise": (p[0] + p[2] * math.expm1(-1.0 / p[1]), "1"), "time_constant": (p[1] * rows.span[1], "s"),
     },
-    remembers=_course,
+    remembers=_heat_course,
     lasts=True,
     in_proportion_to="R_s",
     missed=5e-4,

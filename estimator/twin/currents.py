@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Bools, Vector
 from estimator.kernel import lean_kernel
 from estimator.physics.ac_resistance import rung
 from estimator.physics.bridge.legs import Legs, legs_of
@@ -24,7 +25,6 @@ from estimator.physics.bridge.lost_voltage import SHOTS, lost_after, lost_in
 from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import BRIDGED, LOCAL, LOST, OF_ANGLE_AND_BRIDGE, Rows
-from estimator.physics.vectors import Vector
 from estimator.twin.model import (
     Model,
     base_voltage,
@@ -37,22 +37,20 @@ from estimator.twin.model import (
     with_local_course,
     with_machine,
 )
-from estimator.twin.response import Memory, Response, Slopes, solution
-
-Bools = NDArray[np.bool_]
+from estimator.twin.response import Memory, Response, Slopes, solved_real
 
 WINDOW: Final = 0.1  # s
 _SWEEPS: Final = 4  # with the same slopes
 _TRIES: Final = 8  # sweeps with the same windows
 _PARTS: Final = 10  # that a window is cut into then, where they still change currents
-_FARTHEST: Final = 10.0  # of the largest current measured, or rated: as far as a simulated one goes
-_CLOSE: Final = 1e-4  # of the rms current: a change of currents that ends the sweeps
+_LARGEST_CURRENT: Final = 10.0  # of the largest current measured, or rated: as far as a simulated one goes
+_SWEEPS_END: Final = 1e-4  # of the rms current: a change of currents that ends the sweeps
 _END: Final = 1e-2  # of that: a step of Newton's method that is the last, so that what currents change by can be told
 _SPAN: Final = 1e-3  # of the rated current, over which slopes are taken
-_SHORT: Final = 1e-4  # of the period: the same of dead time
-_LITTLE: Final = 1e-5  # of the dc link: the same of drops
-_ROUNDS: Final = 20  # of Newton's method in a period
-_WHOLE: Final = 5  # of them with whole steps
+_SHORT_DEAD_TIME: Final = 1e-4  # of the period: the same of dead time
+_LITTLE_DROP: Final = 1e-5  # of the dc link: the same of drops
+_NEWTON_ROUNDS: Final = 20  # of Newton's method in a period
+_WHOLE_STEPS: Final = 5  # of them with whole steps
 _OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, *LOCAL, *BRIDGED, "ripple")  # of the measured currents at most
 
 
@@ -69,7 +67,7 @@ class Lost(NamedTuple):
 _NO_GUESS: Final = np.zeros(0, np.complex128)
 
 
-class Course(NamedTuple):
+class FollowedCourse(NamedTuple):
     """What currents are followed by."""
 
     ideal: Model  # without the bridge's voltage error
@@ -99,7 +97,7 @@ def free_run(rows: Rows, model: Model, window: int | None = None) -> Vector:
     return _simulated(rows, model, _starts(rows, window))
 
 
-def followed(rows: Rows, model: Model, share: float, near: Vector | None = None) -> tuple[Vector, Vector]:
+def followed_currents(rows: Rows, model: Model, share: float, near: Vector | None = None) -> tuple[Vector, Vector]:
     """Currents (A) at samples that follow the model, and by a `share` a period the measured ones: with less noise.
 
     And the voltage (V, measured frame) that the bridge loses meanwhile, for currents that are known. Each run starts
@@ -108,8 +106,8 @@ def followed(rows: Rows, model: Model, share: float, near: Vector | None = None)
     """
     truth = in_truth(rows, model)
     starts = _starts(rows, len(rows) + 1)
-    course = _course(truth, _physics(model))
-    close, limit = _bounds(truth)
+    course = _course_of_model(truth, _physics(model))
+    close, limit = _current_bounds(truth)
     left = truth.u - _voltage(truth, course.ideal)
     guess = _NO_GUESS if near is None else (near - rows.i) * rows.rotor * truth.rotor.conj()
     delta, lost = _carried(left, course.slopes, starts, truth.i, truth.rotor, truth.half, course.memory, course.lost,
@@ -118,14 +116,23 @@ def followed(rows: Rows, model: Model, share: float, near: Vector | None = None)
 
 
 def response_of(rows: Rows, model: Model, share: float, smooth: Rows) -> Response:
-    """Around a model; `smooth`: the rows with currents that follow one like it. See `followed`."""
+    """Around a model; `smooth`: the rows with currents that follow one like it. See `followed_currents`."""
     truth = in_truth(rows, model)
-    course = _course(truth, _physics(model))
+    course = _course_of_model(truth, _physics(model))
     i_s = in_truth(smooth, model).i_s
     legs, dead_time, u_drop, spread, knee = course.lost
     found = np.empty((6, len(rows)), np.complex128)
     _lost_around(
-        found, legs, i_s, dead_time, u_drop, spread, knee, _SPAN * rows.i_rated, _SHORT * rows.T_s, _LITTLE * bus(rows)
+        found,
+        legs,
+        i_s,
+        dead_time,
+        u_drop,
+        spread,
+        knee,
+        _SPAN * rows.i_rated,
+        _SHORT_DEAD_TIME * rows.T_s,
+        _LITTLE_DROP * bus(rows),
     )
     back = truth.middle.conj()
     return Response(
@@ -158,7 +165,7 @@ def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
     """Measured currents: those of the machine with its effects, and the errors of measurement on top."""
     rows = with_machine(rows, model.machine)
     truth = in_truth(rows, model)
-    i_s = _solved(truth, _physics(model), starts) * truth.rotor
+    i_s = _implied_currents(truth, _physics(model), starts) * truth.rotor
     measured = i_s * rows.rotor.conj()
     for _ in range(5):  # errors are told of what is measured
         error = current_error(_with_currents(rows, measured), model)
@@ -195,7 +202,7 @@ def _without(model: Model, *names: str) -> Model:
     return replace(model, effects={name: sizes for name, sizes in model.effects.items() if name not in names})
 
 
-def _slopes(rows: Rows, model: Model) -> Slopes:
+def _voltage_slopes(rows: Rows, model: Model) -> Slopes:
     """How each period's voltage changes with the current at its start along d and q, and at its end, ohm.
 
     Every other sample is moved, so that each period has one end that is.
@@ -211,26 +218,26 @@ def _slopes(rows: Rows, model: Model) -> Slopes:
     return Slopes(start_d, start_q, end_d, end_q)
 
 
-def _course(rows: Rows, model: Model) -> Course:
+def _course_of_model(rows: Rows, model: Model) -> FollowedCourse:
     """Of a model without errors of measurement, around true currents."""
     ideal = _without(model, "inverter_voltage_error")
     lost = Lost(legs_of(rows), *map(float, model.effects.get("inverter_voltage_error", (0.0, 0.0, 1.0, 1.0))))
     rise, corner = model.effects.get("ac_resistance", (0.0, 1.0))
     x, share, late = rung(rows.T_s, float(corner))
     memory = Memory(float(rise) * rows.machine.R_s / x, share, late)
-    return Course(ideal, lost, memory, _slopes(rows, _without(ideal, "ac_resistance")))
+    return FollowedCourse(ideal, lost, memory, _voltage_slopes(rows, _without(ideal, "ac_resistance")))
 
 
-def _bounds(rows: Rows) -> tuple[float, float]:
+def _current_bounds(rows: Rows) -> tuple[float, float]:
     """A change of currents (A) that is none, and the largest current."""
     size = np.abs(rows.i)
-    return _CLOSE * float(np.sqrt(np.mean(size**2))), _FARTHEST * max(float(np.max(size)), rows.i_rated)
+    return _SWEEPS_END * float(np.sqrt(np.mean(size**2))), _LARGEST_CURRENT * max(float(np.max(size)), rows.i_rated)
 
 
-def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
+def _implied_currents(rows: Rows, model: Model, starts: Bools) -> Vector:
     """Currents that imply the recorded voltage; windows in which none are found are cut into shorter ones."""
-    ideal, lost, memory, slopes = _course(rows, model)
-    close, limit = _bounds(rows)
+    ideal, lost, memory, slopes = _course_of_model(rows, model)
+    close, limit = _current_bounds(rows)
     i, first, sweep = rows.i, np.flatnonzero(starts), 0
     while True:
         left = rows.u - _voltage(_with_currents(rows, i), ideal)
@@ -253,7 +260,7 @@ def _solved(rows: Rows, model: Model, starts: Bools) -> Vector:
                 starts[(first + length * part // _PARTS)[moving]] = True
             first = np.flatnonzero(starts)
         if sweep % _SWEEPS == 0:
-            slopes = _slopes(_with_currents(rows, i), _without(ideal, "ac_resistance"))
+            slopes = _voltage_slopes(_with_currents(rows, i), _without(ideal, "ac_resistance"))
 
 
 def _carried(
@@ -285,7 +292,7 @@ def _carry(
             v -= R * ((share - late) * before * delta[k] - share * (rotor[k] * after).conjugate() * i_x)
             d, q = slopes.end_d[k] + R * late * after, slopes.end_q[k] + 1j * R * late * after
             if lost.dead_time == 0.0 and lost.u_drop == 0.0:
-                delta[k + 1] = solution(d, q, v)
+                delta[k + 1] = solved_real(d, q, v)
             else:
                 i_0, i_1 = (i[k] + delta[k]) * rotor[k], i[k + 1] * rotor[k + 1]
                 begin = delta[k]
@@ -313,16 +320,16 @@ def _solution_with_lost(
     """
     legs, dead_time, u_drop, _, knee = lost
     back, beside, here = legs.middle[k].conjugate(), 0j, 0j
-    for n in range(_ROUNDS):
+    for n in range(_NEWTON_ROUNDS):
         end = i_1 + x * rotor
-        shots = 1 if n < _WHOLE else SHOTS
+        shots = 1 if n < _WHOLE_STEPS else SHOTS
         here, by_real, by_imag, beside, settled = lost_after(
             legs, k, i_0, end, dead_time, u_drop, knee, beside, shots
         )
         d_lost, q_lost = by_real * rotor.real + by_imag * rotor.imag, by_imag * rotor.real - by_real * rotor.imag
         off = d * x.real + q * x.imag + here * back - v
-        step = solution(d + d_lost * back, q + q_lost * back, off)
-        if n >= _WHOLE:
+        step = solved_real(d + d_lost * back, q + q_lost * back, off)
+        if n >= _WHOLE_STEPS:
             step *= 0.5
         x -= step
         here += by_real * (-step * rotor).real + by_imag * (-step * rotor).imag

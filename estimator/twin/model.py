@@ -10,8 +10,8 @@ from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.machine import Machine
 from estimator.physics import phase_resistance_imbalance, winding_resistance_drift
 from estimator.physics.effect import Sizes, Together
@@ -20,9 +20,6 @@ from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import LOST, OTHERS, Rows
 from estimator.physics.saturation import bends, curvature, saturated
-from estimator.physics.vectors import Vector
-
-Array = NDArray[np.float64]
 
 _NEAR_GAP: Final = 200  # samples on either side
 
@@ -115,7 +112,7 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
             stiffness += fast_stiffness(sizes)
         if (fast_resistance := BY_NAME[name].fast_resistance) is not None:
             resistance += fast_resistance(truth, sizes)
-    truth = replace(_drifting(_heated(truth, model), model), fast_stiffness=stiffness, fast_resistance=resistance)
+    truth = replace(_drifting(_heated_rows(truth, model), model), fast_stiffness=stiffness, fast_resistance=resistance)
     if model.bend is not None:
         return truth.with_local_line(*model.bend.bent(truth))
     if not bends(model.effects):
@@ -123,7 +120,7 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
     return replace(truth, curvature=curvature(truth, model.effects)).with_local_line(*saturated(truth, model.effects))
 
 
-def _heated(truth: Rows, model: Model) -> Rows:
+def _heated_rows(truth: Rows, model: Model) -> Rows:
     """The rows with what effects heat a winding that warms up by, besides its current's square.
 
     Where samples are missing, as much over that as around them.

@@ -14,10 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Bools, Vector
 from estimator.kernel import lean_kernel
-from estimator.physics.vectors import Vector
-
-Bools = NDArray[np.bool_]
 
 
 class Memory(NamedTuple):
@@ -84,7 +82,7 @@ def answer(v: NDArray[np.complex128], which: NDArray[np.intp], of: Response, sta
                 d_lost, q_lost = end_re[k] * e.real + end_im[k] * e.imag, end_im[k] * e.real - end_re[k] * e.imag
                 d = slopes.end_d[k] + R * late * after + d_lost * back
                 q = slopes.end_q[k] + 1j * R * late * after + q_lost * back
-                x = solution(d, q, left)
+                x = solved_real(d, q, left)
                 v[c, k] += (lost + d_lost * x.real + q_lost * x.imag) * back
                 there = x * (1.0 - forgotten)
             i_x += share * (s - i_x) + late * (there * e - s)
@@ -93,7 +91,7 @@ def answer(v: NDArray[np.complex128], which: NDArray[np.intp], of: Response, sta
 
 
 @lean_kernel
-def solution(d: complex, q: complex, v: complex) -> complex:
+def solved_real(d: complex, q: complex, v: complex) -> complex:
     """x of d Re x + q Im x = v."""
     det = d.real * q.imag - d.imag * q.real
     return complex((v.real * q.imag - v.imag * q.real) / det, (d.real * v.imag - d.imag * v.real) / det)

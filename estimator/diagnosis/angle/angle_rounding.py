@@ -15,21 +15,21 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.diagnosis.angle.rotor_movement import turning
 from estimator.online.flux_balance import TURN
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real
 
 _TWICE_ROUNDED: Final = 2.24  # resolutions, by which two roundings may differ from one period to the next
-_DIGITS: Final = 7  # of an angle, that tell values apart
+_ANGLE_DIGITS: Final = 7  # of an angle, that tell values apart
 _FINEST: Final = 2e-6  # rad: a finer step does not matter
-_NEAR: Final = 10.0  # steps, over which they are compared
+_COMPARED_STEPS: Final = 10.0  # steps, over which they are compared
 _ON_GRID: Final = 0.1  # steps, by which multiples of one may be off
-_QUIET: Final = 0.2  # of the currents' noise: rounding that is quieter stays
+_QUIET_ROUNDING: Final = 0.2  # of the currents' noise: rounding that is quieter stays
 _BY_COUNTS: Final = 0.5  # share of the rounding, from which on it is mostly that of counts
 _FINER: Final = 0.7  # of a step: counts of one that is less hold coarser ones
-_SAME: Final = 0.02  # of a step, by which two grids may be apart
-_STANDS: Final = 1e-3  # steps in a period
+_SAME_GRID: Final = 0.02  # of a step, by which two grids may be apart
+_STANDING_STEPS: Final = 1e-3  # steps in a period
 _BEAT: Final = 0.3  # share of the rounding's energy, from which on it looks like movement
 _AT_MOST: Final = 2.5  # times the energy that is told
 
@@ -40,18 +40,20 @@ def unrounded(rows: Rows, step: float) -> Rows:
     Where the currents' noise is louder, rounding is a part of it: what a rotor does in a few periods is kept then - but
     where numbers coarser than counts turn voltages, too, which adds up over periods.
     """
-    step = _step_of(rows, step)
-    at, course, ends = _by_clock(rows)
+    step = _resolution(rows, step)
+    at, course, ends = _samples_by_clock(rows)
     torques = [np.interp(np.arange(len(course)), at, torque) for torque in _torques(rows)]
-    off, variance = (x[at] for x in _rounding(course, torques, ends, _reach(rows, step), rows.machine.n_p))
-    turns = np.abs(np.gradient(rows.theta_e - off)) > _STANDS * step  # what stands is off by as much all the time
+    off, variance = (x[at] for x in _rounding_left(course, torques, ends, _reach(rows, step), rows.machine.n_p))
+    turns = (
+        np.abs(np.gradient(rows.theta_e - off)) > _STANDING_STEPS * step
+    )  # what stands is off by as much all the time
     error = math.sqrt(float(np.mean(variance[turns]))) if turns.any() else 0.0
     rows = replace(rows, angle_step=step, angle_error=error)
-    quiet = rows.machine.psi_f * step < _QUIET * math.sqrt(12.0) * _loudness(rows)
+    quiet = rows.machine.psi_f * step < _QUIET_ROUNDING * math.sqrt(12.0) * _loudness(rows)
     return rows if quiet and rows.angle_turned > _BY_COUNTS else less_angle(rows, off)
 
 
-def less_angle(rows: Rows, off: Real) -> Rows:
+def less_angle(rows: Rows, off: Array) -> Rows:
     """The rows with an angle that is `off` (rad, at samples) less, turned back by what the drive had turned them by."""
     theta_e, by = rows.theta_e - off, rows.angle_turned * off
     middle = np.exp(0.5j * (by[1:] + by[:-1]))
@@ -66,12 +68,12 @@ def resolution_of(rows: Rows, told: float) -> float:
     return told if told > 0.0 else grid_of(rows.D[rows.joined])
 
 
-def grid_of(moves: Real) -> float:
+def grid_of(moves: Array) -> float:
     """The step (rad) of whose multiples all movements are; 0 where there is none."""
-    apart = np.diff(np.unique(np.round(np.abs(moves), _DIGITS)))
+    apart = np.diff(np.unique(np.round(np.abs(moves), _ANGLE_DIGITS)))
     if len(apart) == 0 or float(np.min(apart)) < _FINEST:
         return 0.0
-    near = apart[apart < _NEAR * np.min(apart)]
+    near = apart[apart < _COMPARED_STEPS * np.min(apart)]
     counts = np.rint(near / np.min(apart))
     step = float(np.sum(near) / np.sum(counts))
     return step if bool(np.all(np.abs(near / step - counts) < _ON_GRID)) else 0.0
@@ -112,7 +114,7 @@ def _energy_of(rows: Rows, square: float) -> float:
     return (by_magnets + saliency**2 * float(np.vdot(i, i).real)) * square
 
 
-def _step_of(rows: Rows, told: float) -> float:
+def _resolution(rows: Rows, told: float) -> float:
     """The angle's resolution (rad): as told, or, where that is finer than what shows, as it shows.
 
     A period turns by a step more than the one before and the one after, or less; by up to sqrt(5) resolutions where
@@ -124,7 +126,7 @@ def _step_of(rows: Rows, told: float) -> float:
     return told if shown <= _TWICE_ROUNDED * told else shown
 
 
-def _by_clock(rows: Rows) -> tuple[NDArray[np.intp], Real, list[int]]:
+def _samples_by_clock(rows: Rows) -> tuple[NDArray[np.intp], Array, list[int]]:
     """Place of each sample among equal steps of time, the angle (rad) at these, and where runs begin and end.
 
     Over a few samples that are not there, the angle goes on.
@@ -137,11 +139,11 @@ def _by_clock(rows: Rows) -> tuple[NDArray[np.intp], Real, list[int]]:
     at = np.concatenate((np.zeros(1, np.intp), np.cumsum(np.where(long, 1, apart))))
     theta = rows.theta_e[0] + np.concatenate((np.zeros(1), np.cumsum(D)))
     n = int(at[-1]) + 1
-    course = cast(Real, np.interp(np.arange(n), at, theta))
+    course = cast(Array, np.interp(np.arange(n), at, theta))
     return at, course, [0, *at[1:][long].tolist(), n]
 
 
-def _torques(rows: Rows) -> tuple[Real, Real]:
+def _torques(rows: Rows) -> tuple[Array, Array]:
     """Of the currents at samples, a pole pair, over 1.5, Vs A: by the nominal machine, and what of it goes by i_d i_q:
     nominal inductances do not tell how far L_d and L_q are apart.
     """
@@ -162,13 +164,13 @@ def _reach(rows: Rows, step: float) -> float:
     by_counts, by_numbers = counts_and_numbers(rows, step)
     if by_numbers == 0.0:
         return 0.5 * by_counts
-    held = by_counts > by_numbers and abs(math.remainder(by_counts, by_numbers)) < _SAME * by_numbers
+    held = by_counts > by_numbers and abs(math.remainder(by_counts, by_numbers)) < _SAME_GRID * by_numbers
     return 0.5 * by_counts if held else 0.5 * (by_counts + by_numbers)
 
 
-def _rounding(
-    theta: Real, torques: Sequence[Real], ends: Sequence[int], reach: float, n_p: int
-) -> tuple[Real, Real]:
+def _rounding_left(
+    theta: Array, torques: Sequence[Array], ends: Sequence[int], reach: float, n_p: int
+) -> tuple[Array, Array]:
     """Angle less the smooth one (rad), and the variance (rad^2) of what is left of the rounding."""
     if reach == 0.0:
         return np.zeros(len(theta)), np.zeros(len(theta))

@@ -9,29 +9,26 @@ from collections.abc import Sequence
 from typing import Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.diagnosis.angle.smoothest_course import Course, fast, smoothest, surer, surest
+from estimator.arrays import Array, Vector
+from estimator.diagnosis.angle.smoothest_course import SmoothCourse, fast, smoothest, surer, surest
 from estimator.kernel import kernel
 
-Real = NDArray[np.float64]
-Vector = NDArray[np.complex128]
-
 _BEND: Final = 32  # periods to either side, over which torque bends a movement
-_HELD: Final = 40  # times that many periods: fewer say nothing of a shaft
-_KNOWN: Final = 3  # moves: torque, friction, and one in proportion to speed
+_HELD_PERIODS: Final = 40  # times that many periods: fewer say nothing of a shaft
+_KNOWN_MOVES: Final = 3  # moves: torque, friction, and one in proportion to speed
 _PUSHED: Final = 5.0  # standard deviations, by which torque is seen to move it
-_ORDERS: Final = 24  # of the electrical turn, at which a rotor may swing: cogging, ripple of the torque
-_SEEN: Final = 20.0  # times the power by chance, by which a movement is seen
-_AT_ONCE: Final = 4  # orders
+_SWING_ORDERS: Final = 24  # of the electrical turn, at which a rotor may swing: cogging, ripple of the torque
+_SEEN_POWER: Final = 20.0  # times the power by chance, by which a movement is seen
+_ORDERS_AT_ONCE: Final = 4  # orders
 _FITS: Final = 8
 _FURTHER: Final = 1.8  # times the step that edges ask for: with it, others do
-_NEARER: Final = 0.99  # of its error: a step that brings less is the last
+_NO_NEARER: Final = 0.99  # of its error: a step that brings less is the last
 _SURER: Final = 0.9  # of its error: an angle that is known better beside a movement
 _ANEW: Final = 1024  # values, after which a sum begins anew: it keeps its digits
 
 
-def driven(theta: Real, torques: Sequence[Real], ends: Sequence[int]) -> Real:
+def driven(theta: Array, torques: Sequence[Array], ends: Sequence[int]) -> Array:
     """What torque and friction make of a movement (rad); zero where the shaft is held: nothing of it goes by them.
 
     J d(omega)/dt = torque - C sign(omega) - B omega - load, its inertia and frictions by least squares of how the
@@ -39,12 +36,12 @@ def driven(theta: Real, torques: Sequence[Real], ends: Sequence[int]) -> Real:
     several torques the first is known but for the inertia, and others count where they are seen beside it.
     """
     n, none = len(theta), np.zeros(len(theta))
-    if n < _HELD * _BEND:
+    if n < _HELD_PERIODS * _BEND:
         return none
-    omega = cast(Real, np.gradient(_mean(theta, _BEND)))
+    omega = cast(Array, np.gradient(_mean(theta, _BEND)))
     moves = [_twice_summed(x) for x in (torques[0], np.sign(omega), omega, *torques[1:])]
 
-    def bend(x: Real) -> Real:
+    def bend(x: Array) -> Array:
         mean = _mean(x, _BEND // 2)
         return (mean[2 * _BEND :] - 2.0 * mean[_BEND:-_BEND] + mean[: -2 * _BEND])[inner]
 
@@ -54,22 +51,22 @@ def driven(theta: Real, torques: Sequence[Real], ends: Sequence[int]) -> Real:
     inner = whole[_BEND:-_BEND]
     bends = [bend(x) for x in moves]
     size = [float(np.sqrt(np.mean(x**2))) for x in bends]
-    if not size[0] > 0.0 or np.sum(inner) < _HELD * _BEND:
+    if not size[0] > 0.0 or np.sum(inner) < _HELD_PERIODS * _BEND:
         return none
     seen = bend(theta)
-    there = [k for k in range(_KNOWN) if size[k] > 0.0]
+    there = [k for k in range(_KNOWN_MOVES) if size[k] > 0.0]
     found, sure = _coefficients([bends[k] / size[k] for k in there], seen)
     if sure[0] < _PUSHED:
         return none
-    for k in (k for k in range(_KNOWN, len(moves)) if size[k] > 0.0):
+    for k in (k for k in range(_KNOWN_MOVES, len(moves)) if size[k] > 0.0):
         more = [*there, k]
         other, sure = _coefficients([bends[j] / size[j] for j in more], seen)
         if abs(sure[-1]) > _PUSHED:
             there, found = more, other
-    return cast(Real, sum(found[j] / size[k] * moves[k] for j, k in enumerate(there)))
+    return cast(Array, sum(found[j] / size[k] * moves[k] for j, k in enumerate(there)))
 
 
-def _coefficients(columns: Sequence[Real], seen: Real) -> tuple[Real, Real]:
+def _coefficients(columns: Sequence[Array], seen: Array) -> tuple[Array, Array]:
     """Of columns, that make what is seen, by least squares; and in standard errors of bends."""
     A = np.array(columns)
     inverse = np.linalg.pinv(A @ A.T)
@@ -79,8 +76,8 @@ def _coefficients(columns: Sequence[Real], seen: Real) -> tuple[Real, Real]:
 
 
 def turning(
-    counts: Real, reach: float, torques: Sequence[Real], ends: Sequence[int], n_p: int
-) -> tuple[Real, Course]:
+    counts: Array, reach: float, torques: Sequence[Array], ends: Sequence[int], n_p: int
+) -> tuple[Array, SmoothCourse]:
     """What torque and orders of the turn make of a movement (rad), as counts show it, and the smoothest course beside.
 
     `counts`: their middles, rad, each `reach` wide to either side; or wider, where edges are not where they should be.
@@ -90,14 +87,14 @@ def turning(
     moves = [np.zeros(len(counts)), *([pushed] if pushed.any() else [])]
     which, course = surest([(counts - x, reach) for x in moves], ends)
     known, pushing = moves[which], [_twice_summed(x) for x in torques] if which else []
-    moved, beside = _moved(counts, known, course, pushing, n_p)
+    moved, beside = _moved_further(counts, known, course, pushing, n_p)
     known, course = (moved, beside) if beside.off < _SURER * course.off else (known, course)
     return known, surer(counts - known, course)
 
 
-def _moved(
-    counts: Real, known: Real, course: Course, pushing: Sequence[Real], n_p: int
-) -> tuple[Real, Course]:
+def _moved_further(
+    counts: Array, known: Array, course: SmoothCourse, pushing: Sequence[Array], n_p: int
+) -> tuple[Array, SmoothCourse]:
     """The same with what else counts show of torques' movements, and of swings at orders of the turn.
 
     Once and twice in a mechanical turn an encoder may swing; a rotor, by torque that has an order of the electrical
@@ -110,10 +107,10 @@ def _moved(
         theta = known + course.course
         there = np.flatnonzero(course.pull)
         edges = course.pull[there]
-        waves = {n: cast(Vector, np.exp(-1j * n * theta[there])) for n in (*own, *range(1, _ORDERS + 1))}
+        waves = {n: cast(Vector, np.exp(-1j * n * theta[there])) for n in (*own, *range(1, _SWING_ORDERS + 1))}
         seen = {n: abs(edges @ wave) ** 2 for n, wave in waves.items()}
-        plain = _SEEN * float(edges @ edges)
-        orders |= dict.fromkeys([n for n in sorted(seen, key=lambda n: -seen[n])[:_AT_ONCE] if seen[n] > plain])
+        plain = _SEEN_POWER * float(edges @ edges)
+        orders |= dict.fromkeys([n for n in sorted(seen, key=lambda n: -seen[n])[:_ORDERS_AT_ONCE] if seen[n] > plain])
         lost = [course.lost(x)[there] for x in pushing]
         pushed |= {k: None for k, x in enumerate(lost) if (edges @ x) ** 2 > 2.0 * plain * np.sum(x**2) / len(there)}
         if not orders and not pushed:
@@ -121,30 +118,30 @@ def _moved(
         moves = [pushing[k] for k in pushed]
         for n in orders:
             moves += [x if n in own else _twice_summed(x) for x in (np.cos(n * theta), np.sin(n * theta))]
-        known = known + _FURTHER * _fitted(counts - theta, course, [fast(x, course.ends) for x in moves])
+        known = known + _FURTHER * _moves_fitted(counts - theta, course, [fast(x, course.ends) for x in moves])
         before, course = course.off, smoothest(counts - known, course.reach, course.ends)
         best = min(best, (known, course), key=lambda found: found[1].off)
-        if fit > 0 and course.off > _NEARER * before:
+        if fit > 0 and course.off > _NO_NEARER * before:
             break
     return best
 
 
-def _fitted(off: Real, course: Course, moves: Sequence[Real]) -> Real:
+def _moves_fitted(off: Array, course: SmoothCourse, moves: Sequence[Array]) -> Array:
     """Of moves, what edges and middles of counts, `off` from the course, ask for: with as much of it as it follows."""
-    X: Real = np.array([move * course.reach / max(float(np.std(move)), 1e-300) for move in moves])
-    lost: Real = np.array([course.weight * course.lost(x) for x in X])
+    X: Array = np.array([move * course.reach / max(float(np.std(move)), 1e-300) for move in moves])
+    lost: Array = np.array([course.weight * course.lost(x) for x in X])
     pull = course.weight * np.where(course.pull != 0.0, course.pull, off)
-    sizes: Real = np.linalg.pinv(lost @ X.T, hermitian=True) @ (X @ pull)
+    sizes: Array = np.linalg.pinv(lost @ X.T, hermitian=True) @ (X @ pull)
     return sizes @ X
 
 
-def _twice_summed(x: Real) -> Real:
+def _twice_summed(x: Array) -> Array:
     """What bends by x from value to value, but for its mean."""
     return np.concatenate((np.zeros(1), np.cumsum(np.cumsum(x - np.mean(x)))[:-1]))
 
 
 @kernel
-def _mean(x: Real, w: int) -> Real:
+def _mean(x: Array, w: int) -> Array:
     """Moving mean over 2 w + 1 values; as it is at the ends."""
     out, n = x.copy(), len(x)
     for begin in range(w, n - w, _ANEW):

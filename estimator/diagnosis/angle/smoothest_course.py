@@ -21,36 +21,35 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.kernel import kernel, lean_kernel
 
-Real = NDArray[np.float64]
-
 _STIFF: Final = 24.0  # periods, over which a course may bend
-_HALVINGS: Final = 4
-_OUTSIDE: Final = 0.02  # counts, by which it leaves one
-_ASTRAY: Final = 0.25  # the same, however soon it may bend: that is no course
-_AROUND: Final = 12  # times the periods to either side, where it may bend sooner then
+_STEP_HALVINGS: Final = 4
+_OUTSIDE_COUNTS: Final = 0.02  # counts, by which it leaves one
+_NO_COURSE: Final = 0.25  # the same, however soon it may bend: that is no course
+_SOONER_REACH: Final = 12  # times the periods to either side, where it may bend sooner then
 _WIDER: Final = (1.1, 1.4)  # times counts' width
-_BENT: Final = 0.5  # of a course
-_WITHIN: Final = 3e-4  # weight within a count: it holds a course that reaches no edge
+_LEAST_BEND: Final = 0.5  # of a course
+_HOLDING_WEIGHT: Final = 3e-4  # weight within a count: it holds a course that reaches no edge
 _SOONER: Final = 1.5  # power of how much sooner it may bend, by which that grows
-_STEPS: Final = 40  # of Newton's method, at most
+_NEWTON_STEPS: Final = 40  # of Newton's method, at most
 _FELT: Final = 16  # times the periods to either side of a count that was reached or left, which the next one moves
-_MANY: Final = 60_000  # periods, that tell which course is the surest
+_JUDGED_PERIODS: Final = 60_000  # periods, that tell which course is the surest
 _BLOCKS: Final = 8
-_WORTH: Final = 2  # times as many, from which on it saves time
+_WORTH_BLOCKS: Final = 2  # times as many, from which on it saves time
 _SHORTEST: Final = 8  # periods of a run
 _NEIGHBOURS: Final = 4  # times the periods to either side, whose counts hold a course
 
 
-class Course(NamedTuple):
+class SmoothCourse(NamedTuple):
     """A course, how far it may be off, and what holds it."""
 
-    course: Real
-    variance: Real  # by how far all counts around would let it move
-    pull: Real  # how far outside of its count it is, against that side; zero within
-    weight: Real
-    span: Real  # periods, over which it may bend
+    course: Array
+    variance: Array  # by how far all counts around would let it move
+    pull: Array  # how far outside of its count it is, against that side; zero within
+    weight: Array
+    span: Array  # periods, over which it may bend
     reach: float  # of counts to either side
     ends: Sequence[int]
 
@@ -59,28 +58,30 @@ class Course(NamedTuple):
         """Rms by which it may be off."""
         return math.sqrt(float(np.mean(self.variance)))
 
-    def lost(self, x: Real) -> Real:
+    def lost(self, x: Array) -> Array:
         """What of another movement it would not follow."""
         return _lost(x, self.weight, self.span, self.ends)
 
 
-def surer(counts: Real, course: Course) -> Course:
+def surer(counts: Array, course: SmoothCourse) -> SmoothCourse:
     """The course, or, where most of it has to bend sooner, that of wider counts which is the surest.
 
     Edges of a real encoder are not all in place.
     """
-    if np.mean(course.span < _STIFF) < _BENT:
+    if np.mean(course.span < _STIFF) < _LEAST_BEND:
         return course
     return surest([(counts, wider * course.reach) for wider in (1.0, *_WIDER)], course.ends, course)[1]
 
 
-def surest(tried: Sequence[tuple[Real, float]], ends: Sequence[int], first: Course | None = None) -> tuple[int, Course]:
+def surest(
+    tried: Sequence[tuple[Array, float]], ends: Sequence[int], first: SmoothCourse | None = None
+) -> tuple[int, SmoothCourse]:
     """Which of some counts, each with its reach, has the surest course, and that; by blocks of a long recording.
 
     `first`: the course of the first of them, where it is known.
     """
-    if len(tried) > 1 and ends[-1] > _WORTH * _MANY:
-        part, cuts = _blocks(ends)
+    if len(tried) > 1 and ends[-1] > _WORTH_BLOCKS * _JUDGED_PERIODS:
+        part, cuts = _spread_blocks(ends)
         best = int(np.argmin([smoothest(counts[part], reach, cuts).off for counts, reach in tried]))
         return best, first if best == 0 and first is not None else smoothest(*tried[best], ends)
     known = [] if first is None else [first]
@@ -89,15 +90,15 @@ def surest(tried: Sequence[tuple[Real, float]], ends: Sequence[int], first: Cour
     return best, courses[best]
 
 
-def _blocks(ends: Sequence[int]) -> tuple[NDArray[np.intp], list[int]]:
+def _spread_blocks(ends: Sequence[int]) -> tuple[NDArray[np.intp], list[int]]:
     """Places in blocks all over a recording, and where runs of these begin and end."""
-    length = _MANY // _BLOCKS
+    length = _JUDGED_PERIODS // _BLOCKS
     starts = np.rint(np.linspace(0.0, ends[-1] - length, _BLOCKS)).astype(np.intp)
     cuts = np.clip(np.array(ends) - starts[:, None], 0, length) + length * np.arange(_BLOCKS)[:, None]
     return (starts[:, None] + np.arange(length)).ravel(), np.unique(cuts).tolist()
 
 
-def smoothest(counts: Real, reach: float, ends: Sequence[int]) -> Course:
+def smoothest(counts: Array, reach: float, ends: Sequence[int]) -> SmoothCourse:
     """Of counts' middles, each `reach` wide to either side, in runs; as they are where a run is too short to tell.
 
     As they are, too, around places where it would leave them however soon it may bend: no rotor's movement.
@@ -105,23 +106,25 @@ def smoothest(counts: Real, reach: float, ends: Sequence[int]) -> Course:
     n = len(counts)
     off, variance, span = np.zeros(n), np.full(n, reach**2 / 3.0), np.full(n, _STIFF)
     for run in _runs(ends):
-        off[run], span[run] = _off(counts[run], reach)
+        off[run], span[run] = _departure(counts[run], reach)
         variance[run] = _room(off[run], span[run], reach)
-        astray = _around(np.abs(off[run]) > reach * (1.0 + 2.0 * _ASTRAY), round(_AROUND * _STIFF / 2**_HALVINGS))
+        astray = _near_any(
+            np.abs(off[run]) > reach * (1.0 + 2.0 * _NO_COURSE), round(_SOONER_REACH * _STIFF / 2**_STEP_HALVINGS)
+        )
         off[run][astray], variance[run][astray] = 0.0, reach**2 / 3.0
     pull = np.clip(off, -reach, reach) - off
-    return Course(counts + off, variance, pull, _weight(off, reach, _within(span)), span, reach, ends)
+    return SmoothCourse(counts + off, variance, pull, _weight(off, reach, _middle_weight(span)), span, reach, ends)
 
 
-def fast(x: Real, ends: Sequence[int]) -> Real:
+def fast(x: Array, ends: Sequence[int]) -> Array:
     """What of a movement is too fast for a course that bends as little as it may and is held by no edge."""
-    return _lost(x, np.full(len(x), _WITHIN), np.full(len(x), _STIFF), ends)
+    return _lost(x, np.full(len(x), _HOLDING_WEIGHT), np.full(len(x), _STIFF), ends)
 
 
-def _lost(x: Real, weight: Real, span: Real, ends: Sequence[int]) -> Real:
+def _lost(x: Array, weight: Array, span: Array, ends: Sequence[int]) -> Array:
     out, none, L = np.zeros(len(x)), np.zeros(len(x)), np.empty((len(x), 3))
     for run in _runs(ends):
-        _step(out[run], L[run], -x[run], none[run], math.inf, weight[run], _stiff(span[run]), 0, len(out[run]))
+        _newton_step(out[run], L[run], -x[run], none[run], math.inf, weight[run], _stiff(span[run]), 0, len(out[run]))
     return out
 
 
@@ -130,21 +133,21 @@ def _runs(ends: Sequence[int]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends) if b - a >= _SHORTEST]
 
 
-def _off(counts: Real, reach: float) -> tuple[Real, Real]:
+def _departure(counts: Array, reach: float) -> tuple[Array, Array]:
     """Of one run: the course less counts, and the periods over which it may bend."""
     n = len(counts)
     span, off = np.full(n, _STIFF), np.zeros(n)
-    for halved in range(_HALVINGS + 1):
-        off = _bent(counts, reach, off, span)
-        left = np.abs(off) > reach * (1.0 + 2.0 * _OUTSIDE)
-        if halved == _HALVINGS or not left.any():
+    for halved in range(_STEP_HALVINGS + 1):
+        off = _newton(counts, reach, off, span)
+        left = np.abs(off) > reach * (1.0 + 2.0 * _OUTSIDE_COUNTS)
+        if halved == _STEP_HALVINGS or not left.any():
             break
-        near = _around(left, round(_AROUND * _STIFF / 2**halved))
+        near = _near_any(left, round(_SOONER_REACH * _STIFF / 2**halved))
         span[near] = np.minimum(span[near], _STIFF / 2 ** (halved + 1))
     return off, span
 
 
-def _around(there: NDArray[np.bool_], w: int) -> NDArray[np.bool_]:
+def _near_any(there: NDArray[np.bool_], w: int) -> NDArray[np.bool_]:
     """Within w periods of one that is there."""
     changes, at = np.zeros(len(there) + 1, np.intp), np.flatnonzero(there)
     np.add.at(changes, np.maximum(at - w, 0), 1)
@@ -152,30 +155,30 @@ def _around(there: NDArray[np.bool_], w: int) -> NDArray[np.bool_]:
     return np.cumsum(changes[:-1]) > 0
 
 
-def _bent(counts: Real, reach: float, off: Real, span: Real) -> Real:
+def _newton(counts: Array, reach: float, off: Array, span: Array) -> Array:
     """The course less counts for given periods, from one that is near; at first all counts' middles hold it alike."""
-    within = _within(span)
+    within = _middle_weight(span)
     weight = _weight(off, reach, within) if off.any() else np.ones(len(off))
-    return _settled(counts, reach, off, weight, within, _stiff(span), np.rint(_FELT * span).astype(np.intp))
+    return _converged(counts, reach, off, weight, within, _stiff(span), np.rint(_FELT * span).astype(np.intp))
 
 
-def _stiff(span: Real) -> Real:
+def _stiff(span: Array) -> Array:
     """Of third differences."""
     two = np.minimum(span[1:], span[:-1])
     cube = np.minimum(two[2:], two[:-2]) ** 3
-    return cast(Real, cube * cube)
+    return cast(Array, cube * cube)
 
 
-def _weight(off: Real, reach: float, within: Real) -> Real:
+def _weight(off: Array, reach: float, within: Array) -> Array:
     return np.where(np.abs(off) > reach, 1.0, within)
 
 
-def _within(span: Real) -> Real:
+def _middle_weight(span: Array) -> Array:
     """Weight of a count's middle."""
-    return _WITHIN * (_STIFF / span) ** _SOONER
+    return _HOLDING_WEIGHT * (_STIFF / span) ** _SOONER
 
 
-def _room(off: Real, span: Real, reach: float) -> Real:
+def _room(off: Array, span: Array, reach: float) -> Array:
     """Variance of an angle that may be anywhere where all counts around hold it."""
     variance = np.empty(len(off))
     for periods in np.unique(span).tolist():
@@ -187,7 +190,7 @@ def _room(off: Real, span: Real, reach: float) -> Real:
     return variance
 
 
-def _highest(x: Real, w: int) -> Real:
+def _highest(x: Array, w: int) -> Array:
     """Of w values to either side."""
     padded = np.pad(x, w, constant_values=-np.inf)
     size, width = 1, 2 * w + 1
@@ -199,18 +202,18 @@ def _highest(x: Real, w: int) -> Real:
 
 
 @kernel
-def _settled(
-    counts: Real, reach: float, off: Real, weight: Real, within: Real, stiff: Real, felt: NDArray[np.intp]
-) -> Real:
+def _converged(
+    counts: Array, reach: float, off: Array, weight: Array, within: Array, stiff: Array, felt: NDArray[np.intp]
+) -> Array:
     """The course less counts, from one that is near, and weights that hold it in the first step; `felt`: periods to
     either side that a change of a count's weight moves.
     """
     n, m = len(counts), 1
     off, weight, x, L = off.copy(), weight.copy(), np.empty(n), np.empty((n, 3))
     begins, ends, changes = np.zeros(n, np.intp), np.full(n, n), np.zeros(n + 1, np.intp)
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         for part in range(m):
-            _step(x, L, counts, off, reach, weight, stiff, begins[part], ends[part])
+            _newton_step(x, L, counts, off, reach, weight, stiff, begins[part], ends[part])
         for part in range(m):
             for k in range(begins[part], ends[part]):
                 before = off[k]
@@ -234,8 +237,8 @@ def _settled(
 
 
 @lean_kernel
-def _step(
-    x: Real, L: Real, counts: Real, off: Real, reach: float, weight: Real, stiff: Real, begin: int, end: int
+def _newton_step(
+    x: Array, L: Array, counts: Array, off: Array, reach: float, weight: Array, stiff: Array, begin: int, end: int
 ) -> None:
     """Write Newton's step from `off` between two periods, where all others stay.
 

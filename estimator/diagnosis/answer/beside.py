@@ -3,18 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.answer.quality import rms
 from estimator.diagnosis.intake.prepared import prepared
-from estimator.diagnosis.verdict import Array, Before
+from estimator.diagnosis.verdict import Before
 from estimator.machine import PARAMETERS
-from estimator.physics.vectors import Vector
 from estimator.samples import Samples
 from estimator.twin.currents import free_run
 from estimator.twin.model import Model, residual
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beside:
+class Comparison:
     """What a model leaves of a recording, before: the machine alone, after: with its effects."""
 
     one_step_rms_V: Before
@@ -23,7 +23,7 @@ class Beside:
     i: Vector  # A, free-running, with effects, rotor frame
 
 
-def beside(runs: Sequence[Samples], model: Model) -> Beside:
+def compared_with(runs: Sequence[Samples], model: Model) -> Comparison:
     """The model's twin beside a recording's runs. Raises ValueError where none of them has 3 samples."""
     long_enough = [run for run in runs if len(run) >= 3]
     if not long_enough:
@@ -36,4 +36,4 @@ def beside(runs: Sequence[Samples], model: Model) -> Beside:
         i = free_run(rows, one)
         steps.append(rms(residual(rows, rows, one)[rows.joined]))
         errors.append(rms((i - rows.i)[1:][rows.joined]))
-    return Beside(Before(*steps), Before(*errors), rows.t, i)
+    return Comparison(Before(*steps), Before(*errors), rows.t, i)

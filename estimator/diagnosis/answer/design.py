@@ -14,40 +14,41 @@ from typing import Final, cast
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.diagnosis.angle.angle_rounding import beat_of
 from estimator.diagnosis.likelihood.columns import STRETCHES, regression
 from estimator.diagnosis.likelihood.evidence import FAINT, Choice, Search
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import STANDING
 from estimator.diagnosis.likelihood.noise import Noise
-from estimator.diagnosis.trust.rivals import SURE, rivals
+from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS, rivals
 from estimator.diagnosis.verdict import Experiment, Hold
 from estimator.diagnosis.words import number
 from estimator.machine import PARAMETERS, Machine
 from estimator.online.flux_balance import TURN
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
-from estimator.twin.model import Array, Model, base_voltage, effects_voltage, frame_of, in_truth, with_machine
+from estimator.twin.model import Model, base_voltage, effects_voltage, frame_of, in_truth, with_machine
 
 DURATION: Final = 6.0  # s
 FEWEST, MOST = 3, 8  # holds
-STEP: Final = 0.1  # of rated current: steps around each level
-_SPEEDS: Final = (1.0, 0.5, 0.2)  # of the fastest
+STEP_SHARE: Final = 0.1  # of rated current: steps around each level
+_SPEED_LEVELS: Final = (1.0, 0.5, 0.2)  # of the fastest
 _ASIDE: Final = 1.7  # times the rounding that beats: less than half a count of the encoder
-_I_D: Final = (0.0, -0.25, -0.5, 0.25)  # of rated current
-_I_Q: Final = (0.45, 0.7, 0.2, -0.4)
-_PERIODS: Final = STRETCHES * 600 // (len(_SPEEDS) * len(_I_D) * len(_I_Q))  # of each level
-_STEPS: Final = (50, 35)  # periods that steps of i_d, i_q last
+_I_D_LEVELS: Final = (0.0, -0.25, -0.5, 0.25)  # of rated current
+_I_Q_LEVELS: Final = (0.45, 0.7, 0.2, -0.4)
+_PERIODS: Final = STRETCHES * 600 // (len(_SPEED_LEVELS) * len(_I_D_LEVELS) * len(_I_Q_LEVELS))  # of each level
+_STEP_PERIODS: Final = (50, 35)  # periods that steps of i_d, i_q last
 _BANDWIDTH: Final = 0.1  # of a period's change of a step that is left, as a current control has it
 _REACH: Final = 0.9  # of the voltage there is
 _ENOUGH: Final = math.log(1e6)  # log-odds
-_MORE: Final = 1.02  # times as much that another hold has to tell
+_TELLS_MORE: Final = 1.02  # times as much that another hold has to tell
 _WELL: Final = 0.1  # of a parameter's tolerance: told well
-_HELD: Final = 0.15  # of rated current, of the fastest speed: within it, one level
+_SAME_HELD: Final = 0.15  # of rated current, of the fastest speed: within it, one level
 _MOST_ODDS: Final = 1e12
 _TIMED: Final = frozenset({"winding_resistance_drift", "magnet_flux_drift", "magnet_flux_step"})
 """What moves with time alone, which no level tells."""
-_NONE: Final = (
+_NO_EXPERIMENT: Final = (
     "no levels of speed and current can be chosen that would tell; see that the recording is of one machine, and of "
     "that whose data are given"
 )
@@ -63,12 +64,12 @@ def experiment(
     nothing away from a verdict.
     """
     try:
-        return _chosen(rows, model, noise, nominal, tolerance, pair)
+        return _levels_chosen(rows, model, noise, nominal, tolerance, pair)
     except (ArithmeticError, np.linalg.LinAlgError):  # of a model that is no machine's
-        return Experiment(_NONE)
+        return Experiment(_NO_EXPERIMENT)
 
 
-def _chosen(
+def _levels_chosen(
     rows: Rows, model: Model, noise: Noise, nominal: Machine, tolerance: Mapping[str, float],
     pair: tuple[str, str] | None,
 ) -> Experiment:  # fmt: skip
@@ -76,10 +77,10 @@ def _chosen(
     model = replace(model, effects={name: sizes for name, sizes in model.effects.items() if name not in timed})
     library = [effect for effect in LIBRARY if effect.name not in timed]
     rows = with_machine(rows, model.machine)
-    levels = _levels(rows)
+    levels = _holdable(rows)
     allowed = [k for k, (speed, i) in enumerate(levels) if _within_reach(rows, speed, i)]
     if not allowed:
-        return Experiment(_NONE)
+        return Experiment(_NO_EXPERIMENT)
     imagined = _imagined(rows, model, levels)
     told = Search(regression(imagined, imagined, model, Given(nominal, tolerance, 1e-5), noise, library))
     design = _Design(told, nominal, tolerance, tuple((name, -1) for name in model.effects), pair)
@@ -87,20 +88,21 @@ def _chosen(
     chosen = design.best(here)
     if len(here) < len(allowed) and not (chosen and design.satisfied(chosen)):
         chosen = design.best(allowed)
-    return _said(rows, [levels[k] for k in chosen], pair, design.odds(chosen))
+    return _experiment_in_words(rows, [levels[k] for k in chosen], pair, design.odds(chosen))
 
 
 # --- levels
 
 
-def _levels(rows: Rows) -> list[tuple[float, complex]]:
+def _holdable(rows: Rows) -> list[tuple[float, complex]]:
     """Electrical speeds (rad/s), the recording's own first, and currents (A) that may be held."""
     rated = rows.i_rated
     side = math.copysign(1.0, float(np.median(rows.i.imag)) or 1.0)
     way = _way(rows)
     fast = _fastest(rows) - _ASIDE * beat_of(rows) / rows.T_s
     return [
-        (way * share * fast, complex(d, q * side) * rated) for share, d, q in product(_SPEEDS, _I_D, _I_Q)
+        (way * share * fast, complex(d, q * side) * rated)
+        for share, d, q in product(_SPEED_LEVELS, _I_D_LEVELS, _I_Q_LEVELS)
     ]
 
 
@@ -112,7 +114,7 @@ def _fastest(rows: Rows) -> float:
     """The recording's highest speed, rad/s; of a motor that stands, one that asks for a third of the voltage."""
     slow, fast = (float(np.quantile(np.abs(rows.omega_e[rows.joined]), q)) for q in (0.02, 0.98))
     if fast > STANDING:
-        return fast if fast - slow > _HELD * fast else float(np.median(np.abs(rows.omega_e[rows.joined])))
+        return fast if fast - slow > _SAME_HELD * fast else float(np.median(np.abs(rows.omega_e[rows.joined])))
     m = rows.machine
     volts = float(np.median(rows.u_dc)) / math.sqrt(3.0) if rows.u_dc is not None else 10.0 * m.R_s * rows.i_rated
     return volts / (3.0 * m.psi_f)
@@ -134,8 +136,8 @@ def _imagined(rows: Rows, model: Model, levels: Sequence[tuple[float, complex]])
     Each takes the whole experiment's time, in periods that follow one another all the same.
     """
     n = _PERIODS
-    shape = [_staircase(n, hold, seed) for seed, hold in enumerate(_STEPS)]
-    around = STEP * rows.i_rated * (shape[0] + 1j * shape[1])
+    shape = [_staircase(n, hold, seed) for seed, hold in enumerate(_STEP_PERIODS)]
+    around = STEP_SHARE * rows.i_rated * (shape[0] + 1j * shape[1])
     i = np.concatenate([at + around for _, at in levels] + [np.zeros(1)]).astype(np.complex128)
     D = np.repeat([speed * rows.T_s for speed, _ in levels], n)
     joined = np.ones(len(D), np.bool_)
@@ -185,7 +187,7 @@ class _Design:
         chosen: list[int] = []
         while len(chosen) < min(MOST, len(allowed)):
             more = max((k for k in allowed if k not in chosen), key=lambda k: self._score([*chosen, k]))
-            if len(chosen) >= FEWEST and self._score([*chosen, more]) < _MORE * self._score(chosen):
+            if len(chosen) >= FEWEST and self._score([*chosen, more]) < _TELLS_MORE * self._score(chosen):
                 break
             chosen.append(more)
         return chosen
@@ -237,7 +239,7 @@ class _Design:
 # --- words
 
 
-def _said(
+def _experiment_in_words(
     rows: Rows, holds: Sequence[tuple[float, complex]], pair: tuple[str, str] | None, odds: float | None
 ) -> Experiment:
     rpm = 60.0 / (TURN * rows.machine.n_p)
@@ -245,29 +247,28 @@ def _said(
     if pair is not None and _TIMED & set(pair):
         holds = [*holds, holds[0]]  # the same again, later
     seconds = DURATION / len(holds)
-    run = tuple(Hold(_round(speed * rpm), _round(i.real), _round(i.imag), seconds) for speed, i in holds)
+    run = tuple(Hold(_two_digits(speed * rpm), _two_digits(i.real), _two_digits(i.imag), seconds) for speed, i in holds)
     speeds, i_d, i_q = (_different(run, name) for name in ("speed_rpm", "i_d", "i_q"))
     levels = _levels_said(rows, speeds, i_d, i_q)
-    each = f"each with steps of {number(STEP * rows.i_rated, 2)} A around it"
+    each = f"each with steps of {number(STEP_SHARE * rows.i_rated, 2)} A around it"
     if pair is None:
         sentence = f"record {levels}, {each}, {DURATION:g} s in all: that would tell R_s, L_d, L_q and psi_f"
     else:
         one, other = (BY_NAME[name].title for name in pair)
         expected = math.inf if odds is None else odds
-        if expected < math.exp(SURE):
+        if expected < math.exp(SURE_LOG_ODDS):
             sentence = (
                 f"no level within {number(rows.i_rated, 2)} A and {number(_fastest(rows) * rpm, 3)} rpm is expected "
                 f"to tell {one} from {other} (odds {expected:.1g}); record {levels}, {each}, for longer than "
                 f"{DURATION:g} s"
             )
         else:
-            sentence = (
-                f"{levels}, {each}, would tell {one} from {other} (expected odds {_odds(expected)} in {DURATION:g} s)"
-            )
-    return Experiment(sentence, speeds, i_d, i_q, DURATION, run, _round(STEP * rows.i_rated), odds)
+            odds_there = f"expected odds {_odds(expected)} in {DURATION:g} s"
+            sentence = f"{levels}, {each}, would tell {one} from {other} ({odds_there})"
+    return Experiment(sentence, speeds, i_d, i_q, DURATION, run, _two_digits(STEP_SHARE * rows.i_rated), odds)
 
 
-def _round(x: float) -> float:
+def _two_digits(x: float) -> float:
     return float(f"{x:.4g}")
 
 
@@ -297,10 +298,10 @@ def _new_levels(rows: Rows, speeds: Sequence[float], i_d: Sequence[float], i_q: 
         ("i_q level", "A", i_q, rows.i.imag, rows.i_rated),
     ):
         low, high = (float(np.quantile(seen, q)) for q in (0.02, 0.98))
-        beyond = [x for x in new if not low - _HELD * reach <= x <= high + _HELD * reach]
+        beyond = [x for x in new if not low - _SAME_HELD * reach <= x <= high + _SAME_HELD * reach]
         if not beyond:
             continue
-        if len(beyond) == 1 and high - low < 2.0 * _HELD * reach:
+        if len(beyond) == 1 and high - low < 2.0 * _SAME_HELD * reach:
             said.append(f"a second {what} of {number(beyond[0], 2)} {unit}")
         else:
             *most, last = (number(x, 2) for x in new)

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Vector
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.diagnosis.search.fitting import Fitted
 from estimator.diagnosis.trust.rivals import Doubt
@@ -19,10 +20,9 @@ from estimator.machine import PARAMETERS
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 from estimator.twin.model import residual, with_machine
 
-_DELTA: Final = 1e-4  # of a size, for differences
+_SIZE_STEP: Final = 1e-4  # of a size, for differences
 
 
 def finding_of(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], left: Vector) -> Finding:
@@ -63,7 +63,7 @@ def told_sizes(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) 
     here = values(sizes)
     slopes = {name: np.zeros(len(fit.places)) for name in here}
     for k, place in at.items():
-        h = _DELTA * max(abs(sizes[k]), 1e-3 * effect.parameters[k].typical(rows))
+        h = _SIZE_STEP * max(abs(sizes[k]), 1e-3 * effect.parameters[k].typical(rows))
         there = values([size + h * (n == k) for n, size in enumerate(sizes)])
         for name in here:
             slopes[name][place] = (there[name][0] - here[name][0]) / h

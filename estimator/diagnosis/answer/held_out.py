@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Vector
 from estimator.diagnosis.answer.pictures import traces
 from estimator.diagnosis.answer.quality import fit_quality, floor_of_means
 from estimator.diagnosis.likelihood.columns import STRETCHES
@@ -13,14 +14,13 @@ from estimator.diagnosis.likelihood.evidence import Search
 from estimator.diagnosis.search.fitting import Fitted, moved
 from estimator.diagnosis.verdict import Fit, Traces
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 from estimator.twin.currents import free_run
 from estimator.twin.model import residual
 
 _HELPS: Final = 0.98  # of a free-running error without any effect, that effects leave at most
 _RISES: Final = 1.01  # times the same: more than chance
 _BORNE_OUT: Final = 0.5  # of what effects explain, that they have to explain of stretches left out
-_ASTRAY: Final = 3.0  # times the same: no model of the machine
+_NO_MODEL: Final = 3.0  # times the same: no model of the machine
 
 
 def shown_held_out(rows: Rows, found: Fitted, left: Vector, plain: Search) -> tuple[Fit, Traces]:
@@ -46,7 +46,7 @@ def no_help(found: Fitted, fit: Fit) -> bool:
     Where the free-running error grows by far, the model is none of the machine.
     """
     step, run = fit.one_step_rms_V, fit.free_run_rms_A
-    if run.after > _ASTRAY * run.before:
+    if run.after > _NO_MODEL * run.before:
         return True
     if step.after <= step.before or run.after <= _HELPS * run.before:
         return False

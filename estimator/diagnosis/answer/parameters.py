@@ -20,7 +20,7 @@ from estimator.physics.rows import Rows
 from estimator.physics.vectors import by_phase
 from estimator.twin.model import Model
 
-_OUTSIDE: Final = 3.0  # standard errors, beyond the tolerance
+_OUTSIDE_TOLERANCE: Final = 3.0  # standard errors, beyond the tolerance
 
 
 class ToldMachine(NamedTuple):
@@ -40,8 +40,8 @@ def told_machine(found: Fitted, plain: Search | None, lent: float, given: Given)
     lent: energy over noise that what has no name may have lent to a parameter.
     """
     search, choice, scaled = found.search, found.choice, _scaled_by(found.smooth, found.model)
-    after = _parameters(search, choice, lent, scaled)
-    likely, compared, flux_map = _parameters(search, choice), list(PARAMETERS), None
+    after = _four_parameters(search, choice, lent, scaled)
+    likely, compared, flux_map = _four_parameters(search, choice), list(PARAMETERS), None
     if found.model.bend is not None:
         flux_map = told_map(search, choice, lent)
         for name, told in flux_map.machine().items():
@@ -51,7 +51,7 @@ def told_machine(found: Fitted, plain: Search | None, lent: float, given: Given)
         compared = [name for name in ("R_s", "psi_f") if after[name].value is not None]
     contact = _contact(found.model)
     return ToldMachine(
-        _parameters(plain or search, ()), after, flux_map,
+        _four_parameters(plain or search, ()), after, flux_map,
         _outside({name: after[name] for name in compared}, given, contact),
         _blind({name: likely[name] for name in compared}, given),
         scales_left_open(
@@ -66,7 +66,7 @@ def _scaled_by(rows: Rows, model: Model) -> float:
     return math.hypot(*(scale(rows, sizes) for scale, sizes in scales if scale is not None))
 
 
-def _parameters(search: Search, choice: Choice, lent: float = 0.0, scaled: float = 0.0) -> dict[str, Quantity]:
+def _four_parameters(search: Search, choice: Choice, lent: float = 0.0, scaled: float = 0.0) -> dict[str, Quantity]:
     """R_s, L_d, L_q, psi_f of a fit; their intervals take in what noise of the currents may have made of them.
 
     And what equations of effects miss. `lent`: energy over noise that what has no name may have lent to a parameter: as
@@ -104,7 +104,7 @@ def _outside(after: Mapping[str, Quantity], given: Given, contact: float) -> dic
         value, std = quantity.value, quantity.std or 0.0
         assert value is not None
         added = contact if name == "R_s" else 0.0
-        if max(value - added - nominal, nominal - value) > tolerance * nominal + _OUTSIDE * std:
+        if max(value - added - nominal, nominal - value) > tolerance * nominal + _OUTSIDE_TOLERANCE * std:
             off = 100.0 * abs(value / nominal - 1.0)
             said[name] = at_its_bound(name, value, given.machine) if quantity.std is None else (
                 f"{name} = {value:.4g} {quantity.unit} lies {off:.2g} % from its nominal {nominal:.4g} "

@@ -9,16 +9,16 @@ from typing import Final
 
 import numpy as np
 
-from estimator.diagnosis.likelihood.averages import Array, Means, means, usual_periods
+from estimator.arrays import Array, Vector
+from estimator.diagnosis.likelihood.averages import Means, means, usual_periods
 from estimator.diagnosis.verdict import Map, Traces
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real, Vector
 
-_BINS: Final = 300
+_PICTURE_BINS: Final = 300
 _WINDOW: Final = 400  # periods
-_SEGMENT: Final = 1024  # periods of a spectrum
+_WELCH_PERIODS: Final = 1024  # periods of a spectrum
 _CELLS: Final = 24  # of a map, either way
-_LEAST: Final = 3  # means in a cell
+_LEAST_MEANS: Final = 3  # means in a cell
 
 
 def traces(
@@ -31,13 +31,13 @@ def traces(
     """
     m = usual_periods(rows)
     before, after = means(rows, r_before, m), means(rows, r_after, m)
-    edges = np.linspace(float(rows.t[0]), float(rows.t[-1]), min(_BINS, max(1, len(before.v))) + 1)
+    edges = np.linspace(float(rows.t[0]), float(rows.t[-1]), min(_PICTURE_BINS, max(1, len(before.v))) + 1)
     window = _window(rows, before)
     now = slice(window.start, window.stop + 1)
     return Traces(
         t=0.5 * (edges[:-1] + edges[1:]),
-        before_V=_rms(rows.t[before.at], edges, before.v),
-        after_V=_rms(rows.t[after.at], edges, after.v),
+        before_V=_rms_in_bins(rows.t[before.at], edges, before.v),
+        after_V=_rms_in_bins(rows.t[after.at], edges, after.v),
         window_t=rows.t[window],
         window={
             "u_d": (_smoothed(r_before, window, m).real, _smoothed(r_after, window, m).real),
@@ -48,14 +48,14 @@ def traces(
             "i_q": (rows.i[now].imag[:-1], i_before[now].imag[:-1], i_after[now].imag[:-1]),
         },
         frequency=_frequency(rows),
-        spectrum=(_spectrum(rows, r_before), _spectrum(rows, r_after)),
+        spectrum=(_amplitude_density(rows, r_before), _amplitude_density(rows, r_after)),
         maps=_maps(rows, before, after),
         periods=m,
         floor_V=None if floor is None else floor(m),
     )
 
 
-def _rms(x: Array, edges: Array, v: Vector) -> Array:
+def _rms_in_bins(x: Array, edges: Array, v: Vector) -> Array:
     """Root mean square in bins; NaN where there is nothing."""
     count = np.histogram(x, edges)[0]
     total = np.histogram(x, edges, weights=np.abs(v) ** 2)[0]
@@ -82,7 +82,7 @@ def _smoothed(r: Vector, window: slice, m: int) -> Vector:
 
 
 def _segment(rows: Rows) -> int:
-    return min(_SEGMENT, len(rows))
+    return min(_WELCH_PERIODS, len(rows))
 
 
 def _frequency(rows: Rows) -> Array:
@@ -90,7 +90,7 @@ def _frequency(rows: Rows) -> Array:
     return np.arange(n // 2 + 1) / (n * rows.T_s)
 
 
-def _spectrum(rows: Rows, r: Vector) -> Array:
+def _amplitude_density(rows: Rows, r: Vector) -> Array:
     """Amplitude density (V/sqrt(Hz)) of d and q together, one-sided, by Welch's method."""
     n = _segment(rows)
     hann = np.hanning(n + 1)[:-1] if n > 1 else np.ones(1)
@@ -123,12 +123,12 @@ def _edges(x: Array) -> Array:
     return np.linspace(low - room, high + room, _CELLS + 1)
 
 
-def _map(x: str, of_x: Real, y: str, of_y: Real, before: Means, after: Means) -> Map:
+def _map(x: str, of_x: Array, y: str, of_y: Array, before: Means, after: Means) -> Map:
     x_edges, y_edges = _edges(of_x), _edges(of_y)
     count = np.histogram2d(of_y, of_x, (y_edges, x_edges))[0]
 
     def rms(v: Vector) -> Array:
         total = np.histogram2d(of_y, of_x, (y_edges, x_edges), weights=np.abs(v) ** 2)[0]
-        return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count >= _LEAST))
+        return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count >= _LEAST_MEANS))
 
     return Map(x, y, x_edges, y_edges, rms(before.v), rms(after.v))

@@ -16,24 +16,21 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array, Bools, Vector
 from estimator.diagnosis.likelihood.noise import flux_errors
 from estimator.diagnosis.likelihood.thinning import thinned
 from estimator.diagnosis.verdict import Before, Fit
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Real, Vector
 from estimator.twin.currents import WINDOW, implied_voltage
 from estimator.twin.model import Model, residual
-
-Bools = NDArray[np.bool_]
 
 SHORTEST: Final = 16
 """Periods that the longest stretch must have."""
 _SEGMENTS: Final = (64, 32, SHORTEST)  # periods, of spectra: the longest that there are
-_FEW: Final = (8_000, 16)  # periods and blocks of them, over which noise is laid
+_NOISE_BLOCKS: Final = (8_000, 16)  # periods and blocks of them, over which noise is laid
 _LOW: Final = 0.1  # of the sampling rate
-_HIGH: Final = 0.25
+_UPPER_BAND: Final = 0.25
 
 
 def fit_quality(
@@ -78,25 +75,25 @@ def rms(x: Vector) -> float:
 
 def longest(used: Bools) -> int:
     """Periods of the longest stretch."""
-    return max((b - a for a, b in _stretches(used)), default=0)
+    return max((b - a for a, b in _used_stretches(used)), default=0)
 
 
-def _stretches(used: Bools) -> list[tuple[int, int]]:
+def _used_stretches(used: Bools) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(used.astype(np.int8), prepend=0, append=0)).tolist()
     return list(zip(edges[0::2], edges[1::2], strict=True))
 
 
 def _low_over_white(z: Vector, used: Bools) -> float:
     """Power below a tenth of the sampling rate, over that of white noise of the power above a quarter of it."""
-    stretches = [z[a:b] for a, b in _stretches(used)]
+    stretches = [z[a:b] for a, b in _used_stretches(used)]
     size = next(size for size in _SEGMENTS if size <= longest(used))
     whole = [stretch[: len(stretch) // size * size].reshape(-1, size) for stretch in stretches]
     parts: Vector = np.concatenate(whole) * np.hanning(size)
     frequency = np.abs(np.fft.fftfreq(size))
 
-    def ratio(x: Real) -> float:
-        power: Real = np.mean(np.abs(np.fft.fft(x, axis=1)) ** 2, axis=0)
-        return float(np.mean(power[frequency < _LOW]) / np.mean(power[frequency > _HIGH]))
+    def ratio(x: Array) -> float:
+        power: Array = np.mean(np.abs(np.fft.fft(x, axis=1)) ** 2, axis=0)
+        return float(np.mean(power[frequency < _LOW]) / np.mean(power[frequency > _UPPER_BAND]))
 
     return 0.5 * (ratio(parts.real) + ratio(parts.imag))
 
@@ -140,7 +137,7 @@ def _louder(rows: Rows, model: Model, noise: tuple[float, float, float]) -> floa
     """Rms of the voltage that noise of the currents makes with a model's effects, over that of the machine alone."""
     if not model.effects:
         return 1.0
-    rows = thinned(rows, *_FEW)
+    rows = thinned(rows, *_NOISE_BLOCKS)
     m, n, chance = model.machine, len(rows) + 1, np.random.default_rng(0)
     each = noise[0] / m.L_d * chance.standard_normal(n) + 1j * noise[1] / m.L_q * chance.standard_normal(n)
     noisy = replace(rows, i=rows.i + each, kept=rows.kept_of_angle_and_bridge())

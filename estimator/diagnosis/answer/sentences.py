@@ -3,20 +3,20 @@
 import math
 
 from estimator.diagnosis.verdict import Diagnosis, Finding, Fit, Quantity, Verdict
-from estimator.diagnosis.words import begun
+from estimator.diagnosis.words import sentence_start
 from estimator.machine import UNITS
 from estimator.physics import convention_error
 from estimator.physics.library import BY_NAME
 
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
-_COUNTS = ("periods", "phase", "pole_pairs", "u_shift", "theta_shift", "u_mirrored", "i_mirrored")  # without a unit
+_UNITLESS = ("periods", "phase", "pole_pairs", "u_shift", "theta_shift", "u_mirrored", "i_mirrored")  # without a unit
 _MOST_DECIMALS = 9
-_GAIN = "a gain of all voltages or of all currents, by which the parameters are off then"
+_GAIN_WORDS = "a gain of all voltages or of all currents, by which the parameters are off then"
 _UNFITTED = {convention_error.NAME: convention_error.TITLE, "dc_link_gain": "a dc link that is misread"}
 """Titles of causes that no column stands for."""
 _LIKE_NOISE = 1.05  # times the noise floor
-_CLOSE = 0.02  # of a scale, that needs no words
-_WHOLE = 0.05  # periods, by which a delay is one of whole periods
+_NEAR_ONE = 0.02  # of a scale, that needs no words
+_WHOLE_PERIODS = 0.05  # periods, by which a delay is one of whole periods
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
 
 
@@ -24,7 +24,7 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
     """The answer as a bench engineer would say it. `cause`: a convention that was followed, in words."""
     fit, said = diagnosis.fit, list[str]()
     if diagnosis.findings:
-        parts = [_finding(finding, cause) for finding in diagnosis.findings]
+        parts = [_finding_in_words(finding, cause) for finding in diagnosis.findings]
         said.append("; ".join(parts))
         if fit is not None and (loo := fit.leave_one_out) is not None:
             said.append(
@@ -58,14 +58,14 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
     if diagnosis.verdict is Verdict.NO_MISMATCH:
         left = _beyond_noise(fit) or "nothing but noise"
         nothing = f"no mismatch: the machine's equations with fitted parameters leave {left}"
-        said.append("; ".join(part for part in (nothing, _detectable(diagnosis)) if part))
+        said.append("; ".join(part for part in (nothing, _detectable_in_words(diagnosis)) if part))
         said.append(_left_open(diagnosis))
     if diagnosis.verdict is Verdict.NOT_ENOUGH_EXCITATION:
         why = "no effect stands out, and not every parameter can be told"
         said.append(f"not enough excitation to judge: {'; '.join(diagnosis.remarks[-1:]) or why}")
     if diagnosis.experiment is not None and diagnosis.experiment not in (d.experiment for d in diagnosis.ambiguous):
         said.append(diagnosis.experiment.sentence)
-    text = ". ".join(begun(part) for part in said if part)
+    text = ". ".join(sentence_start(part) for part in said if part)
     return text + "."
 
 
@@ -98,8 +98,8 @@ def _plural(title: str) -> bool:
     return title.startswith(("harmonics", "offsets", "unequal"))
 
 
-def _finding(finding: Finding, cause: str) -> str:
-    sizes = ", ".join(_size(name, q) for name, q in finding.parameters.items() if q.value is not None)
+def _finding_in_words(finding: Finding, cause: str) -> str:
+    sizes = ", ".join(_size_in_words(name, q) for name, q in finding.parameters.items() if q.value is not None)
     hid = ", ".join(_signed(change, UNITS[name]) + f" of {name}" for name, change in finding.absorbed_as.items())
     if finding.effect == convention_error.NAME:
         return f"the recording follows {convention_error.TITLE}: {cause or sizes}"
@@ -115,7 +115,7 @@ def _finding(finding: Finding, cause: str) -> str:
 def _delayed(periods: float) -> str:
     """What a delay means; of no whole periods it need not be the voltage's."""
     text = f", that is, the voltage acts {'later' if periods > 0.0 else 'earlier'} than its row says"
-    if periods > 0.0 and abs(periods - round(periods)) > _WHOLE:
+    if periods > 0.0 and abs(periods - round(periods)) > _WHOLE_PERIODS:
         text += ", or currents are filtered or sampled late, which looks the same"
     return text
 
@@ -124,21 +124,21 @@ def _signed(change: float, unit: str) -> str:
     return f"{'+' if change > 0.0 else ''}{quantity(change, unit)}"
 
 
-def _size(name: str, told: Quantity) -> str:
+def _size_in_words(name: str, told: Quantity) -> str:
     """A size with its standard error: a count, a share or a quantity with a unit."""
     value, std = told.value or 0.0, told.std
     if told.unit != "1":
         said = quantity(value, told.unit, std)
-    elif name in _COUNTS:
+    elif name in _UNITLESS:
         said = _with_error(value, std, 4)
     else:
         said = f"{_with_error(100.0 * value, None if std is None else 100.0 * std)} %"
     return f"{name.replace('_', ' ')} {said}"
 
 
-def _detectable(diagnosis: Diagnosis) -> str:
-    limits = {name: diagnosis.detectable[name] for name in _FAMILIAR if math.isfinite(_limit(diagnosis, name))}
-    unseen = [name for name, limit in limits.items() if limit.unit == "1" and _limit(diagnosis, name) >= 1.0]
+def _detectable_in_words(diagnosis: Diagnosis) -> str:
+    limits = {name: diagnosis.detectable[name] for name in _FAMILIAR if math.isfinite(_limit_told(diagnosis, name))}
+    unseen = [name for name, limit in limits.items() if limit.unit == "1" and _limit_told(diagnosis, name) >= 1.0]
     seen = [f"{_title(name)} from {quantity(limit.value, limit.unit)}"
             for name, limit in limits.items() if name not in unseen]  # fmt: skip
     parts = [f"it would have shown {', '.join(seen)}"] if seen else []
@@ -150,15 +150,15 @@ def _detectable(diagnosis: Diagnosis) -> str:
 def _left_open(diagnosis: Diagnosis) -> str:
     """What no recording tells: all voltages or all currents scaled alike, by how much where that is bounded."""
     if not diagnosis.scales:
-        return f"{_GAIN}, would not have shown within the nominal values' tolerance"
-    wide = {what: scale for what, scale in diagnosis.scales.items() if scale.most - scale.least > _CLOSE}
+        return f"{_GAIN_WORDS}, would not have shown within the nominal values' tolerance"
+    wide = {what: scale for what, scale in diagnosis.scales.items() if scale.most - scale.least > _NEAR_ONE}
     if not wide:
         return ""
     parts = " or ".join(f"all {what} as {x.least:.2f} to {x.most:.2f} times what they are" for what, x in wide.items())
     return f"a drive that reads {parts} would look the same, the parameters off by that; R_s by a meter would tell"
 
 
-def _limit(diagnosis: Diagnosis, name: str) -> float:
+def _limit_told(diagnosis: Diagnosis, name: str) -> float:
     value = diagnosis.detectable[name].value if name in diagnosis.detectable else None
     return math.inf if value is None else value
 
@@ -167,11 +167,11 @@ def quantity(value: float | None, unit: str, std: float | None = None) -> str:
     """A number with an engineering prefix, and its standard error: `2.000 ± 0.030 us`; shares in per cent."""
     if value is None or not math.isfinite(value):
         return "unknown"
-    scale, shown = _scaled(max(abs(value), std or 0.0), unit)
+    scale, shown = _with_prefix(max(abs(value), std or 0.0), unit)
     return f"{_with_error(value / scale, None if std is None else std / scale)} {shown}".rstrip()
 
 
-def _scaled(size: float, unit: str) -> tuple[float, str]:
+def _with_prefix(size: float, unit: str) -> tuple[float, str]:
     """By what to divide a number of that size, and the unit of the quotient."""
     if unit == "1":
         return (0.01, "%") if size < 1.0 else (1.0, "")

@@ -11,36 +11,32 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array, Bools, Vector
 from estimator.diagnosis.intake.odd_rows import FAR, odd_samples
 from estimator.diagnosis.words import number
 from estimator.machine import Machine
 from estimator.samples import Samples
 
-Array = NDArray[np.float64]
-Vector = NDArray[np.complex128]
-Bools = NDArray[np.bool_]
-
 _RARE: Final = 0.01  # of the rows: what is more often is no glitch
-_BEYOND: Final = 1.0  # times the dc link: half as much again as a bridge's corner
-_HIGH: Final = 2.0  # times what 99 % of the voltages stay below
-_SIDE: Final = 3  # rows to either side, among which a jump is one
+_BEYOND_LINK: Final = 1.0  # times the dc link: half as much again as a bridge's corner
+_HIGH_VOLTAGE: Final = 2.0  # times what 99 % of the voltages stay below
+_JUMP_SIDE: Final = 3  # rows to either side, among which a jump is one
 _DRIVEN: Final = 3.0  # times what the dc link changes a current by in a row; between a current and the median around it
-_NOISE: Final = 30.0  # standard deviations of the same
-_NINE_OF_TEN: Final = 2.146  # standard deviations of a component, that nine of ten vectors stay below
-_PART: Final = 0.5  # of rated current, the same
+_NOISE_OF_JUMPS: Final = 30.0  # standard deviations of the same
+_NINE_OF_TEN_VECTORS: Final = 2.146  # standard deviations of a component, that nine of ten vectors stay below
+_OF_RATED: Final = 0.5  # of rated current, the same
 _CALM: Final = 0.15  # of a jump, that the voltages around it explain at most
 _STUCK: Final = 20  # rows
 _ZEROS: Final = 5  # rows
-_TURNS: Final = 0.01  # rad in the rows: the motor turns
+_TURNING: Final = 0.01  # rad in the rows: the motor turns
 _SAG: Final = 0.25  # of the dc link, which a capacitor holds, by which a row of it may leave those around it
 _LIVELY: Final = 0.5  # of the rows, that may repeat where rows are no noise
 _REPEATS: Final = 3  # rows that repeat the one before: fewer may be chance
-_CHANCE: Final = 0.1  # times as many, that repeat the row before that one: numbers so coarse repeat by chance
-_ANGLE: Final = 0.1  # rad, and
-_FAR: Final = 20.0  # times what nine of ten angles depart from an even turn
-_BACK: Final = 0.2  # of a jump of the angle, by which the way back may differ
+_COARSE_CHANCE: Final = 0.1  # times as many, that repeat the row before that one: numbers so coarse repeat by chance
+_ANGLE_JUMP: Final = 0.1  # rad, and
+_FAR_FROM_EVEN: Final = 20.0  # times what nine of ten angles depart from an even turn
+_WAY_BACK: Final = 0.2  # of a jump of the angle, by which the way back may differ
 
 
 class Cleared(NamedTuple):
@@ -83,25 +79,25 @@ class Account:
 
 def without_bad(runs: Sequence[Samples], nominal: Machine) -> Cleared:
     """The runs, cut where a sample is bad, and a remark on each kind."""
-    finite = [run for run in runs if len(run) > 2 * _SIDE and _finite(run)]
+    finite = [run for run in runs if len(run) > 2 * _JUMP_SIDE and _run_is_finite(run)]
     if not finite:
         return Cleared(tuple(runs), ())
-    whole = [_beyond(finite), _dc_links(finite), _jumps(finite, nominal), _turns(finite), repeated(finite)]
+    whole = [_beyond_link(finite), _dc_links(finite), _jumps(finite, nominal), _angle_leaps(finite), repeated(finite)]
     bad = {id(run): np.logical_or.reduce([found[k].bad for found in whole]) for k, run in enumerate(finite)}
     odd = odd_samples(finite, list(bad.values()))
     whole.append([Found(one & ~bad[id(run)], _of_sample(run)) for run, one in zip(finite, odd, strict=True)])
     bad = {id(run): bad[id(run)] | one for run, one in zip(finite, odd, strict=True)}
-    cut = [part for run in runs for part in (_cut(run, bad[id(run)]) if id(run) in bad else (run,))]
-    remarks = tuple(said for found in whole if (said := _said(found)))
+    cut = [part for run in runs for part in (_between_bad(run, bad[id(run)]) if id(run) in bad else (run,))]
+    remarks = tuple(said for found in whole if (said := _remark_on(found)))
     return Cleared(tuple(cut) if remarks else tuple(runs), remarks)
 
 
-def _finite(run: Samples) -> bool:
+def _run_is_finite(run: Samples) -> bool:
     columns = (run.theta_e, run.i_d, run.i_q, run.u_d, run.u_q)
     return all(bool(np.all(np.isfinite(column))) for column in columns)
 
 
-def _cut(run: Samples, bad: Bools) -> Iterator[Samples]:
+def _between_bad(run: Samples, bad: Bools) -> Iterator[Samples]:
     """What is between bad rows."""
     for a, b in stretches(~bad):
         yield run[a:b]
@@ -113,7 +109,7 @@ def stretches(there: Bools) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _said(found: Sequence[Found]) -> str:
+def _remark_on(found: Sequence[Found]) -> str:
     """One remark on all rows of a kind."""
     account = Account()
     for one in found:
@@ -128,12 +124,12 @@ def time_of(run: Samples, row: int) -> str:
 # --- Voltages
 
 
-def _beyond(runs: Sequence[Samples]) -> list[Found]:
+def _beyond_link(runs: Sequence[Samples]) -> list[Found]:
     """Voltages that no bridge makes of the dc link."""
     size = [np.hypot(run.u_d, run.u_q) for run in runs]
-    usual = _HIGH * float(np.quantile(np.concatenate(size), 0.99))
+    usual = _HIGH_VOLTAGE * float(np.quantile(np.concatenate(size), 0.99))
     found = [
-        (u > np.maximum(_BEYOND * run.u_dc, usual)) if run.u_dc is not None else np.zeros(len(run), np.bool_)
+        (u > np.maximum(_BEYOND_LINK * run.u_dc, usual)) if run.u_dc is not None else np.zeros(len(run), np.bool_)
         for run, u in zip(runs, size, strict=True)
     ]
     return [Found(bad, _of_voltage(run)) for run, bad in zip(runs, _rare(found), strict=True)]
@@ -155,7 +151,7 @@ def _dc_links(runs: Sequence[Samples]) -> list[Found]:
         if run.u_dc is None:
             found.append(np.zeros(len(run), np.bool_))
             continue
-        middle = np.median(_around(run.u_dc), axis=1)
+        middle = np.median(_with_sides(run.u_dc), axis=1)
         found.append(~(np.abs(run.u_dc - middle) <= _SAG * np.abs(middle)))
     return [Found(bad, _of_dc_link(run)) for run, bad in zip(runs, _rare(found), strict=True)]
 
@@ -180,38 +176,38 @@ def _rare(found: list[Bools]) -> list[Bools]:
 
 def _jumps(runs: Sequence[Samples], nominal: Machine) -> list[Found]:
     """Currents that leave those around them, farther than voltages drive them."""
-    off = [_off(run.i_d + 1j * run.i_q) for run in runs]
-    noise = float(np.quantile(np.abs(np.concatenate(off)), 0.9)) / _NINE_OF_TEN
+    off = [_off_own_median(run.i_d + 1j * run.i_q) for run in runs]
+    noise = float(np.quantile(np.abs(np.concatenate(off)), 0.9)) / _NINE_OF_TEN_VECTORS
     high = nominal.i_rated or float(np.quantile(np.concatenate([np.hypot(run.i_d, run.i_q) for run in runs]), 0.999))
     L = min(nominal.L_d, nominal.L_q)
     found: list[Bools] = []
     for run, jump in zip(runs, off, strict=True):
         far = np.abs(jump)
-        bad = far > max(_NOISE * noise, _PART * high)
+        bad = far > max(_NOISE_OF_JUMPS * noise, _OF_RATED * high)
         if bad.any():
-            calm = _most_around(np.abs(_off(run.u_d + 1j * run.u_q))) * (run.T / L) < _CALM * far
+            calm = _most_around(np.abs(_off_own_median(run.u_d + 1j * run.u_q))) * (run.T / L) < _CALM * far
             driven = np.inf if run.u_dc is None else _DRIVEN * run.u_dc * (run.T / L)
             bad &= calm | (far > driven)
         found.append(bad)
     return [Found(bad, _of_current(run, jump)) for run, bad, jump in zip(runs, _rare(found), off, strict=True)]
 
 
-def _around(x: Array) -> Array:
+def _with_sides(x: Array) -> Array:
     """Each value and those to its sides, as rows; the ends' own repeated."""
-    padded = np.pad(x, _SIDE, mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(padded, 2 * _SIDE + 1)
+    padded = np.pad(x, _JUMP_SIDE, mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, 2 * _JUMP_SIDE + 1)
 
 
-def _off(x: Vector) -> Vector:
+def _off_own_median(x: Vector) -> Vector:
     """What is between values and the median around them; none at the ends."""
-    middle = np.median(_around(x.real), axis=1) + 1j * np.median(_around(x.imag), axis=1)
+    middle = np.median(_with_sides(x.real), axis=1) + 1j * np.median(_with_sides(x.imag), axis=1)
     off = x - middle
-    off[:_SIDE] = off[-_SIDE:] = 0.0
+    off[:_JUMP_SIDE] = off[-_JUMP_SIDE:] = 0.0
     return off
 
 
 def _most_around(x: Array) -> Array:
-    return np.max(_around(x), axis=1)
+    return np.max(_with_sides(x), axis=1)
 
 
 def _of_current(run: Samples, jump: Vector) -> Callable[[int, int], str]:
@@ -237,23 +233,25 @@ def _of_sample(run: Samples) -> Callable[[int, int], str]:
 # --- Angles
 
 
-def _turns(runs: Sequence[Samples]) -> list[Found]:
+def _angle_leaps(runs: Sequence[Samples]) -> list[Found]:
     """Angles that leave the rotor's even turn for one row, and return."""
     off = [_uneven(run) for run in runs]
     usual = float(np.quantile(np.abs(np.concatenate(off)), 0.9))
-    least = max(_ANGLE, _FAR * usual, *(_FAR * run.resolution.theta_e for run in runs))
+    least = max(_ANGLE_JUMP, _FAR_FROM_EVEN * usual, *(_FAR_FROM_EVEN * run.resolution.theta_e for run in runs))
     found: list[Bools] = []
     for run, r in zip(runs, off, strict=True):
         away, back = r[:-1], r[1:]
-        there = (np.abs(away) > least) & (np.abs(back) > least) & (np.abs(_wrapped(away + back)) < _BACK * np.abs(away))
+        there = (
+            (np.abs(away) > least) & (np.abs(back) > least) & (np.abs(_wrapped(away + back)) < _WAY_BACK * np.abs(away))
+        )
         found.append(np.concatenate(([False], there, [False]))[: len(run)])
-    return [Found(bad, _of_angle(run, r)) for run, bad, r in zip(runs, _rare(found), off, strict=True)]
+    return [Found(bad, _angle_remark(run, r)) for run, bad, r in zip(runs, _rare(found), off, strict=True)]
 
 
 def _uneven(run: Samples) -> Array:
     """By how much each step of the angle differs from those around it, rad; one less than rows."""
     turned = _wrapped(np.diff(run.theta_e))
-    middle = np.median(_around(np.cos(turned)), axis=1) + 1j * np.median(_around(np.sin(turned)), axis=1)
+    middle = np.median(_with_sides(np.cos(turned)), axis=1) + 1j * np.median(_with_sides(np.sin(turned)), axis=1)
     return _wrapped(turned - np.angle(middle))
 
 
@@ -261,7 +259,7 @@ def _wrapped(angle: Array) -> Array:
     return angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi))
 
 
-def _of_angle(run: Samples, off: Array) -> Callable[[int, int], str]:
+def _angle_remark(run: Samples, off: Array) -> Callable[[int, int], str]:
     def says(a: int, _b: int) -> str:
         return f"theta_e jumps by {number(abs(off[a - 1]))} rad at {time_of(run, a)} and back"
 
@@ -280,7 +278,7 @@ def repeated(runs: Sequence[Samples]) -> list[Found]:
     twice = [s & _stays(run) for run, s in zip(runs, same, strict=True)]
     by_chance = sum(int(np.count_nonzero(_same(run, 2) & ~s)) for run, s in zip(runs, same, strict=True))
     often = sum(int(np.count_nonzero(t)) for t in twice)
-    if often < _REPEATS or by_chance > _CHANCE * often:
+    if often < _REPEATS or by_chance > _COARSE_CHANCE * often:
         twice = [np.zeros(len(run), np.bool_) for run in runs]
     return [Found(_stuck(run, s) | t, _of_rows(run)) for run, s, t in zip(runs, same, twice, strict=True)]
 
@@ -305,7 +303,7 @@ def _stuck(run: Samples, same: Bools) -> Bools:
     bad = np.zeros(len(run), np.bool_)
     for a, b in stretches(same):
         if _empty(run, a):
-            turns = abs(math.remainder(float(run.theta_e[b - 1] - run.theta_e[a - 1]), 2.0 * math.pi)) > _TURNS
+            turns = abs(math.remainder(float(run.theta_e[b - 1] - run.theta_e[a - 1]), 2.0 * math.pi)) > _TURNING
             bad[a - 1 : b] = b - a + 1 >= (_ZEROS if turns else _STUCK)
         else:
             bad[a:b] = b - a >= _STUCK

@@ -7,12 +7,12 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from estimator.diagnosis.intake.correction import AXES, DEGREE, PHASES, TURNS, Correction
+from estimator.diagnosis.intake.correction import MIRROR, PHASES, TURNS, TURNS_TO_DEGREES, Correction
 from estimator.online.flux_balance import TURN
 
 MOST_POLE_PAIRS: Final = 12
 
-_LINE: Final = math.sqrt(3.0)
+_SQRT3: Final = math.sqrt(3.0)
 _RMS: Final = math.sqrt(0.5)
 _INVARIANT: Final = math.sqrt(1.5)
 
@@ -30,7 +30,7 @@ class Scale:
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class Cause:
     """What else may have been done to the columns."""
 
     name: str
@@ -41,13 +41,13 @@ class Form:
 
 
 NO_SCALE: Final = Scale("", "", prior=0.0)
-NO_FORM: Final = Form("", "", Correction(), prior=0.0)
-DELAYS: Final = tuple(Form("voltage_delay", "", Correction(u_shift=k), prior=0.0) for k in (1, -1))
+NO_FORM: Final = Cause("", "", Correction(), prior=0.0)
+DELAYS: Final = tuple(Cause("voltage_delay", "", Correction(u_shift=k), prior=0.0) for k in (1, -1))
 """Of one row: the library's `voltage_delay`, no convention."""
 
 _FACTORS: Final = (
-    (_LINE, "line_to_line", "line-to-line values, expected phase values"),
-    (1.0 / _LINE, "over_sqrt_3", "1/sqrt(3) of the phase values, as line-to-line values converted twice"),
+    (_SQRT3, "line_to_line", "line-to-line values, expected phase values"),
+    (1.0 / _SQRT3, "over_sqrt_3", "1/sqrt(3) of the phase values, as line-to-line values converted twice"),
     (_RMS, "rms", "rms values, expected peak values"),
     (1.0 / _RMS, "sqrt_2", "sqrt(2) times the peak values, as rms values converted twice"),
     (_INVARIANT, "power_invariant", "scaled by sqrt(3/2), as by a power-invariant transformation"),
@@ -62,7 +62,7 @@ SCALES: Final = (
     *(Scale(f"current_{name}", f"the currents are {says}", i=factor) for factor, name, says in _FACTORS[2:]),
     *(Scale(name, f"voltages and currents are {says}", f, f, prior=5.0) for f, name, says in _FACTORS[2:]),
     Scale("line_to_line_and_rms", "the voltages are line-to-line peak values and the currents rms values, expected "
-          "peak phase values", _LINE, _RMS, prior=5.0),
+          "peak phase values", _SQRT3, _RMS, prior=5.0),
     Scale("line_to_line_rms", "the voltages are line-to-line rms values and the currents rms values, expected "
           "peak phase values", _INVARIANT, _RMS, prior=5.0),
     Scale("period_doubled", "the control period is given twice as long as it is", T_s=2.0),
@@ -70,31 +70,32 @@ SCALES: Final = (
 )  # fmt: skip
 
 
-def forms(n_p: int, *, per_unit: bool) -> tuple[Form, ...]:
+def forms(n_p: int, *, per_unit: bool) -> tuple[Cause, ...]:
     """All forms that a recording of a machine with n_p pole pairs may have. `per_unit`: voltages may be."""
-    always = (NO_FORM, *DELAYS, *_SIGNS, *_AXES, *_PHASES, *_LINES, *_ROWS, *_ANGLES, *_pole_pairs(n_p))
+    always = (NO_FORM, *DELAYS, *_SIGNS, *_AXES, *_PHASE_ORDERS, *_LINE_QUANTITIES, *_ROWS, *_ANGLES, *_pole_pairs(n_p))
     return (*always, *_PER_UNIT) if per_unit else always
 
 
-def _turn(degrees: float) -> complex:
+def _turn_by(degrees: float) -> complex:
     return complex(math.cos(math.radians(degrees)), math.sin(math.radians(degrees)))
 
 
 _SIGNS: Final = (
-    Form("voltage_sign", "the voltages have the wrong sign", Correction(u=-1.0)),
-    Form("current_sign", "the currents have the wrong sign, expected positive into the machine", Correction(i=-1.0)),
-    Form("angle_sign", "the angle counts the other way than the phases follow each other, or both i_q and u_q have the "
-         "wrong sign", Correction(theta=-1.0)),
+    Cause("voltage_sign", "the voltages have the wrong sign", Correction(u=-1.0)),
+    Cause("current_sign", "the currents have the wrong sign, expected positive into the machine", Correction(i=-1.0)),
+    Cause("angle_sign", "the angle counts the other way than the phases follow each other, or both i_q and u_q have "
+          "the wrong sign", Correction(theta=-1.0)),
 )  # fmt: skip
 _AXES: Final = (
-    Form("axes_swapped", "d and q are swapped in voltages and currents", Correction(1j, 1j, AXES, AXES)),
-    Form("voltage_axes_swapped", "u_d and u_q are swapped", Correction(u=1j, u_mirrored=AXES)),
-    Form("current_axes_swapped", "i_d and i_q are swapped", Correction(i=1j, i_mirrored=AXES)),
-    Form("u_q_sign", "u_q has the wrong sign", Correction(u_mirrored=AXES)),
-    Form("i_q_sign", "i_q has the wrong sign", Correction(i_mirrored=AXES)),
-    Form("u_d_sign", "u_d has the wrong sign", Correction(u=-1.0, u_mirrored=AXES)),
-    Form("i_d_sign", "i_d has the wrong sign", Correction(i=-1.0, i_mirrored=AXES)),
-    *(Form(f"axis_{name}", f"the d axis is {says}, expected on the magnets' flux", Correction(_turn(k), _turn(k)))
+    Cause("axes_swapped", "d and q are swapped in voltages and currents", Correction(1j, 1j, MIRROR, MIRROR)),
+    Cause("voltage_axes_swapped", "u_d and u_q are swapped", Correction(u=1j, u_mirrored=MIRROR)),
+    Cause("current_axes_swapped", "i_d and i_q are swapped", Correction(i=1j, i_mirrored=MIRROR)),
+    Cause("u_q_sign", "u_q has the wrong sign", Correction(u_mirrored=MIRROR)),
+    Cause("i_q_sign", "i_q has the wrong sign", Correction(i_mirrored=MIRROR)),
+    Cause("u_d_sign", "u_d has the wrong sign", Correction(u=-1.0, u_mirrored=MIRROR)),
+    Cause("i_d_sign", "i_d has the wrong sign", Correction(i=-1.0, i_mirrored=MIRROR)),
+    *(Cause(f"axis_{name}", f"the d axis is {says}, expected on the magnets' flux",
+            Correction(_turn_by(k), _turn_by(k)))
       for k, name, says in ((180.0, "opposite", "opposite to the magnets' flux"),
                             (90.0, "behind", "90 degrees behind the magnets' flux"),
                             (-90.0, "ahead", "90 degrees ahead of the magnets' flux"))),
@@ -102,31 +103,32 @@ _AXES: Final = (
 _WHOSE: Final = (("current", "currents"), ("voltage", "voltages"), ("all", "voltages and currents"))
 
 
-def _of(whose: str, turn: complex, mirrored: int = 0) -> Correction:
+def _turned(whose: str, turn: complex, mirrored: int = 0) -> Correction:
     u, i = whose != "current", whose != "voltage"
     return Correction(turn if u else 1.0, turn if i else 1.0, mirrored if u else 0, mirrored if i else 0)
 
 
-_PHASES: Final = (
-    *(Form(f"{whose}_phases_{phases}", f"phases {phases[0]} and {phases[1]} of the {says} are swapped",
-           _of(whose, _turn(degrees), PHASES))
+_PHASE_ORDERS: Final = (
+    *(Cause(f"{whose}_phases_{phases}", f"phases {phases[0]} and {phases[1]} of the {says} are swapped",
+            _turned(whose, _turn_by(degrees), PHASES))
       for whose, says in _WHOSE for phases, degrees in (("bc", 0.0), ("ab", 120.0), ("ac", -120.0))),
-    *(Form(f"{whose}_phases_{side}", f"the phases of the {says} are one place {side}", _of(whose, _turn(degrees)))
+    *(Cause(f"{whose}_phases_{side}", f"the phases of the {says} are one place {side}",
+            _turned(whose, _turn_by(degrees)))
       for whose, says in _WHOSE[:2] for side, degrees in (("ahead", 120.0), ("behind", -120.0))),
 )  # fmt: skip
-_LINES: Final = tuple(
-    Form(f"voltage_line_to_line{name}_{side}", f"the voltages are line-to-line {says} values, 30 degrees {side} of the "
-         "phase values, expected peak phase values", Correction(u=factor * _turn(degrees)))
+_LINE_QUANTITIES: Final = tuple(
+    Cause(f"voltage_line_to_line{name}_{side}", f"the voltages are line-to-line {says} values, 30 degrees {side} of "
+          "the phase values, expected peak phase values", Correction(u=factor * _turn_by(degrees)))
     for side, degrees in (("ahead", 30.0), ("behind", -30.0))
-    for name, says, factor in (("", "peak", _LINE), ("_rms", "rms", _INVARIANT))
+    for name, says, factor in (("", "peak", _SQRT3), ("_rms", "rms", _INVARIANT))
 )  # fmt: skip
 _ROWS: Final = tuple(
-    Form(f"voltage_2_rows_{late}", f"the voltages stand 2 rows too {low} in the file, expected in row k the voltage "
-         "applied from row k to row k + 1", Correction(u_shift=k))
+    Cause(f"voltage_2_rows_{late}", f"the voltages stand 2 rows too {low} in the file, expected in row k the voltage "
+          "applied from row k to row k + 1", Correction(u_shift=k))
     for k, late, low in ((2, "late", "low"), (-2, "early", "high"))
 )  # fmt: skip
 ANGLE_ROWS: Final = {
-    k: Form(f"angle_{rows}_{late}", f"the angle stands {rows.replace('_', ' ')} too {low} in the file",
+    k: Cause(f"angle_{rows}_{late}", f"the angle stands {rows.replace('_', ' ')} too {low} in the file",
             Correction(theta_shift=k))
     for k, rows, late, low in ((1, "1_row", "late", "low"), (2, "2_rows", "late", "low"),
                                (-1, "1_row", "early", "high"), (-2, "2_rows", "early", "high"))
@@ -134,35 +136,37 @@ ANGLE_ROWS: Final = {
 """Hardly to be seen in the flux balance, but where phase currents were recorded."""
 
 _ANGLES: Final = (
-    Form("angle_in_degrees", "the angle is in degrees, expected rad", Correction(theta=DEGREE)),
-    Form("angle_in_turns", "the angle is in turns, expected rad", Correction(theta=TURNS)),
+    Cause("angle_in_degrees", "the angle is in degrees, expected rad", Correction(theta=TURNS_TO_DEGREES)),
+    Cause("angle_in_turns", "the angle is in turns, expected rad", Correction(theta=TURNS)),
 )
 _PER_UNIT: Final = tuple(
-    Form(f"voltage_per_unit_{name}", f"the voltages are in per unit of {says}, expected V", Correction(per_unit=base))
+    Cause(f"voltage_per_unit_{name}", f"the voltages are in per unit of {says}, expected V", Correction(per_unit=base))
     for base, name, says in ((1.0, "u_dc", "u_dc"), (0.5, "half_u_dc", "u_dc/2"),
-                             (1.0 / _LINE, "linear", "u_dc/sqrt(3)"), (2.0 / 3.0, "six_step", "2/3 u_dc"))
+                             (1.0 / _SQRT3, "linear", "u_dc/sqrt(3)"), (2.0 / 3.0, "six_step", "2/3 u_dc"))
 )  # fmt: skip
 
 
-def _pole_pairs(n_p: int) -> tuple[Form, ...]:
+def _pole_pairs(n_p: int) -> tuple[Cause, ...]:
     """Angles that turn too slowly or too fast."""
-    found: list[Form] = []
+    found: list[Cause] = []
     if n_p > 1:
         says = f"the angle is the mechanical one, expected the electrical one, {n_p} times as fast"
-        found.append(Form("mechanical_angle", says, Correction(theta=1.0 / n_p)))
+        found.append(Cause("mechanical_angle", says, Correction(theta=1.0 / n_p)))
         says = f"the angle was multiplied by the {n_p} pole pairs twice"
-        found.append(Form("angle_times_pole_pairs_twice", says, Correction(theta=n_p)))
+        found.append(Cause("angle_times_pole_pairs_twice", says, Correction(theta=n_p)))
     likely = {*range(2, MOST_POLE_PAIRS + 1), n_p // 2, n_p - 1, n_p + 1}
     for right in sorted(k for k in likely if k > 1 and k not in (n_p, n_p * n_p)):
         what = "poles instead of pole pairs" if n_p == 2 * right else f"{n_p} pole pairs, the machine has {right}"
         says = f"the electrical angle was made with {what}"
-        found.append(Form(f"pole_pairs_{right}", says, Correction(theta=n_p / right), prior=5.0, pole_pairs=right))
+        found.append(
+            Cause(f"pole_pairs_{right}", says, Correction(theta=n_p / right), prior=5.0, pole_pairs=right)
+        )
     return tuple(found)
 
 
 def speed_as(ratio: float, n_p: int, within: float) -> tuple[float, str] | None:
     """What a speed column holds that is `ratio` times the electrical speed in rad/s: the exact factor, and its name."""
-    for factor, unit in ((1.0, "rad/s"), (60.0 / TURN, "rpm"), (TURNS, "turns/s"), (DEGREE, "degrees/s")):
+    for factor, unit in ((1.0, "rad/s"), (60.0 / TURN, "rpm"), (TURNS, "turns/s"), (TURNS_TO_DEGREES, "degrees/s")):
         for per_turn, turn in ((1.0, "electrical"), (1.0 / n_p, "mechanical")):
             for sign, says in ((1.0, ""), (-1.0, ", with the wrong sign")):
                 exact = sign * factor * per_turn

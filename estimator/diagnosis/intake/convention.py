@@ -13,43 +13,50 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.diagnosis.intake.causes import (
     ANGLE_ROWS,
     DELAYS,
     NO_FORM,
     NO_SCALE,
     SCALES,
-    Form,
+    Cause,
     Scale,
     forms,
     speed_as,
 )
 from estimator.diagnosis.intake.correction import Correction
-from estimator.diagnosis.intake.rough_fit import Fit, Stretches, fit, rows_of_angle, speed_over_rate, stretches_of
+from estimator.diagnosis.intake.rough_fit import (
+    RoughFit,
+    RoughStretches,
+    rough_fit,
+    rows_of_angle,
+    speed_over_rate,
+    stretches_of,
+)
 from estimator.diagnosis.verdict import Quantity, Rival
-from estimator.diagnosis.words import begun
+from estimator.diagnosis.words import sentence_start
 from estimator.machine import PARAMETERS, Machine
 from estimator.physics.convention_error import UNIT
 from estimator.samples import Samples
 
-Array = NDArray[np.float64]
-
-ENTRY: Final = 6.0  # log-odds over the recording as it stands
+LEAST_LOG_ODDS: Final = 6.0  # log-odds over the recording as it stands
 RIVALS: Final = 5
 AS_GOOD: Final = 20.0  # odds below which another cause does equally well
 PER_UNIT: Final = 2.0  # the most that voltages in per unit reach
 _SPEED: Final = 4.0  # log-odds against a speed column that contradicts the angle
 _SAME_SPEED: Final = 0.015  # log
-_BEYOND: Final = 0.26  # log: 30 % on two parameters are beyond physics
+_BEYOND_PHYSICS: Final = 0.26  # log: 30 % on two parameters are beyond physics
 _MAGNETS: Final = 0.34  # log: 40 % on psi_f alone
 _HALVED: Final = 0.5  # of what the flux balance leaves: a form's due
 _BY_FAR: Final = 0.25  # of the same, where the flux balance is not closed even then
 _MISREAD: Final = 0.75  # times what it is, as which a dc link may be read
-_MORE: Final = 1.1  # of what the flux balance leaves: no cause leaves more
-_CLOSED: Final = 0.007  # of rated current: what a closed flux balance may leave
-_APART: Final = 0.16  # log: two factors that are nearer are told apart by a flux balance that is closed, or not at all
+_LEAVES_MORE: Final = 1.1  # of what the flux balance leaves: no cause leaves more
+_CLOSED_BALANCE: Final = 0.007  # of rated current: what a closed flux balance may leave
+_FACTORS_APART: Final = (
+    0.16  # log: two factors that are nearer are told apart by a flux balance that is closed, or not at all
+)
 _RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
 _TAIL: Final = np.exp([-2.5, -12.0, -12.0, -12.0])  # of R_s, L_d, L_q, psi_f: R_s takes in what is not modelled
 
@@ -80,9 +87,9 @@ class Suspicion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Hypothesis:
-    form: Form
+    form: Cause
     scale: Scale
-    fit: Fit  # of the form alone
+    fit: RoughFit  # of the form alone
     over_nominal: Array  # R_s, L_d, L_q, psi_f as corrected, over the nominal ones
     cost: Array  # log-odds of those
     speed: float  # speed column over the corrected angle's rate; NaN where that cannot be told
@@ -107,7 +114,7 @@ class _Hypothesis:
 
         Within what physics does to them is enough for what is no factor: of factors another one may be the nearer.
         """
-        near = bool(np.all(np.abs(np.log(np.maximum(self.over_nominal[1:], 0.02))) < _BEYOND))
+        near = bool(np.all(np.abs(np.log(np.maximum(self.over_nominal[1:], 0.02))) < _BEYOND_PHYSICS))
         return bool(np.sum(self.cost[1:]) < _RIGHT) or (near and self.no_factor)
 
     @property
@@ -146,22 +153,22 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
         return None
     correction = replace(best.correction, omega=1.0 if speed is None else speed[0], theta_shift=rows)
     n_p = best.form.pole_pairs
-    alike = _alike(best, stands, hypotheses, speed, _closed(best, stretches, nominal))
+    alike = _as_good(best, stands, hypotheses, speed, _closed(best, stretches, nominal))
     return Suspicion(
         best.name if best is not stands else ANGLE_ROWS[rows].name if rows else "speed_unit",
         "; ".join(_says(best, stands, speed, rows)), _sentence(best, stands, speed, rows),
-        _parameters(correction, nominal, n_p), correction.undone(runs),
-        nominal if n_p is None else replace(nominal, n_p=n_p), _odds(best, stands),
-        tuple(Rival(h.name, _odds(best, h)) for h in _rivals(best, stands, hypotheses)), alike,
+        _undone(correction, nominal, n_p), correction.undone(runs),
+        nominal if n_p is None else replace(nominal, n_p=n_p), _log_odds_over(best, stands),
+        tuple(Rival(h.name, _log_odds_over(best, h)) for h in _rivals(best, stands, hypotheses)), alike,
         ("dc_link_gain",) if _read_as(best, stands) else (), best.scale,
     )  # fmt: skip
 
 
-def _hypotheses(stretches: Stretches, nominal: Machine, tolerance: Mapping[str, float]) -> list[_Hypothesis]:
+def _hypotheses(stretches: RoughStretches, nominal: Machine, tolerance: Mapping[str, float]) -> list[_Hypothesis]:
     expected, spread = _expected(nominal, tolerance)
     per_unit = float(np.max(np.abs(stretches.u))) < PER_UNIT
     known = forms(nominal.n_p, per_unit=per_unit and stretches.u_dc is not None)
-    fits = {form: fit(stretches, form.correction, nominal) for form in known}
+    fits = {form: rough_fit(stretches, form.correction, nominal) for form in known}
     least = max(min(f.left for f in fits.values()), 1e-30)
     scales = (*SCALES, *_base(fits[NO_FORM], nominal)) if per_unit and stretches.u_dc is None else SCALES
     found: list[_Hypothesis] = []
@@ -188,7 +195,7 @@ def _by_scale(scale: Scale) -> Array:
     return np.array([Z, Z * scale.T_s, Z * scale.T_s, scale.u * scale.T_s])
 
 
-def _against_nominal(fitted: Fit, scale: Scale, expected: Array, spread: Array) -> tuple[Array, Array]:
+def _against_nominal(fitted: RoughFit, scale: Scale, expected: Array, spread: Array) -> tuple[Array, Array]:
     """Parameters over the nominal ones, and the log-odds that their distances cost."""
     by = expected * _by_scale(scale)
     over = fitted.value / by
@@ -202,7 +209,7 @@ def _cost(over: Array, variance: Array) -> Array:
     return -np.log((1.0 - _TAIL) * np.exp(-0.5 * off**2 / variance) + _TAIL)
 
 
-def _base(fitted: Fit, nominal: Machine) -> tuple[Scale, ...]:
+def _base(fitted: RoughFit, nominal: Machine) -> tuple[Scale, ...]:
     """Per unit of a dc link that is not known: of whatever makes the machine the nominal one."""
     value = fitted.value[1:]
     if np.any(value <= 0.0):
@@ -221,33 +228,33 @@ def _cost_of_speed(speed: float, n_p: int) -> float:
 
 
 def _explains(
-    h: _Hypothesis, stands: _Hypothesis, plain: _Hypothesis, stretches: Stretches, nominal: Machine
+    h: _Hypothesis, stands: _Hypothesis, plain: _Hypothesis, stretches: RoughStretches, nominal: Machine
 ) -> bool:  # fmt: skip
     """Whether the recording as it stands is beyond what physics does, and undoing the cause brings it in order.
 
     plain: as it stands without a delay, which physics that is left out may look like.
     """
-    if h is stands or h.score - stands.score < ENTRY or not h.in_order:
+    if h is stands or h.score - stands.score < LEAST_LOG_ODDS or not h.in_order:
         return False
-    if h.fit.left > _MORE * max(stands.fit.left, plain.fit.left):
+    if h.fit.left > _LEAVES_MORE * max(stands.fit.left, plain.fit.left):
         return False
     if h.fit.left < _HALVED * stands.fit.left:  # which a lagging loss may do for a shift that is none
         return h.fit.left < _BY_FAR * stands.fit.left or _closed(h, stretches, nominal)
     if np.sum(stands.fit.value[1:] < -3.0 * stands.fit.std[1:]) >= 2:  # inductances or flux below zero
         return True
     off = np.abs(np.log(np.maximum(stands.over_nominal, 0.02))) - 2.0 * stands.relative_std
-    if off[3] > _MAGNETS or (off[3] > _BEYOND and np.sum(off > _BEYOND) >= 2):
+    if off[3] > _MAGNETS or (off[3] > _BEYOND_PHYSICS and np.sum(off > _BEYOND_PHYSICS) >= 2):
         return True
     # Physics that is left out may raise R_s, L_d and L_q together, but leaves a balance that is not closed
-    return _closed(stands, stretches, nominal) and bool(off[3] > _BEYOND or np.sum(off > _BEYOND) >= 2)
+    return _closed(stands, stretches, nominal) and bool(off[3] > _BEYOND_PHYSICS or np.sum(off > _BEYOND_PHYSICS) >= 2)
 
 
-def _closed(h: _Hypothesis, stretches: Stretches, nominal: Machine) -> bool:
+def _closed(h: _Hypothesis, stretches: RoughStretches, nominal: Machine) -> bool:
     """Whether a flux balance leaves nothing, as a current, of the rated one, or of the largest there is."""
     L, c = max(0.5 * (abs(h.fit.value[1]) + abs(h.fit.value[2])), 1e-12), h.form.correction
     volts = c.per_unit * float(np.mean(stretches.u_dc)) if c.per_unit and stretches.u_dc is not None else 1.0
     left = math.sqrt(h.fit.left) * volts / abs(c.u) * stretches.T_s / L
-    return left < _CLOSED * (nominal.i_rated or float(np.quantile(np.abs(stretches.i), 0.999)))
+    return left < _CLOSED_BALANCE * (nominal.i_rated or float(np.quantile(np.abs(stretches.i), 0.999)))
 
 
 def _rivals(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis]) -> list[_Hypothesis]:
@@ -259,21 +266,23 @@ def _rivals(best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypoth
     return list(found.values())[:RIVALS]
 
 
-def _alike(
+def _as_good(
     best: _Hypothesis, stands: _Hypothesis, hypotheses: Sequence[_Hypothesis], speed: tuple[float, str] | None,
     closed: bool,
 ) -> tuple[str, ...]:  # fmt: skip
     """The best and what does as well, in words; none where nothing does. `closed`: the best one's flux balance is."""
     if best is stands and speed is not None:  # or it is right, and the angle is not, which missing physics may hide
-        right = [h for h in hypotheses if abs(h.speed - 1.0) < _SAME_SPEED and h.score - stands.score > ENTRY]
+        right = [h for h in hypotheses if abs(h.speed - 1.0) < _SAME_SPEED and h.score - stands.score > LEAST_LOG_ODDS]
         if right:
             return _of_speed(speed), max(right, key=lambda h: h.score).says
         if abs(math.log(max(float(stands.over_nominal[3]), 0.02))) > _MAGNETS:  # by that angle it is no machine
             return _of_speed(speed), "the angle is not the electrical one in rad"
         return ()
-    found = [h.says for h in _rivals(best, stands, hypotheses) if _odds(best, h) < AS_GOOD and h.in_order]
+    found = [h.says for h in _rivals(best, stands, hypotheses) if _log_odds_over(best, h) < AS_GOOD and h.in_order]
     if best is not stands and not closed:  # physics that is left out moves parameters by as much
-        found += [h.says for h in hypotheses if _factors_apart(h, best) < _APART and h.says not in (*found, best.says)]
+        found += [
+            h.says for h in hypotheses if _factors_apart(h, best) < _FACTORS_APART and h.says not in (*found, best.says)
+        ]
     if read := _read_as(best, stands):
         found.append(f"the dc link's voltage is read as {read:.2g} times what it is")
     weaker = 1.0 - stands.over_nominal[3]
@@ -301,7 +310,7 @@ def _read_as(best: _Hypothesis, stands: _Hypothesis) -> float | None:
     return read if read != 1.0 and _MISREAD < read < 1.0 / _MISREAD else None
 
 
-def _odds(best: _Hypothesis, other: _Hypothesis) -> float:
+def _log_odds_over(best: _Hypothesis, other: _Hypothesis) -> float:
     """Of what a column tells by itself, where the two are one: as good as certain."""
     return math.exp(700.0 if best is other else min(best.score - other.score, 700.0))
 
@@ -329,18 +338,20 @@ def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] |
         if after < 0.7 * before:
             undone = f"once that is undone, {after / before:.2g} of what the voltages left unexplained is left"
         else:
-            undone = (f"R_s, L_d, L_q and psi_f are {_listed(stands.over_nominal)} times the nominal ones, and "
-                      f"{_listed(best.over_nominal)} times once that is undone")
+            undone = (
+                f"R_s, L_d, L_q and psi_f are {_numbers_in_words(stands.over_nominal)} times the nominal ones, and "
+                f"{_numbers_in_words(best.over_nominal)} times once that is undone"
+            )
         parts[0] = f"{parts[0]}: {undone}"
-    return f"{begun('; '.join(parts))}."
+    return f"{sentence_start('; '.join(parts))}."
 
 
-def _listed(values: Array) -> str:
+def _numbers_in_words(values: Array) -> str:
     *first, last = (f"{value:.3g}" for value in values)
     return f"{', '.join(first)} and {last}"
 
 
-def _parameters(correction: Correction, nominal: Machine, n_p: int | None) -> dict[str, Quantity]:
+def _undone(correction: Correction, nominal: Machine, n_p: int | None) -> dict[str, Quantity]:
     """What the correction undoes, by the names of `physics.convention_error`."""
     found: dict[str, float] = {}
     for name, vector in (("u", correction.u), ("i", correction.i)):

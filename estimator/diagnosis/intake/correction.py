@@ -6,19 +6,16 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.online.flux_balance import TURN
 from estimator.samples import LeftOut, Resolution, Samples
 
-Real = NDArray[np.float64]
-Vector = NDArray[np.complex128]
-
-DEGREE: Final = 360.0 / TURN
+TURNS_TO_DEGREES: Final = 360.0 / TURN
 TURNS: Final = 1.0 / TURN
 """Units of an angle over rad; such columns wrap at another number."""
 
-AXES: Final = 1  # mirrored in the rotor frame
+MIRROR: Final = 1  # mirrored in the rotor frame
 PHASES: Final = 2  # mirrored in the stationary frame
 
 
@@ -37,20 +34,20 @@ class Correction:
     theta_shift: int = 0
     per_unit: float = 0.0  # base of voltages over the dc link; 0: they are in V
 
-    def angle(self, theta: Real) -> Real:
+    def angle(self, theta: Array) -> Array:
         """Expected angle, unwrapped along the last axis, from the recorded one."""
-        unit = self.theta if self.theta in (DEGREE, TURNS) else 1.0
+        unit = self.theta if self.theta in (TURNS_TO_DEGREES, TURNS) else 1.0
         theta = theta / unit
         turned = np.diff(theta)
         D = turned - TURN * np.floor(turned / TURN + 0.5)
         whole = np.concatenate((theta[..., :1], theta[..., :1] + np.cumsum(D, axis=-1)), axis=-1)
         return whole * (unit / self.theta)
 
-    def current(self, i: Vector, theta: Real) -> Vector:
+    def current(self, i: Vector, theta: Array) -> Vector:
         """Expected currents from the recorded ones and the expected angle at samples."""
         return _straight(i / self.i, self.i_mirrored, theta)
 
-    def voltage(self, u: Vector, theta: Real, u_dc: Real | None) -> Vector:
+    def voltage(self, u: Vector, theta: Array, u_dc: Array | None) -> Vector:
         """Expected voltages from the recorded ones and the expected angle in the periods' middle."""
         u = _straight(u / self.u, self.u_mirrored, theta)
         return u * (self.per_unit * u_dc) if self.per_unit and u_dc is not None else u
@@ -70,7 +67,7 @@ class Correction:
         late = (self.u_shift, self.theta_shift, 0)
         first, last = -min(late), n - max(late)  # rows that have all columns
 
-        def at(column: Real, shift: int = 0) -> Real:
+        def at(column: Array, shift: int = 0) -> Array:
             return np.ascontiguousarray(column[first + shift : last + shift])
 
         scale = abs(self.i) if (self.i.imag or self.i.real > 0.0) else -abs(self.i)
@@ -92,12 +89,12 @@ class Correction:
     def _left_out(self, told: LeftOut) -> LeftOut:
         turned = told.turned
         if turned is not None:  # turns are counted by angle, speed and time: not where one of them is in another unit
-            off = self.theta in (DEGREE, TURNS) or self.omega != 1.0 or self.T_s != 1.0
+            off = self.theta in (TURNS_TO_DEGREES, TURNS) or self.omega != 1.0 or self.T_s != 1.0
             turned = None if off else turned / self.theta
         return LeftOut(turned, told.heat / abs(self.i) ** 2 / self.T_s)
 
 
-def _straight(x: Vector, mirrored: int, theta: Real) -> Vector:
-    if mirrored == AXES:
+def _straight(x: Vector, mirrored: int, theta: Array) -> Vector:
+    if mirrored == MIRROR:
         return x.conj()
     return x.conj() * np.exp(-2j * theta) if mirrored == PHASES else x

@@ -14,16 +14,16 @@ from estimator.diagnosis.angle.angle_rounding import grid_of
 from estimator.diagnosis.words import number
 from estimator.samples import NOT_KNOWN, Samples
 
-MOST: Final = 1.3 * 2.0 / 3.0  # of the dc link: no bridge gives as much
+MOST_OF_LINK: Final = 1.3 * 2.0 / 3.0  # of the dc link: no bridge gives as much
 _OFTEN: Final = 0.001  # of the rows: more than a few wrong ones
 _OFF: Final = 0.05  # of a count, and a step of the numbers, by which a movement may be off whole ones
 _ROUGH: Final = 0.25  # of a count: numbers that are as coarse do not tell
 _ELSEWHERE: Final = 0.15  # of the rows, whose movement is none of whole counts
-_FEW: Final = 0.02  # of the rows that move, the same, where they are
-_FEWEST: Final = 200  # rows
+_FEW_MOVING: Final = 0.02  # of the rows that move, the same, where they are
+_FEWEST_MOVING: Final = 200  # rows
 _MOST_AT_ONCE: Final = 64  # counts
 _DIFFERENT: Final = 3  # movements, at least
-_DIGITS: Final = 9  # of a movement in rad, that tell values apart
+_MOVEMENT_DIGITS: Final = 9  # of a movement in rad, that tell values apart
 
 
 class Believed(NamedTuple):
@@ -51,7 +51,7 @@ def _too_low(runs: Sequence[Samples]) -> str | None:
     if not links or len(links) < len(runs):
         return None
     u_dc, u = np.concatenate(links), np.concatenate([np.hypot(run.u_d, run.u_q) for run in runs])
-    if float(np.mean(u > MOST * u_dc)) < _OFTEN:
+    if float(np.mean(u > MOST_OF_LINK * u_dc)) < _OFTEN:
         return None
     return (
         f"voltages of up to {number(float(np.quantile(u, 0.999)))} V are beyond what u_dc = "
@@ -68,9 +68,9 @@ def _other_counts(runs: Sequence[Samples]) -> str | None:
     moves = np.concatenate([np.zeros(0), *parts])
     within = _OFF * count + numbers
     moves = moves[(np.abs(moves) > within) & (np.abs(moves) < math.pi)]  # none where it begins anew
-    if count == 0.0 or numbers > _ROUGH * count or len(moves) < _FEWEST:
+    if count == 0.0 or numbers > _ROUGH * count or len(moves) < _FEWEST_MOVING:
         return None
-    values, often = np.unique(np.round(moves, _DIGITS), return_counts=True)
+    values, often = np.unique(np.round(moves, _MOVEMENT_DIGITS), return_counts=True)
 
     def off(step: float, within: float) -> float:
         """Share of the movements that are none of whole steps."""
@@ -81,7 +81,7 @@ def _other_counts(runs: Sequence[Samples]) -> str | None:
     if (numbers or rounded) and off(count, within + (0.0 if numbers else rounded)) > _ELSEWHERE:
         says = "less than a count"
     else:
-        coarser = next((n for n in range(_MOST_AT_ONCE, 1, -1) if off(n * count, within) < _FEW), None)
+        coarser = next((n for n in range(_MOST_AT_ONCE, 1, -1) if off(n * count, within) < _FEW_MOVING), None)
         if coarser is None or len(np.unique(np.rint(values / (coarser * count)))) < _DIFFERENT:
             return None
         says = f"{coarser} counts at once"

@@ -10,41 +10,45 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.intake.causes import speed_as
 from estimator.diagnosis.intake.correction import Correction
 from estimator.diagnosis.intake.data_sheet import LOUD, Wrong, units
-from estimator.diagnosis.intake.drive_data import MOST
-from estimator.diagnosis.intake.rough_fit import TURNED, Fit, Stretches, fit, speed_over_rate, stretches_of
+from estimator.diagnosis.intake.drive_data import MOST_OF_LINK
+from estimator.diagnosis.intake.rough_fit import (
+    TURNED,
+    RoughFit,
+    RoughStretches,
+    rough_fit,
+    speed_over_rate,
+    stretches_of,
+)
 from estimator.machine import PARAMETERS, Machine
 from estimator.online.flux_balance import TURN
 from estimator.samples import Samples
 
-Array = NDArray[np.float64]
-Vector = NDArray[np.complex128]
-
-FEWEST: Final = 50  # rows
-_SHORT: Final = 20  # rows of a run
+FEWEST_ROWS: Final = 50  # rows
+_SHORT_RUN: Final = 20  # rows of a run
 _COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")
-_STILL: Final = 0.1  # rad, electrical, in all: a rotor that stands
+_STANDING: Final = 0.1  # rad, electrical, in all: a rotor that stands
 _IDLE: Final = 0.005  # of rated current
 _LOST: Final = 0.05  # of the rows
 _MOST_LOST: Final = 0.2  # of the rows, where no verdict is to be had
 _TORN: Final = 0.5  # of the rows, that lie in short runs then
-_SATURATED: Final = 0.5  # of the rows
+_CUT_OFF_SHARE: Final = 0.5  # of the rows
 _CLIPPED: Final = 0.003  # of the rows
 _PILED: Final = 3.0  # rows at the top over rows in the band three times as wide below it; a sine has 1
-_ALIKE: Final = 8.0  # times as often as any other value
-_AWAY: Final = 0.1  # of a column's largest value: what stands nearer to zero is at rest
-_EVEN: Final = 0.02  # of their distance, by which two limits may differ
-_HALF: Final = 0.5  # of the rows: a current that is the same for longer rests
-_HELD: Final = 0.05  # of the rows
-_COUNTS: Final = 4.0  # steps, by which an angle catches up: an encoder's moves by one or two after it stood
-_SAME: Final = 0.015  # log
+_FAR_OFTENER: Final = 8.0  # times as often as any other value
+_AT_REST: Final = 0.1  # of a column's largest value: what stands nearer to zero is at rest
+_LIMITS_DIFFER: Final = 0.02  # of their distance, by which two limits may differ
+_RESTING_SHARE: Final = 0.5  # of the rows: a current that is the same for longer rests
+_HELD_SHARE: Final = 0.05  # of the rows
+_CATCHING_UP: Final = 4.0  # steps, by which an angle catches up: an encoder's moves by one or two after it stood
+_SAME_FACTOR: Final = 0.015  # log
 _JUMP: Final = 50  # rows that are missing at once
 _GROSS: Final = 0.26  # log: 30 %
-_LINE: Final = math.sqrt(3.0)
+_LINE_TO_LINE: Final = math.sqrt(3.0)
 
 
 class Checked(NamedTuple):
@@ -57,7 +61,7 @@ class Checked(NamedTuple):
 def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
     """What is wrong with a recording before anything is fitted to it."""
     runs = [run for run in runs if len(run)]
-    found = list(_columns(runs))
+    found = list(_empty_columns(runs))
     if not any(wrong.stop for wrong in found):
         found += [*_excitation(runs, nominal), *_gaps(runs), *_clipped(runs), *_saturated(runs), *_held(runs)]
         stretches = stretches_of(runs)
@@ -65,21 +69,26 @@ def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
             scaled = list(units(stretches, nominal))
             if any(wrong.stop for wrong in scaled):  # all else follows from it
                 return Checked(tuple(wrong.sentence for wrong in scaled), stop=True)
-            found += [*_speed(stretches), *_phase_currents(stretches, nominal.n_p), *scaled, *_joined(runs, nominal)]
+            found += [
+                *_speed(stretches),
+                *_phase_currents(stretches, nominal.n_p),
+                *scaled,
+                *_two_drives(runs, nominal),
+            ]
     return Checked(tuple(wrong.sentence for wrong in found), any(wrong.stop for wrong in found))
 
 
 # --- Columns
 
 
-def _columns(runs: Sequence[Samples]) -> Iterator[Wrong]:
+def _empty_columns(runs: Sequence[Samples]) -> Iterator[Wrong]:
     rows = sum(map(len, runs))
-    if rows < FEWEST:
-        yield Wrong(f"the recording has {rows} rows, expected at least {FEWEST}: record a second or more", True)
+    if rows < FEWEST_ROWS:
+        yield Wrong(f"the recording has {rows} rows, expected at least {FEWEST_ROWS}: record a second or more", True)
         return
     longest = max(map(len, runs))
-    if longest < _SHORT:
-        yield Wrong(f"the longest run without a gap has {longest} rows, expected at least {_SHORT}: record every "
+    if longest < _SHORT_RUN:
+        yield Wrong(f"the longest run without a gap has {longest} rows, expected at least {_SHORT_RUN}: record every "
                     "control period, by a capture buffer where the link is too slow", True)
         return
     for name in _COLUMNS:
@@ -113,7 +122,7 @@ def _excitation(runs: Sequence[Samples], nominal: Machine) -> Iterator[Wrong]:
     rms = math.sqrt(float(np.mean(i_d**2 + i_q**2)))
     idle = rms < _IDLE * (nominal.i_rated or 0.0)
     turned = max(float(np.ptp(np.unwrap(run.theta_e))) for run in runs)
-    if turned < _STILL:
+    if turned < _STANDING:
         stands = f"the motor stands (its angle moves by {turned:.2g} rad)"
         if idle:
             yield Wrong(f"{stands} and carries no current ({rms:.2g} A rms): nothing can be told; record it turning, "
@@ -131,12 +140,15 @@ def _gaps(runs: Sequence[Samples]) -> Iterator[Wrong]:
     rows = sum(map(len, runs))
     missing = [_missing(a, b) for a, b in pairwise(runs)]
     lost = sum(count for count in missing if 0.0 < count < _JUMP)
-    torn = sum(len(run) for run in runs if len(run) < _SHORT)
+    torn = sum(len(run) for run in runs if len(run) < _SHORT_RUN)
     if lost > _MOST_LOST * (rows + lost) and torn > _TORN * rows:
-        yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, and {torn} of those "
-                    f"left lie in runs of less than {_SHORT}: too few follow each other to tell noise from voltages; "
-                    "expected every control period, record over a faster link or by a capture buffer", True)
-    elif lost > _LOST * (rows + lost) or (len(runs) > 1 and rows < 2 * _SHORT * len(runs)):
+        yield Wrong(
+            f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, and {torn} of those "
+            f"left lie in runs of less than {_SHORT_RUN}: too few follow each other to tell noise from voltages; "
+            "expected every control period, record over a faster link or by a capture buffer",
+            True,
+        )
+    elif lost > _LOST * (rows + lost) or (len(runs) > 1 and rows < 2 * _SHORT_RUN * len(runs)):
         yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, expected hardly any: "
                     "record over a faster link or by a capture buffer")
 
@@ -155,11 +167,11 @@ def _clipped(runs: Sequence[Samples]) -> Iterator[Wrong]:
     for name in ("i_d", "i_q"):
         values, count = np.unique(np.concatenate([getattr(run, name) for run in runs]), return_counts=True)
         low, high = float(values[0]), float(values[-1])
-        both = abs(low + high) < _EVEN * (high - low)  # cut off on either side
+        both = abs(low + high) < _LIMITS_DIFFER * (high - low)  # cut off on either side
         for end, side in ((0, -low), (-1, high)):
             usual = np.max(count[1:-1] if both else np.delete(count, end), initial=0)
-            often = max(_CLIPPED * n, _ALIKE * usual) < count[end] < _HALF * n
-            if often and side > _AWAY * max(-low, high):
+            often = max(_CLIPPED * n, _FAR_OFTENER * usual) < count[end] < _RESTING_SHARE * n
+            if often and side > _AT_REST * max(-low, high):
                 yield Wrong(f"{name} is cut off at {values[end]:.3g} A in {count[end] / n:.1%} of the rows, expected "
                             "measured currents; these rows are used as they are: record less current, or with a larger "
                             "range")
@@ -169,7 +181,7 @@ def _clipped(runs: Sequence[Samples]) -> Iterator[Wrong]:
     cut = 0
     for side in sides:
         near = side[side > 0.96 * level]
-        band = max(0.002 * level, 1.5 * _step(near))
+        band = max(0.002 * level, 1.5 * _quantum(near))
         top = int(np.count_nonzero(near > level - band))
         below = int(np.count_nonzero((near > level - 4.0 * band) & (near <= level - band)))
         if top > _PILED * max(below, 1):
@@ -179,7 +191,7 @@ def _clipped(runs: Sequence[Samples]) -> Iterator[Wrong]:
                     "expected within the sensors' range: record less current, or with a larger range")
 
 
-def _step(values: Array) -> float:
+def _quantum(values: Array) -> float:
     """Step between neighbouring values of a quantised column."""
     levels = np.unique(np.round(values, 9))[-20:]
     return float(np.median(np.diff(levels))) if len(levels) > 2 else 0.0
@@ -190,8 +202,8 @@ def _saturated(runs: Sequence[Samples]) -> Iterator[Wrong]:
     if u_dc is None:
         return
     u = np.concatenate([np.hypot(run.u_d, run.u_q) for run in runs])
-    share = float(np.mean((u > 0.995 * u_dc / _LINE) & (u < MOST * u_dc)))
-    if share > _SATURATED:
+    share = float(np.mean((u > 0.995 * u_dc / _LINE_TO_LINE) & (u < MOST_OF_LINK * u_dc)))
+    if share > _CUT_OFF_SHARE:
         yield Wrong(f"the voltage is at its limit, u_dc/sqrt(3), in {share:.0%} of the rows, expected below it: what "
                     "is recorded may not be what acted; record at a lower speed or with a higher dc link")
 
@@ -199,9 +211,9 @@ def _saturated(runs: Sequence[Samples]) -> Iterator[Wrong]:
 # --- Contradictions
 
 
-def _speed(stretches: Stretches) -> Iterator[Wrong]:
+def _speed(stretches: RoughStretches) -> Iterator[Wrong]:
     ratio = speed_over_rate(stretches, Correction())
-    if not math.isnan(ratio) and (ratio < 0.0 or abs(math.log(ratio)) > _SAME):
+    if not math.isnan(ratio) and (ratio < 0.0 or abs(math.log(ratio)) > _SAME_FACTOR):
         yield Wrong(f"omega_e is {ratio:.4g} times the rate of change of theta_e, expected the same: electrical, in "
                     "rad and rad/s, of one sign, and the right T_s")
 
@@ -212,11 +224,11 @@ def _held(runs: Sequence[Samples]) -> Iterator[Wrong]:
     sizes = np.abs(np.concatenate(moves))
     least = float(np.min(sizes[sizes > 0.0], initial=math.pi))
     step = max(least, *(run.resolution.theta_e for run in runs))
-    held = sum(_caught_up(D - TURN * np.rint(D / TURN), _COUNTS * step) for D in moves)
+    held = sum(_caught_up(D - TURN * np.rint(D / TURN), _CATCHING_UP * step) for D in moves)
     n = sum(map(len, runs))
-    if held > _HELD * n:
+    if held > _HELD_SHARE * n:
         yield Wrong(f"theta_e stays the same in {held / n:.0%} of the rows, and then catches up by more than "
-                    f"{_COUNTS:g} of its steps at once: expected the angle of every control period")
+                    f"{_CATCHING_UP:g} of its steps at once: expected the angle of every control period")
 
 
 def _caught_up(D: Array, jump: float) -> int:
@@ -226,7 +238,7 @@ def _caught_up(D: Array, jump: float) -> int:
     return int(np.sum(before[np.abs(D[at]) > jump]))
 
 
-def _turned_over_currents(stretches: Stretches, i: Vector) -> float:
+def _turned_over_currents(stretches: RoughStretches, i: Vector) -> float:
     """Angle turned over that between the phase currents and i_d, i_q; NaN where there is none to be seen."""
     assert stretches.i_s is not None
     size = np.min(np.abs(i), axis=1)
@@ -243,14 +255,14 @@ def _turned_over_currents(stretches: Stretches, i: Vector) -> float:
     return ratio if left @ left < 0.001 * (by_angle @ by_angle) else math.nan
 
 
-def _phase_currents(stretches: Stretches, n_p: int) -> Iterator[Wrong]:
+def _phase_currents(stretches: RoughStretches, n_p: int) -> Iterator[Wrong]:
     if stretches.i_s is None:
         return
     i = stretches.i * np.exp(1j * stretches.theta_e)
     power = float(np.mean(np.abs(i) ** 2))
     ratio = complex(np.mean(stretches.i_s * i.conj())) / max(power, 1e-300)
     left = float(np.mean(np.abs(stretches.i_s - ratio * i) ** 2)) / max(power, 1e-300)
-    speed = speed_as(_turned_over_currents(stretches, i), n_p, _SAME)
+    speed = speed_as(_turned_over_currents(stretches, i), n_p, _SAME_FACTOR)
     if left > 0.1 and speed is not None and "rpm" in speed[1]:
         yield Wrong(f"the angle - theta_e, or the integral of omega_e - turns {speed[0]:.4g} times as fast as i_a, "
                     f"i_b, i_c and i_d, i_q tell: it seems to be made of a speed that is {speed[1]}, expected "
@@ -264,13 +276,13 @@ def _phase_currents(stretches: Stretches, n_p: int) -> Iterator[Wrong]:
                     f"{math.degrees(math.atan2(ratio.imag, ratio.real)):.0f} degrees, expected the same peak values")
 
 
-def _joined(runs: Sequence[Samples], nominal: Machine) -> Iterator[Wrong]:
+def _two_drives(runs: Sequence[Samples], nominal: Machine) -> Iterator[Wrong]:
     """Two drives, or two runs, in one recording."""
     for k in _seams(runs):
         before, after = stretches_of(runs[:k]), stretches_of(runs[k:])
         if before is None or after is None:
             continue
-        a, b = fit(before, Correction(), nominal), fit(after, Correction(), nominal)
+        a, b = rough_fit(before, Correction(), nominal), rough_fit(after, Correction(), nominal)
         if _differ(a, b):
             names = ", ".join(PARAMETERS)
             values = " and ".join(", ".join(f"{value:.3g}" for value in f.value) for f in (a, b))
@@ -290,7 +302,7 @@ def _seams(runs: Sequence[Samples]) -> list[int]:
     return found[:3]
 
 
-def _differ(a: Fit, b: Fit) -> bool:
+def _differ(a: RoughFit, b: RoughFit) -> bool:
     with np.errstate(invalid="ignore", divide="ignore"):
         off = np.abs(np.log(np.maximum(a.value, 1e-12) / np.maximum(b.value, 1e-12)))
         std = np.hypot(a.std / np.abs(a.value), b.std / np.abs(b.value))

@@ -20,33 +20,31 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnosis.likelihood.constant_parameters import POLE, columns_of, least_squares, of_h, whiten_axes
+from estimator.arrays import Array, Bools, Vector, Vectors
+from estimator.diagnosis.likelihood.constant_parameters import POLE, balance_columns, least_squares, of_h, whiten_axes
 from estimator.kernel import kernel
 from estimator.online.flux_balance import angle_turned, flux_balance
 from estimator.samples import Samples
 
-Array = NDArray[np.float64]
-Vector = NDArray[np.complex128]
-Vectors = NDArray[np.complex128]
-Bools = NDArray[np.bool_]
-
-FEWEST: Final = 200  # rows, of which parameters and noise are told
+FEWEST_ODD_ROWS: Final = 200  # rows, of which parameters and noise are told
 FAR: Final = 6.0  # standard deviations of what is usual
 RARE: Final = 1e-3  # of the rows, and
 FEW: Final = 3  # of few rows: more are no accident
-_AT_ONCE: Final = 0.5  # of the worst: what is as bad is taken out with it
-_SIDE: Final = 3  # rows to either side, of the median
-_NINE_OF_TEN: Final = 1.645  # standard deviations, that nine of ten values stay within
+_AS_BAD: Final = 0.5  # of the worst: what is as bad is taken out with it
+_MEDIAN_SIDE: Final = 3  # rows to either side, of the median
+_NINE_OF_TEN_NORMAL: Final = 1.645  # standard deviations, that nine of ten values stay within
 _BOTH: Final = 0.3  # of the worst, that the balance after it misses by where it is the sample between them
 _RETURNS: Final = 0.2  # of what a sample's balances miss, that a change of its currents leaves of them
-_QUIET: Final = 0.3  # of the same, that the balances to their sides miss at most; of a jump, that the way back differs
+_QUIET_SIDES: Final = (
+    0.3  # of the same, that the balances to their sides miss at most; of a jump, that the way back differs
+)
 _LOUD: Final = 20.0  # times what voltages usually leave those around them by
-_NOISE: Final = 4.0  # standard deviations of what is usual, that noise stays within
-_PASSES: Final = 5  # of fits, each without what the one before found
-_LEAST: Final = 1e-9  # of the voltages' rms: what numbers are rounded to
+_USUAL_NOISE: Final = 4.0  # standard deviations of what is usual, that noise stays within
+_REFITS: Final = 5  # of fits, each without what the one before found
+_ROUNDED_TO: Final = 1e-9  # of the voltages' rms: what numbers are rounded to
 
 
-class Fitted(NamedTuple):
+class Usual(NamedTuple):
     """Constant parameters, and what they usually leave."""
 
     beta: Array  # (4,), SI
@@ -58,14 +56,14 @@ class Odd:
     """What was found."""
 
     bad: tuple[Bools, ...]  # rows of each run that are odd
-    fitted: Fitted | None  # by the other rows, for runs too short to be fitted
+    fitted: Usual | None  # by the other rows, for runs too short to be fitted
 
 
-def odd_rows(runs: Sequence[Samples], before: Fitted | None = None) -> Odd:
+def odd_rows(runs: Sequence[Samples], before: Usual | None = None) -> Odd:
     """Odd rows of runs without gaps. `before`: a fit of rows before them, used where these are too few for one."""
     table = _table(runs)
     bad = np.zeros(sum(map(len, runs)), np.bool_)
-    few = len(table.D) < FEWEST
+    few = len(table.D) < FEWEST_ODD_ROWS
     fitted = before if few else None
     if not few or before is not None:
         most = max(FEW, int(RARE * len(table.D)))
@@ -82,8 +80,8 @@ def odd_samples(runs: Sequence[Samples], bad: Sequence[Bools]) -> tuple[Bools, .
     found = np.zeros(len(known), np.bool_)
     most = max(FEW, int(RARE * len(table.D)))
     with np.errstate(all="ignore"):
-        for _ in range(_PASSES if len(table.D) >= FEWEST else 0):
-            _, e, fitted = _left(table, known | found, None)
+        for _ in range(_REFITS if len(table.D) >= FEWEST_ODD_ROWS else 0):
+            _, e, fitted = _beyond_median(table, known | found, None)
             new = np.append(False, _currents_return(table, e, fitted)) | _voltage_returns(table, e, fitted)
             if not new.any():
                 break
@@ -114,23 +112,23 @@ def _table(runs: Sequence[Samples]) -> _Table:
     ])
     joined = np.diff(begins, prepend=-2) == 1
     D = angle_turned(balance, runs[0].T_s)
-    return _Table(columns_of(balance), np.exp(0.5j * D), D, joined, begins, runs[0].T)
+    return _Table(balance_columns(balance), np.exp(0.5j * D), D, joined, begins, runs[0].T)
 
 
-def _searched(table: _Table, known: Fitted | None, most: int, samples: int) -> tuple[Bools, Fitted | None]:
+def _searched(table: _Table, known: Usual | None, most: int, samples: int) -> tuple[Bools, Usual | None]:
     """The odd samples, and the fit of all others; none where they are too many."""
     bad = np.zeros(samples, np.bool_)
     first = known
     while True:
-        z, e, fitted = _left(table, bad, known)
+        z, e, fitted = _beyond_median(table, bad, known)
         first = first or fitted
-        far = np.maximum(_over(z, fitted.usual[:2]), _over(e, fitted.usual[2:]))
+        far = np.maximum(_over_usual(z, fitted.usual[:2]), _over_usual(e, fitted.usual[2:]))
         worst = float(np.max(far, initial=0.0))
         if not worst > FAR:
             return bad, fitted
-        if np.count_nonzero(far > max(FAR, _AT_ONCE * worst)) + np.count_nonzero(bad) > 4 * most:
+        if np.count_nonzero(far > max(FAR, _AS_BAD * worst)) + np.count_nonzero(bad) > 4 * most:
             return np.zeros(samples, np.bool_), first
-        found = np.flatnonzero(far >= max(FAR, _AT_ONCE * worst))
+        found = np.flatnonzero(far >= max(FAR, _AS_BAD * worst))
         peaks = found[np.concatenate(([True], np.diff(found) > 1))]  # the first of neighbours; others in their turn
         bad[_sample_of(table, peaks, np.abs(e))] = True
         if np.count_nonzero(bad) > most:
@@ -144,7 +142,7 @@ def _sample_of(table: _Table, balances: NDArray[np.int64], e: Array) -> NDArray[
     return table.begins[balances] + both
 
 
-def _currents_return(table: _Table, e: Vector, fitted: Fitted) -> Bools:
+def _currents_return(table: _Table, e: Vector, fitted: Usual) -> Bools:
     """Of each two balances, whether a change of the sample between them is what both miss, and what no other does."""
     R_s, L_d, L_q, _ = fitted.beta.tolist()
     there, back = e[:-1], e[1:]
@@ -153,15 +151,15 @@ def _currents_return(table: _Table, e: Vector, fitted: Fitted) -> Bools:
     i_d = (back - there).real * table.T / (2.0 * L_d * turned)  # A, by which the sample is off
     i_q = (back - there).imag * table.T / (2.0 * L_q * turned)
     left = there + back + R_s * (i_d + 1j * i_q) - L_q * s * i_q + 1j * L_d * s * i_d
-    far = _over(e, fitted.usual[2:]) > FAR
+    far = _over_usual(e, fitted.usual[2:]) > FAR
     size, joined = np.abs(e), table.joined[1:]
     before = np.concatenate(([0.0], np.where(joined[:-1], size[:-2], 0.0)))  # what the balances around both miss
     after = np.concatenate((np.where(joined[1:], size[2:], 0.0), [0.0]))
-    alone = np.maximum(before, after) < _QUIET * least
+    alone = np.maximum(before, after) < _QUIET_SIDES * least
     return far[:-1] & far[1:] & joined & alone & (np.abs(left) < _RETURNS * least)
 
 
-def _voltage_returns(table: _Table, e: Vector, fitted: Fitted) -> Bools:
+def _voltage_returns(table: _Table, e: Vector, fitted: Usual) -> Bools:
     """Of each balance, whether it misses what its voltage leaves those around it by, and those miss nothing.
 
     By far more than noise, or, where voltages are quiet otherwise, within noise.
@@ -171,17 +169,17 @@ def _voltage_returns(table: _Table, e: Vector, fitted: Fitted) -> Bools:
     before, after = u[1:-1] - u[:-2], u[1:-1] - u[2:]
     jump = 0.5 * (before + after)
     misses, beside = e[1:-1], np.maximum(size[:-2], size[2:])
-    by_far = _over(misses, usual) > FAR
-    by_far &= (np.abs(misses - jump) < _RETURNS * size[1:-1]) & (beside < _QUIET * size[1:-1])
+    by_far = _over_usual(misses, usual) > FAR
+    by_far &= (np.abs(misses - jump) < _RETURNS * size[1:-1]) & (beside < _QUIET_SIDES * size[1:-1])
     own = np.array([_usual(jump.real), _usual(jump.imag)])
-    quiet = _over(jump, np.maximum(usual, own * _LOUD / FAR)) > FAR
-    quiet &= (np.abs(before - after) < _QUIET * np.abs(jump)) & (_over(misses - jump, usual) < _NOISE)
-    quiet &= np.maximum(_over(e[:-2], usual), _over(e[2:], usual)) < _NOISE
+    quiet = _over_usual(jump, np.maximum(usual, own * _LOUD / FAR)) > FAR
+    quiet &= (np.abs(before - after) < _QUIET_SIDES * np.abs(jump)) & (_over_usual(misses - jump, usual) < _USUAL_NOISE)
+    quiet &= np.maximum(_over_usual(e[:-2], usual), _over_usual(e[2:], usual)) < _USUAL_NOISE
     returns[1:-1] = table.joined[1:-1] & table.joined[2:] & (by_far | quiet)
     return returns
 
 
-def _left(table: _Table, bad: Bools, known: Fitted | None) -> tuple[Vector, Vector, Fitted]:
+def _beyond_median(table: _Table, bad: Bools, known: Usual | None) -> tuple[Vector, Vector, Usual]:
     """Flux error (Vs) and voltage (V) that parameters leave, less the median around; none next to bad samples."""
     used = ~(bad[table.begins] | bad[table.begins + 1])
     columns = cast(Vectors, np.where(used, table.columns, 0.0))
@@ -189,22 +187,22 @@ def _left(table: _Table, bad: Bools, known: Fitted | None) -> tuple[Vector, Vect
     white = columns.copy()
     whiten_axes(white, table.half, joined, table.T, POLE, POLE)
     if known is None:
-        bounded = white[:5] / np.maximum(1.0, _size(white[:5]))
+        bounded = white[:5] / np.maximum(1.0, _largest_entry(white[:5]))
         beta = least_squares(bounded[:4], bounded[4])
     else:
         beta = known.beta
     coefficients = np.array([*-beta, 1.0, of_h(beta), 0.0])
     z: Vector = coefficients @ white
     e: Vector = coefficients @ columns
-    z, e = _off(z, used), _off(e, used)
+    z, e = _off_median(z, used), _off_median(e, used)
     if known is not None:
         return z, e, known
-    least = _LEAST * float(np.median(np.abs(columns[4])))
+    least = _ROUNDED_TO * float(np.median(np.abs(columns[4])))
     usual = np.array([_usual(x[used]) for x in (z.real, z.imag, e.real, e.imag)])
-    return z, e, Fitted(beta, np.maximum(usual, [least * table.T, least * table.T, least, least]))
+    return z, e, Usual(beta, np.maximum(usual, [least * table.T, least * table.T, least, least]))
 
 
-def _size(white: Vectors) -> Array:
+def _largest_entry(white: Vectors) -> Array:
     """Of each row, how far beyond the usual its largest entry is."""
     size = np.zeros(white.shape[1])
     for column in white:
@@ -215,7 +213,7 @@ def _size(white: Vectors) -> Array:
     return size
 
 
-def _off(x: Vector, used: Bools) -> Vector:
+def _off_median(x: Vector, used: Bools) -> Vector:
     """Values less the median of each and those to its sides, on either axis; 0 where they are not used."""
     off = np.zeros(len(x), np.complex128)
     off.real, off.imag = _less_median(np.ascontiguousarray(x.real)), _less_median(np.ascontiguousarray(x.imag))
@@ -225,12 +223,12 @@ def _off(x: Vector, used: Bools) -> Vector:
 
 @kernel
 def _less_median(x: Array) -> Array:
-    """Each value less the median of it and `_SIDE` to either side, at the ends of as many to one side."""
+    """Each value less the median of it and `_MEDIAN_SIDE` to either side, at the ends of as many to one side."""
     n, off = len(x), np.empty_like(x)
-    width = min(2 * _SIDE + 1, n)
+    width = min(2 * _MEDIAN_SIDE + 1, n)
     around = np.empty(width)
     for k in range(n):
-        first = min(max(k - _SIDE, 0), n - width)
+        first = min(max(k - _MEDIAN_SIDE, 0), n - width)
         for j in range(width):
             value, place = x[first + j], j
             while place > 0 and around[place - 1] > value:
@@ -242,9 +240,9 @@ def _less_median(x: Array) -> Array:
 
 
 def _usual(x: Array) -> float:
-    return float(np.quantile(np.abs(x), 0.9)) / _NINE_OF_TEN if len(x) else 0.0
+    return float(np.quantile(np.abs(x), 0.9)) / _NINE_OF_TEN_NORMAL if len(x) else 0.0
 
 
-def _over(x: Vector, usual: Array) -> Array:
+def _over_usual(x: Vector, usual: Array) -> Array:
     far = np.maximum(np.abs(x.real) / max(usual[0], 1e-300), np.abs(x.imag) / max(usual[1], 1e-300))
     return np.where(np.isfinite(far), far, 1e300)

@@ -12,23 +12,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.intake.correction import Correction
 from estimator.diagnosis.likelihood.whitening import whiten, whitening_of
 from estimator.machine import PARAMETERS, Machine
 from estimator.physics.vectors import AXES
 from estimator.samples import Samples
 
-Array = NDArray[np.float64]
-Vector = NDArray[np.complex128]
-
-MOST: Final = 6000  # rows
+MOST_ROWS: Final = 6000  # rows
 PADDING: Final = 2  # rows by which columns may be shifted
 TURNED: Final = 0.3  # rad in a stretch: the least that speed and angle are compared at
-_LENGTHS: Final = (256, 64, 16)  # rows of a stretch, the first that the runs are long enough for
+_STRETCH_LENGTHS: Final = (256, 64, 16)  # rows of a stretch, the first that the runs are long enough for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stretches:
+class RoughStretches:
     """Stretches of equal length, as recorded; one a row of every array."""
 
     i: Vector  # A, at n + 1 samples and the padding on both sides; so all others
@@ -44,7 +42,7 @@ class Stretches:
         """Stretches."""
         return len(self.i)
 
-    def at(self, places: NDArray[np.intp]) -> "Stretches":
+    def at(self, places: NDArray[np.intp]) -> "RoughStretches":
         """Some of them."""
         return replace(
             self, i=self.i[places], u=self.u[places], theta_e=self.theta_e[places], omega_e=self.omega_e[places],
@@ -53,7 +51,7 @@ class Stretches:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class RoughFit:
     """What a fit gives."""
 
     value: Array  # R_s, L_d, L_q, psi_f
@@ -62,17 +60,17 @@ class Fit:
     share: float  # of the voltages' mean square that is explained, 0 to 1
 
 
-def stretches_of(runs: Sequence[Samples]) -> Stretches | None:
+def stretches_of(runs: Sequence[Samples]) -> RoughStretches | None:
     """Half spread evenly, half where currents change most; None where no run is long enough."""
-    for n in _LENGTHS:
+    for n in _STRETCH_LENGTHS:
         whole = n + 1 + 2 * PADDING
         places = [(run, k) for run in runs for k in range(0, len(run) - whole + 1, n)]
-        if len(places) * n >= min(MOST, 0.7 * sum(map(len, runs))) or (n == _LENGTHS[-1] and places):
-            return _cut(places, whole, MOST // n)
+        if len(places) * n >= min(MOST_ROWS, 0.7 * sum(map(len, runs))) or (n == _STRETCH_LENGTHS[-1] and places):
+            return _cut_stretches(places, whole, MOST_ROWS // n)
     return None
 
 
-def speed_over_rate(stretches: Stretches, correction: Correction) -> float:
+def speed_over_rate(stretches: RoughStretches, correction: Correction) -> float:
     """Speed column over the rate of the corrected angle; NaN where the two cannot be compared."""
     theta = correction.angle(stretches.theta_e)
     by_angle = theta[:, -1] - theta[:, 0]
@@ -86,7 +84,7 @@ def speed_over_rate(stretches: Stretches, correction: Correction) -> float:
     return ratio if ratio != 0.0 and left @ left < 0.01 * (by_speed @ by_speed) else math.nan
 
 
-def rows_of_angle(stretches: Stretches) -> int:
+def rows_of_angle(stretches: RoughStretches) -> int:
     """Rows by which the angle column is late against the angle that turns the phase currents into i_d and i_q."""
     if stretches.i_s is None:
         return 0
@@ -103,12 +101,12 @@ def rows_of_angle(stretches: Stretches) -> int:
     return least if by_rows[least] < 0.05 * by_rows[0] else 0
 
 
-def _cut(places: list[tuple[Samples, int]], whole: int, most: int) -> Stretches:
+def _cut_stretches(places: list[tuple[Samples, int]], whole: int, most: int) -> RoughStretches:
     chosen = set(range(len(places)))
     if len(places) > most:
         chosen = {round(k) for k in np.linspace(0, len(places) - 1, most // 2)}
         look = [k for k in range(0, len(places), max(1, len(places) // 400)) if k not in chosen]
-        moved = [_moved(run, k, whole) for run, k in (places[j] for j in look)]
+        moved = [_moved_currents(run, k, whole) for run, k in (places[j] for j in look)]
         chosen |= {look[j] for j in np.argsort(moved)[len(moved) - (most - len(chosen)) :]}
     kept = [places[j] for j in sorted(chosen)]
 
@@ -121,18 +119,18 @@ def _cut(places: list[tuple[Samples, int]], whole: int, most: int) -> Stretches:
     i_s = None
     if known("i_a", "i_b", "i_c"):
         i_s = 2.0 / 3.0 * (AXES[0] * column("i_a") + AXES[1] * column("i_b") + AXES[2] * column("i_c"))
-    return Stretches(
+    return RoughStretches(
         column("i_d") + 1j * column("i_q"), column("u_d") + 1j * column("u_q"), column("theta_e"), column("omega_e"),
         column("u_dc") if known("u_dc") else None, i_s, kept[0][0].T_s,
     )  # fmt: skip
 
 
-def _moved(run: Samples, k: int, whole: int) -> float:
+def _moved_currents(run: Samples, k: int, whole: int) -> float:
     """How much the currents of a stretch move, A."""
     return math.hypot(float(np.std(run.i_d[k : k + whole])), float(np.std(run.i_q[k : k + whole])))
 
 
-def fit(stretches: Stretches, correction: Correction, machine: Machine) -> Fit:
+def rough_fit(stretches: RoughStretches, correction: Correction, machine: Machine) -> RoughFit:
     """The machine of the stretches as corrected; `machine` sets the whitening only."""
     S = stretches.count
     theta = correction.angle(stretches.theta_e)
@@ -162,12 +160,12 @@ def fit(stretches: Stretches, correction: Correction, machine: Machine) -> Fit:
     alike = whitening_of(half.ravel(), joined.ravel(), (1.0, 1.0), (rho, rho), 1.0)
     whiten(flat, *alike, np.zeros(len(v), np.complex128))
     x = np.ascontiguousarray(np.concatenate((v.real, v.imag), axis=2).transpose(1, 0, 2))  # (S, 5, 2 n)
-    found = _solved(x @ x.transpose(0, 2, 1), 2 * n * S)
+    found = _least_squares(x @ x.transpose(0, 2, 1), 2 * n * S)
     volts = 1.0 if not correction.per_unit or u_dc is None else correction.per_unit * float(np.mean(u_dc))
     return replace(found, left=found.left * (abs(correction.u) / volts) ** 2)
 
 
-def _solved(grams: Array, count: int) -> Fit:
+def _least_squares(grams: Array, count: int) -> RoughFit:
     """Least squares over the stretches' sums of products, of so many numbers."""
     gram = grams.sum(axis=0)
     P = len(gram) - 1
@@ -188,4 +186,4 @@ def _solved(grams: Array, count: int) -> Fit:
     if not np.all(kept):  # what lies along directions that no row moves in
         blind = np.abs(turn[:, ~kept]).max(axis=1) > 0.1
         std[told[blind]] = math.inf
-    return Fit(value, std, left / count, 1.0 - left / max(float(gram[P, P]), 1e-300))
+    return RoughFit(value, std, left / count, 1.0 - left / max(float(gram[P, P]), 1e-300))

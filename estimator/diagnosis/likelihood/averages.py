@@ -10,11 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.likelihood.noise import filter_of
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
-
-Array = NDArray[np.float64]
 
 PERIODS: Final = 10  # that a mean is taken over where nothing else is said
 _TURN: Final = 1.0  # rad that the rotor may turn meanwhile
@@ -58,7 +56,7 @@ def sizes_in(columns: Array, z: Vector) -> Array:
     return np.array(np.linalg.lstsq(columns @ columns.T, columns @ parts(z), rcond=None)[0], np.float64)
 
 
-def beside(columns: Array, z: Vector, flux: Vector | None = None) -> Vector:
+def without_columns(columns: Array, z: Vector, flux: Vector | None = None) -> Vector:
     """z less what columns (m, 2 n; see `parts`) explain of it, fitted alone or together with a flux error."""
     both = columns if flux is None else np.concatenate((columns, parts(flux)[None, :]))
     return z - whole(sizes_in(both, z)[: len(columns)] @ columns)

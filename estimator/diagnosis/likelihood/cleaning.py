@@ -12,16 +12,20 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Vector
 from estimator.diagnosis.likelihood.columns import Follow
 from estimator.diagnosis.likelihood.noise import Noise, flux_errors, noise_of
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
-from estimator.twin.currents import followed, response_of
+from estimator.twin.currents import followed_currents, response_of
 from estimator.twin.model import Model, residual, with_machine, zero_residual
 from estimator.twin.response import Response
 
-_FOLLOWED: Final = (0.02, 0.1, 0.4)  # a period, of what is between measured currents and those that follow the model
+_FOLLOWED_SHARES: Final = (
+    0.02,
+    0.1,
+    0.4,
+)  # a period, of what is between measured currents and those that follow the model
 _NOISY: Final = 1.5  # times the noise: what is between them is no more
 _AVERAGED: Final = 25  # periods to each side; slower than that is not noise
 
@@ -46,7 +50,7 @@ class Following:
     def __init__(self, rows: Rows) -> None:
         self._rows = rows
         self._last: deque[tuple[float, Model, tuple[Rows, Vector]]] = deque(maxlen=2)
-        self.farthest = 0  # of `_FOLLOWED`, that measured currents have asked for so far
+        self.farthest = 0  # of `_FOLLOWED_SHARES`, that measured currents have asked for so far
 
     def knows(self, model: Model) -> bool:
         """Currents that follow it are kept."""
@@ -58,7 +62,7 @@ class Following:
                 return found
         there = with_machine(self._rows, model.machine)
         near = next((found[0].i for at, _, found in reversed(self._last) if at == share), None)
-        i, lost = followed(there, model, share, near)
+        i, lost = followed_currents(there, model, share, near)
         found = replace(there, i=i, kept=there.kept_of_angle_and_bridge()), lost
         self._last.append((share, model, found))
         return found
@@ -78,9 +82,9 @@ def cleaned(rows: Rows, smooth: Rows, model: Model, following: Following) -> Cle
     """
     rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
     if model.steep:
-        return _followed(rows, model, following)
+        return _cleaned_following(rows, model, following)
     if any(BY_NAME[name].fast_resistance is not None for name in model.effects):
-        return _followed(rows, model, following)._replace(follow=None, response=None)
+        return _cleaned_following(rows, model, following)._replace(follow=None, response=None)
     z = flux_errors(residual(rows, smooth, model), rows, model)
     noise = noise_of(z, zero_residual(rows, smooth, model), rows)
     w = min(_AVERAGED, max(1, len(z) // 4))
@@ -94,7 +98,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model, following: Following) -> Cle
     return Clean(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), z, noise)
 
 
-def _followed(rows: Rows, model: Model, following: Following) -> Clean:
+def _cleaned_following(rows: Rows, model: Model, following: Following) -> Clean:
     """The same for effects that change more within the noise of currents than these do in a period.
 
     Currents follow the model, as closely as it is true.
@@ -109,11 +113,11 @@ def _followed(rows: Rows, model: Model, following: Following) -> Clean:
         return Clean(smooth, z, noise, follow, partial(_response, rows, smooth, share), following), noise
 
     while True:
-        clean, noise = by(_FOLLOWED[following.farthest])
+        clean, noise = by(_FOLLOWED_SHARES[following.farthest])
         off = clean.rows.i - rows.i
         d, q = off.real * (m.L_d / noise[0]), off.imag * (m.L_q / noise[1])
         loud = max(float(np.mean(d**2)), float(np.mean(q**2)))
-        if loud < _NOISY**2 or following.farthest == len(_FOLLOWED) - 1:
+        if loud < _NOISY**2 or following.farthest == len(_FOLLOWED_SHARES) - 1:
             return clean
         following.farthest += 1
 

@@ -15,51 +15,41 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.noise import Noise, filter_of, flux_errors, noise_of, straightening, whitened
 from estimator.diagnosis.likelihood.whitening import whiten_into
 from estimator.machine import PARAMETERS
-from estimator.physics.angle_sensing import voltage_of_error
+from estimator.physics.angle_sensing import voltage_of_angle_error
 from estimator.physics.effect import Effect, Parameter
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import LOST, Rows
 from estimator.physics.saturation import EFFECTS as SATURATIONS
 from estimator.physics.saturation import bends
-from estimator.physics.vectors import Vector
-from estimator.twin.model import (
-    Array,
-    Model,
-    frame_of,
-    in_truth,
-    left_over,
-    see_lost,
-    sharing,
-    with_machine,
-    zero_residual,
-)
+from estimator.twin.model import Model, frame_of, in_truth, left_over, see_lost, sharing, with_machine, zero_residual
 from estimator.twin.response import Response, answer
 
 STRETCHES: Final = 48
 BENDS: Final = 6
 """Place of the first of a flux map's shapes among the machine's columns; they are the last."""
 _STEP: Final = 0.03  # of a typical size, for differences
-_NEAR: Final = 1e-3  # the same, where a little changes much
-_PART: Final = 4096  # periods at once, whose columns stay near the processor
-_LONG: Final = 200_000  # periods, from which on what effects remember takes much room
+_SMALL_STEP: Final = 1e-3  # the same, where a little changes much
+_COLUMN_CHUNK: Final = 4096  # periods at once, whose columns stay near the processor
+_LONG_RECORDING: Final = 200_000  # periods, from which on what effects remember takes much room
 _LEAD: Final = 1_000  # periods, of which most effects remember nothing in the end
 _SMALL_ANGLE: Final = 1e-4  # rad
-_FARTHEST: Final = (0.3, 3.0)  # of nominal values
+_OF_NOMINAL: Final = (0.3, 3.0)  # of nominal values
 _ANYTHING: Final = (1e-2, 1e2)  # the same for the straight lines of a map
 
 Follow = Callable[[Model], tuple[Rows, Vector]]
 """Rows with currents that follow a model, and the voltage (V, measured frame) that the bridge loses meanwhile."""
-Slopes = dict[tuple[str, int], Vector]
+VoltageSlopes = dict[tuple[str, int], Vector]
 """What that voltage changes by, by owner and place of a column: volts a unit of its parameter."""
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class Coefficient:
     """One coefficient."""
 
     owner: str  # an effect's name, or "machine"
@@ -76,7 +66,7 @@ class Column:
 class Regression:
     """The regression's sums by stretch of the recording."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[Coefficient, ...]
     gram: Array  # (stretches, P + 1, P + 1); the last is y
     count: int  # of whitened numbers
     noise: tuple[float, float, float]  # Vs, Vs, A: of the d, q and zero channels
@@ -99,7 +89,7 @@ class _Step:
 
 def regression(
     rows: Rows, smooth: Rows, model: Model, given: Given, noise: Noise | None = None,
-    library: Sequence[Effect] = LIBRARY, follow: Follow | None = None, slopes: Slopes | None = None,
+    library: Sequence[Effect] = LIBRARY, follow: Follow | None = None, slopes: VoltageSlopes | None = None,
     response: Response | None = None,
 ) -> Regression:  # fmt: skip
     """Sums of all columns; of the present model alone without a library.
@@ -114,7 +104,7 @@ def regression(
         see_lost(truth, model)
     if model.bend is not None:
         library = [effect for effect in library if effect.name not in SATURATIONS]
-    columns = _columns(smooth, model, given, library)
+    columns = _model_coefficients(smooth, model, given, library)
     steps = _steps(truth, model, columns)
     r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
     if noise is None:
@@ -135,7 +125,7 @@ def regression(
     n, P = len(rows), len(columns)
     which, answers = np.array(list(answering), np.intp), np.zeros((P, 2), np.complex128)
     gram, state = np.zeros((STRETCHES, P + 1, P + 1)), np.zeros(P + 1, np.complex128)
-    volts, white = np.empty((P + 1) * _PART, np.complex128), np.empty((P + 1) * 2 * _PART)
+    volts, white = np.empty((P + 1) * _COLUMN_CHUNK, np.complex128), np.empty((P + 1) * 2 * _COLUMN_CHUNK)
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
     for s, cut, part in _parts(replace(truth, kept=dict(truth.kept)), steps, edges):  # what it remembers goes with it
         size = (P + 1) * len(part)
@@ -167,7 +157,7 @@ def _parts(rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]) -
     """The rows part by part, with number of the stretch and place. Of many rows, most of what effects remember is
     worked out a stretch at a time.
     """
-    long = len(rows) > _LONG
+    long = len(rows) > _LONG_RECORDING
     there = [step for step in steps if step is not None]
     if long:
         _ = rows.speed  # which is that of both sides
@@ -180,8 +170,8 @@ def _parts(rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]) -
             first = max(a - _LEAD, 0)
             near = rows[first : b + 1]  # the last one has a next
             _prepare(near, there)
-        for begin in range(a, b, _PART):
-            end = min(begin + _PART, b)
+        for begin in range(a, b, _COLUMN_CHUNK):
+            end = min(begin + _COLUMN_CHUNK, b)
             yield s, slice(begin, end), near[begin - first : end - first]
 
 
@@ -200,32 +190,32 @@ def _remember(rows: Rows, steps: Sequence[_Step]) -> None:
                 step.effect.remembers(rows, sizes)
 
 
-def _at(effect: Effect, shapes: Sequence[float], sizes: dict[int, float]) -> tuple[float, ...]:
+def _in_order(effect: Effect, shapes: Sequence[float], sizes: dict[int, float]) -> tuple[float, ...]:
     left = iter(shapes)
     return tuple(
         next(left) if parameter.shape else sizes.get(k, 0.0) for k, parameter in enumerate(effect.parameters)
     )
 
 
-def _columns(rows: Rows, model: Model, given: Given, library: Sequence[Effect]) -> tuple[Column, ...]:
-    found: list[Column] = []
+def _model_coefficients(rows: Rows, model: Model, given: Given, library: Sequence[Effect]) -> tuple[Coefficient, ...]:
+    found: list[Coefficient] = []
     for k, name in enumerate(PARAMETERS):
         nominal, tolerance = getattr(given.machine, name), given.tolerance[name]
         share = tolerance if model.bend is None or name == "R_s" else 1.0  # straight lines are a part of a map
-        low, high = _FARTHEST if share < 1.0 else _ANYTHING
+        low, high = _OF_NOMINAL if share < 1.0 else _ANYTHING
         if name in given.untold and share < 1.0:
             low, high = 1.0 - share, 1.0 + share
         prior, bounds = (nominal, share * nominal), (low * nominal, high * nominal)
-        found.append(Column("machine", name, k, -1, prior, getattr(model.machine, name), bounds))
+        found.append(Coefficient("machine", name, k, -1, prior, getattr(model.machine, name), bounds))
     reach = max(given.angle_step, 1e-5)  # an angle is rounded or cut off
     prior = 0.0, max(0.5 * given.angle_step, 1e-6)
-    found.append(Column("machine", "angle", 4, -1, prior, model.angle, (-reach, reach)))
+    found.append(Coefficient("machine", "angle", 4, -1, prior, model.angle, (-reach, reach)))
     if rows.zero is not None:
-        found.append(Column("machine", "zero", 5, -1, (0.0, rows.i_rated), model.zero, (-math.inf, math.inf)))
+        found.append(Coefficient("machine", "zero", 5, -1, (0.0, rows.i_rated), model.zero, (-math.inf, math.inf)))
     if model.bend is not None:
         anything = (-math.inf, math.inf)
         for k, (name, size) in enumerate(zip(model.bend.names, model.bend.size.tolist(), strict=True)):
-            found.append(Column("machine", name, BENDS + k, -1, (0.0, 1.0), size, anything))
+            found.append(Coefficient("machine", name, BENDS + k, -1, (0.0, 1.0), size, anything))
     for effect in library or [BY_NAME[name] for name in model.effects]:
         if effect.name in model.effects:
             found.extend(_own_columns(effect, rows, model.effects[effect.name]))
@@ -235,42 +225,42 @@ def _columns(rows: Rows, model: Model, given: Given, library: Sequence[Effect]) 
             for k in effect.sizes:
                 parameter = effect.parameters[k]
                 prior = (0.0, parameter.typical(rows))
-                found.append(Column(effect.name, parameter.name, k, seed, prior, 0.0, _bounds(parameter, rows)))
+                found.append(Coefficient(effect.name, parameter.name, k, seed, prior, 0.0, _range_of(parameter, rows)))
     return tuple(found)
 
 
-def _own_columns(effect: Effect, rows: Rows, present: Sequence[float]) -> list[Column]:
+def _own_columns(effect: Effect, rows: Rows, present: Sequence[float]) -> list[Coefficient]:
     """Of an effect of the model: its sizes, and steps of its shapes."""
-    found: list[Column] = []
+    found: list[Coefficient] = []
     for k, parameter in enumerate(effect.parameters):
         if parameter.discrete:
             continue
-        prior, (low, high) = (0.0, parameter.typical(rows)), _bounds(parameter, rows)
+        prior, (low, high) = (0.0, parameter.typical(rows)), _range_of(parameter, rows)
         if parameter.shape:
             low, high = max(low - present[k], -0.5 * abs(present[k])), min(high - present[k], abs(present[k]))
         offset = 0.0 if parameter.shape else present[k]
-        found.append(Column(effect.name, parameter.name, k, -1, prior, offset, (low, high), parameter.shape))
+        found.append(Coefficient(effect.name, parameter.name, k, -1, prior, offset, (low, high), parameter.shape))
     return found
 
 
-def _bounds(parameter: Parameter, rows: Rows) -> tuple[float, float]:
+def _range_of(parameter: Parameter, rows: Rows) -> tuple[float, float]:
     return (
         -math.inf if parameter.low is None else parameter.low(rows),
         math.inf if parameter.high is None else parameter.high(rows),
     )
 
 
-def _steps(rows: Rows, model: Model, columns: Sequence[Column]) -> list[_Step | None]:
+def _steps(rows: Rows, model: Model, columns: Sequence[Coefficient]) -> list[_Step | None]:
     """What each column is a change of; None for those of the machine."""
-    return [None if column.owner == "machine" else _step(rows, model, column) for column in columns]
+    return [None if column.owner == "machine" else _step_to(rows, model, column) for column in columns]
 
 
-def _step(rows: Rows, model: Model, column: Column) -> _Step:
+def _step_to(rows: Rows, model: Model, column: Coefficient) -> _Step:
     effect = BY_NAME[column.owner]
     parameter = effect.parameters[column.place]
     if column.seed >= 0:
         h = parameter.typical(rows)
-        return _Step(effect, _at(effect, effect.shapes(rows)[column.seed], {column.place: h}), None, h)
+        return _Step(effect, _in_order(effect, effect.shapes(rows)[column.seed], {column.place: h}), None, h)
     at = model.effects[effect.name]
     if effect.measures:  # rows are rid of it already
         at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
@@ -279,7 +269,7 @@ def _step(rows: Rows, model: Model, column: Column) -> _Step:
 
 
 def _fill(
-    rows: Rows, model: Model, columns: Sequence[Column], steps: Sequence[_Step | None], v: NDArray[np.complex128],
+    rows: Rows, model: Model, columns: Sequence[Coefficient], steps: Sequence[_Step | None], v: NDArray[np.complex128],
     others: Set[int], coupled: bool,
 ) -> None:  # fmt: skip
     """Write the columns' voltages, but those of some others. `coupled`: with what effects make of the machine's."""
@@ -312,7 +302,7 @@ def _fill(
         v[j] *= 1.0 / step.h
 
 
-def _answering(columns: Sequence[Column], response: Response | None) -> dict[int, Vector | None]:
+def _answering(columns: Sequence[Coefficient], response: Response | None) -> dict[int, Vector | None]:
     """Columns of which a response says what the bridge loses in answer - of all that changes no measurement - and what
     it loses by those of its own.
     """
@@ -329,7 +319,7 @@ def _answering(columns: Sequence[Column], response: Response | None) -> dict[int
 
 
 def _lost_slopes(
-    model: Model, columns: Sequence[Column], follow: Follow, known: Slopes, otherwise: Collection[int]
+    model: Model, columns: Sequence[Coefficient], follow: Follow, known: VoltageSlopes, otherwise: Collection[int]
 ) -> dict[int, Vector]:
     """What the voltage that the bridge loses changes by, a unit of a column's parameter, as the currents follow.
 
@@ -340,7 +330,7 @@ def _lost_slopes(
     for j, column in enumerate(columns):
         if j in otherwise:
             continue
-        h, of = _NEAR * column.prior[1], (column.owner, column.place)
+        h, of = _SMALL_STEP * column.prior[1], (column.owner, column.place)
         if of in known:
             found[j] = known[of]
             continue
@@ -364,14 +354,14 @@ def _lost_slopes(
     return found
 
 
-def _follows(column: Column) -> bool:
+def _follows(column: Coefficient) -> bool:
     """A shape of the bridge's that currents answer which follow a model."""
     effect = BY_NAME[column.owner]
     return effect.steep and not effect.parameters[column.place].smooths
 
 
 def _add_zero_channel(
-    gram: Array, rows: Rows, columns: Sequence[Column], steps: Sequence[_Step | None], y: Array, noise: float,
+    gram: Array, rows: Rows, columns: Sequence[Coefficient], steps: Sequence[_Step | None], y: Array, noise: float,
     edges: NDArray[np.intp],
 ) -> None:  # fmt: skip
     """What the mean of the phase currents adds to the sums; most columns make nothing of it."""
@@ -411,7 +401,7 @@ def _voltage_per_unit(rows: Rows, parameter: str) -> Vector:
         return rows.balance(rows.i - rows.i.real)
     if parameter == "psi_f":
         return rows.balance(np.ones(len(rows) + 1))
-    return voltage_of_error(rows, _SMALL_ANGLE) / _SMALL_ANGLE
+    return voltage_of_angle_error(rows, _SMALL_ANGLE) / _SMALL_ANGLE
 
 
 def _coupled(rows: Rows, model: Model, parameter: str) -> Vector:

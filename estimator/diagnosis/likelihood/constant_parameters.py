@@ -11,21 +11,17 @@ Pure; knows nothing of effects.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Array, Bools, Vector, Vectors
 from estimator.kernel import kernel
 from estimator.machine import PLAUSIBLE
 
-Array = NDArray[np.float64]
-Vector = NDArray[np.complex128]
-Vectors = NDArray[np.complex128]
-Bools = NDArray[np.bool_]
 POLE: Final = 0.9  # of the whitening, before noise and parameters are known
 LEAST_L: Final = PLAUSIBLE["L_d"][0]  # H
 ROUND_OFF: Final = 1e-10
 
 
-def columns_of(balance: Array) -> Vectors:
+def balance_columns(balance: Array) -> Vectors:
     """What multiplies R_s, L_d, L_q, psi_f in a row's voltage; the voltage; the small term h; place for the angle."""
     i_d, i_q, x_d, x_q, y_d, y_q, s, h, u_d, u_q = balance.T
     return np.stack((i_d + 1j * i_q, x_d + 1j * y_d, 1j * x_q - y_q, 1j * s, u_d + 1j * u_q, h + 0j, 0j * h))

@@ -14,16 +14,16 @@ from typing import Final, cast
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.diagnosis.likelihood.columns import BENDS, Regression
 from estimator.physics.flux_map import MISSED as BEND_MISSED
 from estimator.physics.library import BY_NAME
-from estimator.twin.model import Array
 
 Choice = tuple[tuple[str, int], ...]
 """Effects with the number of their shapes; -1 for those of the present model."""
 
-ENTRY: Final = 9.0  # log-odds that an effect must bring
-MOST: Final = 6  # effects
+ENTRY_LOG_ODDS: Final = 9.0  # log-odds that an effect must bring
+MOST_EFFECTS: Final = 6  # effects
 FAINT: Final = 0.03  # of a typical size
 _OF_RIVALS: Final = 0.01  # of what others explain, that a faint effect may be which looks like them
 PAIRED: Final = 6  # likeliest effects, of which two may be added together
@@ -32,14 +32,14 @@ PLACED: Final = 0.25  # of what is left, that an effect has to explain where it 
 _PLACED_FAR: Final = 0.05  # the same before it is there, where that is no chance,
 _NO_CHANCE: Final = 500.0  # chi square
 _EXCHANGED: Final = 0.05  # of what is left, that an effect has to explain more of than the one whose place it takes
-_ALIKE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
+_ONLY_IF_THERE: Final = 0.5  # of what is left, more than which one effect explains only if it is there
 FORM: Final = 1.5  # times the root of the energy that an equation misses, standard deviation of a size
-_ROUNDING: Final = 1e-13  # of a column's square: sums of columns that are alike tell no better
-_NOISE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
+_NEARLY_SINGULAR: Final = 1e-13  # of a column's square: sums of columns that are alike tell no better
+_NOISE_UNSURE: Final = 0.03  # of the noise's power, by which its estimate may be wrong
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class SetFit:
     """A set's coefficients."""
 
     choice: Choice
@@ -65,7 +65,7 @@ class Search:
         self.low = np.array([column.bounds[0] for column in self.columns])
         self.high = np.array([column.bounds[1] for column in self.columns])
         self.barred: set[str] = set()
-        self._fits: dict[Choice, Fit] = {}
+        self._fits: dict[Choice, SetFit] = {}
         self._scatters: dict[tuple[Choice, tuple[str, int]], float] = {}
 
     def candidates(self) -> list[tuple[str, int]]:
@@ -80,7 +80,7 @@ class Search:
         """Columns of an effect's sizes."""
         return [j for j, c in enumerate(self.columns) if (c.owner, c.seed) == one and not c.shape]
 
-    def fit(self, choice: Choice) -> Fit:
+    def fit(self, choice: Choice) -> SetFit:
         """Coefficients and evidence of a set."""
         choice = tuple(sorted(choice))
         if choice not in self._fits:
@@ -95,19 +95,19 @@ class Search:
         prior = float(np.sum(self.weight[there] * (at - self.mean[there]) ** 2))
         return (left + prior - fit.chi2) / len(self.regression.rows)
 
-    def unbounded(self, choice: Choice) -> Fit:
+    def unbounded(self, choice: Choice) -> SetFit:
         """The same where coefficients may have any value: what has a bound on one side shows what is on the other."""
         choice = tuple(sorted(choice))
         return self._unbounded(choice, self.places(choice), {}, self.gram)
 
-    def fit_of_sizes(self, choice: Choice, held: Collection[str] = ()) -> Fit:
+    def fit_of_sizes(self, choice: Choice, held: Collection[str] = ()) -> SetFit:
         """The same with the shapes of the present model as they are, and all of some effects."""
         choice = tuple(sorted(choice))
         columns = {j: self.columns[j] for j in self.places(choice)}
         as_is = {j: c.offset for j, c in columns.items() if c.shape or c.owner in held}
         return self._solved(choice, self.gram, as_is)
 
-    def _solved(self, choice: Choice, gram: Array, held: dict[int, float] | None = None) -> Fit:
+    def _solved(self, choice: Choice, gram: Array, held: dict[int, float] | None = None) -> SetFit:
         """The best coefficients within their bounds: those beyond are held at theirs, and all others solved anew."""
         places = self.places(choice)
         held = {} if held is None else held
@@ -125,9 +125,9 @@ class Search:
         at = [k for k, j in enumerate(places) if j not in held]
         value[at] = fit.value
         covariance[np.ix_(at, at)] = fit.covariance
-        return Fit(choice, tuple(places), value, covariance, fit.log_evidence, fit.chi2)
+        return SetFit(choice, tuple(places), value, covariance, fit.log_evidence, fit.chi2)
 
-    def _unbounded(self, choice: Choice, free: list[int], held: dict[int, float], gram: Array) -> Fit:
+    def _unbounded(self, choice: Choice, free: list[int], held: dict[int, float], gram: Array) -> SetFit:
         mean, weight = self.mean[free], self.weight[free]
         fixed, at = list(held), np.array(list(held.values()))
         A = gram[np.ix_(free, free)] + np.diag(weight)
@@ -138,13 +138,13 @@ class Search:
             left += float(at @ gram[np.ix_(fixed, fixed)] @ at - 2.0 * at @ gram[fixed, -1])
             left += float(np.sum(self.weight[fixed] * (at - self.mean[fixed]) ** 2))
         scale = 1.0 / np.sqrt(np.diag(A))
-        factor = np.linalg.cholesky(A * np.outer(scale, scale) + _ROUNDING * np.eye(len(free)))
+        factor = np.linalg.cholesky(A * np.outer(scale, scale) + _NEARLY_SINGULAR * np.eye(len(free)))
         inverse = np.linalg.inv(factor) * scale
         half = inverse @ b
         chi2 = left - float(half @ half)
         log_det = 2.0 * float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)))
         evidence = -0.5 * chi2 - 0.5 * log_det + 0.5 * float(np.sum(np.log(weight)))
-        return Fit(choice, tuple(free), inverse.T @ half, inverse.T @ inverse, evidence, chi2)
+        return SetFit(choice, tuple(free), inverse.T @ half, inverse.T @ inverse, evidence, chi2)
 
     def gain(self, choice: Choice, more: tuple[str, int]) -> float:
         """Log-odds that one more effect brings to a set, for noise as it scatters and equations as good as they are."""
@@ -159,7 +159,7 @@ class Search:
         with_it, without = self.fit((*choice, more)), self.fit(choice)
         return with_it.log_evidence - without.log_evidence - 0.5 * (without.chi2 - with_it.chi2)
 
-    def _lent_by_speed(self, fit: Fit, one: tuple[str, int]) -> float:
+    def _lent_by_speed(self, fit: SetFit, one: tuple[str, int]) -> float:
         """Chi square that errors of the speed may lend an effect that the speed alone tells from the machine's."""
         by_speed, own = BY_NAME[one[0]].by_speed, self.sizes_of(one)
         if by_speed == 0.0:
@@ -176,13 +176,13 @@ class Search:
         precision = np.linalg.inv(free[np.ix_(own, own)] / np.outer(std, std))
         return float(std[at] ** 2 / precision[at, at])
 
-    def faint(self, fit: Fit, one: tuple[str, int]) -> bool:
+    def faint(self, fit: SetFit, one: tuple[str, int]) -> bool:
         """All of an effect's sizes are so small that beside others it must explain more than they may lend."""
         own = self.sizes_of(one)
         value = fit.value[[list(fit.places).index(j) for j in own]]
         return bool(np.all(np.abs(value) < FAINT * self.spread[own]))
 
-    def scatter(self, fit: Fit, one: tuple[str, int]) -> float:
+    def scatter(self, fit: SetFit, one: tuple[str, int]) -> float:
         """How the residual's projections on an effect's columns scatter from stretch to stretch, over white noise."""
         if (fit.choice, one) not in self._scatters:
             grams, places = self.regression.gram, list(fit.places)
@@ -201,7 +201,7 @@ class Search:
             self._scatters[fit.choice, one] = max(1.0, float(each @ weight / weight.sum()))
         return self._scatters[fit.choice, one]
 
-    def distance(self, fit: Fit, one: tuple[str, int]) -> float:
+    def distance(self, fit: SetFit, one: tuple[str, int]) -> float:
         """Half the squared distance of an effect's sizes from none, in standard errors for noise as it scatters and for
         inductances that are not told.
 
@@ -223,14 +223,14 @@ class Search:
             spread = spread - across.T @ np.linalg.lstsq(correlation[np.ix_(shapes, shapes)], across, rcond=1e-12)[0]
         return 0.5 * float(x @ np.linalg.lstsq(spread, x, rcond=1e-12)[0])
 
-    def scattered(self, fit: Fit, covariance: Array, one: tuple[str, int]) -> Array:
+    def scattered(self, fit: SetFit, covariance: Array, one: tuple[str, int]) -> Array:
         """A fit's covariance for noise as it scatters along an effect. What is known before the data does not scatter:
         an angle's zero within its count, that an offset trades with, least of all.
         """
         by = self.scatter(fit, one)
         return by * covariance - (by - 1.0) * (covariance * self.weight[list(fit.places)]) @ covariance
 
-    def plain(self) -> Fit:
+    def plain(self) -> SetFit:
         """Of R_s, L_d, L_q, psi_f and the zeros of angle and currents in a machine of straight lines."""
         return self._unbounded((), [j for j in self.base if self.columns[j].place < BENDS], {}, self.gram)
 
@@ -247,7 +247,7 @@ class Search:
         along = free[:, untold] @ np.linalg.inv(free[np.ix_(untold, untold)])  # of each, by those that are not told
         return (along * self.spread[places][untold] ** 2) @ along.T - along @ free[untold]
 
-    def parameter_scatter(self, fit: Fit) -> Array:
+    def parameter_scatter(self, fit: SetFit) -> Array:
         """How every coefficient of a fit scatters over white noise, each less what the others make of it."""
         grams, places = self.regression.gram, list(fit.places)
         score = grams[:, places, -1] - np.einsum("spq,q->sp", grams[:, places][:, :, places], fit.value)
@@ -300,7 +300,10 @@ class Search:
         A faint one: all that they miss, and a part of what those explain that look like it.
         """
         if not faint:
-            return min(self.missed(choice), _ALIKE * max(self.unexplained(choice), _NOISE * self.regression.count))
+            return min(
+                self.missed(choice),
+                _ONLY_IF_THERE * max(self.unexplained(choice), _NOISE_UNSURE * self.regression.count),
+            )
         alike = [
             one for one in choice
             if one[0] in BY_NAME[more[0]].confused_with or more[0] in BY_NAME[one[0]].confused_with
@@ -317,11 +320,11 @@ class Search:
         return [c for c in self.candidates() if c[0] not in taken]
 
     def _added(self, choice: Choice) -> Choice:
-        if len(choice) >= MOST:
+        if len(choice) >= MOST_EFFECTS:
             return choice
         likely = self._likely(choice)
-        single = next(((*choice, more) for more in likely if self.gain(choice, more) > ENTRY), choice)
-        return self._paired(choice, likely) or single if len(choice) + 1 < MOST else single
+        single = next(((*choice, more) for more in likely if self.gain(choice, more) > ENTRY_LOG_ODDS), choice)
+        return self._paired(choice, likely) or single if len(choice) + 1 < MOST_EFFECTS else single
 
     def _likely(self, choice: Choice) -> list[tuple[str, int]]:
         """Effects that may be added, each with its likeliest shapes, likeliest first."""
@@ -336,7 +339,9 @@ class Search:
         pairs = sorted(combinations(likely[:PAIRED], 2), key=lambda pair: self.fit((*choice, *pair)).chi2)
         for one, other in pairs[:1]:
             left = self.unexplained((*choice, one, other))
-            due = self.gain((*choice, one), other) > ENTRY and self.gain((*choice, other), one) > ENTRY
+            due = (
+                self.gain((*choice, one), other) > ENTRY_LOG_ODDS and self.gain((*choice, other), one) > ENTRY_LOG_ODDS
+            )
             if due and left < _MADE_UP_FOR * alone:
                 return (*choice, one, other)
         return None
@@ -352,7 +357,7 @@ class Search:
             explained = self.fit(choice).chi2 - self.fit((*choice, one)).chi2
             if (effect.bends and explained < missed) or any(parameter.discrete for parameter in effect.parameters):
                 least = min(PLACED * left, max(_PLACED_FAR * left, _NO_CHANCE))
-                return one if len(choice) < MOST and explained > max(least, 2.0 * ENTRY) else None
+                return one if len(choice) < MOST_EFFECTS and explained > max(least, 2.0 * ENTRY_LOG_ODDS) else None
         return None
 
     def without_needless(self, choice: Choice) -> Choice:
@@ -360,7 +365,7 @@ class Search:
         while choice:
             gains = {one: self.gain(tuple(c for c in choice if c != one), one) for one in choice}
             least = min(gains, key=lambda key: gains[key])
-            if gains[least] > ENTRY:
+            if gains[least] > ENTRY_LOG_ODDS:
                 break
             choice = tuple(c for c in choice if c != least)
         return choice
@@ -374,6 +379,6 @@ class Search:
             for other in self._free(rest):
                 if other == one or (there := self.fit((*rest, other)).log_evidence) <= at + 1e-6:
                     continue
-                if other[0] == one[0] or (there > at + least and self.gain(rest, other) > ENTRY):
+                if other[0] == one[0] or (there > at + least and self.gain(rest, other) > ENTRY_LOG_ODDS):
                     best, at = (*rest, other), there
         return best

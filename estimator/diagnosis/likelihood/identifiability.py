@@ -11,27 +11,27 @@ from typing import Final, NamedTuple, cast
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.diagnosis.angle.angle_rounding import beat_energy, hidden_energy, left_energy
-from estimator.diagnosis.likelihood.evidence import ENTRY, Choice, Fit, Search
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, Choice, Search, SetFit
 from estimator.diagnosis.words import number, percent
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.physics.library import BY_NAME
-from estimator.twin.model import Array
 
-OUTSHINES: Final = 3.0  # times what is left unexplained, that an effect in doubt has to explain
+LEAST_EVIDENT_SHARE: Final = 3.0  # times what is left unexplained, that an effect in doubt has to explain
 WEAK: Final = 40.0  # times the energy that noise alone gives a column: below, what lies far off is not believed
-_MOVES: Final = 2.0  # times the same, of which noise itself is one: below, nothing is told
-_LENT: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
+_MOVES_NOISE: Final = 2.0  # times the same, of which noise itself is one: below, nothing is told
+_LENT_FACTOR: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
 _LEAST_ALIKE: Final = 1e-3  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
 APART: Final = 2e-5  # of its energy, that an even effect must have beyond what the machine's parameters look like
 _APART_UNTOLD: Final = 2e-4  # the same, where noise or an effect may have led one of these
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
-_LITTLE: Final = 0.05  # the same, that parameters may look like which are not told
-_BESIDE: Final = 0.1  # of what is left unexplained: less than that is not borne out
+_UNTOLD_SHARE: Final = 0.05  # the same, that parameters may look like which are not told
+_LEAST_SHARE: Final = 0.1  # of what is left unexplained: less than that is not borne out
 _FAINTLY: Final = 0.05  # of all that is left: the same for faint effects
 _EVEN, _UNEVEN = 3.0, 10.0  # times what chance makes of an effect's size in a stretch: below it is even, above uneven
-_PLAIN: Final = 150.0  # log-odds of an even effect, from which on nothing that is left looks like it
+_PLAIN_LOG_ODDS: Final = 150.0  # log-odds of an even effect, from which on nothing that is left looks like it
 _UNEVENLY: Final = 0.25  # of all that is left, that an uneven effect has to explain
 _LENDS: Final = 6.0  # times as much that noise and the machine lend an effect that is not even, at most
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
@@ -52,10 +52,10 @@ class Rest(NamedTuple):
 
     def least(self, *, faint: bool) -> float:
         """What an effect has to explain beside it."""
-        return max(_BESIDE * self.unexplained, _FAINTLY * self.whole if faint else 0.0, 1e-300)
+        return max(_LEAST_SHARE * self.unexplained, _FAINTLY * self.whole if faint else 0.0, 1e-300)
 
 
-class Beside(NamedTuple):
+class Spurious(NamedTuple):
     """What there is beside any effect: see `beside_of`."""
 
     over_noise: Mapping[str, float]  # by axis, of the inductance's column
@@ -85,10 +85,10 @@ def at_its_bound(name: str, value: float, nominal: Machine) -> str:
     )
 
 
-def untold(search: Search) -> frozenset[str]:
+def unidentified_inductances(search: Search) -> frozenset[str]:
     """Inductances of axes on which currents move less than their noise: a fit by these currents as they are, noise too.
     """
-    return frozenset(f"L_{axis}" for axis, over_noise in _over_noise(search).items() if over_noise < _MOVES)
+    return frozenset(f"L_{axis}" for axis, over_noise in _over_noise(search).items() if over_noise < _MOVES_NOISE)
 
 
 def least_moved(search: Search) -> tuple[str, float]:
@@ -107,7 +107,7 @@ def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
 
 def apart(search: Search, choice: Choice) -> dict[str, float]:
     """The share of each effect's energy that does not look like the machine's parameters, least first."""
-    shares = {one[0]: _apart(search, _signal(search, choice, one)) for one in choice}
+    shares = {one[0]: _share_apart(search, _signal(search, choice, one)) for one in choice}
     return dict(sorted(shares.items(), key=lambda item: item[1]))
 
 
@@ -145,8 +145,8 @@ def not_borne_out(
     if len(untold) > 1:
         signals = {one: _signal(search, choice, one) for one in choice}
         alike = tuple(
-            one for one, signal in signals.items() if _apart(search, signal) < _DISTINCT
-            and (_share_like(search, signal, untold) > _LITTLE or not stands_out(one, choice, True))
+            one for one, signal in signals.items() if _share_apart(search, signal) < _DISTINCT
+            and (_share_like(search, signal, untold) > _UNTOLD_SHARE or not stands_out(one, choice, True))
         )  # fmt: skip
     if alike:
         found[
@@ -163,7 +163,7 @@ def not_borne_out(
                 "noise": _over_lent(search, _signal(search, left, one), over_noise) / _lends(search, left, one),
                 "angle": search.explained(left, one) / (by_angle * _lends(search, left, one, even=_UNEVEN)),
                 "rest": _over_rest(search, left, one, rest),
-                "machine": _apart(search, _signal(search, left, one)) / (least_apart * _lends(search, left, one)),
+                "machine": _share_apart(search, _signal(search, left, one)) / (least_apart * _lends(search, left, one)),
             }
             for one in weak
         }
@@ -175,24 +175,24 @@ def not_borne_out(
             plain.add(one)
             continue
         cause = min(worths[one], key=lambda name: worths[one][name])
-        why = _why(search, left, one, cause)
+        why = _reason(search, left, one, cause)
         found[why] = (*found.get(why, ()), one)
         left = tuple(other for other in left if other != one)
     beside_doubt = bool(found)
     for one in [each for each in left if each not in plain]:
         rest = tuple(other for other in left if other != one)
         by_chance = steady and search.faint(search.fit(left), one)
-        weak = by_chance or search.gain(rest, one) < _PLAIN
+        weak = by_chance or search.gain(rest, one) < _PLAIN_LOG_ODDS
         if weak and not stands_out(one, left, beside_doubt or by_chance):
             found[_SIMULATED] = (*found.get(_SIMULATED, ()), one)
             left = rest
     fit = search.fit(choice)
     for one in left:
         rest = tuple(other for other in left if other != one)
-        if at_an_end(search, fit, one) or (_ends(search, fit, one) and search.gain(rest, one) < _PLAIN):
+        if at_an_end(search, fit, one) or (_ends(search, fit, one) and search.gain(rest, one) < _PLAIN_LOG_ODDS):
             found[_AT_AN_END] = (*found.get(_AT_AN_END, ()), one)
             continue
-        if (distance := search.distance(fit, one)) < ENTRY:
+        if (distance := search.distance(fit, one)) < ENTRY_LOG_ODDS:
             errors = math.sqrt(2.0 * distance)
             why = f"what is found of it lies {number(errors, 2)} standard errors from none"
             found[why] = (*found.get(why, ()), one)
@@ -230,13 +230,13 @@ def _at_one_level(search: Search) -> bool:
     return spread < _ONE_LEVEL * rows.i_rated
 
 
-def at_an_end(search: Search, fit: Fit, one: tuple[str, int]) -> bool:
+def at_an_end(search: Search, fit: SetFit, one: tuple[str, int]) -> bool:
     """A size of an effect lies at the end of its plausible range, other than at none."""
     sizes = {j: fit.value[fit.places.index(j)] for j in search.sizes_of(one)}
     return any(size != 0.0 and not search.low[j] < size < search.high[j] for j, size in sizes.items())
 
 
-def _ends(search: Search, fit: Fit, one: tuple[str, int]) -> bool:
+def _ends(search: Search, fit: SetFit, one: tuple[str, int]) -> bool:
     """A shape that noise may look like at the ends of its range lies at one."""
     ends = {parameter.name for parameter in BY_NAME[one[0]].parameters if parameter.ends}
     own = [j for j in fit.places if (search.columns[j].owner, search.columns[j].seed) == one]
@@ -244,9 +244,11 @@ def _ends(search: Search, fit: Fit, one: tuple[str, int]) -> bool:
     return any(not search.low[j] < value < search.high[j] for j, value in shapes.items())
 
 
-def _why(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> str:
+def _reason(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> str:
     """What makes an effect worth too little, in a sentence's part."""
-    uneven = ", and its size is not the same from stretch to stretch" if _scatter(search, choice, one) > _EVEN else ""
+    uneven = (
+        ", and its size is not the same from stretch to stretch" if _scatter_reason(search, choice, one) > _EVEN else ""
+    )
     if cause == "angle":
         beats = beat_energy(search.regression.rows) > 0.0
         by = "each period turns the rotor by nearly whole counts of its encoder, whose rounding" if beats else (
@@ -256,7 +258,7 @@ def _why(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> st
     if cause == "machine":
         return (
             "R_s, L_d, L_q and psi_f, within their tolerance, look like all but "
-            f"{percent(_apart(search, _signal(search, choice, one)))} of its energy here{uneven}"
+            f"{percent(_share_apart(search, _signal(search, choice, one)))} of its energy here{uneven}"
         )
     if cause == "rest":
         return f"what it explains is little beside what is left of the voltage, which nothing explains{uneven}"
@@ -284,27 +286,27 @@ def attenuated(search: Search, choice: Choice) -> Array:
     return np.array(moved).reshape(-1, len(PARAMETERS))
 
 
-def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, beside: Beside) -> float:
+def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place: int, beside: Spurious) -> float:
     """The size (of the column at `place`) from which on a faint effect beside a set is borne out."""
     unit = np.zeros(len(search.columns))
     unit[place] = 1.0
-    scatter, lends = _scatter(search, (*choice, one), one), _lends(search, (*choice, one), one)
-    if _apart(search, unit) < _least_apart(search) * lends:
+    scatter, lends = _scatter_reason(search, (*choice, one), one), _lends(search, (*choice, one), one)
+    if _share_apart(search, unit) < _least_apart(search) * lends:
         return math.inf
     least = beside.rest.least(faint=True)
     if scatter < _EVEN:
-        least = min(least, 2.0 * _PLAIN * scatter)
+        least = min(least, 2.0 * _PLAIN_LOG_ODDS * scatter)
     by_noise = lends / max(_over_lent(search, unit, beside.over_noise), 1e-300)
     return math.sqrt(max(max(least, beside.by_beat) * search.variance_of(choice, one, place), by_noise))
 
 
-def beside_of(search: Search, excess: float) -> Beside:
+def beside_of(search: Search, excess: float) -> Spurious:
     """What noise, the angle's rounding and what is left may lend an effect of a search.
 
     `excess` is the energy over noise that is left unexplained.
     """
     rows, noise = search.regression.rows, search.regression.noise
-    return Beside(_over_noise(search), _ROUNDED * beat_energy(rows) / (noise[0] * noise[1]), _rest(search, excess))
+    return Spurious(_over_noise(search), _ROUNDED * beat_energy(rows) / (noise[0] * noise[1]), _rest(search, excess))
 
 
 def _by_angle(search: Search) -> float:
@@ -326,17 +328,17 @@ def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: Rest)
     stretch to stretch and plain. Of one whose size is not the same by far: some times what is unexplained, and a
     quarter of all that is left.
     """
-    gained, scatter = search.explained(choice, one), _scatter(search, choice, one)
+    gained, scatter = search.explained(choice, one), _scatter_reason(search, choice, one)
     least = rest.least(faint=search.faint(search.fit(choice), one))
     if scatter > _UNEVEN:
-        least = max(least, OUTSHINES * rest.unexplained, _UNEVENLY * rest.whole)
+        least = max(least, LEAST_EVIDENT_SHARE * rest.unexplained, _UNEVENLY * rest.whole)
     if scatter < _EVEN:
         gain = search.gain(tuple(other for other in choice if other != one), one)
-        return max(gained / least, gain / _PLAIN)
+        return max(gained / least, gain / _PLAIN_LOG_ODDS)
     return gained / least
 
 
-def _scatter(search: Search, choice: Choice, one: tuple[str, int]) -> float:
+def _scatter_reason(search: Search, choice: Choice, one: tuple[str, int]) -> float:
     return search.scatter(search.fit(choice), one)
 
 
@@ -345,7 +347,7 @@ def _lends(search: Search, choice: Choice, one: tuple[str, int], *, even: float 
 
     No more, where it scatters by less than `even` times what chance makes of it.
     """
-    scatter = _scatter(search, choice, one)
+    scatter = _scatter_reason(search, choice, one)
     return min(scatter, _LENDS) if scatter > even else 1.0
 
 
@@ -364,20 +366,22 @@ def _over_lent(search: Search, signal: Array, over_noise: Mapping[str, float]) -
     Noise in an inductance's column makes the inductance low, by its share of the column's energy. That leaves as much
     of the column, less what other parameters make of it; and of that, the part along the signal.
     """
-    alike = _alike(search, signal, [f"L_{axis}" for axis in over_noise])
+    alike = _shares_by_inductance(search, signal, [f"L_{axis}" for axis in over_noise])
     lent = sum(
         max(share, _LEAST_ALIKE) * len(search.regression.rows) / max(over_noise[name[-1]], 1.0)
         for name, share in alike.items()
     )
-    return _product(search, search.base, signal, signal) / (_LENT * lent)
+    return _product(search, search.base, signal, signal) / (_LENT_FACTOR * lent)
 
 
 def _like_untold(search: Search, signal: Array) -> bool:
     """A signal is mostly what an inductance would make whose axis' current is noise: it stands for that noise."""
-    return any(share > _DISTINCT for share in _alike(search, signal, sorted(search.regression.untold)).values())
+    return any(
+        share > _DISTINCT for share in _shares_by_inductance(search, signal, sorted(search.regression.untold)).values()
+    )
 
 
-def _alike(search: Search, signal: Array, inductances: Sequence[str]) -> dict[str, float]:
+def _shares_by_inductance(search: Search, signal: Array, inductances: Sequence[str]) -> dict[str, float]:
     """By inductance, the share of a signal's energy along its column, less what the other parameters make of both."""
     columns = {name: PARAMETERS.index(name) for name in inductances}
     rest = [j for j in search.base if j not in columns.values()]
@@ -389,7 +393,7 @@ def _alike(search: Search, signal: Array, inductances: Sequence[str]) -> dict[st
     return found
 
 
-def _apart(search: Search, signal: Array) -> float:
+def _share_apart(search: Search, signal: Array) -> float:
     """Share of a signal's energy that the machine's parameters do not look like."""
     whole = float(signal @ search.gram[:-1, :-1] @ signal)
     return _product(search, _parameters(search), signal, signal) / whole if whole > 0.0 else 1.0
@@ -399,7 +403,7 @@ def _share_like(search: Search, signal: Array, names: Sequence[str]) -> float:
     """Share of a signal's energy that some of the machine's parameters look like, and all others do not."""
     others = [j for j in _parameters(search) if search.columns[j].parameter not in names]
     whole = float(signal @ search.gram[:-1, :-1] @ signal)
-    return _product(search, others, signal, signal) / whole - _apart(search, signal) if whole > 0.0 else 0.0
+    return _product(search, others, signal, signal) / whole - _share_apart(search, signal) if whole > 0.0 else 0.0
 
 
 def _parameters(search: Search) -> list[int]:

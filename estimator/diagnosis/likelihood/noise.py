@@ -8,19 +8,19 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.likelihood.whitening import Axes, Whitening, whiten, whitening_of
 from estimator.machine import Machine
 from estimator.physics.flux_map import Bend
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
-from estimator.twin.model import Array, Model
+from estimator.twin.model import Model
 
 Noise = tuple[float, float, float]
 """White noise of the whitened residual: Vs on d, Vs on q, A of the three phase currents' mean."""
 _TRIMMED: Final = 3  # times, that what is beyond 4 standard deviations is left out of noise
-_WITHIN: Final = 0.99887  # of a normal variance, within these
+_VARIANCE_WITHIN: Final = 0.99887  # of a normal variance, within these
 _FORGOTTEN: Final = 0.01  # a period, of a flux error
-_LEAST: Final = 1e-6  # of rated current, that the noise of a current is taken for
+_LEAST_NOISE: Final = 1e-6  # of rated current, that the noise of a current is taken for
 
 
 def filter_poles(machine: Machine, T_s: float) -> Axes:
@@ -77,7 +77,7 @@ def straightening(rows: Rows, model: Model, bend: Bend) -> Array:
 
 def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
     """White noise of the whitened residual (Vs on d, Vs on q, A). A little at least: no sensor is free of it."""
-    m, least = rows.machine, _LEAST * rows.i_rated
+    m, least = rows.machine, _LEAST_NOISE * rows.i_rated
     zero_noise = 1.0 if zero is None else max(white_of(zero[:-1], rows), least)
     return max(white_of(z.real, rows), m.L_d * least), max(white_of(z.imag, rows), m.L_q * least), zero_noise
 
@@ -89,5 +89,5 @@ def white_of(x: Array, rows: Rows) -> float:
     rms = float(np.median(np.abs(step))) / 0.6744898
     for _ in range(_TRIMMED):  # closer than a median, and as little moved by what jumps
         within = step[np.abs(step) <= 4.0 * rms] if rms > 0.0 else step
-        rms = float(np.sqrt(np.mean(within**2) / _WITHIN)) if len(within) else 0.0
+        rms = float(np.sqrt(np.mean(within**2) / _VARIANCE_WITHIN)) if len(within) else 0.0
     return rms / math.sqrt(2.0)

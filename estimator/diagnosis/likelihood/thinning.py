@@ -12,12 +12,12 @@ import numpy as np
 
 from estimator.physics.rows import Rows
 
-MOST: Final = 60_000  # periods
+MOST_PERIODS: Final = 60_000  # periods
 BLOCKS: Final = 96
-_WORTH: Final = 2  # times as many, from which on it saves time
+_WORTH_THINNING: Final = 2  # times as many, from which on it saves time
 _SETTLING: Final = 100  # periods, in which the fields and filters of effects settle
-_PART: Final = 10  # as many times longer is a run at least
-_FEW: Final = 0.05  # of all periods
+_LONGER_RUN: Final = 10  # as many times longer is a run at least
+_SPARE_SHARE: Final = 0.05  # of all periods
 _NEXT_TO_GAP: Final = (-1, *range(1, 13))  # periods; after it a branch beside the machine settles
 GOLDEN: Final = 0.6180339887498949
 """Multiples of it, less whole ones, are spread evenly."""
@@ -30,22 +30,22 @@ def settled(rows: Rows) -> Rows:
     nor what a branch beside the machine carries.
     """
     joined, gap = rows.joined.copy(), np.flatnonzero(~rows.joined & ~rows.pauses)
-    for place in _NEXT_TO_GAP[: int(_FEW * len(rows)) // max(len(gap), 1)]:
+    for place in _NEXT_TO_GAP[: int(_SPARE_SHARE * len(rows)) // max(len(gap), 1)]:
         joined[np.clip(gap + place, 0, len(rows) - 1)] = False
     ends = [0, *(np.flatnonzero(rows.pauses) + 1).tolist(), len(rows)]
     for begin, end in pairwise(ends):
-        joined[begin : begin + min(_SETTLING, (end - begin) // _PART)] = False
+        joined[begin : begin + min(_SETTLING, (end - begin) // _LONGER_RUN)] = False
     return replace(rows, joined=joined)
 
 
-def thinned(rows: Rows, most: int = MOST, blocks: int = BLOCKS) -> Rows:
+def thinned(rows: Rows, most: int = MOST_PERIODS, blocks: int = BLOCKS) -> Rows:
     """So many periods of them, in blocks that are not `joined`; the rows themselves where they are not many more.
 
     The first periods of a block are not `joined` either. Each block lies elsewhere in its part of the recording, so
     that what is commanded again and again is seen all over.
     """
     n, length = len(rows), most // blocks
-    if n <= _WORTH * most:
+    if n <= _WORTH_THINNING * most:
         return rows
     part = (n - length) / (blocks - 1)
     late = np.arange(blocks) * GOLDEN % 1.0 * (1.0 - length / part)
@@ -54,7 +54,7 @@ def thinned(rows: Rows, most: int = MOST, blocks: int = BLOCKS) -> Rows:
     samples = (starts[:, None] + np.arange(length + 1)).ravel()
     seam = np.zeros(len(samples) - 1, np.bool_)
     seam[length :: length + 1] = True
-    seam |= np.arange(len(seam)) % (length + 1) < min(_SETTLING, length // _PART)
+    seam |= np.arange(len(seam)) % (length + 1) < min(_SETTLING, length // _LONGER_RUN)
 
     def kept(whole: Any) -> Any:
         return whole[samples] if len(whole) == n + 1 else whole[samples[:-1]]

@@ -22,22 +22,19 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array, Bools, Vector, Vectors
 from estimator.kernel import kernel
 
-Vector = NDArray[np.complex128]
-Vectors = NDArray[np.complex128]
-Reals = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Axes = tuple[float, float]
 """Of d and q."""
 
-_KNOWN: Final = 1e-9  # of w's variance, that is not known
+_UNKNOWN_SHARE: Final = 1e-9  # of w's variance, that is not known
 
 
 class Whitening(NamedTuple):
     """The filter over some periods; zero where one is not joined. Flux errors are in the frame of periods' ends."""
 
-    M: Reals  # (periods, 2, 2), of a flux error's d and q
+    M: Array  # (periods, 2, 2), of a flux error's d and q
     gain: Vector  # (periods), Vs per V in the frame of periods' middles
 
     def over(self, periods: slice) -> "Whitening":
@@ -52,12 +49,12 @@ class Whitening(NamedTuple):
 def whitening_of(half: Vector, joined: Bools, L: Axes, rho: Axes, T_s: float) -> Whitening:
     """The filter of inductances (H) and decays on d and q; `half`: exp(j D/2) of each period."""
     M, gain = np.zeros((len(half), 2, 2)), np.zeros(len(half), np.complex128)
-    _fill(M, gain, half, joined, (L[1] / L[0]) ** 2, rho, T_s)
+    _fill_filter(M, gain, half, joined, (L[1] / L[0]) ** 2, rho, T_s)
     return Whitening(M, gain)
 
 
 @kernel
-def _fill(M: Reals, gain: Vector, half: Vector, joined: Bools, s: float, rho: Axes, T_s: float) -> None:
+def _fill_filter(M: Array, gain: Vector, half: Vector, joined: Bools, s: float, rho: Axes, T_s: float) -> None:
     """With S = diag(1, s), the symmetric X = (x_d, x_x; x_x, x_q), and V likewise."""
     rho_d, rho_q = rho
     x_d, x_q, x_x = 1.0, s, 0.0
@@ -72,7 +69,7 @@ def _fill(M: Reals, gain: Vector, half: Vector, joined: Bools, s: float, rho: Ax
         q_d, q_q = -rho_q * x_x, rho_q * (1.0 - x_q / s)
         M[k, 0, 0], M[k, 0, 1] = turn.real * d_d - turn.imag * q_d, turn.real * d_q - turn.imag * q_q
         M[k, 1, 0], M[k, 1, 1] = turn.imag * d_d + turn.real * q_d, turn.imag * d_q + turn.real * q_q
-        if x_d < _KNOWN and x_q < _KNOWN * s:
+        if x_d < _UNKNOWN_SHARE and x_q < _UNKNOWN_SHARE * s:
             x_d, x_q, x_x = 0.0, 0.0, 0.0
             continue
         mean = 0.5 * (rho_d * rho_d * x_d + rho_q * rho_q * x_q)
@@ -83,7 +80,7 @@ def _fill(M: Reals, gain: Vector, half: Vector, joined: Bools, s: float, rho: Ax
 
 
 @kernel
-def whiten(v: Vectors, M: Reals, gain: Vector, state: Vector) -> None:
+def whiten(v: Vectors, M: Array, gain: Vector, state: Vector) -> None:
     """Filter the rows of v (columns x periods) in place; `state` (columns) goes on from stretch to stretch."""
     for c in range(v.shape[0]):
         d, q = state[c].real, state[c].imag
@@ -97,7 +94,7 @@ def whiten(v: Vectors, M: Reals, gain: Vector, state: Vector) -> None:
 
 @kernel
 def whiten_into(
-    white: Reals, v: Vectors, M: Reals, gain: Vector, noise: tuple[float, float], state: Vector
+    white: Array, v: Vectors, M: Array, gain: Vector, noise: tuple[float, float], state: Vector
 ) -> NDArray[np.intp]:
     """The same over the noise on d and q, as real numbers (columns x 2 x periods); which columns are not zero yet.
 

@@ -12,14 +12,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.diagnosis.answer.sentences import quantity, sentence_of
-from estimator.diagnosis.likelihood.evidence import ENTRY
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
 from estimator.diagnosis.points import judge, model
-from estimator.diagnosis.points.fit import Fit
+from estimator.diagnosis.points.fit import PointsFit
 from estimator.diagnosis.points.judge import Coordinate, odds_text
-from estimator.diagnosis.points.search import Choice, Search
-from estimator.diagnosis.points.table import FEWEST, Points, Real, steady
-from estimator.diagnosis.trust.rivals import SURE
+from estimator.diagnosis.points.search import PointsChoice, PointsSearch
+from estimator.diagnosis.points.table import FEWEST_POINTS, Points, steady
+from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS
 from estimator.diagnosis.verdict import (
     Ambiguity,
     Before,
@@ -39,16 +40,16 @@ from estimator.diagnosis.words import number
 from estimator.machine import PARAMETERS
 from estimator.physics.library import BY_NAME
 
-_STILL: Final = 1e-3  # of the largest speed
+_STANDING_SPEED: Final = 1e-3  # of the largest speed
 _GROUPS: Final = 5
 _SURELY: Final = 3.0  # standard errors
-_TOLD: Final = 0.5  # of a value, that its standard error may be
+_WELL_TOLD: Final = 0.5  # of a value, that its standard error may be
 _COLOURED: Final = 2.0  # times the noise from row to row: more is left than noise
 _TELLING: Final = 4  # points of an experiment
 _SECONDS: Final = 2.0  # at each
-_SPEEDS: Final = (1.0, 0.5, 0.2, -0.2, -0.5, -1.0)  # of the fastest
-_I_D: Final = (0.0, -0.5, -1.0, 0.5)  # of the largest current
-_I_Q: Final = (0.0, 0.2, -0.2, 0.7, -0.7)
+_POINT_SPEEDS: Final = (1.0, 0.5, 0.2, -0.2, -0.5, -1.0)  # of the fastest
+_POINT_I_D: Final = (0.0, -0.5, -1.0, 0.5)  # of the largest current
+_POINT_I_Q: Final = (0.0, 0.2, -0.2, 0.7, -0.7)
 _RPM: Final = 30.0 / math.pi
 
 
@@ -56,25 +57,25 @@ def diagnose_points(points: Points, *, n_p: int | None = None, i_rated: float | 
     """Diagnose points with both voltages and both currents. `n_p`: pole pairs, for the speeds of experiments."""
     kept = steady(points)
     points, remarks = kept.points, list(kept.remarks)
-    if len(points) < FEWEST:
-        remarks.append(f"expected at least {FEWEST} steady points with current and speed, came {len(points)}")
+    if len(points) < FEWEST_POINTS:
+        remarks.append(f"expected at least {FEWEST_POINTS} steady points with current and speed, came {len(points)}")
         return no_verdict(remarks, "record more operating points, each until nothing moves")
-    if np.any(np.abs(points.omega_e) < _STILL * np.max(np.abs(points.omega_e), initial=1e-9)):
+    if np.any(np.abs(points.omega_e) < _STANDING_SPEED * np.max(np.abs(points.omega_e), initial=1e-9)):
         remarks.append("at standstill what an inverter loses depends on the angle: its voltage error is that of a turn")
     rated = i_rated or float(np.max(np.abs(points.i)))
     if rated <= 0.0:
         remarks.append("expected points with current, came none")
         return no_verdict(remarks, "record points with current on both axes")
-    problem = model.problem_of(points, rated)
+    problem = model.points_problem(points, rated)
     groups = len(np.unique(problem.group))
     if groups < _GROUPS:
         remarks.append(f"expected at least {_GROUPS} different operating points, came {groups}")
         return no_verdict(remarks, "record more operating points: other speeds and currents on both axes")
-    search = Search(problem)
+    search = PointsSearch(problem)
     choice = search.chosen()
     if i_rated is None and any(name.endswith("saturation") for name in choice):
         remarks.append(f"drops of inductance are those at {number(rated)} A, the largest current among these points")
-    return _said(points, search, choice, remarks, n_p)
+    return _points_in_words(points, search, choice, remarks, n_p)
 
 
 def no_verdict(remarks: Sequence[str], instead: str) -> Diagnosis:
@@ -85,11 +86,13 @@ def no_verdict(remarks: Sequence[str], instead: str) -> Diagnosis:
     return replace(diagnosis, sentence=sentence_of(diagnosis))
 
 
-def _said(points: Points, search: Search, choice: Choice, remarks: list[str], n_p: int | None) -> Diagnosis:
+def _points_in_words(
+    points: Points, search: PointsSearch, choice: PointsChoice, remarks: list[str], n_p: int | None
+) -> Diagnosis:
     coordinates = _coordinates(points)
     before, after = search.fit(()), search.fit(choice)
-    floor = noise_floor(points, _error(search, after, left_out=False))
-    left = _left(search, choice, coordinates, floor)
+    floor = noise_floor(points, _error_of_points(search, after, left_out=False))
+    left = _left_of_points(search, choice, coordinates, floor)
     doubted = {} if left is None else search.moves(choice, _halves(coordinates))
     found = [judge.finding(search, choice, effect, coordinates, doubted) for effect in _by_odds(search, choice)]
     doubts = [doubt for f in found if (doubt := _doubt(points, search, choice, f, n_p)) is not None]
@@ -105,19 +108,23 @@ def _said(points: Points, search: Search, choice: Choice, remarks: list[str], n_
     negative = [name for name, size in machine_after.items() if (size.value or 0.0) < -_SURELY * (size.std or 0.0)]
     if negative:
         return _wrong_way(negative, machine_before, remarks)
-    untold = [name for name, size in machine_after.items() if not (size.std or 0.0) < _TOLD * abs(size.value or 0.0)]
+    untold = [
+        name for name, size in machine_after.items() if not (size.std or 0.0) < _WELL_TOLD * abs(size.value or 0.0)
+    ]
     instead = None
     if untold:
         remarks.append(f"these points do not tell {', '.join(untold)}")
         instead = Experiment("record steady points at several speeds with several levels of i_d and of i_q")
     diagnosis = Diagnosis(
         verdict_of(findings, doubts, left, untold), "", findings, tuple(doubts), left,
-        judge.detectable(search, choice), machine_before, machine_after,
+        judge.detectable_at_points(search, choice), machine_before, machine_after,
         quality(
-            search, _rms(search, _error(search, before)), _rms(search, _error(search, after)), floor,
+            search, _rms_of_points(search, _error_of_points(search, before)),
+            _rms_of_points(search, _error_of_points(search, after)), floor,
             "stretch of time" if points.t is not None else "operating point", {},
         ),
-        judge.candidates(search, choice), tuple(remarks), None, instead, _scatters(search, before, after, coordinates),
+        judge.point_candidates(search, choice), tuple(remarks), None, instead,
+        _scatter_of_points(search, before, after, coordinates),
     )  # fmt: skip
     return replace(diagnosis, sentence=sentence_of(diagnosis))
 
@@ -136,7 +143,7 @@ def _wrong_way(names: Sequence[str], machine: Mapping[str, Quantity], remarks: S
 
 
 def quality(
-    search: Search, was: float, now: float, floor: float | None, left_out: str, alternatives: Mapping[str, float]
+    search: PointsSearch, was: float, now: float, floor: float | None, left_out: str, alternatives: Mapping[str, float]
 ) -> Quality:
     """How well rows that took no part are met: rms (V) without and with the effects."""
     groups = len(np.unique(search.problem.group))
@@ -146,22 +153,22 @@ def quality(
     return Quality(True, Before(was, now, floor), nothing, explained, nothing, loo)
 
 
-def _error(search: Search, fit: Fit, *, left_out: bool = True) -> Real:
+def _error_of_points(search: PointsSearch, fit: PointsFit, *, left_out: bool = True) -> Array:
     return (fit.left_out if left_out else fit.r) * search.noise
 
 
-def _rms(search: Search, error: Real) -> float:
+def _rms_of_points(search: PointsSearch, error: Array) -> float:
     axes = len(np.unique(search.problem.axis))
     return math.sqrt(axes * float(np.mean(error**2)))
 
 
-def _by_odds(search: Search, choice: Choice) -> list[str]:
+def _by_odds(search: PointsSearch, choice: PointsChoice) -> list[str]:
     gains = {name: search.gain(tuple(c for c in choice if c != name), name) for name in choice}
     return sorted(choice, key=lambda name: -gains[name])
 
 
 def _coordinates(points: Points) -> tuple[Coordinate, ...]:
-    def both(x: Real) -> Real:
+    def both(x: Array) -> Array:
         return np.concatenate((x, x))
 
     return (
@@ -181,9 +188,11 @@ def _halves(coordinates: tuple[Coordinate, ...]) -> list[NDArray[np.bool_]]:
 # --- doubts
 
 
-def _doubt(points: Points, search: Search, choice: Choice, found: Finding, n_p: int | None) -> Ambiguity | None:
+def _doubt(
+    points: Points, search: PointsSearch, choice: PointsChoice, found: Finding, n_p: int | None
+) -> Ambiguity | None:
     """The effect and a rival that these points do not tell apart."""
-    if not found.rivals or found.rivals[0].odds >= math.exp(SURE):
+    if not found.rivals or found.rivals[0].odds >= math.exp(SURE_LOG_ODDS):
         return None
     one, rival = found.effect, found.rivals[0]
     rest = tuple(name for name in choice if name != one)
@@ -191,7 +200,9 @@ def _doubt(points: Points, search: Search, choice: Choice, found: Finding, n_p: 
     return Ambiguity((one, rival.effect), judge.alike(search, choice, found), told)
 
 
-def _hinted(points: Points, search: Search, choice: Choice, hints: Mapping[str, float], n_p: int | None) -> Ambiguity:
+def _hinted(
+    points: Points, search: PointsSearch, choice: PointsChoice, hints: Mapping[str, float], n_p: int | None
+) -> Ambiguity:
     """Effects that nearly earned their name, where none did."""
     one, *others = hints
     there = search.fit((*choice, one))
@@ -202,14 +213,14 @@ def _hinted(points: Points, search: Search, choice: Choice, hints: Mapping[str, 
 
 def _hints_text(hints: Mapping[str, float]) -> str:
     told = ", ".join(f"{BY_NAME[name].title} (odds {odds_text(odds)})" for name, odds in hints.items())
-    return f"too little to be named, for which odds of {odds_text(ENTRY)} are asked: {told}"
+    return f"too little to be named, for which odds of {odds_text(ENTRY_LOG_ODDS)} are asked: {told}"
 
 
-def _telling(points: Points, one: Fit, other: Fit, n_p: int | None) -> Experiment:
+def _telling(points: Points, one: PointsFit, other: PointsFit, n_p: int | None) -> Experiment:
     """Points within reach of those there at which two explanations differ most."""
     fastest = float(np.max(np.abs(points.omega_e)))
     most, reach = float(np.max(np.abs(points.i))), float(np.max(np.abs(points.u)))
-    levels = [level for level in product(_SPEEDS, _I_D, _I_Q) if math.hypot(*level[1:]) <= 1.0]
+    levels = [level for level in product(_POINT_SPEEDS, _POINT_I_D, _POINT_I_Q) if math.hypot(*level[1:]) <= 1.0]
     i = np.array([most * complex(d, q) for _, d, q in levels], np.complex128)
     t = None if points.t is None else np.full(len(i), float(np.max(points.t)))
     asked = Points(fastest * np.array([speed for speed, _, _ in levels]), i, np.zeros(len(i), np.complex128), t)
@@ -228,28 +239,30 @@ def _telling(points: Points, one: Fit, other: Fit, n_p: int | None) -> Experimen
     sentence = f"steady points at {where} would tell: there the two differ by up to {quantity(float(gap.max()), 'V')}"
     if n_p is None:
         return Experiment(sentence)
-    holds = tuple(Hold(_round(w * _RPM / n_p), _round(i.real), _round(i.imag), _SECONDS) for w, i in held)
+    holds = tuple(
+        Hold(_rounded_level(w * _RPM / n_p), _rounded_level(i.real), _rounded_level(i.imag), _SECONDS) for w, i in held
+    )
     speeds, i_d, i_q = (
         tuple(sorted({getattr(hold, name) for hold in holds})) for name in ("speed_rpm", "i_d", "i_q")
     )
     return Experiment(sentence, speeds, i_d, i_q, _SECONDS * len(holds), holds)
 
 
-def _round(x: float) -> float:
+def _rounded_level(x: float) -> float:
     return float(f"{x:.4g}")
 
 
 # --- what is told besides
 
 
-def _drifts(points: Points, search: Search, choice: Choice) -> list[str]:
+def _drifts(points: Points, search: PointsSearch, choice: PointsChoice) -> list[str]:
     """What a log can tell of slow changes, and what not."""
     if points.t is None:
         return []
     told: list[str] = []
     halves = _halves(_coordinates(points))
     length = float(np.max(points.t) - np.min(points.t))
-    smallest = judge.detectable(search, choice)
+    smallest = judge.detectable_at_points(search, choice)
     for name in model.TIMED:
         if name in choice:
             continue
@@ -266,9 +279,9 @@ def _drifts(points: Points, search: Search, choice: Choice) -> list[str]:
     return told
 
 
-def noise_floor(points: Points, error: Real) -> float | None:
+def noise_floor(points: Points, error: Array) -> float | None:
     """Rms of the voltage vector that neighbouring rows of a log do not share; None where there are none."""
-    if points.t is None or len(points) < FEWEST:
+    if points.t is None or len(points) < FEWEST_POINTS:
         return None
     step = np.diff(points.t)
     near = np.flatnonzero(step <= 1.01 * float(np.min(step)))
@@ -276,13 +289,13 @@ def noise_floor(points: Points, error: Real) -> float | None:
     return math.sqrt(float(np.mean(np.abs(np.diff(e)[near]) ** 2)) / 2.0)
 
 
-def _left(
-    search: Search, choice: Choice, coordinates: tuple[Coordinate, ...], floor: float | None
+def _left_of_points(
+    search: PointsSearch, choice: PointsChoice, coordinates: tuple[Coordinate, ...], floor: float | None
 ) -> Unexplained | None:
     """What is left beyond noise."""
     log_odds, signal = judge.nameless(search, choice)
     fit = search.fit(choice)
-    total = _rms(search, _error(search, fit, left_out=False))
+    total = _rms_of_points(search, _error_of_points(search, fit, left_out=False))
     if floor is not None and total > _COLOURED * floor:
         e = fit.r
         where = judge.place(search, e, coordinates)
@@ -291,17 +304,19 @@ def _left(
             f"{quantity(rms, 'V')} that neighbouring rows share, beside {quantity(floor, 'V')} of noise from row to "
             f"row, {where.sentence}"
         ))  # fmt: skip
-    if log_odds <= ENTRY:
+    if log_odds <= ENTRY_LOG_ODDS:
         return None
-    rms = _rms(search, signal * search.noise)
+    rms = _rms_of_points(search, signal * search.noise)
     where = judge.place(search, signal, coordinates)
     return Unexplained(
         rms, where, f"a voltage of {quantity(rms, 'V')} that goes smoothly with speed and current, {where.sentence}"
     )
 
 
-def _scatters(search: Search, before: Fit, after: Fit, coordinates: tuple[Coordinate, ...]) -> tuple[Scatter, ...]:
-    was, now = _error(search, before), _error(search, after)
+def _scatter_of_points(
+    search: PointsSearch, before: PointsFit, after: PointsFit, coordinates: tuple[Coordinate, ...]
+) -> tuple[Scatter, ...]:
+    was, now = _error_of_points(search, before), _error_of_points(search, after)
     axis = search.problem.axis
     return tuple(
         Scatter(f"{c.name}, {c.unit}", f"u_{'dq'[int(a)]}", c.value[axis == a], was[axis == a], now[axis == a])

@@ -15,26 +15,27 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnosis.points.problem import MACHINE, Key, Problem, Size, Sizes
-from estimator.diagnosis.points.table import Places, Real
+from estimator.arrays import Array
+from estimator.diagnosis.points.problem import MACHINE, Key, PointSizes, Problem, Size
+from estimator.diagnosis.points.table import Places
 
-_ROUNDS: Final = 40
+_FIT_STEPS: Final = 40
 _STUCK, _CLOSE = 1e6, 1e-7  # damping, and gain as a share, at which a fit ends
-_DELTA: Final = 1e-5  # of a typical size
+_OF_TYPICAL: Final = 1e-5  # of a typical size
 _WIDE: Final = 3.0  # typical sizes: how far off one may be before it costs as much as noise does
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class PointsFit:
     """A choice of effects fitted to all rows."""
 
     choice: tuple[str, ...]
     sizes: tuple[Size, ...]
-    x: Real  # SI
-    r: Real  # residual, over noise
-    left_out: Real  # the same of rows that took no part
-    J: Real  # of the prediction over noise, by typical sizes
-    covariance: Real  # SI
+    x: Array  # SI
+    r: Array  # residual, over noise
+    left_out: Array  # the same of rows that took no part
+    J: Array  # of the prediction over noise, by typical sizes
+    covariance: Array  # SI
     scale: float  # rms of left_out
 
     @property
@@ -49,7 +50,7 @@ class Fit:
         place = [size.key for size in self.sizes].index((owner, name))
         return math.sqrt(max(float(self.covariance[place, place]), 0.0))
 
-    def doubted(self, by: Mapping[Key, float]) -> "Fit":
+    def doubted(self, by: Mapping[Key, float]) -> "PointsFit":
         """The same with standard errors (SI) besides."""
         std = np.sqrt(np.diag(self.covariance))
         more = np.array([by.get(size.key, 0.0) for size in self.sizes])
@@ -66,36 +67,38 @@ class Fit:
         return float(self.left_out @ self.left_out)
 
 
-def fitted(problem: Problem, choice: tuple[str, ...], noise: Real, start: Sizes | None = None) -> Fit:
+def fitted_points(
+    problem: Problem, choice: tuple[str, ...], noise: Array, start: PointSizes | None = None
+) -> PointsFit:
     """The best fit of a choice. `noise`: V, of each equation. `start`: sizes known from another choice."""
     sizes = problem.sizes(choice)
     known = start or {}
     fits = [
-        _solved(problem, sizes, noise, np.array(values))
+        _levenberg(problem, sizes, noise, np.array(values))
         for values in product(*((known[s.key],) if s.key in known else s.starts for s in sizes))
     ]
     x, J, r = min(fits, key=lambda fit: float(fit[2] @ fit[2]))
-    return _judged(problem, choice, sizes, x, J, r)
+    return _left_out_error(problem, choice, sizes, x, J, r)
 
 
-def _solved(problem: Problem, sizes: tuple[Size, ...], noise: Real, x: Real) -> tuple[Real, Real, Real]:
+def _levenberg(problem: Problem, sizes: tuple[Size, ...], noise: Array, x: Array) -> tuple[Array, Array, Array]:
     typical = np.array([size.typical for size in sizes])
     low, high = (np.array([getattr(size, end) for size in sizes]) for end in ("low", "high"))
     loose = np.array([0.0 if s.owner == MACHINE or s.shape else (1.0 / (_WIDE * s.typical)) for s in sizes])
 
-    def residual(x: Real) -> Real:
+    def residual(x: Array) -> Array:
         with np.errstate(all="ignore"):
             r = (problem.y - problem.predict({s.key: float(v) for s, v in zip(sizes, x, strict=True)})) / noise
         return r if np.isfinite(r).all() else np.full(len(r), 1e6)
 
-    def cost(r: Real, x: Real) -> float:
+    def cost(r: Array, x: Array) -> float:
         return float(r @ r + np.sum((loose * x) ** 2))
 
     x = np.clip(x, low, high)
     r, slopes, damping = residual(x), None, 1e-3
-    for _ in range(_ROUNDS):
-        slopes = _slopes(residual, x, r, typical, high) if slopes is None else slopes
-        step = _step(slopes, r, x / typical, loose * typical, (x <= low, x >= high), damping)
+    for _ in range(_FIT_STEPS):
+        slopes = _derivatives(residual, x, r, typical, high) if slopes is None else slopes
+        step = _bounded_step(slopes, r, x / typical, loose * typical, (x <= low, x >= high), damping)
         new = np.clip(x + step * typical, low, high)
         there = residual(new)
         gain = cost(r, x) - cost(there, new)
@@ -107,12 +110,12 @@ def _solved(problem: Problem, sizes: tuple[Size, ...], noise: Real, x: Real) -> 
         x, r, slopes, damping = new, there, None, max(0.2 * damping, 1e-9)
         if gain < _CLOSE * cost(r, x):
             break
-    return x, _slopes(residual, x, r, typical, high), r
+    return x, _derivatives(residual, x, r, typical, high), r
 
 
-def _step(
-    slopes: Real, r: Real, x: Real, loose: Real, ends: tuple[NDArray[np.bool_], NDArray[np.bool_]], damping: float
-) -> Real:
+def _bounded_step(
+    slopes: Array, r: Array, x: Array, loose: Array, ends: tuple[NDArray[np.bool_], NDArray[np.bool_]], damping: float
+) -> Array:
     """A step in typical sizes, of what does not press against an end of its range."""
     A, b = slopes.T @ slopes + np.diag(loose**2), slopes.T @ r - loose**2 * x
     free = np.flatnonzero(~((ends[0] & (b < 0.0)) | (ends[1] & (b > 0.0))))
@@ -122,17 +125,19 @@ def _step(
     return step
 
 
-def _slopes(residual: Callable[[Real], Real], x: Real, r: Real, typical: Real, high: Real) -> Real:
+def _derivatives(residual: Callable[[Array], Array], x: Array, r: Array, typical: Array, high: Array) -> Array:
     J = np.empty((len(r), len(x)))
     for k in range(len(x)):
-        by = -_DELTA if x[k] + _DELTA * typical[k] > high[k] else _DELTA
+        by = -_OF_TYPICAL if x[k] + _OF_TYPICAL * typical[k] > high[k] else _OF_TYPICAL
         moved = x.copy()
         moved[k] += by * typical[k]
         J[:, k] = (r - residual(moved)) / by
     return J
 
 
-def _judged(problem: Problem, choice: tuple[str, ...], sizes: tuple[Size, ...], x: Real, J: Real, r: Real) -> Fit:
+def _left_out_error(
+    problem: Problem, choice: tuple[str, ...], sizes: tuple[Size, ...], x: Array, J: Array, r: Array
+) -> PointsFit:
     typical = np.array([size.typical for size in sizes])
     own = np.array([0.0 if s.owner == MACHINE or s.shape else _WIDE**-2 for s in sizes])
     at_bound = np.array([v <= s.low or v >= s.high for s, v in zip(sizes, x, strict=True)])
@@ -142,7 +147,7 @@ def _judged(problem: Problem, choice: tuple[str, ...], sizes: tuple[Size, ...], 
     if len(free):
         K = J[:, free]
         precision = K.T @ K + np.diag(own[free] + 1e-9)
-        A = cast(Real, np.linalg.inv(precision))
+        A = cast(Array, np.linalg.inv(precision))
         for group in np.unique(problem.group):
             rows = np.flatnonzero(problem.group == group)
             H = K[rows] @ A @ K[rows].T
@@ -153,10 +158,10 @@ def _judged(problem: Problem, choice: tuple[str, ...], sizes: tuple[Size, ...], 
         wider = np.sqrt(np.max(pushed, axis=0) / np.maximum(np.diag(plain), 1e-300))
         covariance[np.ix_(free, free)] = plain * np.outer(wider, wider)
     covariance *= np.outer(typical, typical)
-    return Fit(choice, sizes, x, r, left_out, J, covariance, math.sqrt(float(np.mean(left_out**2))))
+    return PointsFit(choice, sizes, x, r, left_out, J, covariance, math.sqrt(float(np.mean(left_out**2))))
 
 
-def _spread(scores: Real, of: Places) -> Real:
+def _spread(scores: Array, of: Places) -> Array:
     """Variance of each parameter for scores (parameters, equations) that only equations of one number share."""
     count = int(of.max()) + 1
     sums = np.array([np.bincount(of, weights=row, minlength=count) for row in scores])

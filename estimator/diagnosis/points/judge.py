@@ -8,11 +8,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnosis.likelihood.evidence import ENTRY
-from estimator.diagnosis.points.fit import Fit
+from estimator.arrays import Array
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
+from estimator.diagnosis.points.fit import PointsFit
 from estimator.diagnosis.points.problem import MACHINE, Key
-from estimator.diagnosis.points.search import NEGLIGIBLE, Choice, Search
-from estimator.diagnosis.points.table import Places, Real
+from estimator.diagnosis.points.search import NEGLIGIBLE, PointsChoice, PointsSearch
+from estimator.diagnosis.points.table import Places
 from estimator.diagnosis.verdict import Candidate, Finding, Place, Quantity, Rival
 from estimator.diagnosis.words import number, percent
 from estimator.machine import PARAMETERS, UNITS
@@ -20,7 +21,7 @@ from estimator.physics.library import BY_NAME
 
 MOST_LOG_ODDS: Final = 300.0
 HINT: Final = math.log(20.0)  # log-odds that are worth telling, though no name follows
-_POWER: Final = 2.326  # standard normal at 99 %
+_POWER_OF_POINTS: Final = 2.326  # standard normal at 99 %
 _ENERGY: Final = 0.8  # of a signal, that a region is to hold
 _REGION: Final = 0.6  # of the equations, that a region may be at most
 _SMALL: Final = 1e-3  # of a typical size, at which an effect is straight
@@ -32,10 +33,10 @@ class Coordinate:
 
     name: str
     unit: str
-    value: Real
+    value: Array
 
 
-def rivals(search: Search, choice: Choice, effect: str) -> tuple[Rival, ...]:
+def point_rivals(search: PointsSearch, choice: PointsChoice, effect: str) -> tuple[Rival, ...]:
     """Other effects in the place of one, likeliest first."""
     rest = tuple(name for name in choice if name != effect)
     full = search.fit(choice)
@@ -45,12 +46,16 @@ def rivals(search: Search, choice: Choice, effect: str) -> tuple[Rival, ...]:
 
 
 def finding(
-    search: Search, choice: Choice, effect: str, coordinates: tuple[Coordinate, ...], doubted: Mapping[Key, float]
+    search: PointsSearch,
+    choice: PointsChoice,
+    effect: str,
+    coordinates: tuple[Coordinate, ...],
+    doubted: Mapping[Key, float],
 ) -> Finding:
     """An effect of the set. `doubted`: standard errors besides the fit's."""
     fit, rest = search.fit(choice), tuple(name for name in choice if name != effect)
     without = search.fit(rest)
-    others = rivals(search, choice, effect)
+    others = point_rivals(search, choice, effect)
     alone = math.exp(min(search.log_odds(fit, without, effect), MOST_LOG_ODDS))
     absorbed = {name: without.value(MACHINE, name) - fit.value(MACHINE, name) for name in machine_names(fit)}
     signal = search.signal(fit, effect, fit.places(effect))
@@ -60,18 +65,18 @@ def finding(
     )  # fmt: skip
 
 
-def machine_names(fit: Fit) -> list[str]:
+def machine_names(fit: PointsFit) -> list[str]:
     """R_s, L_d, L_q, psi_f as far as they are in a fit."""
     return [size.name for size in fit.sizes if size.owner == MACHINE and size.name in PARAMETERS]
 
 
-def machine(fit: Fit) -> dict[str, Quantity]:
+def machine(fit: PointsFit) -> dict[str, Quantity]:
     """The machine's parameters."""
     names = machine_names(fit)
     return {name: Quantity(fit.value(MACHINE, name), fit.std(MACHINE, name), UNITS[name]) for name in names}
 
 
-def sizes(fit: Fit, effect: str) -> dict[str, Quantity]:
+def sizes(fit: PointsFit, effect: str) -> dict[str, Quantity]:
     """An effect's sizes as users are told them; a shape that the points do not tell is left out."""
     found: dict[str, Quantity] = {}
     for size in fit.sizes:
@@ -85,12 +90,12 @@ def sizes(fit: Fit, effect: str) -> dict[str, Quantity]:
     return found
 
 
-def place(search: Search, signal: Real, coordinates: tuple[Coordinate, ...]) -> Place:
+def place(search: PointsSearch, signal: Array, coordinates: tuple[Coordinate, ...]) -> Place:
     """The smallest region, by axis and one quantity, that holds most of a signal's energy."""
     energy = (signal * search.noise) ** 2
     total, axis = max(float(energy.sum()), 1e-300), search.problem.axis
     best = Place("in nearly all points", {}, 1.0, 1.0)
-    for on, label in _axes(axis, energy, total):
+    for on, label in _equation_groups(axis, energy, total):
         for c in coordinates:
             for up in (True, False):
                 inside = _end(c.value, energy, on, up, _ENERGY * total)
@@ -100,7 +105,7 @@ def place(search: Search, signal: Real, coordinates: tuple[Coordinate, ...]) -> 
     return best
 
 
-def _axes(axis: Places, energy: Real, total: float) -> Iterator[tuple[NDArray[np.bool_], dict[str, str]]]:
+def _equation_groups(axis: Places, energy: Array, total: float) -> Iterator[tuple[NDArray[np.bool_], dict[str, str]]]:
     """All equations, and those of an axis that holds most of the energy."""
     yield np.ones(len(axis), np.bool_), {}
     if len(np.unique(axis)) > 1:
@@ -110,7 +115,7 @@ def _axes(axis: Places, energy: Real, total: float) -> Iterator[tuple[NDArray[np
                 yield on, {"axis": "dq"[int(one)]}
 
 
-def _end(value: Real, energy: Real, on: NDArray[np.bool_], up: bool, wanted: float) -> NDArray[np.bool_]:
+def _end(value: Array, energy: Array, on: NDArray[np.bool_], up: bool, wanted: float) -> NDArray[np.bool_]:
     """The upper or lower end of a quantity that holds so much energy; rows of one value belong together."""
     order = np.flatnonzero(on)[np.argsort(value[on] * (-1.0 if up else 1.0), kind="stable")]
     count = int(np.searchsorted(np.cumsum(energy[order]), wanted))
@@ -133,7 +138,7 @@ def _region(
     return Place(sentence, {**label, c.name: (low, high)}, energy_share, share)
 
 
-def candidates(search: Search, choice: Choice) -> tuple[Candidate, ...]:
+def point_candidates(search: PointsSearch, choice: PointsChoice) -> tuple[Candidate, ...]:
     """Every effect, by how much it helps."""
     by = math.log(10.0)
     found = [
@@ -146,13 +151,13 @@ def candidates(search: Search, choice: Choice) -> tuple[Candidate, ...]:
     return tuple(sorted(found, key=lambda c: (not c.chosen, -c.log10_odds_after)))
 
 
-def hints(search: Search, choice: Choice) -> dict[str, float]:
+def hints(search: PointsSearch, choice: PointsChoice) -> dict[str, float]:
     """Effects that nearly earned their name, with their log-odds, likeliest first."""
     found = {name: search.gain(choice, name) for name in search.free(choice)}
     return {name: found[name] for name in sorted(found, key=lambda name: -found[name]) if found[name] > HINT}
 
 
-def detectable(search: Search, choice: Choice) -> dict[str, Quantity]:
+def detectable_at_points(search: PointsSearch, choice: PointsChoice) -> dict[str, Quantity]:
     """The smallest first size of every other effect that would have been named at 99 % power."""
     fit, found = search.fit(choice), dict[str, Quantity]()
     known = fit.values
@@ -171,13 +176,13 @@ def detectable(search: Search, choice: Choice) -> dict[str, Quantity]:
             scores = np.bincount(search.problem.group, weights=column * fit.left_out)
             scatter = max(1.0, float(scores @ scores) / (energy * fit.scale**2))
             std = fit.scale * math.sqrt(scatter / energy) * size.typical
-            smallest = min(smallest, std * (math.sqrt(2.0 * ENTRY) + _POWER))
+            smallest = min(smallest, std * (math.sqrt(2.0 * ENTRY_LOG_ODDS) + _POWER_OF_POINTS))
         if smallest < size.high:  # else nothing that could be is seen
             found[name] = Quantity(max(smallest, NEGLIGIBLE * size.typical), None, size.unit)
     return found
 
 
-def nameless(search: Search, choice: Choice) -> tuple[float, Real]:
+def nameless(search: PointsSearch, choice: PointsChoice) -> tuple[float, Array]:
     """Log-odds that smooth functions of the operating point explain what is left, and what they explain, over noise."""
     fit = search.fit(choice)
     columns = search.problem.generic / search.noise[:, None]
@@ -208,7 +213,7 @@ def odds_text(log_odds: float) -> str:
     return f"{math.exp(min(log_odds, MOST_LOG_ODDS)):.2g} to 1"
 
 
-def alike(search: Search, choice: Choice, found: Finding) -> str:
+def alike(search: PointsSearch, choice: PointsChoice, found: Finding) -> str:
     """Why a finding and its likeliest rival are not told apart."""
     one, rival = found.effect, found.rivals[0]
     return (
@@ -218,7 +223,7 @@ def alike(search: Search, choice: Choice, found: Finding) -> str:
     )
 
 
-def collinear(search: Search, choice: Choice, one: str, other: str) -> float:
+def collinear(search: PointsSearch, choice: PointsChoice, one: str, other: str) -> float:
     """Correlation of what two effects add to a set, less what the machine and the rest could make of it."""
     signals = [search.signal(fit, name, fit.places(name)) for name in (one, other)
                for fit in (search.fit((*(c for c in choice if c not in (one, other)), name)),)]  # fmt: skip

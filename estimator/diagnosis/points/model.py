@@ -19,37 +19,38 @@ from typing import Final
 
 import numpy as np
 
-from estimator.diagnosis.points.problem import MACHINE, Key, Problem, Size, Sizes
-from estimator.diagnosis.points.table import Points, Real, Vector, groups_of, kin_of
+from estimator.arrays import Array, Vector
+from estimator.diagnosis.points.problem import MACHINE, Key, PointSizes, Problem, Size
+from estimator.diagnosis.points.table import Points, groups_of, kin_of
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS, Machine
 from estimator.physics.saturation import curve_of, flux_of
 
 VOLTAGE_ERROR: Final = "inverter_voltage_error"
 TIMED: Final = ("winding_resistance_drift", "magnet_flux_drift")
-_EXACT: Final = 1e-3  # as good as instruments, and currents sampled once a period, are
+_INSTRUMENTS_GOOD: Final = 1e-3  # as good as instruments, and currents sampled once a period, are
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _ANGLES, _SHARES = 0.25 * math.pi * (_NODES + 1.0), 0.25 * math.pi * _WEIGHTS  # a quarter of a turn
 
 
-def problem_of(points: Points, i_rated: float) -> Problem:
+def points_problem(points: Points, i_rated: float) -> Problem:
     """The question that points with both voltages and both currents ask."""
     machine = rough(points)
     group, kin = groups_of(points), kin_of(points)
     n = len(points)
 
-    def predict(sizes: Sizes) -> Real:
+    def predict(sizes: PointSizes) -> Array:
         u = voltage(points, i_rated, sizes)
         return np.concatenate((u.real, u.imag))
 
     return Problem(
         np.concatenate((points.u.real, points.u.imag)), np.repeat([0, 1], n), np.concatenate((group, group)),
         np.concatenate((kin, kin)),
-        tuple(_parameter(name, value) for name, value in machine.items()),
-        _effects(points, i_rated, machine["R_s"]), predict, _EXACT, _generic(points),
+        tuple(_parameter_size(name, value) for name, value in machine.items()),
+        _effects(points, i_rated, machine["R_s"]), predict, _INSTRUMENTS_GOOD, _generic(points),
     )  # fmt: skip
 
 
-def _parameter(name: str, value: float) -> Size:
+def _parameter_size(name: str, value: float) -> Size:
     """One of the machine's; some value where these points tell none."""
     least = PLAUSIBLE[name][0]
     return Size(MACHINE, name, UNITS[name], max(abs(value), least), starts=(value if abs(value) > least else least,))
@@ -65,7 +66,7 @@ def rough(points: Points) -> dict[str, float]:
     return dict(zip(PARAMETERS, map(float, found), strict=True))
 
 
-def voltage(points: Points, i_rated: float, sizes: Sizes) -> Vector:
+def voltage(points: Points, i_rated: float, sizes: PointSizes) -> Vector:
     """Recorded u_d + j u_q (V) that a machine with effects makes."""
 
     def of(owner: str, name: str) -> float:
@@ -74,7 +75,7 @@ def voltage(points: Points, i_rated: float, sizes: Sizes) -> Vector:
     turn = np.exp(1j * of("angle_offset", "offset"))
     omega_e, i = points.omega_e, points.i * turn
     R_s = of(MACHINE, "R_s")
-    late = _course(points)
+    late = _course_of_log(points)
     psi_f = of(MACHINE, "psi_f")
     machine = Machine(R_s, of(MACHINE, "L_d"), of(MACHINE, "L_q"), psi_f, 1)
     drops = (
@@ -82,13 +83,13 @@ def voltage(points: Points, i_rated: float, sizes: Sizes) -> Vector:
         of("cross_saturation", "cross_drop"),
     )  # fmt: skip
     moved = 1j * omega_e * psi_f * of("magnet_flux_drift", "change") * late
-    e = 1j * omega_e * _flux(machine, i_rated, drops, i) + moved
+    e = 1j * omega_e * _flux_at_points(machine, i_rated, drops, i) + moved
     conductance = of("iron_loss", "conductance")
     if conductance != 0.0:
         speed = np.maximum(np.abs(omega_e), 1e-9)
         per_volt = conductance / (speed / (speed + of("iron_loss", "omega_h")) + 1j * omega_e * of("iron_loss", "lag"))
         for _ in range(3):
-            e = 1j * omega_e * _flux(machine, i_rated, drops, i - per_volt * e) + moved
+            e = 1j * omega_e * _flux_at_points(machine, i_rated, drops, i - per_volt * e) + moved
     R = R_s * (1.0 + of("winding_resistance_drift", "rise") * late + _skin(omega_e, sizes))
     lost = of(VOLTAGE_ERROR, "voltage")
     u = R * i + e
@@ -104,13 +105,13 @@ def along(i: Vector, width: float) -> Vector:
     return i / size * ((phase / np.hypot(phase, width)) @ (np.sin(_ANGLES) * _SHARES))
 
 
-def _flux(machine: Machine, i_rated: float, drops: tuple[float, float, float], i: Vector) -> Vector:
+def _flux_at_points(machine: Machine, i_rated: float, drops: tuple[float, float, float], i: Vector) -> Vector:
     if not any(drops):
         return machine.psi_f + machine.L_d * i.real + 1j * machine.L_q * i.imag
     return flux_of(curve_of(machine, i_rated, drops), machine, i)
 
 
-def _skin(omega_e: Real, sizes: Sizes) -> Vector | float:
+def _skin(omega_e: Array, sizes: PointSizes) -> Vector | float:
     rise, corner = sizes.get(("ac_resistance", "rise"), 0.0), sizes.get(("ac_resistance", "corner"), 0.0)
     if rise == 0.0:
         return 0.0
@@ -118,7 +119,7 @@ def _skin(omega_e: Real, sizes: Sizes) -> Vector | float:
     return rise * (x**2 + 1j * x) / (1.0 + x**2)
 
 
-def _course(points: Points) -> Real:
+def _course_of_log(points: Points) -> Array:
     """0 at the first row, 1 at the last; zero where there is no time."""
     if points.t is None:
         return np.zeros(len(points))
@@ -165,7 +166,7 @@ def _effects(points: Points, i_rated: float, R_s: float) -> dict[str, tuple[Size
     return found
 
 
-def _generic(points: Points) -> Real:
+def _generic(points: Points) -> Array:
     """Second-order polynomials of speed and currents on each axis."""
     x = [points.omega_e / max(float(np.max(np.abs(points.omega_e))), 1e-12)]
     most = max(float(np.max(np.abs(points.i))), 1e-12)

@@ -14,21 +14,22 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.diagnosis.points.model import VOLTAGE_ERROR
-from estimator.diagnosis.points.problem import MACHINE, Problem, Size, Sizes
-from estimator.diagnosis.points.table import Places, Real, speed_groups
+from estimator.diagnosis.points.problem import MACHINE, PointSizes, Problem, Size
+from estimator.diagnosis.points.table import Places, speed_groups
 
 OFFSET: Final = "u_0"
-_EXACT: Final = 3e-4  # of the largest voltage; gains are taken up by every level's flux linkage
+_NO_LOAD_GOOD: Final = 3e-4  # of the largest voltage; gains are taken up by every level's flux linkage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoLoad:
     """Steady points of a motor that turns freely."""
 
-    omega_e: Real  # rad/s, electrical
-    y: Real  # V, u_q - R_s i_q
-    i_d: Real  # A
+    omega_e: Array  # rad/s, electrical
+    y: Array  # V, u_q - R_s i_q
+    i_d: Array  # A
     R_s: float  # ohm, that y was made with
 
     @property
@@ -42,7 +43,7 @@ def flux_name(place: int) -> str:
     return f"psi_{place}"
 
 
-def problem_of(points: NoLoad, offsets: str = "one") -> Problem:
+def no_load_problem(points: NoLoad, offsets: str = "one") -> Problem:
     """The question that such points ask, with "one" voltage u_0, with "none", or with one of "each" level."""
     level, levels = points.level, np.unique(points.i_d)
     fastest = float(np.max(np.abs(points.omega_e)))
@@ -52,7 +53,7 @@ def problem_of(points: NoLoad, offsets: str = "one") -> Problem:
             for k in range(len(levels))]  # fmt: skip
     typical = 0.05 * float(np.max(np.abs(points.y)))
 
-    def predict(sizes: Sizes) -> Real:
+    def predict(sizes: PointSizes) -> Array:
         return voltage(points, level, fastest, sizes)
 
     effects = {
@@ -70,10 +71,12 @@ def problem_of(points: NoLoad, offsets: str = "one") -> Problem:
     )
     group = speed_groups(level, points.omega_e)
     nothing = np.zeros((len(level), 0))
-    return Problem(points.y, np.zeros(len(level), np.intp), group, group, machine, effects, predict, _EXACT, nothing)
+    return Problem(
+        points.y, np.zeros(len(level), np.intp), group, group, machine, effects, predict, _NO_LOAD_GOOD, nothing
+    )
 
 
-def voltage(points: NoLoad, level: Places, fastest: float, sizes: Sizes) -> Real:
+def voltage(points: NoLoad, level: Places, fastest: float, sizes: PointSizes) -> Array:
     """y (V) that a machine with effects makes."""
 
     def of(owner: str, name: str) -> float:

@@ -11,22 +11,23 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.diagnosis.answer.sentences import quantity, sentence_of
-from estimator.diagnosis.likelihood.evidence import ENTRY
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
 from estimator.diagnosis.points import judge
 from estimator.diagnosis.points.diagnose import no_verdict, quality
-from estimator.diagnosis.points.fit import Fit
+from estimator.diagnosis.points.fit import PointsFit
 from estimator.diagnosis.points.judge import Coordinate, odds_text
 from estimator.diagnosis.points.model import VOLTAGE_ERROR
-from estimator.diagnosis.points.no_load import OFFSET, NoLoad, flux_name, problem_of
+from estimator.diagnosis.points.no_load import OFFSET, NoLoad, flux_name, no_load_problem
 from estimator.diagnosis.points.problem import MACHINE
-from estimator.diagnosis.points.search import Choice, Search
-from estimator.diagnosis.points.table import Real, speed_groups
-from estimator.diagnosis.trust.rivals import SURE
+from estimator.diagnosis.points.search import PointsChoice, PointsSearch
+from estimator.diagnosis.points.table import speed_groups
+from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS
 from estimator.diagnosis.verdict import Ambiguity, Diagnosis, Experiment, Finding, Quantity, Scatter, Verdict
 from estimator.diagnosis.words import number
 
-OUTSHINES: Final = 3.0  # times what is left, that an effect has to explain
+LEAST_EXPLAINED_RATIO: Final = 3.0  # times what is left, that an effect has to explain
 BLIND: Final = 0.02  # of the largest voltage, that an error of the inverter must be to be seen: nothing is judged then
 _FEWEST, _SPEEDS = 3, 3  # levels of i_d; speeds at each
 
@@ -41,14 +42,14 @@ def diagnose_no_load(points: NoLoad) -> Diagnosis:
             [f"expected at least {_FEWEST} levels of i_d with at least {_SPEEDS} speeds each, came {len(levels)}"],
             "record at least 4 speeds at each of 5 levels of i_d, zero among them",
         )
-    search = Search(problem_of(points))
+    search = PointsSearch(no_load_problem(points))
     chosen = search.chosen()
     tried = _tried(points, search)
     before = search.fit(()) if tried["one_offset"] <= tried["no_offset"] else _other(points, "none")
     was = min(tried["one_offset"], tried["no_offset"])
-    choice = chosen if _outshines(was, _error(search, chosen)) else ()
-    found = tuple(_finding(points, search, choice, effect, before) for effect in choice)
-    findings = tuple(f for f in found if f.odds_against_next >= math.exp(SURE))
+    choice = chosen if _outshines(was, _error_without_load(search, chosen)) else ()
+    found = tuple(_no_load_finding(points, search, choice, effect, before) for effect in choice)
+    findings = tuple(f for f in found if f.odds_against_next >= math.exp(SURE_LOG_ODDS))
     leaning = {name: search.gain(tuple(c for c in chosen if c != name), name) for name in chosen}
     leaning = {} if choice else leaning | judge.hints(search, ())
     doubts = (
@@ -59,7 +60,7 @@ def diagnose_no_load(points: NoLoad) -> Diagnosis:
         *(_leaning(search, name, odds, was) for name, odds in leaning.items()),
     )
     after = search.fit(choice)
-    limits = judge.detectable(search, choice)
+    limits = judge.detectable_at_points(search, choice)
     remarks = [_inductance(points, after, levels), *_offset(after), *_rests_on(points, search, choice)]
     if len(points.y) < whole:
         remarks.append(f"points left out at levels with fewer than {_SPEEDS} speeds: {whole - len(points.y)}")
@@ -80,10 +81,10 @@ def diagnose_no_load(points: NoLoad) -> Diagnosis:
     else:
         verdict = Verdict.NO_MISMATCH
     diagnosis = Diagnosis(
-        verdict, "", findings, doubts, None, limits, _machine(points, before), _machine(points, after),
-        quality(search, was, _error(search, choice), None, "speed within a level of i_d", tried),
-        judge.candidates(search, choice), tuple(remarks), None, instead,
-        _scatters(points, _left_out(search, before), _left_out(search, after)),
+        verdict, "", findings, doubts, None, limits, _no_load_machine(points, before), _no_load_machine(points, after),
+        quality(search, was, _error_without_load(search, choice), None, "speed within a level of i_d", tried),
+        judge.point_candidates(search, choice), tuple(remarks), None, instead,
+        _scatter_without_load(points, _left_out(search, before), _left_out(search, after)),
     )  # fmt: skip
     return replace(diagnosis, sentence=sentence_of(diagnosis))
 
@@ -96,29 +97,29 @@ def _with_speeds(points: NoLoad) -> NoLoad:
     return replace(points, omega_e=points.omega_e[kept], y=points.y[kept], i_d=points.i_d[kept])
 
 
-def _tried(points: NoLoad, search: Search) -> dict[str, float]:
+def _tried(points: NoLoad, search: PointsSearch) -> dict[str, float]:
     """Rms (V) of what models miss of points left out."""
     return {
-        "one_offset": _error(search, ()), "no_offset": _other(points, "none").scale,
-        "free_offsets": _other(points, "each").scale, VOLTAGE_ERROR: _error(search, (VOLTAGE_ERROR,)),
+        "one_offset": _error_without_load(search, ()), "no_offset": _other(points, "none").scale,
+        "free_offsets": _other(points, "each").scale, VOLTAGE_ERROR: _error_without_load(search, (VOLTAGE_ERROR,)),
     }  # fmt: skip
 
 
-def _other(points: NoLoad, offsets: str) -> Fit:
+def _other(points: NoLoad, offsets: str) -> PointsFit:
     """The machine with other offsets, its errors in V."""
-    return Search(problem_of(points, offsets)).fit(())
+    return PointsSearch(no_load_problem(points, offsets)).fit(())
 
 
-def _error(search: Search, choice: Choice) -> float:
+def _error_without_load(search: PointsSearch, choice: PointsChoice) -> float:
     return search.fit(choice).scale * float(search.noise[0])
 
 
-def _left_out(search: Search, fit: Fit) -> Real:
+def _left_out(search: PointsSearch, fit: PointsFit) -> Array:
     return fit.left_out * (float(search.noise[0]) if (MACHINE, OFFSET) in fit.values else 1.0)
 
 
 def _outshines(was: float, now: float) -> bool:
-    return was**2 - now**2 >= OUTSHINES * now**2
+    return was**2 - now**2 >= LEAST_EXPLAINED_RATIO * now**2
 
 
 _INSTEAD: Final = (
@@ -127,10 +128,12 @@ _INSTEAD: Final = (
 )
 
 
-def _finding(points: NoLoad, search: Search, choice: Choice, effect: str, before: Fit) -> Finding:
+def _no_load_finding(
+    points: NoLoad, search: PointsSearch, choice: PointsChoice, effect: str, before: PointsFit
+) -> Finding:
     fit = search.fit(choice)
     rest = tuple(name for name in choice if name != effect)
-    found = judge.rivals(search, choice, effect)
+    found = judge.point_rivals(search, choice, effect)
     alone = math.exp(min(search.log_odds(fit, search.fit(rest), effect), judge.MOST_LOG_ODDS))
     coordinates = (Coordinate("abs(i_d)", "A", np.abs(points.i_d)), Coordinate("omega_e", "rad/s", points.omega_e))
     where = judge.place(search, search.signal(fit, effect, fit.places(effect)), coordinates)
@@ -141,13 +144,15 @@ def _finding(points: NoLoad, search: Search, choice: Choice, effect: str, before
     return Finding(effect, sizes, where, min([alone, *(rival.odds for rival in found)]), found, absorbed)
 
 
-def _leaning(search: Search, name: str, log_odds: float, was: float) -> Ambiguity:
+def _leaning(search: PointsSearch, name: str, log_odds: float, was: float) -> Ambiguity:
     """An effect that the points lean to, without bearing its name."""
     fit = search.fit((name,))
     size = search.problem.effects[name][0]
     value = quantity(fit.value(*size.key), size.unit, fit.std(*size.key))
-    now = _error(search, (name,))
-    odds = f"by odds of {odds_text(log_odds)}" + (f", where {odds_text(ENTRY)} are asked for" * (log_odds <= ENTRY))
+    now = _error_without_load(search, (name,))
+    odds = f"by odds of {odds_text(log_odds)}" + (
+        f", where {odds_text(ENTRY_LOG_ODDS)} are asked for" * (log_odds <= ENTRY_LOG_ODDS)
+    )
     reason = (
         f"the points lean to it ({value}) {odds}; leaving one speed out the error goes from {quantity(was, 'V')} to "
         f"{quantity(now, 'V')}" + ("" if _outshines(was, now) else ", where half is asked for")
@@ -162,12 +167,12 @@ def _at_no_current(points: NoLoad) -> str | None:
     return flux_name(at) if abs(levels[at]) < 0.02 * float(np.max(np.abs(levels))) else None
 
 
-def _machine(points: NoLoad, fit: Fit) -> dict[str, Quantity]:
+def _no_load_machine(points: NoLoad, fit: PointsFit) -> dict[str, Quantity]:
     psi = _at_no_current(points)
     return {} if psi is None else {"psi_f": Quantity(fit.value(MACHINE, psi), fit.std(MACHINE, psi), "Vs")}
 
 
-def _inductance(points: NoLoad, fit: Fit, levels: Real) -> str:
+def _inductance(points: NoLoad, fit: PointsFit, levels: Array) -> str:
     """L_d by current, which these points leave free."""
     psi = _at_no_current(points)
     if psi is None:
@@ -185,7 +190,7 @@ def _inductance(points: NoLoad, fit: Fit, levels: Real) -> str:
     )
 
 
-def _offset(fit: Fit) -> list[str]:
+def _offset(fit: PointsFit) -> list[str]:
     """What is the same at all levels."""
     value, std = fit.value(MACHINE, OFFSET), fit.std(MACHINE, OFFSET)
     if abs(value) < 2.0 * std:
@@ -198,7 +203,7 @@ def _offset(fit: Fit) -> list[str]:
     ]
 
 
-def _rests_on(points: NoLoad, search: Search, choice: Choice) -> list[str]:
+def _rests_on(points: NoLoad, search: PointsSearch, choice: PointsChoice) -> list[str]:
     """How much of the gain is one level's."""
     if not choice:
         return []
@@ -213,7 +218,7 @@ def _rests_on(points: NoLoad, search: Search, choice: Choice) -> list[str]:
     return told
 
 
-def _worst(points: NoLoad, fit: Fit) -> str:
+def _worst(points: NoLoad, fit: PointsFit) -> str:
     """The levels that are missed most, where a few hold most of it."""
     energy = np.bincount(points.level, weights=fit.left_out**2)
     order = np.argsort(-energy)
@@ -226,5 +231,5 @@ def _worst(points: NoLoad, fit: Fit) -> str:
     return f"; {share:.0f} % of what is missed is at i_d = {levels} A, which no straight line meets"
 
 
-def _scatters(points: NoLoad, was: Real, now: Real) -> tuple[Scatter, ...]:
+def _scatter_without_load(points: NoLoad, was: Array, now: Array) -> tuple[Scatter, ...]:
     return Scatter("i_d, A", "u_q", points.i_d, was, now), Scatter("omega_e, rad/s", "u_q", points.omega_e, was, now)

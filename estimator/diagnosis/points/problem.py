@@ -8,10 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnosis.points.table import Places, Real
+from estimator.arrays import Array
+from estimator.diagnosis.points.table import Places
 
 Key = tuple[str, str]
-Sizes = Mapping[Key, float]
+PointSizes = Mapping[Key, float]
 """Values by owner - an effect, or the machine - and name, SI; what is not there is zero."""
 
 MACHINE: Final = "machine"
@@ -39,20 +40,20 @@ class Size:
 class Problem:
     """Equations, one number each, that the machine explains with or without effects."""
 
-    y: Real  # V, measured
+    y: Array  # V, measured
     axis: Places  # of each equation; every axis has noise of its own
     group: Places  # of each equation; groups are left out one by one
     kin: Places  # of each equation; what an equation misses, its kin may miss alike
     machine: tuple[Size, ...]
     effects: Mapping[str, tuple[Size, ...]]
-    predict: Callable[[Sizes], Real]  # V
+    predict: Callable[[PointSizes], Array]  # V
     exact: float  # of the largest voltage: what is smaller is nobody's proof
-    generic: Real  # (equations, columns): what anything without a name may do, to see whether something is left
+    generic: Array  # (equations, columns): what anything without a name may do, to see whether something is left
 
     def part(self, inside: NDArray[np.bool_]) -> "Problem":
         """Some of the equations."""
 
-        def predict(sizes: Sizes) -> Real:
+        def predict(sizes: PointSizes) -> Array:
             return self.predict(sizes)[inside]
 
         return replace(

@@ -14,58 +14,58 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnosis.likelihood.evidence import ENTRY, MOST
-from estimator.diagnosis.points.fit import Fit, fitted
+from estimator.arrays import Array
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, MOST_EFFECTS
+from estimator.diagnosis.points.fit import PointsFit, fitted_points
 from estimator.diagnosis.points.problem import Key, Problem
-from estimator.diagnosis.points.table import Real
 
-Choice = tuple[str, ...]
+PointsChoice = tuple[str, ...]
 NEGLIGIBLE: Final = 0.03  # of a typical size: less is not told from what steady points miss
-_ROUNDS: Final = 3  # of choosing, and of telling the noise from what is left
+_CHOICE_ROUNDS: Final = 3  # of choosing, and of telling the noise from what is left
 _LIKELY: Final = 4  # effects, of which pairs are tried
 
 
-class Search:
+class PointsSearch:
     """Sets of effects over one problem."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.noise = np.ones(len(problem.y))
-        self._fits: dict[Choice, Fit] = {}
+        self._fits: dict[PointsChoice, PointsFit] = {}
 
-    def fit(self, choice: Choice) -> Fit:
+    def fit(self, choice: PointsChoice) -> PointsFit:
         """A set's fit."""
         choice = tuple(sorted(choice))
         if choice not in self._fits:
             smaller = [tuple(c for c in choice if c != name) for name in choice]
             starts = [self._fits[less] for less in smaller if less in self._fits]
             best = min(starts, key=lambda fit: fit.missed, default=None)
-            self._fits[choice] = fitted(self.problem, choice, self.noise, None if best is None else best.values)
+            self._fits[choice] = fitted_points(self.problem, choice, self.noise, None if best is None else best.values)
         return self._fits[choice]
 
-    def chosen(self) -> Choice:
+    def chosen(self) -> PointsChoice:
         """The set that nothing added, taken away or exchanged makes better."""
         self._learn_noise(self.fit(()))
-        choice: Choice = ()
-        for _ in range(_ROUNDS):
+        choice: PointsChoice = ()
+        for _ in range(_CHOICE_ROUNDS):
             before, choice = choice, self._best(choice)
             self._learn_noise(self.fit(choice))
             if before == choice and choice:
                 break
         return self._without_needless(choice)
 
-    def gain(self, choice: Choice, more: str) -> float:
+    def gain(self, choice: PointsChoice, more: str) -> float:
         """Log-odds that an effect brings to a set."""
         return self.log_odds(self.fit((*choice, more)), self.fit(choice), more)
 
-    def log_odds(self, fit: Fit, other: Fit, effect: str) -> float:
+    def log_odds(self, fit: PointsFit, other: PointsFit, effect: str) -> float:
         """Log-odds of one fit, which has the effect, against another; no more than its standard errors bear."""
         own = fit.places(effect)
         if all(abs(fit.x[k]) < NEGLIGIBLE * fit.sizes[k].typical for k in own):
             return -math.inf
         return min(self.predicted(fit.left_out, other.left_out) / self.scatter(fit, effect), self.distance(fit, effect))
 
-    def predicted(self, left_out: Real, by_other: Real) -> float:
+    def predicted(self, left_out: Array, by_other: Array) -> float:
         """Log-odds of one model's errors on rows left out against another's, for independent rows."""
         total = 0.0
         for axis in np.unique(self.problem.axis):
@@ -75,14 +75,14 @@ class Search:
             total += 0.5 * float(on.sum()) * math.log(others / mine)
         return total
 
-    def distance(self, fit: Fit, effect: str) -> float:
+    def distance(self, fit: PointsFit, effect: str) -> float:
         """Half the squared distance of an effect's sizes from none, in standard errors."""
         own = [k for k in fit.places(effect) if fit.covariance[k, k] > 0.0]
         if not own:
             return 0.0
         return 0.5 * float(fit.x[own] @ np.linalg.solve(fit.covariance[np.ix_(own, own)], fit.x[own]))
 
-    def scatter(self, fit: Fit, effect: str) -> float:
+    def scatter(self, fit: PointsFit, effect: str) -> float:
         """How the residual's projections on what an effect adds scatter from group to group, over white noise."""
         own = [k for k in fit.places(effect) if abs(fit.x[k]) > 0.0]
         signal = self.signal(fit, effect, own)
@@ -92,7 +92,7 @@ class Search:
         scores = np.bincount(self.problem.group, weights=signal * fit.left_out)
         return max(1.0, float(scores @ scores) / (size * fit.scale**2))
 
-    def signal(self, fit: Fit, effect: str, own: Sequence[int]) -> Real:
+    def signal(self, fit: PointsFit, effect: str, own: Sequence[int]) -> Array:
         """What an effect adds, over noise, less what the rest of the model could make of it."""
         rest = [k for k, size in enumerate(fit.sizes) if size.owner != effect]
         typical = np.array([size.typical for size in fit.sizes])
@@ -100,24 +100,26 @@ class Search:
         along = np.linalg.lstsq(fit.J[:, rest], column, rcond=1e-10)[0]
         return column - fit.J[:, rest] @ along
 
-    def moves(self, choice: Choice, parts: Sequence[NDArray[np.bool_]]) -> dict[Key, float]:
+    def moves(self, choice: PointsChoice, parts: Sequence[NDArray[np.bool_]]) -> dict[Key, float]:
         """By how much sizes move where they are fitted to parts of the equations."""
         choice = tuple(sorted(choice))
         whole = self.fit(choice)
         moved: dict[Key, float] = {}
         for inside in parts:
-            part = fitted(self.problem.part(inside), choice, self.noise[inside], whole.values)
+            part = fitted_points(self.problem.part(inside), choice, self.noise[inside], whole.values)
             for key, value in part.values.items():
                 moved[key] = max(moved.get(key, 0.0), abs(value - whole.values[key]))
         return moved
 
-    def free(self, choice: Choice) -> list[str]:
+    def free(self, choice: PointsChoice) -> list[str]:
         """Effects that are not in a set."""
         return [name for name in self.problem.effects if name not in choice]
 
-    def _best(self, choice: Choice) -> Choice:
-        choice, seen = self._exchanged(self._without_needless(choice)), set[Choice]()
-        while len(choice) < MOST and choice not in seen:  # of two that are alike each may take the other's place
+    def _best(self, choice: PointsChoice) -> PointsChoice:
+        choice, seen = self._exchanged(self._without_needless(choice)), set[PointsChoice]()
+        while (
+            len(choice) < MOST_EFFECTS and choice not in seen
+        ):  # of two that are alike each may take the other's place
             seen.add(choice)
             more = self._more(choice)
             if not more:
@@ -125,30 +127,30 @@ class Search:
             choice = self._exchanged(self._without_needless((*choice, *more)))
         return choice
 
-    def _more(self, choice: Choice) -> Choice:
+    def _more(self, choice: PointsChoice) -> PointsChoice:
         """The effect to be added, or two that only help together."""
         gains = {name: self.gain(choice, name) for name in self.free(choice)}
         ranked = sorted(gains, key=lambda name: -gains[name])
-        if ranked and gains[ranked[0]] > ENTRY:
+        if ranked and gains[ranked[0]] > ENTRY_LOG_ODDS:
             return (ranked[0],)
-        if len(choice) + 2 > MOST:
+        if len(choice) + 2 > MOST_EFFECTS:
             return ()
         for one, other in combinations(ranked[:_LIKELY], 2):
             both = (*choice, one, other)
-            if min(self.gain((*choice, one), other), self.gain((*choice, other), one)) > ENTRY:
+            if min(self.gain((*choice, one), other), self.gain((*choice, other), one)) > ENTRY_LOG_ODDS:
                 return tuple(name for name in both if name not in choice)
         return ()
 
-    def _without_needless(self, choice: Choice) -> Choice:
+    def _without_needless(self, choice: PointsChoice) -> PointsChoice:
         while choice:
             gains = {name: self.gain(tuple(c for c in choice if c != name), name) for name in choice}
             least = min(gains, key=lambda name: gains[name])
-            if gains[least] > ENTRY:
+            if gains[least] > ENTRY_LOG_ODDS:
                 break
             choice = tuple(c for c in choice if c != least)
         return choice
 
-    def _exchanged(self, choice: Choice) -> Choice:
+    def _exchanged(self, choice: PointsChoice) -> PointsChoice:
         best = choice
         for one in choice:
             rest = tuple(c for c in choice if c != one)
@@ -157,7 +159,7 @@ class Search:
                     best = (*rest, other)
         return best
 
-    def _learn_noise(self, fit: Fit) -> None:
+    def _learn_noise(self, fit: PointsFit) -> None:
         """Each axis's noise by what is left there; what was fitted with another is forgotten."""
         left = fit.left_out * self.noise
         for axis in np.unique(self.problem.axis):

@@ -9,7 +9,7 @@ make up for each other: none of them alone leads to the set. Knows nothing of ve
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from estimator.diagnosis.likelihood.evidence import ENTRY, MOST, Choice, Search
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, MOST_EFFECTS, Choice, Search
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import apart, at_an_end
 from estimator.diagnosis.search.fitting import Fitted, closely, exchanged, fitted, with_more, without
@@ -17,27 +17,31 @@ from estimator.diagnosis.search.remainder import ROUNDED, TRADES, excess_of, hid
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
 
-_NEARLY: Final = 2.0  # times what several effects leave: more, and the one is not worth what others may add to it
+_WORTH_MORE: Final = 2.0  # times what several effects leave: more, and the one is not worth what others may add to it
 _AS_MUCH: Final = 0.75  # of what several effects explain, that one has to explain before its equation bends
 _ALL_BUT: Final = 0.1  # of what one effect explains, that another may explain less at a shape to begin with
-_BEYOND: Final = 0.5  # the same of two that bend and look like the machine's parameters
-_BENT: Final = tuple(effect.name for effect in LIBRARY if effect.bends)
+_BEYOND_BENT: Final = 0.5  # the same of two that bend and look like the machine's parameters
+_BENDING: Final = tuple(effect.name for effect in LIBRARY if effect.bends)
 """Effects that make up for each other, and for the machine's parameters."""
 
 
-def together(rows: Rows, found: Fitted, given: Given) -> Fitted:
+def all_saturations_at_once(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or one that begins with all saturations and an angle's offset at once, and leaves less.
 
     It is asked for where more than noise is left, or a parameter of the machine is beyond its tolerance. Where an
     effect is not needed then, others may show that it had stood for.
     """
-    if not (_leaves_more(found) or _beyond(found, given)):
+    if not (_leaves_more(found) or _has_beyond(found, given)):
         return found
-    other = with_more(found, [name for name in _BENT if name not in found.model.effects], given)
-    if excess_of(other) >= excess_of(found) or len(other.choice) > MOST:
+    other = with_more(found, [name for name in _BENDING if name not in found.model.effects], given)
+    if excess_of(other) >= excess_of(found) or len(other.choice) > MOST_EFFECTS:
         return found
     other = closely(other, given)
-    if _beyond(other, given) and not _beyond(found, given) and excess_of(found) - excess_of(other) < hidden_of(found):
+    if (
+        _has_beyond(other, given)
+        and not _has_beyond(found, given)
+        and excess_of(found) - excess_of(other) < hidden_of(found)
+    ):
         return found
     if set(found.model.effects) <= set(other.model.effects):
         return other
@@ -61,7 +65,7 @@ def _leaves_more(found: Fitted) -> bool:
     return leaves_some(found) and excess_of(found) > hidden_of(found)
 
 
-def _beyond(found: Fitted, given: Given) -> bool:
+def _has_beyond(found: Fitted, given: Given) -> bool:
     return not all(given.within(name, getattr(found.model.machine, name)) for name in given.told)
 
 
@@ -80,7 +84,7 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     may miss is lent to the first; then the one is taken whose machine is as its data sheet says.
     """
     here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
-    trading, less = _trading(found), 2.0 * ENTRY + ROUNDED * hidden_of(found)
+    trading, less = _trading(found), 2.0 * ENTRY_LOG_ODDS + ROUNDED * hidden_of(found)
     lent = hidden_of(found) + found.search.missed(found.choice)
     for dropped, one in _instead(found.search, found.choice, trading):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
@@ -89,22 +93,22 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
         there = excess_of(begin)
         if len(dropped) == 1 and len(begin.choice) == len(found.choice):
             more, both = there - here, dropped[0][0] in trading and one[0] in _trading(begin)
-            if both and -less < more < lent and _beyond(found, given) and not _beyond(begin, given):
+            if both and -less < more < lent and _has_beyond(found, given) and not _has_beyond(begin, given):
                 as_told.append(begin)
             # what may be lent makes nothing likelier than it is
             at_best[dropped[0][0], one[0]] = 0.5 * (max(more - lent, 0.0) if both and more > 0.0 else more)
-        if there > (_NEARLY * here if len(dropped) > 1 else here - less):
+        if there > (_WORTH_MORE * here if len(dropped) > 1 else here - less):
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
         fewer = len(found.choice) - len(other.choice)
-        if fewer >= 0 and excess_of(other) < here + 2.0 * ENTRY * fewer:
+        if fewer >= 0 and excess_of(other) < here + 2.0 * ENTRY_LOG_ODDS * fewer:
             return Exchanged(other, {})
     return Exchanged(min(as_told, key=excess_of), {}) if as_told else Exchanged(found, at_best)
 
 
 def _trading(found: Fitted) -> list[str]:
     """Effects of a fit that bend and look like the machine's parameters."""
-    return [name for name, share in apart(found.search, found.choice).items() if name in _BENT and share < TRADES]
+    return [name for name, share in apart(found.search, found.choice).items() if name in _BENDING and share < TRADES]
 
 
 def _instead(
@@ -121,8 +125,8 @@ def _instead(
     for name in dict.fromkeys(name for name, _ in candidates if name not in present):
         alike = tuple(one for one in choice if name in _confused(one[0]) or one[0] in _confused(name))
         tried = [(alike, 1.0 - _AS_MUCH)] * (len(alike) > 1)
-        worth = {one: _BEYOND if one[0] in trading and name in _BENT else _ALL_BUT for one in choice}
-        tried += [((one,), most) for one, most in worth.items()] * _bends(name)
+        worth = {one: _BEYOND_BENT if one[0] in trading and name in _BENDING else _ALL_BUT for one in choice}
+        tried += [((one,), most) for one, most in worth.items()] * _is_bending(name)
         for dropped, most in tried:
             rest = tuple(one for one in choice if one not in dropped)
             left = {one: search.fit((*rest, one)).chi2 for one in candidates if one[0] == name}
@@ -137,9 +141,9 @@ def _instead(
     return found
 
 
-def _bends(name: str) -> bool:
+def _is_bending(name: str) -> bool:
     """By shapes that move in small steps, or as one of those that make up for each other."""
-    return name in _BENT or any(one.shape and not one.discrete for one in BY_NAME[name].parameters)
+    return name in _BENDING or any(one.shape and not one.discrete for one in BY_NAME[name].parameters)
 
 
 def _confused(name: str) -> tuple[str, ...]:

@@ -12,8 +12,9 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Vector
 from estimator.diagnosis.likelihood.cleaning import Clean, Following, cleaned, raw
-from estimator.diagnosis.likelihood.columns import BENDS, Slopes, regression
+from estimator.diagnosis.likelihood.columns import BENDS, VoltageSlopes, regression
 from estimator.diagnosis.likelihood.evidence import PLACED, Choice, Search
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.noise import Noise, as_in, flux_errors
@@ -23,22 +24,21 @@ from estimator.machine import PARAMETERS, Machine
 from estimator.physics.effect import Effect, Sizes
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 from estimator.twin.model import Model, residual, with_machine
 from estimator.twin.response import Response
 
 ROUNDS: Final = 9
 POLISHED: Final = 6  # times a round
-_WHOLE: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
-_FEW: Final = (8_000, 16)  # periods and blocks of them, that find what costs much to follow
+_WHOLE_ROUNDS: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
+_FINDING_BLOCKS: Final = (8_000, 16)  # periods and blocks of them, that find what costs much to follow
 _FIND: Final = 2  # times as often as all rows
-_BEYOND: Final = 3  # the same, where equations are far from lines
+_BEYOND_LINES: Final = 3  # the same, where equations are far from lines
 _ATTEMPTS: Final = 3  # searches, each from what the one before had need of
 _LASTS: Final = 4  # steps, that slopes of what the bridge loses serve
 _NEAR_IT: Final = 0.5  # of what a model leaves: less, and it is another one
-_STILL: Final = 0.1  # standard errors: a step that does not matter
-_NEARLY: Final = 2.0  # the same where it leads to the end
-_HALVINGS: Final = 3
+_SAME_FIT: Final = 0.1  # standard errors: a step that does not matter
+_NEARLY_THERE: Final = 2.0  # the same where it leads to the end
+_FIT_HALVINGS: Final = 3
 _HOPELESS: Final = 2.0  # times what noise leaves, from which on a step that leads nowhere is the last
 _OF_HALF: Final = 0.75  # of what a line promises, at half of the way: who brings it is not past a bend
 
@@ -77,9 +77,9 @@ def fitted(
     """
     part, begin = thinned(rows), begin or Model(given.machine)
     if part is rows:
-        return _fitted(rows, begin, False, given, progress, library)
-    found = _fitted(part, begin, False, given, lambda share: progress(0.5 * share), library)
-    return _fitted(rows, found.model, True, given, lambda share: progress(0.5 + 0.5 * share), library)
+        return _fitted_from(rows, begin, False, given, progress, library)
+    found = _fitted_from(part, begin, False, given, lambda share: progress(0.5 * share), library)
+    return _fitted_from(rows, found.model, True, given, lambda share: progress(0.5 + 0.5 * share), library)
 
 
 def at_nominal(rows: Rows, given: Given) -> Search:
@@ -94,13 +94,13 @@ def of_machine(rows: Rows, given: Given) -> Fitted:
     return Fitted(rows, model, clean, lambda: _search(rows, clean, model, given, ()))
 
 
-def _fitted(
+def _fitted_from(
     rows: Rows, model: Model, nearly: bool, given: Given, progress: Callable[[float], None], library: Sequence[Effect]
 ) -> Fitted:
     """From a model on; `nearly`: blocks of the rows have found it."""
     clean, settled = raw(rows), False
     if nearly:
-        model, clean, settled = polished(rows, clean, model, given, _WHOLE[1])
+        model, clean, settled = polished(rows, clean, model, given, _WHOLE_ROUNDS[1])
     attempt, barred = 1, frozenset[str]()
     while True:
         model, clean, last = _rounds(rows, clean, model, settled, nearly, given, progress, library, barred)
@@ -142,7 +142,7 @@ def _rounds(
     """Effects are added, taken away and exchanged until nothing changes; those that are `barred` are not added, nor one
     whose promise equations have not borne out near this model.
     """
-    rounds, times = _WHOLE if nearly else (ROUNDS, POLISHED)
+    rounds, times = _WHOLE_ROUNDS if nearly else (ROUNDS, POLISHED)
     seen = [frozenset(model.effects)] if nearly else list[frozenset[str]]()
     in_vain = dict[str, tuple[float, Set[str]]]()  # what was left where they promised, and beside which effects
     for n in range(rounds):
@@ -163,8 +163,8 @@ def _rounds(
         if better is not None:
             model = better
         elif any(seed >= 0 for _, seed in choice):  # beyond the bend it may be better still
-            beyond, cleaner, _ = polished(rows, clean, towards, given, _BEYOND * times)
-            if _left(rows, cleaner.rows, beyond, search) < search.regression.left:
+            beyond, cleaner, _ = polished(rows, clean, towards, given, _BEYOND_LINES * times)
+            if _energy_left(rows, cleaner.rows, beyond, search) < search.regression.left:
                 model, clean = beyond, cleaner
             else:
                 at = search.regression.left, set(model.effects)
@@ -199,7 +199,7 @@ def _present(model: Model) -> Choice:
 
 def _search(
     rows: Rows, clean: Clean, model: Model, given: Given, library: Sequence[Effect] = LIBRARY,
-    slopes: Slopes | None = None, response: Response | None = None,
+    slopes: VoltageSlopes | None = None, response: Response | None = None,
 ) -> Search:  # fmt: skip
     """Of all effects, or, to polish them, of the model's alone."""
     follow = None if library else clean.follow
@@ -272,12 +272,12 @@ def roughly_polished(
 
 def _few(rows: Rows, model: Model) -> Rows:
     """Rows that find what costs much to follow."""
-    return thinned(rows, *_FEW) if model.steep else rows
+    return thinned(rows, *_FINDING_BLOCKS) if model.steep else rows
 
 
 def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED) -> tuple[Model, Clean, bool]:
     """The same of rows as they are, of a model that is near it."""
-    settled, slopes, response, following, before = False, Slopes(), None, clean.following, math.inf
+    settled, slopes, response, following, before = False, VoltageSlopes(), None, clean.following, math.inf
     if following is None or not following.knows(model):
         following = Following(rows)
     for n in range(times):
@@ -287,16 +287,16 @@ def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int =
             slopes.clear()
             response = None if clean.response is None else clean.response(model)
         own = _search(rows, clean, model, given, (), slopes, response)
-        if own.regression.left > max(before, 2.0 * _HOPELESS) and not _bends(model):  # of both axes
+        if own.regression.left > max(before, 2.0 * _HOPELESS) and not _bends_model(model):  # of both axes
             return model, clean, settled
         before = own.regression.left
         towards = moved(own, _present(model))
         better = _no_worse(rows, clean, model, towards, own)
-        if better is None and _bends(model) and not _close(own, model, towards, _STILL):
+        if better is None and _bends_model(model) and not _close(own, model, towards, _SAME_FIT):
             better = _by_bends(rows, clean, model, towards, own, given)
         if better is None:
             return model, clean, settled
-        settled = _close(own, model, better, _STILL if clean.follow is None else _NEARLY)
+        settled = _close(own, model, better, _SAME_FIT if clean.follow is None else _NEARLY_THERE)
         if settled and clean.follow is None:
             return model, clean, settled
         model = better
@@ -329,9 +329,9 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
     None where there is none.
     """
     model, best = towards, (math.inf, towards)
-    enough = search.regression.left - (_OF_HALF * search.promised(_present(towards)) if _bends(towards) else 0.0)
-    for _ in range(_HALVINGS):
-        left = _left_by(rows, clean, model, search)
+    enough = search.regression.left - (_OF_HALF * search.promised(_present(towards)) if _bends_model(towards) else 0.0)
+    for _ in range(_FIT_HALVINGS):
+        left = _energy_left_by(rows, clean, model, search)
         if left >= best[0]:
             break
         best = left, model
@@ -344,7 +344,7 @@ def _no_worse(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
 def _by_bends(rows: Rows, clean: Clean, now: Model, towards: Model, search: Search, given: Given) -> Model | None:
     """A model with what bends on the way to another, and all else solved there, which leaves less: they trade."""
     held = [name for name in now.effects if BY_NAME[name].bends]
-    for _ in range(_HALVINGS):
+    for _ in range(_FIT_HALVINGS):
         towards = _between(now, towards)
         effects: dict[str, Sizes] = {}
         for name, sizes in now.effects.items():
@@ -354,18 +354,18 @@ def _by_bends(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
         response = None if clean.response is None else clean.response(there)
         own = _search(rows, clean, there, given, (), response=response)
         model = moved(own, _present(there), shaped=True, held=held)
-        if _left_by(rows, clean, model, search) < search.regression.left:
+        if _energy_left_by(rows, clean, model, search) < search.regression.left:
             return model
     return None
 
 
-def _bends(model: Model) -> bool:
+def _bends_model(model: Model) -> bool:
     """A shape moves by small steps, or a size multiplies others, for which equations are no lines."""
     effects = [BY_NAME[name] for name in model.effects]
     return any(effect.bends or any(p.shape and not p.discrete for p in effect.parameters) for effect in effects)
 
 
-def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
+def _energy_left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
     """Energy of the whitened residual over a search's noise, a period.
 
     As the error of a current, not of its flux linkage, which would be the smaller the smaller the inductances are.
@@ -378,9 +378,9 @@ def _left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:
     return float(np.mean(d * d) + np.mean(q * q))
 
 
-def _left_by(rows: Rows, clean: Clean, model: Model, search: Search) -> float:
+def _energy_left_by(rows: Rows, clean: Clean, model: Model, search: Search) -> float:
     """The same with currents that follow the model, where they do."""
-    return _left(rows, clean.rows if clean.follow is None else clean.follow(model)[0], model, search)
+    return _energy_left(rows, clean.rows if clean.follow is None else clean.follow(model)[0], model, search)
 
 
 def _between(one: Model, other: Model) -> Model:

@@ -22,6 +22,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.likelihood.columns import STRETCHES
 from estimator.diagnosis.likelihood.evidence import FORM, Choice, Search
 from estimator.diagnosis.likelihood.noise import filter_of, noise_of, whitened
@@ -31,23 +32,22 @@ from estimator.machine import UNITS
 from estimator.physics.flux_map import MISSED, Axis, Bend, line_of, mirrored, slopes_of
 from estimator.physics.rows import Rows
 from estimator.physics.saturation import EFFECTS
-from estimator.physics.vectors import Real, Vector
-from estimator.twin.model import Array, Model, effects_voltage, in_truth, with_machine
+from estimator.twin.model import Model, effects_voltage, in_truth, with_machine
 
 _CELL: Final = 1.0 / 7.0  # of the rated current: size of the spline's cells
-_PASSES: Final = 3  # of fit and mean current
+_MAP_PASSES: Final = 3  # of fit and mean current
 _SMOOTH: Final = tuple(10.0**-k for k in range(3, 11))  # weight of third differences, over that of the data
 _LOOSE: Final = 1e-3  # as stiff as one third difference: what they do not hold down
-_LINES: Final = 3  # shapes of straight lines: L_d, L_q, psi_f
-_FLAT: Final = 6  # shapes that third differences do not hold down: up to squares of either current
-_PART: Final = 2048  # periods at once
-_FEWEST: Final = 20  # rows in a cell, that it counts as visited
-_LINE: Final = 4  # cells, that tell a bend from a straight line
-_LONG: Final = 0.6  # of the longest line's cells, that a long one has
-_FAR: Final = 10.0  # times the machine's values, that no map has at no current
-_EDGE: Final = 1e-4  # of all currents: beyond are glitches
-_TOLD: Final = 3.0  # standard errors, rms over the cells, from which on a departure from straight lines is one
-_LEAST: Final = 0.01  # of the rms flux linkage that currents make: less is none that matters
+_STRAIGHT_SHAPES: Final = 3  # shapes of straight lines: L_d, L_q, psi_f
+_FREE_SHAPES: Final = 6  # shapes that third differences do not hold down: up to squares of either current
+_MAP_CHUNK: Final = 2048  # periods at once
+_FEWEST_IN_CELL: Final = 20  # rows in a cell, that it counts as visited
+_LINE_CELLS: Final = 4  # cells, that tell a bend from a straight line
+_LONG_LINE: Final = 0.6  # of the longest line's cells, that a long one has
+_FAR_VALUES: Final = 10.0  # times the machine's values, that no map has at no current
+_GLITCHES: Final = 1e-4  # of all currents: beyond are glitches
+_TOLD_SIGMAS: Final = 3.0  # standard errors, rms over the cells, from which on a departure from straight lines is one
+_LEAST_FLUX: Final = 0.01  # of the rms flux linkage that currents make: less is none that matters
 
 
 class Departure(NamedTuple):
@@ -59,7 +59,7 @@ class Departure(NamedTuple):
     @property
     def told(self) -> bool:
         """It is there and matters."""
-        return self.share > _LEAST and self.sure > _TOLD
+        return self.share > _LEAST_FLUX and self.sure > _TOLD_SIGMAS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +78,7 @@ class FluxMap:
         on_d, on_q = slopes_of(self.d, self.q, i)
         return on_d @ self.w + 1j * (on_q @ self.w)
 
-    def std(self, i: Vector) -> tuple[Real, Real]:
+    def std(self, i: Vector) -> tuple[Array, Array]:
         """Standard errors (Vs) of psi_d and psi_q at currents (A); NaN in cells that were not visited."""
         seen = self.seen(i)
         d, q = (self._std(on) for on in slopes_of(self.d, self.q, i))
@@ -120,7 +120,7 @@ class FluxMap:
         whole = float(np.linalg.norm(np.concatenate(none) @ self.w)) / math.sqrt(max(len(i), 1))
         if not whole > 0.0:
             return {}
-        return {name: self._departure(on, whole) for name, (on, n) in off.items() if n >= _LINE}
+        return {name: self._departure(on, whole) for name, (on, n) in off.items() if n >= _LINE_CELLS}
 
     def sizes(self, name: str) -> dict[str, Quantity]:
         """Of a saturation: least and most inductance along its line of `departures`; or what the other axis shifts."""
@@ -152,12 +152,12 @@ class FluxMap:
         middles, none = self._middles(), np.zeros(1, np.complex128)
         at = none if self.seen(none)[0] else middles[[int(np.argmin(np.abs(middles)))]]
         here, psi = self.flux(at), self.flux(i)
-        by_d, by_q = self.flux(_at(i.real, at.imag)).real, self.flux(_at(at.real, i.imag)).imag
+        by_d, by_q = self.flux(_vector_at(i.real, at.imag)).real, self.flux(_vector_at(at.real, i.imag)).imag
         L_d, L_q = (float((self._curved(at, axis) @ self.w)[0]) for axis in "dq")
         return {
-            "d_axis_saturation": _at(by_d - here.real - L_d * (i.real - at.real), 0.0),
-            "q_axis_saturation": _at(0.0, by_q - here.imag - L_q * (i.imag - at.imag)),
-            "cross_saturation": _at(psi.real - by_d, psi.imag - by_q),
+            "d_axis_saturation": _vector_at(by_d - here.real - L_d * (i.real - at.real), 0.0),
+            "q_axis_saturation": _vector_at(0.0, by_q - here.imag - L_q * (i.imag - at.imag)),
+            "cross_saturation": _vector_at(psi.real - by_d, psi.imag - by_q),
         }[name]
 
     def _departure(self, on: Array, whole: float) -> Departure:
@@ -168,13 +168,13 @@ class FluxMap:
 
     def _middles(self) -> Vector:
         a, b = np.nonzero(self.visited)
-        return _at(self.d.low + self.d.step * (a + 0.5), self.q.low + self.q.step * (b + 0.5))
+        return _vector_at(self.d.low + self.d.step * (a + 0.5), self.q.low + self.q.step * (b + 0.5))
 
     def _lines(self) -> "_Lines":
         """Long lines of visited cells along each axis, those nearest to no current."""
         i_d, at_d = _long(self._middles().real)
         i_q, at_q = _long(np.abs(self._middles().imag))
-        along_d, along_q = _at(i_d, at_q), _at(at_d, i_q)
+        along_d, along_q = _vector_at(i_d, at_q), _vector_at(at_d, i_q)
         return _Lines(along_d[self.seen(along_d)], along_q[self.seen(along_q)], at_d, at_q)
 
     def _across(self, i: Vector) -> tuple[Array, Array]:
@@ -189,7 +189,7 @@ class FluxMap:
         D, Q = self.d.splines(i.real, d), self.q.splines(i.imag, q) @ mirrored(self.q)
         return np.einsum("na,nb->nab", D, Q).reshape(len(i), -1)
 
-    def _std(self, on: Array) -> Real:
+    def _std(self, on: Array) -> Array:
         noise = np.maximum(np.einsum("nj,jk,nk->n", on, self.covariance, on), 0.0)
         return np.sqrt(noise + FORM**2 * MISSED * (on @ self.bend) ** 2)
 
@@ -207,47 +207,49 @@ class _Lines(NamedTuple):
 
     def d_of(self, i: Vector) -> Vector:
         """On the line along d, at the same i_d."""
-        return _at(i.real, self.at_q)
+        return _vector_at(i.real, self.at_q)
 
     def q_of(self, i: Vector) -> Vector:
         """On the line along q, at the same i_q."""
-        return _at(self.at_d, i.imag)
+        return _vector_at(self.at_d, i.imag)
 
 
-def _long(of: Real) -> tuple[Real, float]:
+def _long(of: Array) -> tuple[Array, float]:
     """The different values of a coordinate, and of those that many cells have the smallest."""
     values, count = np.unique(of.round(9), return_counts=True)
-    long = values[count >= _LONG * np.max(count, initial=0)]
+    long = values[count >= _LONG_LINE * np.max(count, initial=0)]
     return values, float(min(long, key=abs, default=0.0))
 
 
-def _at(d: ArrayLike, q: ArrayLike) -> Vector:
+def _vector_at(d: ArrayLike, q: ArrayLike) -> Vector:
     i = np.empty(np.broadcast(d, q).shape, np.complex128)
     i.real, i.imag = d, q
     return i
 
 
-def begun(rows: Rows, model: Model) -> Model | None:
+def map_begun(rows: Rows, model: Model) -> Model | None:
     """A map in the place of a model's saturation; its other effects stay as they are. None where it is no machine's."""
     kept = {name: sizes for name, sizes in model.effects.items() if name not in EFFECTS}
     model = replace(model, effects=kept, bend=None)
     truth = in_truth(rows, model)
     rest, by = truth.u - effects_voltage(truth, model), filter_of(truth, model.machine)
-    i, reach = truth.i, float(np.quantile(np.abs(truth.i.imag), 1.0 - _EDGE))
-    low, high = np.quantile(i.real, [_EDGE, 1.0 - _EDGE]).tolist()
+    i, reach = truth.i, float(np.quantile(np.abs(truth.i.imag), 1.0 - _GLITCHES))
+    low, high = np.quantile(i.real, [_GLITCHES, 1.0 - _GLITCHES]).tolist()
     d, q = Axis.over(low, high, _CELL * rows.i_rated), Axis.over(-reach, reach, _CELL * rows.i_rated)
     shapes, stiff = _shapes(d, q)
     psi, mean, machine, bend = truth.flux(i), truth.i_mean, model.machine, None
-    for n in range(_PASSES):
+    for n in range(_MAP_PASSES):
         noise = noise_of(whitened(rest - machine.R_s * mean - truth.balance(psi), by), None, truth)
-        value, precision = _solved(_sums(truth, d, q, shapes, mean, rest, noise, by), stiff)
-        L_d, L_q, psi_f = value[:_LINES].tolist()
+        value, precision = _map_solved(_sums(truth, d, q, shapes, mean, rest, noise, by), stiff)
+        L_d, L_q, psi_f = value[:_STRAIGHT_SHAPES].tolist()
         before = model.machine
         ratios = value[-1] / before.R_s, L_d / before.L_d, L_q / before.L_q, psi_f / before.psi_f
-        if not all(1.0 / _FAR < ratio < _FAR for ratio in ratios):
+        if not all(1.0 / _FAR_VALUES < ratio < _FAR_VALUES for ratio in ratios):
             return None
         machine = replace(machine, R_s=float(value[-1]), L_d=L_d, L_q=L_q, psi_f=psi_f)
-        bend = Bend(d, q, shapes[:, _LINES:] / np.sqrt(precision), value[_LINES:-1] * np.sqrt(precision))
+        bend = Bend(
+            d, q, shapes[:, _STRAIGHT_SHAPES:] / np.sqrt(precision), value[_STRAIGHT_SHAPES:-1] * np.sqrt(precision)
+        )
         at = with_machine(truth, machine)
         psi, g = bend.bent(at)
         mean = at.i_mean if n == 0 else at.mean_current(psi, g)  # a first map may be too rough for slopes
@@ -276,7 +278,7 @@ def told_map(search: Search, choice: Choice, lent: float = 0.0) -> FluxMap:
 def _visited(bend: Bend, i: Vector) -> NDArray[np.bool_]:
     count = np.zeros((bend.d.cells, bend.q.cells), np.intp)
     np.add.at(count, (bend.d.place(i.real), bend.q.place(i.imag)), 1)
-    return count >= _FEWEST
+    return count >= _FEWEST_IN_CELL
 
 
 def _shapes(d: Axis, q: Axis) -> tuple[Array, Array]:
@@ -288,10 +290,10 @@ def _shapes(d: Axis, q: Axis) -> tuple[Array, Array]:
     along_d = np.kron(np.diff(np.eye(d.cells + 3), 3, axis=0), np.eye(free.shape[1]))
     along_q = np.kron(np.eye(d.cells + 3), np.diff(free, 3, axis=0))
     stiff, shapes = np.linalg.eigh(along_d.T @ along_d + along_q.T @ along_q)
-    line, flat = line_of(d, q), shapes[:, :_FLAT]
+    line, flat = line_of(d, q), shapes[:, :_FREE_SHAPES]
     lines = cast(Array, np.linalg.qr(line.T)[0])
-    others = cast(Array, np.linalg.svd(flat - lines @ (lines.T @ flat))[0])[:, : _FLAT - len(line)]
-    bends = np.concatenate([others, shapes[:, _FLAT:]], axis=1)
+    others = cast(Array, np.linalg.svd(flat - lines @ (lines.T @ flat))[0])[:, : _FREE_SHAPES - len(line)]
+    bends = np.concatenate([others, shapes[:, _FREE_SHAPES:]], axis=1)
     return np.concatenate([line[1:].T, bends], axis=1), np.maximum(stiff[len(line) :], _LOOSE)
 
 
@@ -303,8 +305,8 @@ def _sums(
     P = shapes.shape[1]
     gram, state = np.zeros((STRETCHES, P + 2, P + 2)), np.zeros(P + 2, np.complex128)
     for s, (a, b) in enumerate(pairwise(np.linspace(0, len(rows), STRETCHES + 1).astype(int).tolist())):
-        for begin in range(a, b, _PART):
-            cut = slice(begin, min(begin + _PART, b))
+        for begin in range(a, b, _MAP_CHUNK):
+            cut = slice(begin, min(begin + _MAP_CHUNK, b))
             part = rows[cut]
             on_d, on_q = slopes_of(d, q, part.i)
             psi = (on_d @ shapes + 1j * (on_q @ shapes)).T
@@ -317,22 +319,22 @@ def _sums(
     return gram
 
 
-def _solved(grams: Array, stiff: Array) -> tuple[Array, Array]:
+def _map_solved(grams: Array, stiff: Array) -> tuple[Array, Array]:
     """Sizes of the shapes and R_s; and the precision by which the bends are held down."""
     even, odd, both = grams[0::2].sum(axis=0), grams[1::2].sum(axis=0), grams.sum(axis=0)
-    held = np.concatenate([np.zeros(_LINES), stiff, np.zeros(1)])
-    held *= float(np.mean(np.diag(both)[_LINES:-2]))
-    weight = min(_SMOOTH, key=lambda by: _left(even, odd, by * held) + _left(odd, even, by * held))
-    return _least(both, weight * held), weight * held[_LINES:-1]
+    held = np.concatenate([np.zeros(_STRAIGHT_SHAPES), stiff, np.zeros(1)])
+    held *= float(np.mean(np.diag(both)[_STRAIGHT_SHAPES:-2]))
+    weight = min(_SMOOTH, key=lambda by: _left_of_map(even, odd, by * held) + _left_of_map(odd, even, by * held))
+    return _least_by_gram(both, weight * held), weight * held[_STRAIGHT_SHAPES:-1]
 
 
-def _least(gram: Array, held: Array) -> Array:
+def _least_by_gram(gram: Array, held: Array) -> Array:
     A = gram[:-1, :-1] + np.diag(held)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
     return cast(Array, np.linalg.solve(A * np.outer(scale, scale), gram[:-1, -1] * scale)) * scale
 
 
-def _left(fit: Array, judge: Array, held: Array) -> float:
+def _left_of_map(fit: Array, judge: Array, held: Array) -> float:
     """What a fit to one part of the recording leaves of another."""
-    there = np.append(_least(fit, held), -1.0)
+    there = np.append(_least_by_gram(fit, held), -1.0)
     return float(there @ judge @ there)

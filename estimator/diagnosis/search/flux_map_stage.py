@@ -11,11 +11,11 @@ import numpy as np
 
 from estimator.diagnosis.likelihood.columns import as_parameters
 from estimator.diagnosis.likelihood.given import Given
-from estimator.diagnosis.likelihood.identifiability import OUTSHINES
+from estimator.diagnosis.likelihood.identifiability import LEAST_EVIDENT_SHARE
 from estimator.diagnosis.likelihood.noise import filter_of, flux_errors, noise_of, whitened
 from estimator.diagnosis.likelihood.thinning import thinned
 from estimator.diagnosis.search.fitting import Fitted, fitted
-from estimator.diagnosis.search.flux_map_fit import FluxMap, begun, told_map
+from estimator.diagnosis.search.flux_map_fit import FluxMap, map_begun, told_map
 from estimator.diagnosis.search.remainder import above_noise, excess_of
 from estimator.diagnosis.verdict import Finding, Quantity, odds_of
 from estimator.diagnosis.where.place import place_of
@@ -23,7 +23,7 @@ from estimator.machine import PARAMETERS
 from estimator.physics.rows import Rows
 from estimator.twin.model import Model, residual
 
-_SPEEDS: Final = 0.2  # of the fastest, by which speeds differ where a map is told
+_SPEEDS_APART: Final = 0.2  # of the fastest, by which speeds differ where a map is told
 _PROMISING: Final = 0.8  # of what is left unexplained, that a first fit of a flux map leaves at most
 
 
@@ -34,11 +34,11 @@ def fitted_by_map(rows: Rows, given: Given, found: Fitted, progress: Callable[[f
     currents looks like a map.
     """
     slow, fast = np.quantile(np.abs(rows.omega_e[rows.joined]), [0.02, 0.98]).tolist()
-    if fast - slow < _SPEEDS * fast:
+    if fast - slow < _SPEEDS_APART * fast:
         return None
     part, starts = thinned(rows), list[tuple[float, Model]]()
     for model in (Model(given.machine), found.model):
-        if (begin := begun(part, model)) is not None:
+        if (begin := map_begun(part, model)) is not None:
             z = flux_errors(residual(part, part, begin), part, begin)
             starts.append((above_noise(z, noise_of(z, None, part), part), begin))
     least, begin = min(starts, key=lambda start: start[0], default=(math.inf, None))
@@ -46,7 +46,7 @@ def fitted_by_map(rows: Rows, given: Given, found: Fitted, progress: Callable[[f
     if least * len(rows) > _PROMISING * left * len(part):
         return None
     by_map = fitted(rows, given, lambda share: progress(0.7 + 0.04 * share, "fitting a flux map"), begin=begin)
-    return by_map if left > OUTSHINES * excess_of(by_map) and has_map(by_map) else None
+    return by_map if left > LEAST_EVIDENT_SHARE * excess_of(by_map) and has_map(by_map) else None
 
 
 def has_map(found: Fitted) -> bool:

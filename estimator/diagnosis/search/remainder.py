@@ -11,10 +11,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Vector
 from estimator.diagnosis.angle.angle_rounding import hidden_energy
 from estimator.diagnosis.likelihood.given import FAR_OFF, Given
 from estimator.diagnosis.likelihood.identifiability import (
-    OUTSHINES,
+    LEAST_EVIDENT_SHARE,
     WEAK,
     apart,
     held_at_bound,
@@ -24,20 +25,21 @@ from estimator.diagnosis.likelihood.identifiability import (
 from estimator.diagnosis.likelihood.noise import Noise, as_in, filter_of, flux_errors, noise_of, whitened
 from estimator.diagnosis.likelihood.thinning import thinned
 from estimator.diagnosis.search.fitting import Fitted, fitted, of_machine, without
-from estimator.diagnosis.unnamed.describe import RESONANCE, branch, describe, rings
+from estimator.diagnosis.unnamed.describe import RESONANCE, best_resonance, describe, rings
 from estimator.diagnosis.verdict import Unexplained
 from estimator.machine import PARAMETERS
 from estimator.physics import voltage_delay
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 from estimator.twin.model import Model, residual, with_machine
 
-_NOTHING: Final = 0.045  # of the noise's power: no mismatch that matters
-_CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
+_NO_MISMATCH: Final = 0.045  # of the noise's power: no mismatch that matters
+_NOISE_CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
 _CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other, or at all
 _RESOUNDS: Final = 150.0  # chi square of a resonance: of machines without any it was 65, more only by loud rounding
 ROUNDED: Final = 0.01  # of the angle's rounding, that one of two models may explain more of by chance
-_FAR: Final = 5.0  # times what something without a name leaves, that the likeliest effects leave in its place
+_FAR_ABOVE_FORM: Final = (
+    5.0  # times what something without a name leaves, that the likeliest effects leave in its place
+)
 _CLEARLY_OFF: Final = 1.2  # times the tolerance, that a parameter lies beyond for certain
 TRADES: Final = 0.01  # of its energy, that an effect has beyond what the machine's parameters look like
 _ONCE: Final = 2.0  # changes, of what comes and goes
@@ -52,7 +54,7 @@ class Upright(NamedTuple):
     resonance: Unexplained | None = None  # a faint one, which explains as much as losses of the fit
 
 
-def left_of(rows: Rows, found: Fitted) -> Unexplained | None:
+def unexplained_by(rows: Rows, found: Fitted) -> Unexplained | None:
     """What is left, where it is more than the effects' equations may miss, or an effect is not what it looks like."""
     left: Unexplained | None = None
     if leaves_some(found) or rings(*_flux_errors(rows, found), _missed(found)):
@@ -68,14 +70,14 @@ def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
     if found.choice or least_moved(found.search)[1] < WEAK:
         return None
     at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found) + found.search.missed(())
-    told = branch(*at, with_machine(found.smooth, found.model.machine), least)
+    told = best_resonance(*at, with_machine(found.smooth, found.model.machine), least)
     return told[0] if told is not None and told[1].gain > least * at[2][0] * at[2][1] else None
 
 
 def leaves_some(found: Fitted) -> bool:
     """More than noise and what the effects' equations may miss, be it an encoder's rounding."""
     n = int(found.rows.joined.sum())
-    return excess_of(found) > found.search.missed(found.choice) + _NOTHING * 2.0 * n
+    return excess_of(found) > found.search.missed(found.choice) + _NO_MISMATCH * 2.0 * n
 
 
 def _missed(found: Fitted) -> float:
@@ -143,7 +145,7 @@ def _ringing(
     if found.model.bend is not None or not (losses or (left is not None and names)):
         return None
     tried = [losses] * bool(losses) + [names] * (len(names) > len(losses))
-    rounded = hidden_of(found) if _within(found, given) else -math.inf  # what another machine may lend of that
+    rounded = hidden_of(found) if _as_data_sheet(found, given) else -math.inf  # what another machine may lend of that
     rungs = [
         rung for drop in tried if (rung := _rung(rows, found, without(found, drop, given)))
         and (_healthy(rung, given) or excess_of(found) - rung.left > rounded)
@@ -168,7 +170,7 @@ def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
     """The best branch, as the machine moves on beside it; None where it explains little."""
     best: _Rung | None = None
     at, model = _flux_errors(rows, bare), bare.model
-    while (told := branch(*at, with_machine(bare.smooth, model.machine))) is not None:
+    while (told := best_resonance(*at, with_machine(bare.smooth, model.machine))) is not None:
         if told[1].gain < _CERTAIN * at[2][0] * at[2][1]:
             break
         left = above_noise(as_in(model.machine, found.model.machine, told[1].left), found.noise, rows)
@@ -195,22 +197,22 @@ def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
         return None
     bare = of_machine(rows, given)
     excess, chance = excess_of(bare), _by_chance(rows)
-    if excess < _FAR * chance or (left := _described(rows, bare)) is None:
+    if excess < _FAR_ABOVE_FORM * chance or (left := _described(rows, bare)) is None:
         return None
     if not _has_form(left) or left.where.region["frame"] != "stationary" or _came_once(left):
         return None
-    beside = _left_by(left, excess)
+    beside = _left_by_form(left, excess)
     if left.description.startswith(RESONANCE):
         rung = _rung(rows, bare, bare)
         if rung is None or not _healthy(rung, given):
             return None
         left, beside = rung.told, rung.left
-    if _FAR * (beside + chance) > excess:
+    if _FAR_ABOVE_FORM * (beside + chance) > excess:
         return None
     found = _bare(bare, given)
     search = found.search
     by_effects = excess_of(found) + search.fit(search.best(())).chi2 - search.fit(()).chi2
-    return (found, left) if _FAR * (beside + chance) < by_effects else None
+    return (found, left) if _FAR_ABOVE_FORM * (beside + chance) < by_effects else None
 
 
 def _healthy(rung: _Rung, given: Given) -> bool:
@@ -231,9 +233,9 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
         other = found if name is None else without(found, [name], given)
         if other is found or not (held or (_is_machine(other, given) and _by_rounding(other, found))):
             break
-        found, left = other, left_of(rows, other)
+        found, left = other, unexplained_by(rows, other)
     if (other := _as_told(found, given)) is not found:
-        found, left = other, left_of(rows, other)
+        found, left = other, unexplained_by(rows, other)
     before = found
     resonance: Unexplained | None = None
     faint: Unexplained | None = None
@@ -243,19 +245,19 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
             found, left, resonance = bare, told, told
         else:
             faint = told
-    while left is not None and (dropped := {*_outshone(found), *(alike := _alike(found, left))}):
+    while left is not None and (dropped := {*_outshone(found), *(alike := _likely_instead(found, left))}):
         resonance = left if alike else resonance
         found = without(found, sorted(dropped), given)
         left = _described(rows, found)
     if found is not before and left is resonance is None and set(found.search.best(found.choice)) != set(found.choice):
         found = fitted(rows, given, begin=found.model)
-        return Upright(found, left_of(rows, found), faint)
+        return Upright(found, unexplained_by(rows, found), faint)
     left = resonance or left  # it is plainest where a loss takes its slow part
     if left is not None and found.choice:
         bare = _bare(found, given)
         form = _described(rows, bare)
         if form is not None and _has_form(form):
-            left_by_form = _left_by(form, excess_of(bare))
+            left_by_form = _left_by_form(form, excess_of(bare))
             same = resonance is not None and form.description.startswith(RESONANCE)
             if same or left_by_form < excess_of(found) or held_at_bound(found.search, found.choice):
                 return Upright(bare, form)
@@ -264,21 +266,21 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
 
 def _far_off(found: Fitted, given: Given) -> bool:
     """A parameter is as no machine of the data sheet has it."""
-    return not _within(found, given, FAR_OFF)
+    return not _as_data_sheet(found, given, FAR_OFF)
 
 
 def _as_told(found: Fitted, given: Given) -> Fitted:
     """The fit, or one without an effect that takes a parameter which it looks like off the data sheet's and explains no
     more than rounding of the angle may.
     """
-    if _within(found, given, _CLEARLY_OFF):
+    if _as_data_sheet(found, given, _CLEARLY_OFF):
         return found
     trading = [name for name, share in apart(found.search, found.choice).items() if share < TRADES]
     others = (without(found, [name], given) for name in trading)
-    return next((other for other in others if _within(other, given) and _by_rounding(other, found)), found)
+    return next((other for other in others if _as_data_sheet(other, given) and _by_rounding(other, found)), found)
 
 
-def _within(found: Fitted, given: Given, times: float = 1.0) -> bool:
+def _as_data_sheet(found: Fitted, given: Given, times: float = 1.0) -> bool:
     """All parameters are as the data sheet says, or so many times their tolerance off; of a map nothing is compared."""
     told = given.told if found.model.bend is None else []
     return all(given.within(name, getattr(found.model.machine, name), times) for name in told)
@@ -306,14 +308,14 @@ def _came_once(left: Unexplained) -> bool:
     return isinstance(changes, float) and changes <= _ONCE
 
 
-def _left_by(form: Unexplained, excess: float) -> float:
+def _left_by_form(form: Unexplained, excess: float) -> float:
     """What of an excess a form leaves."""
     return (1.0 - form.where.energy_share) * excess
 
 
 def _by_chance(rows: Rows) -> float:
     """Chi square that noise may leave above itself."""
-    return _CHANCE * math.sqrt(4.0 * len(rows))
+    return _NOISE_CHANCE * math.sqrt(4.0 * len(rows))
 
 
 def excess_of(found: Fitted) -> float:
@@ -335,9 +337,9 @@ def above_noise(z: Vector, noise: Noise, rows: Rows) -> float:
 def _outshone(found: Fitted) -> list[str]:
     """Effects that explain little beside what is left without a name: they only lean on it."""
     search, choice, excess = found.search, found.choice, excess_of(found)
-    return [one[0] for one in choice if search.explained(choice, one) < OUTSHINES * excess]
+    return [one[0] for one in choice if search.explained(choice, one) < LEAST_EVIDENT_SHARE * excess]
 
 
-def _alike(found: Fitted, left: Unexplained) -> list[str]:
+def _likely_instead(found: Fitted, left: Unexplained) -> list[str]:
     """Effects that are what is left without a name, as far as it reaches: below its frequency a resonance is a loss."""
     return [name for name, _ in found.choice if name in LIKE_RESONANCE and left.description.startswith(RESONANCE)]

@@ -17,10 +17,10 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.kernel import kernel
 
-Array = NDArray[np.float64]
-Terms = tuple[str, ...]
+PulseTerms = tuple[str, ...]
 
 LOST, RUNG, SATURATION = "lost", "rung", "saturation"
 NAMES: Final = ("L_0", "L_1", "L_2", "R_s", "u_lost", "b", "R_x")
@@ -28,9 +28,9 @@ OF_TERM: Final = {LOST: "u_lost", SATURATION: "b", RUNG: "R_x"}
 _TAUS: Final = np.geomspace(1e-5, 1e-3, 49)  # s
 STEP_OF_TAU: Final = math.log(_TAUS[1] / _TAUS[0])
 _MOST_POLE_PAIRS: Final = 40
-_EDGE: Final = 1  # rows left out at a change of state, whose moment is not known better
+_EDGE_ROWS: Final = 1  # rows left out at a change of state, whose moment is not known better
 _NEAR_ZERO: Final = 0.05  # of the largest current: below it a current's sign is not sure
-_FEWEST: Final = 8  # rows of a stretch
+_FEWEST_STRETCH_ROWS: Final = 8  # rows of a stretch
 _SINGLE: Final = 0.25  # of the largest phase current: below it a phase has none
 _LEGS: Final = np.exp(2j * math.pi / 3.0 * np.arange(3))
 
@@ -48,10 +48,10 @@ class Train:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class PulseFit:
     """Terms with their sizes, fitted to some angles."""
 
-    terms: Terms
+    terms: PulseTerms
     values: dict[str, float]
     tau: float  # s
     residual: Array  # (angles,) Vs squared, sum of squares on each less what noise adds
@@ -86,19 +86,19 @@ class Pulses:
         self.n_p = min(self.by_pairs, key=lambda n: self.by_pairs[n])
         self._grams = self._sums(stretches, self.n_p, whole=True)
 
-    def fit(self, terms: Terms, without: int | None = None) -> Fit:
+    def fit(self, terms: PulseTerms, without: int | None = None) -> PulseFit:
         """The best sizes for all angles, or all but one; residuals of all."""
         kept = [k for k in range(len(self.angles)) if k != without]
         places = range(len(_TAUS)) if RUNG in terms else (0,)
         return min((self._solved(terms, self._grams, k, kept) for k in places),
                    key=lambda fit: float(np.sum(fit.residual[kept])))  # fmt: skip
 
-    def rms(self, fit: Fit, at: Sequence[int]) -> float:
+    def rms(self, fit: PulseFit, at: Sequence[int]) -> float:
         """Error of the current (A) at some angles, its noise included."""
         beyond = float(fit.residual[list(at)].sum() / self.rows[list(at)].sum()) / fit.values["L_0"] ** 2
         return math.hypot(math.sqrt(max(beyond, 0.0)), self.noise)
 
-    def _solved(self, terms: Terms, grams: Array, place: int, kept: Sequence[int] | None = None) -> Fit:
+    def _solved(self, terms: PulseTerms, grams: Array, place: int, kept: Sequence[int] | None = None) -> PulseFit:
         """`grams`: (angles, columns, columns), the last column that of the voltage."""
         names = [*NAMES[:4], *(OF_TERM[t] for t in (LOST, SATURATION, RUNG) if t in terms)]
         at = [NAMES.index(name) if name != "R_x" else len(NAMES) - 1 + place for name in names]
@@ -114,7 +114,7 @@ class Pulses:
             del at[worst], names[worst]
         left = grams[:, -1, -1] - 2.0 * grams[:, at, -1] @ c + np.einsum("j,ajk,k->a", c, grams[:, at][:, :, at], c)
         values = dict.fromkeys(NAMES, 0.0) | dict(zip(names, c.tolist(), strict=True))
-        return Fit(terms, values, float(_TAUS[place]), left)
+        return PulseFit(terms, values, float(_TAUS[place]), left)
 
     def _sums(self, stretches: Sequence[_Stretch], n_p: int, *, whole: bool) -> Array:
         taus = len(_TAUS) if whole else 1
@@ -135,12 +135,19 @@ class Pulses:
         direction, single = _direction(train)
         i = 2.0 / 3.0 * (train.i @ np.cos(np.angle(_LEGS) - direction))
         volts, legs = (2.0 / 3.0, 4.0 / 3.0) if single else (1.0 / math.sqrt(3.0), 2.0 / math.sqrt(3.0))
-        charge, over = _integral(i, train.T_s), np.column_stack([_over(i, train.T_s, tau) for tau in _TAUS.tolist()])
+        charge, over = (
+            _integral(i, train.T_s),
+            np.column_stack([_branch_charge(i, train.T_s, tau) for tau in _TAUS.tolist()]),
+        )
         edges = np.flatnonzero(np.diff(train.state)) + 1
         found: list[_Stretch] = []
         for begin, end in zip([0, *edges.tolist()], [*edges.tolist(), len(i)], strict=True):
-            flowing = np.flatnonzero(np.abs(i[begin + _EDGE : end - _EDGE]) > _NEAR_ZERO * self.largest) + begin + _EDGE
-            if len(flowing) < _FEWEST or np.ptp(np.sign(i[flowing])) > 0.0:
+            flowing = (
+                np.flatnonzero(np.abs(i[begin + _EDGE_ROWS : end - _EDGE_ROWS]) > _NEAR_ZERO * self.largest)
+                + begin
+                + _EDGE_ROWS
+            )
+            if len(flowing) < _FEWEST_STRETCH_ROWS or np.ptp(np.sign(i[flowing])) > 0.0:
                 continue
             rows = np.arange(flowing[0], flowing[-1] + 1, dtype=np.int64)
             t = (rows - rows[0]) * train.T_s
@@ -180,7 +187,7 @@ def _integral(x: Array, T_s: float) -> Array:
 
 
 @kernel
-def _over(i: Array, T_s: float, tau: float) -> Array:
+def _branch_charge(i: Array, T_s: float, tau: float) -> Array:
     """Integral of i - i_x (As), where i_x follows i."""
     total = np.zeros(len(i))
     x, kept = i[0], math.exp(-T_s / tau)

@@ -14,9 +14,9 @@ import numpy as np
 
 from estimator.diagnosis.answer.sentences import quantity, sentence_of
 from estimator.diagnosis.standstill import pulse_fit as terms_of
-from estimator.diagnosis.standstill.pulse_fit import Pulses, Terms, Train
-from estimator.diagnosis.standstill.sweep import LOSS_AT_STANDSTILL, untold
-from estimator.diagnosis.trust.rivals import SURE
+from estimator.diagnosis.standstill.pulse_fit import Pulses, PulseTerms, Train
+from estimator.diagnosis.standstill.sweep import LOSS_AT_STANDSTILL, record_instead
+from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS
 from estimator.diagnosis.verdict import (
     Before,
     Candidate,
@@ -31,60 +31,61 @@ from estimator.diagnosis.verdict import (
     verdict_of,
 )
 
-_TERMS: Final[Terms] = (terms_of.LOST, terms_of.RUNG, terms_of.SATURATION)
-_EFFECT: Final = {
+_TERMS: Final[PulseTerms] = (terms_of.LOST, terms_of.RUNG, terms_of.SATURATION)
+_EFFECT_OF_PULSE: Final = {
     terms_of.LOST: "inverter_voltage_error", terms_of.RUNG: "ac_resistance", terms_of.SATURATION: "d_axis_saturation",
 }  # fmt: skip
 _UNITS: Final = {"R_s": "ohm", "L_d": "H", "L_q": "H", "u_lost": "V", "resistance_above_corner": "ohm", "corner": "Hz",
                  "flux_per_cube": "H/A^2"}  # fmt: skip
-_FEWEST: Final = 5  # angles
-_POWER: Final = 2.326  # standard normal at 99 %
-_BEYOND: Final = 1.2  # times the noise: left unexplained
-_ALIKE: Final = 1.001  # times the least squares: another number of pole pairs is as good
+_FEWEST_ANGLES: Final = 5  # angles
+_POWER_OF_ANGLES: Final = 2.326  # standard normal at 99 %
+_UNEXPLAINED_NOISE: Final = 1.2  # times the noise: left unexplained
+_POLE_PAIRS_AS_GOOD: Final = 1.001  # times the least squares: another number of pole pairs is as good
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tried:
+class PulsesTried:
     """A set of terms: fitted to all angles, and to all but each."""
 
-    fit: terms_of.Fit
-    without: tuple[terms_of.Fit, ...]
+    fit: terms_of.PulseFit
+    without: tuple[terms_of.PulseFit, ...]
     rms: float  # A, on the angles left out
 
 
 def diagnose_pulses(trains: Sequence[Train], n_p: int | None = None, R_s: float | None = None) -> Diagnosis:
     """Diagnose pulses. `R_s`: measured with a meter. Raises ValueError with what they lack."""
     angles = len({train.angle for train in trains})
-    if angles < _FEWEST:
-        raise ValueError(f"expected pulses at no fewer than {_FEWEST} angles, got {angles}")
+    if angles < _FEWEST_ANGLES:
+        raise ValueError(f"expected pulses at no fewer than {_FEWEST_ANGLES} angles, got {angles}")
     pulses = Pulses(trains, n_p)
-    sets: list[Terms] = [terms for count in range(len(_TERMS) + 1) for terms in combinations(_TERMS, count)]
-    tried = {terms: _try(pulses, terms) for terms in sets}
+    sets: list[PulseTerms] = [terms for count in range(len(_TERMS) + 1) for terms in combinations(_TERMS, count)]
+    tried = {terms: _tried_pulses(pulses, terms) for terms in sets}
     scores = {terms: 2.0 * angles * math.log(one.rms) for terms, one in tried.items()}
     best = min(scores.values())
-    chosen = min((t for t in sets if scores[t] - best < SURE), key=lambda t: (len(t), scores[t]))
-    findings = tuple(_finding(term, tried, scores, chosen) for term in chosen)
+    chosen = min((t for t in sets if scores[t] - best < SURE_LOG_ODDS), key=lambda t: (len(t), scores[t]))
+    findings = tuple(_pulse_finding(term, tried, scores, chosen) for term in chosen)
     doubts = (LOSS_AT_STANDSTILL,) if terms_of.RUNG in chosen else ()
-    left = _left(pulses, tried[chosen])
-    after = _machine(pulses, tried, chosen)
-    blind = untold(after)
+    left = _left_of_pulses(pulses, tried[chosen])
+    after = _held_machine(pulses, tried, chosen)
+    blind = record_instead(after)
     diagnosis = Diagnosis(
         verdict=verdict_of(findings, doubts, left, blind), sentence="",
         findings=findings, ambiguous=doubts, unexplained=left,
-        detectable=_detectable(tried, chosen), machine_before=_machine(pulses, tried, ()),
-        machine_after=after, fit=_fit(pulses, tried[()], tried[chosen]),
-        candidates=_candidates(scores, chosen), remarks=(*_remarks(pulses, tried, chosen, R_s), *blind), traces=None,
+        detectable=_detectable_by_angles(tried, chosen), machine_before=_held_machine(pulses, tried, ()),
+        machine_after=after, fit=_pulse_quality(pulses, tried[()], tried[chosen]),
+        candidates=_pulse_candidates(scores, chosen),
+        remarks=(*_pulse_remarks(pulses, tried, chosen, R_s), *blind), traces=None,
     )  # fmt: skip
     return replace(diagnosis, sentence=sentence_of(diagnosis))
 
 
-def _try(pulses: Pulses, terms: Terms) -> Tried:
+def _tried_pulses(pulses: Pulses, terms: PulseTerms) -> PulsesTried:
     fits = tuple(pulses.fit(terms, k) for k in range(len(pulses.angles)))
     squares = [pulses.rms(fit, [k]) ** 2 for k, fit in enumerate(fits)]
-    return Tried(pulses.fit(terms), fits, math.sqrt(float(np.mean(squares))))
+    return PulsesTried(pulses.fit(terms), fits, math.sqrt(float(np.mean(squares))))
 
 
-def _sizes(fit: terms_of.Fit) -> dict[str, float]:
+def _pulse_sizes(fit: terms_of.PulseFit) -> dict[str, float]:
     v = fit.values
     salient = math.hypot(v["L_1"], v["L_2"])
     return {
@@ -93,12 +94,14 @@ def _sizes(fit: terms_of.Fit) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _quantities(tried: Mapping[Terms, Tried], terms: Terms, names: Sequence[str]) -> dict[str, Quantity]:
+def _sizes_by_angle(
+    tried: Mapping[PulseTerms, PulsesTried], terms: PulseTerms, names: Sequence[str]
+) -> dict[str, Quantity]:
     """Sizes with what each angle does to them, and each term more that is not borne out."""
     one, n = tried[terms], len(tried[terms].without)
-    at = _sizes(one.fit)
-    each = [_sizes(fit) for fit in one.without]
-    more = [_sizes(other.fit) for t, other in tried.items() if len(t) == len(terms) + 1 and set(terms) <= set(t)]
+    at = _pulse_sizes(one.fit)
+    each = [_pulse_sizes(fit) for fit in one.without]
+    more = [_pulse_sizes(other.fit) for t, other in tried.items() if len(t) == len(terms) + 1 and set(terms) <= set(t)]
     found: dict[str, Quantity] = {}
     for name in names:
         angles = np.array([sizes[name] for sizes in each])
@@ -111,12 +114,12 @@ def _quantities(tried: Mapping[Terms, Tried], terms: Terms, names: Sequence[str]
     return found
 
 
-def _machine(pulses: Pulses, tried: Mapping[Terms, Tried], terms: Terms) -> dict[str, Quantity]:
-    return _quantities(tried, terms, ("R_s", "L_d", "L_q")) | {"n_p": Quantity(float(pulses.n_p), None, "1")}
+def _held_machine(pulses: Pulses, tried: Mapping[PulseTerms, PulsesTried], terms: PulseTerms) -> dict[str, Quantity]:
+    return _sizes_by_angle(tried, terms, ("R_s", "L_d", "L_q")) | {"n_p": Quantity(float(pulses.n_p), None, "1")}
 
 
-def _finding(
-    term: str, tried: Mapping[Terms, Tried], scores: Mapping[Terms, float], chosen: Terms
+def _pulse_finding(
+    term: str, tried: Mapping[PulseTerms, PulsesTried], scores: Mapping[PulseTerms, float], chosen: PulseTerms
 ) -> Finding:
     names = {
         terms_of.LOST: ("u_lost",), terms_of.RUNG: ("resistance_above_corner", "corner"),
@@ -125,22 +128,24 @@ def _finding(
     rest = tuple(other for other in chosen if other != term)
     rivals = {other: scores[t] - scores[chosen] for other in _TERMS if other not in chosen
               for t in scores if set(t) == {*rest, other}}  # fmt: skip
-    odds = tuple(Rival(_EFFECT[t], _odds(log)) for t, log in sorted(rivals.items(), key=lambda pair: pair[1]))
-    before, after = _sizes(tried[rest].fit), _sizes(tried[chosen].fit)
+    odds = tuple(
+        Rival(_EFFECT_OF_PULSE[t], _odds_of_log(log)) for t, log in sorted(rivals.items(), key=lambda pair: pair[1])
+    )
+    before, after = _pulse_sizes(tried[rest].fit), _pulse_sizes(tried[chosen].fit)
     hidden = {name: before[name] - after[name] for name in ("R_s", "L_d", "L_q")}
     gained = np.maximum(tried[rest].fit.residual - tried[chosen].fit.residual, 0.0)
     share = float(gained.sum() / max(float(tried[rest].fit.residual.sum()), 1e-300))
     where = Place("at every angle, where the current bends after a change of voltage" if term == terms_of.RUNG
                   else "at every angle", {}, share, 1.0)  # fmt: skip
-    return Finding(_EFFECT[term], _quantities(tried, chosen, names), where,
-                   _odds(min(scores[rest] - scores[chosen], *rivals.values())), odds, hidden)  # fmt: skip
+    return Finding(_EFFECT_OF_PULSE[term], _sizes_by_angle(tried, chosen, names), where,
+                   _odds_of_log(min(scores[rest] - scores[chosen], *rivals.values())), odds, hidden)  # fmt: skip
 
 
-def _odds(log: float) -> float:
+def _odds_of_log(log: float) -> float:
     return math.exp(min(log, 60.0))
 
 
-def _fit(pulses: Pulses, base: Tried, found: Tried) -> Fit:
+def _pulse_quality(pulses: Pulses, base: PulsesTried, found: PulsesTried) -> Fit:
     volts = base.fit.values["L_0"] / pulses.duration  # per ampere of error at the end of a stretch
     loo = None
     if found is not base:
@@ -151,8 +156,8 @@ def _fit(pulses: Pulses, base: Tried, found: Tried) -> Fit:
     )  # fmt: skip
 
 
-def _left(pulses: Pulses, found: Tried) -> Unexplained | None:
-    if found.rms < _BEYOND * pulses.noise:
+def _left_of_pulses(pulses: Pulses, found: PulsesTried) -> Unexplained | None:
+    if found.rms < _UNEXPLAINED_NOISE * pulses.noise:
         return None
     amperes = math.sqrt(found.rms**2 - pulses.noise**2)
     volts = amperes * found.fit.values["L_0"] / pulses.duration
@@ -160,34 +165,36 @@ def _left(pulses: Pulses, found: Tried) -> Unexplained | None:
     return Unexplained(volts, Place("at every angle", {}, 1.0, 1.0), said)
 
 
-def _detectable(tried: Mapping[Terms, Tried], chosen: Terms) -> dict[str, Quantity]:
+def _detectable_by_angles(tried: Mapping[PulseTerms, PulsesTried], chosen: PulseTerms) -> dict[str, Quantity]:
     """The smallest size that would have been seen at 99 % power, by how it scatters from angle to angle."""
     found: dict[str, Quantity] = {}
     for term, name in ((terms_of.LOST, "u_lost"), (terms_of.SATURATION, "flux_per_cube")):
         if term not in chosen:
             terms = tuple(t for t in _TERMS if t in chosen or t == term)
-            std = _quantities(tried, terms, (name,))[name].std
+            std = _sizes_by_angle(tried, terms, (name,))[name].std
             if not std:
                 continue
-            found[_EFFECT[term]] = Quantity(std * (math.sqrt(2.0 * SURE) + _POWER), None, _UNITS[name])
+            found[_EFFECT_OF_PULSE[term]] = Quantity(
+                std * (math.sqrt(2.0 * SURE_LOG_ODDS) + _POWER_OF_ANGLES), None, _UNITS[name]
+            )
     return found
 
 
-def _candidates(scores: Mapping[Terms, float], chosen: Terms) -> tuple[Candidate, ...]:
+def _pulse_candidates(scores: Mapping[PulseTerms, float], chosen: PulseTerms) -> tuple[Candidate, ...]:
     def score(terms: set[str]) -> float:
         return next(s for t, s in scores.items() if set(t) == terms)
 
     return tuple(
-        Candidate(_EFFECT[term], (score(set()) - score({term})) / math.log(10.0),
+        Candidate(_EFFECT_OF_PULSE[term], (score(set()) - score({term})) / math.log(10.0),
                   (score(set(chosen) - {term}) - score(set(chosen) | {term})) / math.log(10.0), term in chosen)
         for term in _TERMS
     )  # fmt: skip
 
 
-def _remarks(
-    pulses: Pulses, tried: Mapping[Terms, Tried], chosen: Terms, R_s: float | None
+def _pulse_remarks(
+    pulses: Pulses, tried: Mapping[PulseTerms, PulsesTried], chosen: PulseTerms, R_s: float | None
 ) -> tuple[str, ...]:
-    machine = _machine(pulses, tried, chosen)
+    machine = _held_machine(pulses, tried, chosen)
     said = [
         "R_s, L_d, L_q and every volt are in proportion to the dc link's reading: dc_link_gain is not to be told from "
         "pulses alone; R_s measured with a meter, or the dc link, would tell"
@@ -206,14 +213,14 @@ def _remarks(
         "the slopes have it; L_d is taken to be the smaller one"
     )
     best = min(pulses.by_pairs.values())
-    alike = [str(n) for n, error in pulses.by_pairs.items() if error < _ALIKE * best]
+    alike = [str(n) for n, error in pulses.by_pairs.items() if error < _POLE_PAIRS_AS_GOOD * best]
     said.append(f"by how the inductance goes round with the angle the rotor has {' or '.join(alike)} pole pairs")
     for term in (terms_of.LOST, terms_of.SATURATION):
         if term in chosen:
             continue
         terms = tuple(t for t in _TERMS if t in chosen or t == term)
         name = {terms_of.LOST: "u_lost", terms_of.SATURATION: "flux_per_cube"}[term]
-        size = _quantities(tried, terms, (name,))[name]
+        size = _sizes_by_angle(tried, terms, (name,))[name]
         title = {terms_of.LOST: "the inverter's voltage error", terms_of.SATURATION: "saturation"}[term]
         if not size.value:
             said.append(f"{title} is not borne out: the recording calls for none")

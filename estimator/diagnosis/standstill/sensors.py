@@ -8,13 +8,14 @@ from typing import Final, cast
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.answer.sentences import quantity
-from estimator.diagnosis.standstill.tones import Array, Tones, Vector
+from estimator.diagnosis.standstill.tones import Tones
 from estimator.diagnosis.verdict import Ambiguity, Experiment, Finding, Place, Quantity, Rival
 
 _SHOWS: Final = 0.01  # of the current
-_NOISE: Final = 5.0  # times which a sum is
-_GAIN: Final = 0.9  # of the sum's energy that a gain explains, to be named
+_NOISE_FACTOR: Final = 5.0  # times which a sum is
+_GAIN_SHARE: Final = 0.9  # of the sum's energy that a gain explains, to be named
 _DC: Final = Experiment("a dc current through two phases at a time, against a meter, would tell each sensor's gain")
 
 
@@ -34,10 +35,10 @@ def sum_of(tones: Tones) -> Sum:
     energy = float(np.sum(np.abs(total) ** 2))
     size = float(np.sqrt(energy / np.sum(np.abs(i) ** 2)))
     noise = float(np.sqrt(np.sum(tones.noise**2) / np.sum(np.abs(i) ** 2)))
-    if size < max(_SHOWS, _NOISE * noise):
+    if size < max(_SHOWS, _NOISE_FACTOR * noise):
         return Sum()
-    gain, by_gain = _explained(i[:, None], total)
-    _, by_both = _explained(np.column_stack([i, 1j * omega * i]), total)
+    gain, by_gain = _explained_share(i[:, None], total)
+    _, by_both = _explained_share(np.column_stack([i, 1j * omega * i]), total)
     ratio = total / i
     low, high = ratio[0], ratio[-1]
     seen = (
@@ -46,7 +47,7 @@ def sum_of(tones: Tones) -> Sum:
         f"{quantity(float(high.real), '1')} at {tones.frequency[-1]:g} Hz"
     )
     which = "which sensor it is their sum does not say: each has an equal part in what is said here"
-    if by_gain > _GAIN:
+    if by_gain > _GAIN_SHARE:
         spread = float(np.std(ratio.real, ddof=1)) / np.sqrt(len(i))
         place = Place("in the sum of the phase currents", {}, by_gain, 1.0)
         sizes = {"gain_of_the_sum": Quantity(float(gain[0]), spread, "1")}
@@ -61,10 +62,10 @@ def sum_of(tones: Tones) -> Sum:
 
 
 def _skew(i: Vector, omega: Array, total: Vector) -> float:
-    return _explained((1j * omega * i)[:, None], total)[1]
+    return _explained_share((1j * omega * i)[:, None], total)[1]
 
 
-def _explained(columns: Vector, total: Vector) -> tuple[Array, float]:
+def _explained_share(columns: Vector, total: Vector) -> tuple[Array, float]:
     """Real coefficients, and the share of a sum's energy that they explain."""
     A, y = np.vstack([columns.real, columns.imag]), np.concatenate([total.real, total.imag])
     c = cast(Array, np.linalg.lstsq(A, y, rcond=None)[0])

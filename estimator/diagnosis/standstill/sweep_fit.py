@@ -27,24 +27,15 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnosis.standstill.tones import (
-    LEGS,
-    ORDERS,
-    Array,
-    Tone,
-    Tones,
-    Vector,
-    amplitudes,
-    harmonics,
-    waveform,
-)
+from estimator.arrays import Array, Vector
+from estimator.diagnosis.standstill.tones import LEGS, ORDERS, Tone, Tones, amplitudes, harmonics, waveform
 from estimator.physics.bridge.legs import legs_at_rest
 from estimator.physics.bridge.lost_voltage import lost_between
 
-Terms = tuple[str, ...]
+SweepTerms = tuple[str, ...]
 Index = NDArray[np.int64]
 LOST, DIFFUSION, RUNG, BESIDE, SATURATION = "lost", "diffusion", "rung", "beside", "saturation"
-UNITS: Final = {"R_s": "ohm", "L_d": "H", "delay": "s", "u_lost": "V", "dead_time": "s", "u_drop": "V",
+SIZE_UNITS: Final = {"R_s": "ohm", "L_d": "H", "delay": "s", "u_lost": "V", "dead_time": "s", "u_drop": "V",
                 "zero_crossing_width": "A", "R_x": "ohm", "corner": "Hz", "b": "H/A^2"}  # fmt: skip
 TYPICAL_WIDTH, WIDEST = 0.1, 0.2  # of the largest current, of zero crossings
 KILOHERTZ: Final = 2e3 * math.pi  # rad/s
@@ -52,16 +43,16 @@ _WIDTHS: Final = WIDEST * np.geomspace(0.02, 1.0, 7)
 _DEAD_TIMES: Final = np.linspace(0.0, 0.06, 10)  # of a control period
 _DELAYS: Final = (-1.5, 3.5)  # sampling periods
 _CORNERS: Final = (1.0, 3.0)  # of the lowest and of the highest frequency
-_ROUNDS: Final = 8  # of a fit and of the shares that it leaves
-_SHARES: Final = (np.geomspace(3e-4, 0.3, 61), np.geomspace(0.02, 1.0, 30))
+_FIT_ROUNDS: Final = 8  # of a fit and of the shares that it leaves
+_SHARE_GRIDS: Final = (np.geomspace(3e-4, 0.3, 61), np.geomspace(0.02, 1.0, 30))
 _BEGIN: Final = ((0.02, 0.05), (0.02, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class SweepFit:
     """Terms with their sizes."""
 
-    terms: Terms
+    terms: SweepTerms
     values: dict[str, float]  # by UNITS
     shapes: Array  # where the search ended
     covariance: dict[tuple[str, str], float]
@@ -119,8 +110,8 @@ class Sweep:
     def _lost(self, shapes: dict[str, float]) -> tuple[Vector, Vector]:
         """By dead time, and by a volt of drops."""
         by_dead_time, by_drop = self._tables
-        width = _weights(shapes["width"], len(_WIDTHS))
-        timed = np.einsum("w,d,wdto->to", width, _weights(shapes["dead"], len(_DEAD_TIMES)), by_dead_time)
+        width = _catmull_rom(shapes["width"], len(_WIDTHS))
+        timed = np.einsum("w,d,wdto->to", width, _catmull_rom(shapes["dead"], len(_DEAD_TIMES)), by_dead_time)
         return timed, np.einsum("w,wto->to", width, by_drop)
 
     def _operators(self, order: int) -> tuple[Vector, Vector]:
@@ -128,7 +119,7 @@ class Sweep:
         x = 0.5 * order * self._omega * self.tones.T_s
         return np.cos(x) * np.exp(1j * x), 2j * np.sin(x) / self.tones.T_s * np.exp(1j * x)
 
-    def _columns(self, terms: Terms, shapes: dict[str, float], order: int) -> tuple[Vector, Vector]:
+    def _columns(self, terms: SweepTerms, shapes: dict[str, float], order: int) -> tuple[Vector, Vector]:
         """Per unit of what is linear; and what is not."""
         mean, change = self._operators(order)
         i, s = self.tones.i[:, order], change / mean
@@ -148,16 +139,16 @@ class Sweep:
 
     # --- fits
 
-    def fit(self, terms: Terms, chosen: Sequence[int] | None = None, near: Fit | None = None) -> Fit:
+    def fit(self, terms: SweepTerms, chosen: Sequence[int] | None = None, near: SweepFit | None = None) -> SweepFit:
         """The best sizes for some of the tones, or all; `near`: a fit to begin at, whose weights are kept."""
         at = np.arange(len(self._omega)) if chosen is None else np.array(chosen, np.int64)
         if near is not None:
             return self._fitted(terms, self._best(terms, [near.shapes], near.shares, at), near.shares, at)
         return max((self._rounds(terms, shares, at) for shares in _BEGIN), key=lambda fit: fit.log_evidence)
 
-    def _rounds(self, terms: Terms, shares: tuple[float, float], at: Index) -> Fit:
-        starts, found = self._starts(terms), list[Fit]()
-        for _ in range(_ROUNDS):
+    def _rounds(self, terms: SweepTerms, shares: tuple[float, float], at: Index) -> SweepFit:
+        starts, found = self._starts(terms), list[SweepFit]()
+        for _ in range(_FIT_ROUNDS):
             p = self._best(terms, starts, shares, at)
             starts = [p, *self._widths_beside(terms, p)]
             found.append(self._fitted(terms, p, shares, at))
@@ -167,23 +158,23 @@ class Sweep:
             shares = after
         return max(found, key=lambda fit: fit.log_evidence)
 
-    def _widths_beside(self, terms: Terms, p: Array) -> list[Array]:
+    def _widths_beside(self, terms: SweepTerms, p: Array) -> list[Array]:
         """The same with other widths, which other weights may prefer."""
         place = self._names(terms).index("width") if LOST in terms else None
         return [] if place is None else [
             np.where(np.arange(len(p)) == place, share * (len(_WIDTHS) - 1.0), p) for share in (0.3, 0.8)
         ]  # fmt: skip
 
-    def _best(self, terms: Terms, starts: Sequence[Array], shares: tuple[float, float], at: Index) -> Array:
+    def _best(self, terms: SweepTerms, starts: Sequence[Array], shares: tuple[float, float], at: Index) -> Array:
         bounds = self._bounds(terms)
-        found = [_least(lambda p: self._left(terms, p, shares, at), start, *bounds) for start in starts]
+        found = [_levenberg_marquardt(lambda p: self._left(terms, p, shares, at), start, *bounds) for start in starts]
         return min(found, key=lambda pair: pair[0])[1]
 
-    def _names(self, terms: Terms) -> list[str]:
+    def _names(self, terms: SweepTerms) -> list[str]:
         corner = ["corner"] if {RUNG, BESIDE} & set(terms) else []
         return ["delay", *(["dead", "width"] if LOST in terms else []), *corner]
 
-    def _bounds(self, terms: Terms) -> tuple[Array, Array]:
+    def _bounds(self, terms: SweepTerms) -> tuple[Array, Array]:
         all_bounds = {
             "delay": _DELAYS, "width": (0.0, len(_WIDTHS) - 1.0), "dead": (0.0, len(_DEAD_TIMES) - 1.0),
             "corner": (math.log(_CORNERS[0] * self._omega[0]), math.log(_CORNERS[1] * self._omega[-1])),
@@ -191,7 +182,7 @@ class Sweep:
         low, high = np.array([all_bounds[name] for name in self._names(terms)]).T
         return low, high
 
-    def _starts(self, terms: Terms) -> list[Array]:
+    def _starts(self, terms: SweepTerms) -> list[Array]:
         low, high = self._bounds(terms)
         places = {"delay": (0.4,), "dead": (0.25,), "width": (0.3, 0.8), "corner": (0.3, 0.6, 0.85)}
         shares = product(*(places[name] for name in self._names(terms)))
@@ -207,7 +198,7 @@ class Sweep:
     def _with_third(self, at: Index) -> NDArray[np.bool_]:
         return self.tones.visible[at, 3] & (self._thirds[1][at] > 0.0)
 
-    def _rows(self, terms: Terms, p: Array, at: Index) -> tuple[Vector, Vector]:
+    def _rows(self, terms: SweepTerms, p: Array, at: Index) -> tuple[Vector, Vector]:
         """Equations of the first harmonic, then those of the third, V."""
         shapes = dict(zip(self._names(terms), p.tolist(), strict=True))
         u, seen = self.applied(shapes["delay"] * self.tones.T_s)[at], self._with_third(at)
@@ -215,22 +206,22 @@ class Sweep:
         y = np.concatenate([u[:, 1] - lost_1[at], u[seen, 3] - lost_3[at][seen]])
         return np.vstack([M_1[at], M_3[at][seen]]), y
 
-    def _weighted(self, terms: Terms, p: Array, shares: tuple[float, float], at: Index) -> tuple[Array, Array]:
+    def _weighted(self, terms: SweepTerms, p: Array, shares: tuple[float, float], at: Index) -> tuple[Array, Array]:
         columns, u = self._rows(terms, p, at)
         sigma = np.concatenate(self._sigma(shares, at))
         M, y = columns / sigma[:, None], u / sigma
         return np.vstack([M.real, M.imag]), np.concatenate([y.real, y.imag])
 
-    def _left(self, terms: Terms, p: Array, shares: tuple[float, float], at: Index) -> Array:
+    def _left(self, terms: SweepTerms, p: Array, shares: tuple[float, float], at: Index) -> Array:
         M, y = self._weighted(terms, p, shares, at)
         return np.append(M @ _not_negative(M, y) - y, self._soft(terms, p))
 
-    def _soft(self, terms: Terms, p: Array) -> float:
+    def _soft(self, terms: SweepTerms, p: Array) -> float:
         """How many times a typical width the zero crossings' width is."""
         width = dict(zip(self._names(terms), p.tolist(), strict=True)).get("width")
         return 0.0 if width is None else self._width(width) / (TYPICAL_WIDTH * self.tones.largest)
 
-    def _shares(self, terms: Terms, p: Array, shares: tuple[float, float], at: Index) -> tuple[float, float]:
+    def _shares(self, terms: SweepTerms, p: Array, shares: tuple[float, float], at: Index) -> tuple[float, float]:
         """The likeliest ones, with the degrees of freedom that the first harmonic's rows have left."""
         c = _not_negative(*self._weighted(terms, p, shares, at))
         M, y = self._rows(terms, p, at)
@@ -241,10 +232,10 @@ class Sweep:
             def likely(share: float, k: int = k, of: Array = of) -> float:
                 sigma = self._sigma((share, share), at)[k]
                 return -float(np.sum(2.0 * np.log(sigma) + 0.5 * of / sigma**2))
-            found.append(max(_SHARES[k].tolist(), key=likely))
+            found.append(max(_SHARE_GRIDS[k].tolist(), key=likely))
         return found[0], found[1]
 
-    def _fitted(self, terms: Terms, p: Array, shares: tuple[float, float], at: Index) -> Fit:
+    def _fitted(self, terms: SweepTerms, p: Array, shares: tuple[float, float], at: Index) -> SweepFit:
         M, y = self._weighted(terms, p, shares, at)
         c = _not_negative(M, y)
         linear = ["R_s", "L_d", *(["u_drop"] if LOST in terms else []),
@@ -262,12 +253,12 @@ class Sweep:
         evidence = -2.0 * float(np.sum(np.log(np.concatenate(self._sigma(shares, at)))))
         evidence -= 0.5 * float(left @ left) + 0.5 * self._soft(terms, p) ** 2 + 0.5 * free * math.log(len(y))
         covariance = self._covariance(terms, p, shares, at, linear)
-        fit = Fit(terms, values, p, covariance, np.zeros(0, np.complex128), shares, evidence)
+        fit = SweepFit(terms, values, p, covariance, np.zeros(0, np.complex128), shares, evidence)
         return replace(fit, error=self.errors(fit))
 
-    def _covariance(self, terms: Terms, p: Array, shares: tuple[float, float], at: Index, linear: Sequence[str]) -> (
-        dict[tuple[str, str], float]
-    ):  # fmt: skip
+    def _covariance(
+        self, terms: SweepTerms, p: Array, shares: tuple[float, float], at: Index, linear: Sequence[str]
+    ) -> dict[tuple[str, str], float]:
         """Of all sizes, for rows as wrong as they are weighted."""
         M, y = self._weighted(terms, p, shares, at)
         c = _not_negative(M, y)
@@ -276,7 +267,7 @@ class Sweep:
             A, b = self._weighted(terms, q, shares, at)
             return np.append(A @ c - b, self._soft(terms, q))
 
-        J = np.hstack([np.vstack([M, np.zeros(len(c))]), _slopes(rows, rows(p), p, *self._bounds(terms))])
+        J = np.hstack([np.vstack([M, np.zeros(len(c))]), _shape_derivatives(rows, rows(p), p, *self._bounds(terms))])
         scale = np.maximum(np.linalg.norm(J, axis=0), 1e-12)
         inverse = cast(Array, np.linalg.pinv((J / scale).T @ (J / scale), rcond=1e-10)) / np.outer(scale, scale)
         shapes = dict(zip(self._names(terms), p.tolist(), strict=True))
@@ -295,28 +286,28 @@ class Sweep:
     def _width(self, place: float) -> float:
         return float(np.interp(place, np.arange(len(self._widths)), self._widths))
 
-    def _places(self, fit: Fit) -> dict[str, float]:
+    def _places(self, fit: SweepFit) -> dict[str, float]:
         return dict(zip(self._names(fit.terms), fit.shapes.tolist(), strict=True))
 
     # --- what a fit says
 
-    def errors(self, fit: Fit) -> Vector:
+    def errors(self, fit: SweepFit) -> Vector:
         """What the model's equation leaves of the fundamentals, V."""
         return self._sizes(fit, 1) - self.applied(fit.values["delay"])[:, 1]
 
-    def _sizes(self, fit: Fit, order: int) -> Vector:
+    def _sizes(self, fit: SweepFit, order: int) -> Vector:
         columns, fixed = self._columns(fit.terms, self._places(fit), order)
         names = [name for name in ("R_s", "L_d", "u_drop", "R_x", "b") if name in fit.values]
         return columns @ np.array([fit.values[name] for name in names]) + fixed
 
-    def impedance(self, fit: Fit, order: int) -> Vector:
+    def impedance(self, fit: SweepFit, order: int) -> Vector:
         """Volts per ampere of all but what the legs lose and what saturates."""
         kept = {name: fit.values[name] for name in ("R_s", "L_d", "R_x") if name in fit.values}
         terms = tuple(term for term in fit.terms if term in (DIFFUSION, RUNG, BESIDE))
         columns = self._columns(terms, self._places(fit), order)[0]
         return columns @ np.array(list(kept.values())) / self.tones.i[:, order]
 
-    def third(self, fit: Fit) -> tuple[Vector, Vector, Array]:
+    def third(self, fit: SweepFit) -> tuple[Vector, Vector, Array]:
         """Third harmonic of current as measured, as the rest of the model implies it, and the sensors' doubt, A."""
         u, Z = self.applied(fit.values["delay"])[:, 3], self.impedance(fit, 3)
         lost = self._sizes(fit, 3) - Z * self.tones.i[:, 3]
@@ -341,7 +332,7 @@ class Lossy:
         return harmonics(self._tone, (volts * np.exp(-1j * self._angle)).real)
 
 
-def _weights(place: float, count: int) -> Array:
+def _catmull_rom(place: float, count: int) -> Array:
     """Of equidistant nodes, for a smooth curve through them: E. Catmull, R. Rom, 1974; straight at the ends."""
     k = min(int(place), count - 2)
     x = place - k
@@ -370,7 +361,7 @@ def _not_negative(M: Array, y: Array) -> Array:
     return c
 
 
-def _slopes(f: Callable[[Array], Array], at: Array, p: Array, low: Array, high: Array) -> Array:
+def _shape_derivatives(f: Callable[[Array], Array], at: Array, p: Array, low: Array, high: Array) -> Array:
     """Derivatives by each shape."""
     columns = list[Array]()
     for k in range(len(p)):
@@ -382,12 +373,12 @@ def _slopes(f: Callable[[Array], Array], at: Array, p: Array, low: Array, high: 
     return np.column_stack(columns)
 
 
-def _least(f: Callable[[Array], Array], p: Array, low: Array, high: Array) -> tuple[float, Array]:
+def _levenberg_marquardt(f: Callable[[Array], Array], p: Array, low: Array, high: Array) -> tuple[float, Array]:
     """Levenberg and Marquardt's method within bounds: half the sum of squares, and where."""
     left = f(p)
     cost, damping = 0.5 * float(left @ left), 1e-2
     for _ in range(60):
-        J = _slopes(f, left, p, low, high)
+        J = _shape_derivatives(f, left, p, low, high)
         A, g = J.T @ J, J.T @ left
         held = ((p <= low) & (g > 0.0)) | ((p >= high) & (g < 0.0))
         A[held], A[:, held], g[held] = 0.0, 0.0, 0.0

@@ -12,8 +12,7 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Vector = NDArray[np.complex128]
+from estimator.arrays import Array, Vector
 
 ORDERS: Final = 7  # harmonics of a waveform
 LEGS: Final = np.exp(2j * math.pi / 3.0 * np.arange(3))  # directions of the phases
@@ -23,7 +22,7 @@ _FEWEST_PERIODS: Final = 1.9
 _FEWEST_ROWS: Final = 5  # of a period
 _ON_AXIS: Final = 0.03  # of a voltage may stand across its axis
 _PART_OF_SUM: Final = math.sqrt(2.0) / 3.0  # that is the error along an axis, where three sensors are equally wrong
-_TURNS: Final = np.exp(2j * math.pi * np.outer(np.arange(ORDERS + 1), np.arange(_POINTS)) / _POINTS)
+_FOURIER: Final = np.exp(2j * math.pi * np.outer(np.arange(ORDERS + 1), np.arange(_POINTS)) / _POINTS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +79,7 @@ def tones_of(stretches: Sequence[Tone]) -> Tones:
     stretches = sorted(stretches, key=lambda tone: tone.frequency)
     for tone in stretches:
         _check(tone)
-    angle = _axis(stretches)
+    angle = _voltage_axis(stretches)
     toward = 2.0 / 3.0 * np.cos(angle - np.angle(LEGS))
     sideways = 2.0 / 3.0 * np.cos(angle + 0.5 * math.pi - np.angle(LEGS))
     i = np.stack([harmonics(tone, tone.i @ toward) for tone in stretches])
@@ -95,26 +94,26 @@ def tones_of(stretches: Sequence[Tone]) -> Tones:
         i=i,
         across=np.array([harmonics(tone, tone.i @ sideways)[1] for tone in stretches]),
         total=np.stack([harmonics(tone, tone.i.sum(axis=1)) for tone in stretches]),
-        visible=np.array([[k <= _orders(tone) for k in range(ORDERS + 1)] for tone in stretches]),
-        noise=np.array([_scatter(tone, tone.i @ toward) for tone in stretches]),
+        visible=np.array([[k <= _orders_of(tone) for k in range(ORDERS + 1)] for tone in stretches]),
+        noise=np.array([_scatter_of_tone(tone, tone.i @ toward) for tone in stretches]),
     )
 
 
 def waveform(amplitudes: Vector) -> Array:
     """A period of what has these harmonics."""
-    return (amplitudes @ _TURNS).real
+    return (amplitudes @ _FOURIER).real
 
 
 def amplitudes(wave: Array) -> Vector:
     """Harmonics of a period."""
-    found = cast(Vector, 2.0 / _POINTS * (wave @ _TURNS.conj().T))
+    found = cast(Vector, 2.0 / _POINTS * (wave @ _FOURIER.conj().T))
     found[..., 0] *= 0.5
     return found
 
 
 def harmonics(tone: Tone, y: Array) -> Vector:
     """Harmonics that fit a column best, as far as the sampling shows them."""
-    orders = np.arange(1, _orders(tone) + 1)
+    orders = np.arange(1, _orders_of(tone) + 1)
     phase = 2.0 * math.pi * tone.frequency * np.outer(tone.t, orders)
     terms = np.column_stack([np.ones(len(y)), np.cos(phase), np.sin(phase)])
     c = np.linalg.lstsq(terms, y, rcond=None)[0]
@@ -124,7 +123,7 @@ def harmonics(tone: Tone, y: Array) -> Vector:
     return found
 
 
-def _orders(tone: Tone) -> int:
+def _orders_of(tone: Tone) -> int:
     return min(ORDERS, int(_VISIBLE / (tone.T_s * tone.frequency)))
 
 
@@ -139,7 +138,7 @@ def _check(tone: Tone) -> None:
         raise ValueError(f"expected a voltage and a current that alternate, got constant ones {f}")
 
 
-def _axis(stretches: Sequence[Tone]) -> float:
+def _voltage_axis(stretches: Sequence[Tone]) -> float:
     """Angle of the axis that the voltage is on, rad."""
     vectors = [tone.duties @ LEGS for tone in stretches]
     centred = np.concatenate([z - z.mean() for z in vectors])
@@ -150,7 +149,7 @@ def _axis(stretches: Sequence[Tone]) -> float:
     return angle
 
 
-def _scatter(tone: Tone, y: Array) -> float:
+def _scatter_of_tone(tone: Tone, y: Array) -> float:
     """Standard error of a fundamental by its scatter from period to period."""
     rows = 1.0 / (tone.T_s * tone.frequency)
     periods = int(len(y) / rows)

@@ -9,15 +9,15 @@ from typing import Final, cast
 
 import numpy as np
 
-from estimator.diagnosis.likelihood.evidence import ENTRY, FAINT, Choice, Search
+from estimator.arrays import Array
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, FAINT, Choice, Search
 from estimator.diagnosis.likelihood.identifiability import beside_of, least_borne_out
 from estimator.diagnosis.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
-from estimator.twin.model import Array
 
-SURE: Final = math.log(100.0)  # log-odds below which two effects are not told apart
-_UNLIKE: Final = 0.3  # correlation of signals, below which one does not stand for the other
-_POWER: Final = 2.326  # standard normal at 99 %
+SURE_LOG_ODDS: Final = math.log(100.0)  # log-odds below which two effects are not told apart
+_UNLIKE_SIGNALS: Final = 0.3  # correlation of signals, below which one does not stand for the other
+_POWER_99: Final = 2.326  # standard normal at 99 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ def rivals(
         complexity = full.log_evidence - there.log_evidence - fitted
         said = (fitted - 0.5 * missed if fitted > 0.0 else fitted) / scatter + complexity
         collinear = _collinear(search, rest, one, other)
-        if abs(collinear) < _UNLIKE:
+        if abs(collinear) < _UNLIKE_SIGNALS:
             said = max(said, search.gain((*rest, other), one))
         said = min(said, (at_best or {}).get((one[0], other[0]), math.inf))
         found.append(Doubt(other[0], said, collinear))
@@ -87,7 +87,7 @@ def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[
 def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
     """Two effects that are not told apart, and what would tell."""
     this, that, collinear = BY_NAME[one].title, BY_NAME[rival.effect].title, f"{abs(rival.collinear):.2f} here"
-    if rival.log_odds < -SURE:
+    if rival.log_odds < -SURE_LOG_ODDS:
         reason = (
             f"{that} is likelier than {this} by noise alone, but by no more than what else is left of this recording "
             f"may make (their signals are collinear to {collinear})"
@@ -126,12 +126,12 @@ def _named_from(search: Search, choice: Choice, more: tuple[str, int], place: in
     """The size (of the column at `place`, the effect's others zero) whose gain is enough in 99 of 100 recordings."""
     fit, variance = search.fit((*choice, more)), search.variance_of(choice, more, place)
     scatter, std = search.scatter(fit, more), math.sqrt(variance)
-    asked = 2.0 * scatter * (ENTRY - search.complexity(choice, more))
+    asked = 2.0 * scatter * (ENTRY_LOG_ODDS - search.complexity(choice, more))
     faint = FAINT * search.columns[place].prior[1]
 
     def least(*, of_faint: bool) -> float:
         lent = search.lent(choice, more, faint=of_faint)
-        return std * (math.sqrt(max(asked + lent, 0.0)) + _POWER * math.sqrt(scatter))
+        return std * (math.sqrt(max(asked + lent, 0.0)) + _POWER_99 * math.sqrt(scatter))
 
     plainly = least(of_faint=False)
     return plainly if plainly > faint else min(least(of_faint=True), faint)

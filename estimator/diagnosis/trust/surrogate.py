@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.angle.angle_rounding import counts_and_numbers, less_angle, unrounded
 from estimator.diagnosis.likelihood.evidence import Choice
 from estimator.diagnosis.likelihood.given import Given
@@ -23,24 +24,24 @@ from estimator.diagnosis.likelihood.noise import white_of
 from estimator.diagnosis.search.fitting import Fitted, searched, without
 from estimator.diagnosis.search.remainder import above_noise
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import AXES, Vector
+from estimator.physics.vectors import AXES
 from estimator.twin.currents import free_run
-from estimator.twin.model import Array, Model, zero_residual
+from estimator.twin.model import Model, zero_residual
 
 _TIMES: Final = 4  # surrogates
-_LEAST: Final = 20.0  # times what they lend an effect on the mean, that it has to explain,
-_ABOVE: Final = 30.0  # and what is in doubt,
+_LEAST_OVER_MEAN: Final = 20.0  # times what they lend an effect on the mean, that it has to explain,
+_ABOVE_LENT: Final = 30.0  # and what is in doubt,
 _FAR_ABOVE: Final = 100.0  # and what is less than a part of what they leave,
 _WITH_ANY_REST: Final = 300.0  # and an even effect where more is left than in them
 _NO_MORE: Final = 3.0  # times the same, which is nothing that speaks for it
-_LENT: Final = 2.0  # chi square that they lend it at least
-_BESIDE: Final = 0.05  # of what they leave, that part
-_EVEN: Final = 5.0  # scatter of an even effect, at most
+_LEAST_LENT: Final = 2.0  # chi square that they lend it at least
+_DOUBT_SHARE: Final = 0.05  # of what they leave, that part
+_EVEN_SCATTER: Final = 5.0  # scatter of an even effect, at most
 _UNEVEN: Final = 2.0  # times as uneven as there, at most, where it is not even
-_CHANCE: Final = 2.0  # standard deviations, by which what is left may exceed theirs
-_BINS: Final = 1 << 18  # of currents, to see a converter's steps
+_CHANCE_SIGMAS: Final = 2.0  # standard deviations, by which what is left may exceed theirs
+_CONVERTER_BINS: Final = 1 << 18  # of currents, to see a converter's steps
 _FEWEST_STEPS: Final = 50  # that currents go over, for these to be seen
-_SEEN: Final = 0.5  # share of the values that lie on the steps' grid, where there is one
+_GRID_SHARE: Final = 0.5  # share of the values that lie on the steps' grid, where there is one
 _UNROUNDED: Final = 0.05  # steps: noise that is there at least before a converter
 
 
@@ -67,16 +68,16 @@ class Surrogates:
         search, lent = self._found.search, self._lent_to(one, choice)
         gained, scatter = search.explained(choice, one), search.scatter(search.fit(choice), one)
         above = gained / _on_the_mean(lent)
-        if above < _LEAST or scatter > max(_EVEN, _UNEVEN * max(each.scatter for each in lent)):
+        if above < _LEAST_OVER_MEAN or scatter > max(_EVEN_SCATTER, _UNEVEN * max(each.scatter for each in lent)):
             return False
         if not doubted:
             return True
         left = [each.excess for each in lent]
         variance = float(np.var(left, ddof=1)) + 4.0 * len(search.regression.rows)
-        chance = _CHANCE * math.sqrt(variance * (1.0 + 1.0 / _TIMES))
+        chance = _CHANCE_SIGMAS * math.sqrt(variance * (1.0 + 1.0 / _TIMES))
         if search.unexplained(choice) - float(np.mean(left)) - chance >= gained:
-            return scatter < _EVEN and above >= _WITH_ANY_REST
-        return above >= (_ABOVE if gained >= _BESIDE * float(np.mean(left)) else _FAR_ABOVE)
+            return scatter < _EVEN_SCATTER and above >= _WITH_ANY_REST
+        return above >= (_ABOVE_LENT if gained >= _DOUBT_SHARE * float(np.mean(left)) else _FAR_ABOVE)
 
     def show_as_much(self, one: tuple[str, int], choice: Choice) -> bool:
         """Surrogates without an effect lend its name about as much as it explains in a set: nothing speaks for it."""
@@ -98,7 +99,7 @@ class Surrogates:
 
 def _on_the_mean(lent: Sequence[_Lent]) -> float:
     """Chi square that surrogates lend an effect."""
-    return max(float(np.mean([each.gained for each in lent])), _LENT)
+    return max(float(np.mean([each.gained for each in lent])), _LEAST_LENT)
 
 
 def converter_step(rows: Rows) -> float:
@@ -107,10 +108,10 @@ def converter_step(rows: Rows) -> float:
     low, high = float(np.min(x)), float(np.max(x))
     if high <= low:
         return 0.0
-    counts, _ = np.histogram(x, _BINS, (low, high))
+    counts, _ = np.histogram(x, _CONVERTER_BINS, (low, high))
     on_grid = np.abs(np.fft.rfft(counts))[_FEWEST_STEPS:] / len(x)  # by steps over the whole range
     steps = int(np.argmax(on_grid))
-    return (high - low) / (_FEWEST_STEPS + steps) if on_grid[steps] > _SEEN else 0.0
+    return (high - low) / (_FEWEST_STEPS + steps) if on_grid[steps] > _GRID_SHARE else 0.0
 
 
 def _phases(i_s: Vector, zero: Array | None) -> list[Array]:

@@ -21,24 +21,22 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.diagnosis.likelihood.averages import Array, beside, energy_of, parts, sizes_in, whole
+from estimator.arrays import Array, Bools, Vector
+from estimator.diagnosis.likelihood.averages import energy_of, parts, sizes_in, whole, without_columns
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.diagnosis.likelihood.whitening import Whitening
 from estimator.kernel import kernel
 from estimator.online.flux_balance import TURN
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import AXES, Vector
+from estimator.physics.vectors import AXES
 from estimator.twin.model import Model, base_voltage
-
-Bools = NDArray[np.bool_]
 
 _FREQUENCIES: Final = 0.03, 0.48  # of the sampling rate
 _DAMPINGS: Final = 0.003, 0.7
-_DELTA: Final = 0.01  # of their logarithms, for differences
-_STEPS: Final = 0.3, 1.0  # of them, at most
-_ROUNDS: Final = 4
+_LOG_STEP: Final = 0.01  # of their logarithms, for differences
+_MOST_STEPS: Final = 0.3, 1.0  # of them, at most
+_BRANCH_ROUNDS: Final = 4
 _PROMISED: Final = 0.2  # of what a branch explains in the end, where one begins
 _THIRDS: Final = 2  # of a step, and a third of it, one has to explain more
 
@@ -74,7 +72,7 @@ def current_of(rows: Rows, frequency: float, damping: float) -> Vector:
         added = u_s * held, u_s * held.conjugate()
     else:
         added = _of_pulses(rows.duties, rows.u_dc, pole, rows.T_s)
-    return _followed(u_s, *added, rows.apart == 1, pole, rows.T_s)
+    return _branch_flux(u_s, *added, rows.apart == 1, pole, rows.T_s)
 
 
 def fitted_branch(
@@ -97,7 +95,7 @@ def fitted_branch(
     y = apart(parts(z) * scale)
 
     def tried(f: float, d: float) -> _Try:
-        taken = parts(_taken(rows, current_of(rows, f, d), alone, whitening))
+        taken = parts(_alone_taken(rows, current_of(rows, f, d), alone, whitening))
         x = apart(taken * scale)
         return _Try(max(float(x @ y), 0.0) ** 2 / max(float(x @ x), 1e-300), f, d, taken, x)
 
@@ -105,16 +103,19 @@ def fitted_branch(
     if not best.gain > _PROMISED * least:
         return None
     unsure = math.inf
-    for _ in range(_ROUNDS):
+    for _ in range(_BRANCH_ROUNDS):
         f, d, x = best.f, best.damping, best.column
-        slopes = np.array([x, (tried(f * math.exp(_DELTA), d).column - x) / _DELTA,
-                           (tried(f, d * math.exp(_DELTA)).column - x) / _DELTA])  # fmt: skip
+        slopes = np.array([x, (tried(f * math.exp(_LOG_STEP), d).column - x) / _LOG_STEP,
+                           (tried(f, d * math.exp(_LOG_STEP)).column - x) / _LOG_STEP])  # fmt: skip
         inverse = np.linalg.pinv(slopes @ slopes.T, rcond=1e-12, hermitian=True)
         size, *by = inverse @ (slopes @ y)
         if not size > 0.0:
             break
-        unsure, step = math.sqrt(inverse[1, 1]) / size, np.clip(np.array(by) / size, np.negative(_STEPS), _STEPS)
-        smaller = (tried(*_within(f, d, step / 3.0**k)) for k in range(_THIRDS))
+        unsure, step = (
+            math.sqrt(inverse[1, 1]) / size,
+            np.clip(np.array(by) / size, np.negative(_MOST_STEPS), _MOST_STEPS),
+        )
+        smaller = (tried(*_moved_within(f, d, step / 3.0**k)) for k in range(_THIRDS))
         better = next((one for one in smaller if one.gain > best.gain), None)
         if better is None:
             break
@@ -122,17 +123,17 @@ def fitted_branch(
     both = np.concatenate((machine, best.taken[None, :]))
     sizes = sizes_in(both, z)
     left = z - whole(sizes @ both)
-    gain = energy_of(beside(machine, z)) - energy_of(left)
+    gain = energy_of(without_columns(machine, z)) - energy_of(left)
     return Branch(best.f, best.damping, unsure, left, gain, sizes[:-1])
 
 
-def _within(f: float, damping: float, step: Array) -> tuple[float, float]:
+def _moved_within(f: float, damping: float, step: Array) -> tuple[float, float]:
     """A frequency and a damping, moved by a step of their logarithms."""
     f, damping = f * math.exp(step[0]), damping * math.exp(step[1])
     return min(max(f, _FREQUENCIES[0]), _FREQUENCIES[1]), min(max(damping, _DAMPINGS[0]), _DAMPINGS[1])
 
 
-def _taken(rows: Rows, flux_s: Vector, alone: Vector, whitening: Whitening) -> Vector:
+def _alone_taken(rows: Rows, flux_s: Vector, alone: Vector, whitening: Whitening) -> Vector:
     """Flux error (Vs) that a branch makes whose L is as large as the machine's. flux_s: its L i (Vs, stationary frame).
 
     alone: the voltage (V) that the measured current needs where all of it is the machine's.
@@ -160,7 +161,7 @@ def _of_pulses(duties: Array, u_dc: Array, pole: complex, T_s: float) -> tuple[V
 
 
 @kernel
-def _followed(u_s: Vector, one: Vector, other: Vector, known: Bools, pole: complex, T_s: float) -> Vector:
+def _branch_flux(u_s: Vector, one: Vector, other: Vector, known: Bools, pole: complex, T_s: float) -> Vector:
     """L i at samples, Vs; settled where a run begins."""
     flux = np.empty(len(one) + 1, np.complex128)
     turned = pole.conjugate()

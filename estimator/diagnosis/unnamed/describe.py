@@ -10,16 +10,16 @@ from typing import Final
 
 import numpy as np
 
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.angle.angle_rounding import hidden_energy
 from estimator.diagnosis.likelihood.averages import (
-    Array,
-    beside,
     energy_of,
     means,
     noise_of_means,
     parts,
     usual_periods,
     voltage_of,
+    without_columns,
 )
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.diagnosis.unnamed.branch import Branch
@@ -36,21 +36,20 @@ from estimator.diagnosis.where.spectra import (
 from estimator.diagnosis.words import degrees, number, percent
 from estimator.online.flux_balance import TURN
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
 RESONANCE: Final = "a resonance"
 """How the description of one begins."""
 _LEAST_V: Final = 1e-3  # of the voltage's rms: what the twin itself may miss
 _EXCESS: Final = 0.02  # of the noise's energy
-_SURE: Final = 6.0  # standard errors of the noise's energy
-_HIDDEN: Final = 1.3  # of the rounding's energy
+_SURE_ENERGY: Final = 6.0  # standard errors of the noise's energy
+_HIDDEN_ENERGY: Final = 1.3  # of the rounding's energy
 _LIKE_RINGING: Final = (0.1, 0.01)  # of the rounding's energy, which the voltage's control follows; what rings plainly
 _FORM: Final = 0.5  # of the excess, that a form must explain to name it
 _ALL: Final = 0.8  # of the excess: a form that explains it is heard, however small its voltage
-_ROUNDS: Final = 8  # of fitting two levels and the machine in turn
-_NEARER: Final = 0.001  # of the energy, that another round must explain
+_LEVEL_ROUNDS: Final = 8  # of fitting two levels and the machine in turn
+_ROUND_GAIN: Final = 0.001  # of the energy, that another round must explain
 _SIMPLER: Final = 0.5  # of what a voltage of two levels explains, that a line must explain to stand for it
-_NEAR: Final = 0.05  # standard deviation of a resonance's frequency over it, to say so
+_NEAR_FREQUENCY: Final = 0.05  # standard deviation of a resonance's frequency over it, to say so
 
 
 def rings(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 0.0) -> bool:
@@ -79,41 +78,41 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
     coarse = math.sqrt(1.0 + hidden / (n * variance))
     line = _line(rows, z)
     heard_ringing = rings(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]), missed)
-    loud = energy_of(z) - n * variance - _HIDDEN * hidden
-    rms_V = _rms(rows, z, noise)
+    loud = energy_of(z) - n * variance - _HIDDEN_ENERGY * hidden
+    rms_V = _rms_above_noise(rows, z, noise)
     if line is not None and line.gain > _FORM * loud > 0.0:
         rms_V = max(rms_V, math.hypot(abs(line.forth), abs(line.back)))
     u = math.sqrt(energy_of(rows.u) / len(rows))
-    chance = _SURE * math.sqrt(2.0 * n) * variance
+    chance = _SURE_ENERGY * math.sqrt(2.0 * n) * variance
     least = _EXCESS * n * variance + chance
     enough = loud > least
     heard = enough and rms_V > _LEAST_V * u
     if not enough and not heard_ringing:
         return None
     machine = _of_machine(rows)
-    left = beside(machine, z)
+    left = without_columns(machine, z)
     excess = energy_of(left) - n * variance
-    if not heard_ringing and excess - _HIDDEN * hidden < least:
+    if not heard_ringing and excess - _HIDDEN_ENERGY * hidden < least:
         return None  # another machine explains it
     forms: list[Form | None] = [resonance(rows, left, noise, machine)]
     if enough:
-        line, levels = _line(rows, left), _levels(rows, left)
+        line, levels = _line(rows, left), _stationary_levels(rows, left)
         # Many changes are a rough copy of a line
         if line is not None and (levels is None or line.gain > _SIMPLER * levels.gain):
-            apart = line_beside(rows, left, np.concatenate((machine, _of_angle(rows))), line)
+            apart = line_beside(rows, left, np.concatenate((machine, _by_less_angle(rows))), line)
         else:
             apart = _levels_apart(rows, left, machine)
         forms += [apart, two_levels(rows, left, "rotor"), drift(rows, left)]
     best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
     if not heard and not heard_ringing and (best is None or best.gain < max(_ALL * excess, least)):
         return None
-    if best is None or (heard and best.gain < _FORM * (excess - _HIDDEN * hidden)):
+    if best is None or (heard and best.gain < _FORM * (excess - _HIDDEN_ENERGY * hidden)):
         place = place_of(rows, z, noise)
         return Unexplained(rms_V, place, f"{_what(place)} of {number(rms_V)} V rms {place.sentence}")
     return _unexplained(rows, best, excess, rms_V)
 
 
-def branch(
+def best_resonance(
     rows: Rows, z: Vector, noise: tuple[float, float], smooth: Rows | None = None, least: float = 0.0
 ) -> tuple[Unexplained, Branch] | None:
     """The resonance that explains most of a residual flux error (Vs, rotor frame).
@@ -122,12 +121,12 @@ def branch(
     currents, which would make inductances small. least: chi square that it has to explain, roughly.
     """
     smooth = smooth or rows
-    z, machine = np.where(rows.joined, z, 0j), np.concatenate((_of_machine(smooth), _of_angle(smooth)))
+    z, machine = np.where(rows.joined, z, 0j), np.concatenate((_of_machine(smooth), _by_less_angle(smooth)))
     form = resonance(rows, z, noise, machine, least)
     if form is None:
         return None
-    excess = energy_of(beside(machine, z)) - np.count_nonzero(rows.joined) * (noise[0] ** 2 + noise[1] ** 2)
-    return _unexplained(rows, form, excess, _rms(rows, z, noise)), form
+    excess = energy_of(without_columns(machine, z)) - np.count_nonzero(rows.joined) * (noise[0] ** 2 + noise[1] ** 2)
+    return _unexplained(rows, form, excess, _rms_above_noise(rows, z, noise)), form
 
 
 def _unexplained(rows: Rows, form: Form, excess: float, rms_V: float) -> Unexplained:
@@ -137,7 +136,7 @@ def _unexplained(rows: Rows, form: Form, excess: float, rms_V: float) -> Unexpla
     elif isinstance(form, Branch):
         flux = math.sqrt(max(form.gain, 0.0) / np.count_nonzero(rows.joined))
         rms_V = max(rms_V, noise_of_means(rows, (flux, 0.0), usual_periods(rows))[0])
-    description, place = _said(rows, form, min(form.gain / max(excess, form.gain), 1.0))
+    description, place = _form_in_words(rows, form, min(form.gain / max(excess, form.gain), 1.0))
     return Unexplained(rms_V, place, description)
 
 
@@ -149,7 +148,7 @@ def _line(rows: Rows, z: Vector) -> Line | None:
     return strongest_line(rows, z, "stationary", SLOWEST, FASTEST / rows.T_s)
 
 
-def _levels(rows: Rows, z: Vector) -> TwoLevels | None:
+def _stationary_levels(rows: Rows, z: Vector) -> TwoLevels | None:
     return two_levels(rows, z, "stationary")
 
 
@@ -162,7 +161,7 @@ def _of_machine(rows: Rows) -> Array:
     return np.array([parts(whitened(v, by)) for v in voltages])
 
 
-def _of_angle(rows: Rows) -> Array:
+def _by_less_angle(rows: Rows) -> Array:
     """What less of the angle makes of it."""
     m, i = rows.machine, 1j * rows.i
     voltage = 1j * (m.R_s * rows.i_mean - rows.u) + rows.balance(m.L_d * i.real + 1j * (m.L_q * i.imag))
@@ -173,21 +172,21 @@ def _levels_apart(rows: Rows, z: Vector, machine: Array) -> TwoLevels | None:
     """A voltage of two levels, where the machine is fitted beside it: fitted alone, its parameters hide a part of it.
     """
     free, best = z, None
-    for _ in range(_ROUNDS):
-        levels = _levels(rows, free)
+    for _ in range(_LEVEL_ROUNDS):
+        levels = _stationary_levels(rows, free)
         if levels is None:
             break
-        free = beside(machine, z, levels.flux)
+        free = without_columns(machine, z, levels.flux)
         gain = energy_of(z) - energy_of(free - levels.flux)
         before = -math.inf if best is None else best.gain
         if gain > before:
             best = replace(levels, gain=gain)
-        if gain < before + _NEARER * energy_of(z):
+        if gain < before + _ROUND_GAIN * energy_of(z):
             break
     return best
 
 
-def _rms(rows: Rows, z: Vector, noise: tuple[float, float]) -> float:
+def _rms_above_noise(rows: Rows, z: Vector, noise: tuple[float, float]) -> float:
     """Rms above noise (V) of the mean voltage over about ten periods."""
     m = usual_periods(rows)
     sigma = noise_of_means(rows, noise, m)
@@ -198,7 +197,7 @@ def _rms(rows: Rows, z: Vector, noise: tuple[float, float]) -> float:
 # --- Forms
 
 
-def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
+def _form_in_words(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
     """A form in words, and where it is: the voltage on the machine beside the recorded one."""
     if isinstance(form, Line):
         along = f"along {degrees(form.direction)} from phase a" if form.narrow < STRAIGHT else "turning"
@@ -212,7 +211,7 @@ def _said(rows: Rows, form: Form, share: float) -> tuple[str, Place]:
         what = f"a drift of {number(abs(form.change))} V from begin to end, {along}"
         return what, Place(f"growing with time, with {percent(share)} of the energy", region, share, 1.0)
     f = form.frequency / rows.T_s
-    near = f"{'near' if form.unsure < _NEAR else 'roughly at'} {number(f / 1e3, 2)} kHz"
+    near = f"{'near' if form.unsure < _NEAR_FREQUENCY else 'roughly at'} {number(f / 1e3, 2)} kHz"
     where = f"{near} in the stationary frame, with {percent(share)} of the energy"
     region = {"frequency": f, "frame": "stationary"}
     what = f"{RESONANCE} {near}: a current beside the machine's that follows the voltage"

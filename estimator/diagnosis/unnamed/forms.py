@@ -11,15 +11,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnosis.likelihood.averages import Array, energy_of, means, voltage_of
+from estimator.arrays import Array, Vector
+from estimator.diagnosis.likelihood.averages import energy_of, means, voltage_of
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.diagnosis.unnamed.branch import Branch
 from estimator.diagnosis.where.spectra import Line
 from estimator.kernel import kernel
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
-_LENGTHS: Final = (10, 30, 100, 300)  # periods of a mean
+_MEAN_LENGTHS: Final = (10, 30, 100, 300)  # periods of a mean
 _DWELL: Final = 5.0  # means between two changes, on average
 _CHANGE: Final = 3.0  # log-odds, times the logarithm of the means' number: what a change must bring
 
@@ -68,11 +68,11 @@ Form = Line | TwoLevels | Branch | Drift
 def two_levels(rows: Rows, z: Vector, frame: str) -> TwoLevels | None:
     """The best voltage of two values along one direction of a frame."""
     v = voltage_of(rows, z)
-    found = [_levels(rows, z, v, frame, m) for m in _LENGTHS if len(rows) >= 8 * m]
+    found = [_levels_in(rows, z, v, frame, m) for m in _MEAN_LENGTHS if len(rows) >= 8 * m]
     return max((f for f in found if f is not None), key=lambda f: f.gain, default=None)
 
 
-def _levels(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels | None:
+def _levels_in(rows: Rows, z: Vector, v: Vector, frame: str, m: int) -> TwoLevels | None:
     blocks = means(rows, v, m)
     if len(blocks.v) < 8:
         return None

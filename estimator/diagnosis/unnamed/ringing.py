@@ -15,20 +15,20 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimator.diagnosis.likelihood.averages import Array, whole
+from estimator.arrays import Array, Vector
+from estimator.diagnosis.likelihood.averages import whole
 from estimator.diagnosis.unnamed.branch import Branch, fitted_branch
 from estimator.diagnosis.where.spectra import welch
 from estimator.online.flux_balance import TURN
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
 _TAPS: Final = 160  # periods of a scan
-_ABOVE: Final = 0.05  # of the sampling rate: slower changes are not looked at for what rings
+_SLOWEST_RINGING: Final = 0.05  # of the sampling rate: slower changes are not looked at for what rings
 _RINGS: Final = np.geomspace(0.06, 0.45, 64)  # w / 2 pi
 _DAMPING: Final = np.array([0.01, 0.03, 0.1, 0.2])
-_LINES: Final = 512  # frequencies of the colour
-_SURE: Final = 7.0  # standard errors of its size
-_PLAIN: Final = 0.25  # of it, that nothing else may ring with
+_COLOUR_LINES: Final = 512  # frequencies of the colour
+_SURE_SIZE: Final = 7.0  # standard errors of its size
+_PLAIN_SHARE: Final = 0.25  # of it, that nothing else may ring with
 _STARTS: Final = (0.08, 0.1), (0.13, 0.1), (0.2, 0.07)  # w / 2 pi, damping: where else a branch is sought
 
 
@@ -100,10 +100,10 @@ def _answer(rows: Rows, z: Vector) -> _Answer | None:
     u_s = rows.u * rows.middle
     size = 1 << (n + _TAPS).bit_length()
     u = np.fft.fft(np.diff(u_s, prepend=u_s[:1]) * rows.joined, size)
-    return _Answer(rows, size, u, np.fft.fft(_current(rows, z), size))
+    return _Answer(rows, size, u, np.fft.fft(_flux_current(rows, z), size))
 
 
-def _current(rows: Rows, z: Vector) -> Vector:
+def _flux_current(rows: Rows, z: Vector) -> Vector:
     """What of the measured current makes a flux error, A, stationary frame."""
     return (z.real / rows.machine.L_d + 1j * (z.imag / rows.machine.L_q)) * rows.rotor[1:]
 
@@ -114,33 +114,35 @@ def _rings(answer: _Answer, z: Vector, noise: tuple[float, float]) -> _Ringing |
     Not where ever slower or faster ringing explains more: then it is none.
     """
     m = answer.rows.machine
-    colour = np.maximum(welch(_current(answer.rows, z), _LINES), (noise[0] / m.L_d) ** 2 + (noise[1] / m.L_q) ** 2)
+    colour = np.maximum(
+        welch(_flux_current(answer.rows, z), _COLOUR_LINES), (noise[0] / m.L_d) ** 2 + (noise[1] / m.L_q) ** 2
+    )
     loud = np.maximum(colour, np.maximum(np.roll(colour, 1), np.roll(colour, -1)))
-    fast = np.abs(np.fft.fftfreq(answer.size)) > _ABOVE
-    gram, cross = answer.lagged(fast * 2.0 / loud[np.arange(answer.size) * _LINES // answer.size], answer.i)
-    sure, size = _sizes(gram, cross)
+    fast = np.abs(np.fft.fftfreq(answer.size)) > _SLOWEST_RINGING
+    gram, cross = answer.lagged(fast * 2.0 / loud[np.arange(answer.size) * _COLOUR_LINES // answer.size], answer.i)
+    sure, size = _branch_sizes(gram, cross)
     f, d = np.unravel_index(int(np.argmax(sure)), sure.shape)
-    if not sure[f, d] > _SURE or f in (0, len(_RINGS) - 1):
+    if not sure[f, d] > _SURE_SIZE or f in (0, len(_RINGS) - 1):
         return None
-    others, _ = _sizes(gram, cross - gram @ _TAPPED[f, d] * (sure[f, d] / size[f, d]))
-    plain = bool(np.max(np.abs(others)) < _PLAIN * sure[f, d])
+    others, _ = _branch_sizes(gram, cross - gram @ _TAPPED[f, d] * (sure[f, d] / size[f, d]))
+    plain = bool(np.max(np.abs(others)) < _PLAIN_SHARE * sure[f, d])
     return _Ringing(float(_RINGS[f]), float(_DAMPING[d]), float(sure[f, d]), plain)
 
 
 def _largest(answer: _Answer, machine: Array) -> _Ringing | None:
     """The branch that explains most of a current beside the machine, slow changes too: it need not be sure to ring."""
-    others = [np.fft.fft(_current(answer.rows, whole(column)), answer.size) for column in machine]
+    others = [np.fft.fft(_flux_current(answer.rows, whole(column)), answer.size) for column in machine]
     gram, cross = answer.lagged(1.0, answer.i)
     to = np.array([answer.lagged(1.0, i)[1] for i in others])  # (m, taps)
     inner = np.array([[float(np.vdot(a, b).real) for b in others] for a in others]) / answer.size
     along = np.array([float(np.vdot(a, answer.i).real) for a in others]) / answer.size
     inverse = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)
-    sure, _ = _sizes(gram - to.T @ inverse @ to, cross - to.T @ inverse @ along)
+    sure, _ = _branch_sizes(gram - to.T @ inverse @ to, cross - to.T @ inverse @ along)
     f, d = np.unravel_index(int(np.argmax(sure)), sure.shape)
     return _Ringing(float(_RINGS[f]), float(_DAMPING[d]), 0.0, False) if sure[f, d] > 0.0 else None
 
 
-def _sizes(gram: Array, cross: Array) -> tuple[Array, Array]:
+def _branch_sizes(gram: Array, cross: Array) -> tuple[Array, Array]:
     """Of all branches: their sizes in standard errors, where noise has unit variance, and one over the latter."""
     size = np.sqrt(np.maximum(np.einsum("fdj,fdj->fd", _TAPPED @ gram, _TAPPED), 1e-300))
     return _TAPPED @ cross / size, size

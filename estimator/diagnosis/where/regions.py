@@ -11,19 +11,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnosis.likelihood.averages import Array, Means
+from estimator.arrays import Array
+from estimator.diagnosis.likelihood.averages import Means
 from estimator.diagnosis.words import number
 from estimator.online.flux_balance import TURN
 from estimator.physics.rows import Rows
 
-MOST: Final = 0.7  # of the energy, that a region must hold
-_BINS: Final = 24
-_WORTH: Final = 0.25  # nat that a range must tell
+REGION_SHARE: Final = 0.7  # of the energy, that a region must hold
+_HISTOGRAM_BINS: Final = 24
+_WORTH_NAT: Final = 0.25  # nat that a range must tell
 _SECOND: Final = 0.35  # nat that a second one must add
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Range:
+class QuantityRange:
     """A range of one quantity."""
 
     key: str
@@ -75,22 +76,22 @@ def _worths(energy: Array, samples: Array) -> Array:
     return np.where(e > s, e * np.log(e / s) + (1.0 - e) * np.log((1.0 - e) / (1.0 - s)), 0.0)
 
 
-def regions(rows: Rows, blocks: Means, power: Array, *, most: int = 2) -> list[Range]:
+def regions(rows: Rows, blocks: Means, power: Array, *, most: int = 2) -> list[QuantityRange]:
     """The one or two ranges that tell most, at `most` so many; none where nothing tells much. Pairs take longer."""
-    singles = [one for key, x in _quantities(rows, blocks).items() if (one := _single(key, x, power)) is not None]
+    singles = [one for key, x in _by_quantity(rows, blocks).items() if (one := _single(key, x, power)) is not None]
     singles.sort(key=lambda one: -worth(one.energy, one.samples))
-    best, told = list[Range](), _WORTH
-    if singles and worth(singles[0].energy, singles[0].samples) > _WORTH:
+    best, told = list[QuantityRange](), _WORTH_NAT
+    if singles and worth(singles[0].energy, singles[0].samples) > _WORTH_NAT:
         best, told = singles[:1], worth(singles[0].energy, singles[0].samples)
     needed = told + _SECOND
     for one, other in combinations(singles, 2) if most > 1 else ():
         pair = _pair(one, other, power)
-        if pair is not None and worth(*together(pair, power)) > needed:
-            best, needed = list(pair), worth(*together(pair, power))
+        if pair is not None and worth(*shares_together(pair, power)) > needed:
+            best, needed = list(pair), worth(*shares_together(pair, power))
     return best
 
 
-def _quantities(rows: Rows, blocks: Means) -> dict[str, Array]:
+def _by_quantity(rows: Rows, blocks: Means) -> dict[str, Array]:
     at = blocks.at
     i = rows.i[at]
     currents = np.abs([rows.phase(k)[at] for k in range(3)])
@@ -104,9 +105,9 @@ def _quantities(rows: Rows, blocks: Means) -> dict[str, Array]:
     }
 
 
-def _single(key: str, x: Array, power: Array) -> Range | None:
+def _single(key: str, x: Array, power: Array) -> QuantityRange | None:
     """The range of one quantity that tells most."""
-    edges = np.unique(np.quantile(x[:: max(1, len(x) // 4096)], np.linspace(0.0, 1.0, _BINS + 1)))
+    edges = np.unique(np.quantile(x[:: max(1, len(x) // 4096)], np.linspace(0.0, 1.0, _HISTOGRAM_BINS + 1)))
     if len(edges) < 3:
         return None
     edges[0], edges[-1] = min(edges[0], x.min()), max(edges[-1], x.max())
@@ -117,8 +118,8 @@ def _single(key: str, x: Array, power: Array) -> Range | None:
     if key == "zero_crossing":
         low, high = low[low == 0], high[low == 0]
     e, s = energy[high] - energy[low], samples[high] - samples[low]
-    k = int(np.argmax(np.where(e >= MOST, _worths(e, s), 0.0)))
-    return Range(key, bins, edges, int(low[k]), int(high[k]), float(min(e[k], 1.0)), float(s[k]))
+    k = int(np.argmax(np.where(e >= REGION_SHARE, _worths(e, s), 0.0)))
+    return QuantityRange(key, bins, edges, int(low[k]), int(high[k]), float(min(e[k], 1.0)), float(s[k]))
 
 
 def _shares(x: Array | NDArray[np.intp]) -> Array:
@@ -126,7 +127,7 @@ def _shares(x: Array | NDArray[np.intp]) -> Array:
     return total / total[-1]
 
 
-def _pair(one: Range, other: Range, power: Array) -> tuple[Range, Range] | None:
+def _pair(one: QuantityRange, other: QuantityRange, power: Array) -> tuple[QuantityRange, QuantityRange] | None:
     """The rectangle of two quantities that tells most."""
     nx, ny = len(one.edges) - 1, len(other.edges) - 1
     flat = one.bins * ny + other.bins
@@ -143,17 +144,17 @@ def _pair(one: Range, other: Range, power: Array) -> tuple[Range, Range] | None:
     e, s = (
         (t[np.ix_(x1, y1)] - t[np.ix_(x0, y1)] - t[np.ix_(x1, y0)] + t[np.ix_(x0, y0)]) / t[-1, -1] for t in tables
     )
-    told = np.where(e >= MOST, _worths(e, s), 0.0)
+    told = np.where(e >= REGION_SHARE, _worths(e, s), 0.0)
     a, b = np.unravel_index(int(np.argmax(told)), told.shape)
     if not told[a, b] > 0.0:
         return None
     return (
-        Range(one.key, one.bins, one.edges, int(x0[a]), int(x1[a]), float(e[a, b]), float(s[a, b])),
-        Range(other.key, other.bins, other.edges, int(y0[b]), int(y1[b]), float(e[a, b]), float(s[a, b])),
+        QuantityRange(one.key, one.bins, one.edges, int(x0[a]), int(x1[a]), float(e[a, b]), float(s[a, b])),
+        QuantityRange(other.key, other.bins, other.edges, int(y0[b]), int(y1[b]), float(e[a, b]), float(s[a, b])),
     )
 
 
-def together(found: Sequence[Range], power: Array) -> tuple[float, float]:
+def shares_together(found: Sequence[QuantityRange], power: Array) -> tuple[float, float]:
     """Shares of energy and samples where all hold."""
     inside = np.ones(len(power), np.bool_)
     for c in found:

@@ -12,21 +12,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnosis.likelihood.averages import Array, beside, energy_of, parts, sizes_in, whole
+from estimator.arrays import Array, Vector
+from estimator.diagnosis.likelihood.averages import energy_of, parts, sizes_in, whole, without_columns
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.diagnosis.likelihood.whitening import Whitening
 from estimator.kernel import kernel
 from estimator.online.flux_balance import TURN
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 
-_SEGMENT: Final = 256  # periods of a Welch spectrum
+_WELCH_SEGMENT: Final = 256  # periods of a Welch spectrum
 _ORDER_TURNS: Final = 8  # over which an order's amplitude is steady
 _BLOCK: Final = 64  # periods that are summed before a line's frequency is refined
 _SPARSE: Final = 3.0  # longest time by the clock, over the periods there are
 _FAR_LESS: Final = 0.2  # of an energy: a line between two frequencies of a spectrum shows half of its own
-_STEPS: Final = 8  # of Newton's, to a line beside the machine
-_STILL: Final = 1e-5  # periods of a line over the whole recording: a step that changes nothing
+_LINE_STEPS: Final = 8  # of Newton's, to a line beside the machine
+_SAME_LINE: Final = 1e-5  # periods of a line over the whole recording: a step that changes nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +60,7 @@ def _of_lines(voltages: Iterable[Vector], by: Whitening) -> Array:
     return np.array([parts(whitened(turned, by)) for v in voltages for turned in (v, 1j * v)])
 
 
-def _by_clock(rows: Rows) -> NDArray[np.intp]:
+def _periods_by_clock(rows: Rows) -> NDArray[np.intp]:
     """Number of each period from 0, so that a line goes on over gaps; without these where they are most of the time."""
     place = np.rint((rows.t[1:] - rows.t[1]) / rows.T_s).astype(np.intp)
     if place[-1] >= _SPARSE * len(rows) or (np.diff(place) <= 0).any():
@@ -76,7 +76,7 @@ def strongest_line(
     None where it explains far less than `least` (Vs^2, summed), or the recording is too short. Its frequency is that
     at which the flux error holds most; its voltage, what explains most at that frequency.
     """
-    place = _by_clock(rows)
+    place = _periods_by_clock(rows)
     n = int(place[-1]) + 1
     x = np.zeros(n, np.complex128)
     x[place] = z * rows.rotor[1:] if frame == "stationary" else z
@@ -123,10 +123,10 @@ def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
     machine: (m, 2 n), real parts before imaginary ones. Fitted alone, the machine hides a part of a line. By
     Gauss-Newton of the frequency, where all else is linear.
     """
-    back, time = rows.middle.conj(), (_by_clock(rows) - 0.5 * len(rows)) * rows.T_s
+    back, time = rows.middle.conj(), (_periods_by_clock(rows) - 0.5 * len(rows)) * rows.T_s
     long, by = float(time[-1] - time[0]), filter_of(rows, rows.machine)
-    most, f, best = energy_of(beside(machine, z)), line.frequency, line
-    for _ in range(_STEPS):
+    most, f, best = energy_of(without_columns(machine, z)), line.frequency, line
+    for _ in range(_LINE_STEPS):
         turning = np.exp(1j * TURN * f * time)
         forth, aft = turning * back, turning.conj() * back
         own = _of_lines((forth, aft), by)
@@ -141,7 +141,7 @@ def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
         best = Line(f, a * begin, b / begin, flux, gain)
         faster = parts(whitened(1j * TURN * time * (a * forth - b * aft), by))
         step = float(sizes_in(np.concatenate((both, faster[None, :])), z)[-1])
-        if abs(step) * long < _STILL or abs(step) * long > 1.0:
+        if abs(step) * long < _SAME_LINE or abs(step) * long > 1.0:
             break
         f += step
     return best
@@ -155,7 +155,7 @@ def _shifted(x: Vector, turns: float) -> tuple[Vector, Vector]:
     return forth, back
 
 
-def _turns(rows: Rows, turns: float) -> NDArray[np.intp]:
+def _turn_starts(rows: Rows, turns: float) -> NDArray[np.intp]:
     """Where stretches begin in which the rotor turns that often, electrically."""
     travelled = np.concatenate((np.zeros(1), np.cumsum(np.abs(rows.D[1:]))))
     return np.flatnonzero(np.diff(np.floor(travelled / (TURN * turns)), prepend=-1.0) > 0.0)
@@ -166,7 +166,7 @@ def energy_of_orders(rows: Rows, z: Vector, highest: int, base: int) -> Array:
 
     Zero where the rotor makes too few.
     """
-    starts = _turns(rows, _ORDER_TURNS * base)
+    starts = _turn_starts(rows, _ORDER_TURNS * base)
     energy = np.zeros(highest)
     if len(starts) < 2:
         return energy
@@ -193,10 +193,10 @@ def _summed_orders(z: Vector, turn: Vector, edges: NDArray[np.intp], highest: in
 
 def noise_of_orders(rows: Rows, variance: float, base: int) -> float:
     """What white noise (Vs^2) adds to the energy of each order."""
-    return 2.0 * variance * len(_turns(rows, _ORDER_TURNS * base))
+    return 2.0 * variance * len(_turn_starts(rows, _ORDER_TURNS * base))
 
 
-def welch(z: Vector, segment: int = _SEGMENT) -> Array:
+def welch(z: Vector, segment: int = _WELCH_SEGMENT) -> Array:
     """Mean power (Vs^2) of each of `segment` frequencies, as numpy's FFT orders them; of white noise its variance."""
     n = min(segment, len(z))
     hann = np.hanning(n + 1)[:-1]

@@ -12,10 +12,10 @@ from estimator.physics.bridge.period_course import Drops, axis_of, phase, rise_o
 
 _COURSES = 4  # times that a course is followed
 _STRAIGHT = 5e-3  # of a knee, by which drops may bend a course unseen
-_SAME = 1e-3  # of a drop, by which another course may change its mean unseen
+_SAME_MEAN = 1e-3  # of a drop, by which another course may change its mean unseen
 _OF_ARC = 1.0 / 12.0  # of what a slope's change along a piece adds up to: the arc's mean above its chord
-_AWAY = 3.0  # knees, from which on a drop is nearly whole
-_BACK = 0.2  # of a knee, that what bends a current by a knee takes back in the next course
+_KNEES_AWAY = 3.0  # knees, from which on a drop is nearly whole
+_TAKEN_BACK = 0.2  # of a knee, that what bends a current by a knee takes back in the next course
 
 
 @lean_kernel
@@ -31,7 +31,7 @@ def follow_drops(
     bow, damping = bow_of(legs, k), damping_of(legs, k)
     jolt, moves = 2.0 / 3.0 * legs.u_dc[k] * dead_time, moved_in(legs, k, dead_time)  # Vs, A
     strength = abs(bends) * (legs.a[k] + abs(legs.b[k])) / knee
-    near, reach = 1.0 / (1.0 + _BACK * strength), moves + _AWAY * knee if jolt > 0.0 else 0.0
+    near, reach = 1.0 / (1.0 + _TAKEN_BACK * strength), moves + _KNEES_AWAY * knee if jolt > 0.0 else 0.0
     for course in range(_COURSES):
         changes = 0.0
         for leg in range(3):
@@ -40,7 +40,7 @@ def follow_drops(
                 _mean_signs(legs, k, leg, i_0, i_1, knee, reach, bow, damping, course > 0)
                 changes = max(changes, abs(drops.mean[leg] - before))
         most = max(drops.varies[0], drops.varies[1], drops.varies[2])
-        if strength * most * most < _STRAIGHT or (course > 0 and changes < _SAME) or course == _COURSES - 1:
+        if strength * most * most < _STRAIGHT or (course > 0 and changes < _SAME_MEAN) or course == _COURSES - 1:
             break
         if course == 0:
             _none_of(drops)

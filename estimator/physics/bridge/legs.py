@@ -5,29 +5,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array, Vector
 from estimator.kernel import kernel, lean_kernel
 from estimator.physics.bridge.period_course import A, B, C, Room, empty_room, rise_of
 from estimator.physics.rows import OTHERS, Rows
-from estimator.physics.vectors import AXES, Real, Vector
+from estimator.physics.vectors import AXES
 
 
 class Legs(NamedTuple):
     """What the legs do in each period, whatever the currents."""
 
-    u_dc: Real  # V; of no length where it is not known: then each end's current counts for half a period
-    duties: Real  # (n, 3)
-    before: Real  # (n, 3): the duties of the period before
+    u_dc: Array  # V; of no length where it is not known: then each end's current counts for half a period
+    duties: Array  # (n, 3)
+    before: Array  # (n, 3): the duties of the period before
     order: NDArray[np.int8]  # (n, 3): the legs as they rise
     ripple: Vector  # (n, 3): A, stationary, when each leg rises
     middle: Vector  # exp(j theta_e) in the middle
     T_s: float  # s
     R_s: float  # ohm
-    a: Real  # 1/H, stiffness of the straight lines that go on from here: see `rows.Stiffness`
+    a: Array  # 1/H, stiffness of the straight lines that go on from here: see `rows.Stiffness`
     b: Vector  # 1/H, rotor frame
     psi_0: Vector  # Vs, at no current of these lines
     others: Vector  # V, stationary, what other effects add
     change: Vector  # V, by which that changes in a period
-    D: Real  # rad, electrical, by which the rotor turns in each period
+    D: Array  # rad, electrical, by which the rotor turns in each period
     room: Room
 
 
@@ -45,7 +46,7 @@ def legs_of(rows: Rows) -> Legs:
             np.zeros(0), no_legs, no_legs, no_legs.astype(np.int8), no_legs.astype(np.complex128), middle, T_s,
             R_s, a, b, psi_0, others, change, rows.D, empty_room(),
         )  # fmt: skip
-    before, order = duties_before(rows), rows.once("order", lambda: _orders(rows.duties))
+    before, order = duties_before(rows), rows.once("order", lambda: _leg_orders(rows.duties))
     ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, a, b))
     return Legs(
         u_dc, rows.duties, before, order, ripple, middle, T_s, R_s, a, b, psi_0, others, change, rows.D, empty_room()
@@ -66,24 +67,24 @@ def _changes(others: Vector, joined: NDArray[np.bool_]) -> Vector:
     return change
 
 
-def legs_at_rest(u_dc: Real, duties: Real, T_s: float, L: float) -> Legs:
+def legs_at_rest(u_dc: Array, duties: Array, T_s: float, L: float) -> Legs:
     """The legs before a motor that stands, taken as leaving no rail at a period's start."""
     u_s = np.ascontiguousarray(2.0 / 3.0 * u_dc * (duties @ np.array(AXES)), np.complex128)
     middle = np.ones(len(duties), np.complex128)
     a, none, no_flux = np.full(len(duties), 1.0 / L), np.zeros(len(duties)), np.zeros(len(duties), np.complex128)
     ripple = _ripples(u_dc, duties, u_s, middle, T_s, a, no_flux)
     return Legs(
-        u_dc, duties, duties, _orders(duties), ripple, middle, T_s, 0.0, a, no_flux, no_flux, no_flux, no_flux,
+        u_dc, duties, duties, _leg_orders(duties), ripple, middle, T_s, 0.0, a, no_flux, no_flux, no_flux, no_flux,
         none, empty_room(),
     )  # fmt: skip
 
 
-def duties_before(rows: Rows) -> Real:
+def duties_before(rows: Rows) -> Array:
     """The duties of the period before, (n, 3); of the same one where there was none."""
     return rows.once("duties before", lambda: _before(rows.duties, rows.joined))
 
 
-def _before(duties: Real, joined: NDArray[np.bool_]) -> Real:
+def _before(duties: Array, joined: NDArray[np.bool_]) -> Array:
     before = np.concatenate((duties[:1], duties[:-1]))
     return np.where(np.concatenate((joined[:1], joined[:-1]))[:, None], before, duties)
 
@@ -106,17 +107,17 @@ def bow_of(legs: Legs, k: int) -> complex:
     others add changes.
     """
     bent = 0.125 * (legs.T_s * legs.change[k] * legs.middle[k].conjugate() - legs.D[k] * legs.D[k] * legs.psi_0[k])
-    return _driven(bent, legs.a[k], legs.b[k]) * legs.middle[k]
+    return _driven_slope(bent, legs.a[k], legs.b[k]) * legs.middle[k]
 
 
 @lean_kernel
-def _driven(u: complex, a: float, b: complex) -> complex:
+def _driven_slope(u: complex, a: float, b: complex) -> complex:
     """di/dt (A/s) that a voltage (V) drives, both in the rotor frame."""
     return a * u + b * u.conjugate()
 
 
 @kernel
-def _orders(duties: Real) -> NDArray[np.int8]:
+def _leg_orders(duties: Array) -> NDArray[np.int8]:
     """Legs in the order in which they rise."""
     order = np.empty(duties.shape, np.int8)
     for k in range(len(duties)):
@@ -132,7 +133,7 @@ def _orders(duties: Real) -> NDArray[np.int8]:
 
 
 @kernel
-def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, a: Real, b: Vector) -> Vector:
+def _ripples(u_dc: Array, duties: Array, u_s: Vector, middle: Vector, T_s: float, a: Array, b: Vector) -> Vector:
     """The current's ripple (A, stationary) when each leg rises: the integral of the voltage less its mean."""
     ripple = np.empty(duties.shape, np.complex128)
     for k in range(len(duties)):
@@ -143,6 +144,6 @@ def _ripples(u_dc: Real, duties: Real, u_s: Vector, middle: Vector, T_s: float, 
             area += 2.0 / 3.0 * u_dc[k] * (
                 A * max(0.0, when - on_a) + B * max(0.0, when - on_b) + C * max(0.0, when - on_c)
             )
-            ripple[k, leg] = _driven(area * T_s * middle[k].conjugate(), a[k], b[k]) * middle[k]
+            ripple[k, leg] = _driven_slope(area * T_s * middle[k].conjugate(), a[k], b[k]) * middle[k]
     return ripple
 

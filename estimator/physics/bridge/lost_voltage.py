@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Vector
 from estimator.kernel import lean_kernel
 from estimator.physics.bridge.drop_course import follow_drops
 from estimator.physics.bridge.legs import Legs, bow_of, damping_of, moved_in
@@ -25,14 +26,13 @@ from estimator.physics.bridge.period_course import (
     unlike,
     weight,
 )  # fmt: skip
-from estimator.physics.vectors import Vector
 
-_MOVES = 1.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
+_MOST_MOVED = 1.5  # times what u_dc / L makes of a current in a dead time: no current moves more meanwhile
 _NARROW = 0.06  # times the same: a spread of currents that does not matter
-_CLOSE = 0.003  # times the same: where the last shot may end
-_LITTLE = 0.05  # of what the other one loses
+_LAST_SHOT = 0.003  # times the same: where the last shot may end
+_LITTLE_LOST = 0.05  # of what the other one loses
 SHOTS: Final = 12  # at a period's end, where it lies in a bend
-_NEARER = 1.0 - 1e-6  # as near: of two legs alike, the first
+_FIRST_OF_ALIKE = 1.0 - 1e-6  # as near: of two legs alike, the first
 
 
 def lost_between(
@@ -66,7 +66,7 @@ def lost_in(
     if nearest < 0:
         return drops + rails + far
     apart, moves = 0j, moved_in(legs, k, dead_time)
-    if _apart(legs, k, dead_time, u_drop):
+    if _barely_bends(legs, k, dead_time, u_drop):
         apart, u_drop = drops, 0.0
     narrow = _NARROW * moves
     if spread <= narrow:
@@ -79,10 +79,10 @@ def lost_in(
 
 
 @lean_kernel
-def _apart(legs: Legs, k: int, dead_time: float, u_drop: float) -> bool:
+def _barely_bends(legs: Legs, k: int, dead_time: float, u_drop: float) -> bool:
     """Drops, or what a dead time loses, are so little that neither bends the course by which the other acts."""
     drops, lost = u_drop * legs.T_s, dead_time * legs.u_dc[k]
-    return drops < _LITTLE * lost or lost < _LITTLE * drops
+    return drops < _LITTLE_LOST * lost or lost < _LITTLE_LOST * drops
 
 
 class Loss(NamedTuple):
@@ -112,9 +112,9 @@ def lost_after(
             volts += far
         else:
             apart, of_drops = 0j, (0j, 0j)
-            if _apart(legs, k, dead_time, u_drop):
+            if _barely_bends(legs, k, dead_time, u_drop):
                 apart, u_drop, of_drops = drops, 0.0, (by_real, by_imag)
-            close, full = _CLOSE * moved_in(legs, k, dead_time), 2.0 / 3.0 * legs.u_dc[k]
+            close, full = _LAST_SHOT * moved_in(legs, k, dead_time), 2.0 / 3.0 * legs.u_dc[k]
             last = course_between(_period(legs, k, u_drop, knee), i_0, i_1, beside, shots, close, changes, legs.room)
             volts = apart + rails + full * (_ideal(legs, k) - last.held)
             by_real, by_imag = of_drops[0] - full * last.held_real, of_drops[1] - full * last.held_imag
@@ -162,7 +162,7 @@ def _laid_out(
     at an edge, and how often switches change on the period's course. Beside drops the room has the currents at edges.
     """
     u_dc, T_s, room, lost, moment, nearest, closest = legs.u_dc[k], legs.T_s, legs.room, 0j, 0j, 0, math.inf
-    near = _MOVES * moved_in(legs, k, dead_time) + spread
+    near = _MOST_MOVED * moved_in(legs, k, dead_time) + spread
     bow = bow_of(legs, k)
     damping, dead = damping_of(legs, k), dead_time / T_s
     for leg in range(3):
@@ -175,7 +175,7 @@ def _laid_out(
             at_rise, at_fall = room.drops.edge[leg, 0], room.drops.edge[leg, 1]
         left = still_dead(legs.before[k, leg], dead)
         close = min(abs(at_rise), abs(at_fall), abs(at_last) if left > 0.0 else math.inf)
-        if close < _NEARER * closest:
+        if close < _FIRST_OF_ALIKE * closest:
             nearest, closest = leg, close
         room.out[leg, 0] = 0 if abs(at_rise) < near else 1 if at_rise > 0.0 else -1
         room.out[leg, 1] = 0 if abs(at_fall) < near else 1 if at_fall > 0.0 else -1
@@ -213,7 +213,7 @@ def _between_edges(
     legs: Legs, k: int, i_0: complex, i_1: complex, u_drop: float, knee: float, changes: int, moves: float
 ) -> complex:  # fmt: skip
     """Lost voltage (V, stationary) of a period that takes the current from one end to the other."""
-    last = course_between(_period(legs, k, u_drop, knee), i_0, i_1, 0j, SHOTS, _CLOSE * moves, changes, legs.room)
+    last = course_between(_period(legs, k, u_drop, knee), i_0, i_1, 0j, SHOTS, _LAST_SHOT * moves, changes, legs.room)
     return 2.0 / 3.0 * legs.u_dc[k] * (_ideal(legs, k) - last.held)
 
 

@@ -10,34 +10,35 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.kernel import lean_kernel
-from estimator.physics.vectors import AXES, Real
+from estimator.physics.vectors import AXES
 
 A, B, C = AXES
-_NONE = 2  # of a leg's switches is on
+_NO_SWITCH = 2  # of a leg's switches is on
 _DRAWN = 1.0  # of what the end says at best, to what the machine's parameters say
-_BACK = 0.2  # of a step, that the next one may lead back where nothing bends: slopes are not exact
+_STEP_BACK = 0.2  # of a step, that the next one may lead back where nothing bends: slopes are not exact
 _CHANGES = 4  # of sign between two edges at most
 _SETTLES = 8  # passes over legs that float together
-_ROUNDING = 1e-12  # of what the link's voltage makes of a current in a period
-_FAR = 20.0  # knees, from which on a drop is nearly whole
-_FLAT = 8.0  # knees, from which on it hardly changes
-_EVEN = 2e-4  # of a drop, by which it may change along a piece unseen
-_SHORT = 1e-3  # of what the current changes by, that the resistive drop's own change may take unseen, twice
+_ROUNDED_CURRENT = 1e-12  # of what the link's voltage makes of a current in a period
+_KNEES_FAR = 20.0  # knees, from which on a drop is nearly whole
+_KNEES_FLAT = 8.0  # knees, from which on it hardly changes
+_EVEN_DROP = 2e-4  # of a drop, by which it may change along a piece unseen
+_SHORT_PIECE = 1e-3  # of what the current changes by, that the resistive drop's own change may take unseen, twice
 
 
 class Drops(NamedTuple):
     """What drops do in a period, all three legs together."""
 
-    sign: Real  # (3, 4, 2) mean of each phase current's sign between edges, from the period's start on and from its end
-    varies: Real  # (3,) by how much in the period
-    mean: Real  # (3,) over the period
-    loss: Real  # (3, 3) the same as what is lost at the end counts, its slope, 1/A, and its first moment
-    change: Real  # (3, 4, 2) of the sign itself, from edge to edge
+    sign: Array  # (3, 4, 2) mean of each phase current's sign between edges, from the period's start and from its end
+    varies: Array  # (3,) by how much in the period
+    mean: Array  # (3,) over the period
+    loss: Array  # (3, 3) the same as what is lost at the end counts, its slope, 1/A, and its first moment
+    change: Array  # (3, 4, 2) of the sign itself, from edge to edge
     arc: NDArray[np.complex128]  # (4, 2) A, stationary: mean of how far drops bend the current between these edges
     ahead: NDArray[np.complex128]  # (4, 2) A: how far drops bend it at these edges
-    late: Real  # (4,) share of the period at which the legs rise, in order, and its middle
-    edge: Real  # (3, 2) A, each leg's current as it rises and falls, by drops
+    late: Array  # (4,) share of the period at which the legs rise, in order, and its middle
+    edge: Array  # (3, 2) A, each leg's current as it rises and falls, by drops
     shift: NDArray[np.complex128]  # (4, 2) A, stationary: how far dead times shift it at these edges
     jump: NDArray[np.complex128]  # (4, 2) A: and how much farther on an edge's other side
 
@@ -56,10 +57,10 @@ class Room(NamedTuple):
     out: NDArray[np.int8]  # (3, 3): of each leg as it rises, falls and last fell, 1 where its current surely flows out,
     # -1 into it
     first: NDArray[np.int8]  # (3,): of each leg's switches on at the begin, 0 the lower, 1 the upper, 2 none
-    moments: Real  # (15,) s, where switches change, in order
+    moments: Array  # (15,) s, where switches change, in order
     whose: NDArray[np.int8]  # (15,): the leg
     to: NDArray[np.int8]  # (15,)
-    high: Real  # (3,) what share of the link's voltage each leg has
+    high: Array  # (3,) what share of the link's voltage each leg has
     free: NDArray[np.bool_]  # (3,) none of its switches is on
     zero: NDArray[np.bool_]  # (3,) nor is a diode: its current has come to zero
     drops: Drops
@@ -104,7 +105,7 @@ def still_dead(before: float, dead: float) -> float:
 
 
 @lean_kernel
-def cut(duties: Real, before: Real, dead_time: float, T_s: float, room: Room) -> int:
+def cut(duties: Array, before: Array, dead_time: float, T_s: float, room: Room) -> int:
     """Put in order where switches change, and say how often.
 
     Of a leg whose current surely flows out, the diode that goes on is the lower one, as if its lower switch were on;
@@ -119,19 +120,19 @@ def cut(duties: Real, before: Real, dead_time: float, T_s: float, room: Room) ->
         rise, (at_rise, at_fall, at_last) = rise_of(duty) * T_s, room.out[leg]
         fall, dead = T_s - rise, still_dead(before[leg], dead_time / T_s) * T_s
         if dead > 0.0 and at_last <= 0:
-            room.first[leg] = _NONE if at_last == 0 else 1
+            room.first[leg] = _NO_SWITCH if at_last == 0 else 1
             if dead < rise:
                 count = _put(room, count, dead, leg, 0)
         if duty <= 0.0:
             continue
         if at_rise == 0:
-            count = _put(room, count, rise, leg, _NONE)
+            count = _put(room, count, rise, leg, _NO_SWITCH)
         if at_rise < 0:
             count = _put(room, count, rise, leg, 1)
         elif rise + dead_time < fall:
             count = _put(room, count, rise + dead_time, leg, 1)
         if at_fall == 0:
-            count = _put(room, count, fall, leg, _NONE)
+            count = _put(room, count, fall, leg, _NO_SWITCH)
         if at_fall > 0:
             count = _put(room, count, fall, leg, 0)
         elif fall + dead_time < T_s:
@@ -184,13 +185,13 @@ def _shot(period: Period, i_0: complex, i_1: complex, last: Shot, changes: int, 
     """A step of Newton's method. The course is nearly straight from one change of sign to the next: what is sought
     may lie where it bends, so from the first step that leads back on they halve.
     """
-    end, by_real, by_imag, held, held_real, held_imag = _course(period, i_0, last.beside, changes, room)
+    end, by_real, by_imag, held, held_real, held_imag = _course_of_period(period, i_0, last.beside, changes, room)
     off, least = i_1 - end, _DRAWN * period.T_s**2
     xx, yy, xy = phase(by_real, by_real) + least, phase(by_imag, by_imag) + least, phase(by_real, by_imag)
     over = 1.0 / (xx * yy - xy * xy)
     x, y = phase(by_real, off) - least * last.beside.real, phase(by_imag, off) - least * last.beside.imag
     step, longest = complex((x * yy - y * xy) * over, (y * xx - x * xy) * over), last.longest
-    if phase(step, last.step) < -_BACK * abs(last.step) * abs(last.step):
+    if phase(step, last.step) < -_STEP_BACK * abs(last.step) * abs(last.step):
         longest = min(longest, abs(last.step))
     if longest < math.inf:
         longest *= 0.5
@@ -205,7 +206,7 @@ def _shot(period: Period, i_0: complex, i_1: complex, last: Shot, changes: int, 
 
 
 @lean_kernel
-def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes twice as long
+def _course_of_period(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes twice as long
     period: Period, i: complex, beside: complex, changes: int, room: Room
 ) -> tuple[complex, complex, complex, complex, complex, complex]:  # fmt: skip
     """The current (A, stationary) at a period's end, its slopes by the real and imaginary part of `beside` (s), how
@@ -216,15 +217,15 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
     what the machine's parameters say.
     """
     T_s, high, free, zero, pieces = period.T_s, room.high, room.free, room.zero, room.pieces
-    alike, per_T, of_i = period.a, 1.0 / T_s, _falls(period)[0]
+    alike, per_T, of_i = period.a, 1.0 / T_s, _falls_by_itself(period)[0]
     full, damping, loose, knee = 2.0 / 3.0 * period.u_dc, period.R_s * T_s * alike, 0, period.knee
     part_lost = period.u_drop / period.u_dc
     by_real, by_imag, held, held_real, held_imag, moment, t = 0j, 0j, 0j, 0j, 0j, 0j, 0.0
-    none = _ROUNDING * full * alike * T_s
+    none = _ROUNDED_CURRENT * full * alike * T_s
     for leg in range(3):
         to = room.first[leg]
-        free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
-        loose += to == _NONE
+        free[leg], zero[leg], high[leg] = to == _NO_SWITCH, False, float(to)
+        loose += to == _NO_SWITCH
     for change in range(changes + 1):
         until = room.moments[change] if change < changes else T_s
         if until > t:
@@ -259,7 +260,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
                     floats = int(zero[0]) + int(zero[1]) + int(zero[2])
                 level = high[0] * A + high[1] * B + high[2] * C
                 rate = full * (alike * level + twice * level.conjugate()) - falls
-                if span * damping > _SHORT * T_s:  # by the mean current
+                if span * damping > _SHORT_PIECE * T_s:  # by the mean current
                     way = (span / 3.0) * rate
                     way = 0.5 * span * (rate - of_i * way - by_mirrored * way.conjugate())
                     rate -= of_i * way + by_mirrored * way.conjugate()
@@ -304,8 +305,8 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
             t = until
         if change < changes:
             leg, to = room.whose[change], room.to[change]
-            loose += int(to == _NONE) - int(free[leg])
-            free[leg], zero[leg], high[leg] = to == _NONE, False, float(to)
+            loose += int(to == _NO_SWITCH) - int(free[leg])
+            free[leg], zero[leg], high[leg] = to == _NO_SWITCH, False, float(to)
     held += unlike(period.R_s * T_s, period.b, period.middle, moment)
     return i, by_real, by_imag, per_T * held, per_T * held_real, per_T * held_imag
 
@@ -313,7 +314,7 @@ def _course(  # noqa: PLR0912, PLR0915 - in pieces that share arrays it takes tw
 @lean_kernel
 def _lay(period: Period, changes: int, room: Room) -> None:
     """Put in the room what drives the current in each piece, as the rotor stands in its middle."""
-    (_, of_mirrored, of_magnets), pieces, t = _falls(period), room.pieces, 0.0
+    (_, of_mirrored, of_magnets), pieces, t = _falls_by_itself(period), room.pieces, 0.0
     for change in range(changes + 1):
         until = room.moments[change] if change < changes else period.T_s
         late = 0.5 * (t + until) / period.T_s - 0.5
@@ -342,7 +343,7 @@ def _drops_along(
     ahead = i + span * (undropped - first)
     there = _softs(ahead, knee)
     drops = drop * _signs_between(i, here, ahead, there, free)
-    if abs(drops - begun) < _EVEN * drop:
+    if abs(drops - begun) < _EVEN_DROP * drop:
         return drops, ahead
     ahead = i + span * (undropped - full * (alike * drops + twice * drops.conjugate()))
     there = _softs(ahead, knee)
@@ -370,7 +371,7 @@ def soft(i: float, knee: float) -> float:
 def _soft(current: float, knee: float) -> float:
     """The same, sooner where the current is far from zero."""
     size = abs(current)
-    return size + 0.5 * knee * knee / size if size > _FAR * knee else soft(size, knee)
+    return size + 0.5 * knee * knee / size if size > _KNEES_FAR * knee else soft(size, knee)
 
 
 @lean_kernel
@@ -398,14 +399,14 @@ def _along_slopes(i: complex, step: complex, knee: float, free: NDArray[np.bool_
     for leg in range(3):
         axis = axis_of(leg)
         current = phase(i, axis)
-        if not free[leg] and abs(current) < _FLAT * knee:
+        if not free[leg] and abs(current) < _KNEES_FLAT * knee:
             square = current * current + knee * knee
             change += axis * (phase(step, axis) * knee * knee / (square * math.sqrt(square)))
     return change
 
 
 @lean_kernel
-def _falls(period: Period) -> tuple[complex, complex, complex]:
+def _falls_by_itself(period: Period) -> tuple[complex, complex, complex]:
     """How fast the resistance and the induced voltage let a current (A, stationary) fall, A/s: what multiplies it, its
     mirror image times the rotor's direction squared, and that direction.
     """
@@ -418,7 +419,7 @@ def _falls(period: Period) -> tuple[complex, complex, complex]:
 
 @lean_kernel
 def _float(
-    high: Real, zero: NDArray[np.bool_], full: float, beyond: float, alike: float, twice: complex, falls: complex
+    high: Array, zero: NDArray[np.bool_], full: float, beyond: float, alike: float, twice: complex, falls: complex
 ) -> None:  # fmt: skip
     """Set legs that float so that their currents stay zero; those that a diode `beyond` a rail holds, float no more."""
     for leg in range(3):

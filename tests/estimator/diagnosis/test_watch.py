@@ -16,7 +16,7 @@ from emulator.plant.physics.saturation import Saturation
 from emulator.plant.physics.sensing import CurrentSensing
 from emulator.scenario.effects import NONE, Effects
 from emulator.scenario.scenarios import PAPER, Scenario, drive_for
-from estimator.diagnosis.watch import FEWEST, SURE, Left, left_of, place_of
+from estimator.diagnosis.watch import FEWEST_WATCHED, SURE_SIGMAS, Left, mismatch_of, place_in_window
 from estimator.machine import PARAMETERS, UNITS
 from estimator.online import window_ls
 from estimator.online.estimate import Estimate, Status
@@ -45,7 +45,7 @@ def windows(scenario: Scenario, count: int, rows: int = ROWS) -> Iterator[Sample
 
 
 def judged(samples: Samples) -> Left:
-    left = left_of([samples], estimates_of(samples))
+    left = mismatch_of([samples], estimates_of(samples))
     assert left is not None
     return left
 
@@ -73,7 +73,7 @@ WHOLE = SCENARIOS | {
 def test_where_the_model_is_whole_only_noise_is_left(name: str) -> None:
     found = [judged(samples) for samples in windows(WHOLE[name], 8)]
     assert all(left.moves and left.clear and not left.mismatch for left in found)
-    assert max(left.significance for left in found) < SURE - 1.0
+    assert max(left.significance for left in found) < SURE_SIGMAS - 1.0
     assert max(left.rms_V / left.least_V for left in found) < 0.2
     assert np.mean([left.ratio for left in found]) == pytest.approx(1.0, abs=0.2)
 
@@ -91,7 +91,7 @@ def test_ten_minutes_give_no_false_alarm() -> None:
     found = [judged(samples) for samples in windows(PAPER, 600)]
     print("ten minutes:", max(left.significance for left in found), max(left.rms_V / left.least_V for left in found))
     assert not any(left.mismatch for left in found)
-    assert max(left.significance for left in found) < SURE
+    assert max(left.significance for left in found) < SURE_SIGMAS
 
 
 @pytest.mark.parametrize("told", [True, False])
@@ -117,9 +117,9 @@ def test_missing_physics_is_told_in_every_window_and_somewhere(name: str) -> Non
     for samples in windows(paper(EFFECTS[name]), 3):
         left = judged(samples)
         assert left.mismatch
-        assert left.significance > 3.0 * SURE
+        assert left.significance > 3.0 * SURE_SIGMAS
         assert left.ratio > 3.0
-        place = place_of(left)
+        place = place_in_window(left)
         assert place.sentence.startswith(("mostly on d", "mostly on q", "on both axes"))
         assert 0.0 < place.energy_share <= 1.0
 
@@ -132,14 +132,14 @@ def test_a_step_of_the_magnets_flux_is_told_while_it_is_in_the_window() -> None:
     assert meanwhile.mismatch
     # 2 % of 60 V on one half and none on the other: half of that beside the mean
     assert meanwhile.rms_V == pytest.approx(0.6, rel=0.3)
-    assert place_of(meanwhile).sentence == "mostly on q, at all speeds, currents and times"
+    assert place_in_window(meanwhile).sentence == "mostly on q, at all speeds, currents and times"
 
 
 def test_a_burst_is_placed_in_time_and_on_its_axis() -> None:
     (samples,) = windows(PAPER, 1)
     t = samples.t0 + samples.T * np.arange(len(samples))
     burst = (t > t[600]) & (t < t[700])
-    place = place_of(judged(replace(samples, u_q=samples.u_q + burst * np.sin(TURN * 30.0 * t))))
+    place = place_in_window(judged(replace(samples, u_q=samples.u_q + burst * np.sin(TURN * 30.0 * t))))
     assert place.region["axis"] == "q"
     assert place.region["time"] == pytest.approx((t[600], t[700]), abs=0.05)
     assert place.sentence.startswith("mostly on q where the time is between ")
@@ -149,7 +149,7 @@ def test_a_held_value_that_is_wrong_is_a_mismatch_and_the_right_one_is_none() ->
     (samples,) = windows(PAPER, 1)
     for psi_f, wrong in ((0.12, False), (0.118, True)):
         held = Estimate("psi_f", psi_f, None, UNITS["psi_f"], Status.HELD)
-        left = left_of([samples], estimates_of(samples) | {"psi_f": held})
+        left = mismatch_of([samples], estimates_of(samples) | {"psi_f": held})
         assert left is not None
         assert left.mismatch is wrong
 
@@ -158,14 +158,14 @@ def test_a_window_in_which_nothing_moves_says_nothing() -> None:
     for scenario in (paper(kind="none"), paper(Effects(inverter=Inverter(dead_time=2e-6)), 0.0, "none")):
         for samples in windows(scenario, 2):
             estimates = estimates_of(samples)
-            left = left_of([samples], estimates)
+            left = mismatch_of([samples], estimates)
             assert left is None or not (left.mismatch or left.clear)
     still = replace(PAPER.excitation, kind="none", i_q_ref=0.0)
     (samples,) = windows(replace(PAPER, run=replace(PAPER.run, speed_rpm=0.0), excitation=still), 1)
-    assert left_of([samples], estimates_of(samples)) is None
-    assert left_of([], estimates_of(samples)) is None
+    assert mismatch_of([samples], estimates_of(samples)) is None
+    assert mismatch_of([], estimates_of(samples)) is None
     (samples,) = windows(PAPER, 1)
-    assert left_of([samples[:FEWEST]], estimates_of(samples)) is None
+    assert mismatch_of([samples[:FEWEST_WATCHED]], estimates_of(samples)) is None
 
 
 def test_gaps_are_no_mismatch_and_hide_none() -> None:
@@ -173,7 +173,7 @@ def test_gaps_are_no_mismatch_and_hide_none() -> None:
         (samples,) = windows(paper(effects), 1)
         cuts = (0, 90, 91, 200, 433, 1000)
         runs = [samples[a + 3 : b] for a, b in pairwise(cuts)]
-        left = left_of(runs, estimates_of(samples))
+        left = mismatch_of(runs, estimates_of(samples))
         assert left is not None
         assert left.mismatch is there
         assert left.clear is not there

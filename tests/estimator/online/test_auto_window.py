@@ -11,7 +11,7 @@ import pytest
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER_RUN
 from estimator.online import auto_window, window_ls
-from estimator.online.auto_window import RINGS, SHORTEST, Stretches, lengths_of, weighed
+from estimator.online.auto_window import RINGS, SHORTEST_ROWS, StretchEstimates, lengths_of, weighed
 from estimator.online.estimate import Status
 from estimator.samples import Samples
 from tests.bars.auto_window import HELD, MOTIONS, NAMES, errors_of, pooled
@@ -50,17 +50,17 @@ def test_there_are_few_lengths_to_choose_from_however_long_the_window() -> None:
             lengths = lengths_of(samples, m)
             assert lengths[-1] == samples
             assert len(lengths) <= RINGS
-            assert all(b - a >= SHORTEST * m for a, b in pairwise(lengths))
+            assert all(b - a >= SHORTEST_ROWS * m for a, b in pairwise(lengths))
             assert all(length % m == 0 for length in lengths[:-1])
 
 
 def test_equal_stretches_give_their_precision_weighted_mean_and_a_line_its_end() -> None:
     start = np.array([16.0, 32.0, 48.0, 64.0])
-    still = Stretches(np.full(4, 2.0), np.full(4, 0.1), start, start - 16.0)
+    still = StretchEstimates(np.full(4, 2.0), np.full(4, 0.1), start, start - 16.0)
     value, std, length = weighed(still)
     assert (value, length) == (pytest.approx(2.0), 64)
     assert 0.05 <= std < 0.07  # of the mean of four, and something for what else may be
-    line = Stretches(2.0 - 0.1 * (start - 8.0), np.full(4, 1e-3), start, start - 16.0)
+    line = StretchEstimates(2.0 - 0.1 * (start - 8.0), np.full(4, 1e-3), start, start - 16.0)
     assert weighed(line)[0] == pytest.approx(2.0, abs=5e-3)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER, Excitation, Scenario
 from estimator.online import ekf, kalman
-from estimator.online.ekf import TELLABLE, EkfState, EkfTuning, Model, tuned
+from estimator.online.ekf import TELLABLE, EkfState, EkfTuning, FilterModel, tuned
 from estimator.online.estimate import Status
 from estimator.samples import Samples
 from tests.support.samples import noiseless, recorded, streamed, truth_of
@@ -53,25 +53,25 @@ def track(state: EkfState, samples: Samples, step: int) -> dict[str, np.ndarray]
     return {name: np.array(values) for name, values in told.items()}
 
 
-def moved(model: Model, x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def moved(model: FilterModel, x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The states one row later, and the Jacobian; a row so short that the small terms it leaves out are nothing."""
     x, F, T_s = x.copy(), np.eye(5), 1e-6
     start = np.array([1.0, 4e-3, 6e-3, 0.12])
-    if model is Model.FLUXES:
+    if model is FilterModel.FLUXES:
         kalman._fluxes_moved(row, T_s, T_s, start, x, F)
     else:
         kalman._inductances_moved(row, T_s, 1, start[3], np.full(2, 1e-30), x, F, np.zeros(2))
     return x, F
 
 
-@pytest.mark.parametrize("model", Model)
-def test_the_jacobian_is_the_derivative(model: Model) -> None:
+@pytest.mark.parametrize("model", FilterModel)
+def test_the_jacobian_is_the_derivative(model: FilterModel) -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):
         i_d, i_q, D = rng.normal(0, 3), rng.normal(0, 3), rng.normal(0, 0.1)
         s = 2e4 * np.sin(D / 2)
         row = np.array([i_d, i_q, 0, 0, s * i_d, s * i_q, s, 0, *rng.normal(0, 60, 2), D, 9.0, 9.0])
-        parameters = [0.15, 0.02, 0.9] if model is Model.FLUXES else [0.9, 4.1e-3, 6.3e-3]
+        parameters = [0.15, 0.02, 0.9] if model is FilterModel.FLUXES else [0.9, 4.1e-3, 6.3e-3]
         x = np.array([*rng.normal(0, 3, 2), *parameters])
         _, F = moved(model, x, row)
         for j in range(5):
@@ -217,7 +217,7 @@ def test_a_value_that_is_no_number_is_left_out_counted_and_poisons_nothing(prese
 
 def test_a_filter_that_runs_away_starts_anew_and_counts_it() -> None:
     loose = (1e3, 1e3, 1e3, 1e3, 1e3)
-    wild = EkfTuning(P_0=loose, Q=loose, R=(1e-6, 1e-6), model=Model.INDUCTANCES)
+    wild = EkfTuning(P_0=loose, Q=loose, R=(1e-6, 1e-6), model=FilterModel.INDUCTANCES)
     state = ekf.update(started(wild), SAMPLES)
     assert state.restarts > 0
     assert np.isfinite(state.x).all() and np.isfinite(state.P).all()
@@ -225,9 +225,9 @@ def test_a_filter_that_runs_away_starts_anew_and_counts_it() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(
-    model=st.sampled_from(list(Model)), exponents=st.lists(st.floats(-20.0, 6.0), min_size=12, max_size=12),
+    model=st.sampled_from(list(FilterModel)), exponents=st.lists(st.floats(-20.0, 6.0), min_size=12, max_size=12),
 )
-def test_no_tuning_makes_it_fail(model: Model, exponents: list[float]) -> None:
+def test_no_tuning_makes_it_fail(model: FilterModel, exponents: list[float]) -> None:
     v = [10.0**exponent for exponent in exponents]
     tuning = EkfTuning(
         P_0=(v[0], v[1], v[2], v[3], v[4]), Q=(v[5], v[6], v[7], v[8], v[9]), R=(max(v[10], 1e-12), max(v[11], 1e-12)),

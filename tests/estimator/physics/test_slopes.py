@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.arrays import Vector
 from estimator.diagnosis.likelihood.columns import regression
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.machine import PARAMETERS
 from estimator.physics.rows import Rows
-from estimator.physics.vectors import Vector
 from estimator.twin.model import Model, residual, with_machine
 from tests.estimator.physics.equations import rows_without_noise, with_effect
 

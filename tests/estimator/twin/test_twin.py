@@ -25,7 +25,7 @@ from estimator.machine import PARAMETERS
 from estimator.physics.library import LIBRARY
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Samples
-from estimator.twin.currents import followed, free_run, implied_voltage, one_step
+from estimator.twin.currents import followed_currents, free_run, implied_voltage, one_step
 from estimator.twin.model import Model
 from tests.support.samples import machine_of
 
@@ -130,8 +130,10 @@ def test_with_a_drives_effect_a_free_run_follows_it_and_without_it_does_not(name
 def test_currents_that_follow_a_model_are_the_same_when_found_from_those_of_another() -> None:
     rows = rows_from(drive_with(NONE._replace(inverter=ONES.inverter), NOISE))
     model = Model(TRUTH, SIZES["inverter"])
-    near, _ = followed(rows, Model(TRUTH, {"inverter_voltage_error": (2.5e-6, 0.5, 0.01 * RATED, 0.01 * RATED)}), 0.02)
-    (i, lost), (again, lost_again) = followed(rows, model, 0.02), followed(rows, model, 0.02, near)
+    near, _ = followed_currents(
+        rows, Model(TRUTH, {"inverter_voltage_error": (2.5e-6, 0.5, 0.01 * RATED, 0.01 * RATED)}), 0.02
+    )
+    (i, lost), (again, lost_again) = followed_currents(rows, model, 0.02), followed_currents(rows, model, 0.02, near)
     off = np.abs(again - i) / RATED
     assert rms(near - i) > 1e-2 * RATED
     assert np.quantile(off, 0.98) < 1e-5  # where a phase current changes sign, Newton's method may end elsewhere

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from tests.score.diagnosed import Said
 from tests.score.pooled.population import Kept
@@ -66,7 +66,8 @@ def outcome_in(line: str) -> Outcome:
     cells, kinds = line.split("\t"), [field.type for field in fields(Outcome)]
     if len(cells) != len(kinds):
         raise ValueError(f"expected {len(kinds)} cells, got {len(cells)}")
-    return Outcome(*(int(cell) if kind is int else cell for cell, kind in zip(cells, kinds, strict=True)))
+    values: list[Any] = [int(cell) if kind is int else cell for cell, kind in zip(cells, kinds, strict=True)]
+    return Outcome(*values)
 
 
 def kept_outcomes(path: Path) -> dict[str, Outcome]:

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.arrays import Vector
 from estimator.machine import Machine
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows, rows_of
-from estimator.physics.vectors import AXES, Vector
+from estimator.physics.vectors import AXES
 from estimator.samples import Samples
 
 MACHINE = Machine(1.0, 2e-3, 3e-3, 0.1, 4, 6.0)

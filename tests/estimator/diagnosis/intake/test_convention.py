@@ -10,7 +10,7 @@ from emulator.conceal.populations import STRANGERS
 from estimator.diagnosis.diagnose import diagnose
 from estimator.diagnosis.intake.convention import AS_GOOD, Suspicion, suspected
 from estimator.diagnosis.verdict import Verdict
-from estimator.diagnosis.words import begun
+from estimator.diagnosis.words import sentence_start
 from estimator.machine import PARAMETERS
 from estimator.physics.convention_error import UNIT
 from tests.estimator.diagnosis.convention_runs import (
@@ -89,7 +89,7 @@ def test_what_users_do_to_a_recording_is_named_and_undone(name: str) -> None:
             told = suspicion.parameters.get(key)
             assert (1.0 if told is None else told.value) == pytest.approx(value), key
         assert all(quantity.unit == UNIT[key] for key, quantity in suspicion.parameters.items())
-        assert suspicion.sentence.startswith(begun(suspicion.says))
+        assert suspicion.sentence.startswith(sentence_start(suspicion.says))
         assert suspicion.sentence.endswith(".")
         honest, nominal = recording("none", number)
         for run, true in zip(suspicion.runs, honest, strict=True):
@@ -109,7 +109,7 @@ def test_what_users_do_to_a_recording_is_named_and_undone(name: str) -> None:
 def test_a_sentence_that_begins_with_a_symbol_leaves_it_as_it_is() -> None:
     assert found(axes_swapped, 1).sentence.startswith("d and q are swapped in voltages and currents: ")
     assert found(phases_swapped(1, 2), 1).sentence.startswith("Phases b and c of the currents are swapped: ")
-    assert begun("u_d has the wrong sign") == "u_d has the wrong sign"
+    assert sentence_start("u_d has the wrong sign") == "u_d has the wrong sign"
 
 
 def test_the_verdict_names_the_cause_and_not_only_a_scale() -> None:

@@ -9,7 +9,7 @@ from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import Effects
 from emulator.scenario.scenarios import PAPER
-from estimator.diagnosis.intake.odd_rows import FEWEST, odd_rows, odd_samples
+from estimator.diagnosis.intake.odd_rows import FEWEST_ODD_ROWS, odd_rows, odd_samples
 from estimator.samples import Samples
 from tests.estimator.diagnosis.test_watch import paper
 from tests.support.samples import recorded, streamed
@@ -62,7 +62,7 @@ def test_many_are_no_accident_and_what_lasts_is_none(run: Samples) -> None:
 
 
 def test_too_few_rows_for_a_fit_are_judged_by_the_fit_before_them(run: Samples) -> None:
-    short = changed(run, "u_d", 5050, 500.0)[5000 : 5000 + FEWEST // 2]
+    short = changed(run, "u_d", 5050, 500.0)[5000 : 5000 + FEWEST_ODD_ROWS // 2]
     assert found(short) == [[]]
     before = odd_rows([run[:3000]]).fitted
     assert np.flatnonzero(odd_rows([short], before).bad[0]).tolist() == [50]

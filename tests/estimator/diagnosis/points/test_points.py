@@ -19,7 +19,7 @@ from emulator.plant.physics.skin import Skin
 from estimator.diagnosis.points.diagnose import diagnose_points
 from estimator.diagnosis.points.no_load import NoLoad
 from estimator.diagnosis.points.no_load_diagnosis import diagnose_no_load
-from estimator.diagnosis.points.table import FEWEST, Points, steady
+from estimator.diagnosis.points.table import FEWEST_POINTS, Points, steady
 from estimator.diagnosis.verdict import Diagnosis, Verdict
 from tests.emulator.plant.physics.effect_runs import SALIENT
 from tests.estimator.diagnosis.points.steady_points import operating_points, steady_points, without_load
@@ -155,9 +155,9 @@ def test_points_without_levels_of_i_d_do_not_pretend_to_know_l_d(plain: Points) 
     said = diagnosed(plain.at(np.flatnonzero(np.abs(plain.i.real) < 0.1)))
     assert said.verdict is Verdict.NOT_ENOUGH_EXCITATION
     assert "these points do not tell L_d" in said.remarks
-    few = diagnosed(plain.at(np.arange(FEWEST - 1)))
+    few = diagnosed(plain.at(np.arange(FEWEST_POINTS - 1)))
     assert few.verdict is Verdict.NOT_ENOUGH_EXCITATION
-    assert f"expected at least {FEWEST} steady points" in few.sentence
+    assert f"expected at least {FEWEST_POINTS} steady points" in few.sentence
 
 
 def swapped(points: Points) -> Points:

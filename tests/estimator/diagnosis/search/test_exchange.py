@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.diagnosis.search.exchange import one_for_others, together
+from estimator.diagnosis.search.exchange import all_saturations_at_once, one_for_others
 from estimator.diagnosis.search.fitting import fitted, without
 from estimator.diagnosis.search.remainder import excess_of
 from estimator.physics.library import BY_NAME
@@ -30,11 +30,11 @@ def test_one_effect_takes_the_place_of_three_that_stand_for_it(tmp_path: Path) -
 def test_saturations_and_an_angle_that_is_off_show_together(tmp_path: Path) -> None:
     rows, given = rows_of(population(2009), 183, tmp_path)
     found = fitted(rows, given)
-    other = together(rows, found, given)
+    other = all_saturations_at_once(rows, found, given)
     there = {"cross_saturation", "q_axis_saturation", "angle_offset"}
     assert {name for name, _ in found.choice} < there == {name for name, _ in other.choice}
     assert excess_of(other) < 0.5 * excess_of(found)
-    assert set(together(rows, other, given).choice) == set(other.choice)
+    assert set(all_saturations_at_once(rows, other, given).choice) == set(other.choice)
 
 
 def test_a_saturation_is_found_to_its_size_step_by_step(tmp_path: Path) -> None:
@@ -42,7 +42,7 @@ def test_a_saturation_is_found_to_its_size_step_by_step(tmp_path: Path) -> None:
     rows, given = rows_of(population(2009), 76, tmp_path)
     found = fitted(rows, given)
     assert {name for name, _ in found.choice} == {"encoder_eccentricity", "flux_harmonics", "d_axis_saturation"}
-    assert set(together(rows, found, given).choice) == set(found.choice)
+    assert set(all_saturations_at_once(rows, found, given).choice) == set(found.choice)
 
 
 def test_an_effect_shows_for_which_others_had_stood(tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_an_effect_shows_for_which_others_had_stood(tmp_path: Path) -> None:
     rows, given = rows_as_diagnosed(*written(there, columns, choice, tmp_path)[1:])
     found = fitted(rows, given)
     assert "phase_resistance_imbalance" in dict(found.choice)
-    assert set(together(rows, found, given).choice) == set(found.choice)
+    assert set(all_saturations_at_once(rows, found, given).choice) == set(found.choice)
 
 
 def test_a_drift_takes_the_place_of_an_offset_that_looks_like_it_at_the_wrong_time_constant(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from estimator.diagnosis.diagnose import diagnose
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.noise import flux_errors
 from estimator.diagnosis.search.fitting import Fitted, fitted
-from estimator.diagnosis.search.flux_map_fit import FluxMap, begun, told_map
+from estimator.diagnosis.search.flux_map_fit import FluxMap, map_begun, told_map
 from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.machine import PARAMETERS, Machine
 from estimator.physics.rows import Rows, rows_of
@@ -59,7 +59,7 @@ def rows_from(scenario: Scenario) -> Rows:
 
 
 def fit_to(rows: Rows) -> Fitted:
-    begin = begun(rows, Model(NOMINAL))
+    begin = map_begun(rows, Model(NOMINAL))
     assert begin is not None
     return fitted(rows, Given(NOMINAL, TOLERANCE, 0.0), begin=begin)
 

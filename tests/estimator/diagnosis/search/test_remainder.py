@@ -7,10 +7,10 @@ import pytest
 
 from emulator.conceal.recording import Choice
 from estimator.diagnosis.likelihood.given import Given
-from estimator.diagnosis.likelihood.identifiability import untold
-from estimator.diagnosis.search.exchange import together
+from estimator.diagnosis.likelihood.identifiability import unidentified_inductances
+from estimator.diagnosis.search.exchange import all_saturations_at_once
 from estimator.diagnosis.search.fitting import at_nominal, fitted, of_machine
-from estimator.diagnosis.search.remainder import alone, leaves_some, left_of, upright
+from estimator.diagnosis.search.remainder import alone, leaves_some, unexplained_by, upright
 from estimator.physics.rows import Rows
 from tests.estimator.diagnosis.concealed_runs import population, rows_of
 
@@ -52,7 +52,7 @@ def test_a_faint_resonance_is_told(number: int, tmp_path: Path) -> None:
     rows, given = rows_of(population(2013), number, tmp_path)
     found = of_machine(rows, given)
     assert not leaves_some(found)
-    left = left_of(rows, found)
+    left = unexplained_by(rows, found)
     assert left is not None
     assert "a resonance" in left.description
 
@@ -63,10 +63,10 @@ def test_an_effect_that_takes_a_parameter_off_its_data_sheet_is_dropped(tmp_path
     rows, given = rows_of(population(2013), 95, tmp_path)
     rows = replace(rows, angle_error=20.0 * rows.angle_error)  # of a coarser one
     given = replace(given, tolerance={**given.tolerance, "L_q": 0.07})
-    found = together(rows, fitted(rows, given), given)
+    found = all_saturations_at_once(rows, fitted(rows, given), given)
     assert "q_axis_saturation" in found.model.effects
     assert not given.within("L_q", found.model.machine.L_q, 1.5)
-    upheld, left, _ = upright(rows, found, left_of(rows, found), given)
+    upheld, left, _ = upright(rows, found, unexplained_by(rows, found), given)
     assert left is None
     assert set(upheld.model.effects) == {"interturn_short"}
     assert given.within("L_q", upheld.model.machine.L_q)
@@ -74,6 +74,6 @@ def test_an_effect_that_takes_a_parameter_off_its_data_sheet_is_dropped(tmp_path
 
 def test_an_inductance_is_not_told_by_a_current_that_moves_less_than_its_noise(tmp_path: Path) -> None:
     rows, given = rows_of(population(2008), 308, tmp_path)
-    assert untold(at_nominal(rows, given)) == {"L_d"}
+    assert unidentified_inductances(at_nominal(rows, given)) == {"L_d"}
     (tmp_path / "healthy").mkdir()
-    assert untold(at_nominal(*of_kind("none", tmp_path / "healthy"))) == frozenset()
+    assert unidentified_inductances(at_nominal(*of_kind("none", tmp_path / "healthy"))) == frozenset()

@@ -5,11 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from estimator.arrays import Vector
 from estimator.diagnosis.unnamed.branch import current_of
 from estimator.machine import Machine
 from estimator.online.flux_balance import TURN
 from estimator.physics.rows import Rows, rows_of
-from estimator.physics.vectors import AXES, Vector
+from estimator.physics.vectors import AXES
 from estimator.samples import Samples
 
 T_S, U_DC, N, STEPS = 1e-4, 300.0, 60, 20

@@ -10,16 +10,16 @@ import pytest
 from numpy.typing import NDArray
 
 from emulator.conceal.recording import Choice, Concealed, drawn
+from estimator.arrays import Vector
 from estimator.diagnosis.angle.angle_rounding import unrounded
 from estimator.diagnosis.likelihood.noise import filter_of, noise_of, whitened
 from estimator.diagnosis.unnamed.branch import Branch
-from estimator.diagnosis.unnamed.describe import branch, describe
+from estimator.diagnosis.unnamed.describe import best_resonance, describe
 from estimator.diagnosis.verdict import Place, Unexplained
 from estimator.diagnosis.where.place import place_of
 from estimator.diagnosis.words import number
 from estimator.machine import Machine
 from estimator.physics.rows import Rows, rows_of
-from estimator.physics.vectors import Vector
 from estimator.samples import Samples
 from estimator.twin.model import Model, residual
 from tests.support.samples import machine_of, rows_of_columns
@@ -304,7 +304,7 @@ def test_a_small_resonance_is_told_from_an_iron_loss(motor: str) -> None:
 def explained_by_a_branch(kind: str, motor: str) -> tuple[Concealed, float, Branch]:
     """A recording, the share of the energy over noise that a branch explains of it, and the branch."""
     concealed, rows, z, noise = left_in(kind, motor, 1, (0.0, 0.05))
-    found = branch(rows, z, noise)
+    found = best_resonance(rows, z, noise)
     assert found is not None
     assert found[0].description.startswith("a resonance")
     before, after = (float(np.sum((x.real / noise[0]) ** 2 + (x.imag / noise[1]) ** 2)) for x in (z, found[1].left))

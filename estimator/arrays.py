@@ -1,0 +1,13 @@
+"""Arrays, by what is in them; shapes stand where they are used."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+"""Real numbers."""
+Vector = NDArray[np.complex128]
+"""Complex space vectors, one a sample or a period."""
+Vectors = NDArray[np.complex128]
+"""Several of those, one a row."""
+Bools = NDArray[np.bool_]
+Integers = NDArray[np.int64]
