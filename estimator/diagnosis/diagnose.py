@@ -63,7 +63,7 @@ from estimator.physics import convention_error, voltage_delay
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
 from estimator.samples import Samples
-from estimator.twin.model import Model, residual, with_machine
+from estimator.twin.model import Model, residual
 
 TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
 _FEWEST: Final = 50 * STRETCHES  # rows
@@ -223,7 +223,7 @@ def _judged_fit(rows: Rows, given: Given, there: _There, progress: Callable[[flo
     found, left, plain, resonance, again, at_best = there
     nominal, tolerance = given.machine, given.tolerance
     search, choice, model = found.search, found.choice, found.model
-    rows = with_machine(rows, model.machine)
+    rows = rows.with_machine(model.machine)
     findings: list[Finding] = []
     excess = excess_of(found)
     lent = max(excess, 0.0) if left is not None else 0.0
@@ -312,7 +312,7 @@ def _doubted(
 
 def _of_no_size(found: Fitted, one: tuple[str, int]) -> bool:
     """An effect's only size, as it would be told, is less than its standard error."""
-    effect, rows = BY_NAME[one[0]], with_machine(found.smooth, found.model.machine)
+    effect, rows = BY_NAME[one[0]], found.smooth.with_machine(found.model.machine)
     shapes = {parameter.name for parameter in effect.parameters if parameter.shape}
     sizes = [told for name, told in told_sizes(effect, rows, found, one).items() if name not in shapes]
     return len(sizes) == 1 and sizes[0].value is not None and abs(sizes[0].value) < (sizes[0].std or 0.0)

@@ -316,8 +316,7 @@ def _seen(balance: Array, D: Array, runs: Sequence[Samples], beta: Array) -> Row
     return Rows(
         Machine(R_s, L_d, L_q, psi_f, 1), one.T, rated, t, i, theta + 0.5 * turned, np.exp(0.5j * turned),
         i, np.ones(len(i), np.bool_), None, None, np.zeros(len(i)), (float(t[0]), float(t[-1] - t[0])),
-        kept={"D": turned},
-    )  # fmt: skip
+    ).knowing({Rows.D: turned})  # fmt: skip
 
 
 def _mean_voltages(left: Left) -> tuple[Means, Array, Array]:

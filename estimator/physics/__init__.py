@@ -3,7 +3,7 @@
 Every effect's file says the equation, its source, its units and what it can be confused with.
 
 * `vectors` - space vectors and phases; `pulses` - the ripple under a bridge's pulses
-* `rows` - what every effect's equation is made of, period by period
+* `derived` - what is worked out of rows once; `rows` - what every effect's equation is made of, period by period
 * `effect` - what an effect is; `library` - all of them
 * `saturation`, `magnet_flux`, `flux_map` - what several effects of the flux linkage share
 * `current_sensing`, `angle_sensing` - what errors of the sensors share; `bridge` - what a switched bridge loses

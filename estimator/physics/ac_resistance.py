@@ -21,7 +21,7 @@ from estimator.physics.rows import Rows
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
     rise, corner = sizes
-    currents = rows.once(f"rung of {corner!r}", lambda: _currents(rows, corner))
+    currents = rows.once(_currents, corner)
     return rise * rows.machine.R_s * (currents[:, 0] + rise * currents[:, 1])
 
 

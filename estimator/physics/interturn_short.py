@@ -69,10 +69,15 @@ def _along(rows: Rows, sizes: Sizes) -> tuple[complex, Array]:
 def _loop_driven(rows: Rows, sizes: Sizes) -> tuple[Vector, Array | float]:
     """Voltages (V, at samples) as a loop's current follows them: the terminals', and the mean of the three phases'."""
     lag = sizes[2]
-    along = rows.once(f"loop {lag!r}", lambda: iron_branch(rows, 0.0, lag, behind_R_s=False))
+    along = rows.once(iron_branch, 0.0, lag, behind_R_s=False)
     if not any(rows.R_s_excess):
         return along, 0.0
-    return along, rows.once(f"loop {lag!r} {rows.R_s_excess!r}", lambda: voltage_followed(rows, lag, _mean_drop(rows)))
+    return along, rows.once(_mean_followed, lag)
+
+
+def _mean_followed(rows: Rows, lag: float) -> Array:
+    """The mean of the three phases' voltages (V, at samples) as the loop's current follows it."""
+    return voltage_followed(rows, lag, _mean_drop(rows))
 
 
 def _mean_drop(rows: Rows) -> Array:

@@ -28,21 +28,23 @@ from estimator.physics.bridge.lost_voltage import lost_between
 from estimator.physics.effect import Effect, Parameter, Sizes
 from estimator.physics.rows import Rows
 
+_ANY_WIDTH = 1.0  # A, of what is not there
 _DIODE_UNLIKE = 0.3  # of u_drop, standard deviation of the diode's less the transistor's
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Lost voltage, V."""
     dead_time, u_drop, width, knee = map(float, sizes)
-
-    def lost() -> Vector:
-        return lost_between(legs_of(rows), rows.i_s[:-1], rows.i_s[1:], dead_time, u_drop, width, knee)
-
     if u_drop == 0.0:  # whatever the knee
-        return rows.stationary(rows.once(f"lost in {dead_time!r} s, by {width!r} A", lost))
+        return rows.stationary(rows.once(_lost, dead_time, 0.0, width, _ANY_WIDTH))
     if dead_time == 0.0:  # whatever the width
-        return rows.stationary(rows.once(f"lost by {u_drop!r} V, {knee!r} A", lost))
-    return rows.stationary(lost())
+        return rows.stationary(rows.once(_lost, 0.0, u_drop, _ANY_WIDTH, knee))
+    return rows.stationary(_lost(rows, dead_time, u_drop, width, knee))
+
+
+def _lost(rows: Rows, dead_time: float, u_drop: float, width: float, knee: float) -> Vector:
+    """V, stationary frame."""
+    return lost_between(legs_of(rows), rows.i_s[:-1], rows.i_s[1:], dead_time, u_drop, width, knee)
 
 
 def bus(rows: Rows) -> float:

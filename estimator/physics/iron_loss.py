@@ -21,7 +21,7 @@ import numpy as np
 from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
-from estimator.physics.rows import LOST, Rows
+from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
 
 _SLOWEST = 10.0  # rad/s electrical, below which hysteresis grows no further
@@ -36,7 +36,7 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
 
 def _iron_driven(rows: Rows, sizes: Sizes) -> Vector:
     _, omega_h, lag = sizes
-    return rows.once(f"iron {omega_h!r} {lag!r}", lambda: iron_branch(rows, omega_h, lag))
+    return rows.once(iron_branch, omega_h, lag)
 
 
 def iron_branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = True) -> Vector:
@@ -45,8 +45,8 @@ def iron_branch(rows: Rows, omega_h: float, lag: float, *, behind_R_s: bool = Tr
     share = speed / (speed + omega_h)  # R_i / R_c
     x = rows.T_s * share / lag
     lost = (rows.machine.R_s if behind_R_s else 0.0) * rows.R_s_ratio * rows.i_mean * rows.middle
-    if LOST in rows.kept:
-        lost = lost + rows.kept[LOST] * rows.middle
+    if rows.lost is not None:
+        lost = lost + rows.lost * rows.middle
     if rows.u_dc is None:
         return _branch_course(x, share, rows.u * rows.middle - lost, np.zeros((0, 3)), np.zeros(0))
     return _branch_course(x, share, -lost, rows.duties, rows.u_dc)

@@ -1,43 +1,46 @@
 """Rows: what every effect's equation is made of - currents, angle and voltage of a run, period by period.
 
 n control periods lie between n + 1 samples. Quantities at samples have n + 1 values, those of periods n. Complex
-vectors are amplitude-invariant and in the rotor frame; those of a period in the frame of its middle.
-Knows no effect.
+vectors are amplitude-invariant and in the rotor frame; those of a period in the frame of its middle. What is derived
+from rows is worked out once, goes along with stretches of them, and stays with rows of which only other things have
+changed: see `derived`. Knows no effect.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any, Final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Concatenate, Final, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.arrays import Array, Vector
+from estimator.arrays import Array, Bools, Vector
 from estimator.kernel import kernel
 from estimator.machine import Machine
+from estimator.physics.derived import Derived, derived
 from estimator.physics.pulses import add_mean_of_pulses, duties_of, moments_of_pulses, powers_of_pulses
 from estimator.physics.vectors import AXES, Stiffness
 from estimator.samples import Samples, nearest_turns
 
-_OF_ANGLE: Final = ("D", "speed", "rotor", "middle", "six", "turn")
-OF_ANGLE_AND_BRIDGE: Final = (
-    *_OF_ANGLE, "duties", "moment of pulses", "size of pulses", "square of pulses", "duties before", "order",
-)  # fmt: skip
-"""What is worked out `once` and depends neither on the machine nor on currents."""
-LOCAL: Final = ("local a", "local b", "local psi_0", "stiffness a", "stiffness b", "bent flux")
-"""Of straight lines that a saturating machine follows for a while."""
-LOST: Final = "lost by the bridge"
-"""Voltage (V of each period, rotor frame) that terminals do not see."""
-OTHERS: Final = "others' voltage"
-"""What effects other than the bridge's add (V of each period, rotor frame)."""
-BRIDGED: Final = (LOST, OTHERS)
-"""Of a model with the bridge's voltage error."""
+T = TypeVar("T")
+P = ParamSpec("P")
+
 _NO_SENSOR: Final = 1e-4  # of the current: no three sensors agree that closely
 _FOLLOWED_PERIODS: Final = 10  # periods that are not there
+_TIME = ("t", "steps", "T_s")
+_PULSES = ("u", "u_dc", "theta_e", "half")
 
 
-@dataclass(slots=True, eq=False, weakref_slot=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalLine:
+    """Straight lines that a saturating machine follows for a while, and its own curve."""
+
+    of_periods: Stiffness
+    psi_0: Vector  # Vs of each period, at no current of its line
+    at_samples: Stiffness
+    psi: Vector  # Vs at samples
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Rows:
     """A run without gaps, or a stretch of it."""
 
@@ -49,7 +52,7 @@ class Rows:
     theta_e: Array  # rad, at samples, unwrapped
     half: Vector  # exp(j D/2) of each period, D the angle turned in it
     u: Vector  # V, of each period
-    joined: NDArray[np.bool_]  # of each period: its two samples are of one run
+    joined: Bools  # of each period: its two samples are of one run
     u_dc: Array | None  # V, of each period
     zero: Array | None  # A, mean of the three measured phase currents at samples, where they are known
     heat: Array  # A^2 s, integral of the squared current up to each sample
@@ -67,7 +70,11 @@ class Rows:
     heat_beside: Array | float = 0.0  # A^2 s, what effects add to heat
     emf: Vector | float = 0.0  # V at samples, that effects take from what drives the current between pulses
     steps: NDArray[np.intp] | None = None  # control periods from each sample to the next, where `t` does not tell
-    kept: dict[str, Any] = field(default_factory=dict[str, Any])  # worked out once, at samples or of periods
+    local: LocalLine | None = None  # of a machine that saturates
+    lost: Vector | None = None  # V of each period, that the bridge loses and terminals do not see
+    others: Vector | None = None  # V of each period, that effects other than the bridge's add
+    _known: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any], init=False, repr=False)
+    _latest: dict[Any, tuple[Any, ...]] = field(default_factory=dict[Any, tuple[Any, ...]], init=False, repr=False)
 
     def __len__(self) -> int:
         """Control periods."""
@@ -75,48 +82,87 @@ class Rows:
 
     def __getitem__(self, periods: slice) -> "Rows":
         """A stretch of consecutive periods (views)."""
-        a, b, _ = periods.indices(len(self))
         n = len(self)
+        a, b, _ = periods.indices(n)
+        return self.taken(lambda whole: whole[a : b + (len(whole) - n)])
 
-        def cut(whole: Any) -> Any:
-            return whole if whole is None or isinstance(whole, float) else whole[a : b + (len(whole) - n)]
+    def taken(self, take: Callable[[Any], Any]) -> "Rows":
+        """Some periods, by what takes theirs from an array of all periods or of all samples."""
 
-        return replace(
-            self, t=cut(self.t), i=cut(self.i), theta_e=cut(self.theta_e), half=cut(self.half), u=cut(self.u),
-            joined=cut(self.joined), heat=cut(self.heat), u_dc=cut(self.u_dc), zero=cut(self.zero),
-            R_s_ratio=cut(self.R_s_ratio), psi_f_ratio=cut(self.psi_f_ratio), heat_beside=cut(self.heat_beside),
-            emf=cut(self.emf), turned_by=cut(self.turned_by), steps=cut(self.steps),
-            kept={key: cut(whole) for key, whole in self.kept.items()},
-        )  # fmt: skip
+        def of(whole: Any) -> Any:
+            if isinstance(whole, np.ndarray):
+                return take(whole)
+            if isinstance(whole, Stiffness):
+                return Stiffness(take(whole.a), take(whole.b))
+            if isinstance(whole, LocalLine):
+                return LocalLine(of(whole.of_periods), take(whole.psi_0), of(whole.at_samples), take(whole.psi))
+            return tuple(of(each) for each in cast(tuple[Any, ...], whole)) if isinstance(whole, tuple) else whole
 
-    def once(self, key: str, make: Callable[[], Any]) -> Any:
-        """An array worked out at its first use; stretches taken later have their part of it."""
-        if key not in self.kept:
-            self.kept[key] = make()
-        return self.kept[key]
+        some = {each.name: of(getattr(self, each.name)) for each in fields(self) if each.init}
+        found = Rows(**some)
+        found._known.update({key: of(value) for key, value in self._known.items()})
+        return found
+
+    # --- what is derived
+
+    def once(self, make: Callable[Concatenate["Rows", P], T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """What a function makes of these rows, worked out at its first call; stretches taken later have their part.
+
+        Arrays of periods or of samples, or tuples of such.
+        """
+        key = (make, *args, *kwargs.items())
+        if key not in self._known:
+            self._known[key] = make(self, *args, **kwargs)
+        return self._known[key]
+
+    def latest(self, make: Callable[Concatenate["Rows", P], T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """The same of anything: only what was made last is kept, for who asks for it again."""
+        given = (*args, *kwargs.items())
+        known = self._latest.get(make)
+        if known is None or known[0] != given:
+            known = self._latest[make] = given, make(self, *args, **kwargs)
+        return known[1]
+
+    def changed(self, **changes: Any) -> "Rows":
+        """The rows with other values of some fields, and what has been derived from none of these."""
+        found, names = replace(self, **changes), set(changes)
+        if "machine" in changes and changes["machine"].n_p == self.machine.n_p:
+            names.add("parameters")
+        else:
+            names |= {"parameters", "n_p"} if "machine" in changes else set()
+        found._known.update({
+            key: value for key, value in self._known.items()
+            if isinstance(key[0], Derived) and not key[0].of & names
+        })  # fmt: skip
+        return found
+
+    def knowing(self, known: Mapping[Derived[Any], Any]) -> "Rows":
+        """These rows, told what is derived from them."""
+        self._known.update({(each,): value for each, value in known.items()})
+        return self
+
+    def turned(self, by: Vector | complex, **changes: Any) -> "Rows":
+        """The rows with other values of some fields, by which all vectors of periods are `by` (of length 1) times what
+        they were: what has been derived from pulses turns with them.
+        """
+        found = self.changed(**changes)
+        for key, value in self._known.items():
+            turns = key[0].turns if isinstance(key[0], Derived) else None
+            if turns is not None:
+                found._known[key] = value * by**turns if turns else value
+        return found
+
+    def copy(self) -> "Rows":
+        """The rows: what is worked out of the copy is not kept here."""
+        found = replace(self)
+        found._known.update(self._known)
+        return found
 
     def prepare(self) -> None:
         """Work out now what all models share."""
         _ = self.D, self.speed, self.rotor, self.middle, self.turn, self.i_s
         if self.u_dc is not None:
             _ = self.moment_of_pulses, self.power_of_pulses
-
-    def kept_of_angle_and_bridge(self) -> dict[str, Any]:
-        """What has been worked out and depends neither on the machine nor on currents."""
-        return {key: self.kept[key] for key in OF_ANGLE_AND_BRIDGE if key in self.kept}
-
-    def with_voltage(self, u: Vector) -> "Rows":
-        """The same rows with another voltage (V)."""
-        return replace(self, u=u, kept={key: self.kept[key] for key in (*_OF_ANGLE, "i_s") if key in self.kept})
-
-    def pulses_turned(self, by: Vector | complex) -> dict[str, Any]:
-        """What has been worked out of pulses, in a frame where vectors of periods are `by` (of length 1) times it."""
-        powers = {"duties": 0, "duties before": 0, "order": 0, "moment of pulses": 1, "size of pulses": 0}
-        powers["square of pulses"] = 2
-        return {
-            key: self.kept[key] * by**power if power else self.kept[key]
-            for key, power in powers.items() if key in self.kept
-        }  # fmt: skip
 
     # --- time
 
@@ -129,52 +175,49 @@ class Rows:
         return steps.astype(np.intp)
 
     @property
-    def pauses(self) -> NDArray[np.bool_]:
+    def pauses(self) -> Bools:
         """Of each period: it is none, but a time over which a rotor cannot be followed; then another run begins."""
         return ~self.joined & ((self.apart > _FOLLOWED_PERIODS) | (self.apart < 1))
 
     # --- angles
 
-    @property
+    @derived("theta_e")
     def D(self) -> Array:
         """Angle turned in each period, rad."""
-        return self.once("D", lambda: np.diff(self.theta_e))
+        return np.diff(self.theta_e)
 
     @property
     def omega_e(self) -> Array:
         """Electrical speed in each period, rad/s."""
         return self.D / self.T_s
 
-    @property
+    @derived("theta_e", *_TIME)
     def speed(self) -> Array:
         """Electrical speed at samples, rad/s: the mean of the periods before and after; over a gap none is known."""
-        return self.once("speed", self._speed)
-
-    def _speed(self) -> Array:
         there = self.apart == 1
         omega = np.where(there, self.omega_e, 0.0)
         periods = np.concatenate((there[:1], there)).astype(int) + np.concatenate((there, there[-1:]))
         return (np.concatenate((omega[:1], omega)) + np.concatenate((omega, omega[-1:]))) / np.maximum(periods, 1)
 
-    @property
+    @derived("theta_e")
     def rotor(self) -> Vector:
         """exp(j theta_e) at samples."""
-        return self.once("rotor", lambda: np.exp(1j * self.theta_e))
+        return np.exp(1j * self.theta_e)
 
-    @property
+    @derived("theta_e", "half")
     def middle(self) -> Vector:
         """exp(j theta_e) in the middle of each period."""
-        return self.once("middle", lambda: self.rotor[:-1] * self.half)
+        return self.rotor[:-1] * self.half
 
-    @property
+    @derived("theta_e")
     def six(self) -> Vector:
         """exp(6j theta_e) at samples."""
-        return self.once("six", lambda: _sixth_power(self.rotor))
+        return _sixth_power(self.rotor)
 
-    @property
+    @derived("theta_e", "n_p")
     def turn(self) -> Vector:
         """exp(j theta_m) at samples."""
-        return self.once("turn", lambda: np.exp(1j * self.theta_m))
+        return np.exp(1j * self.theta_m)
 
     @property
     def theta_m(self) -> Array:
@@ -183,21 +226,18 @@ class Rows:
 
     # --- currents
 
-    @property
+    @derived("i", "theta_e")
     def i_s(self) -> Vector:
         """Current at samples in the stationary frame, A."""
-        return self.once("i_s", lambda: self.i * self.rotor)
+        return self.i * self.rotor
 
     def phase(self, k: int) -> Array:
         """Current of phase k at samples, A."""
         return (self.i_s * AXES[k].conjugate()).real
 
-    @property
+    @derived("parameters", "i", *_PULSES, *_TIME)
     def i_mean(self) -> Vector:
         """Mean current of each period, A, in the machine without effects."""
-        return self.once("i_mean", self._plain_mean_current)
-
-    def _plain_mean_current(self) -> Vector:
         return self.mean_current(self.flux(self.i), self.stiffness)
 
     def mean_current(self, psi: Vector, g: Stiffness) -> Vector:
@@ -220,21 +260,29 @@ class Rows:
         e, g = self.half, self.stiffness
         return self.T_s / 12.0 * (e * g[1:](v_1) - e.conj() * g[:-1](v_0))
 
-    @property
+    @derived(*_PULSES, "T_s", turns=1)
     def moment_of_pulses(self) -> Vector:
         """First moment (Vs s) of the flux linkage's ripple in each period. Needs `u_dc`."""
         assert self.u_dc is not None
-        u_dc = self.u_dc
-        return self.once("moment of pulses", lambda: moments_of_pulses(self.duties, u_dc, self.middle, self.T_s))
+        return moments_of_pulses(self.duties, self.u_dc, self.middle, self.T_s)
 
     @property
     def power_of_pulses(self) -> tuple[Array, Vector]:
         """Means of abs(ripple)^2 and ripple^2 of the flux linkage (Vs^2) in each period. Needs `u_dc`."""
-        if "size of pulses" not in self.kept:
-            assert self.u_dc is not None
-            size, square = powers_of_pulses(self.duties, self.u_dc, self.middle, self.T_s)
-            self.kept |= {"size of pulses": size, "square of pulses": square}
-        return self.kept["size of pulses"], self.kept["square of pulses"]
+        return self._size_of_pulses, self._square_of_pulses
+
+    @derived(*_PULSES, "T_s", turns=0)
+    def _size_of_pulses(self) -> Array:
+        return self._powers_of_pulses[0]
+
+    @derived(*_PULSES, "T_s", turns=2)
+    def _square_of_pulses(self) -> Vector:
+        return self._powers_of_pulses[1]
+
+    @derived(*_PULSES, "T_s")
+    def _powers_of_pulses(self) -> tuple[Array, Vector]:
+        assert self.u_dc is not None
+        return powers_of_pulses(self.duties, self.u_dc, self.middle, self.T_s)
 
     # --- model
 
@@ -253,27 +301,26 @@ class Rows:
     @property
     def local_line(self) -> tuple[Stiffness, Vector]:
         """Stiffness and flux at no current (Vs) of the straight lines that each period's flux linkages go along."""
+        return self._everywhere if self.local is None else (self.local.of_periods, self.local.psi_0)
+
+    @derived("parameters")
+    def _everywhere(self) -> tuple[Stiffness, Vector]:
+        """Those of the machine without effects."""
         m, n = self.machine, len(self)
-        everywhere = 0.5 * (1.0 / m.L_d + 1.0 / m.L_q), complex(0.5 * (1.0 / m.L_d - 1.0 / m.L_q)), complex(m.psi_f)
-        a, b, psi_0 = (
-            self.once(key, partial(np.full, n, value)) for key, value in zip(LOCAL[:3], everywhere, strict=True)
-        )
-        return Stiffness(a, b), psi_0
+        a, b = 0.5 * (1.0 / m.L_d + 1.0 / m.L_q), complex(0.5 * (1.0 / m.L_d - 1.0 / m.L_q))
+        return Stiffness(np.full(n, a), np.full(n, b)), np.full(n, complex(m.psi_f))
 
     @property
     def own_flux(self) -> tuple[Vector, Stiffness]:
         """Flux linkage (Vs) of the machine, which may bend, and its stiffness at samples."""
-        if LOCAL[3] not in self.kept:
-            return self.flux(self.i), self.stiffness
-        a, b, psi = (self.kept[key] for key in LOCAL[3:])
-        return psi, Stiffness(a, b)
+        return (self.flux(self.i), self.stiffness) if self.local is None else (self.local.psi, self.local.at_samples)
 
     def flux_of_little(self, i: Vector) -> Vector:
         """Flux linkage (Vs) that the machine, which may bend, has less where a current (A, at samples) flows beside it.
 
         By its stiffness half way along the saturation curve.
         """
-        if LOCAL[3] not in self.kept:
+        if self.local is None:
             return self.machine.L_d * i.real + 1j * self.machine.L_q * i.imag
         psi, g = self.own_flux
         less = g.flux(i)
@@ -290,25 +337,28 @@ class Rows:
         return Stiffness(0.5 * (dd + qq), 0.5 * (dd - qq) + 1j * dq)
 
     def with_local_line(self, psi: Vector, g: Stiffness) -> "Rows":
-        """The same rows with flux linkages (Vs, at samples) that are no straight lines, of such stiffness."""
-        at_samples = g.a, g.b, psi
-        b, psi, i = (0.5 * (x[1:] + x[:-1]) for x in (g.b, psi, self.i))
+        """The rows with flux linkages (Vs, at samples) that are no straight lines, of such stiffness."""
+        b, mean, i = (0.5 * (x[1:] + x[:-1]) for x in (g.b, psi, self.i))
         middle = Stiffness(0.5 * (g.a[1:] + g.a[:-1]), b)
-        lines = middle.a, b, psi - middle.flux(i), *at_samples
-        kept = {key: value for key, value in self.kept.items() if key in (*OF_ANGLE_AND_BRIDGE, "i_s", "i_mean")}
-        return replace(self, kept=kept | dict(zip(LOCAL, lines, strict=True)))
+        return self.changed(local=LocalLine(middle, mean - middle.flux(i), g, psi), lost=None, others=None)
+
+    def with_machine(self, machine: Machine) -> "Rows":
+        """The rows, to be seen with another machine, which does not saturate."""
+        if self.machine == machine:
+            return self
+        return self.changed(machine=machine, local=None, lost=None, others=None)
+
+    def with_currents(self, i: Vector) -> "Rows":
+        """The rows with other currents (A) of a machine that does not saturate."""
+        return self.changed(i=i, local=None, lost=None, others=None)
 
     # --- bridge
 
-    @property
+    @derived(*_PULSES, turns=0)
     def duties(self) -> Array:
         """Share of each period that the three legs are high, (n, 3), by space-vector modulation. Needs `u_dc`."""
-        return self.once("duties", self._duties)
-
-    def _duties(self) -> Array:
-        u_s, u_dc = self.u * self.middle, self.u_dc
-        assert u_dc is not None
-        return duties_of(u_s, u_dc)
+        assert self.u_dc is not None
+        return duties_of(self.u * self.middle, self.u_dc)
 
     # --- balances
 

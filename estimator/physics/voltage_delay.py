@@ -29,18 +29,17 @@ def _change_of_voltage(rows: Rows, sizes: Sizes) -> Vector:
     Each was turned by rounded angles: one that is read late by those of the period in which it acted, one that is read
     early by those from which the drive foresaw it.
     """
-    _, direction = sizes
+    return rows.once(_change_by, sizes[1])
 
-    def change() -> Vector:
-        by = np.broadcast_to(np.asarray(rows.turned_by), rows.i.shape)
-        together, none = rows.apart[:-1] == 1, np.zeros(1, np.complex128)
-        if direction > 0.0:
-            foreseen = np.exp(1j * (by[1:-1] - by[:-2]))
-            return np.concatenate((none, (rows.u[1:] - rows.u[:-1] * foreseen) * together))
-        moved = np.exp(0.5j * (by[:-2] - by[2:]))
-        return np.concatenate(((rows.u[:-1] - rows.u[1:] * moved) * together, none))
 
-    return rows.once(f"change of the voltage, {direction:+g}", change)
+def _change_by(rows: Rows, direction: float) -> Vector:
+    by = np.broadcast_to(np.asarray(rows.turned_by), rows.i.shape)
+    together, none = rows.apart[:-1] == 1, np.zeros(1, np.complex128)
+    if direction > 0.0:
+        foreseen = np.exp(1j * (by[1:-1] - by[:-2]))
+        return np.concatenate((none, (rows.u[1:] - rows.u[:-1] * foreseen) * together))
+    moved = np.exp(0.5j * (by[:-2] - by[2:]))
+    return np.concatenate(((rows.u[:-1] - rows.u[1:] * moved) * together, none))
 
 
 def foreseen_energy(rows: Rows, sizes: Sizes) -> float:

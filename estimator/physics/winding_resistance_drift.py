@@ -18,9 +18,6 @@ from estimator.arrays import Array, Vector
 from estimator.physics.effect import Effect, Parameter, Sizes, constant
 from estimator.physics.rows import Rows
 
-COURSE = "course of the heat"
-"""Begin of the keys of what is worked out once of `heat` and `heat_beside`."""
-
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Added voltage, V."""
@@ -40,7 +37,7 @@ def rise(rows: Rows, sizes: Sizes) -> Array:
 def _heat_course(rows: Rows, sizes: Sizes) -> Array:
     """h(t)/h(end) at samples."""
     tau = sizes[1] * rows.span[1]
-    return rows.once(f"{COURSE} {tau!r}", lambda: _heated_by(rows, tau))
+    return rows.once(_heated_by, tau)
 
 
 def _heated_by(rows: Rows, tau: float) -> Array:

@@ -24,7 +24,7 @@ from estimator.physics.bridge.legs import Legs, legs_of
 from estimator.physics.bridge.lost_voltage import SHOTS, lost_after, lost_in
 from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.library import BY_NAME
-from estimator.physics.rows import BRIDGED, LOCAL, LOST, OF_ANGLE_AND_BRIDGE, Rows
+from estimator.physics.rows import Rows
 from estimator.twin.model import (
     Model,
     base_voltage,
@@ -35,7 +35,6 @@ from estimator.twin.model import (
     in_truth,
     residual,
     with_local_course,
-    with_machine,
 )
 from estimator.twin.response import Memory, Response, Slopes, solved_real
 
@@ -51,7 +50,6 @@ _SHORT_DEAD_TIME: Final = 1e-4  # of the period: the same of dead time
 _LITTLE_DROP: Final = 1e-5  # of the dc link: the same of drops
 _NEWTON_ROUNDS: Final = 20  # of Newton's method in a period
 _WHOLE_STEPS: Final = 5  # of them with whole steps
-_OF_INPUTS: Final = (*OF_ANGLE_AND_BRIDGE, *LOCAL, *BRIDGED, "ripple")  # of the measured currents at most
 
 
 class Lost(NamedTuple):
@@ -163,7 +161,7 @@ def _lost_around(
 
 def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
     """Measured currents: those of the machine with its effects, and the errors of measurement on top."""
-    rows = with_machine(rows, model.machine)
+    rows = rows.with_machine(model.machine)
     truth = in_truth(rows, model)
     i_s = _implied_currents(truth, _physics(model), starts) * truth.rotor
     measured = i_s * rows.rotor.conj()
@@ -190,7 +188,8 @@ def _starts(rows: Rows, window: int, offset: int = 0) -> Bools:
 
 
 def _with_currents(rows: Rows, i: Vector) -> Rows:
-    return replace(rows, i=i, kept={key: rows.kept[key] for key in _OF_INPUTS if key in rows.kept})
+    """What a bridge, and a machine that saturates, do stays that of the measured currents."""
+    return rows.changed(i=i)
 
 
 def _voltage(truth: Rows, model: Model) -> Vector:
@@ -245,7 +244,7 @@ def _implied_currents(rows: Rows, model: Model, starts: Bools) -> Vector:
                                _NO_GUESS)  # fmt: skip
         i, sweep = i + delta, sweep + 1
         if "inverter_voltage_error" in model.effects:
-            rows = replace(rows, kept=rows.kept | {LOST: gone})
+            rows = rows.changed(lost=gone)
             lost = lost._replace(legs=legs_of(beside_bridge(with_local_course(_with_currents(rows, i), model), model)))
         moving = ~(np.maximum.reduceat(np.abs(delta), first) <= close)
         if not np.any(moving):

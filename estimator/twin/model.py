@@ -7,7 +7,6 @@ left is that of currents and voltages as they act. Knows nothing of how a model 
 import cmath
 from dataclasses import dataclass, field, replace
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from estimator.physics.effect import Sizes, Together
 from estimator.physics.flux_map import Bend
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.magnet_flux import change_of
-from estimator.physics.rows import LOST, OTHERS, Rows
+from estimator.physics.rows import Rows
 from estimator.physics.saturation import bends, curvature, saturated
 
 _NEAR_GAP: Final = 200  # samples on either side
@@ -42,44 +41,32 @@ class Model:
 
 def base_voltage(rows: Rows, model: Model) -> Vector:
     """Voltage (V) of a machine without effects, but for its flux map's bend."""
-    at = with_machine(rows, model.machine)
+    at = rows.with_machine(model.machine)
     v = model.machine.R_s * at.i_mean + at.balance(at.flux(at.i))
     return v if model.bend is None else v + model.bend.voltage(at)
-
-
-_LAST: Final = WeakKeyDictionary[Rows, tuple[Model, Rows]]()
-"""Rows that were asked for in truth last, by which model, and what they are then: as long as anyone has these rows."""
 
 
 def in_truth(rows: Rows, model: Model) -> Rows:
     """The rows without the model's errors of measurement: currents and voltages as they act, the angle as it is.
 
-    The last ones are kept: who tries a model, looks at what it leaves, and then around it, asks for the same again. So
-    are those before where currents follow the model, for one may go back to it.
+    The last ones are kept with the rows: who tries a model, looks at what it leaves, and then around it, asks for the
+    same again.
     """
-    of, truth = _LAST.get(rows, (None, rows))
-    if of != model:
-        for old in list(_LAST)[: -1 if model.steep else None]:
-            _LAST.pop(old, None)
-        truth = _in_truth(rows, model)
-        _LAST[rows] = model, truth
-    return truth
+    return rows.latest(_in_truth, model)
 
 
 def _in_truth(rows: Rows, model: Model) -> Rows:
     truth = with_local_course(_without_errors(rows, model), model)
-    if model.steep:
-        truth = beside_bridge(truth, model)
-        if any(BY_NAME[name].sees_voltage for name in model.effects):
-            see_lost(truth, model)
+    return see_lost(beside_bridge(truth, model), model) if model.steep else truth
+
+
+def see_lost(truth: Rows, model: Model) -> Rows:
+    """The rows with what the model's bridge loses of the voltage, which terminals do not see."""
+    if truth.lost is None:
+        for name, sizes in model.effects.items():
+            if BY_NAME[name].steep:
+                return truth.changed(lost=BY_NAME[name].voltage(truth, sizes))
     return truth
-
-
-def see_lost(truth: Rows, model: Model) -> None:
-    """Let effects that see the terminals' voltage know what the model's bridge loses of it, worked out once."""
-    for name, sizes in model.effects.items():
-        if BY_NAME[name].steep and LOST not in truth.kept:
-            truth.kept[LOST] = BY_NAME[name].voltage(truth, sizes)
 
 
 def beside_bridge(truth: Rows, model: Model) -> Rows:
@@ -93,13 +80,13 @@ def beside_bridge(truth: Rows, model: Model) -> Rows:
         name: sizes for name, sizes in model.effects.items()
         if not BY_NAME[name].steep and not (bent and BY_NAME[name].together)
     }  # fmt: skip
-    added = effects_voltage(replace(truth, kept=dict(truth.kept)), replace(model, effects=others))
+    added = effects_voltage(truth.copy(), replace(model, effects=others))
     for name, sizes in model.effects.items():
         effect = BY_NAME[name]
         if name not in others and effect.emf is not None:
             v = effect.emf(truth, sizes)
             added += 0.5 * (truth.half * v[1:] + truth.half.conj() * v[:-1])
-    return replace(truth, kept=truth.kept | {OTHERS: added})
+    return truth.changed(others=added)
 
 
 def with_local_course(truth: Rows, model: Model) -> Rows:
@@ -112,12 +99,13 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
             stiffness += fast_stiffness(sizes)
         if (fast_resistance := BY_NAME[name].fast_resistance) is not None:
             resistance += fast_resistance(truth, sizes)
-    truth = replace(_drifting(_heated_rows(truth, model), model), fast_stiffness=stiffness, fast_resistance=resistance)
+    truth = _drifting(_heated_rows(truth, model), model).changed(fast_stiffness=stiffness, fast_resistance=resistance)
     if model.bend is not None:
         return truth.with_local_line(*model.bend.bent(truth))
     if not bends(model.effects):
         return truth
-    return replace(truth, curvature=curvature(truth, model.effects)).with_local_line(*saturated(truth, model.effects))
+    bent = truth.changed(curvature=curvature(truth, model.effects))
+    return bent.with_local_line(*saturated(truth, model.effects))
 
 
 def _heated_rows(truth: Rows, model: Model) -> Rows:
@@ -128,35 +116,33 @@ def _heated_rows(truth: Rows, model: Model) -> Rows:
     there = [(effect.heats, sizes) for name, sizes in model.effects.items() if (effect := BY_NAME[name]).heats]
     if not there or winding_resistance_drift.EFFECT.name not in model.effects:
         return truth
-    plain = replace(truth, kept=dict(truth.kept))
+    plain = truth.copy()
     power: Array = sum((heats(plain, sizes) for heats, sizes in there), start=np.zeros(len(truth) + 1))
     added = 0.5 * (power[1:] + power[:-1]) * truth.T_s
     for k in np.flatnonzero(~truth.joined & (truth.apart != 1)):
         near = slice(max(k - _NEAR_GAP, 0), k + _NEAR_GAP + 2)
         own = float(np.sum(np.abs(truth.i[near]) ** 2))
         added[k] = (truth.heat[k + 1] - truth.heat[k]) * float(np.sum(power[near])) / max(own, 1e-300)
-    kept = {key: value for key, value in truth.kept.items() if not key.startswith(winding_resistance_drift.COURSE)}
-    return replace(truth, heat_beside=np.concatenate((np.zeros(1), np.cumsum(added))), kept=kept)
+    return truth.changed(heat_beside=np.concatenate((np.zeros(1), np.cumsum(added))))
 
 
 def _drifting(truth: Rows, model: Model) -> Rows:
     """The rows with what the winding's resistances and the magnets' flux have come to."""
     heat = model.effects.get(winding_resistance_drift.EFFECT.name)
     alpha, beta = model.effects.get(phase_resistance_imbalance.EFFECT.name, (0.0, 0.0))
-    return replace(
-        truth, R_s_excess=(alpha, beta),
+    return truth.changed(
+        R_s_excess=(alpha, beta),
         R_s_ratio=1.0 if heat is None else 1.0 + winding_resistance_drift.rise(truth, heat),
         psi_f_ratio=1.0 + change_of(truth, model.effects) / truth.machine.psi_f,
     )  # fmt: skip
 
 
 def _without_errors(rows: Rows, model: Model) -> Rows:
-    rows = _unturned(with_machine(rows, model.machine), model)
+    rows = _unturned(rows.with_machine(model.machine), model)
     error = _current_error(rows, model)
     if isinstance(error, float):
         return rows
-    i = (rows.i_s - error) * rows.rotor.conj()
-    return replace(rows, i=i, kept=rows.kept_of_angle_and_bridge())
+    return rows.with_currents((rows.i_s - error) * rows.rotor.conj())
 
 
 def _unturned(rows: Rows, model: Model) -> Rows:
@@ -167,22 +153,20 @@ def _unturned(rows: Rows, model: Model) -> Rows:
         if effect.angle_error is not None:
             angle = angle + effect.angle_error(rows, sizes)
         if effect.misreads_voltage:
-            rows = rows.with_voltage(rows.u - effect.voltage(rows, sizes))
+            rows = rows.changed(u=rows.u - effect.voltage(rows, sizes))
     i_s = rows.i_s
     if isinstance(angle, float):
         turned = cmath.exp(1j * angle)
-        kept = rows.pulses_turned(turned) | {
-            "rotor": rows.rotor * turned.conjugate(), "middle": rows.middle * turned.conjugate(), "i_s": i_s,
-            "D": rows.D, "speed": rows.speed, "turn": rows.turn * cmath.exp(-1j * angle / rows.machine.n_p),
-        }  # fmt: skip
-        return replace(rows, theta_e=rows.theta_e - angle, i=rows.i * turned, u=rows.u * turned, kept=kept)
+        n_p = rows.machine.n_p
+        return rows.turned(turned, theta_e=rows.theta_e - angle, i=rows.i * turned, u=rows.u * turned).knowing({
+            Rows.rotor: rows.rotor * turned.conjugate(), Rows.middle: rows.middle * turned.conjugate(), Rows.i_s: i_s,
+            Rows.D: rows.D, Rows.speed: rows.speed, Rows.turn: rows.turn * cmath.exp(-1j * angle / n_p),
+        })  # fmt: skip
     by_half = np.exp(-0.5j * angle)
     rotor, half = rows.rotor * (by_half * by_half), rows.half * (by_half[1:] * by_half[:-1].conj())
     turned = (by_half[1:] * by_half[:-1]).conj()
-    kept = rows.pulses_turned(turned) | {"rotor": rotor, "D": rows.D - np.diff(angle), "i_s": i_s}
-    return replace(
-        rows, theta_e=rows.theta_e - angle, half=half, i=i_s * rotor.conj(), u=rows.u * turned, kept=kept
-    )
+    found = rows.turned(turned, theta_e=rows.theta_e - angle, half=half, i=i_s * rotor.conj(), u=rows.u * turned)
+    return found.knowing({Rows.rotor: rotor, Rows.D: rows.D - np.diff(angle), Rows.i_s: i_s})
 
 
 def current_error(rows: Rows, model: Model) -> Vector | float:
@@ -201,7 +185,7 @@ def _current_error(rows: Rows, model: Model) -> Vector | float:
     for error, name, sizes in there:
         if BY_NAME[name].moved is not None:
             i_s = rows.i_s - sum(found.values())
-            true = replace(rows, i=i_s * rows.rotor.conj(), kept=rows.kept_of_angle_and_bridge())
+            true = rows.with_currents(i_s * rows.rotor.conj())
             found[name] = error(_on_their_way(_with_slopes(true, model), model, name), sizes)
     return sum(found.values())
 
@@ -210,7 +194,7 @@ def _with_slopes(rows: Rows, model: Model) -> Rows:
     """The rows with what currents go by within a period, and what effects take from the voltage that drives them."""
     truth = with_local_course(rows, model)
     each = [effect.emf(truth, sizes) for name, sizes in model.effects.items() if (effect := BY_NAME[name]).emf]
-    return replace(truth, emf=sum(each, start=0.0))
+    return truth.changed(emf=sum(each, start=0.0))
 
 
 def _on_their_way(true: Rows, model: Model, name: str) -> Rows:
@@ -219,7 +203,7 @@ def _on_their_way(true: Rows, model: Model, name: str) -> Rows:
     if moved is None:
         return true
     i = true.i + moved(true, model.effects[name]) * true.rotor.conj()
-    return _with_slopes(replace(true, i=i, kept=true.kept_of_angle_and_bridge()), model)
+    return _with_slopes(true.with_currents(i), model)
 
 
 def frame_of(rows: Rows, truth: Rows) -> Vector:
@@ -227,25 +211,16 @@ def frame_of(rows: Rows, truth: Rows) -> Vector:
     return truth.middle * rows.middle.conj()
 
 
-def with_machine(rows: Rows, machine: Machine) -> Rows:
-    """The same rows, to be seen with another machine."""
-    if rows.machine == machine:
-        return rows
-    of_current = {"i_s": rows.kept["i_s"]} if "i_s" in rows.kept else {}
-    return replace(rows, machine=machine, kept=rows.kept_of_angle_and_bridge() | of_current)
-
-
 def effects_voltage(truth: Rows, model: Model) -> Vector:
     """Voltage (V) that the model's effects add, but for its errors of measurement, which `in_truth` takes off.
 
     What the bridge loses is worked out once: of rows in this model's truth, or of a model without the bridge's effect.
     """
-    total = np.zeros(len(truth), np.complex128)
-    see_lost(truth, model)
+    total, truth = np.zeros(len(truth), np.complex128), see_lost(truth, model)
     for name, sizes in model.effects.items():
         effect = BY_NAME[name]
         if not effect.measures and effect.together is None:
-            total += truth.kept[LOST] if effect.steep else effect.voltage(truth, sizes)
+            total += truth.lost if effect.steep and truth.lost is not None else effect.voltage(truth, sizes)
     for together, several in sharing(model).items():
         total += together(truth, several)
     return total

@@ -53,7 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def written(outcomes: Sequence[Outcome], settings: Settings, seconds: dict[str, float]) -> None:
     """Page and JSON."""
     sort = "in part, to show the way" if settings.quick else "in full"
-    about = f"Seed {settings.seed}, {sort}. Made by `python -m tests.proof`; rules and log: tests/proof/PROTOCOL.md."
+    rules = "rules: tests/proof/PROTOCOL.md, log: tests/proof/LOG.md"
+    about = f"Seed {settings.seed}, {sort}. Made by `python -m tests.proof`; {rules}."
     content = {
         "seed": settings.seed, "quick": settings.quick, "sources": sources(), "proofs": as_json(outcomes),
         "seconds": seconds,

@@ -9,7 +9,6 @@ effects.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final, cast
 
 import numpy as np
@@ -48,7 +47,7 @@ def unrounded(rows: Rows, step: float) -> Rows:
         np.abs(np.gradient(rows.theta_e - off)) > _STANDING_STEPS * step
     )  # what stands is off by as much all the time
     error = math.sqrt(float(np.mean(variance[turns]))) if turns.any() else 0.0
-    rows = replace(rows, angle_step=step, angle_error=error)
+    rows = rows.changed(angle_step=step, angle_error=error)
     quiet = rows.machine.psi_f * step < _QUIET_ROUNDING * math.sqrt(12.0) * _loudness(rows)
     return rows if quiet and rows.angle_turned > _BY_COUNTS else less_angle(rows, off)
 
@@ -57,9 +56,9 @@ def less_angle(rows: Rows, off: Array) -> Rows:
     """The rows with an angle that is `off` (rad, at samples) less, turned back by what the drive had turned them by."""
     theta_e, by = rows.theta_e - off, rows.angle_turned * off
     middle = np.exp(0.5j * (by[1:] + by[:-1]))
-    return replace(
-        rows, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * by), u=rows.u * middle,
-        turned_by=rows.turned_by + by, kept=rows.pulses_turned(middle),
+    return rows.turned(
+        middle, theta_e=theta_e, half=np.exp(0.5j * np.diff(theta_e)), i=rows.i * np.exp(1j * by), u=rows.u * middle,
+        turned_by=rows.turned_by + by,
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from estimator.machine import PARAMETERS, Machine
 from estimator.online.flux_balance import TURN
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
-from estimator.twin.model import Model, base_voltage, effects_voltage, frame_of, in_truth, with_machine
+from estimator.twin.model import Model, base_voltage, effects_voltage, frame_of, in_truth
 
 DURATION: Final = 6.0  # s
 FEWEST, MOST = 3, 8  # holds
@@ -76,7 +76,7 @@ def _levels_chosen(
     timed = _TIMED - set(pair or ())
     model = replace(model, effects={name: sizes for name, sizes in model.effects.items() if name not in timed})
     library = [effect for effect in LIBRARY if effect.name not in timed]
-    rows = with_machine(rows, model.machine)
+    rows = rows.with_machine(model.machine)
     levels = _holdable(rows)
     allowed = [k for k, (speed, i) in enumerate(levels) if _within_reach(rows, speed, i)]
     if not allowed:
@@ -152,7 +152,7 @@ def _imagined(rows: Rows, model: Model, levels: Sequence[tuple[float, complex]])
     for _ in range(3):  # the voltage counts in the mean current, and in what a bridge loses
         truth = in_truth(made, model)
         u = base_voltage(truth, model) + effects_voltage(truth, model)
-        made = replace(made, u=np.where(joined, u * frame_of(made, truth), 0.0), kept={})
+        made = made.changed(u=np.where(joined, u * frame_of(made, truth), 0.0))
     return made
 
 

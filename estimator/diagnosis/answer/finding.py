@@ -20,7 +20,7 @@ from estimator.machine import PARAMETERS
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
-from estimator.twin.model import residual, with_machine
+from estimator.twin.model import residual
 
 _SIZE_STEP: Final = 1e-4  # of a size, for differences
 
@@ -29,7 +29,7 @@ def finding_of(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence
     search, choice, model = found.search, found.choice, found.model
     rest = tuple(c for c in choice if c != one)
     effect = BY_NAME[one[0]]
-    smooth = with_machine(found.smooth, model.machine)
+    smooth = found.smooth.with_machine(model.machine)
     others_only = replace(model, effects={name: p for name, p in model.effects.items() if name != one[0]})
     signal = whitened(residual(rows, smooth, others_only) - left, filter_of(rows, model.machine))
     full, other = search.fit(choice), search.fit(rest)

@@ -12,7 +12,6 @@ numbers. Knows nothing of how a model was found.
 """
 
 import math
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -140,7 +139,7 @@ def _louder(rows: Rows, model: Model, noise: tuple[float, float, float]) -> floa
     rows = thinned(rows, *_NOISE_BLOCKS)
     m, n, chance = model.machine, len(rows) + 1, np.random.default_rng(0)
     each = noise[0] / m.L_d * chance.standard_normal(n) + 1j * noise[1] / m.L_q * chance.standard_normal(n)
-    noisy = replace(rows, i=rows.i + each, kept=rows.kept_of_angle_and_bridge())
+    noisy = rows.with_currents(rows.i + each)
     left = residual(rows, rows, model)
     with_them, alone = residual(noisy, noisy, model) - left, residual(noisy, rows, model) - left
     return rms(with_them[rows.joined]) / rms(alone[rows.joined])

@@ -1,7 +1,6 @@
 """Prepared: a recording's rows and what is given of its drive, as every fit has them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +18,7 @@ def prepared(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, 
     tolerance: of R_s, L_d, L_q, psi_f, as a share.
     """
     rows = rows_of(runs, nominal, nominal.i_rated or _highest_current(runs))
-    rows, told = replace(rows, angle_turned=runs[0].resolution.turned), runs[0].resolution.theta_e
+    rows, told = rows.changed(angle_turned=runs[0].resolution.turned), runs[0].resolution.theta_e
     resolution = resolution_of(rows, told)
     rows = settled(unrounded(rows, resolution))
     rows.prepare()

@@ -6,7 +6,6 @@ Knows nothing of sets and searches.
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Final, NamedTuple
 
@@ -18,7 +17,7 @@ from estimator.diagnosis.likelihood.noise import Noise, flux_errors, noise_of
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
 from estimator.twin.currents import followed_currents, response_of
-from estimator.twin.model import Model, residual, with_machine, zero_residual
+from estimator.twin.model import Model, residual, zero_residual
 from estimator.twin.response import Response
 
 _FOLLOWED_SHARES: Final = (
@@ -60,10 +59,10 @@ class Following:
         for at, of, found in self._last:
             if (at, of) == (share, model):
                 return found
-        there = with_machine(self._rows, model.machine)
+        there = self._rows.with_machine(model.machine)
         near = next((found[0].i for at, _, found in reversed(self._last) if at == share), None)
         i, lost = followed_currents(there, model, share, near)
-        found = replace(there, i=i, kept=there.kept_of_angle_and_bridge()), lost
+        found = there.with_currents(i), lost
         self._last.append((share, model, found))
         return found
 
@@ -80,7 +79,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model, following: Following) -> Cle
     currents sees them as they were: from time to time that settles - but where it drops as much of a fast change as the
     inductances do, and currents follow the model at once.
     """
-    rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    rows, smooth = rows.with_machine(model.machine), smooth.with_machine(model.machine)
     if model.steep:
         return _cleaned_following(rows, model, following)
     if any(BY_NAME[name].fast_resistance is not None for name in model.effects):
@@ -95,7 +94,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model, following: Following) -> Cle
     part_q = min(1.0, noise[1] ** 2 / max(float(np.mean(fast.imag**2)), 1e-300))
     i = rows.i.copy()
     i[1:] += part_d * fast.real / m.L_d + 1j * part_q * fast.imag / m.L_q
-    return Clean(replace(rows, i=i, kept=rows.kept_of_angle_and_bridge()), z, noise)
+    return Clean(rows.with_currents(i), z, noise)
 
 
 def _cleaned_following(rows: Rows, model: Model, following: Following) -> Clean:
@@ -123,4 +122,4 @@ def _cleaned_following(rows: Rows, model: Model, following: Following) -> Clean:
 
 
 def _response(rows: Rows, smooth: Rows, share: float, model: Model) -> Response:
-    return response_of(with_machine(rows, model.machine), model, share, smooth)
+    return response_of(rows.with_machine(model.machine), model, share, smooth)

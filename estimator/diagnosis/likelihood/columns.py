@@ -24,10 +24,10 @@ from estimator.physics.angle_sensing import voltage_of_angle_error
 from estimator.physics.effect import Effect, Parameter
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.magnet_flux import change_of
-from estimator.physics.rows import LOST, Rows
+from estimator.physics.rows import Rows
 from estimator.physics.saturation import EFFECTS as SATURATIONS
 from estimator.physics.saturation import bends
-from estimator.twin.model import Model, frame_of, in_truth, left_over, see_lost, sharing, with_machine, zero_residual
+from estimator.twin.model import Model, frame_of, in_truth, left_over, see_lost, sharing, zero_residual
 from estimator.twin.response import Response, answer
 
 STRETCHES: Final = 48
@@ -98,10 +98,10 @@ def regression(
     voltage that the bridge loses would be by another model; `slopes` of that voltage are worked out where they are not
     known. `response` says the same of small changes, for all columns at once.
     """
-    rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    rows, smooth = rows.with_machine(model.machine), smooth.with_machine(model.machine)
     truth = in_truth(smooth, model)
     if library:
-        see_lost(truth, model)
+        truth = see_lost(truth, model)
     if model.bend is not None:
         library = [effect for effect in library if effect.name not in SATURATIONS]
     columns = _model_coefficients(smooth, model, given, library)
@@ -127,7 +127,7 @@ def regression(
     gram, state = np.zeros((STRETCHES, P + 1, P + 1)), np.zeros(P + 1, np.complex128)
     volts, white = np.empty((P + 1) * _COLUMN_CHUNK, np.complex128), np.empty((P + 1) * 2 * _COLUMN_CHUNK)
     edges = np.linspace(0, n, STRETCHES + 1).astype(int)
-    for s, cut, part in _parts(replace(truth, kept=dict(truth.kept)), steps, edges):  # what it remembers goes with it
+    for s, cut, part in _parts(truth.copy(), steps, edges):  # what it remembers goes with it
         size = (P + 1) * len(part)
         v, m = volts[:size].reshape(P + 1, len(part)), white[: 2 * size].reshape(P + 1, 2, len(part))
         _fill(part, model, columns, steps, v, bridges, coupled)
@@ -296,8 +296,8 @@ def _fill(
             v[j] = effect.voltage(rows, step.to)
         else:
             if effect.name not in present:
-                known = effect.steep and LOST in rows.kept
-                present[effect.name] = rows.kept[LOST] if known else effect.voltage(rows, step.since)
+                known = rows.lost if effect.steep else None
+                present[effect.name] = effect.voltage(rows, step.since) if known is None else known
             np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
         v[j] *= 1.0 / step.h
 

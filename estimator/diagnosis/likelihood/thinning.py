@@ -4,9 +4,8 @@ What depends on all that came before - the time, the heat so far - is that of th
 last milliseconds is not known at the begin of a run, or of a block. Knows no effect.
 """
 
-from dataclasses import replace
 from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -35,7 +34,7 @@ def settled(rows: Rows) -> Rows:
     ends = [0, *(np.flatnonzero(rows.pauses) + 1).tolist(), len(rows)]
     for begin, end in pairwise(ends):
         joined[begin : begin + min(_SETTLING, (end - begin) // _LONGER_RUN)] = False
-    return replace(rows, joined=joined)
+    return rows.changed(joined=joined)
 
 
 def thinned(rows: Rows, most: int = MOST_PERIODS, blocks: int = BLOCKS) -> Rows:
@@ -56,13 +55,5 @@ def thinned(rows: Rows, most: int = MOST_PERIODS, blocks: int = BLOCKS) -> Rows:
     seam[length :: length + 1] = True
     seam |= np.arange(len(seam)) % (length + 1) < min(_SETTLING, length // _LONGER_RUN)
 
-    def kept(whole: Any) -> Any:
-        return whole[samples] if len(whole) == n + 1 else whole[samples[:-1]]
-
-    return replace(
-        rows, t=kept(rows.t), i=kept(rows.i), theta_e=kept(rows.theta_e), half=kept(rows.half), u=kept(rows.u),
-        joined=kept(rows.joined) & ~seam, heat=kept(rows.heat), u_dc=None if rows.u_dc is None else kept(rows.u_dc),
-        zero=None if rows.zero is None else kept(rows.zero),
-        turned_by=rows.turned_by if isinstance(rows.turned_by, float) else kept(rows.turned_by),
-        kept={key: kept(whole) for key, whole in rows.kept.items()},
-    )  # fmt: skip
+    some = rows.taken(lambda whole: whole[samples] if len(whole) == n + 1 else whole[samples[:-1]])
+    return some.changed(joined=some.joined & ~seam)

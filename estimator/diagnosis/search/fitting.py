@@ -24,7 +24,7 @@ from estimator.machine import PARAMETERS, Machine
 from estimator.physics.effect import Effect, Sizes
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
-from estimator.twin.model import Model, residual, with_machine
+from estimator.twin.model import Model, residual
 from estimator.twin.response import Response
 
 ROUNDS: Final = 9
@@ -50,7 +50,7 @@ class Fitted:
         assert clean.noise is not None
         self.model: Final = model
         self.choice: Final = _present(model)
-        self.rows: Final = with_machine(rows, model.machine)
+        self.rows: Final = rows.with_machine(model.machine)
         self.smooth: Final = clean.rows
         self.z: Final[Vector] = clean.z
         """Vs, whitened residual."""
@@ -370,7 +370,7 @@ def _energy_left(rows: Rows, smooth: Rows, model: Model, search: Search) -> floa
 
     As the error of a current, not of its flux linkage, which would be the smaller the smaller the inductances are.
     """
-    there, clean = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    there, clean = rows.with_machine(model.machine), smooth.with_machine(model.machine)
     noise, before = search.regression.noise, search.regression.model.machine
     z = flux_errors(residual(there, clean, model), there, model, before)
     z = as_in(model.machine, before, z)

@@ -32,7 +32,7 @@ from estimator.machine import UNITS
 from estimator.physics.flux_map import MISSED, Axis, Bend, line_of, mirrored, slopes_of
 from estimator.physics.rows import Rows
 from estimator.physics.saturation import EFFECTS
-from estimator.twin.model import Model, effects_voltage, in_truth, with_machine
+from estimator.twin.model import Model, effects_voltage, in_truth
 
 _CELL: Final = 1.0 / 7.0  # of the rated current: size of the spline's cells
 _MAP_PASSES: Final = 3  # of fit and mean current
@@ -250,7 +250,7 @@ def map_begun(rows: Rows, model: Model) -> Model | None:
         bend = Bend(
             d, q, shapes[:, _STRAIGHT_SHAPES:] / np.sqrt(precision), value[_STRAIGHT_SHAPES:-1] * np.sqrt(precision)
         )
-        at = with_machine(truth, machine)
+        at = truth.with_machine(machine)
         psi, g = bend.bent(at)
         mean = at.i_mean if n == 0 else at.mean_current(psi, g)  # a first map may be too rough for slopes
     return replace(model, machine=machine, bend=bend)

@@ -13,7 +13,7 @@ from estimator.diagnosis.likelihood.averages import energy_of
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.physics import magnet_flux_step
 from estimator.physics.rows import Rows
-from estimator.twin.model import Model, residual, with_machine
+from estimator.twin.model import Model, residual
 
 _NAME: Final = magnet_flux_step.EFFECT.name
 _PERIODS_AROUND: Final = (200, 600)  # periods before and after a step, besides its duration, that tell its course
@@ -26,7 +26,7 @@ def with_step_in_place(rows: Rows, smooth: Rows, model: Model) -> Model:
     """The model with its step of the magnets' flux where it leaves least: at the best sample, and around that."""
     if _NAME not in model.effects:
         return model
-    rows, smooth = with_machine(rows, model.machine), with_machine(smooth, model.machine)
+    rows, smooth = rows.with_machine(model.machine), smooth.with_machine(model.machine)
     change, at, duration = model.effects[_NAME]
     by = filter_of(rows, model.machine)
     z = whitened(residual(rows, smooth, model), by)

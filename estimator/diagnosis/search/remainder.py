@@ -30,7 +30,7 @@ from estimator.diagnosis.verdict import Unexplained
 from estimator.machine import PARAMETERS
 from estimator.physics import voltage_delay
 from estimator.physics.rows import Rows
-from estimator.twin.model import Model, residual, with_machine
+from estimator.twin.model import Model, residual
 
 _NO_MISMATCH: Final = 0.045  # of the noise's power: no mismatch that matters
 _NOISE_CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
@@ -70,7 +70,7 @@ def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
     if found.choice or least_moved(found.search)[1] < WEAK:
         return None
     at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found) + found.search.missed(())
-    told = best_resonance(*at, with_machine(found.smooth, found.model.machine), least)
+    told = best_resonance(*at, found.smooth.with_machine(found.model.machine), least)
     return told[0] if told is not None and told[1].gain > least * at[2][0] * at[2][1] else None
 
 
@@ -115,7 +115,7 @@ def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, 
 
     Of the nominal machine, where what is left has led a parameter to its bound.
     """
-    there, model = with_machine(rows, found.model.machine), found.model
+    there, model = rows.with_machine(found.model.machine), found.model
     if model.bend is None and held_at_bound(found.search, found.choice):
         there, model = rows, Model(rows.machine)
     elif model.bend is None:
@@ -170,7 +170,7 @@ def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
     """The best branch, as the machine moves on beside it; None where it explains little."""
     best: _Rung | None = None
     at, model = _flux_errors(rows, bare), bare.model
-    while (told := best_resonance(*at, with_machine(bare.smooth, model.machine))) is not None:
+    while (told := best_resonance(*at, bare.smooth.with_machine(model.machine))) is not None:
         if told[1].gain < _CERTAIN * at[2][0] * at[2][1]:
             break
         left = above_noise(as_in(model.machine, found.model.machine, told[1].left), found.noise, rows)
@@ -182,7 +182,7 @@ def _rung(rows: Rows, found: Fitted, bare: Fitted) -> _Rung | None:
         if not min(moved.values()) > 0.0:
             break
         model = replace(model, machine=replace(model.machine, **moved), angle=model.angle + turned)
-        there = with_machine(rows, model.machine)
+        there = rows.with_machine(model.machine)
         at = there, flux_errors(residual(there, bare.smooth, model), there, model), at[2]
     return best
 

@@ -11,7 +11,6 @@ stay as small as in the surrogates, or be unlike the effect by far.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -141,12 +140,12 @@ def _surrogate(
         zero = None if zero is None else zero + bare.noise[2] * chance.standard_normal(n)
     count = rows.angle_step
     if count == 0.0:
-        return replace(rows, i=i, zero=zero, kept=rows.kept_of_angle_and_bridge())
+        return rows.with_currents(i).changed(zero=zero)
     theta_e = rows.theta_e
     for one in counts_and_numbers(rows, count):
         grid = 0.0 if own_counts else chance.uniform(0.0, one)
         theta_e = one * np.round((theta_e + grid) / one) - grid if one > 0.0 else theta_e
-    return unrounded(less_angle(replace(rows, i=i, zero=zero), rows.theta_e - theta_e), count)
+    return unrounded(less_angle(rows.with_currents(i).changed(zero=zero), rows.theta_e - theta_e), count)
 
 
 def _lent(rows: Rows, model: Model, name: str, given: Given) -> _Lent:

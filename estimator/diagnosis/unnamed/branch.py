@@ -17,7 +17,7 @@ Knows nothing of effects.
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -140,7 +140,7 @@ def _alone_taken(rows: Rows, flux_s: Vector, alone: Vector, whitening: Whitening
     """
     m = rows.machine
     i = rows.i - flux_s * rows.rotor.conj() / (0.5 * (m.L_d + m.L_q))
-    without = replace(rows, i=i, kept=rows.kept_of_angle_and_bridge())
+    without = rows.with_currents(i)
     return np.where(rows.joined, whitened(base_voltage(without, Model(m)) - alone, whitening), 0j)
 
 

@@ -1,6 +1,6 @@
 """The legs of a bridge in each control period: when they rise and fall, and what their pulses make of the currents."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from estimator.arrays import Array, Vector
 from estimator.kernel import kernel, lean_kernel
 from estimator.physics.bridge.period_course import A, B, C, Room, empty_room, rise_of
-from estimator.physics.rows import OTHERS, Rows
+from estimator.physics.derived import Derived
+from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
 
 
@@ -35,19 +36,17 @@ class Legs(NamedTuple):
 def legs_of(rows: Rows) -> Legs:
     """The legs of a recording's periods."""
     u_dc, middle, T_s = rows.u_dc, rows.middle, rows.T_s
-    R_s, (g, psi_0), u_s = float(rows.machine.R_s), rows.local_line, rows.u * middle
+    R_s, (g, psi_0) = float(rows.machine.R_s), rows.local_line
     a, b = g.a + rows.fast_stiffness, g.b
     R_s += rows.fast_resistance
-    others = rows.once("beside the bridge", lambda: _others(rows))
-    change = rows.once("change beside the bridge", lambda: _changes(others, rows.joined))
+    others, change = rows.once(_others), rows.once(_change_of_others)
     if u_dc is None:
         no_legs = np.zeros((0, 3))
         return Legs(
             np.zeros(0), no_legs, no_legs, no_legs.astype(np.int8), no_legs.astype(np.complex128), middle, T_s,
             R_s, a, b, psi_0, others, change, rows.D, empty_room(),
         )  # fmt: skip
-    before, order = duties_before(rows), rows.once("order", lambda: _leg_orders(rows.duties))
-    ripple = rows.once("ripple", lambda: _ripples(u_dc, rows.duties, u_s, middle, T_s, a, b))
+    before, order, ripple = rows.once(DUTIES_BEFORE), rows.once(_ORDER), rows.once(_RIPPLE)
     return Legs(
         u_dc, rows.duties, before, order, ripple, middle, T_s, R_s, a, b, psi_0, others, change, rows.D, empty_room()
     )
@@ -55,12 +54,13 @@ def legs_of(rows: Rows) -> Legs:
 
 def _others(rows: Rows) -> Vector:
     """What else changes the current within a period, V, stationary frame."""
-    others = rows.kept[OTHERS] * rows.middle if OTHERS in rows.kept else np.zeros(len(rows), np.complex128)
+    others = np.zeros(len(rows), np.complex128) if rows.others is None else rows.others * rows.middle
     return others - rows.fast_resistance * rows.i_mean * rows.middle if rows.fast_resistance > 0.0 else others
 
 
-def _changes(others: Vector, joined: NDArray[np.bool_]) -> Vector:
+def _change_of_others(rows: Rows) -> Vector:
     """By how much what others add (V, stationary) changes in each period, by those next to it."""
+    others, joined = rows.once(_others), rows.joined
     change = np.zeros_like(others)
     inner = joined[:-2] & joined[1:-1] & joined[2:]
     change[1:-1] = np.where(inner, 0.5 * (others[2:] - others[:-2]), 0.0)
@@ -79,14 +79,30 @@ def legs_at_rest(u_dc: Array, duties: Array, T_s: float, L: float) -> Legs:
     )  # fmt: skip
 
 
-def duties_before(rows: Rows) -> Array:
+def _before(rows: Rows) -> Array:
     """The duties of the period before, (n, 3); of the same one where there was none."""
-    return rows.once("duties before", lambda: _before(rows.duties, rows.joined))
-
-
-def _before(duties: Array, joined: NDArray[np.bool_]) -> Array:
+    duties, joined = rows.duties, rows.joined
     before = np.concatenate((duties[:1], duties[:-1]))
     return np.where(np.concatenate((joined[:1], joined[:-1]))[:, None], before, duties)
+
+
+def _order(rows: Rows) -> NDArray[np.int8]:
+    return _leg_orders(rows.duties)
+
+
+def _ripple(rows: Rows) -> Vector:
+    """A, stationary, when each leg rises, (n, 3)."""
+    assert rows.u_dc is not None
+    g, _ = rows.local_line
+    a = g.a + rows.fast_stiffness
+    return _ripples(rows.u_dc, rows.duties, rows.u * rows.middle, rows.middle, rows.T_s, a, g.b)
+
+
+_PULSES = ("u", "u_dc", "theta_e", "half")
+DUTIES_BEFORE: Final = Derived(_before, frozenset((*_PULSES, "joined")), 0)
+"""The duties of the period before, (n, 3); of the same one where there was none."""
+_ORDER: Final = Derived(_order, frozenset(_PULSES), 0)
+_RIPPLE: Final = Derived(_ripple, frozenset((*_PULSES, "T_s", "parameters", "local", "fast_stiffness")), None)
 
 
 @lean_kernel

@@ -59,10 +59,10 @@ def test_effects_that_cannot_be_simulated_are_said(line: str, said: str, tmp_pat
     assert said in str(caught.value)
 
 
-def test_the_readme_names_every_effect_and_its_parameters() -> None:
+def test_the_benchs_manual_names_every_effect_and_its_parameters() -> None:
     """As JSON and machine files have them."""
-    table = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8").split("**Effects and their")[1]
-    table = table.split("Equation, source, range")[0]
+    manual = (Path(__file__).parents[3] / "bench" / "README.md").read_text(encoding="utf-8")
+    table = manual.split("**Effects and their")[1].split("Equation, source, range")[0]
     rows = rows_without_noise(with_effect("none", "servo_4nm"))
     for effect in LIBRARY:
         assert f"`{effect.name}`" in table, effect.name

@@ -109,7 +109,7 @@ def test_a_harmonic_of_the_inductances_acts_on_the_saturated_machine() -> None:
     both = {"q_axis_saturation": (0.3,), "inductance_harmonics": (inverse_6,)}
     together = left_of(rows, Model(rows.machine, both))
     added = rows.u - sum(BY_NAME[name].voltage(rows, sizes) for name, sizes in both.items())
-    by_adding = left_of(rows.with_voltage(added), Model(rows.machine))
+    by_adding = left_of(rows.changed(u=added), Model(rows.machine))
     print(f"{by_adding:.3g} per mille of rated current where voltages are added, {together:.3g} together")
     assert together < MISSED["inductance_harmonics"]
     assert by_adding > 5.0 * together
@@ -126,7 +126,7 @@ def test_magnets_that_lose_flux_move_where_a_machine_saturates() -> None:
     saturations = {"d_axis_saturation": (0.1,), "cross_saturation": (0.2,)}
     lost = {"magnet_flux_step": (-0.05, 0.901 / SECONDS, 0.002)}
     together = left_of(rows, Model(rows.machine, saturations | lost))
-    added = rows.with_voltage(rows.u - BY_NAME["magnet_flux_step"].voltage(rows, lost["magnet_flux_step"]))
+    added = rows.changed(u=rows.u - BY_NAME["magnet_flux_step"].voltage(rows, lost["magnet_flux_step"]))
     by_adding = left_of(added, Model(rows.machine, saturations))
     print(f"{by_adding:.3g} per mille of rated current where voltages are added, {together:.3g} together")
     assert together < 0.2

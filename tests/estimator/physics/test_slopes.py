@@ -11,7 +11,7 @@ from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.machine import PARAMETERS
 from estimator.physics.rows import Rows
-from estimator.twin.model import Model, residual, with_machine
+from estimator.twin.model import Model, residual
 from tests.estimator.physics.equations import rows_without_noise, with_effect
 
 _STEP = 1e-3  # of a parameter
@@ -29,7 +29,7 @@ def rows() -> Rows:
 
 def left(rows: Rows, model: Model) -> Vector:
     """Vs, by the filter of the rows' machine: how it whitens is no part of a slope."""
-    there = with_machine(rows, model.machine)
+    there = rows.with_machine(model.machine)
     return whitened(residual(there, there, model), filter_of(rows, rows.machine))
 
 

@@ -174,7 +174,7 @@ def test_what_a_free_run_finds_implies_the_recorded_voltage(everything: Rows, mo
     sizes = {name: tuple(more * size for size in sizes) for name, sizes in ALL_SIZES.items()}
     sizes["inverter_voltage_error"] = (more * 2e-6, more * 1.0, 3e-4 * RATED, 1e-3 * RATED)
     model = Model(replace(TRUTH, R_s=1.3 * TRUTH.R_s), sizes)
-    rows = replace(everything, i=free_run(everything, model, 500), kept={})
+    rows = replace(everything, i=free_run(everything, model, 500))
     within = np.arange(1, len(rows) + 1) % 500 != 0  # the others end in a measured current
     off, most = np.abs(implied_voltage(rows, model) - rows.u)[within], 2e-4 * RATED * TRUTH.L_q / T_S
     assert np.quantile(off, 0.999) < most
@@ -188,7 +188,7 @@ def test_a_step_implies_the_recorded_voltage_from_the_measured_current(everythin
     for first in (0, 1):
         i = everything.i.copy()
         i[first + 1 :: 2] = step[first::2]
-        off = (implied_voltage(replace(everything, i=i, kept={}), model) - everything.u)[first::2]
+        off = (implied_voltage(replace(everything, i=i), model) - everything.u)[first::2]
         assert np.max(np.abs(off)) < 1e-4 * RATED * TRUTH.L_q / T_S
 
 

@@ -155,7 +155,7 @@ def test_a_torque_that_nominal_inductances_do_not_tell_moves_a_free_shaft_too() 
     move, by_both = (np.cumsum(np.cumsum(x - np.mean(x))) for x in (push + both, both))
     count = 50.0 * NUMBER
     there, theta = rows(count, NUMBER, theta=300.0 * T_S * np.arange(N) + move, torque=more)
-    found = unrounded(replace(there, i=there.i + i_d, kept={}), math.hypot(count, NUMBER))
+    found = unrounded(replace(there, i=there.i + i_d), math.hypot(count, NUMBER))
     mean, inner = np.convolve(by_both, np.ones(65) / 65.0, "same"), slice(500, -500)
     left, lost = (x[inner] - np.mean(x[inner]) for x in (found.theta_e - theta, by_both - mean))
     assert np.std(left) < 0.33 * np.std((there.theta_e - theta)[inner])

@@ -128,7 +128,7 @@ def test_errors_at_every_current_are_those_of_currents(fit: Fitted) -> None:
     for axis, step, L in ((0, 0.01, model.machine.L_d), (1, 0.01j, model.machine.L_q)):
         i = rows.i.copy()
         i[places] += step
-        moved = replace(rows, i=i, kept=rows.kept_of_angle_and_bridge())
+        moved = rows.with_currents(i)
         change = flux_errors(residual(moved, moved, model) - residual(rows, rows, model), rows, model)[places - 1]
         assert [-change.real, -change.imag][axis] == pytest.approx(np.full(40, 0.01 * L), rel=0.05)
 

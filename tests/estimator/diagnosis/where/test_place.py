@@ -41,7 +41,7 @@ def run(seconds: float = 6.0, seed: int = 1) -> Rows:
     i_d, i_q = (np.convolve(np.repeat(level, 500)[: n + 20], smooth, "valid")[: n + 1] for level in levels)
     zero = np.zeros(n + 1)
     rows = rows_of([Samples(theta, omega, i_d, i_q, zero, zero, T)], MACHINE, 8.0)
-    return replace(rows, u=MACHINE.R_s * rows.i_mean + rows.balance(rows.flux(rows.i)), kept={})
+    return replace(rows, u=MACHINE.R_s * rows.i_mean + rows.balance(rows.flux(rows.i)))
 
 
 def flux_of(rows: Rows, v: Vector) -> Vector:
@@ -208,13 +208,13 @@ def test_the_angles_rounding_is_told_from_the_rotors_movement() -> None:
     joined = np.diff(lost) == 1
     part = replace(
         ROWS, t=ROWS.t[lost], theta_e=ROWS.theta_e[lost], i=ROWS.i[lost], u=ROWS.u[lost[:-1]], joined=joined,
-        half=np.exp(0.5j * np.diff(ROWS.theta_e[lost])), kept={},
+        half=np.exp(0.5j * np.diff(ROWS.theta_e[lost])),
     )  # fmt: skip
     rounded = np.floor(part.theta_e / step) * step
     off = rounded - part.theta_e
     coarse = replace(
         part, theta_e=rounded, i=part.i * np.exp(-1j * off), u=part.u * np.exp(-0.5j * (off[1:] + off[:-1])),
-        half=np.exp(0.5j * np.diff(rounded)), kept={},
+        half=np.exp(0.5j * np.diff(rounded)),
     )  # fmt: skip
     inner = slice(100, -100)
     for told in (step, 0.0):  # the encoder's counts, or nothing
@@ -232,7 +232,7 @@ def test_gaps_and_few_rows_are_no_obstacle() -> None:
     joined = ROWS.joined.copy()
     joined[np.arange(3000, len(ROWS), 7000)] = False
     t = ROWS.t + 0.5 * (np.arange(len(ROWS.t)) > 30_000)
-    u = replace(ROWS, joined=joined, t=t, kept={})
+    u = replace(ROWS, joined=joined, t=t)
     later = np.exp(-1j * TURN * 90.2 * 0.5)  # the half second in the gap
     v[30_000:] = ROWS.stationary(np.real(np.exp(1j * TURN * 90.2 * TIME) / later) + 0j)[30_000:]
     found = describe(u, flux_of(u, v) + white(u), NOISE)
