@@ -5,16 +5,16 @@
  * @typedef {import("./api.js").Snapshot} Snapshot
  */
 
-import { hideBanner, showLost, showNotice } from "./banner.js";
-import { buildCapturePanel, showCapture, startCapturePanel } from "./capture_panel.js";
+import { hideBanner, showLost, showNotice } from "./panels/banner.js";
+import { buildCapturePanel, showCapture, startCapturePanel } from "./panels/capture_panel.js";
 import { keepConnected } from "./connection.js";
-import { buildControlBar, showControl, startControlBar } from "./control_bar.js";
-import { onDriveChosen, showDrive, showDrives } from "./header.js";
+import { buildControlBar, showControl, startControlBar } from "./panels/control_bar.js";
+import { onDriveChosen, showDrive, showDrives } from "./panels/header.js";
 import { History } from "./history.js";
 import { PARAMETERS } from "./parameters.js";
-import { buildPlots, drawPlot, spanFor } from "./plots.js";
-import { buildTiles, clearTiles, exponentOf, showEstimates } from "./tiles.js";
-import { buildWindowForm, showWindow, startWindowForm } from "./window_form.js";
+import { buildPlots, drawPlot, spanFor } from "./panels/plots.js";
+import { buildTiles, clearTiles, exponentOf, showEstimates } from "./panels/tiles.js";
+import { buildWindowForm, showWindow, startWindowForm } from "./panels/window_form.js";
 
 const WORDS_MS = 250;
 const PLOTS_MS = 500;

@@ -15,12 +15,11 @@ from types import TracebackType
 from typing import Final, Self, TypeVar
 
 from drivers.block import Block
-from drivers.carried import Carried, note
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
 from drivers.modbus.line import ModbusLine
 from drivers.modbus.turns import Turns
-from drivers.rows import TELLABLE, TICKS, Counts, RowBlocks
+from drivers.rows import TELLABLE, TICKS, Carried, Counts, RowBlocks, note
 from drivers.settled import REPEATABLE, settle
 from drivers.wire import modbus_map as registers
 from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode

@@ -25,10 +25,9 @@ import serial
 
 from drivers import serial_port
 from drivers.block import Block
-from drivers.carried import Carried, note
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError, held
-from drivers.rows import TELLABLE, Counts, RowBlocks
+from drivers.rows import TELLABLE, Carried, Counts, RowBlocks, note
 from drivers.settled import REPEATABLE, settle
 from drivers.wire import uart_frame as uf
 from drivers.wire.codec import FULL_SCALES, FullScales, count_size, decode, encode

@@ -96,7 +96,7 @@ def test_what_was_said_before_a_capture_ended_does_not_undo_its_end(page: Chrome
     until(page, lambda: words(page).startswith("Done, 500 of 500 samples"), "the end")
     late = httpx.get(f"{running_bench.url}{CAPTURES}/latest").json() | {"state": "uploading", "file": None}
     script = """const [late, done] = arguments;
-        const panel = document.querySelector("script[type=module]").src.replace("main.js", "capture_panel.js");
+        const panel = document.querySelector("script[type=module]").src.replace("main.js", "panels/capture_panel.js");
         import(panel).then(({showCapture}) => {
           showCapture(late, 1e-4, true); done(document.getElementById("capture-words").textContent);
         });"""

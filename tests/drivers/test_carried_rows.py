@@ -1,7 +1,6 @@
 """Which row length a line would carry, by its losses or by what it carried."""
 
-from drivers.carried import SPAN, Carried
-from drivers.rows import Counts
+from drivers.rows import SPAN, Carried, Counts
 
 ROW = 1e-3  # s
 

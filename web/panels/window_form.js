@@ -2,15 +2,15 @@
  * The form for method and settings of the estimation. What the operator touches is theirs until it is applied or discarded; all else
  * follows the service. Only what was touched is sent, and the service alone judges it.
  *
- * @typedef {import("./api.js").Window} Window
- * @typedef {import("./api.js").WindowChange} WindowChange
- * @typedef {import("./api.js").Estimate} Estimate
+ * @typedef {import("../api.js").Window} Window
+ * @typedef {import("../api.js").WindowChange} WindowChange
+ * @typedef {import("../api.js").Estimate} Estimate
  */
 
-import { NoAnswerError, putWindow } from "./api.js";
-import { chosen, content, element, input, number, wholeNumber, write } from "./fields.js";
-import { clock, duration, engineeringExponent, integer, parseNumber, plain, prefixed } from "./format.js";
-import { HELD_BY_FILTER, PARAMETERS, writeSymbol } from "./parameters.js";
+import { NoAnswerError, putWindow } from "../api.js";
+import { chosen, content, element, input, number, wholeNumber, write } from "../fields.js";
+import { clock, duration, engineeringExponent, integer, parseNumber, plain, prefixed } from "../format.js";
+import { HELD_BY_FILTER, PARAMETERS, writeSymbol } from "../parameters.js";
 import { fillTuning, tuningChange } from "./tuning_form.js";
 
 const SETTLE_MS = 3000;
@@ -32,7 +32,7 @@ const message = element("form-message");
 
 /**
  * @typedef {object} HeldRow
- * @property {import("./parameters.js").Parameter} parameter
+ * @property {import("../parameters.js").Parameter} parameter
  * @property {HTMLInputElement} estimated
  * @property {HTMLElement} choice the tick box with its words
  * @property {HTMLElement} never what stands there where the method cannot estimate it
@@ -68,7 +68,7 @@ export function buildWindowForm() {
 }
 
 /**
- * @param {import("./parameters.js").Parameter} parameter
+ * @param {import("../parameters.js").Parameter} parameter
  * @returns {HeldRow}
  */
 function buildRow(parameter) {
@@ -232,7 +232,7 @@ async function apply() {
 function change() {
   /** @type {WindowChange} */
   const body = {};
-  if (touched.has(method)) body.method = /** @type {import("./api.js").Method} */ (content(method));
+  if (touched.has(method)) body.method = /** @type {import("../api.js").Method} */ (content(method));
   if (touched.has(auto) && auto.checked) body.length = "auto";
   else if (!auto.checked && (touched.has(auto) || touched.has(length))) {
     body.length = wholeNumber(length, "Window length");
@@ -282,7 +282,7 @@ function memory() {
   return lam === 1 ? "remembers all" : `remembers about ${duration(m / (1 - lam) / rate_hz)}`;
 }
 
-/** @param {import("./api.js").Limits} limits */
+/** @param {import("../api.js").Limits} limits */
 function span({ minimum, maximum }) {
   const [least, most] = [minimum, maximum].map((limit) => (Number.isInteger(limit) ? integer(limit) : plain(limit, 6)));
   return `From ${least} to ${most}.`;

@@ -2,12 +2,12 @@
  * Four time plots: estimate, shaded 95 % interval, doubtful values dotted, held ones dashed. The right edge is now, and stays now when
  * nothing comes any more. Plotly is the classic script of the page; without it the rest of the page still works.
  *
- * @typedef {import("./history.js").Point} Point
- * @typedef {import("./parameters.js").Parameter} Parameter
+ * @typedef {import("../history.js").Point} Point
+ * @typedef {import("../parameters.js").Parameter} Parameter
  */
 
-import { decimalsFor, fixed, prefixed } from "./format.js";
-import { PARAMETERS, writeSymbol } from "./parameters.js";
+import { decimalsFor, fixed, prefixed } from "../format.js";
+import { PARAMETERS, writeSymbol } from "../parameters.js";
 
 const CONFIG = { displayModeBar: false, responsive: true, scrollZoom: false, doubleClick: false };
 
@@ -44,7 +44,7 @@ export function spanFor(recorded_s, wanted_s) {
 
 /**
  * @param {Parameter} parameter
- * @param {import("./history.js").History} history
+ * @param {import("../history.js").History} history
  * @param {number} span_s time shown
  * @param {number} exponent power of ten of the unit shown
  */

@@ -2,13 +2,13 @@
  * Four tiles: one parameter each, with its interval and what can be said about it.
  * A value that cannot be told is a dash and a reason, never a number. A reason that several share is told once, below.
  *
- * @typedef {import("./api.js").Estimates} Estimates
- * @typedef {import("./api.js").Estimate} Estimate
+ * @typedef {import("../api.js").Estimates} Estimates
+ * @typedef {import("../api.js").Estimate} Estimate
  */
 
-import { Z_95, age, clock, decimalsFor, duration, engineeringExponent, fixed, integer, plain, prefixed } from "./format.js";
+import { Z_95, age, clock, decimalsFor, duration, engineeringExponent, fixed, integer, plain, prefixed } from "../format.js";
 import { showMismatch } from "./mismatch.js";
-import { PARAMETERS, writeSymbol } from "./parameters.js";
+import { PARAMETERS, writeSymbol } from "../parameters.js";
 
 const STATUS_WORDS = {
   ok: "estimated",
@@ -22,7 +22,7 @@ const STATUS_WORDS = {
 /** What has a value to show. */
 const TOLD = ["ok", "doubtful", "stale", "held"];
 
-/** @typedef {{parameter: import("./parameters.js").Parameter, root: HTMLElement, exponent: number, decimals: number | null}} Tile */
+/** @typedef {{parameter: import("../parameters.js").Parameter, root: HTMLElement, exponent: number, decimals: number | null}} Tile */
 
 /** @type {Tile[]} */
 let tiles = [];

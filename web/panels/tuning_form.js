@@ -1,12 +1,12 @@
 /**
  * The fields for the Kalman filter's tuning. What the operator touched is theirs, as in all of the form.
  *
- * @typedef {import("./api.js").Tuning} Tuning
+ * @typedef {import("../api.js").Tuning} Tuning
  * @typedef {"noise_i" | "lsb" | "omega_e" | "doubt" | "warming"} Key
  */
 
-import { element, input, number, write } from "./fields.js";
-import { plain } from "./format.js";
+import { element, input, number, write } from "../fields.js";
+import { plain } from "../format.js";
 
 const HELP = {
   tuned: "Variances from the figures below.",

@@ -1,10 +1,10 @@
 /**
  * The head of the page: which drive, how its link is, what its stream does.
  *
- * @typedef {import("./api.js").DriveState} DriveState
+ * @typedef {import("../api.js").DriveState} DriveState
  */
 
-import { age, clock, duration, fixed, integer } from "./format.js";
+import { age, clock, duration, fixed, integer } from "../format.js";
 
 const element = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 const select = /** @type {HTMLSelectElement} */ (element("drive-select"));
@@ -74,7 +74,7 @@ function writeWhereAny(id, count) {
   write(id, integer(count));
 }
 
-/** @param {import("./api.js").Link} link */
+/** @param {import("../api.js").Link} link */
 function linkWords(link) {
   return link.state === "lost" ? `lost since ${clock(link.since)}` : link.state;
 }

@@ -1,10 +1,10 @@
 /**
  * The line that says since when, and where, the model does not explain the drive. Nothing, where it always has.
  *
- * @typedef {import("./api.js").Mismatch} Mismatch
+ * @typedef {import("../api.js").Mismatch} Mismatch
  */
 
-import { clock, plain } from "./format.js";
+import { clock, plain } from "../format.js";
 
 const element = /** @type {HTMLElement} */ (document.getElementById("mismatch"));
 

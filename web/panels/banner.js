@@ -2,7 +2,7 @@
  * The banner over the page for when the service itself is gone. Knows nothing of drives.
  */
 
-import { clock } from "./format.js";
+import { clock } from "../format.js";
 
 const element = /** @type {HTMLElement} */ (document.getElementById("banner"));
 

@@ -2,12 +2,12 @@
  * The bar that never scrolls away: the drive's state in words, who controls it, Stop, Start and Reset. Stop is never
  * disabled, by mouse and by the Escape key, whether or not the service is heard.
  *
- * @typedef {import("./api.js").Control} Control
+ * @typedef {import("../api.js").Control} Control
  */
 
-import { NoAnswerError, readSignals, resetDrive, startDrive, stopDrive } from "./api.js";
-import { element, input, number, write } from "./fields.js";
-import { clock } from "./format.js";
+import { NoAnswerError, readSignals, resetDrive, startDrive, stopDrive } from "../api.js";
+import { element, input, number, write } from "../fields.js";
+import { clock } from "../format.js";
 
 const SET_POINTS = ["i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "speed_ref", "speed_step"];
 const ON = "operation enabled";

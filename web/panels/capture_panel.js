@@ -2,12 +2,12 @@
  * The panel for captures: what to record, how far it is, where the file is. The fields are the operator's; the state
  * is the service's, whoever asked for the capture.
  *
- * @typedef {import("./api.js").Capture} Capture
+ * @typedef {import("../api.js").Capture} Capture
  */
 
-import { askCapture, cancelCapture, captureFile, NoAnswerError, triggerCapture } from "./api.js";
-import { element, input, number, wholeNumber, write } from "./fields.js";
-import { clock, duration, integer, parseNumber } from "./format.js";
+import { askCapture, cancelCapture, captureFile, NoAnswerError, triggerCapture } from "../api.js";
+import { element, input, number, wholeNumber, write } from "../fields.js";
+import { clock, duration, integer, parseNumber } from "../format.js";
 
 const UNITS = new Map([["theta_e", "rad"], ["omega_e", "rad/s"], ["u_d", "V"], ["u_q", "V"], ["u_dc", "V"]]);
 const UNDER_WAY = ["armed", "triggered", "uploading"];
@@ -137,10 +137,10 @@ async function ask(request) {
   }
 }
 
-/** What to capture, in the service's words and SI. @returns {import("./api.js").CaptureRequest} */
+/** What to capture, in the service's words and SI. @returns {import("../api.js").CaptureRequest} */
 function wanted() {
   const boxes = /** @type {NodeListOf<HTMLInputElement>} */ (form.querySelectorAll('input[name="capture-signals"]:checked'));
-  /** @type {import("./api.js").CaptureRequest} */
+  /** @type {import("../api.js").CaptureRequest} */
   const body = {
     signals: [...boxes].map((box) => box.value),
     length: wholeNumber(length, "Samples"),
