@@ -64,7 +64,7 @@ class Entry:
         return json.dumps(told, default=str)
 
     def sentence(self) -> str:
-        """The same in short, for the service's own log."""
+        """What was written, in short, for the service's own log."""
         changes = "" if self.before is None or self.after is None else "; " + ", ".join(
             f"{key} {self.before.get(key)} -> {value}" for key, value in self.after.items()
         )

@@ -50,7 +50,7 @@ def off_words(now: State, fault: Fault | None) -> str:
 
 
 def off(drive: Drive) -> str:
-    """The same of a drive as it is now. Raises DriveError."""
+    """Why a drive, as it is now, drives no voltage, a clause; empty where it does. Raises DriveError."""
     now = state(drive)
     return off_words(now, fault(drive) if now is State.FAULT else None)
 

@@ -33,13 +33,13 @@ def turned_slightly(angle: float) -> complex:
 
 @kernel
 def wrapped(angle: float) -> float:
-    """The same angle within 0 to 2 pi (rad)."""
+    """An angle (rad) turned to within 0 to 2 pi."""
     return angle % TURN
 
 
 @kernel
 def nearest(angle: float) -> float:
-    """The same angle within -pi to pi (rad): the shortest way between two angles."""
+    """An angle (rad) turned to within -pi to pi: the shortest way between two angles."""
     return angle - TURN * math.floor(angle / TURN + 0.5)
 
 

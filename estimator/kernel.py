@@ -56,14 +56,14 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def lean_kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """The same for one that makes no arrays, so that it counts no references to those it is given, and is a part of
-    whoever calls it: of small functions that are given many arrays, handing these on is most of the time.
+    """Compile a function that makes no arrays: it counts no references to those it is given, and is a part of whoever
+    calls it. Of small functions that are given many arrays, handing these on is most of the time.
     """
     return _compiled(function, fastmath=False, counted=False)
 
 
 def summing_kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """The same for sums whose order does not matter, so that several of their terms go at once."""
+    """Compile sums whose order does not matter, so that several of their terms go at once."""
     return _compiled(function, fastmath={"reassoc", "contract"})
 
 

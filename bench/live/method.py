@@ -65,7 +65,7 @@ def estimate(running: Running) -> WindowEstimate:
 
 
 def changed(running: Running, window: Window) -> Running:
-    """The same stream under other settings. The one given stays as it is, and must not take samples any more."""
+    """This stream under other settings. The one given stays as it is, and must not take samples any more."""
     before = running.window
     samples = window_ls.resized(replace(running.samples), window.samples, window.periods_per_row)
     recursion, kalman = _recursion(window), _filter(window)

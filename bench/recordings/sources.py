@@ -30,7 +30,7 @@ class Sources:
     unused: tuple[str, ...]  # columns present and not read
 
     def without(self, empty: Sequence[str]) -> "Sources":
-        """The same where optional columns turn out to hold no value; phase currents go together."""
+        """These sources where optional columns turn out to hold no value; phase currents go together."""
         gone = {*empty, *(PHASES if set(empty) & set(PHASES) else ())} & set(self.columns)
         if not gone:
             return self
@@ -40,7 +40,7 @@ class Sources:
         return replace(self, columns=kept, told=told, unused=(*self.unused, *unused))
 
     def with_u_dc(self, u_dc: float | None) -> "Sources":
-        """The same with a nominal dc-link voltage (V) where the recording has none."""
+        """These sources with a nominal dc-link voltage (V) where the recording has none."""
         if u_dc is None or "u_dc" in self.told:
             return self
         told = {**self.told, "u_dc": f"constant {u_dc:g}, the machine file's"}

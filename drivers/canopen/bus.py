@@ -112,7 +112,7 @@ class CanopenBus:
             return self._repeated(lambda: self._uploaded(index, subindex, what))
 
     def read_block(self, index: int, subindex: int, what: str) -> bytes:
-        """The same by blocks, with a checksum: for what is long."""
+        """Bytes of an object by blocks, with a checksum: for what is long."""
         with self._alone():
             return self._repeated(lambda: self._block_uploaded(index, subindex, what))
 
@@ -161,7 +161,7 @@ class CanopenBus:
             raise LostError(f"two nodes answer as {self.node}: {two}")
 
     def write_control(self, index: int, subindex: int, what: str, data: bytes) -> None:
-        """The same by segments, of a control record, which may be written twice: repeated when no answer comes."""
+        """Write a control record by segments; it may be written twice: repeated when no answer comes."""
 
         def download() -> bytes:
             with self._transfer(_DOWNLOADED, index, subindex, what):

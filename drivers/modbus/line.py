@@ -175,7 +175,7 @@ class ModbusLine:
         return list(answer.registers)
 
     def _repeated(self, attempt: Callable[[], T]) -> T:
-        """The same request until it is answered."""
+        """Make a request again until it is answered."""
         failure: DriveError | None = None
         for _ in range(READ_ATTEMPTS):
             self._check()

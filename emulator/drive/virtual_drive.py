@@ -269,7 +269,7 @@ class VirtualDrive:
             self._written.append((name, float(value)))
 
     def request(self, name: str, value: float) -> None:
-        """The same for a client without a token. Raises DeniedError, too."""
+        """Write a signal for a client without a token. Raises DeniedError, KeyError or ValueError, in a sentence."""
         signal = signal_named(name)
         with self._lock:
             self._check_write(signal, value, self._present())

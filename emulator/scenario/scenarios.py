@@ -409,6 +409,6 @@ PAPER_RUN_WARMING = replace(
         PAPER_RUN.run, temperature_profile=tuple((n * _STRETCH, T) for n, T in enumerate(TABLE_TEMPERATURES))
     ),
 )
-"""The same with the paper's seven temperatures, evenly spread over the second and in straight lines in between."""
+"""The paper's drive with its seven temperatures, evenly spread over the second and in straight lines in between."""
 
 BUILT_IN = {scenario.name: scenario for scenario in (PAPER, PAPER_RUN, PAPER_RUN_WARMING)}

@@ -123,7 +123,7 @@ def update(state: RlsState, samples: Samples, *, joined: bool = True) -> RlsStat
 
 
 def with_lam(state: RlsState, lam: float) -> RlsState:
-    """The same memory, forgetting at another rate from here on. Raises ValueError."""
+    """This memory, forgetting at another rate from here on. Raises ValueError."""
     check_lam(lam)
     state.lam = lam
     return state
@@ -171,7 +171,7 @@ def _triangles(state: RlsState, scale: float) -> Array:
 
 
 def _with_prior_rows(state: RlsState) -> WindowSums:
-    """The same with the prior as one row more for each parameter."""
+    """The sums with the prior as one row more for each parameter."""
     sums = _data(state)
     scale = float(sums.rows[0]) / float(state.weights[_ROWS]) if sums.rows[0] else 1.0
     lag0 = sums.lag0.copy()

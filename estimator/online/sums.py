@@ -45,7 +45,7 @@ class WindowSums:
         return self.mapped(lambda values: values[which])
 
     def mapped(self, change: Callable[[Array], Array]) -> "WindowSums":
-        """The same with every array changed alike."""
+        """These sums with every array changed alike."""
         names = ("lag0", "lag1", "batch", "rows", "pairs", "batches", "w_w", "w_next")
         return replace(self, **{name: change(getattr(self, name)) for name in names})
 

@@ -157,7 +157,7 @@ def update_one(
 
 
 def resized(state: WindowState, length: int, m: int) -> WindowState:
-    """The same stream under another window: every balance still held is kept. Cost: one pass over them."""
+    """This stream under another window: every balance still held is kept. Cost: one pass over them."""
     check_window(length, m)
     if m == state.m and _needed(length, m) <= len(state.starts):
         state.length = length

@@ -217,7 +217,7 @@ def add_sums(
 def add_groups(
     begin: int, end: int, first: int, place: int, m: int, rows: Array, starts: Bools, total: Array
 ) -> int:
-    """The same for groups of several balances."""
+    """Add groups of several balances to a total; a chunk ends within its last group. Places as for single ones."""
     capacity = len(starts)
     group, before = np.zeros(10), np.zeros(10)
     batch, rows_of_batch, fresh = np.empty((10, BATCH)), 0, False

@@ -44,7 +44,7 @@ def _conductance(rows: Rows, sizes: Sizes) -> Array | float:
 
 
 def _loop_voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """The same in the rotor frame."""
+    """The loop's current, A at samples in the rotor frame."""
     return _loop(rows, sizes) * rows.rotor.conj()
 
 

@@ -31,7 +31,7 @@ def drifted(rows: Rows, sizes: Sizes) -> Array:
 
 
 def stepped(rows: Rows, sizes: Sizes) -> Array:
-    """The same."""
+    """Change by a step, Vs at samples."""
     change, time, duration = map(float, sizes)
     return _stepped(rows.t, rows.span[0] + time * rows.span[1], duration, change * float(rows.machine.psi_f))
 

@@ -116,7 +116,7 @@ class Rows:
         return self._known[key]
 
     def latest(self, make: Callable[Concatenate["Rows", P], T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """The same of anything: only what was made last is kept, for who asks for it again."""
+        """What a function makes of these rows, of any kind: only what was made last is kept."""
         given = (*args, *kwargs.items())
         known = self._latest.get(make)
         if known is None or known[0] != given:

@@ -175,7 +175,7 @@ def current_error(rows: Rows, model: Model) -> Vector | float:
 
 
 def _current_error(rows: Rows, model: Model) -> Vector | float:
-    """The same, of rows by the true angle."""
+    """Measured less true current vector at samples, A, stationary frame, of rows by the true angle."""
     errors = [(BY_NAME[name].current_error, name, sizes) for name, sizes in model.effects.items()]
     there = [(error, name, sizes) for error, name, sizes in errors if error is not None]
     if not there:
@@ -242,7 +242,7 @@ def residual(rows: Rows, smooth: Rows, model: Model) -> Vector:
 
 
 def left_over(rows: Rows, clean: Rows, model: Model) -> Vector:
-    """The same; `clean`: the smooth rows in truth."""
+    """What is left of the recorded voltage, V, in the measured frame; `clean`: the smooth rows in truth."""
     truth = _without_errors(rows, model)
     left = truth.u - base_voltage(truth, model) - effects_voltage(clean, model)
     return left * frame_of(rows, truth)

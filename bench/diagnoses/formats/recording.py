@@ -50,7 +50,7 @@ def opened(request: Request) -> AbstractContextManager[RecordingReader]:
 
 
 def read(request: Request) -> Recording:
-    """The same as a whole."""
+    """The recording that a request asks of, as a whole. Raises RecordingError."""
     with opened(request) as reader:
         return whole(reader)
 

@@ -101,7 +101,7 @@ def left_energy(rows: Rows) -> float:
 
 
 def beat_energy(rows: Rows) -> float:
-    """The same where it looks like movement; otherwise none."""
+    """What is left of the rounding in the flux error, where it looks like movement; otherwise none."""
     return _energy_of(rows, beat_of(rows) ** 2)
 
 

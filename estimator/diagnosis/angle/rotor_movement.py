@@ -95,7 +95,7 @@ def turning(
 def _moved_further(
     counts: Array, known: Array, course: SmoothCourse, pushing: Sequence[Array], n_p: int
 ) -> tuple[Array, SmoothCourse]:
-    """The same with what else counts show of torques' movements, and of swings at orders of the turn.
+    """A movement and its course, with what else counts show of torques, and of swings at orders of the turn.
 
     Once and twice in a mechanical turn an encoder may swing; a rotor, by torque that has an order of the electrical
     one. Each step fits the course and all that is seen jointly, as the edges of counts hold them now.

@@ -88,7 +88,7 @@ def _levels_chosen(
     chosen = design.best(here)
     if len(here) < len(allowed) and not (chosen and design.satisfied(chosen)):
         chosen = design.best(allowed)
-    return _experiment_in_words(rows, [levels[k] for k in chosen], pair, design.odds(chosen))
+    return _experiment_of(rows, [levels[k] for k in chosen], pair, design.odds(chosen))
 
 
 # --- levels
@@ -239,7 +239,7 @@ class _Design:
 # --- words
 
 
-def _experiment_in_words(
+def _experiment_of(
     rows: Rows, holds: Sequence[tuple[float, complex]], pair: tuple[str, str] | None, odds: float | None
 ) -> Experiment:
     rpm = 60.0 / (TURN * rows.machine.n_p)

@@ -61,7 +61,7 @@ class Checked(NamedTuple):
 def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
     """What is wrong with a recording before anything is fitted to it."""
     runs = [run for run in runs if len(run)]
-    found = list(_empty_columns(runs))
+    found = list(_unusable_columns(runs))
     if not any(wrong.stop for wrong in found):
         found += [*_excitation(runs, nominal), *_gaps(runs), *_clipped(runs), *_saturated(runs), *_held(runs)]
         stretches = stretches_of(runs)
@@ -81,7 +81,7 @@ def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
 # --- Columns
 
 
-def _empty_columns(runs: Sequence[Samples]) -> Iterator[Wrong]:
+def _unusable_columns(runs: Sequence[Samples]) -> Iterator[Wrong]:
     rows = sum(map(len, runs))
     if rows < FEWEST_ROWS:
         yield Wrong(f"the recording has {rows} rows, expected at least {FEWEST_ROWS}: record a second or more", True)

@@ -98,7 +98,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model, following: Following) -> Cle
 
 
 def _cleaned_following(rows: Rows, model: Model, following: Following) -> Clean:
-    """The same for effects that change more within the noise of currents than these do in a period.
+    """Rows cleaned for effects that change more within the noise of currents than these do in a period.
 
     Currents follow the model, as closely as it is true.
     """

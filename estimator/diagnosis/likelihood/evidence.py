@@ -96,12 +96,12 @@ class Search:
         return (left + prior - fit.chi2) / len(self.regression.rows)
 
     def unbounded(self, choice: Choice) -> SetFit:
-        """The same where coefficients may have any value: what has a bound on one side shows what is on the other."""
+        """A set's fit where coefficients may have any value: what is bounded on one side shows what is on the other."""
         choice = tuple(sorted(choice))
         return self._unbounded(choice, self.places(choice), {}, self.gram)
 
     def fit_of_sizes(self, choice: Choice, held: Collection[str] = ()) -> SetFit:
-        """The same with the shapes of the present model as they are, and all of some effects."""
+        """A set's fit with the shapes of the present model as they are, and all of some effects."""
         choice = tuple(sorted(choice))
         columns = {j: self.columns[j] for j in self.places(choice)}
         as_is = {j: c.offset for j, c in columns.items() if c.shape or c.owner in held}

@@ -247,7 +247,7 @@ def _ends(search: Search, fit: SetFit, one: tuple[str, int]) -> bool:
 def _reason(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> str:
     """What makes an effect worth too little, in a sentence's part."""
     uneven = (
-        ", and its size is not the same from stretch to stretch" if _scatter_reason(search, choice, one) > _EVEN else ""
+        ", and its size is not the same from stretch to stretch" if _scatter_of(search, choice, one) > _EVEN else ""
     )
     if cause == "angle":
         beats = beat_energy(search.regression.rows) > 0.0
@@ -290,7 +290,7 @@ def least_borne_out(search: Search, choice: Choice, one: tuple[str, int], place:
     """The size (of the column at `place`) from which on a faint effect beside a set is borne out."""
     unit = np.zeros(len(search.columns))
     unit[place] = 1.0
-    scatter, lends = _scatter_reason(search, (*choice, one), one), _lends(search, (*choice, one), one)
+    scatter, lends = _scatter_of(search, (*choice, one), one), _lends(search, (*choice, one), one)
     if _share_apart(search, unit) < _least_apart(search) * lends:
         return math.inf
     least = beside.rest.least(faint=True)
@@ -328,7 +328,7 @@ def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: Rest)
     stretch to stretch and plain. Of one whose size is not the same by far: some times what is unexplained, and a
     quarter of all that is left.
     """
-    gained, scatter = search.explained(choice, one), _scatter_reason(search, choice, one)
+    gained, scatter = search.explained(choice, one), _scatter_of(search, choice, one)
     least = rest.least(faint=search.faint(search.fit(choice), one))
     if scatter > _UNEVEN:
         least = max(least, LEAST_EVIDENT_SHARE * rest.unexplained, _UNEVENLY * rest.whole)
@@ -338,7 +338,7 @@ def _over_rest(search: Search, choice: Choice, one: tuple[str, int], rest: Rest)
     return gained / least
 
 
-def _scatter_reason(search: Search, choice: Choice, one: tuple[str, int]) -> float:
+def _scatter_of(search: Search, choice: Choice, one: tuple[str, int]) -> float:
     return search.scatter(search.fit(choice), one)
 
 
@@ -347,7 +347,7 @@ def _lends(search: Search, choice: Choice, one: tuple[str, int], *, even: float 
 
     No more, where it scatters by less than `even` times what chance makes of it.
     """
-    scatter = _scatter_reason(search, choice, one)
+    scatter = _scatter_of(search, choice, one)
     return min(scatter, _LENDS) if scatter > even else 1.0
 
 

@@ -42,7 +42,7 @@ class Whitening(NamedTuple):
         return Whitening(self.M[periods], self.gain[periods])
 
     def of_voltages(self, turned: Vector) -> "Whitening":
-        """The same of voltages that are `turned` (vectors of length 1) against those it was of."""
+        """This filter, of voltages that are `turned` (vectors of length 1) against those it was of."""
         return Whitening(self.M, self.gain * turned.conj())
 
 
@@ -96,7 +96,7 @@ def whiten(v: Vectors, M: Array, gain: Vector, state: Vector) -> None:
 def whiten_into(
     white: Array, v: Vectors, M: Array, gain: Vector, noise: tuple[float, float], state: Vector
 ) -> NDArray[np.intp]:
-    """The same over the noise on d and q, as real numbers (columns x 2 x periods); which columns are not zero yet.
+    """Filter into real numbers over the noise on d and q (columns x 2 x periods); which columns are not zero yet.
 
     Only those are written, one after the other.
     """

@@ -75,7 +75,7 @@ def diagnose_points(points: Points, *, n_p: int | None = None, i_rated: float | 
     choice = search.chosen()
     if i_rated is None and any(name.endswith("saturation") for name in choice):
         remarks.append(f"drops of inductance are those at {number(rated)} A, the largest current among these points")
-    return _points_in_words(points, search, choice, remarks, n_p)
+    return _diagnosis_of_points(points, search, choice, remarks, n_p)
 
 
 def no_verdict(remarks: Sequence[str], instead: str) -> Diagnosis:
@@ -86,7 +86,7 @@ def no_verdict(remarks: Sequence[str], instead: str) -> Diagnosis:
     return replace(diagnosis, sentence=sentence_of(diagnosis))
 
 
-def _points_in_words(
+def _diagnosis_of_points(
     points: Points, search: PointsSearch, choice: PointsChoice, remarks: list[str], n_p: int | None
 ) -> Diagnosis:
     coordinates = _coordinates(points)

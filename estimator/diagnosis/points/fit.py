@@ -51,7 +51,7 @@ class PointsFit:
         return math.sqrt(max(float(self.covariance[place, place]), 0.0))
 
     def doubted(self, by: Mapping[Key, float]) -> "PointsFit":
-        """The same with standard errors (SI) besides."""
+        """This fit with further standard errors (SI)."""
         std = np.sqrt(np.diag(self.covariance))
         more = np.array([by.get(size.key, 0.0) for size in self.sizes])
         wider = np.where(std > 0.0, np.hypot(std, more) / np.where(std > 0.0, std, 1.0), 1.0)

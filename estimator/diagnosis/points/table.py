@@ -100,7 +100,7 @@ def kin_of(points: Points) -> Places:
 
 
 def speed_groups(level: Places, omega_e: Array) -> Places:
-    """The same where every level has its own speeds: those of one level within 2 % are one."""
+    """Groups of rows where every level has its own speeds: those of one level within 2 % are one."""
     group = np.zeros(len(level), np.intp)
     count = 0
     for one in np.unique(level):

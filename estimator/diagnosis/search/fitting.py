@@ -261,7 +261,7 @@ def polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = 
 def roughly_polished(
     rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED
 ) -> tuple[Model, Clean, bool]:
-    """The same of blocks of the rows, where a model costs much to follow: good enough to seek other effects by."""
+    """A set's best model by blocks of the rows, where it costs much to follow: good enough to seek other effects by."""
     part = _few(rows, model)
     if part is rows:
         return _polished(rows, clean, model, given, times)
@@ -276,7 +276,7 @@ def _few(rows: Rows, model: Model) -> Rows:
 
 
 def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int = POLISHED) -> tuple[Model, Clean, bool]:
-    """The same of rows as they are, of a model that is near it."""
+    """A set's best model, by rows as they are, from one that is near it."""
     settled, slopes, response, following, before = False, VoltageSlopes(), None, clean.following, math.inf
     if following is None or not following.knows(model):
         following = Following(rows)
@@ -379,7 +379,7 @@ def _energy_left(rows: Rows, smooth: Rows, model: Model, search: Search) -> floa
 
 
 def _energy_left_by(rows: Rows, clean: Clean, model: Model, search: Search) -> float:
-    """The same with currents that follow the model, where they do."""
+    """Energy of the residual, a period, with currents that follow the model, where they do."""
     return _energy_left(rows, clean.rows if clean.follow is None else clean.follow(model)[0], model, search)
 
 

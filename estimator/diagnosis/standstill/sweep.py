@@ -86,7 +86,7 @@ def diagnose_sweep(stretches: Sequence[Tone]) -> Diagnosis:
         terms = (*rest, terms_of.SATURATION)
         tried[terms] = _tried_tones(sweep, terms)
         scores[terms] = _score(tried[terms], noise)
-    return _sweep_in_words(sweep, tried, scores, _smallest_set(scores), noise)
+    return _diagnosis_of_sweep(sweep, tried, scores, _smallest_set(scores), noise)
 
 
 def _score(tried: SweepTried, noise: float) -> float:
@@ -114,7 +114,7 @@ def _smallest_set(scores: dict[SweepTerms, float]) -> SweepTerms:
 # --- what is said
 
 
-def _sweep_in_words(
+def _diagnosis_of_sweep(
     sweep: Sweep, tried: dict[SweepTerms, SweepTried], scores: dict[SweepTerms, float], chosen: SweepTerms, noise: float
 ) -> Diagnosis:
     base, found = tried[()], tried[chosen]

@@ -159,7 +159,7 @@ class Sweep:
         return max(found, key=lambda fit: fit.log_evidence)
 
     def _widths_beside(self, terms: SweepTerms, p: Array) -> list[Array]:
-        """The same with other widths, which other weights may prefer."""
+        """Shapes p with other widths, which other weights may prefer."""
         place = self._names(terms).index("width") if LOST in terms else None
         return [] if place is None else [
             np.where(np.arange(len(p)) == place, share * (len(_WIDTHS) - 1.0), p) for share in (0.3, 0.8)

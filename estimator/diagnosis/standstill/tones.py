@@ -69,7 +69,7 @@ class Tones:
         return _PART_OF_SUM * np.abs(self.total)
 
     def blaming(self, phase: int) -> "Tones":
-        """The same, were all of the sum that phase's sensor's error."""
+        """These tones, were all of the sum that phase's sensor's error."""
         only = np.arange(3) == phase
         return tones_of([replace(tone, i=tone.i - only * tone.i.sum(axis=1, keepdims=True)) for tone in self.rows])
 

@@ -369,7 +369,7 @@ def soft(i: float, knee: float) -> float:
 
 @lean_kernel
 def _soft(current: float, knee: float) -> float:
-    """The same, sooner where the current is far from zero."""
+    """A softened size as `soft` has it (A), worked out sooner where the current is far from zero."""
     size = abs(current)
     return size + 0.5 * knee * knee / size if size > _KNEES_FAR * knee else soft(size, knee)
 
