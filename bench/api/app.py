@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import Depends, FastAPI, Request
-from fastapi.responses import FileResponse, HTMLResponse
+from fastapi.responses import FileResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 
@@ -159,10 +159,7 @@ def create_app(
             drives={name: state_model(service.control(name).state) for name in service.drives},
         )
 
-    @app.get("/docs", include_in_schema=False)
-    def reference(request: Request) -> HTMLResponse:
-        return HTMLResponse(docs.render(app.openapi(), str(request.base_url), service.drives[0], with_token=with_token))
-
+    docs.install(app)
     _serve_page(app)
     _complete(app.openapi())
     complete(app.openapi(), with_token=with_token)

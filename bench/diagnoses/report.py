@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
@@ -61,7 +61,7 @@ def report(diagnosis: Diagnosis, recording: Summary, nominal: Nominal) -> str:
 @cache
 def _page() -> Template:
     text = (resources.files("bench.diagnoses") / "report.html.jinja").read_text(encoding="utf-8")
-    made = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
+    made: Any = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)  # typed by half
     made.filters.update({
         "words": words, "number": number, "odds": odds, "quantity": _number_with_unit, "told": _told, "bounds": _bounds,
     })  # fmt: skip
