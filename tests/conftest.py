@@ -12,6 +12,7 @@ import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import httpx
@@ -108,6 +109,15 @@ def bench_up(*options: str) -> Generator[RunningBench]:
         url = f"http://127.0.0.1:{port}"
         wait_for_answer(f"{url}/api/health", process)
         yield RunningBench(url, bus, process)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that wait and files that compute take turns, so that processes side by side seldom all do one of these."""
+    waiting, computing = dict[Path, list[pytest.Item]](), dict[Path, list[pytest.Item]]()
+    for item in items:
+        (waiting if item.get_closest_marker("live") else computing).setdefault(item.path, []).append(item)
+    pairs = zip_longest(waiting.values(), computing.values(), fillvalue=list[pytest.Item]())
+    items[:] = [item for pair in pairs for file in pair for item in file]
 
 
 @pytest.fixture(scope="module")

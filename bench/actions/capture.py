@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 from bench.actions.capture_request import COMMAND, Level, Request
+from bench.actions.jobs import Link
 from bench.errors import BenchError, ConflictError, UnavailableError
 from bench.new_file import check_room
 from bench.recordings.capture_file import CapturePart, Heading, write_recording
@@ -69,14 +70,6 @@ class Status:
     def progress(self) -> float:
         """Share of the samples that are recorded, then uploaded."""
         return self.samples / self.request.length
-
-
-class Link(Protocol):
-    """A way to a drive that comes back by itself when it is lost."""
-
-    def drive(self) -> Drive:
-        """The drive, connected. Raises DriveError while it is not."""
-        ...
 
 
 class _LeftError(Exception):

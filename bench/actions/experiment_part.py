@@ -5,7 +5,6 @@ they came. The recording is `NAME.parquet`; of what has not come to its end, `NA
 Knows nothing of drives under way.
 """
 
-import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +15,7 @@ import numpy as np
 
 from bench.errors import RecordingError
 from bench.recordings.capture_file import column_steps, write_columns
-from bench.recordings.part_file import PartFile, piece_size
+from bench.recordings.part_file import OnPartFile, PartFile, piece_size
 from drivers.capture import Setup, Upload, decoded
 
 SUFFIX: Final = ".experiment"
@@ -35,7 +34,7 @@ class Heading:
     expected: int  # samples
 
 
-class ExperimentPart:
+class ExperimentPart(OnPartFile):
     """The part file of an experiment, grown as samples come."""
 
     def __init__(
@@ -43,7 +42,7 @@ class ExperimentPart:
     ) -> None:
         """Use `begun` or `found`."""
         self.heading, self.groups, self.remarks, self.off = heading, groups, tuple(remarks), off
-        self._file = file
+        super().__init__(file)
 
     @classmethod
     def begun(cls, recording: Path, heading: Heading) -> Self:
@@ -82,10 +81,6 @@ class ExperimentPart:
             file.close()
             raise RecordingError(f"{path.name}: expected an experiment under way, it is something else") from None
         return cls(file, heading, groups, remarks, off)
-
-    @property
-    def path(self) -> Path:
-        return self._file.path
 
     @property
     def samples(self) -> int:
@@ -145,13 +140,3 @@ class ExperimentPart:
             return None, f"its first {samples} of {expected} samples are safe in {self.path}, no recording yet: {why}"
         self.remove()
         return path, f"the first {samples} of {expected} samples are kept"
-
-    def remove(self) -> None:
-        """It is needed no longer."""
-        self._file.remove()
-
-    def close(self) -> None:
-        """Leave it to who comes next, on disk."""
-        with contextlib.suppress(OSError, ValueError):
-            self._file.sync()
-        self._file.close()

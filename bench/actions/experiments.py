@@ -4,7 +4,6 @@ One at a time per drive, under the drive's lease. Recordings go to the folder of
 """
 
 import contextlib
-import re
 import threading
 import time
 from collections import Counter
@@ -16,21 +15,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.actions import experiment
-from bench.actions.capture import Link
 from bench.actions.experiment import CancelledError, Plan, Progress, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
+from bench.actions.jobs import BenchDrive, DriveJobs, Running
 from bench.actions.lease import Leases, Part
-from bench.actions.limits import Limits
 from bench.actions.unfinished import Origin, folder_beside
-from bench.errors import BenchError, ConflictError, RecordingError, UnavailableError, shown
-from bench.machine_file import Nominal
-from bench.new_file import check_place
+from bench.errors import BenchError, ConflictError, UnavailableError
 from drivers import capture
 from drivers.errors import DriveError, GoneError
 
-LATEST: Final = "latest"
 _RENEWED: Final = 30.0  # s that the lease is taken for, anew with every step ahead
-_CANCEL: Final = 5.0  # s for an experiment to end
 _REMEMBERED: Final = 50  # experiments, of all drives
 _LINK: Final = 20.0  # s that a link is waited for, to take up what a drive still has
 _RETRY: Final = 0.2  # s
@@ -71,43 +65,29 @@ class Status:
     file: Path | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Run:
-    thread: threading.Thread
-    cancelled: threading.Event
-
-
-class Experiments:
+class Experiments(DriveJobs[Status]):
     """Everything about experiments, until `leave`."""
 
-    def __init__(
-        self, folder: Path, urls: Mapping[str, str], links: Mapping[str, Link], leases: Leases,
-        nominals: Mapping[str, Nominal], limits: Mapping[str, Limits],
-    ) -> None:  # fmt: skip
-        self._folder, self._urls, self._links, self._leases = folder.absolute(), urls, links, leases
-        self._nominals, self._limits = nominals, limits
-        self._lock = threading.Lock()  # guards what follows
-        self._known: dict[str, Status] = {}  # oldest first
-        self._runs: dict[str, _Run] = {}  # under way
-        self._stops = Counter[str]()  # so often has somebody asked for a drive's Stop
-        self._ending = False
+    def __init__(self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases) -> None:
+        super().__init__("experiment", folder, drives, leases, _REMEMBERED, UnknownExperimentError)
+        self._stops = Counter[str]()  # under the lock: so often has somebody asked for a drive's Stop
 
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
         """Have a drive do an experiment. Raises LimitError, ConflictError, UnavailableError, DriveError."""
         stops = self._stops[drive]
         given = experiment_of(given) if "ambiguous" in given else given  # of a whole diagnosis
         plan, asked = Plan.of(given), datetime.now(UTC)
-        experiment.check_motor(plan, self._nominals[drive].told, f"drive {drive}'s machine file")
+        experiment.check_motor(plan, self._drives[drive].nominal.told, f"drive {drive}'s machine file")
         self._check_folder()
-        link = self._links[drive].drive()  # from here on it is known which device that is
+        link = self._drives[drive].link.drive()  # from here on it is known which device that is
         id_ = f"{drive}-experiment-{asked:%Y%m%d-%H%M%S}-{asked.microsecond // 1000:03d}"
         status = Status(id_, drive, plan, asked)
         holder = f"experiment {id_}" + (f" (asked for from {whom})" if whom else "")
         self._leases.take(drive, holder, _RENEWED, *Part)
         with contextlib.ExitStack() as otherwise:
             otherwise.callback(self._leases.release, drive, holder)
-            experiment.check(link, plan, self._limits[drive])
-            origin = {"drive": drive, "url": self._urls[drive], "asked": asked.isoformat()}
+            experiment.check(link, plan, self._drives[drive].limits)
+            origin = {"drive": drive, "url": self._drives[drive].url, "asked": asked.isoformat()}
             part = experiment.begin(self._folder / f"{id_}.parquet", plan, link, origin)
             otherwise.callback(part.remove)
             self._begin(status, holder, lambda cancelled: self._done(status, part, holder, cancelled), stops)
@@ -122,42 +102,7 @@ class Experiments:
 
     def start(self) -> None:
         """Finish what a service before this one has left, as far as it can be; say what cannot."""
-        for path in sorted(self._folder.glob(f"*{SUFFIX}")):
-            try:
-                self._go_on(path)
-            except RecordingError as error:
-                named = [drive for drive in self._urls if re.fullmatch(re.escape(drive) + _WHEN, path.stem)]
-                if named:
-                    left = Status(path.stem, named[0], Plan(()), datetime.now(UTC), State.FAILED, reason=str(error))
-                    with self._lock:
-                        self._known[left.id] = left
-            except Exception:  # noqa: BLE001 - what makes no sense is left alone
-                continue
-
-    def all(self, drive: str) -> list[Status]:
-        """A drive's experiments since the service started, the newest first."""
-        with self._lock:
-            return [status for status in reversed(self._known.values()) if status.drive == drive]
-
-    def one(self, drive: str, id_: str) -> Status:
-        """An experiment by its id, or `latest`. Raises UnknownExperimentError."""
-        for status in self.all(drive):
-            if id_ in (status.id, LATEST):
-                return status
-        raise UnknownExperimentError(f"drive {drive} has no experiment {shown(id_)}")
-
-    def cancel(self, drive: str, id_: str) -> Status:
-        """End one that is under way; its drive is stopped. Raises UnknownExperimentError, ConflictError."""
-        status = self.one(drive, id_)
-        with self._lock:
-            run = self._runs.get(status.id)
-        if run is None:
-            raise ConflictError(f"experiment {status.id} is {status.state}, there is nothing to cancel")
-        run.cancelled.set()
-        run.thread.join(_CANCEL)
-        if run.thread.is_alive():
-            raise UnavailableError(f"experiment {status.id} is to end, but has not within {_CANCEL:g} s")
-        return self.one(drive, status.id)
+        self._take_up(SUFFIX, self._go_on, self._say_left)
 
     def stop(self, drive: str) -> None:
         """Have one that is under way, or asked for, end, without waiting for it."""
@@ -165,30 +110,7 @@ class Experiments:
             self._stops[drive] += 1
             for id_, run in self._runs.items():
                 if self._known[id_].drive == drive:
-                    run.cancelled.set()
-
-    def file(self, drive: str, id_: str) -> Path:
-        """The recording. Raises UnknownExperimentError; ConflictError where there is none."""
-        status = self.one(drive, id_)
-        if status.file is None or not status.file.is_file():
-            raise ConflictError(f"experiment {status.id} has no recording: it is {status.state}")
-        return status.file
-
-    def leave(self) -> None:
-        """Have all end, and their drives stopped."""
-        with self._lock:
-            self._ending = True
-            runs = list(self._runs.values())
-        for run in runs:
-            run.cancelled.set()
-
-    def join(self, timeout: float) -> None:
-        """Wait for their end, at most so many seconds."""
-        deadline = time.monotonic() + timeout
-        with self._lock:
-            runs = list(self._runs.values())
-        for run in runs:
-            run.thread.join(max(0.0, deadline - time.monotonic()))
+                    run.cancel()
 
     def _begin(
         self, status: Status, holder: str, work: Callable[[threading.Event], dict[str, Any]], stops: int | None = None
@@ -213,10 +135,7 @@ class Experiments:
                 raise UnavailableError("the service is ending")
             if stops is not None and stops != self._stops[status.drive]:
                 raise ConflictError(f"drive {status.drive} was stopped meanwhile: ask again where that is meant")
-            self._known[id_] = status
-            self._runs[id_] = _Run(thread, cancelled)
-            for key in [k for k in self._known if k not in self._runs][: max(0, len(self._known) - _REMEMBERED)]:
-                del self._known[key]
+            self._put(status, Running(thread, cancelled.set, cancelled.set))
             thread.start()
 
     def _done(self, status: Status, part: ExperimentPart, holder: str, cancelled: threading.Event) -> dict[str, Any]:
@@ -230,8 +149,8 @@ class Experiments:
         try:
             noted = Origin(folder_beside(self._folder), status.drive, holder)
             experiment.run(
-                self._links[status.drive].drive(), status.plan, tell, cancelled, part,
-                limits=self._limits[status.drive], origin=noted,
+                self._drives[status.drive].link.drive(), status.plan, tell, cancelled, part,
+                limits=self._drives[status.drive].limits, origin=noted,
             )  # fmt: skip
             why = ""
         except CancelledError as error:
@@ -269,7 +188,7 @@ class Experiments:
         with contextlib.ExitStack() as otherwise:
             otherwise.callback(part.close)
             origin, name = part.heading.origin, part.heading.origin["drive"]
-            if self._urls.get(name) != origin["url"]:
+            if name not in self._drives or self._drives[name].url != origin["url"]:
                 return
             asked = datetime.fromisoformat(origin["asked"])
             status = Status(path.stem, name, Plan.of(part.heading.plan), asked, phase="taken up again")
@@ -296,7 +215,7 @@ class Experiments:
             deadline = time.monotonic() + _LINK
             while time.monotonic() < deadline and not cancelled.is_set():
                 try:
-                    capture.upload(self._links[status.drive].drive(), rest, uploaded)
+                    capture.upload(self._drives[status.drive].link.drive(), rest, uploaded)
                     break
                 except (GoneError, CancelledError, OSError):
                     break
@@ -307,17 +226,10 @@ class Experiments:
             return {"state": State.FAILED, "reason": f"{_KILLED}; what there is of it is taken up at the next start"}
         return self._ended(part, State.FAILED, _KILLED)
 
-    def _change(self, id_: str, **changes: Any) -> None:
-        with self._lock:
-            self._known[id_] = replace(self._known[id_], **changes)
-
-    def _check_folder(self) -> None:
-        """Before anything moves, there is a place to put the recording. Raises UnavailableError."""
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            check_place(self._folder / "experiment")
-        except OSError as error:
-            raise UnavailableError(f"the folder of captures cannot be written: {error.strerror or error}") from None
+    def _say_left(self, id_: str, why: str) -> None:
+        """Say of a file that is left alone why, beside the experiments of the drive that it is named after."""
+        if (drive := self._named_after(id_, _WHEN)) is not None:
+            self._know(Status(id_, drive, Plan(()), datetime.now(UTC), State.FAILED, reason=why))
 
 
 def as_json(status: Status) -> dict[str, Any]:

@@ -5,7 +5,6 @@ came. The recording is `NAME.parquet`, written whole or not at all. What can no 
 `NAME.partial.parquet`, whose notes say so. No file that is there is written over, see `new_file`.
 """
 
-import contextlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from bench.errors import RecordingError
 from bench.new_file import write_new
-from bench.recordings.part_file import PartFile, piece_size
+from bench.recordings.part_file import OnPartFile, PartFile, piece_size
 from drivers.capture import Capture, Setup, Upload, decoded
 from drivers.drive import Identity
 from drivers.wire.codec import FullScales, channel_signal, count_size
@@ -43,20 +42,21 @@ class Heading:
     tick: int = 0  # of the first sample
     count: int | None = None  # samples there are; None before it is complete in the drive
     off_before: str = ""  # why the drive drove no voltage when it was armed, a clause; empty: it did
-    off_after: str = ""  # the same when its upload began
+    off_after: str = ""  # why it drove none when its upload began
 
     @classmethod
     def of(cls, id_: str, drive: str, url: str, asked: str, request: dict[str, Any], identity: Identity) -> Self:
         return cls(id_, drive, url, device_of(identity), asked, request, identity.T_s, dict(identity.full))
 
 
-class CapturePart:
+class CapturePart(OnPartFile):
     """The part file of a capture under way, grown as samples come."""
 
     def __init__(self, file: PartFile, heading: Heading, data: bytearray) -> None:
         """Use `begun` or `found`."""
         self.heading, self.data = heading, data  # what was there, whole samples alone
-        self._file, self._done = file, len(data)
+        super().__init__(file)
+        self._done = len(data)
 
     @classmethod
     def begun(cls, path: Path, heading: Heading) -> Self:
@@ -85,10 +85,6 @@ class CapturePart:
             file.close()
             raise RecordingError(f"{path.name}: expected a capture under way, it is something else") from None
 
-    @property
-    def path(self) -> Path:
-        return self._file.path
-
     def change(self, heading: Heading) -> None:
         """More is known of it; on disk at once. Raises OSError."""
         self._file.append(_HEADING, json.dumps(asdict(heading)).encode())
@@ -107,16 +103,6 @@ class CapturePart:
     def samples(self) -> int:
         """Whole samples on disk."""
         return self._done // (2 * len(self.heading.request["signals"]))
-
-    def remove(self) -> None:
-        """It is needed no longer."""
-        self._file.remove()
-
-    def close(self) -> None:
-        """Leave it to who comes next, on disk."""
-        with contextlib.suppress(OSError, ValueError):
-            self._file.sync()
-        self._file.close()
 
 
 def device_of(identity: Identity) -> str:

@@ -146,6 +146,28 @@ class PartFile:
             raise RecordingError(f"{self.path.name} is damaged in its heading, and is left as it is")
 
 
+class OnPartFile:
+    """What stands on a part file while it is worked at."""
+
+    def __init__(self, file: PartFile) -> None:
+        self._file = file
+
+    @property
+    def path(self) -> Path:
+        """Of the part file."""
+        return self._file.path
+
+    def remove(self) -> None:
+        """It is needed no longer."""
+        self._file.remove()
+
+    def close(self) -> None:
+        """Leave it to who comes next, on disk."""
+        with contextlib.suppress(OSError, ValueError):
+            self._file.sync()
+        self._file.close()
+
+
 def piece_size(sample: int) -> int:
     """Bytes of a record of whole samples of so many bytes: what damage, or a full disk, costs at most."""
     return max(1, _PIECE // sample) * sample

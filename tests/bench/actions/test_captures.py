@@ -585,11 +585,10 @@ def test_of_a_damaged_upload_that_the_drive_no_longer_has_the_sound_part_is_kept
 @contextmanager
 def killed(service: Service) -> Generator[None]:
     """A service that ends as one that is killed does: it writes and says nothing more."""
-    (run, thread), *others = service.captures._runs.values()
-    assert not others
-    run._left = lambda: None
+    ((id_, running),) = service.captures._runs.items()
+    service.captures._work[id_]._left = lambda: None
     yield
-    assert not thread.is_alive()
+    assert not running.thread.is_alive()
 
 
 @pytest.mark.parametrize("trigger", ["command", "now"])
@@ -649,8 +648,8 @@ def test_without_room_for_the_recording_nothing_is_armed(
     assert service.writer("spindle") is None
 
 
-def test_only_so_many_captures_are_remembered(service: Service, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.actions.captures._REMEMBERED", 3)
+def test_only_so_many_captures_are_remembered(service: Service) -> None:
+    service.captures._remembered = 3
     asked = list[str]()
     for _ in range(5):
         asked.append(ask(service, length=5).id)

@@ -4,7 +4,7 @@ import math
 import tempfile
 import threading
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from bench.actions import experiment
 from bench.actions.experiment import CancelledError, Hold, Plan, Progress, Recorded, Tell, check_motor, experiment_of
 from bench.actions.experiment_part import ExperimentPart
 from bench.actions.experiments import Experiments
+from bench.actions.jobs import Link
 from bench.actions.lease import Leases
 from bench.actions.limits import Limits
 from bench.actions.unfinished import Origin
@@ -225,9 +226,26 @@ def test_one_motor_by_two_data_sheets_is_the_same_and_a_plan_for_none_is_for_any
     check_motor(Plan(HOLDS, 0.3), MEANT, "x")
 
 
+@dataclass(frozen=True)
+class Known:
+    """A drive as the bench has it."""
+
+    url: str
+    link: Link
+    nominal: Nominal = field(default_factory=lambda: Nominal({}))
+    limits: Limits = field(default_factory=Limits)
+
+
+class Nothing:
+    """A link that is not asked."""
+
+    def drive(self) -> Drive:
+        raise AssertionError
+
+
 def test_a_drives_machine_file_is_asked_before_the_drive_is(tmp_path: Path) -> None:
-    nominals, limits = {"x": Nominal({"psi_f": 0.118})}, {"x": Limits()}
-    experiments = Experiments(tmp_path, {}, {}, Leases(lambda _: None), nominals, limits)
+    drives = {"x": Known("", Nothing(), Nominal({"psi_f": 0.118}))}
+    experiments = Experiments(tmp_path, drives, Leases(lambda _: None))
     with pytest.raises(LimitError, match=r"drive x's machine file has 0\.118 Vs"):
         experiments.ask("x", {"holds": [asdict(HOLDS[0])], "machine": {"psi_f": 0.0052}})
 
@@ -305,9 +323,7 @@ def test_a_stop_while_one_is_being_asked_for_voids_it(bench: Served, drive: Driv
             experiments.stop("x")
             return drive
 
-    experiments = Experiments(
-        tmp_path, {"x": bench.url}, {"x": Stopping()}, Leases(), {"x": Nominal({})}, {"x": Limits()}
-    )
+    experiments = Experiments(tmp_path, {"x": Known(bench.url, Stopping())}, Leases())
     with pytest.raises(ConflictError, match="drive x was stopped meanwhile: ask again where that is meant"):
         experiments.ask("x", {"holds": [asdict(hold) for hold in HOLDS], "step": 0.3})
     assert experiments.all("x") == []

@@ -198,7 +198,7 @@ def test_a_service_ends_within_its_time_though_all_its_drives_are_held_up() -> N
             began = time.monotonic()
         assert time.monotonic() - began < 3.0
         assert all(not thread.alive for thread in service.threads() if thread.name == "estimation")
-        for pump in service._pumps.values():
+        for pump in [drive.pump for drive in service._drives.values()]:
             pump.join(5.0)
 
 

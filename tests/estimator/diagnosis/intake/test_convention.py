@@ -191,13 +191,16 @@ def test_beside_missing_physics_factors_that_are_near_each_other_are_not_told_ap
 
 
 def test_an_angle_that_physics_may_hide_is_not_called_a_wrong_speed() -> None:
-    """And a machine that is far from any is no reason to fail."""
     runs, nominal = made(FOUND["an angle of the wrong sign"][0], recording("dead_time", 1, seed=31))
     suspicion = suspected(runs, nominal, TOLERANCE)
     assert suspicion is not None
     assert suspicion.ambiguous[0] == "the speed has the wrong sign"
     assert suspicion.ambiguous[1].startswith("the angle counts the other way")
-    said = diagnose(runs, nominal)
+
+
+@pytest.mark.slow
+def test_a_machine_far_from_any_is_no_reason_to_fail() -> None:
+    said = diagnose(*made(FOUND["an angle of the wrong sign"][0], recording("dead_time", 1, seed=31)))
     assert said.verdict is Verdict.AMBIGUOUS
     assert not said.findings
 

@@ -84,7 +84,7 @@ def test_what_effects_remember_is_the_same_a_stretch_at_a_time(monkeypatch: pyte
     for effects in ({}, {"ac_resistance": (0.5, 60.0), "winding_resistance_drift": (0.1, 1.0, 0.0)}):
         model = Model(MACHINE, effects)
         whole = regression(rows, rows, model, given)
-        monkeypatch.setattr("estimator.diagnosis.likelihood.columns._LONG", 10_000)
+        monkeypatch.setattr("estimator.diagnosis.likelihood.columns._LONG_RECORDING", 10_000)
         parts = regression(rows, rows, model, given)
         monkeypatch.undo()
         size = np.sqrt(np.einsum("sii->i", whole.gram))
