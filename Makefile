@@ -5,12 +5,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows fast fast-computed fast-live slow slow-computed slow-live browser test-vcan paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-stale bench-plant bench-watch auto-window gallery clean
+.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-stale bench-plant bench-watch auto-window gallery clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
 
-test: lint types arrows fast ## every check but the slower families below
+test: $(VENV)/.dev ## every check but the families below, with the thirty longest
+	@$(MAKE) --no-print-directory --jobs 4 --output-sync=target lint types arrows compiled
+	@$(MAKE) --no-print-directory fast
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -21,27 +23,27 @@ types: $(VENV)/.dev
 arrows: $(VENV)/.dev
 	$(BIN)/lint-imports --no-logo
 
-fast: fast-computed fast-live
-
-OTHERS := not browser and not vcan and not peers
-
-fast-computed: $(VENV)/.dev
+compiled: $(VENV)/.dev # once, what tests in several processes would each compile for themselves
 	$(BIN)/python -m tests.bars.compiled
-	$(BIN)/pytest --numprocesses 2 --dist loadfile -m "not slow and not live and $(OTHERS)"
 
-LIVE = $(BIN)/pytest -o cache_dir=.pytest_cache/live -m "$(1) and live and $(OTHERS)"
-AGAIN := --last-failed --last-failed-no-failures none
+# Some wait for links, drives and services in real time: what others hold up for too long is tried once more alone
+OTHERS := not browser and not vcan and not peers
+TESTS = $(BIN)/pytest -o cache_dir=.pytest_cache/$(1) -m "$(2) and $(OTHERS)" --numprocesses $(3) --dist $(4) || \
+	$(BIN)/pytest -o cache_dir=.pytest_cache/$(1) -m "$(2) and $(OTHERS)" --last-failed --last-failed-no-failures none
 
-fast-live: $(VENV)/.dev # wait for links, drives and services: what others hold up for too long is tried once more alone
-	$(call LIVE,not slow) --numprocesses 2 --dist loadfile || $(call LIVE,not slow) $(AGAIN)
+fast: $(VENV)/.dev
+	$(call TESTS,fast,not slow and not thorough,4,loadfile --durations 30)
 
-slow: slow-computed slow-live ## tests that take long
+thorough: $(VENV)/.dev ## files that take many seconds each: physics by many recordings, whole services
+	$(call TESTS,thorough,not slow and thorough,4,loadfile)
 
-slow-computed: $(VENV)/.dev
-	$(BIN)/pytest --numprocesses 2 --dist worksteal -m "slow and not live and $(OTHERS)"
+slow: $(VENV)/.dev ## tests that take long
+	$(call TESTS,slow,slow and not live,2,worksteal)
+	$(BIN)/pytest -m "slow and live and $(OTHERS)"
 
-slow-live: $(VENV)/.dev
-	$(call LIVE,slow) || $(call LIVE,slow) $(AGAIN)
+release: test thorough browser slow test-vcan paper peers prove score bars ## all of it: a night
+
+bars: bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-stale bench-plant bench-watch ## what is measured by name
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser

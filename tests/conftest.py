@@ -19,6 +19,7 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.support.forked import Forked
 from tests.support.real_data import REAL_DATA
 
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")  # tests run side by side, a core each
@@ -85,9 +86,7 @@ def wait_for_answer(url: str, process: "subprocess.Popen[str]") -> None:
 @contextmanager
 def command(*arguments: str) -> Generator["subprocess.Popen[str]"]:
     """`pmsm-bench` with arguments as a process, ended by Ctrl-C."""
-    process = subprocess.Popen(
-        [*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )
+    process = Forked("bench.cli.main", *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
         yield process
     finally:

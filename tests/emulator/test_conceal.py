@@ -35,6 +35,8 @@ from emulator.scenario.text import text_of
 from tests.conftest import READY
 from tests.support.leaks import Features, findable, outside_of, planted, told_apart
 
+pytestmark = pytest.mark.thorough
+
 pq: Any = pyarrow.parquet  # comes without types
 
 COUNT = 200

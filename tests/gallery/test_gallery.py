@@ -11,6 +11,8 @@ from tests.gallery import PICTURES, drive, motor, shaft, supply
 from tests.gallery.page import page
 from tests.gallery.picture import save
 
+pytestmark = pytest.mark.thorough
+
 
 def test_every_effect_has_a_picture_and_every_picture_an_effect() -> None:
     drawn = [name for room in (supply, motor, shaft, drive) for name in room.PICTURES]

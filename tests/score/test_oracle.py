@@ -18,6 +18,8 @@ from emulator.scenario.motors import TOLERANCE
 from emulator.scenario.scenarios import Scenario
 from tests.score.oracle import NEEDED, Array, Oracle, weights, whitened
 
+pytestmark = pytest.mark.thorough
+
 SEED = 1000
 LENGTH = 1.0  # s
 

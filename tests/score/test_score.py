@@ -25,6 +25,8 @@ from tests.score.rows import Row, row_of
 from tests.score.score import Measure, bars, by_group, by_size, confusion
 from tests.score.truth import Truth, truth_of
 
+pytestmark = pytest.mark.thorough
+
 SEED = 1001
 NOWHERE = Place("", {}, 1.0, 1.0)
 

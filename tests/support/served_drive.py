@@ -4,7 +4,6 @@ import contextlib
 import queue
 import signal
 import subprocess
-import sys
 import threading
 import time
 import uuid
@@ -26,6 +25,7 @@ from emulator.servers.link import server_at
 from emulator.servers.modbus.server import ModbusServer
 from emulator.servers.uart import UartServer
 from tests.conftest import bus_url, free_port
+from tests.support.forked import Forked
 
 PATIENCE = 15.0  # s
 READY = 120.0  # s, the first start compiles
@@ -123,10 +123,9 @@ def tcp_url() -> str:
 
 @contextlib.contextmanager
 def emulator(*arguments: str, control: str = "watchdog") -> Generator["subprocess.Popen[str]"]:
-    """`python -m emulator` as a process, killed at the end where it still runs; `control` as of `served`."""
-    command = [sys.executable, "-m", "emulator", *arguments, "--control", control]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    """The emulated drive as a process, killed at the end where it still runs; `control` as of `served`."""
+    process = Forked(
+        "emulator.__main__", *arguments, "--control", control, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     try:
         yield process

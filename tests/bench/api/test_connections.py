@@ -20,6 +20,8 @@ from starlette.types import Receive, Scope, Send
 from bench.api.guard.connections import Connections, Limits
 from tests.support.served_drive import until
 
+pytestmark = pytest.mark.thorough
+
 SHORT = Limits(open=8, head=0.4, body=0.4, handshake=0.4, taking=0.4)
 GET = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 PATIENCE = 10.0  # s

@@ -25,7 +25,7 @@ from tests.conftest import COMMAND, command, free_port, wait_for_answer
 from tests.support.served_drive import emulator, ready, tcp_url, until
 from tests.support.transports import modbus_tcp_url, pty_url
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.thorough]
 
 BUSES: Mapping[str, Callable[[], str]] = {"canopen": tcp_url, "modbus": modbus_tcp_url, "uart": pty_url}
 LEVEL = 2730.5 * 24.0 / 32768.0  # A, between two counts: crossed by the drive, and in the recording

@@ -23,6 +23,8 @@ from tests.bench.diagnoses.test_worker import alive, children
 from tests.conftest import COMMAND
 from tests.support.diagnoses import EXPLAINED
 
+pytestmark = pytest.mark.thorough
+
 pa: Any = pyarrow  # comes without types
 pq: Any = pyarrow.parquet
 validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]

@@ -27,7 +27,7 @@ from tests.conftest import JSON, RunningBench, bench_up
 from tests.support.diagnoses import EXPLAINED, NOMINAL
 from tests.support.served_drive import until
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.thorough]
 
 pa: Any = pyarrow  # comes without types
 pq: Any = pyarrow.parquet

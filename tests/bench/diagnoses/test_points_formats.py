@@ -23,6 +23,8 @@ from tests.bench.cli.test_replay import pmsm_bench
 from tests.estimator.diagnosis.points.steady_points import operating_points, steady_points, without_load
 from tests.support.real_data import REAL_DATA
 
+pytestmark = pytest.mark.thorough
+
 validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]
 DROP = Inverter(u_transistor=1.0, u_diode=1.0)
 RPM = 30.0 / math.pi

@@ -29,7 +29,7 @@ from tests.estimator.diagnosis.test_watch import estimates_of, paper
 from tests.support.samples import streamed
 from tests.support.served_drive import served, tcp_url, until
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.thorough]
 
 START = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
 HELD = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}

@@ -22,7 +22,7 @@ from tests.drivers.modbus.meddling import echoing, meddled, other_numbers, slow
 from tests.support import served_modbus, transports
 from tests.support.served_drive import Served, emulator, first_blocks, joined, listening, ready, served, until
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.thorough]
 
 SERIAL = {
     "modbus": lambda: served_modbus.pty_url(baudrate=115_200),

@@ -23,6 +23,8 @@ from emulator.scenario.effects import NONE
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import PAPER, Run, Scenario, drive_for
 
+pytestmark = pytest.mark.thorough
+
 Column = NDArray[np.float64]
 
 T = 1e-4  # s

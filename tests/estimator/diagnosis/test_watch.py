@@ -24,6 +24,8 @@ from estimator.samples import Samples
 from tests.estimator.online.test_accuracy import SCENARIOS
 from tests.support.samples import streamed
 
+pytestmark = pytest.mark.thorough
+
 ROWS = 1001
 TURN = 2.0 * math.pi
 

@@ -14,6 +14,8 @@ from estimator.machine import PARAMETERS
 from estimator.online.estimate import Status
 from tests.support.samples import noiseless, recorded, streamed, truth_of
 
+pytestmark = pytest.mark.thorough
+
 CONSTANT = Excitation(-2.0, 2.0)
 FAR = 4.5  # standard errors; with a few hundred answers a test, none is expected beyond 4
 FAST = Machine(R_s=0.05, L_d=60e-6, L_q=80e-6, psi_f=6e-3, n_p=2, i_rated=30.0)

@@ -31,6 +31,8 @@ from tests.score.oracle import Oracle
 from tests.score.rows import row_of
 from tests.score.truth import truth_of
 
+pytestmark = pytest.mark.thorough
+
 SEED = 1002
 MADE_UP = Proof(
     "made_up", "A made-up proof", "One bar is held & one is not.",

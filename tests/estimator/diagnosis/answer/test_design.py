@@ -17,6 +17,8 @@ from estimator.physics.rows import Rows, rows_of
 from estimator.twin.model import Model
 from tests.support.samples import recorded
 
+pytestmark = pytest.mark.thorough
+
 I_RATED = 6.0  # A
 NOMINAL = Machine(0.95, 4.1e-3, 6.3e-3, 0.118, 4, I_RATED)
 TOLERANCE = dict.fromkeys(PARAMETERS, 0.1)

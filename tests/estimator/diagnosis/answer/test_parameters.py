@@ -19,6 +19,8 @@ from estimator.machine import PARAMETERS
 from estimator.samples import Samples
 from tests.support.samples import machine_of, recorded
 
+pytestmark = pytest.mark.thorough
+
 MOTOR = MOTORS["beckhoff_am8141"]
 TRUE = machine_of(MOTOR.machine)
 NOMINAL = replace(TRUE, R_s=1.02 * TRUE.R_s, L_d=0.94 * TRUE.L_d, L_q=1.06 * TRUE.L_q, psi_f=1.02 * TRUE.psi_f)

@@ -14,6 +14,8 @@ from estimator.diagnosis.words import number as in_words
 from estimator.samples import Samples
 from tests.estimator.diagnosis.convention_runs import made, recording, scaled, shifted
 
+pytestmark = pytest.mark.thorough
+
 COLUMNS: tuple[str, ...] = ("i_d", "i_q", "u_d", "u_q")
 
 

@@ -30,6 +30,8 @@ from tests.estimator.diagnosis.convention_runs import (
     with_vectors,
 )
 
+pytestmark = pytest.mark.thorough
+
 TOLERANCE = dict.fromkeys(PARAMETERS, 0.1)
 NUMBERS = (1, 2, 3, 5, 8)
 

@@ -26,6 +26,8 @@ from tests.estimator.diagnosis.convention_runs import (
     with_vectors,
 )
 
+pytestmark = pytest.mark.thorough
+
 NUMBERS = (1, 2, 3, 5, 8)
 
 

@@ -11,6 +11,8 @@ from bench.machine_file import Nominal
 from estimator.diagnosis.verdict import Diagnosis, Verdict
 from tests.support.real_data import REAL_DATA
 
+pytestmark = pytest.mark.thorough
+
 MOTEUS = {name: REAL_DATA / "moteus_ld" / f"ld_{name}.json" for name in ("be8108", "custom", "mj5208", "spindle")}
 THERMAL = REAL_DATA / "lea_thermal" / "session60.csv"
 

@@ -31,6 +31,8 @@ from estimator.twin.model import Model, residual
 from tests.peers.saturated import baldor_current, tabled
 from tests.support.samples import recorded
 
+pytestmark = pytest.mark.thorough
+
 BALDOR = MOTORS["baldor_ecs101m"]
 NOMINAL = Machine(0.6, 20e-3, 90e-3, 0.45, BALDOR.machine.n_p, BALDOR.machine.i_rated)
 TOLERANCE: Mapping[str, float] = dict.fromkeys(PARAMETERS, 0.1)

@@ -14,6 +14,8 @@ from estimator.diagnosis.search.remainder import alone, leaves_some, unexplained
 from estimator.physics.rows import Rows
 from tests.estimator.diagnosis.concealed_runs import population, rows_of
 
+pytestmark = pytest.mark.thorough
+
 THREE = "beckhoff_am8141", "servo_4nm", "aalto_2k2"
 
 

@@ -18,6 +18,8 @@ from tests.estimator.diagnosis.standstill.standstill_runs import SALIENT, U_DC, 
 from tests.estimator.diagnosis.standstill.test_sweep import named, size, within
 from tests.support.real_data import REAL_DATA
 
+pytestmark = pytest.mark.thorough
+
 REAL = REAL_DATA / "servo_standstill" / "voltage_pulses.csv.gz"
 
 
