@@ -35,7 +35,7 @@ from emulator.scenario.text import text_of
 from tests.conftest import READY
 from tests.support.leaks import Features, findable, outside_of, planted, told_apart
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 pq: Any = pyarrow.parquet  # comes without types
 

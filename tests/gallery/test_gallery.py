@@ -11,7 +11,7 @@ from tests.gallery import PICTURES, drive, motor, shaft, supply
 from tests.gallery.page import page
 from tests.gallery.picture import save
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 
 def test_every_effect_has_a_picture_and_every_picture_an_effect() -> None:

@@ -10,7 +10,7 @@ from tests.paper.findings import best_of, by_window, table_1
 from tests.paper.published import TABLE_1, per_cent, without_misprint
 from tests.paper.runs import RIVALS, SEEDS, Run, fixed, rmse, tracked, warming
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 SEED = 1
 WINDOWS = (50, 150, 250, 350, 450, 500)

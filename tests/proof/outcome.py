@@ -24,7 +24,7 @@ class Outcome:
 def run(name: str, settings: Settings) -> Outcome:
     """Run a part by the name of its module; what it raises becomes a sentence."""
     try:
-        prove: Prove = import_module(f"tests.proof.{name}").prove
+        prove: Prove = import_module(f"tests.proof.parts.{name}").prove
         return Outcome(name, prove(settings), "")
     except Exception as error:  # noqa: BLE001 - one part that cannot run does not keep others from it
         why = " ".join(str(error).split()) or "no reason given"

@@ -14,7 +14,7 @@ from estimator.online.estimate import WindowEstimate
 from estimator.samples import Samples
 from tests.support.samples import noiseless, recorded, streamed, truth_of
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 HOBBY = Machine(R_s=0.045, L_d=22e-6, L_q=28e-6, psi_f=1.9e-3, n_p=7, i_rated=20.0)
 TRACTION = Machine(R_s=9e-3, L_d=0.25e-3, L_q=0.62e-3, psi_f=0.072, n_p=4, i_rated=350.0)

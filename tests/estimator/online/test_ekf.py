@@ -16,7 +16,7 @@ from estimator.online.estimate import Status
 from estimator.samples import Samples
 from tests.support.samples import noiseless, recorded, streamed, truth_of
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 START = {"R_s": 0.9664 * 1.1, "L_d": 4.24e-3 * 0.9, "L_q": 6.21e-3 * 1.1}  # 10 % off, each
 HELD = {"psi_f": 0.12}

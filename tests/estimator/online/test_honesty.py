@@ -14,7 +14,7 @@ from estimator.machine import PARAMETERS
 from estimator.online.estimate import Status
 from tests.support.samples import noiseless, recorded, streamed, truth_of
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 CONSTANT = Excitation(-2.0, 2.0)
 FAR = 4.5  # standard errors; with a few hundred answers a test, none is expected beyond 4

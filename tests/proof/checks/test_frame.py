@@ -61,7 +61,7 @@ def put_in(monkeypatch: pytest.MonkeyPatch, **proofs: Callable[[Settings], Proof
     for name, prove in proofs.items():
         module = ModuleType(name)
         module.__dict__["prove"] = prove
-        monkeypatch.setitem(sys.modules, f"tests.proof.{name}", module)
+        monkeypatch.setitem(sys.modules, f"tests.proof.parts.{name}", module)
 
 
 @pytest.fixture
@@ -180,7 +180,7 @@ def test_text_page_and_json_show_what_is_held_and_what_is_missed(
     assert status == 1
     out = capsys.readouterr().out
     assert f"broken could not run: ValueError: expected a sun, came rain by seed {SEED}\n" in out
-    assert "absent could not run: ModuleNotFoundError: No module named 'tests.proof.absent'" in out
+    assert "absent could not run: ModuleNotFoundError: No module named 'tests.proof.parts.absent'" in out
     assert "  MISSED     missed <" in out
     assert "  not judged open" in out
     assert "2 bars judged, 1 missed; 2 of 3 parts could not run" in out

@@ -24,7 +24,7 @@ from estimator.diagnosis.verdict import Diagnosis, Verdict
 from tests.emulator.plant.physics.effect_runs import SALIENT
 from tests.estimator.diagnosis.points.steady_points import operating_points, steady_points, without_load
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 DROP = Inverter(u_transistor=1.0, u_diode=1.0)
 # 6 V of dead time hold small currents at zero, which turns what is lost off the current's way

@@ -23,7 +23,7 @@ from estimator.diagnosis.verdict import Diagnosis, Quantity, Verdict
 from tests.estimator.diagnosis.standstill.standstill_runs import SERVO, U_DC, T, sweep
 from tests.support.real_data import REAL_DATA
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 REAL = REAL_DATA / "servo_standstill" / "sine_identification.csv"
 DEAD_TIME = 1e-6  # s
