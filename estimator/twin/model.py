@@ -57,7 +57,12 @@ def in_truth(rows: Rows, model: Model) -> Rows:
 
 def _in_truth(rows: Rows, model: Model) -> Rows:
     truth = with_local_course(_without_errors(rows, model), model)
-    return see_lost(beside_bridge(truth, model), model) if model.steep else truth
+    return _as_seen(beside_bridge(truth, model), model) if model.steep else truth
+
+
+def _as_seen(truth: Rows, model: Model) -> Rows:
+    """The rows as effects that follow the terminals' voltage have to see them."""
+    return see_lost(truth, model) if any(BY_NAME[name].sees_voltage for name in model.effects) else truth
 
 
 def see_lost(truth: Rows, model: Model) -> Rows:
@@ -65,7 +70,7 @@ def see_lost(truth: Rows, model: Model) -> Rows:
     if truth.lost is None:
         for name, sizes in model.effects.items():
             if BY_NAME[name].steep:
-                return truth.changed(lost=BY_NAME[name].voltage(truth, sizes))
+                return truth.changed(lost=truth.once(BY_NAME[name].voltage, sizes))
     return truth
 
 
@@ -216,11 +221,14 @@ def effects_voltage(truth: Rows, model: Model) -> Vector:
 
     What the bridge loses is worked out once: of rows in this model's truth, or of a model without the bridge's effect.
     """
-    total, truth = np.zeros(len(truth), np.complex128), see_lost(truth, model)
+    total, truth = np.zeros(len(truth), np.complex128), _as_seen(truth, model)
     for name, sizes in model.effects.items():
         effect = BY_NAME[name]
         if not effect.measures and effect.together is None:
-            total += truth.lost if effect.steep and truth.lost is not None else effect.voltage(truth, sizes)
+            if not effect.steep:
+                total += effect.voltage(truth, sizes)
+            else:
+                total += truth.once(effect.voltage, sizes) if truth.lost is None else truth.lost
     for together, several in sharing(model).items():
         total += together(truth, several)
     return total

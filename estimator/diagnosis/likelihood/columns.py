@@ -296,10 +296,16 @@ def _fill(
             v[j] = effect.voltage(rows, step.to)
         else:
             if effect.name not in present:
-                known = rows.lost if effect.steep else None
-                present[effect.name] = effect.voltage(rows, step.since) if known is None else known
+                present[effect.name] = _as_present(rows, effect, step.since)
             np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
         v[j] *= 1.0 / step.h
+
+
+def _as_present(rows: Rows, effect: Effect, sizes: tuple[float, ...]) -> Vector:
+    """What an effect of the model adds (V); what the bridge loses is worked out once for all periods."""
+    if not effect.steep:
+        return effect.voltage(rows, sizes)
+    return rows.once(effect.voltage, sizes) if rows.lost is None else rows.lost
 
 
 def _answering(columns: Sequence[Coefficient], response: Response | None) -> dict[int, Vector | None]:
