@@ -96,7 +96,7 @@ def answer_of(concealed: Concealed, choice: Choice, name: str) -> dict[str, Any]
 
 def made_anew(answer: Mapping[str, Any]) -> dict[str, Column]:
     """The recording's columns, number for number, from its answer."""
-    return recorded(parse(answer["scenario"], f"recording {answer['number']}"), answer["periods"])
+    return recorded(parse(answer["scenario"], f"recording {answer['recording']}"), answer["periods"])
 
 
 def write_recording(path: Path, scenario: Scenario, columns: Mapping[str, Column]) -> None:
