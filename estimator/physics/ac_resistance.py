@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Branch, Parameter, Sizes, constant
 from estimator.physics.rows import Rows
 
 
@@ -110,16 +110,16 @@ def _rung_course(
     return over
 
 
-EFFECT = Effect(
+EFFECT = Branch(
     "ac_resistance", "a resistance that rises with frequency",
     (
         Parameter("rise", "1", constant(1.0), constant(0.0), constant(6.0)),
         Parameter("corner", "Hz", constant(400.0), constant(50.0), constant(2500.0), shape=True, ends=True),
     ),
-    voltage,
     lambda _rows: tuple((corner,) for corner in (80.0, 140.0, 250.0, 430.0, 750.0, 1300.0)),
     "R_s that rises with speed and with how fast current is excited",
     ("iron_loss", "winding_resistance_drift"),
+    adds=voltage,
     in_proportion_to="R_s",
     missed=1e-5,
     remembers=voltage,

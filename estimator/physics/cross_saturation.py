@@ -5,25 +5,15 @@ current than at no current of the other axis: L_q at i_d = i_rated. Without the 
 not be told from its mirror image.
 """
 
-from estimator.arrays import Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Rows
-from estimator.physics.saturation import voltage_together
+from estimator.physics.effect import Parameter, constant, no_shapes
+from estimator.physics.saturation import FluxChange
 
-
-def voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """Added voltage, V."""
-    return voltage_together(rows, {"cross_saturation": sizes})
-
-
-EFFECT = Effect(
+EFFECT = FluxChange(
     "cross_saturation", "cross-saturation",
     (Parameter("cross_drop", "1", constant(0.15), constant(0.0), constant(0.6)),),
-    voltage,
     no_shapes,
     "psi_d that falls with i_q squared, L_q that falls with i_d",
     ("q_axis_saturation", "d_axis_saturation"),
-    together=voltage_together,
     bends=True,
     missed=3e-5,
 )

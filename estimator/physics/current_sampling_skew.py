@@ -10,15 +10,10 @@ here.
 from typing import Any
 
 from estimator.arrays import Array, Vector
-from estimator.physics.current_sensing import voltage_of_current_error
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.current_sensing import SkewError
+from estimator.physics.effect import Parameter, Sizes, constant
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
-
-
-def voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """Added voltage, V."""
-    return voltage_of_current_error(rows, error(rows, sizes) * rows.rotor.conj())
 
 
 def error(rows: Rows, sizes: Sizes) -> Vector:
@@ -53,19 +48,18 @@ def _slope(rows: Rows) -> Vector:
     return slope * rows.rotor
 
 
-EFFECT = Effect(
+EFFECT = SkewError(
     "current_sampling_skew", "a current channel that is sampled late",
     (
         Parameter("skew", "s", constant(3e-6), constant(0.0), constant(2e-5)),
         Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True, discrete=True),
     ),
-    voltage,
     lambda _rows: ((0.0,), (1.0,), (2.0,)),
     "an error of one phase's current in proportion to speed",
     ("current_sensor_gain",),
-    zero,
-    current_error=error,
-    moved=halfway,
+    error=error,
+    zero=zero,
+    halfway=halfway,
     told=lambda _rows, p: {f"skew_{'abc'[round(p[1])]}": (p[0], "s")},
     missed=2e-4,
 )

@@ -5,7 +5,11 @@ With the truth i = measured - error, the machine's equation in the measured curr
     - R_s error - balance of L error
 """
 
-from estimator.arrays import Vector
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from estimator.arrays import Array, Vector
+from estimator.physics.effect import SensorError, Sizes
 from estimator.physics.rows import Rows
 
 
@@ -14,3 +18,22 @@ def voltage_of_current_error(rows: Rows, error: Vector) -> Vector:
     m = rows.machine
     mean = 0.5 * (rows.half * error[1:] + rows.half.conj() * error[:-1])
     return -m.R_s * mean - rows.balance(rows.flux_of_little(error))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurrentError(SensorError):
+    """The measured currents are off by this, at samples; measured less true."""
+
+    error: Callable[[Rows, Sizes], Vector]  # A, stationary frame
+    zero: Callable[[Rows, Sizes], Array]  # A, mean of the three channels' errors
+
+    def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
+        """V of each period."""
+        return voltage_of_current_error(rows, self.error(rows, sizes) * rows.rotor.conj())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SkewError(CurrentError):
+    """It goes by the slope of true currents."""
+
+    halfway: Callable[[Rows, Sizes], Vector]  # A, stationary, by which true currents then have changed

@@ -9,15 +9,10 @@ doi 10.1109/28.663477.
 """
 
 from estimator.arrays import Array, Vector
-from estimator.physics.current_sensing import voltage_of_current_error
-from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
+from estimator.physics.current_sensing import CurrentError
+from estimator.physics.effect import Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import by_phase
-
-
-def voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """Added voltage, V."""
-    return voltage_of_current_error(rows, error(rows, sizes) * rows.rotor.conj())
 
 
 def zero(rows: Rows, sizes: Sizes) -> Array:
@@ -34,15 +29,14 @@ def error(rows: Rows, sizes: Sizes) -> Vector:
     return (c * rows.i_s.conj() - abs(c) ** 2 * rows.i_s) / (1.0 - abs(c) ** 2)
 
 
-EFFECT = Effect(
+EFFECT = CurrentError(
     "current_sensor_gain", "unequal gains of the current sensors",
     tuple(Parameter(name, "1", constant(0.02), constant(-0.3), constant(0.3)) for name in ("gain_alpha", "gain_beta")),
-    voltage,
     no_shapes,
     "flux of twice the electrical frequency in the rotor frame, in proportion to current",
     ("phase_resistance_imbalance", "current_sampling_skew"),
-    zero,
-    current_error=error,
+    error=error,
+    zero=zero,
     told=lambda _rows, p: {f"gain_{k}": (1.0 + x, "1") for k, x in zip("abc", by_phase(*p), strict=True)},
     missed=1e-5,
 )

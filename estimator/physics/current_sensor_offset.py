@@ -11,16 +11,10 @@ from collections.abc import Callable
 import numpy as np
 
 from estimator.arrays import Vector
-from estimator.physics.current_sensing import voltage_of_current_error
-from estimator.physics.effect import Effect, Parameter, Sizes, no_shapes
+from estimator.physics.current_sensing import CurrentError
+from estimator.physics.effect import Parameter, Sizes, no_shapes
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import by_phase
-
-
-def voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """Added voltage, V."""
-    alpha, beta = sizes
-    return voltage_of_current_error(rows, (alpha + 1j * beta) * rows.rotor.conj())
 
 
 def error(rows: Rows, sizes: Sizes) -> Vector:
@@ -33,16 +27,16 @@ def rated(share: float) -> Callable[[Rows], float]:
     return lambda rows: share * rows.i_rated
 
 
-EFFECT = Effect(
+EFFECT = CurrentError(
     "current_sensor_offset", "offsets of the current sensors",
     tuple(
         Parameter(name, "A", rated(0.01), rated(-0.2), rated(0.2)) for name in ("offset_alpha", "offset_beta")
     ),
-    voltage,
     no_shapes,
     "voltage that stands still in the stationary frame: once per electrical turn in the rotor frame",
     ("inverter_voltage_error",),
-    current_error=error,
+    error=error,
+    zero=lambda rows, _p: np.zeros(len(rows) + 1),  # their mean is the model's own
     told=lambda _rows, p: {f"offset_{k}": (x, "A") for k, x in zip("abc", by_phase(*p), strict=True)},
     missed=1e-5,
 )

@@ -4,25 +4,15 @@ The curve and its source are told in `saturation`. L_d_drop is the share by whic
 current than at no current. Without the magnets' flux in psi_d a drop could not be told from its mirror image.
 """
 
-from estimator.arrays import Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
-from estimator.physics.rows import Rows
-from estimator.physics.saturation import voltage_together
+from estimator.physics.effect import Parameter, constant, no_shapes
+from estimator.physics.saturation import FluxChange
 
-
-def voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """Added voltage, V."""
-    return voltage_together(rows, {"d_axis_saturation": sizes})
-
-
-EFFECT = Effect(
+EFFECT = FluxChange(
     "d_axis_saturation", "saturation along the d axis",
     (Parameter("L_d_drop", "1", constant(0.15), constant(0.0), constant(0.6)),),
-    voltage,
     no_shapes,
     "L_d falls as i_d rises, in proportion to speed on the q axis and to the change of i_d on the d axis",
     ("magnet_flux_drift", "cross_saturation"),
-    together=voltage_together,
     bends=True,
     missed=3e-5,
 )

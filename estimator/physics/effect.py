@@ -1,8 +1,8 @@
-"""The shape that every effect of the library has."""
+"""What an effect is, and the kinds of effects there are."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass
 from typing import Final
 
 from estimator.arrays import Array, Vector
@@ -10,9 +10,6 @@ from estimator.physics.rows import Rows
 
 Sizes = Sequence[float]
 """Values of an effect's parameters, in their order."""
-
-Together = Callable[[Rows, Mapping[str, Sizes]], Vector]
-"""Voltage, V of each period, that several effects add, by their names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,53 +29,91 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """A piece of physics that may have been left out of a machine's model.
+    """A piece of physics that may have been left out of a machine's model; each is of one of three kinds.
 
-    `voltage(rows, sizes)` is what it adds, in V of each period in the rotor frame, to the voltage that the currents and
-    the rotor's turning imply; linear in its sizes, or nearly so, at given shapes. Effects whose voltages do not add up
-    share a function `together`. `zero(rows, sizes)` is what it makes of the mean of the three measured phase currents,
-    A at samples.
+    It adds a voltage (`AddedVoltage`; a `Branch` beside the machine and a `BridgeError` are such), changes the machine
+    (`ResistanceChange`, `saturation.FluxChange`), or errs a sensor (`SensorError`).
     """
 
     name: str
     title: str  # in a sentence: "the inverter's voltage error"
     parameters: tuple[Parameter, ...]
-    voltage: Callable[[Rows, Sizes], Vector]
     shapes: Callable[[Rows], tuple[tuple[float, ...], ...]]  # values of the shapes to begin with, in their order
     fingerprint: str
     confused_with: tuple[str, ...]
-    zero: Callable[[Rows, Sizes], Array] | None = None
+    _: KW_ONLY
+    missed: float  # share of the effect's energy that its equation may miss in a real one
     told: Callable[[Rows, Sizes], dict[str, tuple[float, str]]] | None = None  # value and unit of what users are told
-    current_error: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, stationary frame; measured less true
-    moved: Callable[[Rows, Sizes], Vector] | None = None  # A, stationary, by which true currents then have; an error
-    # of the current that goes by its slope has this
-    angle_error: Callable[[Rows, Sizes], Array | float] | None = None  # rad electrical at samples; measured less true
-    misreads_voltage: bool = False  # `voltage` is what the recorded one is too high by
-    together: Together | None = None  # `voltage` of all effects that share this
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
-    fast_stiffness: Callable[[Sizes], float] | None = None  # 1/H of a branch beside the machine, within a period
-    fast_resistance: Callable[[Rows, Sizes], float] | None = None  # ohm, to what changes within a period
-    heats: Callable[[Rows, Sizes], Array] | None = None  # A^2 at samples, to |i|^2 in what warms the winding
-    beside: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, that flows beside what makes flux
-    lasts: bool = False  # it remembers all of the recording, not its last tenths of a second
-    sees_voltage: bool = False  # it follows the voltage at the terminals, of which a bridge may lose some
     emf: Callable[[Rows, Sizes], Vector] | None = None  # V at samples, that it takes from what drives the current
-    bends: bool = False  # its size multiplies the machine's parameters, and they trade along a curve
-    steep: bool = False  # it changes more with a current than the noise of the current allows to see
-    by_speed: float = 0.0  # share of the effect's energy that errors of the speed make of the machine's own voltage
-    missed: float = 5e-4  # share of the effect's energy that its equation may miss in a real one
     in_proportion_to: str = ""  # the parameter of the machine that `voltage` grows with, where it is one alone
-    scales: Callable[[Rows, Sizes], float] | None = None  # share by which it may scale all voltages, unseen
+    bends: bool = False  # its size multiplies the machine's parameters, and they trade along a curve
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Places of the parameters that are sizes."""
         return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.shape)
 
-    @property
-    def measures(self) -> bool:
-        """It is an error of measurement, that recordings can be rid of; `voltage` is then what a small one adds."""
-        return self.current_error is not None or self.angle_error is not None or self.misreads_voltage
+    def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
+        """What it adds (V of each period, rotor frame) to the voltage that the currents and the rotor's turning imply.
+
+        Linear in its sizes, or nearly so, at given shapes. Of an error of measurement: what a small one adds.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddedVoltage(Effect):
+    """Adds a voltage to the machine's equation, whatever other effects there are."""
+
+    adds: Callable[[Rows, Sizes], Vector]  # V of each period
+    by_speed: float = 0.0  # share of the effect's energy that errors of the speed make of the machine's own voltage
+
+    def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
+        """V of each period."""
+        return self.adds(rows, sizes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BridgeError(AddedVoltage):
+    """What a bridge loses: it changes more with a current than the noise of the current allows to see."""
+
+    scales: Callable[[Rows, Sizes], float]  # share by which it may scale all voltages, unseen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Branch(AddedVoltage):
+    """A current beside the one that makes flux, which follows its voltage with a lag."""
+
+    sees_voltage: bool = False  # it follows that at the terminals, of which a bridge may lose some
+    beside: Callable[[Rows, Sizes], Vector] | None = None  # A at samples, that flows beside what makes flux
+    heats: Callable[[Rows, Sizes], Array] | None = None  # A^2 at samples, to |i|^2 in what warms the winding
+    fast_stiffness: Callable[[Sizes], float] | None = None  # 1/H within a period, to the machine's
+    fast_resistance: Callable[[Rows, Sizes], float] | None = None  # ohm, to what changes within a period
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResistanceChange(AddedVoltage):
+    """Changes the winding's resistances; what it remembers lasts all of the recording."""
+
+    raises: Callable[[Rows, Sizes], tuple[Array | float, complex]]  # share to R_s, in each period; the phases' excess
+    # over it as a vector, ohm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorError(Effect):
+    """An error of measurement, of which rows can be rid."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VoltageError(SensorError):
+    """The recorded voltage is too high by this."""
+
+    error: Callable[[Rows, Sizes], Vector]  # V of each period; recorded less acting
+
+    def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
+        """V of each period."""
+        return self.error(rows, sizes)
 
 
 def no_shapes(_rows: Rows) -> tuple[tuple[float, ...], ...]:

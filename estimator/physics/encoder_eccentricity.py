@@ -11,14 +11,9 @@ import math
 import numpy as np
 
 from estimator.arrays import Array, Vector
-from estimator.physics.angle_sensing import voltage_of_angle_error
-from estimator.physics.effect import DEGREE, Effect, Parameter, Sizes, constant, no_shapes
+from estimator.physics.angle_sensing import AngleError
+from estimator.physics.effect import DEGREE, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
-
-
-def voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """Added voltage, V."""
-    return voltage_of_angle_error(rows, error(rows, sizes))
 
 
 def error(rows: Rows, sizes: Sizes) -> Array:
@@ -32,7 +27,7 @@ def _eccentricity_at(once: Vector, sizes: Sizes) -> Array:
     return once_cos * once.real + once_sin * once.imag + twice_cos * twice.real + twice_sin * twice.imag
 
 
-def measured_less_true(rows: Rows, sizes: Sizes) -> Array:
+def error_as_measured(rows: Rows, sizes: Sizes) -> Array:
     """Of the measured angle, rad electrical: it is the true one that tells how far off it is."""
     off = error(rows, sizes)
     for _ in range(3):
@@ -50,14 +45,14 @@ def _told_sizes(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
 
 _ONCE_ANGLE = constant(2.0 * DEGREE), constant(-0.6), constant(0.6)
 
-EFFECT = Effect(
+EFFECT = AngleError(
     "encoder_eccentricity", "an eccentric encoder",
     tuple(Parameter(name, "rad", *_ONCE_ANGLE) for name in ("once_cos", "once_sin", "twice_cos", "twice_sin")),
-    voltage,
     no_shapes,
     "u_d and speed that swing once or twice a mechanical turn",
     ("magnet_flux_drift",),
-    angle_error=measured_less_true,
+    error=error,
+    error_as_measured=error_as_measured,
     told=_told_sizes,
     missed=1e-5,
 )

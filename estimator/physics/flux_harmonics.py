@@ -9,7 +9,7 @@ looks alike from both sides has cosines on d and sines on q. D. Hanselman, "Brus
 """
 
 from estimator.arrays import Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
+from estimator.physics.effect import AddedVoltage, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
 
 
@@ -41,13 +41,13 @@ def _harmonic_flux(rows: Rows, sizes: Sizes) -> tuple[Vector, Vector]:
 
 _SHARE_RANGE = constant(0.02), constant(-0.2), constant(0.2)
 
-EFFECT = Effect(
+EFFECT = AddedVoltage(
     "flux_harmonics", "harmonics of the magnets' flux",
     tuple(Parameter(name, "1", *_SHARE_RANGE) for name in ("d_6", "q_6", "d_12", "q_12")),
-    voltage,
     no_shapes,
     "ripple at 6 and 12 times the electrical frequency that grows with speed and does not depend on current",
     ("inductance_harmonics", "inverter_voltage_error"),
+    adds=voltage,
     in_proportion_to="psi_f",
     emf=emf,
     missed=2e-5,

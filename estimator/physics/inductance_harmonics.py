@@ -7,14 +7,9 @@ so that the flux linkage of a current is L i / (1 + inverse_6 L/L_q cos 6 theta_
 """
 
 from estimator.arrays import Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, constant, no_shapes
+from estimator.physics.effect import Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
-from estimator.physics.saturation import HARMONIC, voltage_together
-
-
-def voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """Added voltage, V."""
-    return voltage_together(rows, {HARMONIC: sizes})
+from estimator.physics.saturation import HARMONIC, FluxChange
 
 
 def emf(rows: Rows, sizes: Sizes) -> Vector:
@@ -24,14 +19,12 @@ def emf(rows: Rows, sizes: Sizes) -> Vector:
     return -rows.speed * g.flux(per_angle * (psi - rows.machine.psi_f * rows.psi_f_ratio))
 
 
-EFFECT = Effect(
+EFFECT = FluxChange(
     HARMONIC, "harmonics of the inductances",
     (Parameter("inverse_6", "1", constant(0.05), constant(-0.3), constant(0.3)),),
-    voltage,
     no_shapes,
     "ripple at 6 times the electrical frequency in proportion to current, with speed and with how fast current changes",
     ("flux_harmonics",),
-    together=voltage_together,
     emf=emf,
     missed=1e-4,
 )

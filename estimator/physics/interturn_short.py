@@ -14,7 +14,7 @@ the finite-element method", IEEE Trans. Magnetics 45(9), 2009, doi 10.1109/TMAG.
 import numpy as np
 
 from estimator.arrays import Array, Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Branch, Parameter, Sizes, constant
 from estimator.physics.iron_loss import emf, iron_branch, voltage_followed
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES, by_phase
@@ -86,7 +86,7 @@ def _mean_drop(rows: Rows) -> Array:
     return mean * rows.R_s_ratio
 
 
-EFFECT = Effect(
+EFFECT = Branch(
     "interturn_short", "a short between turns",
     (
         Parameter("conductance", "S", lambda rows: 0.03 * rows.i_rated / emf(rows), lambda _: 0.0),
@@ -94,10 +94,10 @@ EFFECT = Effect(
         Parameter("lag", "s", constant(1e-4), constant(2e-5), constant(5e-4), shape=True),
         Parameter("copper", "1", constant(0.5), constant(0.02), constant(1.0), shape=True),
     ),
-    voltage,
     lambda _rows: tuple((phase, 1e-4, 0.5) for phase in (0.0, 1.0, 2.0)),
     "current of twice the electrical frequency in the rotor frame that grows with speed, without load too",
     ("iron_loss", "current_sensor_gain"),
+    adds=voltage,
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
     missed=1e-4,
     remembers=_loop_driven,

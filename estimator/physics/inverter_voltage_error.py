@@ -25,7 +25,7 @@ import numpy as np
 from estimator.arrays import Vector
 from estimator.physics.bridge.legs import legs_of
 from estimator.physics.bridge.lost_voltage import lost_between
-from estimator.physics.effect import Effect, Parameter, Sizes
+from estimator.physics.effect import BridgeError, Parameter, Sizes
 from estimator.physics.rows import Rows
 
 _ANY_WIDTH = 1.0  # A, of what is not there
@@ -56,7 +56,7 @@ def _scales(rows: Rows, sizes: Sizes) -> float:
     return _DIODE_UNLIKE * sizes[1] / bus(rows)
 
 
-EFFECT = Effect(
+EFFECT = BridgeError(
     "inverter_voltage_error", "the inverter's voltage error",
     (
         Parameter("dead_time", "s", lambda rows: 0.01 * rows.T_s, lambda _: 0.0, lambda rows: 0.06 * rows.T_s),
@@ -66,11 +66,10 @@ EFFECT = Effect(
         Parameter("knee", "A", lambda rows: 0.02 * rows.i_rated, lambda rows: 1e-3 * rows.i_rated,
                   lambda rows: 0.2 * rows.i_rated, shape=True),
     ),
-    voltage,
     lambda rows: tuple((width * rows.i_rated, 0.01 * rows.i_rated) for width in (0.001, 0.01)),
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding_resistance_drift", "flux_harmonics"),
-    steep=True,
+    adds=voltage,
     missed=1e-4,
     remembers=lambda rows, _sizes: None if rows.u_dc is None else legs_of(rows),
     scales=_scales,

@@ -20,7 +20,7 @@ import numpy as np
 
 from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Branch, Parameter, Sizes, constant
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
 
@@ -75,7 +75,7 @@ def _branch_course(x: Array, share: Array, steady: Vector, duties: Array, u_dc: 
     return i
 
 
-EFFECT = Effect(
+EFFECT = Branch(
     "iron_loss", "iron loss",
     (
         Parameter("conductance", "S", lambda rows: 0.03 * rows.i_rated / emf(rows), constant(0.0)),
@@ -83,10 +83,10 @@ EFFECT = Effect(
                   lambda rows: 3.0 * fastest(rows), shape=True),
         Parameter("lag", "s", constant(1e-4), constant(2e-5), constant(1e-3), shape=True),
     ),
-    voltage,
     lambda rows: tuple((part * fastest(rows), lag) for part in (0.05, 0.7) for lag in (7e-5, 1.5e-4)),
     "u_d too high by speed squared times L_q psi_f / R_c, without load",
     ("angle_offset", "q_axis_saturation"),
+    adds=voltage,
     told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
     missed=1e-4,
     fast_stiffness=lambda p: p[0] / p[2],

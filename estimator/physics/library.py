@@ -1,6 +1,7 @@
 """The library: every effect that a diagnosis can name, in a fixed order."""
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Final, TypeVar
 
 from estimator.physics import (
     ac_resistance,
@@ -24,7 +25,7 @@ from estimator.physics import (
     voltage_offset,
     winding_resistance_drift,
 )  # fmt: skip
-from estimator.physics.effect import Effect
+from estimator.physics.effect import Effect, Sizes
 
 LIBRARY: Final[tuple[Effect, ...]] = tuple(
     module.EFFECT
@@ -37,3 +38,10 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
 )
 
 BY_NAME: Final = {effect.name: effect for effect in LIBRARY}
+
+Kind = TypeVar("Kind", bound=Effect)
+
+
+def of_kind(kind: type[Kind], effects: Mapping[str, Sizes]) -> list[tuple[Kind, Sizes]]:
+    """Those of some effects, given by name, that are of a kind."""
+    return [(effect, sizes) for name, sizes in effects.items() if isinstance(effect := BY_NAME[name], kind)]

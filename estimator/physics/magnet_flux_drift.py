@@ -9,31 +9,21 @@ rotor's iron, with a time constant of its own, `lag`: two nodes of a thermal net
 Miller, "Design of Brushless Permanent-Magnet Machines", 2010, chapter 15.
 """
 
-from estimator.arrays import Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Parameter, constant
 from estimator.physics.magnet_flux import DRIFT
-from estimator.physics.rows import Rows
-from estimator.physics.saturation import voltage_together
+from estimator.physics.saturation import FluxChange
 
-
-def voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """Added voltage, V."""
-    return voltage_together(rows, {DRIFT: sizes})
-
-
-EFFECT = Effect(
+EFFECT = FluxChange(
     DRIFT, "drift of the magnets' flux",
     (
         Parameter("change", "1", constant(0.03), constant(-0.3), constant(0.0)),
         Parameter("time_constant", "1", constant(0.6), constant(0.05), constant(5.0), shape=True),
         Parameter("lag", "1", constant(0.01), constant(1e-3), constant(0.3), shape=True),
     ),
-    voltage,
     lambda _rows: ((0.25, 0.01), (0.8, 0.01)),
     "back-EMF that falls with time at the same speed",
     ("magnet_flux_step", "d_axis_saturation"),
     told=lambda rows, p: {"change": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
-    together=voltage_together,
     in_proportion_to="psi_f",
     missed=2e-4,
 )

@@ -7,33 +7,23 @@ A. Arkkio, "Comparison of demagnetization models for finite-element analysis of 
 IEEE Trans. Magnetics, 2007.
 """
 
-from estimator.arrays import Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Parameter, constant
 from estimator.physics.magnet_flux import STEP
-from estimator.physics.rows import Rows
-from estimator.physics.saturation import voltage_together
+from estimator.physics.saturation import FluxChange
 
-
-def voltage(rows: Rows, sizes: Sizes) -> Vector:
-    """Added voltage, V."""
-    return voltage_together(rows, {STEP: sizes})
-
-
-EFFECT = Effect(
+EFFECT = FluxChange(
     STEP, "a step of the magnets' flux",
     (
         Parameter("change", "1", constant(0.05), constant(-0.5), constant(0.0)),
         Parameter("time", "1", constant(0.5), constant(0.01), constant(0.99), shape=True, discrete=True),
         Parameter("duration", "s", constant(1e-3), constant(2e-5), constant(0.05), shape=True),
     ),
-    voltage,
     lambda _rows: tuple((k / 32.0, 1e-3) for k in range(1, 32)),
     "back-EMF that is lower from one moment on",
     ("magnet_flux_drift",),
     told=lambda rows, p: {
         "change": (p[0], "1"), "time": (rows.span[0] + p[1] * rows.span[1], "s"), "duration": (p[2], "s"),
     },
-    together=voltage_together,
     in_proportion_to="psi_f",
     missed=5e-5,
 )

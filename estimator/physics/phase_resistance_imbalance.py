@@ -8,7 +8,7 @@ symmetrical co-ordinates applied to the solution of polyphase networks", Trans. 
 """
 
 from estimator.arrays import Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, no_shapes
+from estimator.physics.effect import Parameter, ResistanceChange, Sizes, no_shapes
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import by_phase
 
@@ -21,13 +21,14 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return rows.stationary(0.5 * (alpha - 1j * beta) * i_s.conj())
 
 
-EFFECT = Effect(
+EFFECT = ResistanceChange(
     "phase_resistance_imbalance", "unequal phase resistances",
     tuple(Parameter(name, "ohm", lambda rows: 0.1 * rows.machine.R_s) for name in ("excess_alpha", "excess_beta")),
-    voltage,
     no_shapes,
     "voltage of twice the electrical frequency in the rotor frame, in proportion to current, at any speed",
     ("current_sensor_gain", "interturn_short"),
+    adds=voltage,
     told=lambda _rows, p: {f"excess_{k}": (x, "ohm") for k, x in zip("abc", by_phase(*p), strict=True)},
+    raises=lambda _rows, p: (0.0, complex(*p)),
     missed=3e-5,
 )

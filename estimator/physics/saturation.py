@@ -11,6 +11,7 @@ are those at no current and psi_f; a drop is the share by which an inductance is
 """
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
 from estimator.machine import Machine
-from estimator.physics.effect import Sizes
+from estimator.physics.effect import Effect, Sizes
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.pulses import mean_of_pulses
 from estimator.physics.rows import Rows, mean_between, slope_of
@@ -191,3 +192,12 @@ def _added(
 def bends(effects: Collection[str]) -> bool:
     """There is one of the three, or a harmonic of the inductances: flux linkages are no straight lines."""
     return any(name in effects for name in (*EFFECTS, HARMONIC))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FluxChange(Effect):
+    """Changes the machine's flux linkage: voltages of several do not add up, see `voltage_together`."""
+
+    def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
+        """V of each period, alone."""
+        return voltage_together(rows, {self.name: sizes})

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from estimator.arrays import Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Parameter, Sizes, VoltageError, constant
 from estimator.physics.rows import Rows
 
 _FORESEEN: Final = 1.5  # times a count's variance, that may be left where the angle was foreseen otherwise
@@ -50,18 +50,17 @@ def foreseen_energy(rows: Rows, sizes: Sizes) -> float:
     return _FORESEEN * rows.angle_step**2 / 12.0 * float(np.vdot(rows.u, rows.u).real) * (periods * rows.T_s) ** 2
 
 
-EFFECT = Effect(
+EFFECT = VoltageError(
     "voltage_delay", "a delay of the recorded voltage",
     (
         Parameter("periods", "1", constant(0.7), constant(0.25), constant(2.0)),
         Parameter("direction", "1", constant(1.0), constant(-1.0), constant(1.0), shape=True, discrete=True),
     ),
-    voltage,
     lambda _rows: ((1.0,), (-1.0,)),
     "an error in proportion to how fast the voltage changes",
     ("angle_offset",),
+    error=voltage,
     remembers=_change_of_voltage,
-    misreads_voltage=True,
     told=lambda _rows, p: {"periods": (p[0] * p[1], "1")},
     missed=2e-5,
 )

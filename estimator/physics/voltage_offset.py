@@ -8,7 +8,7 @@ It stays what it is at every speed and current, and in the other direction of tu
 import numpy as np
 
 from estimator.arrays import Vector
-from estimator.physics.effect import Effect, Parameter, Sizes
+from estimator.physics.effect import AddedVoltage, Parameter, Sizes
 from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.rows import Rows
 
@@ -18,16 +18,16 @@ def voltage(rows: Rows, sizes: Sizes) -> Vector:
     return np.full(len(rows), complex(sizes[0], sizes[1]))
 
 
-EFFECT = Effect(
+EFFECT = AddedVoltage(
     "voltage_offset", "an offset of the recorded voltage",
     (
         Parameter("offset_d", "V", lambda rows: 1e-3 * bus(rows)),
         Parameter("offset_q", "V", lambda rows: 1e-3 * bus(rows)),
     ),
-    voltage,
     lambda _rows: ((),),
     "the same voltage at every speed and current",
     ("iron_loss", "magnet_flux_drift"),
+    adds=voltage,
     by_speed=1e-7,  # at one speed it is psi_f
     missed=5e-5,
 )

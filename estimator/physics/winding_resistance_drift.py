@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from estimator.arrays import Array, Vector
-from estimator.physics.effect import Effect, Parameter, Sizes, constant
+from estimator.physics.effect import Parameter, ResistanceChange, Sizes, constant
 from estimator.physics.rows import Rows
 
 
@@ -48,22 +48,22 @@ def _heated_by(rows: Rows, tau: float) -> Array:
     return h / max(float(h[-1]), 1e-300)
 
 
-EFFECT = Effect(
+EFFECT = ResistanceChange(
     "winding_resistance_drift", "drift of the winding's resistance",
     (
         Parameter("heating", "1", constant(0.1), constant(0.0), constant(1.0)),
         Parameter("time_constant", "1", constant(1.0), constant(0.1), constant(50.0), shape=True),
         Parameter("cooling", "1", constant(0.05), constant(0.0), constant(1.0)),
     ),
-    voltage,
     lambda _rows: ((0.5,), (5.0,)),
     "R_s that moves with time, as the losses so far",
     ("magnet_flux_drift", "ac_resistance"),
+    adds=voltage,
     told=lambda rows, p: {
         "rise": (p[0] + p[2] * math.expm1(-1.0 / p[1]), "1"), "time_constant": (p[1] * rows.span[1], "s"),
     },
     remembers=_heat_course,
-    lasts=True,
+    raises=lambda rows, p: (rise(rows, p), 0.0),
     in_proportion_to="R_s",
     missed=5e-4,
 )

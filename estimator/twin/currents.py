@@ -22,6 +22,7 @@ from estimator.kernel import lean_kernel
 from estimator.physics.ac_resistance import rung
 from estimator.physics.bridge.legs import Legs, legs_of
 from estimator.physics.bridge.lost_voltage import SHOTS, lost_after, lost_in
+from estimator.physics.effect import SensorError
 from estimator.physics.inverter_voltage_error import bus
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
@@ -175,7 +176,7 @@ def _simulated(rows: Rows, model: Model, starts: Bools) -> Vector:
 
 def _physics(model: Model) -> Model:
     """The model without its errors of measurement."""
-    kept = {name: sizes for name, sizes in model.effects.items() if not BY_NAME[name].measures}
+    kept = {name: sizes for name, sizes in model.effects.items() if not isinstance(BY_NAME[name], SensorError)}
     return Model(model.machine, kept, bend=model.bend)
 
 

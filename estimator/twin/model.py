@@ -12,13 +12,23 @@ import numpy as np
 
 from estimator.arrays import Array, Vector
 from estimator.machine import Machine
-from estimator.physics import phase_resistance_imbalance, winding_resistance_drift
-from estimator.physics.effect import Sizes, Together
+from estimator.physics.angle_sensing import AngleError
+from estimator.physics.current_sensing import CurrentError, SkewError
+from estimator.physics.effect import (
+    AddedVoltage,
+    Branch,
+    BridgeError,
+    Effect,
+    ResistanceChange,
+    SensorError,
+    Sizes,
+    VoltageError,
+)
 from estimator.physics.flux_map import Bend
-from estimator.physics.library import BY_NAME, LIBRARY
+from estimator.physics.library import BY_NAME, of_kind
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import Rows
-from estimator.physics.saturation import bends, curvature, saturated
+from estimator.physics.saturation import FluxChange, bends, curvature, saturated, voltage_together
 
 _NEAR_GAP: Final = 200  # samples on either side
 
@@ -36,7 +46,7 @@ class Model:
     @property
     def steep(self) -> bool:
         """It has an effect that changes more with a current than the noise of the current allows to see."""
-        return any(BY_NAME[name].steep for name in self.effects)
+        return bool(of_kind(BridgeError, self.effects))
 
 
 def base_voltage(rows: Rows, model: Model) -> Vector:
@@ -62,15 +72,14 @@ def _in_truth(rows: Rows, model: Model) -> Rows:
 
 def _as_seen(truth: Rows, model: Model) -> Rows:
     """The rows as effects that follow the terminals' voltage have to see them."""
-    return see_lost(truth, model) if any(BY_NAME[name].sees_voltage for name in model.effects) else truth
+    return see_lost(truth, model) if any(branch.sees_voltage for branch, _ in of_kind(Branch, model.effects)) else truth
 
 
 def see_lost(truth: Rows, model: Model) -> Rows:
     """The rows with what the model's bridge loses of the voltage, which terminals do not see."""
     if truth.lost is None:
-        for name, sizes in model.effects.items():
-            if BY_NAME[name].steep:
-                return truth.changed(lost=truth.once(BY_NAME[name].voltage, sizes))
+        for bridge, sizes in of_kind(BridgeError, model.effects):
+            return truth.changed(lost=truth.once(bridge.voltage, sizes))
     return truth
 
 
@@ -80,15 +89,12 @@ def beside_bridge(truth: Rows, model: Model) -> Rows:
     But for those that make the flux linkage bend: currents go along that within a period. Of these it is what a current
     that stays takes, as the rotor turns.
     """
-    bent = bends(model.effects)
-    others = {
-        name: sizes for name, sizes in model.effects.items()
-        if not BY_NAME[name].steep and not (bent and BY_NAME[name].together)
-    }  # fmt: skip
+    bent = of_kind(FluxChange, model.effects) if bends(model.effects) else []
+    besides = {effect.name for effect, _ in (*of_kind(BridgeError, model.effects), *bent)}
+    others = {name: sizes for name, sizes in model.effects.items() if name not in besides}
     added = effects_voltage(truth.copy(), replace(model, effects=others))
-    for name, sizes in model.effects.items():
-        effect = BY_NAME[name]
-        if name not in others and effect.emf is not None:
+    for effect, sizes in bent:
+        if effect.emf is not None:
             v = effect.emf(truth, sizes)
             added += 0.5 * (truth.half * v[1:] + truth.half.conj() * v[:-1])
     return truth.changed(others=added)
@@ -99,11 +105,11 @@ def with_local_course(truth: Rows, model: Model) -> Rows:
     currents for a while, and what is as fast beside it.
     """
     stiffness, resistance = 0.0, 0.0
-    for name, sizes in model.effects.items():
-        if (fast_stiffness := BY_NAME[name].fast_stiffness) is not None:
-            stiffness += fast_stiffness(sizes)
-        if (fast_resistance := BY_NAME[name].fast_resistance) is not None:
-            resistance += fast_resistance(truth, sizes)
+    for branch, sizes in of_kind(Branch, model.effects):
+        if branch.fast_stiffness is not None:
+            stiffness += branch.fast_stiffness(sizes)
+        if branch.fast_resistance is not None:
+            resistance += branch.fast_resistance(truth, sizes)
     truth = _drifting(_heated_rows(truth, model), model).changed(fast_stiffness=stiffness, fast_resistance=resistance)
     if model.bend is not None:
         return truth.with_local_line(*model.bend.bent(truth))
@@ -118,8 +124,8 @@ def _heated_rows(truth: Rows, model: Model) -> Rows:
 
     Where samples are missing, as much over that as around them.
     """
-    there = [(effect.heats, sizes) for name, sizes in model.effects.items() if (effect := BY_NAME[name]).heats]
-    if not there or winding_resistance_drift.EFFECT.name not in model.effects:
+    there = [(heats, sizes) for branch, sizes in of_kind(Branch, model.effects) if (heats := branch.heats)]
+    if not there or not any(change.remembers for change, _ in of_kind(ResistanceChange, model.effects)):
         return truth
     plain = truth.copy()
     power: Array = sum((heats(plain, sizes) for heats, sizes in there), start=np.zeros(len(truth) + 1))
@@ -133,13 +139,13 @@ def _heated_rows(truth: Rows, model: Model) -> Rows:
 
 def _drifting(truth: Rows, model: Model) -> Rows:
     """The rows with what the winding's resistances and the magnets' flux have come to."""
-    heat = model.effects.get(winding_resistance_drift.EFFECT.name)
-    alpha, beta = model.effects.get(phase_resistance_imbalance.EFFECT.name, (0.0, 0.0))
+    changes = [change.raises(truth, sizes) for change, sizes in of_kind(ResistanceChange, model.effects)]
+    excess = sum((phases for _, phases in changes), start=0j)
     return truth.changed(
-        R_s_excess=(alpha, beta),
-        R_s_ratio=1.0 if heat is None else 1.0 + winding_resistance_drift.rise(truth, heat),
+        R_s_excess=(excess.real, excess.imag),
+        R_s_ratio=1.0 + sum(share for share, _ in changes),
         psi_f_ratio=1.0 + change_of(truth, model.effects) / truth.machine.psi_f,
-    )  # fmt: skip
+    )
 
 
 def _without_errors(rows: Rows, model: Model) -> Rows:
@@ -153,12 +159,11 @@ def _without_errors(rows: Rows, model: Model) -> Rows:
 def _unturned(rows: Rows, model: Model) -> Rows:
     """The rows by the true angle, and with the true voltage."""
     angle: Array | float = model.angle
-    for name, sizes in model.effects.items():
-        effect = BY_NAME[name]
-        if effect.angle_error is not None:
-            angle = angle + effect.angle_error(rows, sizes)
-        if effect.misreads_voltage:
-            rows = rows.changed(u=rows.u - effect.voltage(rows, sizes))
+    for effect, sizes in of_kind(SensorError, model.effects):
+        if isinstance(effect, AngleError):
+            angle = angle + effect.error_as_measured(rows, sizes)
+        if isinstance(effect, VoltageError):
+            rows = rows.changed(u=rows.u - effect.error(rows, sizes))
     i_s = rows.i_s
     if isinstance(angle, float):
         turned = cmath.exp(1j * angle)
@@ -181,17 +186,15 @@ def current_error(rows: Rows, model: Model) -> Vector | float:
 
 def _current_error(rows: Rows, model: Model) -> Vector | float:
     """Measured less true current vector at samples, A, stationary frame, of rows by the true angle."""
-    errors = [(BY_NAME[name].current_error, name, sizes) for name, sizes in model.effects.items()]
-    there = [(error, name, sizes) for error, name, sizes in errors if error is not None]
+    there, late = of_kind(CurrentError, model.effects), of_kind(SkewError, model.effects)
     if not there:
         return 0.0
-    measured = _with_slopes(rows, model) if any(BY_NAME[name].moved for _, name, _ in there) else rows
-    found = {name: error(measured, sizes) for error, name, sizes in there}
-    for error, name, sizes in there:
-        if BY_NAME[name].moved is not None:
-            i_s = rows.i_s - sum(found.values())
-            true = rows.with_currents(i_s * rows.rotor.conj())
-            found[name] = error(_on_their_way(_with_slopes(true, model), model, name), sizes)
+    measured = _with_slopes(rows, model) if late else rows
+    found = {effect.name: effect.error(measured, sizes) for effect, sizes in there}
+    for effect, sizes in late:
+        i_s = rows.i_s - sum(found.values())
+        true = rows.with_currents(i_s * rows.rotor.conj())
+        found[effect.name] = effect.error(_on_their_way(_with_slopes(true, model), model, effect), sizes)
     return sum(found.values())
 
 
@@ -202,12 +205,11 @@ def _with_slopes(rows: Rows, model: Model) -> Rows:
     return truth.changed(emf=sum(each, start=0.0))
 
 
-def _on_their_way(true: Rows, model: Model, name: str) -> Rows:
-    """The rows with the currents of which an effect's error of measurement is told, where it is one of true ones."""
-    moved = BY_NAME[name].moved
-    if moved is None:
+def _on_their_way(true: Rows, model: Model, effect: CurrentError) -> Rows:
+    """The rows with the currents of which an error of measurement is told, where it goes by true ones."""
+    if not isinstance(effect, SkewError):
         return true
-    i = true.i + moved(true, model.effects[name]) * true.rotor.conj()
+    i = true.i + effect.halfway(true, model.effects[effect.name]) * true.rotor.conj()
     return _with_slopes(true.with_currents(i), model)
 
 
@@ -222,26 +224,23 @@ def effects_voltage(truth: Rows, model: Model) -> Vector:
     What the bridge loses is worked out once: of rows in this model's truth, or of a model without the bridge's effect.
     """
     total, truth = np.zeros(len(truth), np.complex128), _as_seen(truth, model)
-    for name, sizes in model.effects.items():
-        effect = BY_NAME[name]
-        if not effect.measures and effect.together is None:
-            if not effect.steep:
-                total += effect.voltage(truth, sizes)
-            else:
-                total += truth.once(effect.voltage, sizes) if truth.lost is None else truth.lost
-    for together, several in sharing(model).items():
-        total += together(truth, several)
+    for effect, sizes in of_kind(AddedVoltage, model.effects):
+        total += voltage_as_present(truth, effect, sizes)
+    if changes := flux_changes(model):
+        total += voltage_together(truth, changes)
     return total
 
 
-def sharing(model: Model) -> dict[Together, dict[str, Sizes]]:
-    """Effects of the model whose voltages do not add up, by the function that they share."""
-    found: dict[Together, dict[str, Sizes]] = {}
-    for name, sizes in model.effects.items():
-        together = BY_NAME[name].together
-        if together is not None:
-            found.setdefault(together, {})[name] = sizes
-    return found
+def voltage_as_present(truth: Rows, effect: Effect, sizes: Sizes) -> Vector:
+    """What an effect of a model adds (V) to rows in that one's truth; what the bridge loses is worked out once."""
+    if not isinstance(effect, BridgeError):
+        return effect.voltage(truth, sizes)
+    return truth.once(effect.voltage, sizes) if truth.lost is None else truth.lost
+
+
+def flux_changes(model: Model) -> dict[str, Sizes]:
+    """Effects of the model whose voltages do not add up, by their names."""
+    return {effect.name: sizes for effect, sizes in of_kind(FluxChange, model.effects)}
 
 
 def residual(rows: Rows, smooth: Rows, model: Model) -> Vector:
@@ -261,9 +260,6 @@ def zero_residual(rows: Rows, smooth: Rows, model: Model) -> Array | None:
     if rows.zero is None:
         return None
     left = rows.zero - model.zero
-    makes = [effect for effect in LIBRARY if effect.name in model.effects and effect.zero is not None]
-    truth = in_truth(smooth, model) if makes else smooth
-    for effect in makes:
-        assert effect.zero is not None
-        left = left - effect.zero(_on_their_way(truth, model, effect.name), model.effects[effect.name])
+    for effect, sizes in of_kind(CurrentError, model.effects):
+        left = left - effect.zero(_on_their_way(in_truth(smooth, model), model, effect), sizes)
     return left

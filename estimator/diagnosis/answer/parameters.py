@@ -15,7 +15,8 @@ from estimator.diagnosis.search.fitting import Fitted
 from estimator.diagnosis.search.flux_map_fit import FluxMap, told_map
 from estimator.diagnosis.verdict import Quantity, Range
 from estimator.machine import PARAMETERS, UNITS
-from estimator.physics.library import BY_NAME
+from estimator.physics.effect import BridgeError
+from estimator.physics.library import of_kind
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import by_phase
 from estimator.twin.model import Model
@@ -62,8 +63,7 @@ def told_machine(found: Fitted, plain: Search | None, lent: float, given: Given)
 
 def _scaled_by(rows: Rows, model: Model) -> float:
     """Share by which effects may scale all voltages without a trace."""
-    scales = [(BY_NAME[name].scales, sizes) for name, sizes in model.effects.items()]
-    return math.hypot(*(scale(rows, sizes) for scale, sizes in scales if scale is not None))
+    return math.hypot(*(bridge.scales(rows, sizes) for bridge, sizes in of_kind(BridgeError, model.effects)))
 
 
 def _four_parameters(search: Search, choice: Choice, lent: float = 0.0, scaled: float = 0.0) -> dict[str, Quantity]:

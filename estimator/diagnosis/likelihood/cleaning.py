@@ -14,7 +14,8 @@ import numpy as np
 from estimator.arrays import Vector
 from estimator.diagnosis.likelihood.columns import Follow
 from estimator.diagnosis.likelihood.noise import Noise, flux_errors, noise_of
-from estimator.physics.library import BY_NAME
+from estimator.physics.effect import Branch
+from estimator.physics.library import of_kind
 from estimator.physics.rows import Rows
 from estimator.twin.currents import followed_currents, response_of
 from estimator.twin.model import Model, residual, zero_residual
@@ -82,7 +83,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model, following: Following) -> Cle
     rows, smooth = rows.with_machine(model.machine), smooth.with_machine(model.machine)
     if model.steep:
         return _cleaned_following(rows, model, following)
-    if any(BY_NAME[name].fast_resistance is not None for name in model.effects):
+    if any(branch.fast_resistance is not None for branch, _ in of_kind(Branch, model.effects)):
         return _cleaned_following(rows, model, following)._replace(follow=None, response=None)
     z = flux_errors(residual(rows, smooth, model), rows, model)
     noise = noise_of(z, zero_residual(rows, smooth, model), rows)

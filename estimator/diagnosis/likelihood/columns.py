@@ -21,13 +21,23 @@ from estimator.diagnosis.likelihood.noise import Noise, filter_of, flux_errors, 
 from estimator.diagnosis.likelihood.whitening import whiten_into
 from estimator.machine import PARAMETERS
 from estimator.physics.angle_sensing import voltage_of_angle_error
-from estimator.physics.effect import Effect, Parameter
-from estimator.physics.library import BY_NAME, LIBRARY
+from estimator.physics.current_sensing import CurrentError
+from estimator.physics.effect import Branch, BridgeError, Effect, Parameter, ResistanceChange, SensorError
+from estimator.physics.library import BY_NAME, LIBRARY, of_kind
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import Rows
 from estimator.physics.saturation import EFFECTS as SATURATIONS
-from estimator.physics.saturation import bends
-from estimator.twin.model import Model, frame_of, in_truth, left_over, see_lost, sharing, zero_residual
+from estimator.physics.saturation import FluxChange, bends, voltage_together
+from estimator.twin.model import (
+    Model,
+    flux_changes,
+    frame_of,
+    in_truth,
+    left_over,
+    see_lost,
+    voltage_as_present,
+    zero_residual,
+)
 from estimator.twin.response import Response, answer
 
 STRETCHES: Final = 48
@@ -120,7 +130,7 @@ def regression(
     moves = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
     lost = {j: volts * into_truth for j, volts in moves.items()}
     lost |= {j: volts for j, volts in answering.items() if volts is not None}
-    bridges = {j for j in lost if columns[j].owner != "machine" and BY_NAME[columns[j].owner].steep}
+    bridges = {j for j in lost if isinstance(BY_NAME.get(columns[j].owner), BridgeError)}
     r = r * into_truth
     n, P = len(rows), len(columns)
     which, answers = np.array(list(answering), np.intp), np.zeros((P, 2), np.complex128)
@@ -161,7 +171,7 @@ def _parts(rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]) -
     there = [step for step in steps if step is not None]
     if long:
         _ = rows.speed  # which is that of both sides
-        _remember(rows, [step for step in there if step.effect.lasts])
+        _remember(rows, [step for step in there if isinstance(step.effect, ResistanceChange)])
     else:
         _prepare(rows, there)
     first, near = 0, rows
@@ -219,7 +229,7 @@ def _model_coefficients(rows: Rows, model: Model, given: Given, library: Sequenc
     for effect in library or [BY_NAME[name] for name in model.effects]:
         if effect.name in model.effects:
             found.extend(_own_columns(effect, rows, model.effects[effect.name]))
-            if effect.steep or not any(parameter.shape for parameter in effect.parameters):
+            if isinstance(effect, BridgeError) or not any(parameter.shape for parameter in effect.parameters):
                 continue  # it has no other shape, or finds it
         for seed, _ in enumerate(effect.shapes(rows) if library else ()):
             for k in effect.sizes:
@@ -262,7 +272,7 @@ def _step_to(rows: Rows, model: Model, column: Coefficient) -> _Step:
         h = parameter.typical(rows)
         return _Step(effect, _in_order(effect, effect.shapes(rows)[column.seed], {column.place: h}), None, h)
     at = model.effects[effect.name]
-    if effect.measures:  # rows are rid of it already
+    if isinstance(effect, SensorError):  # rows are rid of it already
         at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
     h = 0.05 * abs(at[column.place]) if parameter.shape else _STEP * parameter.typical(rows)
     return _Step(effect, tuple(value + h * (k == column.place) for k, value in enumerate(at)), at, h)
@@ -273,8 +283,8 @@ def _fill(
     others: Set[int], coupled: bool,
 ) -> None:  # fmt: skip
     """Write the columns' voltages, but those of some others. `coupled`: with what effects make of the machine's."""
-    present: dict[object, Vector] = {}
-    shared = sharing(model)
+    present: dict[str, Vector] = {}
+    shared, together = flux_changes(model), None
     for j, (column, step) in enumerate(zip(columns, steps, strict=True)):
         if j in others:
             continue
@@ -287,25 +297,17 @@ def _fill(
                 assert model.bend is not None
                 v[j : j + len(model.bend.size)] = model.bend.voltages(rows)
             continue
-        effect, together = step.effect, step.effect.together
-        if together is not None and together in shared:  # beside the others of them
-            if together not in present:
-                present[together] = together(rows, shared[together])
-            np.subtract(together(rows, shared[together] | {effect.name: step.to}), present[together], out=v[j])
+        effect = step.effect
+        if shared and isinstance(effect, FluxChange):  # beside the others of them
+            together = voltage_together(rows, shared) if together is None else together
+            np.subtract(voltage_together(rows, shared | {effect.name: step.to}), together, out=v[j])
         elif step.since is None:
             v[j] = effect.voltage(rows, step.to)
         else:
             if effect.name not in present:
-                present[effect.name] = _as_present(rows, effect, step.since)
+                present[effect.name] = voltage_as_present(rows, effect, step.since)
             np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
         v[j] *= 1.0 / step.h
-
-
-def _as_present(rows: Rows, effect: Effect, sizes: tuple[float, ...]) -> Vector:
-    """What an effect of the model adds (V); what the bridge loses is worked out once for all periods."""
-    if not effect.steep:
-        return effect.voltage(rows, sizes)
-    return rows.once(effect.voltage, sizes) if rows.lost is None else rows.lost
 
 
 def _answering(columns: Sequence[Coefficient], response: Response | None) -> dict[int, Vector | None]:
@@ -319,8 +321,8 @@ def _answering(columns: Sequence[Coefficient], response: Response | None) -> dic
         if column.owner == "machine":
             if column.parameter not in ("angle", "zero"):
                 found[j] = None
-        elif column.seed < 0 and not column.shape and not BY_NAME[column.owner].measures:
-            found[j] = response.direct[column.place] if BY_NAME[column.owner].steep else None
+        elif column.seed < 0 and not column.shape and not isinstance(effect := BY_NAME[column.owner], SensorError):
+            found[j] = response.direct[column.place] if isinstance(effect, BridgeError) else None
     return found
 
 
@@ -363,7 +365,7 @@ def _lost_slopes(
 def _follows(column: Coefficient) -> bool:
     """A shape of the bridge's that currents answer which follow a model."""
     effect = BY_NAME[column.owner]
-    return effect.steep and not effect.parameters[column.place].smooths
+    return isinstance(effect, BridgeError) and not effect.parameters[column.place].smooths
 
 
 def _add_zero_channel(
@@ -376,7 +378,7 @@ def _add_zero_channel(
         if step is None:
             if column.parameter == "zero":
                 found[j] = np.full(len(y), 1.0 / noise)
-        elif step.effect.zero is not None:
+        elif isinstance(step.effect, CurrentError):
             change = step.effect.zero(rows, step.to)
             if step.since is not None:
                 change = change - step.effect.zero(rows, step.since)
@@ -419,9 +421,9 @@ def _coupled(rows: Rows, model: Model, parameter: str) -> Vector:
     m, total = model.machine, np.zeros(len(rows), np.complex128)
     if parameter in ("L_d", "L_q"):
         more = rows.own_flux[0] - rows.flux(rows.i)
-        for name, sizes in model.effects.items():
-            if (beside := BY_NAME[name].beside) is not None:
-                more = more - rows.flux_of_little(beside(rows, sizes))
+        for branch, sizes in of_kind(Branch, model.effects):
+            if branch.beside is not None:
+                more = more - rows.flux_of_little(branch.beside(rows, sizes))
         if bends(model.effects):
             more = more - change_of(rows, model.effects)
         along: Vector = (more.real if parameter == "L_d" else 1j * more.imag) / getattr(m, parameter)

@@ -16,6 +16,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.diagnosis.likelihood.columns import BENDS, Regression
+from estimator.physics.effect import AddedVoltage
 from estimator.physics.flux_map import MISSED as BEND_MISSED
 from estimator.physics.library import BY_NAME
 
@@ -161,11 +162,11 @@ class Search:
 
     def _lent_by_speed(self, fit: SetFit, one: tuple[str, int]) -> float:
         """Chi square that errors of the speed may lend an effect that the speed alone tells from the machine's."""
-        by_speed, own = BY_NAME[one[0]].by_speed, self.sizes_of(one)
-        if by_speed == 0.0:
+        effect, own = BY_NAME[one[0]], self.sizes_of(one)
+        if not isinstance(effect, AddedVoltage) or effect.by_speed == 0.0:
             return 0.0
         sizes = fit.value[[fit.places.index(j) for j in own]]
-        return by_speed * float(sizes @ self.gram[np.ix_(own, own)] @ sizes)
+        return effect.by_speed * float(sizes @ self.gram[np.ix_(own, own)] @ sizes)
 
     def variance_of(self, choice: Choice, more: tuple[str, int], place: int) -> float:
         """Of one size of an effect beside a set, for white noise, where its other sizes are known and none is held."""

@@ -59,7 +59,7 @@ def _settled_step(rows: Rows, z: Vector, model: Model) -> Model:
 
     def made(x: Array) -> Vector:
         """A, by the moment and the duration in periods."""
-        v = magnet_flux_step.voltage(around, (change, x[0] * T_s / length, x[1] * T_s))
+        v = magnet_flux_step.EFFECT.voltage(around, (change, x[0] * T_s / length, x[1] * T_s))
         return _step_current(whitened(v, by), model)
 
     x = np.array([at * length, duration]) / T_s

@@ -8,6 +8,7 @@ import pytest
 
 from estimator.arrays import Vector
 from estimator.machine import Machine
+from estimator.physics.current_sensing import CurrentError
 from estimator.physics.effect import Effect
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows, rows_of
@@ -51,7 +52,7 @@ def test_errors_of_current_sensors_are_in_their_own_phase() -> None:
     true = [(rows.i_s * axis.conjugate()).real for axis in AXES]
     for name in ("current_sensor_gain", "current_sensor_offset"):
         effect = BY_NAME[name]
-        assert effect.current_error is not None
+        assert isinstance(effect, CurrentError)
         sizes = told(effect, rows)
         if name == "current_sensor_gain":
             measured = [gain * i for gain, i in zip(sizes, true, strict=True)]
@@ -62,5 +63,5 @@ def test_errors_of_current_sensors_are_in_their_own_phase() -> None:
             rows.theta_e, np.full(len(rows) + 1, 600.0), (i_s * rows.rotor.conj()).real, (i_s * rows.rotor.conj()).imag,
             np.append(rows.u.real, 0.0), np.append(rows.u.imag, 0.0), T_S,
         )  # fmt: skip
-        error = effect.current_error(rows_of([seen], MACHINE, 6.0), SIZES)
+        error = effect.error(rows_of([seen], MACHINE, 6.0), SIZES)
         assert error == pytest.approx(i_s - rows.i_s, abs=1e-9), name
