@@ -14,11 +14,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
+from typing import Protocol
 
 import httpx
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.proof.results import record
 from tests.support.forked import Forked
 from tests.support.real_data import REAL_DATA
 
@@ -124,6 +126,29 @@ def running_bench() -> Iterator[RunningBench]:
     """One bench for a module's tests that only look, or put back what they change."""
     with bench_up() as bench:
         yield bench
+
+
+class Figures(Protocol):
+    """Takes figures for a row of RESULTS.md; in `form`, `{name}` is the most of all told, `{least_name}` the least."""
+
+    def __call__(self, key: str, form: str, /, **values: float) -> None: ...
+
+
+@pytest.fixture(scope="session")
+def figure() -> Iterator[Figures]:
+    """Figures of tests, recorded once all have told theirs, where RECORD is set; by one process alone."""
+    told: dict[tuple[str, str], dict[str, list[float]]] = {}
+
+    def take(key: str, form: str, /, **values: float) -> None:
+        row = told.setdefault((key, form), {})
+        for name, value in values.items():
+            row.setdefault(name, []).append(value)
+
+    yield take
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        for (key, form), row in told.items():
+            least = {f"least_{name}": min(values) for name, values in row.items()}
+            record(key, form.format(**least, **{name: max(values) for name, values in row.items()}))
 
 
 @pytest.fixture

@@ -21,6 +21,7 @@ from pathlib import Path
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
 from estimator.diagnosis.diagnose import diagnose
+from tests.proof.results import record
 from tests.score.diagnosed import loaded
 
 SEED, MOTOR = 1950, "servo_4nm"
@@ -48,8 +49,8 @@ def seconds(kind: str, length: float, folder: Path) -> float:
     return taken
 
 
-def of_long(folder: Path) -> float:
-    """Memory of the command for a long recording, GB."""
+def of_long(folder: Path) -> tuple[float, float, str]:
+    """Time (s) and memory (GB) of the command for a long recording, and its verdict."""
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         pool.submit(conceal, "two", LONG, folder / "long").result()
     recording = folder / "long" / "out" / "0001.parquet"
@@ -59,27 +60,35 @@ def of_long(folder: Path) -> float:
     assert process.stdout is not None
     said = process.stdout.read()
     _, status, used = os.wait4(process.pid, 0)
-    print(f"{LONG:g} s: {said.splitlines()[0].rpartition(': ')[2]}, {time.perf_counter() - begun:.1f} s")
+    taken, verdict = time.perf_counter() - begun, said.splitlines()[0].rpartition(": ")[2]
+    print(f"{LONG:g} s: {verdict}, {taken:.1f} s")
     assert os.waitstatus_to_exitcode(status) in (0, 1, 3)
-    return used.ru_maxrss / 1e6
+    return taken, used.ru_maxrss / 1e6, verdict
 
 
 def main() -> int:
     """Print the table."""
-    missed = 0
+    missed, took = 0, dict[tuple[str, float], float]()
     with tempfile.TemporaryDirectory() as name:
         for kind in ("two", "dead_time"):  # start-up: another process compiles kernels, this one loads them
             with ProcessPoolExecutor(1, get_context("spawn")) as pool:
                 pool.submit(seconds, kind, 1.0, Path(name) / "compiling").result()
             seconds(kind, 1.0, Path(name))
         for (kind, length), bar in BARS.items():
-            taken = seconds(kind, length, Path(name))
+            took[kind, length] = taken = seconds(kind, length, Path(name))
             missed += taken > bar
             print(f"    {taken:.1f} s on one core (bar {bar:g} s){' MISSED' if taken > bar else ''}")
-        of_short, of_minutes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, of_long(Path(name))
+        of_short = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+        ten_minutes, of_minutes, verdict = of_long(Path(name))
     for used, bar in ((of_short, MEMORY), (of_minutes, MEMORY_OF_LONG)):
         missed += used > bar
         print(f"memory at most {used:.2f} GB (bar {bar:g} GB){' MISSED' if used > bar else ''}")
+    short, minute, slow = (took[which] for which in (("two", 6.0), ("two", 60.0), ("dead_time", 6.0)))
+    quick = short <= BARS["two", 6.0] and minute <= BARS["two", 60.0]
+    record("diagnoses.short", f"{short:.1f} s; {minute:.1f} s; {of_short:.2f} GB", quick and of_short <= MEMORY)
+    record("diagnoses.dead_time", f"{slow:.1f} s", slow <= BARS["dead_time", 6.0])
+    figure = f"{ten_minutes:.0f} s, {of_minutes:.2f} GB; {verdict}"
+    record("diagnoses.ten_minutes", figure, of_minutes <= MEMORY_OF_LONG)
     return 1 if missed else 0
 
 

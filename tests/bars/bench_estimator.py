@@ -23,6 +23,7 @@ from estimator.machine import PARAMETERS
 from estimator.online import window_ls
 from estimator.online.flux_balance import Balance, flux_balance
 from estimator.online.track import track
+from tests.proof.results import record
 from tests.support.samples import streamed
 
 Array = NDArray[np.float64]
@@ -169,7 +170,8 @@ def main() -> int:
     window_ls.warm_up()
     print(f"compiling, or loading from the cache: {time.perf_counter() - began:.1f} s\n")
     balance = np.ascontiguousarray(flux_balance(streamed(VirtualDrive(PAPER), 200_000)))
-    good = list[bool]()
+    good, rates = list[bool](), dict[int, tuple[float, float]]()
+    over, taken = dict[int, tuple[float, float]](), list[float]()
 
     def bar(text: str, met: bool) -> None:
         good.append(met)
@@ -190,6 +192,8 @@ def main() -> int:
             ratio = our["track"] / fastest
             bar(f"at least 200 times the fastest Python peer: {ratio:.0f}", ratio >= BARS["peers"])
             bar(f"at least half of the C loop: {our['track'] / c:.2f}", our["track"] >= BARS["c"] * c)
+            rates[p], over[p] = (our["update"], our["track"]), (ratio, our["track"] / c)
+            taken.append(our["one"])
             bar(f"one sample at most 5 us, median: {our['one'] * 1e6:.1f}", our["one"] <= BARS["one"])
             print()
     print("by window length: rows taken in, estimate at every row, million samples/s")
@@ -201,6 +205,12 @@ def main() -> int:
     ratios = {length: memory_ratio(length) for length in (100_000, 600_000, 1_000_000)}
     text = ", ".join(f"{ratio:.2f} at {length}" for length, ratio in ratios.items())
     bar(f"memory at most 1.5 times the window's rows: {text}", max(ratios.values()) <= 1.5)
+    rows, tracked = (min(each[k] for each in rates.values()) / 1e6 for k in range(2))
+    record("estimates.speed", f"{rows:.0f} million; {tracked:.0f} million")
+    peer, loops = min(ratio for ratio, _ in over.values()), " and ".join(f"{c:.1f}" for _, c in over.values())
+    record("estimates.peers", f"{peer:.0f} times; {loops} times", peer >= BARS["peers"])
+    figure = f"{max(taken) * 1e6:.1f} us; within {1.0 - slowest:.0%}; {max(ratios.values()):.2f}"
+    record("estimates.one_sample", figure)
     return 0 if all(good) else 1
 
 

@@ -23,9 +23,11 @@ from urllib.parse import urlsplit
 import httpx
 
 from tests.conftest import RunningBench, bench_up
+from tests.proof.results import record
 
 _DRIVE: Final = "/api/drives/emulated"
 _SET_POINTS: Final = {"i_q_ref": 1.0}
+BAR: Final = 1.0  # s, until Stop is answered
 _PATIENCE: Final = 10.0  # s
 _STARTING: Final = 0.5  # s
 _RENEWED: Final = 100  # idle connections a second, of those that were closed
@@ -183,6 +185,14 @@ async def _loaded(url: str, load: Load) -> dict[str, Any]:
     return {"answers": dict(sorted(asking.answers.items())), "offered": offered}
 
 
+def _recorded(said: Measured) -> None:
+    stops = sorted(said.stops) or [math.inf]
+    others = [kind for kind in said.answers if " 503" not in kind and " 200" not in kind]
+    surplus = f"surplus is answered 503, or {', '.join(others)}" if others else "all surplus is answered 503"
+    stop = f"median {stops[len(stops) // 2]:.1f} s, longest {stops[-1]:.2f} s"
+    record("service.http", f"{stop}; {surplus}; {said.lost or 'no'} row lost", stops[-1] <= BAR)
+
+
 def _told(load: Load, said: Measured) -> str:
     stops = sorted(said.stops)
     lines = [
@@ -210,4 +220,5 @@ if __name__ == "__main__":
         print(json.dumps(asyncio.run(_loaded(address, Load(int(rate), int(streams), int(idle), float(seconds))))))
     else:
         wanted = Load(seconds=given.seconds)
-        print(_told(wanted, measured(wanted)))
+        print(_told(wanted, found := measured(wanted)))
+        _recorded(found)

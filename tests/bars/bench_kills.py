@@ -30,6 +30,7 @@ from drivers.lease import SECONDS
 from drivers.wire.cia402 import State
 from drivers.wire.dictionary import SET_POINTS
 from tests.conftest import COMMAND, free_port, wait_for_answer
+from tests.proof.results import record
 from tests.support.served_drive import emulator, ready
 from tests.support.transports import modbus_socket_url, modbus_tcp_url, serial_socket_url, tcp_url
 
@@ -209,6 +210,10 @@ def main() -> int:
         f"{good} of {len(seen)} as they should be; off within {SECONDS + SLACK:g} s in {off} of {len(seen)}, "
         f"the latest that a reader saw after {latest:.2f} s"
     )
+    if len(links) == len(LINKS):
+        within = f"{SECONDS + SLACK:g} s (the lease's {SECONDS:g} s, and {SLACK:g} s to see it)"
+        record("service.kills", f"off within {within} in {off}, at most {latest:.2f} s where a reader saw it; "
+               f"set points zero, settings as before, said at the next start in {good}")  # fmt: skip
     return int(good < len(seen))
 
 

@@ -30,6 +30,7 @@ from drivers.wire import canopen_od as od
 from drivers.wire import modbus_map, uart_frame
 from drivers.wire.dictionary import CAPTURE_SAMPLES
 from tests.conftest import command, free_port, wait_for_answer
+from tests.proof.results import record
 from tests.support.served_drive import emulator, ready, tcp_url
 from tests.support.transports import modbus_tcp_url, pty_url, serial_socket_url
 
@@ -67,6 +68,15 @@ class Streamed:
     def rate(self) -> float:
         """Rows per second."""
         return self.rows / self.wall
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What was measured of a link."""
+
+    stream: Streamed
+    upload: float  # s
+    latency: tuple[float, float]  # s, of the newest row: median, 99 %
 
 
 def links() -> list[Link]:
@@ -109,15 +119,30 @@ def main(arguments: list[str] | None = None) -> int:
         good.append(met)
         print(f"  {'met' if met else 'MISSED':6} {text}", flush=True)
 
-    for link in links():
-        if options.only in link.name:
-            one_link(link, options.seconds, bar)
+    found = {link.name: one_link(link, options.seconds, bar) for link in links() if options.only in link.name}
     if options.only in "four drives":
         four_drives(options.seconds, bar)
+    if not options.only:
+        _recorded(*found.values())
     return 0 if all(good) else 1
 
 
-def one_link(link: Link, seconds: float, bar: Callable[[str, bool], None]) -> None:
+def _recorded(can: Found, tcp: Found, rtu: Found, *uart: Found) -> None:
+    every = (can, tcp, rtu, *uart)
+
+    def cost(*of: Found) -> str:
+        return " and ".join(f"{1e6 * each.stream.cpu / each.stream.rows:.0f}" for each in of)
+
+    slowest = max(uart, key=lambda one: one.stream.cpu / one.stream.rows)
+    record("service.rates", f"{can.stream.rate:,.0f}, {cost(can)} ms, {can.stream.cpu / can.stream.wall:.2f} cores; "
+           f"{tcp.stream.rate:,.0f}, {cost(tcp, rtu)} ms; {slowest.stream.rate:,.0f}, {cost(slowest)} ms")  # fmt: skip
+    uploads = (can.upload, tcp.upload, rtu.upload, max(one.upload for one in uart))
+    record("service.uploads", f"{', '.join(f'{upload:.2g}' for upload in uploads)} s")
+    median, p99 = (max(one.latency[k] for one in every) for k in range(2))
+    record("service.latency", f"{median * 1e3:.0f} ms, {p99 * 1e3:.0f} ms", p99 <= BARS["rest"])
+
+
+def one_link(link: Link, seconds: float, bar: Callable[[str, bool], None]) -> Found:
     """Stream, upload and latency of one link."""
     wanted = 1.0 / (link.periods * link.T_s)
     with emulated(link.T_s, url := link.new_url()):
@@ -135,7 +160,7 @@ def one_link(link: Link, seconds: float, bar: Callable[[str, bool], None]) -> No
     print(f"  {upload:10.2f} s for {CAPTURE_SAMPLES:,} x {len(CHANNELS)} samples, "
           f"{CAPTURE_SAMPLES * len(CHANNELS) / upload:,.0f} samples/s; {link.bus} would take {link.bus_upload:.1f}")
     with emulated(link.T_s, url := link.new_url(), clock := tcp_url()), service([url]) as (port, _):
-        told_latency(latencies(port, clock, link.T_s), bar)
+        latency = told_latency(latencies(port, clock, link.T_s), bar)
     kept = stream.rate >= REAL_TIME * wanted
     lossless = f"no row lost at {wanted:,.0f} rows/s: {stream.lost} lost, {stream.rate:,.0f} rows/s"
     if link.name.startswith("canopen"):
@@ -146,6 +171,7 @@ def one_link(link: Link, seconds: float, bar: Callable[[str, bool], None]) -> No
     else:
         bar(lossless, kept and not stream.lost)
     print()
+    return Found(stream, upload, latency)
 
 
 def four_drives(seconds: float, bar: Callable[[str, bool], None]) -> None:
@@ -166,7 +192,8 @@ def four_drives(seconds: float, bar: Callable[[str, bool], None]) -> None:
     print(f"four drives on canopen socketcand, {wall:.0f} s, load average {load()}")
     per_row = cpu / wall / sum(rates)
     print(f"  {1e6 * per_row:10,.1f} ms of the service's processor per 1,000 rows, {cpu / wall:.2f} cores")
-    told_latency(latency, bar)
+    _, p99 = told_latency(latency, bar)
+    record("service.four", f"{lost or 'none'}; {p99 * 1e3:.0f} ms", p99 <= BARS["rest"])
     bar(
         f"no row lost of four drives at 1,000 rows/s: {lost} lost, {dropped} dropped by the estimation, "
         f"{min(rates):,.0f} to {max(rates):,.0f} rows/s",
@@ -174,13 +201,14 @@ def four_drives(seconds: float, bar: Callable[[str, bool], None]) -> None:
     )
 
 
-def told_latency(latency: dict[str, list[float]], bar: Callable[[str, bool], None]) -> None:
-    """Print latencies; the bar is on the snapshot of the stream."""
+def told_latency(latency: dict[str, list[float]], bar: Callable[[str, bool], None]) -> tuple[float, float]:
+    """Print latencies; the bar is on the snapshot of the stream, whose median and 99 % (s) come back."""
     for what, found in latency.items():
         median, p99 = np.percentile(found, (50, 99)) * 1e3
         print(f"  {median:10.1f} ms from the drive's tick to REST, {what}, median; 99 % within {p99:.1f} ms")
-    p99 = float(np.percentile(latency["newest row"], 99))
+    median, p99 = (float(each) for each in np.percentile(latency["newest row"], (50, 99)))
     bar(f"99 % within {BARS['rest'] * 1e3:g} ms from tick to REST: {p99 * 1e3:.1f} ms", p99 <= BARS["rest"])
+    return median, p99
 
 
 def measured(url: str, periods: int, seconds: float) -> dict[str, Any]:

@@ -40,8 +40,10 @@ from emulator.bounds import ScenarioError
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER, load
 from emulator.scenario.text import text_of
+from tests.proof.results import record
 
 ROWS: Final = 3000  # of the recording
+MEMORY: Final = 1.5  # GB
 LONGEST: Final = 10.0  # s that a file may take
 _WAITED: Final = 60.0  # s, on a machine that does much else
 FAR: Final = 3.0  # standard errors
@@ -418,7 +420,7 @@ def main() -> None:
     parser.add_argument("--kind", action="append", choices=KINDS, help="one kind alone; may be repeated")
     options = parser.parse_args()
     print(f"{'':18}" + "".join(f"{outcome:>11}" for outcome in OUTCOMES) + f"{'slowest, s':>12}{'MB':>7}")
-    worst: list[str] = []
+    worst, every, slowest, memory = list[str](), Counter[str](), 0.0, 0.0
     for kind in options.kind or KINDS:
         with tempfile.TemporaryDirectory() as folder:
             found = run(kind, options.count, Path(folder))
@@ -426,7 +428,13 @@ def main() -> None:
         told = "".join(f"{found.outcomes[outcome]:11}" for outcome in OUTCOMES)
         print(f"{kind:18}{told}{found.slowest:12.2f}{memory:7.0f}", flush=True)
         worst += found.worst
+        every.update(found.outcomes)
+        slowest = max(slowest, found.slowest)
     print("\n".join(worst[:40]))
+    if options.kind is None:
+        counts = f"{every[LIES]} of {every.total():,}; {every[FAILED]}; {every[HANGS]}"
+        figure = f"{counts}, the slowest took {slowest:.1f} s; {memory / 1024:.2f} GB"
+        record("service.mutations", figure, memory <= MEMORY * 1024)
 
 
 if __name__ == "__main__":

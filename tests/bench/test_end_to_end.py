@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.conftest import RunningBench, bench_up, bus_url, command, free_port, wait_for_answer
+from tests.conftest import Figures, RunningBench, bench_up, bus_url, command, free_port, wait_for_answer
 from tests.support.served_drive import emulator, ready
 
 pytestmark = pytest.mark.live
@@ -130,15 +130,17 @@ def pooled(above: dict[str, float], below: dict[str, float]) -> float:
 
 
 @pytest.mark.slow
-def test_a_window_four_times_as_long_halves_the_spread(running_bench: RunningBench) -> None:
+def test_a_window_four_times_as_long_halves_the_spread(running_bench: RunningBench, figure: Figures) -> None:
     with httpx.Client(base_url=running_bench.url) as client:
         before = client.get(f"{DRIVE}/window").json()
         short_scatter, short_std = independent(client, 200, 32)
         long_scatter, long_std = independent(client, 800, 14)
         client.put(f"{DRIVE}/window", json={"length": before["length"]}).raise_for_status()
+    scatter, std = pooled(short_scatter, long_scatter), pooled(short_std, long_std)
+    figure("estimates.longer", "scatter {scatter:.2f}, std {std:.2f} times smaller", scatter=scatter, std=std)
     # The bounds fail one run in a thousand; short windows differ in excitation, so their scatter has a long tail
-    assert 1.45 < pooled(short_scatter, long_scatter) < 3.9
-    assert 1.85 < pooled(short_std, long_std) < 2.8
+    assert 1.45 < scatter < 3.9
+    assert 1.85 < std < 2.8
     assert 0.6 < pooled(short_scatter, short_std) < 1.4  # what is stated is what is seen
     assert 0.55 < pooled(long_scatter, long_std) < 1.4
 

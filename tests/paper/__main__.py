@@ -26,6 +26,7 @@ from tests.paper.published import (
     without_misprint,
 )
 from tests.paper.runs import LAM, RIVALS, SEEDS, WHOLE_M, WINDOW_M, Estimator, Run, fixed, tracked, warming, wls
+from tests.proof.results import record
 
 OUT = Path("build") / "paper"
 NOISES = {"no noise": False, "10 mA, 12 bits": True}
@@ -148,6 +149,23 @@ def close(
     missed = [bar.what for bar in bars if not bar.met]
     print(f"  missed: {'; '.join(missed) or 'nothing'}")
     print(f"  figures 2 to 8 and table.json are in {OUT}/")
+    recorded(sets, ahead, bars)
+
+
+def recorded(
+    sets: Mapping[str, Mapping[str, Cells]], ahead: Mapping[str, Array], bars: list[table.Bar]
+) -> None:
+    """Worst errors, and at how many temperatures ours are better."""
+    quiet, noisy = sets.values()
+    rows = {
+        "wls_noiseless": quiet["WLS"].worst, "wls": noisy["WLS"].worst, "rls": noisy["RLS"].worst,
+        "ekf": noisy["EKF tuned"].worst, "published_ekf_here": noisy["EKF published"].worst,
+    }
+    for name, worst in rows.items():
+        record(f"paper.{name}", " | ".join(f"{each:.{3 if each > 0.1 else 2}g}" for each in worst))
+    *_, better = ahead.values()
+    record("paper.ahead", " | ".join(str(count) for count in better.sum(axis=1)))
+    record("estimates.paper", ", ".join(f"{bar.got:.1g} %" for bar in bars), all(bar.met for bar in bars))
 
 
 def _cells(values: Array) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from tests.peers import figures, saturated
 from tests.peers.cases import BAR, REFERENCES, SAME_VOLTAGES, Case, Course, errors, recorded
 from tests.peers.speed import real_time_factors
 from tests.peers.with_motulator import under_references, under_voltages
+from tests.proof.results import record
 
 OUT = Path("build") / "peers"
 
@@ -40,6 +41,7 @@ def main() -> None:
         ratio = factors[f"ours, {inverter}"] / factors[f"motulator, {inverter}"]
         print(f"  {f'ours over motulator, {inverter}':<58}{ratio:>11.0f}")
 
+    _recorded(linear, saturating)
     figures.compared(OUT / "motulator.png", linear)
     figures.compared(OUT / "motulator_saturated.png", saturating)
     document = {
@@ -48,6 +50,17 @@ def main() -> None:
     }
     (OUT / "table.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     print(f"\nmotulator.png, motulator_saturated.png and table.json are in {OUT}/")
+
+
+def _recorded(linear: Sequence[Compared], saturating: Sequence[Compared]) -> None:
+    def worst(of: Sequence[Compared]) -> list[float]:
+        return [max(found.values()) for _, _, _, found in of]
+
+    averaged, edges, control = worst(linear)
+    by_map, by_map_edges, by_curve, by_curve_edges, under_control = worst(saturating)
+    record("plant.motulator", f"{averaged:.1g} %, {edges:.1g} %; {control:.2g} %", max(averaged, edges, control) <= BAR)
+    curve = f"{by_curve:.1g} %, {by_curve_edges:.1g} %"
+    record("plant.saturated", f"{max(by_map, by_map_edges):.2g} %, {under_control:.1g} %; {curve}")
 
 
 def _compared(same_voltages: Sequence[Case], references: Case) -> list[Compared]:

@@ -22,7 +22,7 @@ from typing import Any, Final
 from emulator.conceal.populations import POPULATIONS
 from tests.score.diagnosed import Said, diagnosed, named
 from tests.score.oracle import answers_in, limits
-from tests.score.rows import DEVIATIONS, FLOOR, MACHINE, PLAIN, Row, as_json, row_of
+from tests.score.rows import DC_LINK, DEVIATIONS, FLOOR, MACHINE, PLAIN, Row, as_json, row_of
 from tests.score.truth import EFFECT, truth_of
 
 FUNCTION: Final = "estimator.diagnosis.diagnose:diagnose"
@@ -87,6 +87,8 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         _measure("two or three effects: exact set", _exact, more, at_least=0.88),
         _measure(f"  of these, all {PLAIN:g} limits or more", _exact,
                  (row for row in more if row.over_limit and row.plain)),
+        _measure("  of these, with a gain of the dc link", _exact, (row for row in more if DC_LINK in row.classes)),
+        _measure("  of these, without one", _exact, (row for row in more if DC_LINK not in row.classes)),
         _measure("  or exact but for a gain of the dc link, whose range is told and holds it",
                  lambda row: row.all_told, more),
         _measure("no effect: a false name", lambda row: bool(row.found), none, at_most=0.01),

@@ -242,7 +242,7 @@ def test_tables_count_what_the_rows_say() -> None:
         scored(answer("none"), said(Verdict.EXPLAINED, [finding("skin")])),
     ]
     asked = bars(rows)
-    assert [asked[1][2:], asked[6][2:]] == [("50.0%", "2"), ("100.0%", "1")]
+    assert [asked[1][2:], asked[8][2:]] == [("50.0%", "2"), ("100.0%", "1")]
     assert ("iron_loss", "1 right") in confusion(rows)
     assert ("dead_time", "1 (no_mismatch)") in confusion(rows)
     assert ("dead_time", "1", "0.0%", "100.0%") in [row[:4] for row in by_group(rows)]

@@ -12,6 +12,7 @@ from estimator.machine import PARAMETERS
 from estimator.online import window_ls
 from estimator.online.estimate import WindowEstimate
 from estimator.samples import Samples
+from tests.conftest import Figures
 from tests.support.samples import noiseless, recorded, streamed, truth_of
 
 pytestmark = pytest.mark.slow
@@ -99,7 +100,7 @@ def test_95_per_cent_intervals_hold_the_truth_in_about_95_per_cent_of_windows(m:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["50 W hobby", "paper", "paper, slow", "50 kW traction"])
-def test_intervals_are_honest_over_a_thousand_windows(name: str) -> None:
+def test_intervals_are_honest_over_a_thousand_windows(name: str, figure: Figures) -> None:
     drive = VirtualDrive(SCENARIOS[name])
     truth = truth_of(drive)
     runs = 1000
@@ -108,7 +109,8 @@ def test_intervals_are_honest_over_a_thousand_windows(name: str) -> None:
         for parameter, e in found(streamed(drive, 1001)).estimates.items():
             assert e.value is not None and e.std is not None
             inside[parameter] += abs(e.value - truth[parameter]) < 1.96 * e.std
-    print(name, {parameter: count / runs for parameter, count in inside.items()})
+    for count in inside.values():
+        figure("estimates.coverage", "{least_held:.0%} to {held:.0%}", held=count / runs)
     assert all(0.93 <= count / runs <= 0.97 for count in inside.values()), inside
 
 
