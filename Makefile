@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-stale bench-plant bench-watch auto-window gallery results clean
+.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-stale bench-plant bench-watch auto-window gallery results picture clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -60,6 +60,9 @@ peers: $(VENV)/.dev ## the emulated drive beside motulator and gym-electric-moto
 
 results: $(VENV)/.dev ## tests/proof/RESULTS.md of the figures that were recorded; a command that measures records its own with RECORD=1
 	$(BIN)/python -m tests.proof.results
+
+picture: $(VENV)/.dev ## the README's picture of the page, in Chromium
+	$(BIN)/python -m tests.browser.picture
 
 gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictures and a page in build/gallery
 	$(BIN)/python -m tests.gallery
