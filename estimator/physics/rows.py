@@ -123,6 +123,10 @@ class Rows:
             known = self._latest[make] = given, make(self, *args, **kwargs)
         return known[1]
 
+    def let_go(self) -> None:
+        """Free what `latest` keeps."""
+        self._latest.clear()
+
     def changed(self, **changes: Any) -> "Rows":
         """The rows with other values of some fields, and what has been derived from none of these."""
         found, names = replace(self, **changes), set(changes)

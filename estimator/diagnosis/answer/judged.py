@@ -50,6 +50,7 @@ def judged(rows: Rows, given: Given, there: Explained, progress: Callable[[float
         faint = tuple(one for some in reasons.values() for one in some)
         progress(0.75, "simulating")
         after = residual(rows, found.smooth, found.model)
+        found.smooth.let_go()  # simulating works out and keeps as much again
         fit, pictures = shown_held_out(rows, found, after, plain or found.search)
         other = _undoubted(rows, found, faint, fit, given, surrogates, again) if faint else found
         if other is found:
