@@ -1,18 +1,16 @@
 """Shapes of what the REST interface says of diagnoses; that of a diagnosis itself is the published schema's."""
 
-from collections.abc import Mapping
 from datetime import datetime
-from typing import Any, Final, Literal, cast
+from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.api.answers import SHAPES
 from bench.diagnoses.diagnosis_jobs import Job
-from bench.diagnoses.diagnosis_request import schema
+from bench.diagnoses.published import schema
 
 DIAGNOSIS: Final = "DiagnosisModel"
 _ID = "emulated-20260131-120000-000"
-_NAMES: Final = {"propertyNames": {"examples": ["R_s"]}}
 
 
 class DiagnosisRequestModel(BaseModel):
@@ -61,31 +59,8 @@ def job_model(job: Job) -> DiagnosisJobModel:
 
 
 def diagnosis_shapes() -> dict[str, Any]:
-    """The published schema's shapes as an OpenAPI document has them: objects by name, the rest where it is used."""
-    published = schema()
-    definitions: dict[str, Any] = published.pop("$defs")
-    named = {name: _model(name) for name, told in definitions.items() if "properties" in told}
-
-    def converted(part: Any) -> Any:
-        if isinstance(part, list):
-            return [converted(item) for item in cast(list[Any], part)]
-        if not isinstance(part, dict):
-            return part
-        told = dict(cast(Mapping[str, Any], part))
-        if (name := str(told.pop("$ref", "")).rpartition("/")[2]) in named:
-            return {"$ref": f"{SHAPES}{named[name]}"} | told
-        if name:
-            return converted(definitions[name]) | told
-        if isinstance(told.get("type"), list):
-            told["anyOf"] = [{"type": kind} for kind in told.pop("type")]
-        if isinstance(told.get("additionalProperties"), dict):
-            told |= _NAMES
-        return {key: value if key == "propertyNames" else converted(value) for key, value in told.items()}
-
-    whole = {key: value for key, value in published.items() if not key.startswith("$")}
-    shapes = {DIAGNOSIS: whole} | {named[name]: definitions[name] for name in named}
-    return {name: converted(told) for name, told in shapes.items()}
-
-
-def _model(name: str) -> str:
-    return "".join(word.capitalize() for word in name.split("_")) + "Model"
+    """The published schema's shapes as an OpenAPI document has them."""
+    whole = schema(f"{SHAPES}{{model}}Model")
+    parts: dict[str, Any] = whole.pop("$defs")
+    shape = {key: value for key, value in whole.items() if not key.startswith("$")}
+    return {DIAGNOSIS: shape} | {f"{name}Model": part for name, part in parts.items()}

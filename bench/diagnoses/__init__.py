@@ -1,7 +1,7 @@
 """A file and what is known of its machine to a diagnosis, and what becomes of it.
 
 * `diagnosis_request` - what is asked and what comes of it, as processes hand them on; `worker` - those processes
-* `formats` - kinds of files; `diagnose` - a file to a diagnosis and its JSON, by `diagnosis.schema.json`
+* `formats` - kinds of files; `diagnose` - a file to a diagnosis; `published` - its JSON, and the schema of that
 * `report`, `report_figures` - the page; `diagnosed_machine` - the machine file; `simulate` - the twin beside it
 * `diagnosis_jobs` - the diagnoses of a service
 

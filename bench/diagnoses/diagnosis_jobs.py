@@ -59,7 +59,7 @@ class Job:
     progress: float = 0.0  # 0 to 1
     phase: str = ""  # what is being done, in words
     reason: str = ""  # why it failed
-    content: Mapping[str, Any] | None = None  # by bench/diagnoses/diagnosis.schema.json
+    content: Mapping[str, Any] | None = None  # as `bench.diagnoses.published` says
     machine: str | None = None  # a machine file
     packed: bytes = b""  # the report
 

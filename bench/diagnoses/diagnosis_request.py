@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -41,7 +40,7 @@ class Request:
 class Result:
     """A diagnosis in texts."""
 
-    content: dict[str, Any]  # by bench/diagnoses/diagnosis.schema.json
+    content: dict[str, Any]  # as `bench.diagnoses.published` says
     machine: str | None  # a machine file; None where nothing was fitted
     report: str | None  # HTML
 
@@ -54,11 +53,6 @@ def check_whole(nominal: Nominal) -> Machine:
         missing = ", ".join(name for name in (*PARAMETERS, "n_p") if name not in known)
         raise ConfigError(f"a diagnosis needs the nominal machine whole, missing in [machine]: {missing}")
     return machine
-
-
-def schema() -> dict[str, Any]:
-    """The JSON schema of a diagnosis (draft 2020-12)."""
-    return json.loads((resources.files("bench.diagnoses") / "diagnosis.schema.json").read_text(encoding="utf-8"))
 
 
 def json_text(content: Mapping[str, Any]) -> str:

@@ -1,12 +1,14 @@
 """What a diagnosis says. Values travel with unit and standard error; arrays for pictures travel beside them.
 
-Knows nothing of how it was found.
+A text annotated to a field is what a reader of the published diagnosis is told of it. Knows nothing of how it was
+found.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Annotated
 
 from estimator.arrays import Array
 
@@ -27,7 +29,7 @@ class Quantity:
     """A value with its standard error, both in `unit`; None where nothing honest can be said."""
 
     value: float | None
-    std: float | None
+    std: Annotated[float | None, "standard error, in the same unit"]
     unit: str
 
 
@@ -41,12 +43,15 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a mismatch acts: the smallest region that holds most of its energy."""
+    """Where a mismatch acts."""
 
     sentence: str
-    region: Mapping[str, float | str | tuple[float, float]]  # e.g. {"i_q": (2.0, 5.1), "axis": "q"}; SI
-    energy_share: float  # of the mismatch's energy, 0 to 1
-    samples_share: float  # of the recording's rows, 0 to 1
+    region: Annotated[
+        Mapping[str, float | str | tuple[float, float]],  # e.g. {"i_q": (2.0, 5.1), "axis": "q"}; SI
+        "the smallest region that holds most of the mismatch: a value, or a range, by quantity",
+    ]
+    energy_share: Annotated[float, "of the mismatch's energy"]  # 0 to 1
+    samples_share: Annotated[float, "of the recording's rows"]  # 0 to 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +59,7 @@ class Rival:
     """Another effect in the place of the one found."""
 
     effect: str
-    odds: float  # how many times likelier the finding is
+    odds: Annotated[float, "how many times likelier the finding is"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +69,9 @@ class Finding:
     effect: str
     parameters: Mapping[str, Quantity]
     where: Place
-    odds_against_next: float  # against the likeliest explanation without it
-    rivals: tuple[Rival, ...]  # likeliest first
-    absorbed_as: Mapping[str, float]  # what it did to R_s, L_d, L_q, psi_f of a fit without it; SI
+    odds_against_next: Annotated[float, "against the likeliest explanation without it"]
+    rivals: Annotated[tuple[Rival, ...], "other effects in its place, the likeliest first"]
+    absorbed_as: Annotated[Mapping[str, float], "what it did to R_s, L_d, L_q, psi_f of a fit without it; SI"]
     equation: tuple[float, ...] = ()  # its equation's parameters, in their order; none where no twin has one
 
 
@@ -74,24 +79,24 @@ class Finding:
 class Hold:
     """Levels that a drive is to hold."""
 
-    speed_rpm: float  # mechanical
-    i_d: float  # A
-    i_q: float  # A
+    speed_rpm: Annotated[float, "mechanical"]
+    i_d: Annotated[float, "A"]
+    i_q: Annotated[float, "A"]
     seconds: float
 
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """What would tell: a commanded sequence of the drive; without holds, nothing that a drive could do."""
+    """What a drive is to be commanded, as `pmsm-bench experiment` does; empty where no drive could do it."""
 
     sentence: str
-    speeds_rpm: tuple[float, ...] = ()  # levels, as the holds have them
-    i_d: tuple[float, ...] = ()  # A
-    i_q: tuple[float, ...] = ()  # A
-    duration: float = 0.0  # s
-    holds: tuple[Hold, ...] = ()
-    step: float = 0.0  # A, largest of the random steps of i_d and i_q around each level
-    odds: float | None = None  # to be expected against the likeliest rival
+    speeds_rpm: Annotated[tuple[float, ...], "levels, mechanical"] = ()  # as the holds have them
+    i_d: Annotated[tuple[float, ...], "A, levels"] = ()
+    i_q: Annotated[tuple[float, ...], "A, levels"] = ()
+    duration: Annotated[float, "s"] = 0.0
+    holds: Annotated[tuple[Hold, ...], "one after the other"] = ()
+    step: Annotated[float, "A, random steps of i_d and i_q within +- this around each"] = 0.0
+    odds: Annotated[float | None, "to be expected against the likeliest rival"] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +105,10 @@ class Ambiguity:
 
     effects: tuple[str, ...]
     reason: str
-    experiment: Experiment
-    rivals: bool = True  # one of them is there; else it is not told whether any is
+    experiment: Annotated[Experiment, "what would tell"]
+    rivals: Annotated[
+        bool, "one of the effects is there, and which is not told; false: it is not told whether any is"
+    ] = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,11 +121,17 @@ class Unexplained:
 
 
 @dataclass(frozen=True, slots=True)
-class Before:
+class Change:
     """A number without the effects and with them."""
 
     before: float
     after: float
+
+
+@dataclass(frozen=True, slots=True)
+class Before(Change):
+    """Such a number beside what noise alone makes it."""
+
     noise_floor: float | None = None
 
 
@@ -126,24 +139,27 @@ class Before:
 class LeaveOneOut:
     """How well groups of rows are predicted by a fit to all others, each in its turn."""
 
-    left_out: str  # what is left out at a time, in words
+    left_out: Annotated[str, "what is left out at a time"]
     groups: int
-    before: float  # rms, in `unit`
-    after: float
+    before: Annotated[float, "rms, without the effects"]
+    after: Annotated[float, "with them"]
     unit: str
-    alternatives: Mapping[str, float]  # rms of other models, by name
+    alternatives: Annotated[Mapping[str, float], "rms of other models, by name"]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How well the model follows stretches that took no part in its fit."""
+    """How well the model follows."""
 
-    held_out: bool
+    held_out: Annotated[bool, "judged on stretches that took no part in the fit"]
     one_step_rms_V: Before
-    free_run_rms_A: Before
-    explained: float  # share of the mismatch's variance, 0 to 1
-    whiteness: Before  # ratio of the residual's power below a tenth of the sampling rate to that of white noise
-    leave_one_out: LeaveOneOut | None = None  # where the fit is judged so
+    free_run_rms_A: Change
+    explained: Annotated[float, "share of the mismatch's variance"]  # 0 to 1
+    whiteness: Annotated[Change, "the residual's power below a tenth of the sampling rate over that of white noise"]
+    leave_one_out: Annotated[
+        LeaveOneOut | None,
+        "where the fit is judged by leaving out groups of rows, each in its turn; one_step_rms_V is that",
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,8 +167,8 @@ class Candidate:
     """An effect by how much it would help, alone and on top of what was found."""
 
     effect: str
-    log10_odds_alone: float  # against no effect at all
-    log10_odds_after: float  # in favour of having it in the final set
+    log10_odds_alone: Annotated[float, "against no effect at all"]
+    log10_odds_after: Annotated[float, "in favour of having it in the final set"]
     chosen: bool
 
 
@@ -201,14 +217,17 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FluxTable:
-    """Flux linkages over currents; NaN where neither the recording nor its mirror image in i_q has been."""
+    """Flux linkages over currents, Vs: a row for each i_d, a column for each i_q.
 
-    i_d: Array  # A, (n,)
-    i_q: Array  # A, (m,)
-    psi_d: Array  # Vs, (n, m)
-    psi_q: Array  # Vs, (n, m)
-    psi_d_std: Array  # Vs, (n, m)
-    psi_q_std: Array  # Vs, (n, m)
+    NaN, in JSON null, where neither the recording nor its mirror image in i_q has been.
+    """
+
+    i_d: Annotated[Array, "A"]  # (n,)
+    i_q: Annotated[Array, "A"]  # (m,)
+    psi_d: Array  # (n, m), as all that follow
+    psi_q: Array
+    psi_d_std: Array
+    psi_q_std: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,22 +235,28 @@ class Diagnosis:
     """The whole answer."""
 
     verdict: Verdict
-    sentence: str
-    findings: tuple[Finding, ...]
+    sentence: Annotated[str, "the answer in words"]
+    findings: Annotated[tuple[Finding, ...], "effects that were left out"]
     ambiguous: tuple[Ambiguity, ...]
     unexplained: Unexplained | None
-    detectable: Mapping[str, Quantity]  # by effect: the smallest size seen at 99 % power in this recording
+    detectable: Annotated[
+        Mapping[str, Quantity], "by effect, the smallest size that this recording would have shown at 99 % power"
+    ]
     machine_before: Mapping[str, Quantity]
     machine_after: Mapping[str, Quantity]
     fit: Fit | None  # None where nothing could be fitted
     candidates: tuple[Candidate, ...]
-    remarks: tuple[str, ...]  # what is wrong with the recording, and what to record instead
+    remarks: Annotated[tuple[str, ...], "what is wrong with the recording, and what to record instead"]
     traces: Traces | None
-    experiment: Experiment | None = None  # what to record instead, where this one does not tell the machine
+    experiment: Annotated[
+        Experiment | None, "what to record instead, where this recording does not tell R_s, L_d, L_q and psi_f"
+    ] = None
     scatters: tuple[Scatter, ...] = ()  # of steady points
     pole_pairs: int | None = None  # where the nominal ones are wrong
     scales: Mapping[str, Range] = field(default_factory=dict[str, Range])  # see `common_scale`
-    flux_map: FluxTable | None = None  # where no saturation curve of few numbers bends as the machine does
+    flux_map: Annotated[
+        FluxTable | None, "where no saturation curve of few numbers bends as the machine does"
+    ] = None
     angle: float = 0.0  # rad electrical, that the recorded angle is ahead of the rotor's, within a count
 
 

@@ -17,7 +17,8 @@ from bench.api.capture_models import CaptureModel, CapturesModel
 from bench.api.diagnosis_models import DiagnosisJobModel
 from bench.api.experiments import ExperimentRunModel
 from bench.api.models import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
-from bench.diagnoses.diagnosis_request import checked_trust, schema
+from bench.diagnoses.diagnosis_request import checked_trust
+from bench.diagnoses.published import schema
 from bench.live.window import Window
 from bench.machine_file import nominal_of
 from tests.conftest import JSON, READY, RunningBench, bench_up

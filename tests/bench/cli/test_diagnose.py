@@ -14,7 +14,7 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from bench.diagnoses.diagnosis_request import schema
+from bench.diagnoses.published import schema
 from bench.machine_file import load_machine
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER

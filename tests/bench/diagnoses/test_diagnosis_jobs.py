@@ -16,7 +16,7 @@ import pytest
 
 from bench.config import captures_folder
 from bench.diagnoses.diagnosis_jobs import WAITING, DiagnosisJobs, JobState, UnknownRecordingError
-from bench.diagnoses.diagnosis_request import schema
+from bench.diagnoses.published import schema
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal, load_machine
 from emulator.drive.virtual_drive import VirtualDrive

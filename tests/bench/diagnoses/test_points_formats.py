@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from bench.diagnoses.diagnose import diagnose_recording, work
-from bench.diagnoses.diagnosis_request import Request, schema
+from bench.diagnoses.diagnosis_request import Request
 from bench.diagnoses.formats import FORMATS, checked_format, format_of
+from bench.diagnoses.published import schema
 from bench.errors import BenchError, ConfigError, RecordingError
 from bench.machine_file import Nominal, load_machine
 from emulator.plant.physics.legs import Inverter

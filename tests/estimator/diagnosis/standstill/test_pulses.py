@@ -6,7 +6,8 @@ import jsonschema
 import pytest
 
 from bench.diagnoses.diagnose import as_json, diagnose_recording
-from bench.diagnoses.diagnosis_request import Request, schema
+from bench.diagnoses.diagnosis_request import Request
+from bench.diagnoses.published import schema
 from bench.errors import RecordingError
 from bench.machine_file import Nominal
 from emulator.plant.physics.legs import Inverter

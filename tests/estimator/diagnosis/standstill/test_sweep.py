@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from bench.diagnoses.diagnose import as_json, diagnose_recording
-from bench.diagnoses.diagnosis_request import Request, schema
+from bench.diagnoses.diagnosis_request import Request
+from bench.diagnoses.published import schema
 from bench.errors import ConfigError, RecordingError
 from bench.machine_file import Nominal
 from emulator.plant.physics.iron_loss import IronLoss

@@ -1,0 +1,133 @@
+"""A diagnosis as it is published: the verdict's types as JSON, and the JSON schema that follows from them.
+
+`python -m bench.diagnoses.published` prints the schema. Knows nothing of how a diagnosis is found.
+"""
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, make_dataclass, replace
+from typing import Annotated, Any, Final, get_type_hints
+
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter, WithJsonSchema
+from pydantic.json_schema import GenerateJsonSchema
+from pydantic_core import core_schema
+
+from bench.diagnoses.formats.format import Diagnosed
+from estimator.diagnosis.verdict import Diagnosis, Experiment, Finding, Hold, Quantity, Range
+from estimator.physics.library import BY_NAME
+
+MOST_ODDS: Final = 1e12  # beyond, a figure says no more than that
+_UNTOLD: Final = "equation"  # machine files have it
+_AT_TIMES: Final = "leave_one_out"  # left out where there is none
+_NUMBER: Final = {"type": "number"}
+_TABLE: Final = {"items": {"type": "array", "items": {"anyOf": [_NUMBER, {"type": "null"}]}}}
+_SHARE: Final = {"minimum": 0.0, "maximum": 1.0}
+_ODDS: Final = {"minimum": 0.0, "maximum": MOST_ODDS}
+_EFFECT: Final = {
+    "type": "string", "pattern": "^[a-z][a-z0-9_]*$", "examples": [*BY_NAME, "dc_link_gain", "convention_error"],
+}  # fmt: skip
+_MOTOR: Final = {
+    "type": "object", "additionalProperties": False,
+    "properties": dict.fromkeys(("R_s", "L_d", "L_q", "psi_f", "i_rated"), _NUMBER) | {"n_p": {"type": "integer"}},
+}  # fmt: skip
+_ALSO: Final[Mapping[str, Mapping[str, Any]]] = {  # by field: told, and not enforced
+    "effect": _EFFECT, "effects": {"items": _EFFECT}, "energy_share": _SHARE, "samples_share": _SHARE,
+    "odds": _ODDS, "odds_against_next": _ODDS, "step": {"minimum": 0.0}, "rows": {"minimum": 0},
+    "seconds": {"exclusiveMinimum": 0.0, "examples": [2.0]}, "groups": {"minimum": 2, "examples": [32]},
+    "scales": {"propertyNames": {"enum": ["voltages", "currents"]}},
+    "psi_d": _TABLE, "psi_q": _TABLE, "psi_d_std": _TABLE, "psi_q_std": _TABLE,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Motor:
+    """The motor, before a diagnosis and after it."""
+
+    nominal: Annotated[Mapping[str, int | float], WithJsonSchema(_MOTOR), "what was known of it before; SI, peak"]
+    before: Annotated[Mapping[str, Quantity], "R_s, L_d, L_q, psi_f of a fit without the effects"]
+    after: Annotated[Mapping[str, Quantity], "with them"]
+    scales: Annotated[
+        Mapping[str, Range],
+        "what all voltages, or all currents, may be read as over what they are: no recording tells, the nominal "
+        "values' tolerance alone; the parameters are off by that",
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What was diagnosed."""
+
+    path: str
+    rows: int
+    duration: Annotated[float, "s"]
+
+
+_ABOUT: Final = """What `pmsm-bench diagnose` and POST /api/recordings/{id}/diagnosis say of a recording.
+
+SI units, peak dq quantities, electrical angles; null stands for a number that nothing honest can be said of."""
+_PARTS: Final = (
+    "verdict", "sentence", "findings", "ambiguous", "unexplained", "detectable", "machine", "flux_map", "fit",
+    "candidates", "remarks", "experiment", "recording",
+)  # fmt: skip
+_KINDS: Final = get_type_hints(Diagnosis, include_extras=True) | {"machine": Motor, "recording": Recording}
+_PUBLISHED: Final[Any] = make_dataclass("Diagnosis", [(name, _KINDS[name]) for name in _PARTS], namespace={
+    "__doc__": _ABOUT, "__pydantic_config__": ConfigDict(extra="forbid", arbitrary_types_allowed=True),
+})  # fmt: skip
+_ADAPTER: Final = TypeAdapter[Any](_PUBLISHED)
+
+
+def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
+    """A diagnosis as plain values, SI; what is not finite is null."""
+    said, recording, fit = diagnosed.diagnosis, diagnosed.recording, diagnosed.diagnosis.fit
+    parts = {
+        "findings": tuple(_within_odds(finding) for finding in said.findings),
+        "machine": Motor(diagnosed.nominal.told, said.machine_before, said.machine_after, said.scales),
+        "recording": Recording(recording.path, recording.rows, recording.duration),
+    }
+    published = _PUBLISHED(**{name: parts[name] if name in parts else getattr(said, name) for name in _PARTS})
+    untold = {"findings": {"__all__": {_UNTOLD}}} | ({} if fit is None or fit.leave_one_out else {"fit": {_AT_TIMES}})
+    text = _ADAPTER.dump_json(published, exclude=untold, fallback=np.ndarray.tolist, warnings=False)
+    return json.loads(text)
+
+
+def _within_odds(finding: Finding) -> Finding:
+    rivals = tuple(replace(rival, odds=min(rival.odds, MOST_ODDS)) for rival in finding.rivals)
+    return replace(finding, odds_against_next=min(finding.odds_against_next, MOST_ODDS), rivals=rivals)
+
+
+class _Schema(GenerateJsonSchema):
+    """What is annotated to a field describes it, and a number may be null but where it is commanded."""
+
+    commanded = False
+
+    def float_schema(self, schema: core_schema.FloatSchema) -> dict[str, Any]:
+        return {**_NUMBER} if self.commanded else {"anyOf": [_NUMBER, {"type": "null"}]}
+
+    def is_instance_schema(self, schema: core_schema.IsInstanceSchema) -> dict[str, Any]:
+        return {"type": "array", "items": _NUMBER}
+
+    def dict_schema(self, schema: core_schema.DictSchema) -> dict[str, Any]:
+        return {"propertyNames": {"examples": ["R_s"]}} | super().dict_schema(schema)
+
+    def dataclass_schema(self, schema: core_schema.DataclassSchema) -> dict[str, Any]:
+        outer, self.commanded = self.commanded, schema["cls"] in (Experiment, Hold)
+        shape = super().dataclass_schema(schema)
+        self.commanded = outer
+        shape["properties"].pop(_UNTOLD, None)
+        for name, hint in get_type_hints(schema["cls"], include_extras=True).items():
+            if name in shape["properties"]:
+                texts = [text for text in getattr(hint, "__metadata__", ()) if isinstance(text, str)]
+                shape["properties"][name] |= _ALSO.get(name, {}) | dict(zip(("description",), texts, strict=False))
+        return shape | {"required": [name for name in shape["properties"] if name != _AT_TIMES]}
+
+
+def schema(references: str = "#/$defs/{model}") -> dict[str, Any]:
+    """The JSON schema of a diagnosis (draft 2020-12); the references to its parts as they are to look."""
+    told = _ADAPTER.json_schema(ref_template=references, schema_generator=_Schema, mode="serialization")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": "urn:pmsm-bench:diagnosis"} | told
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(schema(), indent=2) + "\n")
