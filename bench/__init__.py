@@ -2,7 +2,8 @@
 
 Read in this order:
 
-* `errors` - what the bench itself can refuse; `machine_file` - nominal values; `engineering` - numbers for people
+* `errors` - what the bench itself can refuse; `expected` - what may come, and what is said of what may not
+* `machine_file` - nominal values; `engineering` - numbers for people
 * `live` - a drive's stream to estimates, and whether they may be trusted
 * `recordings` - files to samples, and the streaming core over them
 * `actions` - what is done to a drive: control, captures, experiments

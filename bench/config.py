@@ -35,13 +35,15 @@ What is not understood is refused in a sentence that names file and key.
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Annotated, Final
+
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, TypeAdapter, ValidationInfo
 
 from bench.actions.limits import Limits
 from bench.errors import ConfigError, LimitError, shown
-from bench.live.tuning import number
+from bench.expected import Else, Number, Table, taken, told
 from bench.live.window import Window
 from bench.machine_file import Nominal, load_machine, load_toml
 from drivers.connect import check_url
@@ -49,10 +51,7 @@ from drivers.errors import ConnectError
 
 PORT_VARIABLE: Final = "PMSM_BENCH_PORT"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-
-
-_SERVICE: Final = {"host", "port", "captures", "log", "token", "names", "certificate", "key", "insecure"}
-_HOST: Final = re.compile(r"([A-Za-z0-9_][A-Za-z0-9_.-]*|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?")
+_HOST: Final = r"^([A-Za-z0-9_][A-Za-z0-9_.-]*|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?$"
 
 
 def data_folder() -> Path:
@@ -76,6 +75,37 @@ def token_file() -> Path:
     return data_folder() / "token"
 
 
+def _beside(value: object, info: ValidationInfo) -> Path | None:
+    """A path as the file means it; None where it can be none."""
+    return Path(str(info.context), value) if isinstance(value, str) and value and "\0" not in value else None
+
+
+def _folder(value: object, info: ValidationInfo) -> object:
+    folder = _beside(value, info)
+    if folder is not None:
+        there = next(place for place in (folder, *folder.parents) if os.path.lexists(place))  # the rest can be made
+        if not there.is_dir():
+            raise told("expected a folder", f", got {shown(value)}; {there} is none")
+    return folder
+
+
+def _url(url: str) -> str:
+    try:
+        check_url(url)
+    except ConnectError as error:
+        raise told(str(error), "") from None
+    return url
+
+
+_File = Annotated[Path, BeforeValidator(_beside), Else("expected a file name")]
+_Folder = Annotated[Path, BeforeValidator(_folder), Else("expected a folder")]
+_Port = Annotated[int, Field(strict=True, ge=0, le=65535), Else("expected a port of 0 to 65535")]
+_NAMES: Final = Else('expected a list such as ["bench.lan", "localhost:9000"]')
+_Name = Annotated[str, StringConstraints(pattern=_HOST, to_lower=True), _NAMES]
+_Limit = Annotated[float, Number(1e-3, 1e6)]
+_UNKNOWN: Final = "unknown key {key}, expected one of {all}"
+
+
 @dataclass(frozen=True, slots=True)
 class DriveConfig:
     """One drive: its name in the REST interface, its address, the window it starts with."""
@@ -87,20 +117,52 @@ class DriveConfig:
     limits: Limits = field(default_factory=Limits)  # of its set points
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServiceConfig:
+    """The table [service]."""
+
+    captures: _Folder = field(default_factory=captures_folder)
+    certificate: _File | None = None  # PEM, with its key
+    host: Annotated[str, Field(min_length=1), Else("expected an address")] = "127.0.0.1"
+    insecure: Annotated[bool, Field(strict=True), Else("expected true or false")] = False  # beyond loopback without TLS
+    key: _File | None = None
+    log: _Folder = field(default_factory=log_folder)
+    names: Annotated[tuple[_Name, ...], _NAMES] = ()  # that it also has in addresses, with or without a port
+    port: _Port = 8080
+    token: _File = field(default_factory=token_file)
+
+
 @dataclass(frozen=True, slots=True)
-class Config:
+class Config(ServiceConfig):
     """The whole service."""
 
     drives: tuple[DriveConfig, ...]
-    host: str = "127.0.0.1"
-    port: int = 8080
-    captures: Path = field(default_factory=captures_folder)
-    log: Path = field(default_factory=log_folder)
-    token: Path = field(default_factory=token_file)
-    names: tuple[str, ...] = ()  # that it also has in addresses, in small letters, with or without a port
-    certificate: Path | None = None  # PEM, with its key
-    key: Path | None = None
-    insecure: bool = False  # beyond loopback without TLS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _DriveTable:
+    """A table [drives.NAME]."""
+
+    limits: Annotated[
+        Mapping[str, float],
+        Table("expected a table limits", _UNKNOWN, {"i_max": _Limit, "speed_max_rpm": _Limit}, above=True),
+    ] = field(default_factory=dict[str, float])
+    machine: _File | None = None
+    url: Annotated[str, Else('expected url = "canopen://..."', above=True), AfterValidator(_url)]
+    window: Annotated[dict[str, object], Else("expected a table window", above=True)] = field(
+        default_factory=dict[str, object]
+    )
+
+
+_ROOT: Final = TypeAdapter(Annotated[Mapping[str, dict[str, object]], Table("", _UNKNOWN, {
+    "drives": Annotated[
+        dict[str, object], Field(min_length=1),
+        Else("expected a table drives", "expected at least one table [drives.NAME]", above=True),
+    ],
+    "service": Annotated[dict[str, object], Else("expected a table service", above=True)],
+})])
+_SERVICE: Final = TypeAdapter(Annotated[ServiceConfig, Table("", _UNKNOWN)])
+_PORT: Final = TypeAdapter[int](_Port)
 
 
 def emulated(url: str, *, bounded: bool = True) -> Config:
@@ -112,137 +174,51 @@ def emulated(url: str, *, bounded: bool = True) -> Config:
     nominal = Nominal(held, n_p=4, i_rated=6.0, speed_max_rpm=3000.0)
     limits = Limits(nominal.i_rated, nominal.speed_max_rpm, n_p=nominal.n_p) if bounded else Limits()
     drive = DriveConfig("emulated", url, Window(held=held), nominal, limits)
-    return Config((drive,), port=_port({}, "built-in configuration"))
+    port = _port_of_environment()
+    return Config((drive,), port=8080 if port is None else port)
 
 
 def load_config(path: Path) -> Config:
     """Read a configuration file. Raises ConfigError."""
-    content = load_toml(path)
-    _known(content, {"service", "drives"}, str(path))
-    service = _table(content, "service", str(path))
-    _known(service, _SERVICE, f"{path}: [service]")
-    host = service.get("host", "127.0.0.1")
-    if not isinstance(host, str) or not host:
-        raise ConfigError(f"{path}: [service] host: expected an address, got {shown(host)}")
-    tables = _table(content, "drives", str(path))
-    if not tables:
-        raise ConfigError(f"{path}: expected at least one table [drives.NAME], got none")
-    drives = tuple(_drive(name, tables, path) for name in tables)
+    tables = taken(_ROOT, {"drives": {}, **load_toml(path)}, f"{path}:", ConfigError)
+    given, port = tables.get("service", {}), _port_of_environment()
+    where = f"{path}: [service]"
+    service = taken(_SERVICE, given if port is None else given | {"port": port}, where, ConfigError, path.parent)
+    if (service.certificate is None) != (service.key is None):
+        there = "certificate" if service.key is None else "key"
+        raise ConfigError(f"{where}: expected certificate and key, or neither, got {there} alone")
+    drives = tuple(_drive(name, table, path) for name, table in tables["drives"].items())
     named: dict[str, str] = {}
     for drive in drives:  # two clients of one node would end each other's stream
         if (other := named.setdefault(drive.url, drive.name)) != drive.name:
             raise ConfigError(f"{path}: [drives.{drive.name}] url: expected one of its own, got that of {other}")
-    return Config(
-        drives, host, _port(service, str(path)), _folder(service, "captures", captures_folder(), path),
-        _folder(service, "log", log_folder(), path), _file(service, "token", path) or token_file(),
-        _names(service, str(path)), *_tls(service, path), _insecure(service, str(path)),
-    )  # fmt: skip
+    return Config(drives, **{f.name: getattr(service, f.name) for f in fields(service)})
 
 
-def _drive(name: str, tables: Mapping[str, Any], path: Path) -> DriveConfig:
+def _drive(name: str, given: object, path: Path) -> DriveConfig:
     if not _NAME.fullmatch(name):
         raise ConfigError(
             f"{path}: [drives]: expected names of letters, digits, '_', '.' and '-' that start with a letter or digit, "
             f"got {shown(name)}"
         )
     where = f"{path}: [drives.{name}]"
-    table = _table(tables, name, where)
-    _known(table, {"url", "machine", "limits", "window"}, where)
-    url = table.get("url")
-    if not isinstance(url, str):
-        raise ConfigError(f"{where}: expected url = \"canopen://...\", got {shown(url)}")
+    kind = TypeAdapter(Annotated[_DriveTable, Table(f"expected a table {name}", _UNKNOWN)])
+    table = taken(kind, given, where, ConfigError, path.parent)
+    nominal = Nominal({}) if table.machine is None else load_machine(table.machine)
     try:
-        check_url(url)
-    except ConnectError as error:
-        raise ConfigError(f"{where} url: {error}") from None
-    nominal = Nominal({})
-    if "machine" in table:
-        if not isinstance(table["machine"], str):
-            raise ConfigError(f"{where} machine: expected a file name, got {shown(table['machine'])}")
-        nominal = load_machine(path.parent / table["machine"])
-    try:
-        window = Window(held=nominal.given).changed(_table(table, "window", where))
+        window = Window(held=nominal.given).changed(table.window)
     except LimitError as error:
         raise ConfigError(f"{where} window: {error}") from None
-    return DriveConfig(name, url, window, nominal, _limits(table, nominal, name, where))
+    limits = Limits(
+        table.limits.get("i_max", nominal.i_rated), table.limits.get("speed_max_rpm", nominal.speed_max_rpm),
+        raised_by=f"the configuration's [drives.{name}.limits]", n_p=nominal.n_p,
+    )
+    return DriveConfig(name, table.url, window, nominal, limits)
 
 
-def _limits(table: Mapping[str, Any], nominal: Nominal, name: str, where: str) -> Limits:
-    given = _table(table, "limits", where)
-    values: dict[str, float | None] = {"i_max": nominal.i_rated, "speed_max_rpm": nominal.speed_max_rpm}
-    _known(given, set(values), f"{where} limits")
-    for key, value in given.items():
-        try:
-            values[key] = number(f"{where} limits {key}", value, 1e-3, 1e6)
-        except LimitError as error:
-            raise ConfigError(str(error)) from None
-    return Limits(**values, raised_by=f"the configuration's [drives.{name}.limits]", n_p=nominal.n_p)
-
-
-def _folder(service: Mapping[str, Any], key: str, usual: Path, path: Path) -> Path:
-    given = service.get(key, str(usual))
-    if not isinstance(given, str) or not given:
-        raise ConfigError(f"{path}: [service] {key}: expected a folder, got {shown(given)}")
-    folder = path.parent / given
-    there = next(place for place in (folder, *folder.parents) if os.path.lexists(place))  # the rest can be made
-    if not there.is_dir():
-        raise ConfigError(f"{path}: [service] {key}: expected a folder, got {shown(given)}; {there} is none")
-    return folder
-
-
-def _file(service: Mapping[str, Any], key: str, path: Path) -> Path | None:
-    if key not in service:
-        return None
-    given = service[key]
-    if not isinstance(given, str) or not given or "\0" in given:
-        raise ConfigError(f"{path}: [service] {key}: expected a file name, got {shown(given)}")
-    return path.parent / given
-
-
-def _names(service: Mapping[str, Any], where: str) -> tuple[str, ...]:
-    given = service.get("names", [])
-    names = cast(list[object], given) if isinstance(given, list) else [given]
-    for name in names:
-        if not isinstance(given, list) or not isinstance(name, str) or not _HOST.fullmatch(name):
-            raise ConfigError(
-                f'{where}: [service] names: expected a list such as ["bench.lan", "localhost:9000"], got {shown(name)}'
-            )
-    return tuple(str(name).lower() for name in names)
-
-
-def _tls(service: Mapping[str, Any], path: Path) -> tuple[Path | None, Path | None]:
-    certificate, key = _file(service, "certificate", path), _file(service, "key", path)
-    if (certificate is None) != (key is None):
-        there = "certificate" if key is None else "key"
-        raise ConfigError(f"{path}: [service]: expected certificate and key, or neither, got {there} alone")
-    return certificate, key
-
-
-def _insecure(service: Mapping[str, Any], where: str) -> bool:
-    value = service.get("insecure", False)
-    if not isinstance(value, bool):
-        raise ConfigError(f"{where}: [service] insecure: expected true or false, got {shown(value)}")
-    return value
-
-
-def _port(service: Mapping[str, Any], where: str) -> int:
+def _port_of_environment() -> int | None:
     text = os.environ.get(PORT_VARIABLE)
-    where, value = f"{where}: [service] port", cast(object, service.get("port", 8080))
-    if text is not None:
-        where, value = f"environment variable {PORT_VARIABLE}", int(text) if re.fullmatch("[0-9]{1,9}", text) else text
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 65535:
-        raise ConfigError(f"{where}: expected a port of 0 to 65535, got {shown(value)}")
-    return value
-
-
-def _table(content: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
-    value = content.get(key, {})
-    if not isinstance(value, dict):
-        raise ConfigError(f"{where}: expected a table {key}, got {shown(value)}")
-    return cast(dict[str, Any], value)
-
-
-def _known(table: Mapping[str, Any], known: set[str], where: str) -> None:
-    for key in table:
-        if key not in known:
-            raise ConfigError(f"{where}: unknown key {shown(key)}, expected one of {', '.join(sorted(known))}")
+    if text is None:
+        return None
+    port = int(text) if re.fullmatch("[0-9]{1,9}", text) else text
+    return taken(_PORT, port, f"environment variable {PORT_VARIABLE}", ConfigError)

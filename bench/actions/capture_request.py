@@ -2,64 +2,92 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
-from typing import Any, Final, cast
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any, ClassVar, Final, Literal
 
-from bench.errors import LimitError, shown
-from bench.live.tuning import number, one_of
+from pydantic import Field, TypeAdapter, WrapValidator
+
+from bench.errors import LimitError
+from bench.expected import CLOSED, Else, Number, Table, Word, taken
 from drivers.capture import Setup
 from drivers.wire.codec import FullScales, channel_signal
-from drivers.wire.dictionary import CAPTURE_SAMPLES, CHANNELS
+from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_SAMPLES, CHANNELS
 
 NEEDED: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")  # by the estimator
 EDGES: Final = {"rising": 1, "falling": -1, "either": 0}
 NOW, COMMAND = "now", "command"
-TIMEOUT: Final = (0.1, 86_400.0)  # s
 _CROSSING: Final = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
 _WAYS: Final = {">": "rising", "<": "falling"}
+_HAS: Final = ", ".join(CHANNELS[1:])
+_Channel = Annotated[str, Word(CHANNELS[1:], f"the recorder has {_HAS}")]
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
     """A trigger: a signal crosses a level."""
 
-    signal: str
-    level: float  # SI
-    edge: str = "rising"
+    __pydantic_config__: ClassVar = CLOSED
+
+    signal: Annotated[_Channel, Field(description="any that can be recorded", examples=["i_q"])]
+    level: Annotated[
+        float, Number(-1e30, 1e30), Field(description="in the signal's SI unit: A, V, rad/s, rad", examples=[2.0])
+    ]
+    edge: Literal["rising", "falling", "either"] = "rising"
 
     def __str__(self) -> str:
         way = f"{self.edge} through" if self.edge != "either" else "through"
         return f"{self.signal} {way} {self.level:g}"
 
 
+_LEVEL: Final = TypeAdapter(Annotated[Level, Table(
+    'expected "now", "command", "i_q > 2.0" or {"signal", "level", "edge"}'
+)])
+_Text = Annotated[str, Field(pattern=rf"^(now|command|\s*({'|'.join(CHANNELS[1:])})\s*[<>]\s*\S+\s*)$")]
+
+
+def _trigger(value: object, _inner: object) -> Level | str:
+    return NOW if value == NOW else COMMAND if value == COMMAND else _LEVEL.validate_python(_crossing(value))
+
+
+def _crossing(value: object) -> object:
+    """`i_q>2.0` (rising) or `i_q<-2.0` (falling), as one types it, as a level; what else came as it is."""
+    found = _CROSSING.fullmatch(value) if isinstance(value, str) else None
+    try:
+        return {"signal": found[1], "level": float(found[3]), "edge": _WAYS[found[2]]} if found else value
+    except ValueError:
+        return value
+
+
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A capture that a drive can do."""
+    """What to capture; what is left out is as usual."""
 
-    signals: tuple[str, ...] = NEEDED
-    length: int = 10_000  # samples
-    decimation: int = 1  # control periods per sample
-    pre_trigger: float = 0.0  # share of the samples from before the trigger
-    trigger: Level | str = NOW  # or COMMAND
-    timeout_s: float = 60.0  # for the trigger to come
+    __pydantic_config__: ClassVar = CLOSED
+
+    signals: Annotated[
+        tuple[_Channel, ...], Field(min_length=1), Else(f"expected a list out of {_HAS}"),
+        Field(description="the usual ones are those the estimation rests on",
+              json_schema_extra={"maxItems": CAPTURE_CHANNELS, "uniqueItems": True}),
+    ] = NEEDED
+    length: Annotated[int, Number(1, CAPTURE_SAMPLES), Field(description="samples")] = 10_000
+    decimation: Annotated[
+        int, Number(1, 1000), Field(description="control periods per sample; an estimation needs each period")
+    ] = 1
+    pre_trigger: Annotated[
+        float, Number(0.0, 1.0), Field(description="share of the samples from before the trigger", examples=[0.1])
+    ] = 0.0
+    trigger: Annotated[
+        Level | Literal["now", "command"], WrapValidator(_trigger, json_schema_input_type=Level | _Text),
+        Field(description='now: at once; command: by POST .../trigger; or a level, also as "i_q > 2.0" (rising), '
+                          '"i_q < -2.0" (falling)'),
+    ] = "now"
+    timeout_s: Annotated[float, Number(0.1, 86_400.0), Field(description="time for the trigger to come, s")] = 60.0
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> "Request":
         """What is given, the rest as usual. Raises LimitError, in a sentence."""
-        known = [f.name for f in fields(cls)]
-        for key in given:
-            if key not in known:
-                raise LimitError(f"expected {', '.join(known[:-1])} or {known[-1]}, got {shown(key)}")
-        usual = cls()
-        request = cls(
-            _signals(given.get("signals", usual.signals)),
-            _whole("length", given.get("length", usual.length), CAPTURE_SAMPLES),
-            _whole("decimation", given.get("decimation", usual.decimation), 1000),
-            number("pre_trigger", given.get("pre_trigger", usual.pre_trigger), 0.0, 1.0),
-            _trigger(given.get("trigger", usual.trigger)),
-            number("timeout_s", given.get("timeout_s", usual.timeout_s), *TIMEOUT),
-        )
+        request = taken(REQUEST, given, "", LimitError)
         try:
             _ = request.setup
         except ValueError as error:
@@ -96,49 +124,4 @@ class Request:
         return asdict(self) | {"signals": list(self.signals)}
 
 
-def _signals(value: object) -> tuple[str, ...]:
-    names = cast(Sequence[object], value) if isinstance(value, list | tuple) else ()
-    if not names:
-        came = shown(cast(object, value))
-        raise LimitError(f"signals: expected a list out of {', '.join(CHANNELS[1:])}, got {came}")
-    return tuple(_signal("signals", name) for name in names)
-
-
-def _signal(where: str, name: object) -> str:
-    if not isinstance(name, str) or name not in CHANNELS[1:]:
-        raise LimitError(f"{where}: the recorder has {', '.join(CHANNELS[1:])}, got {shown(name)}")
-    return name
-
-
-def _whole(key: str, value: object, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
-        raise LimitError(f"{key}: expected a whole number of 1 to {most}, got {shown(value)}")
-    return value
-
-
-def _trigger(value: object) -> Level | str:
-    if value in (NOW, COMMAND) or isinstance(value, Level):
-        return cast(Level | str, value)
-    given = _crossing(value) if isinstance(value, str) else value
-    if not isinstance(given, Mapping):
-        raise LimitError(
-            f'trigger: expected "now", "command", "i_q > 2.0" or {{"signal", "level", "edge"}}, got {shown(value)}'
-        )
-    given = cast(Mapping[str, object], given)
-    for key in given:
-        if key not in ("signal", "level", "edge"):
-            raise LimitError(f"trigger: expected signal, level or edge, got {shown(key)}")
-    return Level(
-        _signal("trigger signal", given.get("signal")),
-        number("trigger level", given.get("level"), -1e30, 1e30),
-        one_of("trigger edge", given.get("edge", "rising"), tuple(EDGES)),
-    )
-
-
-def _crossing(text: str) -> dict[str, object] | None:
-    """`i_q>2.0` (rising) or `i_q<-2.0` (falling), as one types it."""
-    found = _CROSSING.fullmatch(text)
-    try:
-        return found and {"signal": found[1], "level": float(found[3]), "edge": _WAYS[found[2]]}
-    except ValueError:
-        return None
+REQUEST: Final = TypeAdapter(Annotated[Request, Table("expected what to capture")])

@@ -16,16 +16,17 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Annotated, Any, ClassVar, Final, cast
 
 import numpy as np
+from pydantic import Field, TypeAdapter
 
 from bench.actions.capture_request import NEEDED
 from bench.actions.experiment_part import ExperimentPart, Heading
 from bench.actions.limits import Limits, Overload
 from bench.actions.unfinished import Origin, take
 from bench.errors import BenchError, LimitError, UnavailableError, shown
-from bench.live.tuning import number
+from bench.expected import CLOSED, Number, Table, taken
 from bench.new_file import check_room
 from bench.recordings.capture_file import device_of
 from drivers import capture, operation
@@ -58,6 +59,33 @@ _RPM: Final = math.tau / 60.0  # rad/s
 _ALIKE: Final = 2.0  # times a parameter of one motor, by two data sheets, cold or hot
 _OVERLOAD: Final = 1.1  # of rated current
 _MOTOR: Final = {**UNITS, "n_p": "pole pairs", "i_rated": "A"}
+_Level = Annotated[float, Number(-1e6, 1e6)]
+
+
+@dataclass(frozen=True, slots=True)
+class AskedHold(Hold):
+    """Levels to be held."""
+
+    __pydantic_config__: ClassVar = CLOSED
+
+    speed_rpm: Annotated[_Level, Field(description="mechanical; the drive holds it where it controls its speed")]
+    i_d: Annotated[_Level, Field(description="A")]
+    i_q: Annotated[_Level, Field(description="A; under speed control it follows from the load instead")]
+    seconds: Annotated[float, Number(0.01, LONGEST), Field(description="s")]
+
+
+Step = Annotated[
+    float, Number(0.0, 1e6), Field(description="A, random steps of i_d and i_q within +- this around each")
+]
+Motor = Annotated[
+    Mapping[str, float],
+    Table(f"expected an object of {', '.join(_MOTOR)}", "expected {all}, got {key}",
+          dict.fromkeys(_MOTOR, Annotated[float, Number(1e-9, 1e9)])),
+    Field(description=f"the motor it is meant for: any of {', '.join(_MOTOR)}; another one is refused"),
+]
+_HOLD: Final = TypeAdapter(Annotated[AskedHold, Table("expected speed_rpm, i_d, i_q and seconds", whole=True)])
+_STEP: Final = TypeAdapter[float](Step)
+_MACHINE: Final = TypeAdapter[Mapping[str, float]](Motor)
 
 
 class CancelledError(BenchError):
@@ -80,12 +108,12 @@ class Plan:
             sentence = given.get("sentence")
             told = f": {sentence}" if isinstance(sentence, str) else ""
             raise LimitError(f"expected an experiment with levels that a drive can hold, got none{told}")
-        if len(cast(list[object], holds)) > MOST_HOLDS:
-            raise LimitError(f"expected at most {MOST_HOLDS} holds, got {len(cast(list[object], holds))}")
+        if len(asked := cast(list[object], holds)) > MOST_HOLDS:
+            raise LimitError(f"expected at most {MOST_HOLDS} holds, got {len(asked)}")
         return cls(
-            tuple(_hold(k, hold) for k, hold in enumerate(cast(list[object], holds), start=1)),
-            number("step", given.get("step", 0.0), 0.0, 1e6),
-            _machine(given.get("machine")),
+            tuple(taken(_HOLD, hold, f"hold {k}:", LimitError) for k, hold in enumerate(asked, start=1)),
+            taken(_STEP, given.get("step", 0.0), "step", LimitError),
+            taken(_MACHINE, {} if (machine := given.get("machine")) is None else machine, "machine:", LimitError),
         )
 
     @property
@@ -455,32 +483,6 @@ def _twice(act: Callable[[Drive], object], drive: Drive) -> DriveError | None:
         else:
             break
     return None
-
-
-def _hold(k: int, given: object) -> Hold:
-    if not isinstance(given, Mapping):
-        raise LimitError(f"hold {k}: expected speed_rpm, i_d, i_q and seconds, got {shown(given)}")
-    given = cast(Mapping[str, object], given)
-    if set(given) != {"speed_rpm", "i_d", "i_q", "seconds"}:
-        raise LimitError(f"hold {k}: expected speed_rpm, i_d, i_q and seconds, got {shown(', '.join(given))}")
-    return Hold(
-        number(f"hold {k}: speed_rpm", given["speed_rpm"], -1e6, 1e6),
-        number(f"hold {k}: i_d", given["i_d"], -1e6, 1e6), number(f"hold {k}: i_q", given["i_q"], -1e6, 1e6),
-        number(f"hold {k}: seconds", given["seconds"], 0.01, LONGEST),
-    )  # fmt: skip
-
-
-def _machine(given: object) -> dict[str, float]:
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        raise LimitError(f"machine: expected an object of {', '.join(_MOTOR)}, got {shown(given)}")
-    for name in cast(Mapping[str, object], given):
-        if name not in _MOTOR:
-            raise LimitError(f"machine: expected {', '.join(_MOTOR)}, got {shown(name)}")
-    return {
-        name: number(f"machine: {name}", value, 1e-9, 1e9) for name, value in cast(Mapping[str, object], given).items()
-    }
 
 
 def _has_experiment(doubt: object) -> bool:

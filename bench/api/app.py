@@ -13,6 +13,7 @@ from fastapi import Depends, FastAPI, Request
 from fastapi.responses import FileResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
+from pydantic import TypeAdapter
 
 from bench.api import captures, control, diagnoses, docs, experiments, problems, signals
 from bench.api.answers import (
@@ -27,7 +28,7 @@ from bench.api.answers import (
     of_known,
     says_json,
 )
-from bench.api.capture_models import CaptureRequestModel, LevelModel, capture_model
+from bench.api.capture_models import CaptureRequestModel, capture_model
 from bench.api.control import SetPointsModel, state_model
 from bench.api.diagnosis_models import DiagnosisRequestModel, diagnosis_shapes
 from bench.api.experiments import ExperimentRequestModel
@@ -169,12 +170,11 @@ def create_app(
 def _complete(document: dict[str, Any]) -> None:
     """Add to the OpenAPI document the shapes that no route's signature tells."""
     for model in (
-        ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, LevelModel, SignalValuesModel,
-        DiagnosisRequestModel, ExperimentRequestModel, SetPointsModel, NothingModel,
+        ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, SignalValuesModel, DiagnosisRequestModel,
+        ExperimentRequestModel, SetPointsModel, NothingModel,
     ):
-        shape = model.model_json_schema(ref_template=f"{SHAPES}{{model}}")
-        shape.pop("$defs", None)  # they are there already
-        document["components"]["schemas"][model.__name__] = shape
+        shape = TypeAdapter[Any](model).json_schema(ref_template=f"{SHAPES}{{model}}")
+        document["components"]["schemas"] |= shape.pop("$defs", {}) | {model.__name__: shape}
     document["components"]["schemas"] |= diagnosis_shapes()
 
 

@@ -1,54 +1,26 @@
 """Shapes of what the REST interface says of captures. SI units."""
 
+from dataclasses import dataclass
 from datetime import datetime
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.actions.capture import Status
-from bench.actions.capture_request import NEEDED, TIMEOUT
-from drivers.wire.dictionary import CAPTURE_SAMPLES, CHANNELS
+from bench.actions.capture_request import Request
+from bench.expected import CLOSED
 
 _ID = "emulated-20260131-120000-000"
-_SIGNALS = f"1 to 8 of {', '.join(CHANNELS[1:])}"
 
 
-class LevelModel(BaseModel):
-    """A trigger: a signal crosses a level."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    signal: str = Field(description="any that can be recorded", examples=["i_q"])
-    level: float = Field(description="in the signal's SI unit: A, V, rad/s, rad", examples=[2.0])
-    edge: Literal["rising", "falling", "either"] = Field("rising", examples=["rising"])
-
-
-class CaptureRequestModel(BaseModel):
+@dataclass(frozen=True, slots=True)
+class CaptureRequestModel(Request):
     """What to capture; what is left out is as usual."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [
+    __pydantic_config__: ClassVar = CLOSED | ConfigDict(json_schema_extra={"examples": [
         {"length": 5000}, {"trigger": "i_q > 2.0", "pre_trigger": 0.1, "timeout_s": 30.0},
         {"signals": ["i_a", "i_b", "i_c", "u_dc"], "length": 65536, "decimation": 2, "trigger": "command"},
     ]})
-
-    signals: list[str] = Field(
-        list(NEEDED), description=f"{_SIGNALS}; the usual ones are those the estimation rests on",
-        examples=[list(NEEDED)],
-    )
-    length: int = Field(10_000, description=f"samples, 1 to {CAPTURE_SAMPLES}", examples=[10_000])
-    decimation: int = Field(
-        1, description="control periods per sample, 1 to 1000; an estimation needs each period", examples=[1]
-    )
-    pre_trigger: float = Field(
-        0.0, description="share of the samples from before the trigger, 0 to 1", examples=[0.1]
-    )
-    trigger: LevelModel | str = Field(
-        "now", description='now: at once; command: by POST .../trigger; or a level, also as "i_q > 2.0" (rising), '
-        '"i_q < -2.0" (falling)', examples=["now"],
-    )
-    timeout_s: float = Field(
-        60.0, description=f"time for the trigger to come, {TIMEOUT[0]:g} to {TIMEOUT[1]:g} s", examples=[60.0]
-    )
 
 
 class CaptureModel(BaseModel):

@@ -1,5 +1,6 @@
 """The routes of experiments, over a running service, and the shapes of what they say."""
 
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import quote
@@ -8,7 +9,7 @@ from fastapi import FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.actions.experiment import LONGEST
+from bench.actions.experiment import MOST_HOLDS, AskedHold, Motor, Step
 from bench.actions.experiments import as_json
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.captures import FILE, MEDIA
@@ -25,13 +26,9 @@ ExperimentId = Annotated[str, Path(alias="id", description="id of an experiment,
 _HOLD: Final[Any] = {"speed_rpm": 1200.0, "i_d": -1.8, "i_q": 2.0, "seconds": 0.5}
 
 
-class HoldModel(BaseModel):
+@dataclass(frozen=True, slots=True)
+class HoldModel(AskedHold):
     """Levels to be held."""
-
-    speed_rpm: float = Field(description="mechanical; the drive holds it where it controls its speed")
-    i_d: float = Field(description="A")
-    i_q: float = Field(description="A; under speed control it follows from the load instead")
-    seconds: float = Field(description=f"0.01 to {LONGEST:g} s")
 
 
 class ExperimentRequestModel(BaseModel):
@@ -42,13 +39,11 @@ class ExperimentRequestModel(BaseModel):
 
     model_config = ConfigDict(extra="allow", json_schema_extra={"examples": [{"holds": [_HOLD], "step": 0.6}]})
 
-    holds: list[HoldModel] = Field(description="one after the other", examples=[[_HOLD]])
-    step: float = Field(0.0, description="A, random steps of i_d and i_q within +- this around each", examples=[0.6])
-    machine: dict[str, float] = Field(
-        {}, description="the motor it is meant for: any of R_s, L_d, L_q, psi_f, n_p, i_rated; another one is refused",
-        json_schema_extra={"propertyNames": {"enum": ["R_s", "L_d", "L_q", "psi_f", "n_p", "i_rated"]}},
-        examples=[{"psi_f": 0.12, "n_p": 4}],
+    holds: list[HoldModel] = Field(
+        description="one after the other", min_length=1, max_length=MOST_HOLDS, examples=[[_HOLD]]
     )
+    step: Step = Field(0.0, examples=[0.6])
+    machine: Motor = Field({}, examples=[{"psi_f": 0.12, "n_p": 4}])
 
 
 class ExperimentRunModel(BaseModel):

@@ -1,27 +1,23 @@
 """Shapes of what the REST interface says. SI units; ages and durations in s."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.api.capture_models import CaptureModel
 from bench.api.control import ControlModel, StateModel, control_model, state_model
+from bench.expected import CLOSED
 from bench.live.acquisition import Link
 from bench.live.estimation import Snapshot
-from bench.live.window import Window
+from bench.live.window import Ekf, Estimated, Forgetting, Held, Length, Longest, Method, Periods, Window
 from bench.service.service import Service
 from estimator.machine import PARAMETERS
-from estimator.online.ekf import PAPER
 from estimator.online.estimate import Estimate, Status
 from estimator.online.rls import SMALLEST_LAM
 from estimator.online.window_ls import MAX_LENGTH, MAX_M
 
-Parameter = Literal["R_s", "L_d", "L_q", "psi_f"]
-Method = Literal["wls", "rls", "ekf"]
-Length = Annotated[int | Literal["auto"], Field(union_mode="left_to_right")]
-_P_0, _Q, _R = list(PAPER.P_0), list(PAPER.Q), list(PAPER.R)
 _TIME = "2026-01-31T12:00:00Z"
 
 
@@ -175,49 +171,17 @@ class WindowLimits(BaseModel):
     forgetting_factor: Range
 
 
-class TuningModel(BaseModel):
-    """The Kalman filter's tuning. Settings of a preset that is not in use are kept."""
-
-    preset: Literal["tuned", "paper", "custom"] = Field(
-        "tuned", description="tuned: from noise_i, lsb, omega_e, doubt, warming; paper: the published variances; "
-        "custom: model, P_0, Q, R, i_min", examples=["tuned"],
-    )
-    noise_i: float = Field(0.01, description="tuned: noise of a phase current, standard deviation, A", examples=[0.01])
-    lsb: float = Field(0.009, description="tuned: resolution of a phase current, A", examples=[0.009])
-    omega_e: float | None = Field(
-        None, description="tuned: electrical speed, rad/s; null: the largest of the first 100 rows", examples=[None]
-    )
-    doubt: float = Field(0.3, description="tuned: relative deviation of the start values, 0.01 to 1", examples=[0.3])
-    warming: float = Field(1.0, description="tuned: how fast the motor may warm up, K/s", examples=[1.0])
-    model: Literal["fluxes", "inductances"] = Field(
-        "fluxes", examples=["fluxes"],
-        description="custom: states i_d i_q psi_d psi_q R_s, or i_d i_q R_s L_d L_q; a change needs P_0 and Q",
-    )
-    P_0: list[float] = Field(_P_0, description="custom: five variances at the start, SI", examples=[_P_0])
-    Q: list[float] = Field(_Q, description="custom: five variances per second, SI", examples=[_Q])
-    R: list[float] = Field(_R, description="custom: variances of sampled i_d, i_q, A^2", examples=[_R])
-    i_min: float = Field(0.5, description="custom: a smaller current tells no inductance, A", examples=[0.5])
-
-
 class WindowModel(BaseModel):
     """Settings of the estimation. Those that the method does not use are kept, and apply again when it does."""
 
-    method: Method = Field(
-        description="wls: windowed least squares; rls: recursive least squares; ekf: extended Kalman filter for R_s, "
-        "L_d, L_q", examples=["wls"],
-    )
-    length: Length = Field(
-        description="wls: samples; auto: each parameter's own window, chosen by the data", examples=[1000]
-    )
-    longest: int = Field(description="wls with length auto: samples that it chooses from", examples=[10000])
-    periods_per_row: int = Field(description="wls, rls: stream rows summed to one regression row", examples=[1])
-    estimated: list[str] = Field(examples=[["R_s", "L_d", "L_q"]])
-    held: dict[str, float] = Field(
-        description="values, SI, used for parameters that are not estimated; ekf: start values too",
-        examples=[{"psi_f": 0.12}],
-    )
-    forgetting_factor: float = Field(description="rls: weight of the row before; 1: nothing forgotten", examples=[1.0])
-    ekf: TuningModel
+    method: Method
+    length: Length
+    longest: Longest
+    periods_per_row: Periods
+    estimated: Estimated
+    held: Held
+    forgetting_factor: Forgetting
+    ekf: Ekf
     limits: WindowLimits = Field(
         description="what these may be while the other settings stay",
         examples=[{
@@ -227,35 +191,20 @@ class WindowModel(BaseModel):
     )
 
 
-class WindowChangeModel(BaseModel):
+@dataclass(frozen=True, slots=True)
+class WindowChangeModel(Window):
     """Settings to change; what is left out stays."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [
+    __pydantic_config__: ClassVar = CLOSED | ConfigDict(json_schema_extra={"examples": [
         {"length": 2000}, {"length": "auto"}, {"method": "rls", "forgetting_factor": 0.999}, {"ekf": {"noise_i": 0.02}},
     ]})
-
-    method: Method = Field("wls", description="rls and ekf begin with the next sample; wls keeps the samples it has")
-    length: Length = Field(
-        1000, description="wls: samples, from the number of parameters times periods_per_row to 1000000; auto: each "
-        "parameter's own window, chosen by the data",
-    )
-    longest: int = Field(10000, description="wls with length auto: samples it chooses from, within the same limits")
-    periods_per_row: int = Field(1, description="wls, rls: stream rows summed to one regression row, 1 to 1000")
-    estimated: list[Parameter] = Field(
-        [], min_length=1, description="parameters to estimate; ekf holds psi_f even where it is among them"
-    )
-    held: dict[Parameter, float] = Field(
-        {}, description="values above zero, SI, for those not estimated; others stay; ekf needs all four, to start from"
-    )
-    forgetting_factor: float = Field(1.0, description="rls: weight of the row before, 0.99 to 1; 1: nothing forgotten")
-    ekf: TuningModel = Field(TuningModel.model_construct(), description="settings to change; what is left out stays")
 
 
 class EstimatesModel(BaseModel):
     """What the method says now."""
 
     drive: str = Field(examples=["emulated"])
-    method: Method = Field(examples=["wls"])
+    method: Method
     status: Literal["ok", "filling", "doubtful", "stale", "no_data"] = Field(
         description="filling: fewer samples than asked for; doubtful, stale: as the parameters"
     )

@@ -1,37 +1,105 @@
 """The settings of an estimation: what a user may change while the stream runs. Knows nothing of streams."""
 
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Final, Literal, cast
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Annotated, Any, ClassVar, Final, Literal
 
-from bench.errors import LimitError, shown
-from bench.live.tuning import Tuning, number, one_of
+from pydantic import AfterValidator, Field, TypeAdapter, WithJsonSchema
+
+from bench.errors import LimitError
+from bench.expected import CLOSED, Else, Number, Table, Word, taken, told
+from bench.live.tuning import Tuning
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
 from estimator.online.ekf import TELLABLE
 from estimator.online.rls import SMALLEST_LAM
-from estimator.online.window_ls import check_window
+from estimator.online.window_ls import MAX_LENGTH, MAX_M, check_window
 
 AUTO: Final = "auto"
-METHODS: Final = ("wls", "rls", "ekf")
+_NAMES: Final = ", ".join(PARAMETERS)
+
+
+def _countable(value: Any) -> Any:
+    if isinstance(value, int) and abs(value) > 10**18:  # JSON's and TOML's integers have no end
+        raise told("expected a whole number of at most 18 digits")
+    return value
+
+
+def _in_order(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(name for name in PARAMETERS if name in names)
+
+
+# What may come further depends on the other settings, which `_check` tells
+_Samples = Annotated[int, Field(strict=True, json_schema_extra={"minimum": 1, "maximum": MAX_LENGTH})]
+_Rows = Annotated[int, Field(strict=True, json_schema_extra={"minimum": 1, "maximum": MAX_M})]
+_Whole: Final = Else("expected a whole number")
+_Countable: Final = AfterValidator(_countable)
+_Parameter = Annotated[str, Word(PARAMETERS, f"expected {_NAMES}")]
+
+
+def _plausible(low: float, high: float, unit: str) -> Any:
+    """A value that is above zero; where its size cannot be, it is given in another unit."""
+    return Annotated[
+        float, Field(strict=True, gt=0, le=sys.float_info.max), Else(f"expected a number of {unit} above zero"),
+        Field(ge=low, le=high), Else(f"expected {low:g} to {high:g} {unit} (SI, per phase)"),
+        WithJsonSchema({"type": "number", "minimum": low, "maximum": high, "description": unit}),
+    ]  # fmt: skip
+
+
+_HELD: Final = {name: _plausible(*PLAUSIBLE[name], UNITS[name]) for name in PARAMETERS}
+
+
+Method = Annotated[Literal["wls", "rls", "ekf"], Field(
+    description="wls: windowed least squares; rls: recursive least squares; ekf: extended Kalman filter for R_s, L_d, "
+    "L_q. rls and ekf begin with the next sample; wls keeps the samples it has", examples=["wls"],
+)]  # fmt: skip
+Length = Annotated[
+    _Samples | Literal["auto"], Else(f'expected a whole number or "{AUTO}"'), _Countable,
+    Field(description="wls: samples, from the number of parameters times periods_per_row; auto: each parameter's own "
+          "window, chosen by the data", examples=[1000]),
+]  # fmt: skip
+Longest = Annotated[
+    _Samples, _Whole, _Countable,
+    Field(description="wls with length auto: samples that it chooses from", examples=[10_000]),
+]  # fmt: skip
+Periods = Annotated[
+    _Rows, _Whole, _Countable, Field(description="wls, rls: stream rows summed to one regression row", examples=[1])
+]
+Estimated = Annotated[
+    tuple[_Parameter, ...], Field(min_length=1),
+    Else(f"expected a list of {_NAMES}", f"expected at least one of {_NAMES}"), AfterValidator(_in_order),
+    Field(description="parameters to estimate; ekf holds psi_f even where it is among them",
+          examples=[["R_s", "L_d", "L_q"]]),
+]  # fmt: skip
+Held = Annotated[
+    Mapping[str, float], Table(f"expected values of {_NAMES}", "expected {all}, got {key}", _HELD),
+    Field(description="values, SI, used for parameters that are not estimated; ekf needs all four, to start from",
+          examples=[{"psi_f": 0.12}]),
+]  # fmt: skip
+Forgetting = Annotated[
+    float, Number(SMALLEST_LAM, 1.0),
+    Field(description="rls: weight of the row before; 1: nothing forgotten", examples=[1.0]),
+]  # fmt: skip
+Ekf = Annotated[
+    Tuning, Table('expected settings such as {"preset": "tuned"}'),
+    Field(description="of the Kalman filter; what is left out of a change stays"),
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Method, length, rows, the parameters to estimate, and values (SI) for those held.
+    """Settings of the estimation. Those that the method does not use are kept, and apply again when it does."""
 
-    A setting that the method does not use is kept, and applies again when the method does: `length` and `longest` are
-    those of wls, `periods_per_row` that of wls and rls, `forgetting_factor` that of rls, `ekf` that of ekf.
-    """
+    __pydantic_config__: ClassVar = CLOSED
 
-    length: int | Literal["auto"] = 1000  # samples; "auto": each parameter's own, chosen by the data
-    periods_per_row: int = 1  # m
-    estimated: tuple[str, ...] = PARAMETERS
-    held: Mapping[str, float] = field(default_factory=dict[str, float])
-    method: Literal["wls", "rls", "ekf"] = "wls"
-    longest: int = 10_000  # samples, with length "auto"
-    forgetting_factor: float = 1.0  # lam
-    ekf: Tuning = field(default_factory=Tuning)
+    length: Length = 1000
+    periods_per_row: Periods = 1
+    estimated: Estimated = PARAMETERS
+    held: Held = field(default_factory=dict[str, float])
+    method: Method = "wls"
+    longest: Longest = 10_000
+    forgetting_factor: Forgetting = 1.0
+    ekf: Ekf = field(default_factory=Tuning)
 
     @property
     def samples(self) -> int:
@@ -45,22 +113,16 @@ class Window:
 
     def changed(self, change: Mapping[str, Any]) -> "Window":
         """This window with some settings replaced. Raises LimitError, in a sentence, when it cannot work."""
-        known = [f.name for f in fields(self)]
-        for key in change:
-            if key not in known:
-                raise LimitError(f"expected {', '.join(known[:-1])} or {known[-1]}, got {shown(key)}")
-        lam = change.get("forgetting_factor", self.forgetting_factor)
-        window = replace(
-            self,
-            method=one_of("method", change.get("method", self.method), METHODS),
-            length=AUTO if change.get("length", self.length) == AUTO else _whole(change, "length", self.length),
-            longest=_whole(change, "longest", self.longest),
-            periods_per_row=_whole(change, "periods_per_row", self.periods_per_row),
-            estimated=_names(change.get("estimated", self.estimated)),
-            held={**self.held, **_values(change.get("held", {}))},
-            forgetting_factor=number("forgetting_factor", lam, SMALLEST_LAM, 1.0),
-            ekf=self.ekf.changed(change.get("ekf", {})),
-        )
+        settings = {f.name: getattr(self, f.name) for f in fields(self)} | dict(change)
+        for key, now in (("held", self.held), ("ekf", asdict(self.ekf))):
+            if isinstance(change.get(key), Mapping):
+                settings[key] = {**now, **change[key]}
+        window = taken(WINDOW, settings, "", LimitError)
+        if window.ekf.model != self.ekf.model and not {"P_0", "Q"} <= change["ekf"].keys():
+            raise LimitError(
+                f"ekf: the states of model {window.ekf.model} are others than those of {self.ekf.model}, so P_0 and Q "
+                "are needed with it, got none"
+            )
         window._check(longest="longest" in change)
         return window
 
@@ -87,47 +149,12 @@ class Window:
             )
 
 
+WINDOW: Final = TypeAdapter(Annotated[Window, Table("expected settings of an estimation")])
+"""What a change on top of a window comes to, or, all by itself, may be."""
+
+
 def _check_samples(where: str, samples: int, m: int, parameters: int) -> None:
     try:
         check_window(samples, m, parameters)
     except ValueError as error:
         raise LimitError(f"{where}{error}") from None
-
-
-def _whole(change: Mapping[str, Any], key: str, otherwise: object) -> int:
-    value = change.get(key, otherwise)
-    if isinstance(value, bool) or not isinstance(value, int):
-        or_auto = f' or "{AUTO}"' if key == "length" else ""
-        raise LimitError(f"{key}: expected a whole number{or_auto}, got {shown(value)}")
-    if abs(value) > 10**18:  # JSON's and TOML's integers have no end
-        raise LimitError(f"{key}: expected a whole number of at most 18 digits, got {shown(value)}")
-    return value
-
-
-def _names(value: object) -> tuple[str, ...]:
-    if not isinstance(value, Sequence) or isinstance(value, str):
-        raise LimitError(f"estimated: expected a list of {', '.join(PARAMETERS)}, got {shown(value)}")
-    names = cast(Sequence[object], value)
-    for name in names:
-        if name not in PARAMETERS:
-            raise LimitError(f"estimated: expected {', '.join(PARAMETERS)}, got {shown(name)}")
-    if not names:
-        raise LimitError(f"estimated: expected at least one of {', '.join(PARAMETERS)}, got none")
-    return tuple(name for name in PARAMETERS if name in names)
-
-
-def _values(value: object) -> dict[str, float]:
-    if not isinstance(value, Mapping):
-        raise LimitError(f"held: expected values of {', '.join(PARAMETERS)}, got {shown(value)}")
-    values: dict[str, float] = {}
-    for name, given in cast(Mapping[str, object], value).items():
-        if name not in PARAMETERS:
-            raise LimitError(f"held: expected {', '.join(PARAMETERS)}, got {shown(name)}")
-        if isinstance(given, bool) or not isinstance(given, int | float) or not 0 < given <= sys.float_info.max:
-            raise LimitError(f"held {name}: expected a number of {UNITS[name]} above zero, got {shown(given)}")
-        low, high = PLAUSIBLE[name]
-        if not low <= given <= high:
-            unit = UNITS[name]
-            raise LimitError(f"held {name}: expected {low:g} to {high:g} {unit} (SI, per phase), got {shown(given)}")
-        values[name] = float(given)
-    return values

@@ -10,9 +10,9 @@ _SAMPLES: dict[str, Any] = {"string": "...", "integer": 0, "number": 0.0, "boole
 
 def example(schema: Schema, schemas: Schema) -> Any:
     """A value that a schema describes, from its own examples where it has them."""
-    for key in ("examples", "enum"):
+    for key in ("examples", "default", "enum"):
         if key in schema:
-            return schema[key][0]
+            return schema[key] if key == "default" else schema[key][0]
     if "$ref" in schema:
         return example(schemas[schema["$ref"].rpartition("/")[2]], schemas)
     if "anyOf" in schema:

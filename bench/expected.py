@@ -1,0 +1,151 @@
+"""Kinds of what comes from outside: pydantic checks them, OpenAPI shows them, and a sentence tells what came instead.
+
+A kind says what is expected where it is declared, as an annotation:
+
+    doubt: Annotated[float, Number(0.01, 1.0)]
+    port: Annotated[int, Field(strict=True, ge=0, le=65535), Else("expected a port of 0 to 65535")]
+
+Knows nothing of what is asked for.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields
+from typing import Annotated, Any, Final, TypeVar, cast
+
+from pydantic import ConfigDict, Field, GetCoreSchemaHandler, TypeAdapter, ValidationError
+from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
+
+from bench.errors import BenchError, shown
+
+T = TypeVar("T")
+CLOSED: Final = ConfigDict(extra="forbid")
+"""Of dataclasses, as `__pydantic_config__`: nothing but their fields."""
+_TOLD: Final = "told"  # errors that bring their own clause
+
+
+def taken(kind: TypeAdapter[T], given: object, where: str, refusal: type[BenchError], context: object = None) -> T:
+    """What is given, as of that kind. Raises the refusal, in a sentence that begins with `where`.
+
+    `context`: what validators of the kind's own need to know.
+    """
+    try:
+        return kind.validate_python(given, context=context)
+    except ValidationError as error:
+        raise refusal(sentence(error.errors(include_url=False)[0], where)) from None
+
+
+def sentence(error: ErrorDetails, where: str = "") -> str:
+    """`WHERE KEY: expected WHAT, got WHAT CAME`, of an error as pydantic tells it."""
+    context = error.get("ctx", {})
+    clause = f"expected {context.get('expected', '')}".replace("'", "")  # one of several words, in quotes
+    if error["type"] != "literal_error":
+        clause = str(context.get("clause", error["msg"]))
+    keys = [part if part.isidentifier() else shown(part) for part in error["loc"] if isinstance(part, str)]
+    head = " ".join([where, *keys[: -1 if context.get("above") else None]]).strip().rstrip(":")
+    came = context.get("came", f", got {shown(error['input'])}")
+    return f"{head}: {clause}{came}" if head else f"{clause}{came}"
+
+
+def told(clause: str, came: str | None = None, *, above: bool = False) -> PydanticCustomError:
+    """The error of a validator: what was expected; `came`: what is said of what came, where it is not the usual.
+
+    `above`: the clause names the key, and is told of what that stands in.
+    """
+    context: dict[str, Any] = {"clause": clause, "above": above}
+    return PydanticCustomError(_TOLD, "not as expected", context if came is None else context | {"came": came})
+
+
+@dataclass(frozen=True)
+class Else:
+    """Annotates a type: the clause where something else came, unless all that is wrong are parts that tell more."""
+
+    clause: str
+    empty: str = ""  # where too few came, and the type says how many at least
+    above: bool = False  # see `told`
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return self.around(handler(source))
+
+    def around(self, schema: CoreSchema) -> CoreSchema:
+        """The same for a schema."""
+
+        def checked(value: object, inner: Callable[[object], object]) -> object:
+            try:
+                return inner(value)
+            except ValidationError as error:
+                kinds = {line["type"] for line in error.errors()}
+                if _TOLD in kinds and kinds <= {_TOLD, "too_short"}:  # the latter: none of its parts was right
+                    raise
+                few = self.empty and "too_short" in kinds
+                raise told(*((self.empty, ", got none") if few else (self.clause,)), above=self.above) from None
+
+        return core_schema.no_info_wrap_validator_function(checked, schema)
+
+
+@dataclass(frozen=True)
+class Word:
+    """Annotates `str`: one of these, and the clause where something else came."""
+
+    words: tuple[str, ...]
+    clause: str
+
+    def __get_pydantic_core_schema__(self, _source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
+        return Else(self.clause).around(core_schema.literal_schema(list(self.words)))
+
+
+@dataclass(frozen=True)
+class Number:
+    """Annotates `float` or, for whole ones, `int`: the least and the largest, and their unit."""
+
+    low: float
+    high: float
+    unit: str = ""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        kind = "whole number" if source is int else "number"
+        clause = f"expected a {kind} of {self.low:g} to {self.high:g} {self.unit}".rstrip()
+        bounds = Field(strict=True, ge=source(self.low), le=source(self.high))
+        return handler.generate_schema(Annotated[source, bounds, Else(clause)])
+
+
+@dataclass(frozen=True)
+class Table:
+    """Annotates a dataclass, or with `kinds` a mapping: an object that has these keys only.
+
+    Of a key that is missing, its kind tells that null came.
+    """
+
+    clause: str  # where no object came
+    unknown: str = "expected {one}, got {key}"  # or, with commas, {all}
+    kinds: Mapping[str, Any] | None = None  # types by key; any may be missing
+    above: bool = False  # see `told`
+    whole: bool = False  # the clause too where keys are missing or more
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        if self.kinds is None:
+            known = [f.name for f in fields(source)]
+            needed = [f.name for f in fields(source) if f.default is f.default_factory is MISSING]
+            inner = handler(source)
+        else:
+            known, needed = list(self.kinds), list[str]()
+            inner = core_schema.typed_dict_schema({
+                key: core_schema.typed_dict_field(handler.generate_schema(kind), required=False)
+                for key, kind in self.kinds.items()
+            }, extra_behavior="forbid")  # fmt: skip
+
+        def checked(value: object, then: Callable[[object], Any]) -> Any:
+            if self.kinds is None and isinstance(value, source):
+                return then(value)
+            if not isinstance(value, Mapping):
+                raise told(self.clause, above=self.above)
+            given = cast(Mapping[str, object], value)
+            if self.whole and set(given) != set(known):
+                raise told(self.clause, f", got {shown(', '.join(given))}")
+            for key in given:
+                if key not in known:
+                    one = f"{', '.join(known[:-1])} or {known[-1]}"
+                    raise told(self.unknown.format(one=one, all=", ".join(known), key=shown(key)), "")
+            found = then(dict.fromkeys(needed) | dict(given))
+            return found if self.kinds is None else {key: found[key] for key in given}  # in the order given
+
+        return core_schema.no_info_wrap_validator_function(checked, inner)
