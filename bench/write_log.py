@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Self, cast
 
 SHORT: Final = 500  # letters of a body, a value, a sentence
@@ -54,8 +53,7 @@ class Entry:
     def line(self) -> str:
         """JSON, in ASCII alone: whatever came, it is one line."""
         told: dict[str, Any] = {"time": self.time.isoformat(timespec="milliseconds")}
-        for key in ("who", "by", "method", "path", "status", "outcome", "body"):
-            told[key] = getattr(self, key)
+        told |= {key: getattr(self, key) for key in ("who", "by", "method", "path", "status", "outcome", "body")}
         for key in ("before", "after"):
             value = getattr(self, key)
             if value is not None:
@@ -74,28 +72,45 @@ class Entry:
         return short("".join(letter if " " <= letter <= "~" else ascii(letter)[1:-1] for letter in said))
 
 
+class Allowance:
+    """So much at once, and so much a second for longer. For one thread, or under a lock."""
+
+    def __init__(self, at_once: float, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """`rate`: 1/s."""
+        self._most, self._rate, self._clock = at_once, rate, clock
+        self._left, self._counted = at_once, clock()
+
+    def take(self) -> bool:
+        """Whether one more is allowed, which is counted then."""
+        now = self._clock()
+        self._left = min(self._most, self._left + self._rate * (now - self._counted))
+        self._counted = now
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
 class WriteLog:
     """The logs in a folder, while it is entered; `echo` tells each entry on the service's own log, too."""
 
     def __init__(
         self, folder: Path, echo: Callable[[str], None] = lambda line: None, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self._folder, self._echo, self._clock = folder, echo, clock
+        self._folder, self._echo = folder, echo
         self._queue: queue.Queue[Entry | None] = queue.Queue(_WAITING)
         self._thread = threading.Thread(target=self._work, name="log of writes", daemon=True)
         self._lock = threading.Lock()  # guards what follows
         self._lost = 0  # that the disk was too slow for
         self._silent = 0  # refusals not told one by one
-        self._tokens, self._counted = float(_BURST), clock()
+        self._refusals = Allowance(_BURST, _RATE, clock)
         self._failed = False
 
     def __enter__(self) -> Self:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with contextlib.suppress(queue.Full):
             self._queue.put(None, timeout=_LEAVE)
         self._thread.join(_LEAVE)
@@ -103,7 +118,7 @@ class WriteLog:
     def tell(self, entry: Entry) -> None:
         """Write it down, soon. Never waits, never fails."""
         with self._lock:
-            if not entry.done and not self._may_be_told():
+            if not entry.done and not self._refusals.take():
                 self._silent += 1
                 return
             try:
@@ -111,22 +126,13 @@ class WriteLog:
             except queue.Full:
                 self._lost += 1
 
-    def _may_be_told(self) -> bool:
-        now = self._clock()
-        self._tokens = min(float(_BURST), self._tokens + _RATE * (now - self._counted))
-        self._counted = now
-        if self._tokens < 1.0:
-            return False
-        self._tokens -= 1.0
-        return True
-
     def _work(self) -> None:
         while (entry := self._queue.get()) is not None:
             for each in (*self._told_late(), entry):
-                self._append("writes" if each.done else "refused", each.line())
+                self._append(each)
                 self._echo(each.sentence())
         for each in self._told_late():
-            self._append("writes" if each.done else "refused", each.line())
+            self._append(each)
 
     def _told_late(self) -> list[Entry]:
         with self._lock:
@@ -135,13 +141,14 @@ class WriteLog:
         late = [Entry("", "", "", "", 0, f"{lost} entries lost: the disk was too slow", done=True)] if lost else []
         return told + late
 
-    def _append(self, kind: str, line: str) -> None:
+    def _append(self, entry: Entry) -> None:
+        kind = "writes" if entry.done else "refused"
         path = self._folder / f"{kind}.jsonl"
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
             try:
-                os.write(file, f"{line}\n".encode())
+                os.write(file, f"{entry.line()}\n".encode())
                 full = os.fstat(file).st_size > _SIZE
             finally:
                 os.close(file)

@@ -6,7 +6,6 @@ import logging
 import os
 import socket
 import sys
-import time
 from typing import Any, Final, cast
 
 import uvicorn
@@ -20,7 +19,7 @@ from bench.api.guard.load import Lanes, Load
 from bench.api.guard.record import Record
 from bench.errors import ConfigError
 from bench.service.service import Service
-from bench.write_log import Entry, WriteLog, short
+from bench.write_log import Allowance, Entry, WriteLog, short
 
 _GRACE: Final = 1  # s for answers under way at the end
 _SWITCH: Final = 0.001  # s that a thread keeps others waiting, as those that read from the drives and stop them
@@ -77,7 +76,6 @@ class _Server(uvicorn.Server):
         self._doors: list[Door] = []
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Let in."""
         if sys.platform == "win32":  # its event loop cannot wait for a socket that listens
             await super().startup(sockets)
             return
@@ -101,16 +99,12 @@ class _Bounded(logging.Filter):
 
     def __init__(self) -> None:
         super().__init__()
-        self._left, self._counted, self._held_back = _LINES, time.monotonic(), 0
+        self._lines, self._held_back = Allowance(_LINES, 1.0), 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether it is told."""
-        now = time.monotonic()
-        self._left, self._counted = min(_LINES, self._left + now - self._counted), now
-        if self._left < 1.0:
+        if not self._lines.take():
             self._held_back += 1
             return False
-        self._left -= 1.0
         if self._held_back:
             record.msg, record.args = f"{record.getMessage()} ({self._held_back} before it were not told)", None
             self._held_back = 0

@@ -7,7 +7,8 @@ import re
 import secrets
 import stat
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -21,24 +22,17 @@ _LOOK: Final = 1.0  # s between two looks at the file, after which a new token c
 def made(path: Path) -> str:
     """The token of a file, which is made where there is none. Raises ConfigError."""
     if not os.path.lexists(path):
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with contextlib.suppress(FileExistsError):
-                _put(path)  # unless somebody else's was made meanwhile
-        except OSError as error:
-            raise ConfigError(f"{path}: the token cannot be written: {error.strerror or error}") from None
+        with _writing(path), contextlib.suppress(FileExistsError):
+            _put(path)  # unless somebody else's was made meanwhile
     return read(path)
 
 
 def renewed(path: Path) -> str:
     """Another token in the file's place: the one before counts no longer. Raises ConfigError."""
     beside = path.with_name(f"{path.name}.{os.getpid()}.new")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with _writing(path):
         _put(beside)
         beside.replace(path)
-    except OSError as error:
-        raise ConfigError(f"{path}: the token cannot be written: {error.strerror or error}") from None
     return read(path)
 
 
@@ -94,6 +88,15 @@ def checked(said: str, where: str) -> str:
     if not _TOKEN.fullmatch(said):
         raise ConfigError(f"{where}: expected a token as `pmsm-bench token` prints it, got another text")
     return said
+
+
+@contextmanager
+def _writing(path: Path) -> Generator[None]:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise ConfigError(f"{path}: the token cannot be written: {error.strerror or error}") from None
 
 
 def _put(path: Path) -> None:

@@ -10,10 +10,10 @@ import socket
 import ssl
 from collections.abc import Iterable
 from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
 from typing import Final, Literal
 
 from starlette.datastructures import Headers
+from starlette.requests import cookie_parser
 
 from bench.api.guard.kinds import READS
 from bench.api.guard.page_pass import given_by, holds
@@ -79,7 +79,8 @@ class Access:
         if kind.lower() == "bearer" and self.token.is_it(said.strip()):
             return "token"
         now = self.token.now
-        return "page" if now is not None and holds(self._cookie(headers), now) else None
+        cookie = cookie_parser(headers.get("cookie", "")).get(self._name, "")
+        return "page" if now is not None and holds(cookie, now) else None
 
     def cookie(self) -> str:
         """A Set-Cookie for who has shown the token."""
@@ -89,13 +90,6 @@ class Access:
     @property
     def _name(self) -> str:
         return f"pmsm-bench-{self.port}"  # browsers do not tell ports apart
-
-    def _cookie(self, headers: Headers) -> str:
-        try:
-            morsel = SimpleCookie(headers.get("cookie", "")).get(self._name)
-        except CookieError:
-            return ""
-        return "" if morsel is None else morsel.value
 
     def _is_own(self, host: str) -> bool:
         name, colon, port = host.rpartition(":") if not host.endswith("]") else (host, "", "")

@@ -9,7 +9,6 @@ import json
 import select
 import ssl
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -23,6 +22,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
 from bench.api.guard.kinds import READS, is_stop
+from bench.write_log import Allowance
 
 _RETRY: Final = 1  # s
 _SHORT: Final = 200  # bytes of a request's first line
@@ -55,7 +55,7 @@ class Connections:
     ) -> None:  # fmt: skip
         """`tell` is told of writes that are not looked into: whose, method, path, and a sentence."""
         self.limits, self.tls, self.tell = limits, tls, tell
-        self._left, self._counted = float(limits.burst), time.monotonic()
+        self.may_ask = Allowance(limits.burst, limits.rate).take  # whether one more request is not too many
         self._open: dict[Connection, None] = {}
         self._waiting: dict[Connection, None] = {}  # for a whole request; the longest waiting first
         self._leaving: set[Connection] = set()
@@ -69,16 +69,6 @@ class Connections:
 
     def __len__(self) -> int:
         return len(self._open)
-
-    def may_ask(self) -> bool:
-        """Whether one more request is not too many."""
-        now = time.monotonic()
-        self._left = min(float(self.limits.burst), self._left + self.limits.rate * (now - self._counted))
-        self._counted = now
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
 
     def too_many(self, head: bytes, who: str) -> bytes | None:
         """The answer to a request that is one too many, by its first bytes; None to what may be Stop."""
@@ -156,7 +146,6 @@ class Connection(H11Protocol):
         return not poll.poll(0)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Anew."""
         self.transport = cast(asyncio.Transport, transport)
         if self._all.tls is None:
             self._begin()
@@ -166,7 +155,6 @@ class Connection(H11Protocol):
         self._all.come(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Closed, by whomever."""
         self._all.leave(self)
         self._be_patient(None)
         self._have_taken()
@@ -174,7 +162,6 @@ class Connection(H11Protocol):
             super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """More of it."""
         if self._refused:
             return
         if not self._ready:
@@ -206,7 +193,6 @@ class Connection(H11Protocol):
         self._taking = self.loop.call_later(self._limits.taking, self.transport.abort)
 
     def resume_writing(self) -> None:
-        """It does again."""
         self._have_taken()
         super().resume_writing()
 

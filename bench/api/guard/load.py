@@ -63,7 +63,6 @@ class Load:
         self._app, self._log, self._lanes = app, log, lanes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         to_thread.current_default_thread_limiter().total_tokens = self._lanes.threads
         lane = self._lanes.of(scope["method"], scope["path"])
         if lane.now >= lane.most:

@@ -20,7 +20,6 @@ class Record:
         self._app, self._log = app, log
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         if scope["method"] in READS:
             await self._app(scope, receive, send)
             return
