@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import StrEnum
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ WINDOWS: Final = 2  # in a row, that begin an episode, or end it
 LIKELY: Final = {"R_s": (0.8, 1.6), "L_d": (0.7, 1.3), "L_q": (0.7, 1.3), "psi_f": (0.8, 1.15)}
 """Of nominal values: what tolerances and 150 K of warming make of a machine."""
 SURELY: Final = 3.0  # standard errors
+STEADY: Final = "currents and speed are constant, and any parameters would explain that"
 _LARGER: Final = 1.2  # times: worth another look at where it is
 _COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")
 
@@ -101,7 +102,7 @@ def judge(
     if left is None:
         reason = f"the window has fewer than {FEWEST_WATCHED} rows, or nothing in it tells the inductances"
     elif not left.moves:
-        reason = "currents and speed are constant, and any parameters would explain that"
+        reason = STEADY
     else:
         watch.said = _after(watch.said, left, estimates, nominal, now)
         return
@@ -112,9 +113,7 @@ def _after(
     said: Mismatch, left: Left, estimates: Mapping[str, Estimate], nominal: Mapping[str, float], now: datetime
 ) -> Mismatch:
     """What is said after one window more."""
-    said = replace(
-        said, reason="", significance=left.significance, ratio=left.ratio, rms_V=left.rms_V, least_V=left.least_V
-    )
+    said = replace(said, reason="", **figures_of(left))
     strange = strange_of(estimates, nominal, SURELY)
     denied = left.mismatch or bool(strange)
     clear = left.clear and not strange_of(estimates, nominal, 0.0)
@@ -133,8 +132,17 @@ def _after(
 
 
 def _placed(said: Mismatch, left: Left, strange: Mapping[str, str]) -> Mismatch:
-    where = "; ".join([*([place_in_window(left).sentence] if left.mismatch else []), *strange.values()])
-    return replace(said, where=where, largest_V=left.rms_V, strange=tuple(strange))
+    return replace(said, where=where_of(left, strange), largest_V=left.rms_V, strange=tuple(strange))
+
+
+def figures_of(left: Left) -> dict[str, Any]:
+    """What is told of a window in numbers."""
+    return {name: getattr(left, name) for name in ("significance", "ratio", "rms_V", "least_V")}
+
+
+def where_of(left: Left, strange: Mapping[str, str]) -> str:
+    """Where a mismatch acts, and what parameters are strange, clauses."""
+    return "; ".join([*([place_in_window(left).sentence] if left.mismatch else []), *strange.values()])
 
 
 def strange_of(estimates: Mapping[str, Estimate], nominal: Mapping[str, float], surely: float) -> dict[str, str]:
@@ -150,7 +158,6 @@ def strange_of(estimates: Mapping[str, Estimate], nominal: Mapping[str, float], 
 
 
 def _newest(runs: list[Samples], rows: int) -> list[Samples]:
-    """The last so many rows."""
     found: list[Samples] = []
     for run in reversed(runs):
         if rows > 0:

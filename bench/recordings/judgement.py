@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from bench.live.watch import MOST, SURELY, Explained, strange_of
+from bench.live.watch import MOST, STEADY, SURELY, Explained, figures_of, strange_of, where_of
 from bench.live.window import Window
-from estimator.diagnosis.watch import FEWEST_WATCHED, Left, mismatch_of, place_in_window
+from estimator.diagnosis.watch import FEWEST_WATCHED, mismatch_of
 from estimator.diagnosis.words import number
 from estimator.machine import PARAMETERS
 from estimator.online import window_ls
@@ -123,7 +123,7 @@ class Judgement:
         if left is None or not left.moves:
             reason = (
                 f"fewer than {FEWEST_WATCHED} rows can be judged, or nothing in them tells the inductances"
-                if left is None else "currents and speed are constant, and any parameters would explain that"
+                if left is None else STEADY
             )  # fmt: skip
             self._said = said if said.windows else replace(said, reason=reason)
             return
@@ -133,10 +133,9 @@ class Judgement:
         denied = left.mismatch or bool(strange)
         said = replace(said, windows=said.windows + 1, reason="")
         if denied and (not said.unexplained or left.rms_V > (said.rms_V or 0.0)):
-            where = "; ".join([*([place_in_window(left).sentence] if left.mismatch else []), *strange.values()])
-            said = replace(_with_figures(said, left), where=where)
+            said = replace(said, where=where_of(left, strange), **figures_of(left))
         elif said.significance is None:
-            said = _with_figures(said, left)
+            said = replace(said, **figures_of(left))
         if denied:
             self._denied.append((self.done - rows, self.done))
             if len(self._denied) > 1 and self._denied[-2][1] == self._denied[-1][0]:
@@ -158,14 +157,9 @@ class Judgement:
     def _note(self, estimates: Mapping[str, Estimate], t: float) -> None:
         for name, e in estimates.items():
             if e.status is Status.OK and e.value is not None:
-                low, high = self._least.get(name), self._most.get(name)
-                if low is None or e.value < (low[0].value or 0.0):
-                    self._least[name] = e, t
-                if high is None or e.value > (high[0].value or 0.0):
-                    self._most[name] = e, t
+                self._least[name] = min(self._least.get(name, (e, t)), (e, t), key=_value)
+                self._most[name] = max(self._most.get(name, (e, t)), (e, t), key=_value)
 
 
-def _with_figures(said: Verdict, left: Left) -> Verdict:
-    return replace(
-        said, significance=left.significance, ratio=left.ratio, rms_V=left.rms_V, least_V=left.least_V
-    )
+def _value(one: tuple[Estimate, float]) -> float:
+    return one[0].value or 0.0

@@ -95,26 +95,25 @@ def _blocks(samples: Samples, begin: int) -> Iterator[tuple[int, Samples]]:
 def _parts_of(reader: RecordingReader, chosen: frozenset[int]) -> Iterator[Samples]:
     """The chosen blocks' rows, neighbours as one, with what is known of the rows between them and those before."""
     begin, between, parts = 0, _Between(), list[Samples]()
-    left_out: LeftOut | None = None
     for chunk in reader:
         if not chunk.joined:
-            if parts:
-                yield replace(one_of(parts), left_out=left_out)
-                parts = []
+            yield from _taken(parts)
             between.gap()
         for block, part in _blocks(chunk.samples, begin):
             if block in chosen:
-                told = between.up_to(part)
-                left_out = left_out if parts else told
-                parts.append(part)
-                continue
-            if parts:
-                yield replace(one_of(parts), left_out=left_out)
-                parts = []
-            between.passes(part)
+                parts.append(replace(part, left_out=between.up_to(part)))
+            else:
+                yield from _taken(parts)
+                between.passes(part)
         begin += len(chunk.samples)
+    yield from _taken(parts)
+
+
+def _taken(parts: list[Samples]) -> Iterator[Samples]:
+    """All that are there, as one; none is there afterwards."""
     if parts:
-        yield replace(one_of(parts), left_out=left_out)
+        yield one_of(parts)
+        parts.clear()
 
 
 class _Between:

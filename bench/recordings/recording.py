@@ -15,7 +15,7 @@ Knows nothing of estimators. Options that cannot be are a ConfigError, files tha
 import math
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import chain, groupby
 from pathlib import Path
 from typing import cast
@@ -26,7 +26,7 @@ from bench.errors import RecordingError, shown
 from bench.recordings.runs import LARGEST, PROBE, Chunk, Clock, Part, RunSplitter, find_clock
 from bench.recordings.sources import MAX_PERIODS, OPTIONAL, Sources, check_options, find_sources
 from bench.recordings.table import check_undamaged, column_names, notes, read_parts, row_count
-from estimator.samples import Column, Resolution, Samples
+from estimator.samples import Resolution, Samples
 
 CHUNK_ROWS = 65_536
 
@@ -109,24 +109,11 @@ class RecordingReader:
     @property
     def summary(self) -> Summary:
         """The account of what has been read so far."""
-        tally = self._splitter.tally
+        clock, sources, noted = self.clock, self.sources, self._noted
         return Summary(
-            path=str(self.path),
-            T_s=self.clock.T_s,
-            periods=self.clock.periods,
-            rows=tally.rows,
-            used=tally.used,
-            runs=tally.runs,
-            duration=tally.last_t - tally.first_t + self.clock.step,
-            left_out=tally.left_out,
-            missing=dict(tally.missing),
-            unaligned=tally.unaligned,
-            lost_rows=tally.lost,
-            irregular_steps=tally.irregular,
-            sources=self.sources.told,
-            unused=self.sources.unused,
-            expected=self._noted.expected,
-            off=self._noted.off,
+            path=str(self.path), T_s=clock.T_s, periods=clock.periods, duration=self._splitter.duration,
+            sources=sources.told, unused=sources.unused, expected=noted.expected, off=noted.off,
+            **asdict(self._splitter.tally),
         )
 
     def _read(self) -> Iterator[Chunk]:
@@ -169,23 +156,6 @@ def open_recording(
         yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted, u_dc)
 
 
-def read_recording(
-    path: str | Path,
-    *,
-    mapping: Mapping[str, str] | None = None,
-    constants: Mapping[str, float] | None = None,
-    T_s: float | None = None,
-    align: Mapping[str, float] | None = None,
-    theta_step: float = 0.0,
-    u_dc: float | None = None,
-) -> Recording:
-    """A whole recording in memory, by the options of `open_recording`."""
-    with open_recording(
-        path, mapping=mapping, constants=constants, T_s=T_s, align=align, theta_step=theta_step, u_dc=u_dc
-    ) as reader:
-        return whole(reader)
-
-
 def whole(reader: RecordingReader) -> Recording:
     """All of an open recording."""
     runs = tuple(joined(reader))
@@ -201,28 +171,8 @@ def joined(chunks: Iterable[Chunk]) -> Iterator[Samples]:
 def one_of(stretches: Sequence[Samples]) -> Samples:
     """Stretches of one run as one."""
     first = stretches[0]
-
-    def whole(columns: list[Column | None]) -> Column | None:
-        present = [column for column in columns if column is not None]
-        return np.concatenate(present) if present else None
-
-    return Samples(
-        theta_e=np.concatenate([s.theta_e for s in stretches]),
-        omega_e=np.concatenate([s.omega_e for s in stretches]),
-        i_d=np.concatenate([s.i_d for s in stretches]),
-        i_q=np.concatenate([s.i_q for s in stretches]),
-        u_d=np.concatenate([s.u_d for s in stretches]),
-        u_q=np.concatenate([s.u_q for s in stretches]),
-        T_s=first.T_s,
-        periods=first.periods,
-        i_d_mean=whole([s.i_d_mean for s in stretches]),
-        i_q_mean=whole([s.i_q_mean for s in stretches]),
-        t0=first.t0, resolution=first.resolution,
-        u_dc=whole([s.u_dc for s in stretches]),
-        i_a=whole([s.i_a for s in stretches]),
-        i_b=whole([s.i_b for s in stretches]),
-        i_c=whole([s.i_c for s in stretches]),
-    )
+    names = [one.name for one in fields(Samples) if isinstance(getattr(first, one.name), np.ndarray)]
+    return replace(first, **{name: np.concatenate([getattr(part, name) for part in stretches]) for name in names})
 
 
 def off_remark(before: str, after: str) -> str:

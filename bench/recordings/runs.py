@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ class Clock:
 
 @dataclass(slots=True)
 class Tally:
-    """What became of the rows so far."""
+    """What became of the rows so far, as a recording's summary tells it."""
 
     rows: int = 0  # in the file
     used: int = 0  # handed on
@@ -44,11 +45,8 @@ class Tally:
     left_out: int = 0  # a cell missing or not finite
     missing: dict[str, int] = field(default_factory=dict[str, int])  # such cells, by quantity
     unaligned: int = 0  # at a run's end, without a partner after alignment
-    lost: int = 0  # that the times say are not in the file
-    irregular: int = 0  # steps that are no multiple of the period
-    first_t: float = math.nan  # s
-    last_t: float = math.nan  # s
-    longest: int = 0  # rows of the longest run
+    lost_rows: int = 0  # that the times say are not in the file
+    irregular_steps: int = 0  # that are no multiple of the period
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,10 +128,17 @@ class RunSplitter:
         self._late, self._later = math.floor(shift), math.ceil(shift)
         self._weight = shift - self._late
         self._cut_front, self._cut_back = max(self._later, 0), max(-self._late, 0)
+        self._first_t = math.nan  # s
+        self._longest = 0  # rows of the longest run
         self._last_time: tuple[int, float] | None = None  # row, s: the newest usable time
         self._last_good = False
         self._angle: tuple[float, float, float] | None = None  # s, rad/s, rad: where the integral of omega_e is
         self._run = _Run()
+
+    @property
+    def duration(self) -> float:
+        """Time from the first row's start to the last row's end so far, s; not a number before the first."""
+        return (math.nan if self._last_time is None else self._last_time[1]) - self._first_t + self.clock.step
 
     def feed(self, part: Part) -> Iterator[Chunk]:
         """The chunks that end with this part's rows."""
@@ -161,7 +166,7 @@ class RunSplitter:
     def finish(self) -> None:
         """Judge the recording as a whole, after its last part."""
         self._end_run()
-        if self.tally.longest < 2:
+        if self._longest < 2:
             cells = ", ".join(f"{name} in {count}" for name, count in self.tally.missing.items())
             raise RecordingError(
                 f"expected at least 2 consecutive usable rows, found none in {self.tally.rows} rows"
@@ -200,18 +205,17 @@ class RunSplitter:
             return one_step
         t, rows = t[places], rows[places]
         if self._last_time is None:
-            self.tally.first_t = float(t[0])
+            self._first_t = float(t[0])
         else:
             t, rows = np.r_[self._last_time[1], t], np.r_[self._last_time[0], rows]
         self._last_time = int(rows[-1]), float(t[-1])
-        self.tally.last_t = float(t[-1])
         _expect_advance(t, rows)
         steps = np.diff(t) / self.clock.step
         multiple = np.rint(steps)
         there = np.diff(rows)  # rows the file has for this step: more than one where times are missing
         odd = (multiple < there) | (np.abs(steps - multiple) > JITTER + DRIFT * (multiple - 1))
-        self.tally.lost += int(np.sum(np.maximum(multiple - there, 0)))
-        self.tally.irregular += int(np.sum(odd))
+        self.tally.lost_rows += int(np.sum(np.maximum(multiple - there, 0)))
+        self.tally.irregular_steps += int(np.sum(odd))
         one_step[places[len(places) - len(steps):]] = ~odd & (multiple == 1)
         return one_step
 
@@ -238,23 +242,16 @@ class RunSplitter:
         rows = slice(front, n - back)
         if not run.handed_on:
             self.tally.runs += 1
+        taken: dict[str, Any] = {name: column[rows] for name, column in columns.items() if name != "t"}
+        taken |= {name: self._aligned(columns[name], rows) for name in ("u_d", "u_q")}
         samples = Samples(
-            theta_e=columns["theta_e"][rows], omega_e=columns["omega_e"][rows],
-            i_d=columns["i_d"][rows], i_q=columns["i_q"][rows],
-            u_d=self._aligned(columns["u_d"], rows), u_q=self._aligned(columns["u_q"], rows),
-            T_s=self.clock.T_s, periods=self.clock.periods,
-            i_d_mean=columns["i_d_mean"][rows] if "i_d_mean" in columns else None,
-            i_q_mean=columns["i_q_mean"][rows] if "i_q_mean" in columns else None,
-            t0=float(columns["t"][front]), resolution=self._resolution,
-            u_dc=columns["u_dc"][rows] if "u_dc" in columns else None,
-            i_a=columns["i_a"][rows] if "i_a" in columns else None,
-            i_b=columns["i_b"][rows] if "i_b" in columns else None,
-            i_c=columns["i_c"][rows] if "i_c" in columns else None,
+            **taken, T_s=self.clock.T_s, periods=self.clock.periods, t0=float(columns["t"][front]),
+            resolution=self._resolution,
         )
         joined = run.handed_on > 0
         run.handed_on += len(samples)
         self.tally.used += len(samples)
-        self.tally.longest = max(self.tally.longest, run.handed_on)
+        self._longest = max(self._longest, run.handed_on)
         yield Chunk(samples, self.tally.runs, joined)
 
     def _aligned(self, u: Column, rows: slice) -> Column:
@@ -280,8 +277,6 @@ class RunSplitter:
 
 @dataclass(slots=True, eq=False)
 class _Run:
-    """The run being read."""
-
     rows: int = 0
     handed_on: int = 0
     first: int = 0  # row of the file

@@ -72,7 +72,7 @@ class Screen:
         """Bad rows of each run; the first so many rows of the first have been handed on and are not counted again."""
         again = [np.arange(len(run)) < (known if k == 0 else 0) for k, run in enumerate(runs)]
         found = repeated(runs)
-        left = [run for run, one in zip(runs, found, strict=True) for run in _cut(run, one.bad)]
+        left = [run[a:b] for run, one in zip(runs, found, strict=True) for a, b in stretches(~one.bad)]
         odd = odd_rows(left, self._fitted) if left else Odd((), self._fitted)
         self._fitted = odd.fitted or self._fitted
         each = iter(odd.bad)
@@ -96,11 +96,6 @@ class Screen:
 def _said(run: Samples, a: int, b: int) -> str:
     until = "" if b - a == 1 else f" to {time_of(run, b - 1)}"
     return f"the row at {time_of(run, a)}{until} does not go with those around it, by over {FAR:g} times the noise"
-
-
-def _cut(run: Samples, bad: Bools) -> Iterator[Samples]:
-    for a, b in stretches(~bad):
-        yield run[a:b]
 
 
 def _runs(chunks: Sequence[Chunk]) -> tuple[list[Samples], list[tuple[int, int]]]:

@@ -8,6 +8,7 @@ wrong with a file is a RecordingError that says what was expected and what came.
 import csv
 import json
 import re
+from bisect import bisect_left
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -60,7 +61,7 @@ def column_names(path: Path) -> tuple[str, ...]:
     """The file's column names in its order."""
     with _as_sentences(path, "its header"):
         if _kind(path) == "parquet":
-            return _parquet_names(path)
+            return tuple(pq.read_schema(path).names)
         names = _csv_head(path).names
     if len(names) == 1 and (mark := next((mark for mark in ";\t|" if mark in names[0]), None)):
         raise RecordingError(f"{path}: expected columns separated by commas, and decimal points; came {mark!r}")
@@ -96,19 +97,18 @@ def row_count(path: Path) -> int | None:
     """Rows of a file whose format says so at its start (Parquet); None otherwise."""
     if _kind(path) != "parquet":
         return None
-    with _as_sentences(path, "its end"), pq.ParquetFile(path) as file:
-        return int(file.metadata.num_rows)
+    with _as_sentences(path, "its end"):
+        return int(pq.read_metadata(path).num_rows)
 
 
 def notes(path: Path) -> dict[str, Any]:
     """What the bench noted in a Parquet file when it wrote it; empty in any other file."""
     if _kind(path) != "parquet":
         return {}
-    with _as_sentences(path, "its end"), pq.ParquetFile(path) as file:
-        kept: Any = file.schema_arrow.metadata
-    text: bytes = kept[NOTES] if kept and NOTES in kept else b"{}"
+    with _as_sentences(path, "its end"):
+        kept: Any = pq.read_schema(path).metadata or {}
     try:
-        told = json.loads(text)
+        told = json.loads(kept.get(NOTES, b"{}"))
     except (ValueError, RecursionError):
         return {}
     return cast(dict[str, Any], told) if isinstance(told, dict) else {}
@@ -229,19 +229,19 @@ def _from_text(path: Path, name: str, cells: Any, done: int) -> NDArray[np.float
         return _as_floats(cells)
     except pa.ArrowInvalid:
         pass
-    low, high = 0, len(cells)
-    while high - low > 1:  # the first cell that is no number, by halves
-        middle = (low + high) // 2
-        try:
-            _as_floats(cells[low:middle])
-        except pa.ArrowInvalid:
-            high = middle
-        else:
-            low = middle
-    text = cells[low].as_py().decode("utf-8", errors="replace")
+    first = bisect_left(range(len(cells)), True, key=lambda k: not _are_numbers(cells[: k + 1]))
+    text = cells[first].as_py().decode("utf-8", errors="replace")
     raise RecordingError(
-        f"{path}: column {quoted(name)}, row {done + low + 1}: expected a number, came {quoted(text)}"
+        f"{path}: column {quoted(name)}, row {done + first + 1}: expected a number, came {quoted(text)}"
     )
+
+
+def _are_numbers(cells: Any) -> bool:
+    try:
+        _as_floats(cells)
+    except pa.ArrowInvalid:
+        return False
+    return True
 
 
 def _as_floats(cells: Any) -> NDArray[np.float64]:
@@ -256,11 +256,6 @@ def _as_floats(cells: Any) -> NDArray[np.float64]:
 
 
 # --- Parquet
-
-
-def _parquet_names(path: Path) -> tuple[str, ...]:
-    with pq.ParquetFile(path) as file:
-        return tuple(file.schema_arrow.names)
 
 
 def _parquet_parts(path: Path, columns: list[str], rows: int) -> Iterator[Part]:

@@ -34,13 +34,14 @@ from bench.errors import BenchError
 from bench.live.window import Window
 from bench.machine_file import Nominal, load_machine
 from bench.recordings.capture_file import CapturePart, Heading, write_columns
-from bench.recordings.recording import open_recording, read_recording
+from bench.recordings.recording import open_recording
 from bench.recordings.replay import replay
 from emulator.bounds import ScenarioError
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER, load
 from emulator.scenario.text import text_of
 from tests.proof.results import record
+from tests.support.recordings import read_recording
 
 ROWS: Final = 3000  # of the recording
 MEMORY: Final = 1.5  # GB

@@ -12,9 +12,9 @@ from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
-from bench.recordings.recording import read_recording
 from tests.browser.test_page import browser, pytestmark, text, type_over, until
 from tests.conftest import RunningBench
+from tests.support.recordings import read_recording
 
 __all__ = ["browser", "pytestmark"]
 

@@ -19,7 +19,6 @@ import pyarrow.parquet
 import pytest
 
 from bench.cli.main import main as pmsm_bench
-from bench.recordings.recording import read_recording
 from emulator.bounds import ScenarioError
 from emulator.conceal.chance import Chance
 from emulator.conceal.files import made_anew
@@ -34,6 +33,7 @@ from emulator.scenario.scenarios import BUILT_IN, PAPER, Scenario, check, parse
 from emulator.scenario.text import text_of
 from tests.conftest import READY
 from tests.support.leaks import Features, findable, outside_of, planted, told_apart
+from tests.support.recordings import read_recording
 
 pytestmark = pytest.mark.slow
 

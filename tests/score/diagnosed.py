@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from bench.machine_file import load_machine
-from bench.recordings.recording import read_recording
 from estimator.diagnosis.verdict import Diagnosis
 from estimator.machine import Machine
 from estimator.samples import Samples
+from tests.support.recordings import read_recording
 
 _WARM: Final = 3_000  # rows
 

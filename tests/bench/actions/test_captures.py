@@ -21,7 +21,6 @@ from bench.config import Config, DriveConfig
 from bench.errors import BenchError, ConflictError, LimitError, RecordingError, UnavailableError
 from bench.live.window import Window
 from bench.recordings.capture_file import CapturePart, Heading
-from bench.recordings.recording import read_recording
 from bench.recordings.table import notes
 from bench.service.service import Service
 from drivers import capture, operation
@@ -32,6 +31,7 @@ from emulator.scenario.scenarios import PAPER
 from emulator.servers.faults import Faults, parse_fault
 from tests.conftest import bus_url, free_port
 from tests.support.driving import driving
+from tests.support.recordings import read_recording
 from tests.support.relay import relayed
 from tests.support.served_drive import PATIENCE, Served, served, tcp_url, until
 from tests.support.transports import modbus_tcp_url

@@ -21,7 +21,6 @@ from bench.actions.limits import Limits
 from bench.actions.unfinished import Origin
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal
-from bench.recordings.recording import read_recording
 from drivers import operation
 from drivers.connect import connect
 from drivers.drive import Drive
@@ -30,6 +29,7 @@ from drivers.wire.cia402 import State
 from drivers.wire.dictionary import SET_POINTS
 from drivers.wire.lease import Bridge, Record
 from emulator.scenario.scenarios import PAPER, Excitation, Run
+from tests.support.recordings import read_recording
 from tests.support.served_drive import Served, served, tcp_url, until, virtual_url
 
 pytestmark = pytest.mark.live

@@ -7,9 +7,9 @@ from typing import Any
 import httpx
 import pytest
 
-from bench.recordings.recording import read_recording
 from tests.bench.api.test_api import problem
 from tests.conftest import JSON, RunningBench
+from tests.support.recordings import read_recording
 from tests.support.served_drive import until
 
 pytestmark = pytest.mark.live

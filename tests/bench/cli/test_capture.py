@@ -16,12 +16,12 @@ from typing import Any
 import httpx
 import pytest
 
-from bench.recordings.recording import read_recording
 from bench.recordings.table import column_names
 from drivers.connect import connect
 from tests.bench.cli.test_cli import pmsm_bench, refused
 from tests.bench.test_end_to_end import TRUTH, within
 from tests.conftest import COMMAND, command, free_port, wait_for_answer
+from tests.support.recordings import read_recording
 from tests.support.served_drive import emulator, ready, tcp_url, until
 from tests.support.transports import modbus_tcp_url, pty_url
 

@@ -11,11 +11,11 @@ from typing import Any
 import httpx
 import pytest
 
-from bench.recordings.recording import read_recording
 from drivers import operation
 from drivers.connect import connect
 from drivers.wire.cia402 import State
 from tests.conftest import COMMAND, command, free_port, wait_for_answer
+from tests.support.recordings import read_recording
 from tests.support.served_drive import emulator, ready, tcp_url, until
 
 pytestmark = [pytest.mark.live, pytest.mark.thorough]

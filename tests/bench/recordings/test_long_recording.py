@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from bench.recordings.long_recording import BLOCK, read_in_stretches
-from bench.recordings.recording import Recording, open_recording, read_recording
+from bench.recordings.recording import Recording, open_recording
 from estimator.machine import Machine
 from estimator.physics.rows import rows_of
 from tests.bench.recordings.test_recording import parquet_bytes
+from tests.support.recordings import read_recording
 
 T_S = 1e-4  # s
 MACHINE = Machine(R_s=0.5, L_d=1e-3, L_q=1e-3, psi_f=0.1, n_p=4)

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from bench.errors import ConfigError, RecordingError
-from bench.recordings.recording import Recording, open_recording, read_recording
+from bench.recordings.recording import Recording, open_recording
 from estimator.samples import Samples
 from tests.support.real_data import REAL_DATA
+from tests.support.recordings import read_recording
 
 pa: Any = pyarrow
 pq: Any = pyarrow.parquet

@@ -10,8 +10,8 @@ import pytest
 
 from bench.errors import BenchError
 from bench.recordings.capture_file import write_columns
-from bench.recordings.recording import read_recording
 from bench.recordings.seal import sealed
+from tests.support.recordings import read_recording
 
 pq: Any = pyarrow.parquet
 

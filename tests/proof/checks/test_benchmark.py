@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from bench.machine_file import load_machine
-from bench.recordings.recording import read_recording
 from estimator.diagnosis.verdict import Before, Diagnosis, Finding, Fit, Place, Quantity, Verdict
 from estimator.samples import Samples
 from tests.proof.parts.benchmark import Outcome, judged, prove
 from tests.proof.parts.benchmark_cells import CELLS, I_RATED, TOLERANCE, U_DC, Made, made, motor_of
 from tests.proof.proof import Settings
 from tests.score.diagnosed import Said
+from tests.support.recordings import read_recording
 
 SEED = 1100
 LENGTH = 0.5  # s

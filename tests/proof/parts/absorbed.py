@@ -31,7 +31,6 @@ from bench.errors import BenchError
 from bench.live import method
 from bench.live.window import Window
 from bench.machine_file import Nominal
-from bench.recordings.recording import read_recording
 from drivers.connect import connect
 from drivers.errors import DriveError, NoReplyError
 from emulator.conceal.recording import recorded
@@ -44,6 +43,7 @@ from estimator.online.estimate import Status, WindowEstimate
 from estimator.samples import Samples
 from tests.proof.parts.absorbed_cases import Case, cases
 from tests.proof.proof import Bar, Proof, Settings, Table
+from tests.support.recordings import read_recording
 from tests.support.served_drive import emulator, ready, tcp_url
 
 ROUNDS: Final = 3  # of experiment and diagnosis
