@@ -13,7 +13,6 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from bench.errors import RecordingError
 from bench.recordings.capture_file import column_steps, write_columns
 from bench.recordings.part_file import OnPartFile, PartFile, piece_size
 from drivers.capture import Setup, Upload, decoded
@@ -37,6 +36,8 @@ class Heading:
 class ExperimentPart(OnPartFile):
     """The part file of an experiment, grown as samples come."""
 
+    what = "an experiment"
+
     def __init__(
         self, file: PartFile, heading: Heading, groups: list[Upload], remarks: Sequence[str], off: str
     ) -> None:
@@ -47,39 +48,25 @@ class ExperimentPart(OnPartFile):
     @classmethod
     def begun(cls, recording: Path, heading: Heading) -> Self:
         """A new one beside the recording to come. Raises OSError."""
-        file = PartFile.begun(recording.with_suffix(SUFFIX))
-        try:
-            file.append(_HEADING, json.dumps(asdict(heading)).encode())
-            file.sync()
-        except OSError:
-            file.remove()
-            raise
+        file = PartFile.begun(recording.with_suffix(SUFFIX), _HEADING, json.dumps(asdict(heading)).encode())
         return cls(file, heading, [], (), "")
 
     @classmethod
-    def found(cls, path: Path) -> Self | None:
-        """One that was left; None where it is being worked at. Raises RecordingError where it cannot be read."""
-        file = PartFile.found(path)
-        if file is None:
-            return None
+    def of(cls, file: PartFile) -> Self:
         groups: list[Upload] = []
         remarks, off = list[str](), ""
-        try:
-            (kind, content), *rest = file.records
-            if kind != _HEADING:
-                raise ValueError
-            heading = Heading(**json.loads(content))
-            for kind, content in rest:
-                if kind == _GROUP:
-                    told = json.loads(content)
-                    remarks, off = told.pop("remarks"), told.pop("off", "")
-                    setup = Setup(**told.pop("setup"))
-                    groups.append(Upload(setup, **told))
-                else:
-                    groups[-1].data.extend(content)
-        except (ValueError, TypeError, LookupError, AttributeError):
-            file.close()
-            raise RecordingError(f"{path.name}: expected an experiment under way, it is something else") from None
+        (kind, content), *rest = file.records
+        if kind != _HEADING:
+            raise ValueError
+        heading = Heading(**json.loads(content))
+        for kind, content in rest:
+            if kind == _GROUP:
+                told = json.loads(content)
+                remarks, off = told.pop("remarks"), told.pop("off", "")
+                setup = Setup(**told.pop("setup"))
+                groups.append(Upload(setup, **told))
+            else:
+                groups[-1].data.extend(content)
         return cls(file, heading, groups, remarks, off)
 
     @property

@@ -14,9 +14,10 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import RecordingError
 from bench.new_file import write_new
 from bench.recordings.part_file import OnPartFile, PartFile, piece_size
+from bench.recordings.seal import sealed
+from bench.recordings.table import NOTES, pa, pq
 from drivers.capture import Capture, Setup, Upload, decoded
 from drivers.drive import Identity
 from drivers.wire.codec import FullScales, channel_signal, count_size
@@ -48,9 +49,16 @@ class Heading:
     def of(cls, id_: str, drive: str, url: str, asked: str, request: dict[str, Any], identity: Identity) -> Self:
         return cls(id_, drive, url, device_of(identity), asked, request, identity.T_s, dict(identity.full))
 
+    @property
+    def record(self) -> bytes:
+        """As it stands in a part file."""
+        return json.dumps(asdict(self)).encode()
+
 
 class CapturePart(OnPartFile):
     """The part file of a capture under way, grown as samples come."""
+
+    what = "a capture"
 
     def __init__(self, file: PartFile, heading: Heading, data: bytearray) -> None:
         """Use `begun` or `found`."""
@@ -61,33 +69,19 @@ class CapturePart(OnPartFile):
     @classmethod
     def begun(cls, path: Path, heading: Heading) -> Self:
         """A new file, under this name or the next that is free. Raises OSError."""
-        part = cls(PartFile.begun(path), heading, bytearray())
-        try:
-            part.change(heading)
-        except OSError:
-            part.remove()
-            raise
-        return part
+        return cls(PartFile.begun(path, _HEADING, heading.record), heading, bytearray())
 
     @classmethod
-    def found(cls, path: Path) -> Self | None:
-        """One that was left; None where it is being worked at. Raises RecordingError where it cannot be read."""
-        file = PartFile.found(path)
-        if file is None:
-            return None
-        try:
-            headings = [content for kind, content in file.records if kind == _HEADING]
-            heading = Heading(**json.loads(headings[-1]))
-            data = bytearray().join(content for kind, content in file.records if kind == _SAMPLES)
-            size = 2 * len(heading.request["signals"])
-            return cls(file, heading, data[: len(data) // size * size])
-        except (ValueError, TypeError, LookupError, ZeroDivisionError):
-            file.close()
-            raise RecordingError(f"{path.name}: expected a capture under way, it is something else") from None
+    def of(cls, file: PartFile) -> Self:
+        headings = [content for kind, content in file.records if kind == _HEADING]
+        heading = Heading(**json.loads(headings[-1]))
+        data = bytearray().join(content for kind, content in file.records if kind == _SAMPLES)
+        size = 2 * len(heading.request["signals"])
+        return cls(file, heading, data[: len(data) // size * size])
 
     def change(self, heading: Heading) -> None:
         """More is known of it; on disk at once. Raises OSError."""
-        self._file.append(_HEADING, json.dumps(asdict(heading)).encode())
+        self._file.append(_HEADING, heading.record)
         self._file.sync()
         self.heading = heading
 
@@ -118,14 +112,6 @@ def write_recording(path: Path, heading: Heading, upload: Upload) -> Path:
 
 def write_columns(path: Path, columns: Mapping[str, NDArray[np.float64]], said: Mapping[str, Any]) -> Path:
     """Write t and recorded signals (SI) with notes, sealed, whole or not at all, and tell where. Raises OSError."""
-    import pyarrow
-    import pyarrow.parquet
-
-    from bench.recordings.seal import sealed
-    from bench.recordings.table import NOTES
-
-    pa: Any = pyarrow
-    pq: Any = pyarrow.parquet
     schema = pa.schema(
         [pa.field(name, pa.float64(), metadata={"unit": _unit(name)}) for name in columns],
         metadata={NOTES: json.dumps(dict(said)).encode()},

@@ -15,7 +15,7 @@ import time
 import zlib
 from io import FileIO
 from pathlib import Path
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
 from bench.errors import RecordingError
 from bench.new_file import first_free, give_name, sync_folder
@@ -43,8 +43,8 @@ class PartFile:
         self._synced = time.monotonic()
 
     @classmethod
-    def begun(cls, path: Path) -> Self:
-        """A new one, under this name or the next that is free. Raises OSError."""
+    def begun(cls, path: Path, kind: bytes, content: bytes) -> Self:
+        """A new one with a first record, under this name or the next that is free. Raises OSError."""
         path.parent.mkdir(parents=True, exist_ok=True)
         path, file = first_free(path, lambda name: name.open("x+b", buffering=0))
         with contextlib.suppress(OSError):  # where a file system has no locks, one does without
@@ -52,6 +52,7 @@ class PartFile:
         part = cls(path, file)
         try:
             file.write(_MAGIC)
+            part.append(kind, content)
             part.sync()
             sync_folder(path.parent)
         except OSError:
@@ -149,8 +150,26 @@ class PartFile:
 class OnPartFile:
     """What stands on a part file while it is worked at."""
 
+    what: ClassVar[str]  # it is, as a sentence names it
+
     def __init__(self, file: PartFile) -> None:
         self._file = file
+
+    @classmethod
+    def of(cls, file: PartFile) -> Self:
+        """From a file's records. Raises ValueError, TypeError, LookupError or AttributeError where they are others."""
+        raise NotImplementedError
+
+    @classmethod
+    def found(cls, path: Path) -> Self | None:
+        """One that was left; None where it is being worked at. Raises RecordingError where it cannot be read."""
+        if (file := PartFile.found(path)) is None:
+            return None
+        try:
+            return cls.of(file)
+        except (ValueError, TypeError, LookupError, AttributeError, ZeroDivisionError):
+            file.close()
+            raise RecordingError(f"{path.name}: expected {cls.what} under way, it is something else") from None
 
     @property
     def path(self) -> Path:
