@@ -5,9 +5,9 @@
       ConflictError    it may be asked for, but not now: somebody writes, something has ended
       ConfigError      a configuration, machine file or option that cannot be
       RecordingError   a recording that cannot be read as one
-      ParameterError   a parameter set that cannot be
       UnavailableError a part of the service that does not answer now
       InternalError    the service failed: a fault of our own
+    UnknownError       nothing of that name
 """
 
 import json
@@ -33,16 +33,19 @@ class RecordingError(BenchError):
     """A recording that cannot be read as one."""
 
 
-class ParameterError(BenchError):
-    """A parameter set that cannot be."""
-
-
 class UnavailableError(BenchError):
     """A part of the service that does not answer now."""
 
 
 class InternalError(BenchError):
     """The service failed: a fault of our own."""
+
+
+class UnknownError(KeyError):
+    """Nothing of that name: no drive, no capture."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 def shown(value: object) -> str:

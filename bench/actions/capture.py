@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from bench.actions.capture_request import COMMAND, Level, Request
-from bench.actions.jobs import Link
+from bench.actions.jobs import Link, id_at
 from bench.errors import BenchError, ConflictError, UnavailableError
 from bench.new_file import check_room
 from bench.recordings.capture_file import CapturePart, Heading, write_recording
@@ -330,7 +330,7 @@ class Run:
 def new_status(drive: str, request: Request) -> Status:
     """Of a capture that has just been asked for."""
     now = datetime.now(UTC)
-    return Status(f"{drive}-{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}", drive, request, now)
+    return Status(id_at(drive, now), drive, request, now)
 
 
 def _awaited(request: Request) -> str:

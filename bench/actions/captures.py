@@ -17,27 +17,21 @@ from bench.actions.jobs import BenchDrive, DriveJobs, Running
 from bench.actions.lease import Leases, Part
 from bench.recordings.capture_file import CapturePart
 
-_WHEN: Final = r"-\d{8}-\d{6}-\d{3}"  # in an id, after the drive's name
 _REMEMBERED: Final = 200  # captures, of all drives
-
-
-class UnknownCaptureError(KeyError):
-    """No capture of that name."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 class Captures(DriveJobs[Status]):
     """Everything about captures; runs from `start` to `leave`."""
 
     def __init__(self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases) -> None:
-        super().__init__("capture", folder, drives, leases, _REMEMBERED, UnknownCaptureError)
+        super().__init__("capture", folder, drives, leases, _REMEMBERED)
         self._work: dict[str, Run] = {}  # by id, those under way
 
     def start(self) -> None:
         """Go on with what was under way when a service before this one ended; say what cannot go on."""
-        self._take_up(".part", self._go_on, self._say_left)
+        self._take_up(".part", self._go_on, lambda id_, drive, why: Status(
+            id_, drive, Request(), datetime.now(UTC), State.FAILED, reason=why
+        ))  # fmt: skip
 
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
         """Arm a drive's recorder, for `whom`; the rest happens by itself. Raises BenchError, DriveError."""
@@ -57,7 +51,7 @@ class Captures(DriveJobs[Status]):
         return run.status
 
     def trigger(self, drive: str, id_: str) -> Status:
-        """Trigger now. Raises UnknownCaptureError, ConflictError, DriveError."""
+        """Trigger now. Raises UnknownError, ConflictError, DriveError."""
         status = self.one(drive, id_)
         self._under_way(status, "there is nothing to trigger")
         self._work[status.id].trigger()
@@ -93,11 +87,6 @@ class Captures(DriveJobs[Status]):
             self._leases.take(heading.drive, holder, run.most_seconds, Part.RECORDER)
             self._begin(run)
             otherwise.pop_all()
-
-    def _say_left(self, id_: str, why: str) -> None:
-        """Say of a file that is left alone why, beside the captures of the drive that it is named after."""
-        if (drive := self._named_after(id_, _WHEN)) is not None:
-            self._know(Status(id_, drive, Request(), datetime.now(UTC), State.FAILED, reason=why))
 
     def _run(self, status: Status, holder: str, interrupted: CapturePart | None = None) -> Run:
         def changed(status: Status) -> None:

@@ -23,7 +23,7 @@ from pydantic import Field, TypeAdapter
 
 from bench.actions.capture_request import NEEDED
 from bench.actions.experiment_part import ExperimentPart, Heading
-from bench.actions.limits import Limits, Overload
+from bench.actions.limits import RPM, TRIP, Limits, Overload
 from bench.actions.unfinished import Origin, take
 from bench.errors import BenchError, LimitError, UnavailableError, shown
 from bench.expected import CLOSED, Number, Table, taken
@@ -53,9 +53,7 @@ _LEVELS: Final = 1.0  # excitation_kind: random steps
 _STEP_TIME: Final = 5e-3  # s
 _OFF, _REFERENCE = 0, 1  # speed control: none, after the reference
 _SETTINGS: Final = ("excitation_kind", "step_time", "speed_control", "field_weakening")
-_TRIP: Final = "overspeed_trip"
 _NO_STEPS: Final[Mapping[str, float]] = dict.fromkeys(("i_d_step", "i_q_step", "speed_step", "i_d_ref", "i_q_ref"), 0.0)
-_RPM: Final = math.tau / 60.0  # rad/s
 _ALIKE: Final = 2.0  # times a parameter of one motor, by two data sheets, cold or hot
 _OVERLOAD: Final = 1.1  # of rated current
 _MOTOR: Final = {**UNITS, "n_p": "pole pairs", "i_rated": "A"}
@@ -271,7 +269,7 @@ class _UnderWay:
                 )
             omega_e = abs(self._omega_e(hold))
             if omega_e > omega_full:
-                most_rpm = omega_full / (self._n_p * _RPM)
+                most_rpm = omega_full / (self._n_p * RPM)
                 raise LimitError(f"hold {k}: the drive's speeds go to {most_rpm:.5g} rpm, got {hold.speed_rpm:g}")
             u = abs(R_s * complex(hold.i_d, hold.i_q) + 1j * omega_e * complex(L_d * hold.i_d + psi_f, L_q * hold.i_q))
             if u > u_most > 0.0:
@@ -296,7 +294,7 @@ class _UnderWay:
         fastest = max(abs(self._drive.read("omega_e")), *(abs(self._omega_e(hold)) for hold in self._plan.holds))
         self._most_speed = _FASTER * fastest + _SLACK * self._drive.identity.omega_full
         if self._drive.identity.has_lease:
-            settings[_TRIP] = min(self._most_speed, self._drive.read(_TRIP))
+            settings[TRIP] = min(self._most_speed, self._drive.read(TRIP))
         parts: list[Capture] = []
         self.check_cancelled()  # a stop after this ends the lease by which it starts
         self._lease.start(self._drive, settings)
@@ -345,7 +343,7 @@ class _UnderWay:
         return capture.upload(drive, found, uploaded)
 
     def _omega_e(self, hold: Hold) -> float:
-        return hold.speed_rpm * _RPM * self._n_p
+        return hold.speed_rpm * RPM * self._n_p
 
     def _set(self, hold: Hold) -> None:
         step = self._plan.step
@@ -361,7 +359,7 @@ class _UnderWay:
         near = _SETTLED * max(abs(wanted), 0.05 * self._drive.identity.omega_full)
         deadline = time.monotonic() + PATIENCE
         while abs((now := self._drive.read("omega_e")) - wanted) > near:
-            rpm = now / (self._n_p * _RPM)
+            rpm = now / (self._n_p * RPM)
             if not self._speed_controlled:
                 self._remarks.append(
                     f"{hold.speed_rpm:g} rpm was wanted and {rpm:.4g} rpm recorded: the load machine sets the speed of "
@@ -381,7 +379,7 @@ class _UnderWay:
         self._lease.keep(self._drive)
         omega_e, now = self._drive.read("omega_e"), operation.state(self._drive)
         if abs(omega_e) > self._most_speed:
-            rpm, most = (omega / (self._n_p * _RPM) for omega in (omega_e, self._most_speed))
+            rpm, most = (omega / (self._n_p * RPM) for omega in (omega_e, self._most_speed))
             raise FaultError(f"the shaft turned at {rpm:.5g} rpm, expected at most {most:.5g}: the drive is stopped", 0)
         if now is State.OPERATION_ENABLED:
             if self._speed_controlled and (too_much := self._overload.told(self._drive)):
@@ -421,14 +419,13 @@ def _groups(plan: Plan, T_s: float) -> list[list[Hold]]:
 
 
 def _length(holds: Sequence[Hold], T_s: float) -> int:
-    """Samples of one recording."""
     return min(max(round(sum(hold.seconds for hold in holds) / T_s), 1), CAPTURE_SAMPLES)
 
 
 @contextmanager
 def _stopped_at_the_end(drive: Drive, lease: Lease, origin: Origin) -> Generator[None]:
     """Control of the drive; afterwards it is without current and its bridge off, its settings as they were."""
-    before = {name: drive.read(name) for name in (*_SETTINGS, *([_TRIP] if drive.identity.has_lease else []))}
+    before = {name: drive.read(name) for name in (*_SETTINGS, *([TRIP] if drive.identity.has_lease else []))}
     noted = take(drive, lease, origin, before)
     try:
         lease.stop(drive)
@@ -445,15 +442,11 @@ def _stopped_at_the_end(drive: Drive, lease: Lease, origin: Origin) -> Generator
 
 def _ended(drive: Drive, lease: Lease, before: Mapping[str, float]) -> None:
     """Off, restored, given up; where control is another's by now, nothing is written. Raises DriveError."""
-    def restore(drive: Drive) -> None:
-        lease.write(drive, before)
-
-    failed: dict[str, DriveError] = {}
-    acts = {"stop": lease.stop, "restore": restore, "release": lease.release}
+    acts: dict[str, Callable[[Drive], object]] = {
+        "stop": lease.stop, "restore": lambda drive: lease.write(drive, before), "release": lease.release
+    }
     try:
-        for name, act in acts.items():
-            if (error := _twice(act, drive)) is not None:
-                failed[name] = error
+        failed = {name: error for name, act in acts.items() if (error := _twice(act, drive)) is not None}
     except HeldError:  # the lease has ended, and with it the bridge has gone off
         with contextlib.suppress(RefusedError):  # another has control, and the settings are that one's now
             for name, value in before.items():

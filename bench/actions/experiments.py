@@ -17,7 +17,7 @@ from typing import Any, Final
 from bench.actions import experiment
 from bench.actions.experiment import CancelledError, Plan, Progress, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
-from bench.actions.jobs import BenchDrive, DriveJobs, Running
+from bench.actions.jobs import BenchDrive, DriveJobs, Running, id_at
 from bench.actions.lease import Leases, Part
 from bench.actions.unfinished import Origin, folder_beside
 from bench.errors import BenchError, ConflictError, UnavailableError
@@ -28,15 +28,7 @@ _RENEWED: Final = 30.0  # s that the lease is taken for, anew with every step ah
 _REMEMBERED: Final = 50  # experiments, of all drives
 _LINK: Final = 20.0  # s that a link is waited for, to take up what a drive still has
 _RETRY: Final = 0.2  # s
-_WHEN: Final = r"-experiment-\d{8}-\d{6}-\d{3}"  # in an id, after the drive's name
 _KILLED: Final = "the service ended while it ran"
-
-
-class UnknownExperimentError(KeyError):
-    """No experiment of that name."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 class State(StrEnum):
@@ -69,7 +61,7 @@ class Experiments(DriveJobs[Status]):
     """Everything about experiments, until `leave`."""
 
     def __init__(self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases) -> None:
-        super().__init__("experiment", folder, drives, leases, _REMEMBERED, UnknownExperimentError)
+        super().__init__("experiment", folder, drives, leases, _REMEMBERED)
         self._stops = Counter[str]()  # under the lock: so often has somebody asked for a drive's Stop
 
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
@@ -80,7 +72,7 @@ class Experiments(DriveJobs[Status]):
         experiment.check_motor(plan, self._drives[drive].nominal.told, f"drive {drive}'s machine file")
         self._check_folder()
         link = self._drives[drive].link.drive()  # from here on it is known which device that is
-        id_ = f"{drive}-experiment-{asked:%Y%m%d-%H%M%S}-{asked.microsecond // 1000:03d}"
+        id_ = id_at(f"{drive}-experiment", asked)
         status = Status(id_, drive, plan, asked)
         holder = f"experiment {id_}" + (f" (asked for from {whom})" if whom else "")
         self._leases.take(drive, holder, _RENEWED, *Part)
@@ -102,7 +94,9 @@ class Experiments(DriveJobs[Status]):
 
     def start(self) -> None:
         """Finish what a service before this one has left, as far as it can be; say what cannot."""
-        self._take_up(SUFFIX, self._go_on, self._say_left)
+        self._take_up(SUFFIX, self._go_on, lambda id_, drive, why: Status(
+            id_, drive, Plan(()), datetime.now(UTC), State.FAILED, reason=why
+        ), "-experiment")  # fmt: skip
 
     def stop(self, drive: str) -> None:
         """Have one that is under way, or asked for, end, without waiting for it."""
@@ -226,17 +220,9 @@ class Experiments(DriveJobs[Status]):
             return {"state": State.FAILED, "reason": f"{_KILLED}; what there is of it is taken up at the next start"}
         return self._ended(part, State.FAILED, _KILLED)
 
-    def _say_left(self, id_: str, why: str) -> None:
-        """Say of a file that is left alone why, beside the experiments of the drive that it is named after."""
-        if (drive := self._named_after(id_, _WHEN)) is not None:
-            self._know(Status(id_, drive, Plan(()), datetime.now(UTC), State.FAILED, reason=why))
-
 
 def as_json(status: Status) -> dict[str, Any]:
     """An experiment as plain values."""
-    return {
-        "id": status.id, "drive": status.drive, "state": status.state.value, "phase": status.phase,
-        "progress": status.progress, "reason": status.reason, "remarks": list(status.remarks),
-        "samples": status.samples, "file": None if status.file is None else str(status.file),
-        "asked": status.asked, **asdict(status.plan),
-    }  # fmt: skip
+    told = asdict(status)
+    plan, file = told.pop("plan"), told.pop("file")
+    return {**told, **plan, "file": None if file is None else str(file)}

@@ -8,18 +8,20 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 from bench.actions.lease import Leases
 from bench.actions.limits import Limits
-from bench.errors import ConflictError, RecordingError, UnavailableError, shown
+from bench.errors import ConflictError, RecordingError, UnavailableError, UnknownError, shown
 from bench.machine_file import Nominal
 from bench.new_file import check_place
 from drivers.drive import Drive
 
 LATEST: Final = "latest"
 _CANCEL: Final = 5.0  # s for a job to end
+_WHEN: Final = r"-\d{8}-\d{6}-\d{3}"  # in an id, after what it is named after
 
 
 class Link(Protocol):
@@ -33,24 +35,13 @@ class Link(Protocol):
 class BenchDrive(Protocol):
     """A drive as the bench has it."""
 
-    @property
-    def url(self) -> str:
-        """Its address."""
-        ...
+    url: str
+    nominal: Nominal  # what is known of its motor
+    limits: Limits  # of its set points
 
     @property
     def link(self) -> Link:
         """The way to it."""
-        ...
-
-    @property
-    def nominal(self) -> Nominal:
-        """What is known of its motor."""
-        ...
-
-    @property
-    def limits(self) -> Limits:
-        """Of its set points."""
         ...
 
 
@@ -94,11 +85,10 @@ class DriveJobs(Generic[S]):
     """The jobs of one kind, of all drives; what is known of the latest is kept."""
 
     def __init__(
-        self, kind: str, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, remembered: int,
-        unknown: type[KeyError],
-    ) -> None:  # fmt: skip
-        """`kind`: in a word; `folder`: of their recordings; `unknown`: raised where there is no such job."""
-        self._kind, self._folder, self._remembered, self._unknown = kind, folder.absolute(), remembered, unknown
+        self, kind: str, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, remembered: int
+    ) -> None:
+        """`kind`: in a word; `folder`: of their recordings."""
+        self._kind, self._folder, self._remembered = kind, folder.absolute(), remembered
         self._drives, self._leases = drives, leases
         self._lock = threading.Lock()  # guards what follows
         self._known: dict[str, S] = {}  # oldest first
@@ -115,13 +105,13 @@ class DriveJobs(Generic[S]):
         return next(iter(self.all(drive)), None)
 
     def one(self, drive: str, id_: str) -> S:
-        """A job by its id, or `latest`. Raises what is for unknown ones."""
+        """A job by its id, or `latest`. Raises UnknownError."""
         found = self.all(drive)
         for status in found:
             if id_ in (status.id, LATEST):
                 return status
         there = f"the latest is {found[0].id}" if found else "there is none"
-        raise self._unknown(f"drive {drive} has no {self._kind} {shown(id_)}; {there}")
+        raise UnknownError(f"drive {drive} has no {self._kind} {shown(id_)}; {there}")
 
     def cancel(self, drive: str, id_: str) -> S:
         """End a job that is under way. Raises as `one`, and ConflictError, UnavailableError."""
@@ -190,16 +180,25 @@ class DriveJobs(Generic[S]):
         except OSError as error:
             raise UnavailableError(f"the folder of captures cannot be written: {error.strerror or error}") from None
 
-    def _take_up(self, suffix: str, go_on: Callable[[Path], None], left: Callable[[str, str], None]) -> None:
-        """What a service before this one has left: go on with each file, or say why it is `left` (id, why) alone."""
+    def _take_up(
+        self, suffix: str, go_on: Callable[[Path], None], left: Callable[[str, str, str], S], named: str = ""
+    ) -> None:
+        """What a service before this one has left: go on with each file, or say why it is left alone.
+
+        That is said beside the jobs of the drive whose name, with what is `named` after it, and a time are the id;
+        `left` makes the status, by id, drive and why.
+        """
         for path in sorted(self._folder.glob(f"*{suffix}")):
             try:
                 go_on(path)
             except RecordingError as error:
-                left(path.stem, str(error))
+                for drive in self._drives:
+                    if re.fullmatch(re.escape(drive + named) + _WHEN, path.stem):
+                        self._know(left(path.stem, drive, str(error)))
             except Exception:  # noqa: BLE001 - what makes no sense is left alone
                 continue
 
-    def _named_after(self, id_: str, pattern: str) -> str | None:
-        """The drive that an id is named after, which goes on as the pattern says; None where it is none of these."""
-        return next((drive for drive in self._drives if re.fullmatch(re.escape(drive) + pattern, id_)), None)
+
+def id_at(named: str, asked: datetime) -> str:
+    """The id of a job by what it is named after, its drive's name first, and when it was asked for."""
+    return f"{named}-{asked:%Y%m%d-%H%M%S}-{asked.microsecond // 1000:03d}"

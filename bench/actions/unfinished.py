@@ -233,4 +233,3 @@ def _set_aside(path: Path) -> str:
 
 def _name(identity: Identity) -> str:
     return f"{identity.vendor_id:08x}-{identity.product_code:08x}-{identity.serial:08x}{_SUFFIX}"
-

@@ -40,7 +40,7 @@ def of_known(service: Service) -> list[Any]:
     """The dependency of a route that refuses a drive it does not know before it looks at anything else."""
 
     async def known(name: DriveName) -> None:  # in the loop: a thread for it would cost more than it does
-        service.url(name)
+        service.drive(name)
 
     return [Depends(known)]
 

@@ -98,7 +98,7 @@ def control_model(service: Service, name: str) -> ControlModel:
         **state_model(now).model_dump(),
         holder=held and held.holder, lease_left_s=held and held.left, ours=whom is not None,
         whom=whom, in_experiment=started is None and experiment is not None,
-        said=control.said, undone=service.undone(name),
+        said=control.said, undone=service.drive(name).undone,
         guarded=now.has_lease if now else None, safe_torque_off=now.safe_torque_off if now else None,
         seen=now and now.at,
     )  # fmt: skip

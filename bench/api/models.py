@@ -277,7 +277,7 @@ def drive_model(service: Service, name: str) -> DriveModel:
     identity, writer = link.identity, service.writer(name)
     return DriveModel(
         name=name,
-        url=service.url(name),
+        url=service.drive(name).url,
         identity=None if identity is None else IdentityModel.model_validate(identity, from_attributes=True),
         link=link_model(link),
         stream=StreamModel(

@@ -9,11 +9,8 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-from bench.actions.captures import UnknownCaptureError
-from bench.actions.experiments import UnknownExperimentError
 from bench.diagnoses.diagnosis_jobs import UnknownRecordingError
-from bench.errors import BenchError, ConflictError, LimitError, UnavailableError, shown
-from bench.service.service import UnknownDriveError
+from bench.errors import BenchError, ConflictError, LimitError, UnavailableError, UnknownError, shown
 from drivers.errors import ConnectError, DriveError, FaultError, LostError, NoReplyError, RefusedError
 
 
@@ -26,10 +23,8 @@ class TooLargeError(LimitError):
 
 
 _STATUS: dict[type[Exception], int] = {
-    UnknownDriveError: 404,
-    UnknownCaptureError: 404,
+    UnknownError: 404,
     UnknownRecordingError: 404,
-    UnknownExperimentError: 404,
     ConflictError: 409,
     TooLargeError: 413,
     MediaError: 415,

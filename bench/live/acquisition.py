@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
 
-from bench.live.drive_clock import DriveClock
+from bench.live.drive_clock import DriveClock, ticks_between
 from drivers.block import Block
 from drivers.connect import connect
 from drivers.drive import Drive, Identity
@@ -24,7 +24,6 @@ _CLOCK_DOUBT = 1.0  # s by which a drive's clock and ours may disagree over an o
 _LAG_DOUBT = 0.25  # s that rows seem to be late by, for which the drive is asked for its tick
 _LAG_ASKED = 1.0  # s between two such questions
 _LAG_MOST = (1.0, 2.0)  # s by which a stream may be late, and for how long: then it is begun anew
-_TICKS = 1 << 32  # that a drive counts
 _RATE_SPAN = 2.0  # s, over which the stream's rate is measured
 
 
@@ -99,26 +98,21 @@ class Acquisition:
         self._lagging: float | None = None  # s, monotonic, since when the stream is too late
         self._frames = (0, 0)  # late and foreign ones of the present stream
         self._arrivals: deque[tuple[float, int]] = deque()
-        self._thread = threading.Thread(target=self._run, name=f"pump {name}", daemon=True)
-        self.link = Link(LinkState.CONNECTING, _now())
-
-    @property
-    def thread(self) -> threading.Thread:
-        """The pump's thread, for the health page."""
-        return self._thread
+        self.thread = threading.Thread(target=self._run, name=f"pump {name}", daemon=True)
+        self.status = Link(LinkState.CONNECTING, _now())
 
     def drive(self) -> Drive:
         """The drive, connected, for whoever asks it for more than its stream. Raises LostError while it is not."""
         with self._drive_lock:
             drive = self._drive
         if drive is None:
-            error = self.link.last_error
+            error = self.status.last_error
             raise LostError(f"there is no link to drive {self._name}" + (f": {error.sentence}" if error else ""))
         return drive
 
     def start(self) -> None:
         """Begin; returns at once, whether or not the drive is there."""
-        self._thread.start()
+        self.thread.start()
 
     def end(self) -> None:
         """Close the link and let the thread come to its end; it may be held up in connecting for some seconds."""
@@ -130,8 +124,8 @@ class Acquisition:
 
     def join(self, timeout: float) -> None:
         """Wait for the thread's end, at most so many seconds."""
-        if self._thread.ident is not None:
-            self._thread.join(timeout)
+        if self.thread.ident is not None:
+            self.thread.join(timeout)
 
     def _run(self) -> None:
         wait = RETRY[0]
@@ -139,7 +133,7 @@ class Acquisition:
             try:
                 with connect(self._url) as drive:
                     self._on_drive(drive)
-                    self.link = replace(self.link, identity=drive.identity)
+                    self.status = replace(self.status, identity=drive.identity)
                     with self._drive_lock:
                         self._drive = drive
                     for block in drive.stream() if not self._stop.is_set() else ():
@@ -159,17 +153,13 @@ class Acquisition:
             wait = min(2.0 * wait, RETRY[1])
 
     def _failed(self, sentence: str) -> None:
-        link = self.link
-        lost = link.state is not LinkState.CONNECTING
-        self.link = replace(
-            link,
-            state=LinkState.LOST if lost else LinkState.CONNECTING,
-            since=link.since if link.state is not LinkState.STREAMING else _now(),
-            last_error=Failure(sentence, _now()),
-        )
+        link, now = self.status, _now()
+        if link.state is LinkState.STREAMING:
+            link = replace(link, state=LinkState.LOST, since=now)
+        self.status = replace(link, last_error=Failure(sentence, now))
 
     def _take(self, block: Block, drive: Drive) -> None:
-        link, now = self.link, time.monotonic()
+        link, now = self.status, time.monotonic()
         gaps, lost, resets = int(block.lost_before > 0), block.lost_before, 0
         if link.state is not LinkState.STREAMING:
             if link.made is not None:  # rows between two sessions
@@ -185,7 +175,7 @@ class Acquisition:
             self._arrivals.popleft()
         made, counts, (late, foreign) = self._made(block.T_s, now, drive), drive.counts, self._frames
         self._frames = (counts.frames_late, counts.frames_foreign)
-        self.link = replace(
+        self.status = replace(
             link, identity=drive.identity, row_time=block.periods * block.T_s, rows=rows, gaps=link.gaps + gaps,
             rows_lost=link.rows_lost + lost, clock_resets=link.clock_resets + resets, note=drive.note,
             frames_late=link.frames_late + _more(late, counts.frames_late),
@@ -221,7 +211,7 @@ class Acquisition:
         """
         tick, outage = int(block.tick[0]), now - made
         known = self._next_tick is not None and self._clock is not None
-        missed = (tick - (self._next_tick or 0) + _TICKS // 2) % _TICKS - _TICKS // 2
+        missed = ticks_between(self._next_tick or 0, tick)
         was_up = tick * block.T_s > outage + _CLOCK_DOUBT  # since before the outage: it may not have been reset in it
         same = abs(missed * block.T_s - outage) < _CLOCK_DOUBT
         if known and missed >= 0 and (was_up or same):

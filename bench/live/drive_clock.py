@@ -18,21 +18,22 @@ class DriveClock:
         self._tick = tick
         self._at = came  # when `_tick` was, at the latest
 
-    def difference(self, tick: int) -> float:
-        """Time in s from the latest tick that came in a row to this one; < 0: it was before."""
-        return self._T_s * ((tick - self._tick + _TICKS // 2) % _TICKS - _TICKS // 2)
-
-    def time(self, tick: int) -> float:
-        """When this tick was."""
-        return self._at + self.difference(tick)
-
     def came(self, tick: int, now: float) -> float:
         """A row that ended at this tick has come; when that was."""
-        self._at, self._tick = min(self.time(tick), now), tick
+        self._at, self._tick = min(self._at + self._after(tick), now), tick
         return self._at
 
     def told(self, tick: int, asked: float, answered: float) -> float:
         """The drive has told its tick; when the latest row ended, after all."""
-        off = self.difference(tick)
+        off = self._after(tick)
         self._at = min(max(self._at, asked - off), answered - off)
         return self._at
+
+    def _after(self, tick: int) -> float:
+        """Time in s from the latest tick that came in a row to this one; < 0: it was before."""
+        return self._T_s * ticks_between(self._tick, tick)
+
+
+def ticks_between(one: int, other: int) -> int:
+    """Ticks from one to the other, < 0: that was before, of a counter that begins anew after 2^32."""
+    return (other - one + _TICKS // 2) % _TICKS - _TICKS // 2

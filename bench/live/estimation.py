@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from bench.errors import LimitError, UnavailableError
 from bench.live import method, watch
+from bench.live.drive_clock import ticks_between
 from bench.live.method import Running
 from bench.live.watch import Mismatch, Watch
 from bench.live.window import Window
+from bench.machine_file import Nominal
 from drivers.block import Block
 from estimator.diagnosis import watch as detect
 from estimator.online.estimate import WindowEstimate
@@ -33,7 +35,6 @@ REFRESH = 0.05  # s, shortest time between two estimates of one drive
 REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
 WATCH = 1.0  # s between two windows in which a mismatch is looked for
 PAUSE = 1.0  # s, or the time that the window covers where that is longer: rows of before are too old to go on from
-_TICKS = 1 << 32  # that a drive counts
 LATE = 0.5  # s that an estimate waits for rows to be taken in first, where those come faster
 _VALUES = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")  # of a row, all needed
 _CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings
@@ -75,8 +76,8 @@ class _Drive:
 
     running: Running
     snapshot: Snapshot
+    machine: Nominal
     watch: Watch = field(default_factory=Watch)
-    theta_step: float = 0.0  # rad, resolution of its angle, 0 where not known
     next_tick: int | None = None
     row: tuple[int, float] | None = None  # periods and T_s of the rows taken in
     received: float | None = None
@@ -96,14 +97,10 @@ class _Drive:
 class Estimation:
     """The worker; runs from `start` to `stop`."""
 
-    def __init__(
-        self, windows: Mapping[str, Window], theta_steps: Mapping[str, float] | None = None,
-        nominals: Mapping[str, Mapping[str, float]] | None = None,
-    ) -> None:
-        """Settings by drive, and what is known of their angles' resolution in rad and of nominal values (SI)."""
-        known = theta_steps or {}
-        self._nominals = nominals or {}
-        self._drives = {name: _new_drive(window, known.get(name, 0.0)) for name, window in windows.items()}
+    def __init__(self, windows: Mapping[str, Window], machines: Mapping[str, Nominal] | None = None) -> None:
+        """Settings by drive, and what is known of their machines."""
+        known = machines or {}
+        self._drives = {name: _new_drive(window, known.get(name, Nominal({}))) for name, window in windows.items()}
         self._queue: queue.Queue[tuple[str, Block, float] | Callable[[], None]] = queue.Queue(QUEUE)
         self._stop = threading.Event()
         self.thread = threading.Thread(target=self._run, name="estimation", daemon=True)
@@ -186,7 +183,7 @@ class Estimation:
             if due and time.monotonic() >= due[name := min(due, key=due.__getitem__)]:
                 drive = self._drives[name]
                 if not late and time.monotonic() >= drive.watched_at + WATCH:
-                    self._guarded(name, self._watch, drive, self._nominals.get(name, {}))
+                    self._guarded(name, self._watch, drive)
                 self._guarded(name, self._estimate, drive)
 
     def _guarded(self, name: str, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
@@ -205,7 +202,7 @@ class Estimation:
 
     def _take(self, drive: _Drive, block: Block, received: float) -> None:
         row = (block.periods, block.T_s)
-        samples = samples_of(block, drive.theta_step)
+        samples = samples_of(block, drive.machine.theta_step)
         if drive.row != row or _too_old(drive, samples, block):  # other rows cannot share an estimator
             drive.running = method.start(drive.running.window)
             drive.watch = watch.anew(drive.watch)
@@ -225,10 +222,10 @@ class Estimation:
             drive.rows_dropped, drive.lacking,
         )
 
-    def _watch(self, drive: _Drive, nominal: Mapping[str, float]) -> None:
+    def _watch(self, drive: _Drive) -> None:
         drive.watched_at = time.monotonic()
         snapshot = drive.snapshot
-        watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, nominal, datetime.now(UTC))
+        watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, drive.machine.given, datetime.now(UTC))
 
 
 def _whole(samples: Samples) -> dict[str, NDArray[np.bool_]]:
@@ -241,8 +238,7 @@ def _too_old(drive: _Drive, samples: Samples, block: Block) -> bool:
     used = np.flatnonzero(np.logical_and.reduce(list(_whole(samples).values())))
     if drive.t_drive is None or not len(used):
         return False
-    turn = _TICKS * block.T_s
-    pause = (int(block.tick[used[0]]) * block.T_s - drive.t_drive + 0.5 * turn) % turn - 0.5 * turn
+    pause = block.T_s * ticks_between(round(drive.t_drive / block.T_s), int(block.tick[used[0]]))
     return pause < -0.5 * samples.T or pause > max(PAUSE, drive.running.window.samples * samples.T)
 
 
@@ -266,6 +262,6 @@ def samples_of(block: Block, theta_step: float = 0.0) -> Samples:
     )
 
 
-def _new_drive(window: Window, theta_step: float) -> _Drive:
+def _new_drive(window: Window, machine: Nominal) -> _Drive:
     running = method.start(window)
-    return _Drive(running, Snapshot(window, method.estimate(running)), theta_step=theta_step)
+    return _Drive(running, Snapshot(window, method.estimate(running)), machine)

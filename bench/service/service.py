@@ -5,7 +5,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
-from types import TracebackType
 from typing import Any, Self
 
 from bench.actions.captures import Captures
@@ -16,7 +15,7 @@ from bench.actions.limits import Limits
 from bench.actions.unfinished import Origin, folder_beside, undo
 from bench.config import Config, DriveConfig
 from bench.diagnoses.diagnosis_jobs import DiagnosisJobs
-from bench.errors import LimitError, shown
+from bench.errors import LimitError, UnknownError, shown
 from bench.live.acquisition import Acquisition, Link, LinkState
 from bench.live.estimation import Estimation, Snapshot
 from bench.live.trust import trusted
@@ -43,41 +42,16 @@ class ThreadHealth:
     failure: str | None = None  # its last unexpected failure
 
 
-class UnknownDriveError(KeyError):
-    """No drive of that name."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
-
-
 @dataclass(slots=True)
 class ServiceDrive:
     """A drive of the service."""
 
-    config: DriveConfig
-    pump: Acquisition
+    url: str
+    nominal: Nominal  # what is known of its motor
+    limits: Limits  # of its set points
+    link: Acquisition
     control: Control
     undone: str = ""  # what a bench before this one left and this one undid, in a sentence
-
-    @property
-    def url(self) -> str:
-        """Its address."""
-        return self.config.url
-
-    @property
-    def link(self) -> Acquisition:
-        """The way to it."""
-        return self.pump
-
-    @property
-    def nominal(self) -> Nominal:
-        """What is known of its motor."""
-        return self.config.nominal
-
-    @property
-    def limits(self) -> Limits:
-        """Of its set points."""
-        return self.config.limits
 
 
 class Service:
@@ -85,33 +59,28 @@ class Service:
 
     def __init__(self, config: Config) -> None:
         self.config = config
-        self._estimation = Estimation(
-            {drive.name: drive.window for drive in config.drives},
-            {drive.name: drive.nominal.theta_step for drive in config.drives},
-            {drive.name: drive.nominal.given for drive in config.drives},
-        )
+        machines = {drive.name: drive.nominal for drive in config.drives}
+        self._estimation = Estimation({drive.name: drive.window for drive in config.drives}, machines)
         self._leases = Leases(self._device)
-        self._drives = {drive.name: self._made(drive) for drive in config.drives}
-        self.captures = Captures(config.captures, self._drives, self._leases)
-        self.experiments = Experiments(config.captures, self._drives, self._leases)
-        self.diagnoses = DiagnosisJobs(config.captures, {drive.name: drive.nominal for drive in config.drives})
+        self.drives = {drive.name: self._made(drive) for drive in config.drives}  # as configured
+        self.captures = Captures(config.captures, self.drives, self._leases)
+        self.experiments = Experiments(config.captures, self.drives, self._leases)
+        self.diagnoses = DiagnosisJobs(config.captures, machines)
         self._writes = count(1)
         self._started = time.monotonic()
 
     def __enter__(self) -> Self:
         self._estimation.start()
-        for drive in self._drives.values():
-            drive.pump.start()
-        for drive in self._drives.values():
+        for drive in self.drives.values():
+            drive.link.start()
+        for drive in self.drives.values():
             drive.control.begin()
         self.captures.start()
         self.experiments.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        deadline, drives = time.monotonic() + _LEAVE, self._drives.values()
+    def __exit__(self, *_: object) -> None:
+        deadline, drives = time.monotonic() + _LEAVE, self.drives.values()
         for drive in drives:
             drive.control.end()
         self.diagnoses.leave()
@@ -120,93 +89,86 @@ class Service:
         self.experiments.join(_CANCEL)  # while there are links, by which drives and recorders are told to stop
         self.captures.join(_CANCEL)
         for drive in drives:
-            drive.pump.end()
+            drive.link.end()
         for drive in drives:
             drive.control.join(max(0.0, deadline - time.monotonic()))
         for drive in drives:
-            drive.pump.join(max(0.0, deadline - time.monotonic()))
+            drive.link.join(max(0.0, deadline - time.monotonic()))
         self.captures.join(max(0.0, deadline - time.monotonic()))
         self._estimation.stop()
         self.diagnoses.join(_LEAVE)
-
-    @property
-    def drives(self) -> tuple[str, ...]:
-        """Names of the drives, as configured."""
-        return tuple(self._drives)
 
     @property
     def uptime(self) -> float:
         """Seconds since the start."""
         return time.monotonic() - self._started
 
-    def url(self, name: str) -> str:
-        """A drive's address. Raises UnknownDriveError."""
-        return self._known(name).url
+    def drive(self, name: str) -> ServiceDrive:
+        """A drive. Raises UnknownError."""
+        if name not in self.drives:
+            raise UnknownError(f"no drive {shown(name)}; the drives are {', '.join(self.drives)}")
+        return self.drives[name]
 
     def link(self, name: str) -> Link:
-        """A drive's link and stream. Raises UnknownDriveError."""
-        return self._known(name).pump.link
+        """A drive's link and stream. Raises UnknownError."""
+        return self.drive(name).link.status
 
     def estimates(self, name: str) -> Snapshot:
-        """A drive's latest estimates, as far as they are to be believed now. Raises UnknownDriveError."""
-        drive = self._known(name)
-        return trusted(self._estimation.snapshot(name), drive.pump.link, drive.control.off_words)
+        """A drive's latest estimates, as far as they are to be believed now. Raises UnknownError."""
+        drive = self.drive(name)
+        return trusted(self._estimation.snapshot(name), drive.link.status, drive.control.off_words)
 
     def experiment_on(self, name: str) -> str | None:
-        """The experiment that has a drive, by its name; None where none has. Raises UnknownDriveError."""
-        self._known(name)
+        """The experiment that has a drive, by its name; None where none has. Raises UnknownError."""
+        self.drive(name)
         writer = self._leases.writer(name)
         return writer.holder if writer is not None and writer.holder in self.experiments.holders else None
 
     def writer(self, name: str) -> Writer | None:
-        """Who writes to a drive at present, besides this service's control of it. Raises UnknownDriveError."""
+        """Who writes to a drive at present, besides this service's control of it. Raises UnknownError."""
         writer = self._leases.writer(name) if self.control(name).whom is None else None
         return writer or self._leases.writer(name, Part.RECORDER)
 
     def control(self, name: str) -> Control:
-        """A drive's state and control. Raises UnknownDriveError."""
-        return self._known(name).control
-
-    def undone(self, name: str) -> str:
-        """What a bench before this one left and this one undid, in a sentence. Raises UnknownDriveError."""
-        return self._known(name).undone
+        """A drive's state and control. Raises UnknownError."""
+        return self.drive(name).control
 
     def start_drive(self, name: str, values: Mapping[str, Any], whom: str = "") -> None:
-        """Start a drive with set points for `whom`. Raises UnknownDriveError, LimitError, ConflictError, DriveError."""
+        """Start a drive with set points for `whom`. Raises UnknownError, LimitError, ConflictError, DriveError."""
         wanted = checked(values) if values else {}
         for signal in wanted:
             if signal not in SET_POINTS:
                 raise LimitError(f"a drive is started with set points ({', '.join(SET_POINTS)}), got {signal}")
         self.control(name).start(wanted, whom)
-        self._known(name).undone = ""
+        self.drive(name).undone = ""
 
     def stop_drive(self, name: str, whom: str = "") -> None:
-        """Stop a drive, whoever controls it. Raises UnknownDriveError, DriveError."""
+        """Stop a drive, whoever controls it. Raises UnknownError, DriveError."""
         one = self.control(name)
         for other in self._names_of(name):
             self.experiments.stop(other)
-            self._drives[other].control.void()
+            self.drives[other].control.void()
         one.stop(whom)
 
     def begin_experiment(self, name: str, given: Mapping[str, Any], whom: str = "") -> Status:
-        """Have a drive do an experiment for `whom`. Raises UnknownDriveError, and as `Experiments.ask`."""
+        """Have a drive do an experiment for `whom`. Raises UnknownError, and as `Experiments.ask`."""
         self.control(name).said = ""
         status = self.experiments.ask(name, given, whom)
-        self._known(name).undone = ""
+        self.drive(name).undone = ""
         return status
 
     def set_points(self, name: str) -> dict[str, float]:
-        """A drive's set points, SI. Raises UnknownDriveError, DriveError."""
-        return values_of(self._known(name).pump.drive(), SET_POINTS)
+        """A drive's set points, SI. Raises UnknownError, DriveError."""
+        return values_of(self.drive(name).link.drive(), SET_POINTS)
 
     def change_window(self, name: str, change: Mapping[str, Any]) -> Window:
-        """Change a drive's window while it runs. Raises UnknownDriveError, LimitError."""
-        self._known(name)
+        """Change a drive's window while it runs. Raises UnknownError, LimitError."""
+        self.drive(name)
         return self._estimation.change_window(name, change)
 
     def read_signals(self, name: str, signals: Sequence[str]) -> list[Reading]:
-        """A drive's signals, all where none is named. Raises UnknownDriveError, LimitError, DriveError."""
-        return read(self._known(name).pump.drive(), signals)
+        """A drive's signals, all where none is named. Raises UnknownError, LimitError, DriveError."""
+        return read(self.drive(name).link.drive(), signals)
 
     def write_signals(
         self, name: str, values: Mapping[str, Any], whom: str = "", before: dict[str, float] | None = None
@@ -216,7 +178,7 @@ class Service:
         Raises as `read_signals`, and ConflictError.
         """
         wanted, one = checked(values), self.control(name)
-        drive = self._drives[name].pump.drive()
+        drive = self.drives[name].link.drive()
         holder = f"a write {next(self._writes)}" + (f" (asked for from {whom})" if whom else "")
         if one.whom is None:
             self._leases.take(name, holder, _WRITE, Part.CONTROL)
@@ -232,13 +194,13 @@ class Service:
     def threads(self) -> list[ThreadHealth]:
         """Every thread, alive or not."""
         worker = ThreadHealth("estimation", self._estimation.thread.is_alive(), self._estimation.failure)
-        drives = self._drives.values()
-        others = [drive.pump.thread for drive in drives] + [drive.control.thread for drive in drives]
+        drives = self.drives.values()
+        others = [drive.link.thread for drive in drives] + [drive.control.thread for drive in drives]
         return [worker, *(ThreadHealth(thread.name, thread.is_alive()) for thread in others)]
 
     def healthy(self) -> bool:
         """All threads run and all drives stream."""
-        streaming = all(drive.pump.link.state is LinkState.STREAMING for drive in self._drives.values())
+        streaming = all(drive.link.status.state is LinkState.STREAMING for drive in self.drives.values())
         return streaming and all(thread.alive and thread.failure is None for thread in self.threads())
 
     def _made(self, config: DriveConfig) -> ServiceDrive:
@@ -246,19 +208,19 @@ class Service:
 
         def connected(drive: Drive) -> None:
             if said := undo(folder, drive):
-                self._drives[name].undone = said
+                self.drives[name].undone = said
                 to_standard_error(f"drive  {name}: {said}")
 
         def take(block: Block) -> None:
-            self._estimation.put(name, block, self._drives[name].pump.link.made)
+            self._estimation.put(name, block, self.drives[name].link.status.made)
 
-        pump = Acquisition(name, config.url, take, connected)
-        control = Control(name, pump, self._leases, config.limits, lambda what: Origin(folder, name, what))
-        return ServiceDrive(config, pump, control)
+        link = Acquisition(name, config.url, take, connected)
+        control = Control(name, link, self._leases, config.limits, lambda what: Origin(folder, name, what))
+        return ServiceDrive(config.url, config.nominal, config.limits, link, control)
 
     def _device(self, name: str) -> object:
         """What tells a drive from all others, whatever it is called here; None where it does not say."""
-        identity = self._drives[name].pump.link.identity
+        identity = self.drives[name].link.status.identity
         if identity is None or not identity.serial:
             return None
         return identity.vendor_id, identity.product_code, identity.serial
@@ -266,9 +228,4 @@ class Service:
     def _names_of(self, name: str) -> list[str]:
         """All names that a drive has here, by its serial number."""
         device = self._device(name)
-        return [other for other in self._drives if other == name or (device and self._device(other) == device)]
-
-    def _known(self, name: str) -> ServiceDrive:
-        if name not in self._drives:
-            raise UnknownDriveError(f"no drive {shown(name)}; the drives are {', '.join(self._drives)}")
-        return self._drives[name]
+        return [other for other in self.drives if other == name or (device and self._device(other) == device)]

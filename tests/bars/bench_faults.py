@@ -149,15 +149,15 @@ def one(make_url: Callable[[int], str], texts: tuple[str, ...], seed: int = 1) -
                 _sleep(begun + begin + length)
                 bench.line.open.set()
             _sleep(begun + SPAN)
-            heard, deadline = pump.link.rows, time.monotonic() + PATIENCE
-            while pump.link.state is not LinkState.STREAMING or pump.link.rows < heard + 50:
+            heard, deadline = pump.status.rows, time.monotonic() + PATIENCE
+            while pump.status.state is not LinkState.STREAMING or pump.status.rows < heard + 50:
                 if time.monotonic() > deadline:
                     break
                 time.sleep(0.01)
         finally:
             pump.end()
             pump.join(PATIENCE)
-        link = pump.link
+        link = pump.status
     first, last = int(blocks[0].tick[0]), int(blocks[-1].tick[-1])
     ticks = bench.ticks
     made = len(ticks) - ticks[::-1].index(last) - ticks.index(first)

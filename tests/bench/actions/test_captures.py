@@ -16,9 +16,8 @@ import pytest
 
 from bench.actions.capture import State, Status
 from bench.actions.capture_request import Request
-from bench.actions.captures import UnknownCaptureError
 from bench.config import Config, DriveConfig
-from bench.errors import BenchError, ConflictError, LimitError, RecordingError, UnavailableError
+from bench.errors import BenchError, ConflictError, LimitError, RecordingError, UnavailableError, UnknownError
 from bench.live.window import Window
 from bench.recordings.capture_file import CapturePart, Heading
 from bench.recordings.table import notes
@@ -318,11 +317,11 @@ def test_a_refusal_comes_before_the_wire(service: Service, drive: Served) -> Non
 
 
 def test_an_unknown_capture_is_told_with_the_latest(service: Service) -> None:
-    with pytest.raises(UnknownCaptureError, match="drive spindle has no capture 'latest'; there is none"):
+    with pytest.raises(UnknownError, match="drive spindle has no capture 'latest'; there is none"):
         service.captures.one("spindle", "latest")
     id_ = ask(service, length=10).id
     reached(service, State.DONE)
-    with pytest.raises(UnknownCaptureError, match=f"drive spindle has no capture 'x'; the latest is {id_}"):
+    with pytest.raises(UnknownError, match=f"drive spindle has no capture 'x'; the latest is {id_}"):
         service.captures.one("spindle", "x")
 
 

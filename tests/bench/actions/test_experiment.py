@@ -226,7 +226,7 @@ def test_one_motor_by_two_data_sheets_is_the_same_and_a_plan_for_none_is_for_any
     check_motor(Plan(HOLDS, 0.3), MEANT, "x")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Known:
     """A drive as the bench has it."""
 

@@ -36,14 +36,14 @@ def pumping(url: str, blocks: list[Block] | None = None) -> Generator[Acquisitio
 
 def streaming(pump: Acquisition, rows: int = 1) -> Link:
     """The link when so many rows more have come."""
-    wanted = pump.link.rows + rows
-    until(lambda: pump.link.state is LinkState.STREAMING and pump.link.rows >= wanted, "rows to come")
-    return pump.link
+    wanted = pump.status.rows + rows
+    until(lambda: pump.status.state is LinkState.STREAMING and pump.status.rows >= wanted, "rows to come")
+    return pump.status
 
 
 def lost(pump: Acquisition) -> Link:
-    until(lambda: pump.link.state is LinkState.LOST, "the link to be called lost")
-    return pump.link
+    until(lambda: pump.status.state is LinkState.LOST, "the link to be called lost")
+    return pump.status
 
 
 def recent(moment: datetime) -> bool:
@@ -55,9 +55,9 @@ def test_a_pump_connects_streams_and_counts() -> None:
     with emulator("--at", url := tcp_url()) as process:
         ready(process)
         with pumping(url, blocks) as pump:
-            assert pump.link.state is LinkState.CONNECTING
-            assert pump.link.rate == 0.0
-            assert pump.link.age is None
+            assert pump.status.state is LinkState.CONNECTING
+            assert pump.status.rate == 0.0
+            assert pump.status.age is None
             link = streaming(pump, 600)
             assert link.identity is not None
             assert link.identity.device_name == "pmsm-bench virtual drive"
@@ -67,14 +67,14 @@ def test_a_pump_connects_streams_and_counts() -> None:
             assert link.rate == pytest.approx(1000.0, rel=0.2)
             assert link.age is not None
             assert link.age < 1.0
-        assert sum(map(len, blocks)) == pump.link.rows  # nothing is told that was not handed on
+        assert sum(map(len, blocks)) == pump.status.rows  # nothing is told that was not handed on
 
 
 def test_a_drive_that_is_not_there_is_waited_for() -> None:
     url = tcp_url()
     with pumping(url) as pump:
-        until(lambda: pump.link.last_error is not None, "an error")
-        link = pump.link
+        until(lambda: pump.status.last_error is not None, "an error")
+        link = pump.status
         assert link.state is LinkState.CONNECTING
         assert link.last_error is not None
         assert link.last_error.sentence.startswith("nothing serves a CAN bus at 127.0.0.1:")
@@ -101,8 +101,8 @@ def test_a_drive_that_is_killed_is_lost_since_then_and_comes_back_as_another_ses
         assert "socketcand can0 at 127.0.0.1:" in link.last_error.sentence
         assert link.rows >= before.rows
         since = link.since
-        until(lambda: pump.link.last_error is not link.last_error, "another attempt")
-        assert pump.link.since == since  # attempts do not make it lost anew
+        until(lambda: pump.status.last_error is not link.last_error, "another attempt")
+        assert pump.status.since == since  # attempts do not make it lost anew
         with emulator("--at", url) as process:
             ready(process)
             heard = len(blocks)
@@ -144,10 +144,10 @@ def test_a_drive_that_falls_silent_is_lost_and_comes_back_on_the_same_bus() -> N
 
 def test_another_device_at_the_address_is_named_and_not_streamed() -> None:
     with served(tcp_url()) as drive, pumping(drive.url.replace("/5", "/6")) as pump:
-        until(lambda: pump.link.last_error is not None, "an error")
-        assert pump.link.last_error is not None
-        assert pump.link.last_error.sentence.startswith("no node 6 answered on socketcand can0 at 127.0.0.1:")
-        assert pump.link.rows == 0
+        until(lambda: pump.status.last_error is not None, "an error")
+        assert pump.status.last_error is not None
+        assert pump.status.last_error.sentence.startswith("no node 6 answered on socketcand can0 at 127.0.0.1:")
+        assert pump.status.rows == 0
 
 
 def test_a_fault_of_the_bench_on_a_block_is_told_and_the_pump_goes_on() -> None:
@@ -162,7 +162,7 @@ def test_a_fault_of_the_bench_on_a_block_is_told_and_the_pump_goes_on() -> None:
         pump = Acquisition("spindle", drive.url, refuse_first)
         pump.start()
         until(lambda: len(seen) > 3, "more blocks")
-        link = pump.link
+        link = pump.status
         pump.end()
         pump.join(5.0)
     assert link.reconnects == 1
@@ -198,7 +198,7 @@ def test_a_service_ends_within_its_time_though_all_its_drives_are_held_up() -> N
             began = time.monotonic()
         assert time.monotonic() - began < 3.0
         assert all(not thread.alive for thread in service.threads() if thread.name == "estimation")
-        for pump in [drive.pump for drive in service._drives.values()]:
+        for pump in [drive.link for drive in service.drives.values()]:
             pump.join(5.0)
 
 

@@ -1,6 +1,5 @@
 """The estimation worker: blocks of the emulated drive in, snapshots out, the window changed while it runs."""
 
-import math
 import threading
 import time
 from collections.abc import Generator
@@ -15,6 +14,7 @@ from bench.errors import LimitError, UnavailableError
 from bench.live import estimation
 from bench.live.estimation import QUEUE, Estimation, Snapshot
 from bench.live.window import Window
+from bench.machine_file import Nominal
 from drivers.block import Block
 from emulator.drive.virtual_drive import StreamRows, VirtualDrive
 from emulator.scenario.scenarios import PAPER
@@ -368,8 +368,8 @@ def test_a_known_step_of_the_angle_widens_what_rests_on_the_angle() -> None:
     source = Source()
     blocks = [source.block(100) for _ in range(6)]
     told: list[Snapshot] = []
-    for step in (0.0, 4 * 2.0 * math.pi / 4096):
-        worker = Estimation({"a": WINDOW}, {"a": step})
+    for machine in (Nominal({}), Nominal({}, n_p=4, encoder_counts=4096)):
+        worker = Estimation({"a": WINDOW}, {"a": machine})
         worker.start()
         for block in blocks:
             worker.put("a", block)

@@ -100,7 +100,7 @@ def test_the_age_of_a_stream_that_lags_is_that_of_its_rows(monkeypatch: pytest.M
         ready(process)
         with connect(url) as drive:
             drive.write("stream_periods", 200.0)
-        pump = Acquisition("spindle", url, lambda _block: ages.append(pump.link.age or 0.0))
+        pump = Acquisition("spindle", url, lambda _block: ages.append(pump.status.age or 0.0))
         pump.start()
         try:
             until(lambda: len(ages) > 30, "no rows")
