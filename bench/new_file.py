@@ -22,18 +22,20 @@ _BESIDES: Final = 1_000_000  # bytes: what is in a file besides its samples
 def write_new(path: Path, write: Callable[[BinaryIO], object]) -> Path:
     """Write a file, whole or not at all, under this name or the next that is free; tell which. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with _unfinished(path) as (unfinished, file):
+    with unfinished(path.parent) as (part, file):
         write(file)
         file.flush()
         os.fsync(file.fileno())
-        path = first_free(path, lambda name: give_name(unfinished, name))[0]
+        path = first_free(path, lambda name: give_name(part, name))[0]
         sync_folder(path.parent)
         return path
 
 
 def check_place(path: Path) -> None:
-    """Raise OSError where no new file can be written beside this one."""
-    with _unfinished(path):
+    """Raise OSError where no new file of this name can be written."""
+    with contextlib.suppress(FileNotFoundError):
+        path.lstat()
+    with unfinished(path.parent):
         pass
 
 
@@ -50,25 +52,26 @@ def check_room(folder: Path, samples: int, columns: int) -> None:
 
 
 @contextmanager
-def _unfinished(path: Path) -> Generator[tuple[Path, BinaryIO]]:
-    """A file of a name that nobody else has; it is gone afterwards."""
-    name = path.with_name(f"{path.name}.{secrets.token_hex(4)}.tmp")
+def unfinished(folder: Path) -> Generator[tuple[Path, BinaryIO]]:
+    """A file of a name that nobody else has; that name is gone afterwards."""
+    name = folder / f".{secrets.token_hex(4)}.unfinished"
     with name.open("xb") as file:
         try:
             yield name, file
         finally:
-            name.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                name.unlink(missing_ok=True)
 
 
-def give_name(unfinished: Path, name: Path) -> None:
+def give_name(part: Path, name: Path) -> None:
     """Give a written file its name. Raises FileExistsError where that is another's."""
     try:
-        os.link(unfinished, name)
+        os.link(part, name)
     except FileExistsError:
         raise
     except OSError:  # a file system without links
         name.open("xb").close()
-        unfinished.replace(name)
+        part.replace(name)
 
 
 def first_free(path: Path, make: Callable[[Path], T]) -> tuple[Path, T]:

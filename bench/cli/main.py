@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
+from typer import Argument, Option
 
 from bench.cli.exit_codes import EPILOG, FAULT, INTERRUPTED, REFUSED, details_kept
 from bench.errors import BenchError, ConfigError, InternalError
@@ -21,20 +22,25 @@ app = typer.Typer(
 )
 
 DEFAULT_BUS = "canopen://socketcand/127.0.0.1:29536/can0/5"
-At = Annotated[str, typer.Option(metavar="URL", help="where the emulated drive is")]
-Port = Annotated[int | None, typer.Option(help="port of the service (default 8080, or PMSM_BENCH_PORT)")]
 _NO_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+At = Annotated[str, Option(metavar="URL", help="where the emulated drive is")]
+Port = Annotated[int | None, Option(help="port of the service (default 8080, or PMSM_BENCH_PORT)")]
 Service = Annotated[
-    str | None, typer.Option(metavar="URL", help="the service (default http://127.0.0.1:8080, or PMSM_BENCH_PORT)")
+    str | None, Option(metavar="URL", help="the service (default http://127.0.0.1:8080, or PMSM_BENCH_PORT)")
 ]
-Scenario = Annotated[str, typer.Option(metavar="NAME|FILE.toml", help="what to emulate")]
+Scenario = Annotated[str, Option(metavar="NAME|FILE.toml", help="what to emulate")]
+Drive = Argument(help="the drive, as the service calls it")
+Bus = Annotated[str | None, Option(metavar="URL", help="a drive by its bus, without a service")]
+Recording = Annotated[Path, Argument(help="recording: CSV, CSV.gz or Parquet")]
+Columns = Annotated[list[str] | None, Option("--map", metavar="NAME=COLUMN,...", help="columns")]
+Constants = Annotated[list[str] | None, Option("--set", metavar="NAME=VALUE,...", help="constants")]
+_ALIGN = "the voltage in row k was applied ROWS later"
+Align = Annotated[list[str] | None, Option(metavar="u=ROWS", help=_ALIGN)]
 
 
 @app.command()
-def serve(
-    config: Annotated[Path, typer.Option(help="drives and ports, TOML")],
-    port: Port = None,
-) -> None:
+def serve(config: Annotated[Path, Option(help="drives and ports, TOML")], port: Port = None) -> None:
     """Run the service over the drives of a configuration file, until Ctrl-C."""
     from bench.cli.commands.run import run_service
     from bench.config import load_config
@@ -44,8 +50,8 @@ def serve(
 
 @app.command()
 def token(
-    new: Annotated[bool, typer.Option("--new", help="make another one: that before counts no longer")] = False,
-    config: Annotated[Path | None, typer.Option(help="the service's configuration, if it names another file")] = None,
+    new: Annotated[bool, Option("--new", help="make another one: that before counts no longer")] = False,
+    config: Annotated[Path | None, Option(help="the service's configuration, if it names another file")] = None,
 ) -> None:
     """Print the token that a service beyond loopback asks for; it is made where there is none."""
     from bench.config import load_config, token_file
@@ -59,17 +65,17 @@ def token(
 def emulate(
     at: Annotated[
         list[str] | None,
-        typer.Option(metavar="URL", help=f"where the drive is; may be repeated: on several at once ({DEFAULT_BUS})"),
+        Option(metavar="URL", help=f"where the drive is; may be repeated: on several at once ({DEFAULT_BUS})"),
     ] = None,
     scenario: Scenario = "paper",
     fault: Annotated[
-        list[str] | None, typer.Option(metavar="FAULT", help="what befalls its links, as lose=0.01@5+2; repeatable")
+        list[str] | None, Option(metavar="FAULT", help="what befalls its links, as lose=0.01@5+2; repeatable")
     ] = None,
-    fault_script: Annotated[str | None, typer.Option(metavar="FILE", help="such faults, one a line")] = None,
+    fault_script: Annotated[str | None, Option(metavar="FILE", help="such faults, one a line")] = None,
     control: Annotated[
         str | None,
-        typer.Option(metavar="lease|local|watchdog", help="who starts it: a client with its lease (default), a master "
-                                                          "inside it, or anybody, as before there were leases"),
+        Option(metavar="lease|local|watchdog", help="who starts it: a client with its lease (default), a master "
+                                                    "inside it, or anybody, as before there were leases"),
     ] = None,
 ) -> None:
     """Run an emulated drive, in real time, until Ctrl-C."""
@@ -91,7 +97,7 @@ def up(at: At = DEFAULT_BUS, scenario: Scenario = "paper", port: Port = None) ->
 
 @app.command()
 def eds(
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="write it there (default: standard output)")] = None,
+    out: Annotated[Path | None, Option(metavar="FILE", help="write it there (default: standard output)")] = None,
 ) -> None:
     """Print the drive's electronic data sheet for CANopen tools."""
     from drivers.wire.canopen_od import eds as data_sheet
@@ -101,9 +107,9 @@ def eds(
 
 @app.command()
 def estimates(
-    name: Annotated[str, typer.Argument(help="the drive")],
+    name: Annotated[str, Argument(help="the drive")],
     service: Service = None,
-    once: Annotated[bool, typer.Option("--once", help="print one table and end")] = False,
+    once: Annotated[bool, Option("--once", help="print one table and end")] = False,
 ) -> None:
     """Show a drive's live estimates as a table, until Ctrl-C.
 
@@ -111,129 +117,117 @@ def estimates(
     """
     from bench.cli.commands.live import show
 
-    raise typer.Exit(show(name, service or _usual_service(), once=once))
+    raise typer.Exit(show(name, service, once=once))
 
 
 @app.command()
 def signals(
-    name: Annotated[str, typer.Argument(help="the drive, as the service calls it")],
+    name: Annotated[str, Drive],
     given: Annotated[
-        list[str] | None, typer.Argument(metavar="SIGNAL[=VALUE]...", help="to read, to write (SI); none: all are read")
+        list[str] | None, Argument(metavar="SIGNAL[=VALUE]...", help="to read, to write (SI); none: all are read")
     ] = None,
     service: Service = None,
 ) -> None:
     """Read or write a drive's signals: references, excitation, limits, commands."""
     from bench.cli.commands.signals import show
 
-    show(name, given or [], service or _usual_service())
+    show(name, given or [], service)
 
 
 @app.command()
 def start(
-    name: Annotated[str, typer.Argument(help="the drive, as the service calls it")],
+    name: Annotated[str, Drive],
     given: Annotated[
-        list[str] | None, typer.Argument(metavar="SETPOINT=VALUE...", help="set points (SI), such as i_q_ref=2")
+        list[str] | None, Argument(metavar="SETPOINT=VALUE...", help="set points (SI), such as i_q_ref=2")
     ] = None,
     service: Service = None,
 ) -> None:
     """Start a drive: the service takes control of it, gives set points and switches its bridge on."""
     from bench.cli.commands.control import start as start_drive
 
-    start_drive(name, given or [], service or _usual_service())
+    start_drive(name, given or [], service)
 
 
 @app.command()
-def stop(
-    name: Annotated[str, typer.Argument(help="the drive, as the service calls it")], service: Service = None
-) -> None:
+def stop(name: Annotated[str, Drive], service: Service = None) -> None:
     """Stop a drive, whoever controls it: bridge off, set points zero. A stop by software is no safety function."""
     from bench.cli.commands.control import stop as stop_drive
 
-    stop_drive(name, service or _usual_service())
+    stop_drive(name, service)
 
 
 @app.command()
-def reset(
-    name: Annotated[str, typer.Argument(help="the drive, as the service calls it")], service: Service = None
-) -> None:
+def reset(name: Annotated[str, Drive], service: Service = None) -> None:
     """Reset a drive's fault; its bridge stays off."""
     from bench.cli.commands.control import reset as reset_drive
 
-    reset_drive(name, service or _usual_service())
+    reset_drive(name, service)
 
 
 @app.command()
 def capture(
-    name: Annotated[str | None, typer.Argument(help="the drive, as the service calls it")] = None,
+    name: Annotated[str | None, Drive] = None,
     signals: Annotated[
-        str | None, typer.Option(metavar="i_d,i_q,...", help="what to record (default: what an estimation rests on)")
+        str | None, Option(metavar="i_d,i_q,...", help="what to record (default: what an estimation rests on)")
     ] = None,
-    length: Annotated[int | None, typer.Option(metavar="N", help="samples, up to 65536 (default: 10000)")] = None,
+    length: Annotated[int | None, Option(metavar="N", help="samples, up to 65536 (default: 10000)")] = None,
     decimation: Annotated[
-        int | None, typer.Option(metavar="D", help="control periods per sample (default: 1, as estimations need it)")
+        int | None, Option(metavar="D", help="control periods per sample (default: 1, as estimations need it)")
     ] = None,
     pre_trigger: Annotated[
-        float | None, typer.Option(metavar="SHARE", help="of the samples, from before the trigger (default: 0)")
+        float | None, Option(metavar="SHARE", help="of the samples, from before the trigger (default: 0)")
     ] = None,
     trigger: Annotated[
-        str | None, typer.Option(metavar="now|command|i_q>2.0", help="what starts it; levels in SI (default: now)")
+        str | None, Option(metavar="now|command|i_q>2.0", help="what starts it; levels in SI (default: now)")
     ] = None,
-    timeout: Annotated[float | None, typer.Option(metavar="S", help="for the trigger to come (default: 60)")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="FILE.parquet", help="default: named by drive and time")] = None,
+    timeout: Annotated[float | None, Option(metavar="S", help="for the trigger to come (default: 60)")] = None,
+    out: Annotated[Path | None, Option(metavar="FILE.parquet", help="default: named by drive and time")] = None,
     service: Service = None,
-    drive: Annotated[str | None, typer.Option(metavar="URL", help="a drive by its bus, without a service")] = None,
+    drive: Bus = None,
 ) -> None:
     """Record with a drive's own recorder, every control period, into a file for `replay`. Ctrl-C cancels it."""
     from bench.cli.commands.capture import by_service, directly
 
-    given = {
+    asked = {
         "signals": None if signals is None else [part.strip() for part in signals.split(",")], "length": length,
         "decimation": decimation, "pre_trigger": pre_trigger, "trigger": trigger, "timeout_s": timeout,
     }
-    given = {key: value for key, value in given.items() if value is not None}
-    if (name is None) == (drive is None):
-        raise ConfigError("expected a drive's name, or its URL by --drive, got " + ("none" if name is None else "both"))
-    if drive is not None and service is not None:
-        raise ConfigError("expected --drive, which needs no service, or --service, got both")
+    given = {key: value for key, value in asked.items() if value is not None}
+    _check_one(name, drive, service)
     if name is not None:
-        by_service(name, service or _usual_service(), given, out)
+        by_service(name, service, given, out)
     elif drive is not None:
         directly(drive, given, out)
 
 
 @app.command()
 def replay(
-    file: Annotated[Path, typer.Argument(help="recording: CSV, CSV.gz or Parquet")],
-    nominal: Annotated[Path | None, typer.Option(metavar="MACHINE.toml", help="values held, or started from")] = None,
-    mapping: Annotated[list[str] | None, typer.Option("--map", metavar="NAME=COLUMN,...", help="columns")] = None,
-    constants: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE,...", help="constants")] = None,
-    align: Annotated[
-        list[str] | None,
-        typer.Option(metavar="u=ROWS", help="the voltage in row k was applied ROWS later (fractions allowed)"),
-    ] = None,
+    file: Recording,
+    nominal: Annotated[Path | None, Option(metavar="MACHINE.toml", help="values held, or started from")] = None,
+    mapping: Columns = None,
+    constants: Constants = None,
+    align: Annotated[list[str] | None, Option(metavar="u=ROWS", help=f"{_ALIGN} (fractions allowed)")] = None,
     method: Annotated[
-        str | None,
-        typer.Option(metavar="wls|rls|ekf", help="window (default), recursive least squares, Kalman filter"),
+        str | None, Option(metavar="wls|rls|ekf", help="window (default), recursive least squares, Kalman filter")
     ] = None,
     window: Annotated[
-        str | None,
-        typer.Option(metavar="N|auto", help="wls: samples (default: all, up to a million), or chosen by the data"),
+        str | None, Option(metavar="N|auto", help="wls: samples (default: all, up to a million), or chosen by the data")
     ] = None,
     longest: Annotated[
-        int | None, typer.Option(metavar="N", help="--window auto: samples to choose from (default: 10000)")
+        int | None, Option(metavar="N", help="--window auto: samples to choose from (default: 10000)")
     ] = None,
-    periods: Annotated[int | None, typer.Option(help="wls, rls: periods per regression row (default: 1)")] = None,
+    periods: Annotated[int | None, Option(help="wls, rls: periods per regression row (default: 1)")] = None,
     forgetting_factor: Annotated[
-        float | None, typer.Option(metavar="LAM", help="rls: 0.99 to 1 (default: 1, nothing is forgotten)")
+        float | None, Option(metavar="LAM", help="rls: 0.99 to 1 (default: 1, nothing is forgotten)")
     ] = None,
     ekf: Annotated[
         str | None,
-        typer.Option(metavar="tuned|paper|FILE.toml", help="ekf: tuning (default: tuned); start values by --nominal"),
+        Option(metavar="tuned|paper|FILE.toml", help="ekf: tuning (default: tuned); start values by --nominal"),
     ] = None,
-    estimate: Annotated[str | None, typer.Option(metavar="R_s,L_q", help="what to estimate (default: all)")] = None,
-    every: Annotated[int | None, typer.Option(help="rows between two lines of the CSV (default: window/10)")] = None,
-    json_out: Annotated[Path | None, typer.Option("--json", metavar="OUT", help="result as JSON")] = None,
-    csv_out: Annotated[Path | None, typer.Option("--csv", metavar="OUT", help="estimates over time")] = None,
+    estimate: Annotated[str | None, Option(metavar="R_s,L_q", help="what to estimate (default: all)")] = None,
+    every: Annotated[int | None, Option(help="rows between two lines of the CSV (default: window/10)")] = None,
+    json_out: Annotated[Path | None, Option("--json", metavar="OUT", help="result as JSON")] = None,
+    csv_out: Annotated[Path | None, Option("--csv", metavar="OUT", help="estimates over time")] = None,
 ) -> None:
     """Run the streaming estimator over a recording, and say whether its equations fit.
 
@@ -242,42 +236,37 @@ def replay(
     from bench.cli.commands.replay import Options, run
 
     options = Options(method, window, longest, periods, forgetting_factor, ekf, estimate)
-    code = run(file, nominal, mapping or (), constants or (), align or (), options, every, json_out, csv_out)
-    raise typer.Exit(code)
+    raise typer.Exit(run(file, nominal, mapping, constants, align, options, every, json_out, csv_out))
 
 
 @app.command()
 def diagnose(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings, or tables of steady points")],
+    files: Annotated[list[Path], Argument(metavar="FILE...", help="recordings, or tables of steady points")],
     nominal: Annotated[
         Path | None,
-        typer.Option(metavar="MACHINE.toml", help="the machine; a folder, or a name with {stem}: one each, by name; "
-                                                  "steady points and recordings at standstill do without"),
+        Option(metavar="MACHINE.toml", help="the machine; a folder, or a name with {stem}: one each, by name; "
+                                            "steady points and recordings at standstill do without"),
     ] = None,
     kind: Annotated[
-        str, typer.Option("--format", metavar="NAME", help="auto, recording, points, moteus-ld, lea-thermal, "
-                                                           "servo-sine or servo-pulses")
+        str, Option("--format", metavar="NAME", help="auto, recording, points, moteus-ld, lea-thermal, servo-sine or "
+                                                     "servo-pulses")
     ] = "auto",
     trust: Annotated[
-        list[str] | None, typer.Option(metavar="R_s=20%,...", help="how far off a nominal value may be (10 % each)")
+        list[str] | None, Option(metavar="R_s=20%,...", help="how far off a nominal value may be (10 % each)")
     ] = None,
     json_out: Annotated[
         str | None,
-        typer.Option("--json", metavar="OUT", help="as JSON; of several recordings a folder, or a name with {stem}"),
+        Option("--json", metavar="OUT", help="as JSON; of several recordings a folder, or a name with {stem}"),
     ] = None,
-    report: Annotated[str | None, typer.Option(metavar="OUT.html", help="as a page; likewise")] = None,
-    machine: Annotated[
-        str | None, typer.Option(metavar="OUT.toml", help="the machine with its effects; likewise")
-    ] = None,
-    jobs: Annotated[int | None, typer.Option(metavar="N", help="recordings at a time (default: one per core)")] = None,
-    mapping: Annotated[list[str] | None, typer.Option("--map", metavar="NAME=COLUMN,...", help="columns")] = None,
-    constants: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE,...", help="constants")] = None,
-    align: Annotated[
-        list[str] | None, typer.Option(metavar="u=ROWS", help="the voltage in row k was applied ROWS later")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="write over files that are there")] = False,
+    report: Annotated[str | None, Option(metavar="OUT.html", help="as a page; likewise")] = None,
+    machine: Annotated[str | None, Option(metavar="OUT.toml", help="the machine with its effects; likewise")] = None,
+    jobs: Annotated[int | None, Option(metavar="N", help="recordings at a time (default: one per core)")] = None,
+    mapping: Columns = None,
+    constants: Constants = None,
+    align: Align = None,
+    force: Annotated[bool, Option("--force", help="write over files that are there")] = False,
     fail_on: Annotated[
-        str, typer.Option("--fail-on", metavar="unexplained|explained", help="explained: a named effect fails, too")
+        str, Option("--fail-on", metavar="unexplained|explained", help="explained: a named effect fails, too")
     ] = "unexplained",
 ) -> None:
     """Say what physics recordings show that a machine's data leave out: where, what, how big, how sure.
@@ -286,52 +275,44 @@ def diagnose(
     written; 3, the recording cannot tell. Of several files the worst, in the order 70, 2, 1, 3, 0.
     """
     from bench.cli.commands.diagnose import Options, run
-    from bench.cli.options import pairs
+    from bench.cli.options import columns_of
     from bench.diagnoses.diagnosis_request import trust_of
     from bench.diagnoses.formats import checked_format
 
     options = Options(
-        trust_of(trust or ()), pairs("--map", mapping or (), str), pairs("--set", constants or (), float),
-        pairs("--align", align or (), float), checked_format(kind), jobs, force, fail_on,
+        trust_of(trust or ()), *columns_of(mapping, constants, align), checked_format(kind), jobs, force, fail_on,
     )
     raise typer.Exit(run(files, nominal, {"--json": json_out, "--report": report, "--machine": machine}, options))
 
 
 @app.command()
 def simulate(
-    file: Annotated[Path, typer.Argument(help="recording: CSV, CSV.gz or Parquet")],
-    machine: Annotated[Path, typer.Option(metavar="MACHINE.toml", help="as `diagnose --machine` writes it")],
-    out: Annotated[
-        Path | None, typer.Option(metavar="OUT.parquet", help="simulated currents, a new file")
-    ] = None,
-    mapping: Annotated[list[str] | None, typer.Option("--map", metavar="NAME=COLUMN,...", help="columns")] = None,
-    constants: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE,...", help="constants")] = None,
-    align: Annotated[
-        list[str] | None, typer.Option(metavar="u=ROWS", help="the voltage in row k was applied ROWS later")
-    ] = None,
+    file: Recording,
+    machine: Annotated[Path, Option(metavar="MACHINE.toml", help="as `diagnose --machine` writes it")],
+    out: Annotated[Path | None, Option(metavar="OUT.parquet", help="simulated currents, a new file")] = None,
+    mapping: Columns = None,
+    constants: Constants = None,
+    align: Align = None,
 ) -> None:
     """Simulate a recording's currents by a machine with the effects of its file, and say how far off they are."""
     from bench.cli.commands.simulate import run
-    from bench.cli.options import pairs
+    from bench.cli.options import columns_of
 
-    run(
-        file, machine, pairs("--map", mapping or (), str), pairs("--set", constants or (), float),
-        pairs("--align", align or (), float), out,
-    )
+    run(file, machine, *columns_of(mapping, constants, align), out)
 
 
 @app.command()
 def experiment(
-    diagnosis: Annotated[Path, typer.Argument(metavar="DIAGNOSIS.json", help="as `diagnose --json` writes it")],
-    name: Annotated[str | None, typer.Argument(help="the drive, as the service calls it")] = None,
+    diagnosis: Annotated[Path, Argument(metavar="DIAGNOSIS.json", help="as `diagnose --json` writes it")],
+    name: Annotated[str | None, Drive] = None,
     ambiguity: Annotated[
-        int | None, typer.Option(metavar="N", help="which of its ambiguities, from 1 (default: the first that can be)")
+        int | None, Option(metavar="N", help="which of its ambiguities, from 1 (default: the first that can be)")
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="FILE.parquet", help="the recording")] = Path("experiment.parquet"),
+    out: Annotated[Path, Option(metavar="FILE.parquet", help="the recording")] = Path("experiment.parquet"),
     service: Service = None,
-    drive: Annotated[str | None, typer.Option(metavar="URL", help="a drive by its bus, without a service")] = None,
+    drive: Bus = None,
     i_max: Annotated[
-        float | None, typer.Option(metavar="A", help="--drive: longest current (default: the diagnosed motor's rating)")
+        float | None, Option(metavar="A", help="--drive: longest current (default: the diagnosed motor's rating)")
     ] = None,
 ) -> None:
     """Do on a drive what a diagnosis asks for, record it for the next `diagnose`, and stop the drive. Ctrl-C stops it.
@@ -340,28 +321,29 @@ def experiment(
     """
     from bench.cli.commands.experiment import by_service, directly
 
-    if (name is None) == (drive is None):
-        raise ConfigError("expected a drive's name, or its URL by --drive, got " + ("none" if name is None else "both"))
-    if drive is not None and service is not None:
-        raise ConfigError("expected --drive, which needs no service, or --service, got both")
+    _check_one(name, drive, service)
     if name is not None and i_max is not None:
         raise ConfigError("--i-max goes with --drive; of a service's drive [drives.NAME.limits] says it")
     if name is not None:
-        by_service(name, service or _usual_service(), diagnosis, ambiguity, out)
+        by_service(name, service, diagnosis, ambiguity, out)
     elif drive is not None:
         directly(drive, diagnosis, ambiguity, out, i_max)
 
 
 @app.command()
-def registers(as_json: Annotated[bool, typer.Option("--json", help="as JSON")] = False) -> None:
+def registers(as_json: Annotated[bool, Option("--json", help="as JSON")] = False) -> None:
     """Print the Modbus registers of a drive."""
     from bench.cli.commands.registers import show
 
     show(as_json=as_json)
 
 
-def _usual_service() -> str:
-    return f"http://127.0.0.1:{os.environ.get('PMSM_BENCH_PORT', '8080')}"
+def _check_one(name: str | None, drive: str | None, service: str | None) -> None:
+    """Raise ConfigError where a drive is named neither by a service nor by its bus, or by both."""
+    if (name is None) == (drive is None):
+        raise ConfigError("expected a drive's name, or its URL by --drive, got " + ("none" if name is None else "both"))
+    if drive is not None and service is not None:
+        raise ConfigError("expected --drive, which needs no service, or --service, got both")
 
 
 def _written(text: str, out: Path | None) -> None:

@@ -26,3 +26,12 @@ def pairs(option: str, items: Sequence[str], convert: Callable[[str], T]) -> dic
             raise ConfigError(f"{option}: {name} is given twice")
         found[name] = converted
     return found
+
+
+def columns_of(
+    mapping: Sequence[str] | None, constants: Sequence[str] | None, align: Sequence[str] | None
+) -> tuple[dict[str, str], dict[str, float], dict[str, float]]:
+    """What `--map`, `--set` and `--align` say of a recording's columns. Raises ConfigError."""
+    return (
+        pairs("--map", mapping or (), str), pairs("--set", constants or (), float), pairs("--align", align or (), float)
+    )

@@ -1,19 +1,20 @@
 """Files that a command writes because an option says so, and the wait for what fills them."""
 
-import contextlib
 import errno
 import os
-import secrets
 import stat
 import threading
 import time
 from collections.abc import Callable, Generator
+from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Final, TextIO, TypeVar
 
 from bench.errors import ConfigError
-from bench.new_file import check_place, give_name
+from bench.new_file import check_place, give_name, unfinished
+
+T = TypeVar("T")
 
 _PERIOD: Final = 0.1  # s between two looks
 _READER: Final = 5.0  # s for somebody to read from a pipe
@@ -37,12 +38,9 @@ def check_output(path: Path) -> None:
     """Raise OSError, before any work, where no file of that name can be written."""
     if takes_all(path):
         return
-    with contextlib.suppress(FileNotFoundError):
-        path.lstat()
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    with _unfinished(path.parent) as part:
-        part.open("xb").close()
+    check_place(path)
 
 
 def write_whole(path: Path, text: str, *, over: bool) -> None:
@@ -53,8 +51,9 @@ def write_whole(path: Path, text: str, *, over: bool) -> None:
         with opened(path) as file:
             file.write(text)
         return
-    with _unfinished(path.parent) as part:
-        part.write_text(text, encoding="utf-8", errors="backslashreplace")  # names may have bytes that are no text
+    with unfinished(path.parent) as (part, written):
+        written.write(text.encode("utf-8", "backslashreplace"))  # names may have bytes that are no text
+        written.close()
         if over:
             part.replace(path)
             return
@@ -64,6 +63,17 @@ def write_whole(path: Path, text: str, *, over: bool) -> None:
             if _taken(path):
                 raise
             part.replace(path)  # an empty file
+
+
+@contextmanager
+def as_refusal(path: Path) -> Generator[None]:
+    """What keeps a file from being written is a ConfigError."""
+    try:
+        yield
+    except FileExistsError:
+        raise ConfigError(f"{path} exists already, expected a new file") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 @contextmanager
@@ -84,17 +94,6 @@ def opened(path: Path) -> Generator[TextIO]:
     os.set_blocking(handle, True)
     with open(handle, "w", newline="", encoding="utf-8", errors="backslashreplace") as file:  # noqa: PTH123 - a handle
         yield file
-
-
-@contextmanager
-def _unfinished(folder: Path) -> Generator[Path]:
-    """A name that nobody else has; what has it is gone afterwards."""
-    part = folder / f".{secrets.token_hex(4)}.unfinished"
-    try:
-        yield part
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 def _taken(path: Path) -> bool:
@@ -119,15 +118,31 @@ def check_recording(path: Path) -> None:
         raise ConfigError(f"no recording can be written in {path.parent}: {error.strerror or error}") from None
 
 
-def await_end(ended: threading.Event, cancel: Callable[[], object]) -> None:
-    """Wait for what a thread does; Ctrl-C cancels it, and goes on when it has ended.
+def in_thread(work: Callable[[], T]) -> Future[T]:
+    """What a thread of its own, which holds up no end of the process, makes of this work."""
+    made = Future[T]()
+
+    def run() -> None:
+        try:
+            made.set_result(work())
+        except BaseException as error:  # noqa: BLE001 - raised again for who asks for the result
+            made.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return made
+
+
+def awaited(work: Callable[[], T], cancel: Callable[[], object]) -> T:
+    """The result of work that a thread does; Ctrl-C cancels it, and goes on when it has ended.
 
     Not by a join, which takes the thread for ended where Ctrl-C interrupts it (Python 3.11).
     """
+    made = in_thread(work)
     try:
-        while not ended.wait(_PERIOD):
+        while not wait((made,), _PERIOD).done:
             pass
     except KeyboardInterrupt:
         cancel()
-        ended.wait()
+        wait((made,))
         raise
+    return made.result()

@@ -1,10 +1,13 @@
 """The service's REST interface as the command line asks it: every failure is a BenchError with a sentence."""
 
+import contextlib
 import json
 import os
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Final, cast
 from urllib.parse import quote
 
@@ -12,11 +15,13 @@ import httpx
 
 from bench.config import token_file
 from bench.errors import BenchError, InternalError, UnavailableError, shown
+from bench.new_file import write_new
 from bench.service import token
 
 TOKEN_VARIABLE: Final = "PMSM_BENCH_TOKEN"
 _PATIENCE: Final = 60.0  # s for a service that is started anew
 _PERIOD: Final = 0.1  # s between two questions
+_ENDS: Final = ("done", "failed", "cancelled")  # states of a capture, an experiment
 _JSON: Final = {"Content-Type": "application/json"}  # of every PUT and POST, also of one without a body
 
 
@@ -24,6 +29,7 @@ class Rest:
     """A service at an address."""
 
     def __init__(self, client: httpx.Client, service: str) -> None:
+        """Use `rest_at`."""
         self._client, self._service = client, service
 
     def call(
@@ -67,20 +73,58 @@ class Rest:
         return "/".join([f"{self._service.rstrip('/')}/api/drives", *(quote(part, safe="") for part in path)])
 
 
-def patiently(ask: Callable[[], dict[str, Any]], wait: Callable[[str], None]) -> dict[str, Any]:
-    """An answer of the service, be it after it has been started anew: what it had under way goes on, or is kept, in it.
+@contextmanager
+def rest_at(service: str | None, timeout: float) -> Generator[Rest]:
+    """The interface of a service, the usual one where none is named; `timeout` in s for one answer."""
+    with httpx.Client(timeout=timeout) as client:
+        yield Rest(client, service or f"http://127.0.0.1:{os.environ.get('PMSM_BENCH_PORT', '8080')}")
 
-    `wait` is told why there is none yet. Raises UnavailableError where there is none for long.
-    """
-    deadline = time.monotonic() + _PATIENCE
-    while True:
+
+class Job:
+    """A capture or an experiment that the service does for a command."""
+
+    def __init__(self, rest: Rest, drive: str, kind: str, given: dict[str, Any]) -> None:
+        """`kind`: captures or experiments. It is asked for here. Raises BenchError."""
+        self._rest = rest
+        self.said = rest.call("POST", drive, kind, body=given, key="state")
+        self.id = str(self.said["id"])
+        self._path = (drive, kind, self.id)
+
+    def follow(self, show: Callable[[dict[str, Any]], object], wait: Callable[[str], object]) -> None:
+        """To its end, which `said` tells then; Ctrl-C cancels it.
+
+        A service that is started anew goes on with it, or keeps what there is: `wait` is told why there is no answer
+        yet. Raises BenchError, also where there is none for long.
+        """
         try:
-            return ask()
-        except UnavailableError as error:
-            if time.monotonic() > deadline:
-                raise
-            wait(str(error))
-            time.sleep(_PERIOD)
+            while self.said["state"] not in _ENDS:
+                show(self.said)
+                time.sleep(_PERIOD)
+                self.said = self._told(wait)
+        except KeyboardInterrupt:
+            with contextlib.suppress(BenchError):
+                self._rest.call("DELETE", *self._path)
+            raise
+
+    def _told(self, wait: Callable[[str], object]) -> dict[str, Any]:
+        deadline = time.monotonic() + _PATIENCE
+        while True:
+            try:
+                return self._rest.call("GET", *self._path, key="state")
+            except UnavailableError as error:
+                if time.monotonic() > deadline:
+                    raise
+                wait(str(error))
+                time.sleep(_PERIOD)
+
+    def fetch(self, path: Path, what: str) -> Path:
+        """Its recording, in a new file. Raises BenchError, which tells that the service still has `what`."""
+        try:
+            recording = self._rest.download(*self._path, "file")
+            return write_new(path, lambda file: file.write(recording))
+        except (OSError, UnavailableError) as error:
+            why = f"{path}: cannot be written: {error.strerror or error}" if isinstance(error, OSError) else str(error)
+            raise BenchError(f"{why}; the service still has {what} {self.id} of drive {self._path[0]}") from None
 
 
 def _is_here(service: str) -> bool:

@@ -4,10 +4,13 @@ No markup, no emoji; control characters, which could move the cursor or hide tex
 """
 
 import re
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from functools import partial
 from typing import Any, Final
 
 from rich.console import Console
-from rich.progress import TextColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
 from rich.text import Text
 
 # Control characters, those that turn the direction of writing, and bytes of names that are no text
@@ -31,7 +34,6 @@ class Terminal(Console):
         super().__init__(highlight=False, markup=False, emoji=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """A text as it is."""
         as_it_is: dict[str, Any] = {**options, "markup": False, "emoji": False}
         return super().render_str(visible(text), **as_it_is)
 
@@ -43,5 +45,19 @@ class Told(TextColumn):
         super().__init__("{task.description}", markup=False)
 
     def render(self, task: Any) -> Text:
-        """The description, visible."""
         return Text(one_line(task.description))
+
+
+@contextmanager
+def bar(
+    said: str, total: float | None, *columns: ProgressColumn, console: Terminal | None = None,
+    redirect_stdout: bool = True,
+) -> Generator[Callable[..., None]]:
+    """A bar on standard error, where that is a terminal; changed by `completed` and `description`."""
+    console = console or Terminal(stderr=True)
+    progress = Progress(
+        Told(), BarColumn(), *columns, console=console, transient=True, disable=not console.is_terminal,
+        redirect_stdout=redirect_stdout,
+    )
+    with progress:
+        yield partial(progress.update, progress.add_task(said, total=total))

@@ -1,63 +1,42 @@
 """`pmsm-bench capture`: by the running service, or by a drive's bus without one."""
 
-import contextlib
-import threading
-import time
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-import httpx
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
+from rich.progress import MofNCompleteColumn, TimeElapsedColumn
 
 from bench.actions.capture import Run, State, Status, new_status
 from bench.actions.capture_request import COMMAND, Request
-from bench.cli.output import await_end, check_recording
-from bench.cli.rest import Rest, patiently
-from bench.cli.terminal import Terminal, Told
-from bench.errors import BenchError, ConfigError, UnavailableError
-from bench.new_file import write_new
+from bench.cli.output import awaited, check_recording
+from bench.cli.rest import Job, rest_at
+from bench.cli.terminal import Terminal, bar
+from bench.errors import BenchError, ConfigError
 from drivers.connect import connect
 from drivers.drive import Drive
 from drivers.errors import DriveError
 
-_PERIOD: Final = 0.1  # s between two looks
 _TIMEOUT: Final = 10.0  # s for one answer
 _console: Final = Terminal(soft_wrap=True)
 
 
-def by_service(name: str, service: str, given: Mapping[str, Any], out: Path | None) -> None:
+def by_service(name: str, service: str | None, given: Mapping[str, Any], out: Path | None) -> None:
     """Have the service capture, and download the recording. Raises BenchError."""
     check_recording(_named(out, "capture"))
     request = Request.of(given)
-    with httpx.Client(timeout=_TIMEOUT) as client:
-        rest = Rest(client, service)
-        said = rest.call("POST", name, "captures", body=dict(given), key="state")
-        id_ = str(said["id"])
-        _remark(said["remark"])
-        path = _named(out, id_)
-        try:
-            with _bar(request.length) as show:
-                while not State(said["state"]).ended:
-                    show(said["state"], said["samples"], said["reason"])
-                    time.sleep(_PERIOD)
-                    said = patiently(
-                        lambda: rest.call("GET", name, "captures", id_, key="state"),
-                        lambda why: show("waiting", 0, why),
-                    )
-        except KeyboardInterrupt:
-            with contextlib.suppress(BenchError):
-                rest.call("DELETE", name, "captures", id_)
-            raise
-        _check_end(said["state"], said["reason"], said["file"])
-        try:
-            recording = rest.download(name, "captures", id_, "file")
-            written = write_new(path, lambda file: file.write(recording))
-        except (OSError, UnavailableError) as error:
-            why = f"{path}: cannot be written: {error.strerror or error}" if isinstance(error, OSError) else str(error)
-            raise BenchError(f"{why}; the service still has the recording, as capture {id_} of drive {name}") from None
-    _tell(path, written, request, off=bool(said["remark"]))
+    with rest_at(service, _TIMEOUT) as rest:
+        job = Job(rest, name, "captures", dict(given))
+        _remark(job.said["remark"])
+        path = _named(out, job.id)
+        with _bar(request.length) as show:
+            job.follow(
+                lambda said: show(said["state"], said["samples"], said["reason"]),
+                lambda why: show("waiting", 0, why),
+            )
+        _check_end(job.said["state"], job.said["reason"], job.said["file"])
+        written = job.fetch(path, "the recording, as capture")
+    _tell(path, written, request, off=bool(job.said["remark"]))
 
 
 def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
@@ -67,7 +46,7 @@ def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
     if status.request.trigger == COMMAND:
         raise ConfigError("--trigger command: without a service nobody can give it, expected now or a level as i_q>2.0")
     path = _named(out, status.id)
-    with _Link(url) as link, _bar(status.request.length) as show:
+    with closing(_Link(url)) as link, _bar(status.request.length) as show:
 
         def changed(status: Status) -> None:
             if not status.state.ended:
@@ -78,9 +57,7 @@ def directly(url: str, given: Mapping[str, Any], out: Path | None) -> None:
             raise ConfigError(f"{run.part} is of a capture that was interrupted; remove it, or choose another --out")
         run.arm()
         _remark(run.status.remark)
-        ended = threading.Event()
-        threading.Thread(target=lambda: (run.finish(), ended.set()), name="capture", daemon=True).start()
-        await_end(ended, run.cancel)
+        awaited(run.finish, run.cancel)
     _check_end(run.status.state, run.status.reason, run.status.file)
     _tell(path, run.status.file or path, status.request, off=bool(run.status.remark))
 
@@ -109,12 +86,6 @@ class _Link:
             self._drive.close()
             self._drive = None
 
-    def __enter__(self) -> "_Link":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
 
 Show = Callable[[str, int, str], None]
 """Shows a state, samples, and what it waits for."""
@@ -122,16 +93,10 @@ Show = Callable[[str, int, str], None]
 
 @contextmanager
 def _bar(length: int) -> Generator[Show]:
-    """A bar on standard error, where that is a terminal."""
-    console = Terminal(stderr=True)
-    columns = (Told(), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=length)
-
-        def show(state: str, samples: int, reason: str) -> None:
-            bar.update(task, completed=samples, description=f"{state}: {reason}" if reason else str(state))
-
-        yield show
+    with bar("", length, MofNCompleteColumn(), TimeElapsedColumn()) as update:
+        yield lambda state, samples, reason: update(
+            completed=samples, description=f"{state}: {reason}" if reason else str(state)
+        )
 
 
 def _named(out: Path | None, id_: str) -> Path:
@@ -140,7 +105,7 @@ def _named(out: Path | None, id_: str) -> Path:
 
 def _remark(said: str) -> None:
     if said:
-        Terminal(stderr=True).print(f"pmsm-bench: {said}", markup=False, soft_wrap=True, highlight=False)
+        Terminal(stderr=True).print(f"pmsm-bench: {said}", soft_wrap=True)
 
 
 def _check_end(state: str, reason: str, file: object) -> None:
@@ -160,4 +125,4 @@ def _tell(path: Path, written: Path, request: Request, *, off: bool) -> None:
     said = f"{written}: {request.length} samples"
     if request.replayable and not off:
         said += f"; estimates: pmsm-bench replay {written}"
-    _console.print(said, markup=False)
+    _console.print(said)

@@ -2,10 +2,8 @@
 
 from typing import Any
 
-import httpx
-
 from bench.cli.commands.signals import pairs_of, read_from
-from bench.cli.rest import Rest
+from bench.cli.rest import rest_at
 from bench.cli.terminal import Terminal
 from bench.errors import BenchError
 from drivers.wire.dictionary import SET_POINTS
@@ -14,23 +12,23 @@ _TIMEOUT = 15.0  # s for one answer
 _console = Terminal(soft_wrap=True)
 
 
-def start(name: str, given: list[str], service: str) -> None:
+def start(name: str, given: list[str], service: str | None) -> None:
     """Start a drive with set points given as SIGNAL=VALUE, and tell which it has. Raises BenchError."""
     _ask(name, "start", service, pairs_of(given))
-    with httpx.Client(timeout=_TIMEOUT) as client:
-        told = read_from(Rest(client, service), name, SET_POINTS)
+    with rest_at(service, _TIMEOUT) as rest:
+        told = read_from(rest, name, SET_POINTS)
     has = ", ".join(f"{one['name']} = {one['value']:g} {one['unit']}" for one in told if one["value"])
-    _console.print(f"set points: {has or 'none, no current flows'}", markup=False)
+    _console.print(f"set points: {has or 'none, no current flows'}")
 
 
-def stop(name: str, service: str) -> None:
+def stop(name: str, service: str | None) -> None:
     """Stop a drive. Raises BenchError, also where it does not say that it is off."""
     said = _ask(name, "stop", service)
     if said["state"] in (None, "operation enabled"):
         raise BenchError(f"drive {name} does not say that it is off: it is {said['state'] or 'not to be had'}")
 
 
-def reset(name: str, service: str) -> None:
+def reset(name: str, service: str | None) -> None:
     """Reset a drive's fault. Raises BenchError."""
     _ask(name, "reset", service)
 
@@ -39,20 +37,24 @@ def words(control: dict[str, Any]) -> str:
     """A drive's state and who controls it, a clause."""
     if control["state"] is None:
         return "no link to the drive"
-    fault = control["fault"]
-    state = control["state"] + (f", {fault['name']} ({fault['code']}): {fault['advice']}" if fault else "")
     if control["ours"]:
         said = control["whom"] or ""
         whom = "controlled by this service"
         whom += f" for {said}" if control["in_experiment"] else f", started from {said}" if said else ""
     else:
         whom = f"controlled by {control['holder']}" if control["holder"] else "controlled by nobody"
-    return f"{state}; {whom}"
+    return f"{state_words(control)}; {whom}"
 
 
-def _ask(name: str, what: str, service: str, body: dict[str, float] | None = None) -> dict[str, Any]:
-    with httpx.Client(timeout=_TIMEOUT) as client:
-        said = Rest(client, service).call("POST", name, what, body=body or {}, key="state")
+def state_words(said: dict[str, Any]) -> str:
+    """A drive's state, and what to do where it is in fault, a clause."""
+    fault = said["fault"]
+    return str(said["state"]) + (f", {fault['name']} ({fault['code']}): {fault['advice']}" if fault else "")
+
+
+def _ask(name: str, what: str, service: str | None, body: dict[str, float] | None = None) -> dict[str, Any]:
+    with rest_at(service, _TIMEOUT) as rest:
+        said = rest.call("POST", name, what, body=body or {}, key="state")
     _console.print(f"{name}: {words(said)}")
     if said["guarded"] is False:
         _console.print(

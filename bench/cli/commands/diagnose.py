@@ -4,18 +4,18 @@ import contextlib
 import os
 import sys
 from collections import Counter
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from bench.cli.exit_codes import DOES_NOT, FAULT, HOLDS, NOT_TOLD, REFUSED, details_kept, worst
-from bench.cli.output import check_new, check_output, takes_all, write_whole
-from bench.cli.terminal import Terminal, Told
+from bench.cli.output import as_refusal, check_new, check_output, takes_all, write_whole
+from bench.cli.terminal import Terminal, bar
 from bench.diagnoses.diagnosis_request import WORK, Request, Result, json_text
 from bench.diagnoses.worker import Failed, each
 from bench.diagnoses.worker import Progress as Under
@@ -80,23 +80,25 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str |
         except BenchError as error:
             outcomes[k] = _Outcome(None, str(error))
         else:
-            requests.append(_request(file, machine, options, report=wanted))
+            requests.append(Request(
+                file, machine, options.trust, options.mapping, options.constants, options.align, wanted, options.format
+            ))  # fmt: skip
             told.append(k)
     shares = [0.0] * len(requests)
-    with _bar(len(files)) as bar, contextlib.closing(each(WORK, requests, options.jobs or _cores())) as heard:
+    with _bar(len(files)) as progress, contextlib.closing(each(WORK, requests, options.jobs or _cores())) as heard:
         for k, said in heard:
             if isinstance(said, Under):
                 shares[k] = said.share
-                bar.at(len(outcomes) + sum(s for n, s in enumerate(shares) if told[n] not in outcomes), said.phase)
+                progress.at(len(outcomes) + sum(s for n, s in enumerate(shares) if told[n] not in outcomes), said.phase)
                 continue
             place = told[k]
             outcomes[place] = (
                 _failed(said) if isinstance(said, Failed)
                 else _written(said.result, places[place], force=options.force)
             )  # fmt: skip
-            bar.at(len(outcomes), "")
-            show.as_far_as(files, outcomes, bar)
-        show.as_far_as(files, outcomes, bar)
+            progress.at(len(outcomes), "")
+            show.as_far_as(files, outcomes, progress)
+        show.as_far_as(files, outcomes, progress)
     return show.end()
 
 
@@ -115,12 +117,6 @@ def stem_of(file: Path) -> str:
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _request(file: Path, machine: Nominal, options: Options, *, report: bool) -> Request:
-    return Request(
-        file, machine, options.trust, options.mapping, options.constants, options.align, report, options.format
-    )
 
 
 def _shared(nominal: Path | None) -> Nominal | None:
@@ -150,7 +146,7 @@ def _places(files: Sequence[Path], outputs: Mapping[str, str | None]) -> list[di
             if not meant and (folder.suffix == suffix or os.path.lexists(folder)):
                 raise ConfigError(f"{option}: several recordings need a folder or a name with {STEM}, got {out}")
             pattern = str(folder / f"{STEM}{suffix}")
-            with _as_refusal(folder):
+            with as_refusal(folder):
                 folder.mkdir(parents=True, exist_ok=True)
         for place, file in zip(places, files, strict=True):
             place[option] = Path(pattern.replace(STEM, stem_of(file)))
@@ -183,7 +179,7 @@ def _check(files: Sequence[Path], nominal: Path | None, places: Sequence[Mapping
 def _check_writable(place: Mapping[str, Path]) -> None:
     """Refuse a recording before it is worked on where its outputs cannot be written."""
     for path in place.values():
-        with _as_refusal(path):
+        with as_refusal(path):
             check_output(path)
 
 
@@ -195,54 +191,39 @@ def _written(result: Result, place: Mapping[str, Path], *, force: bool) -> _Outc
         if (text := texts[option]) is None:
             continue
         try:
-            with _as_refusal(path):
+            with as_refusal(path):
                 write_whole(path, text, over=force)
         except ConfigError as error:
             refusals.append(str(error))
     return _Outcome(result, "; ".join(refusals))
 
 
-@contextmanager
-def _as_refusal(path: Path) -> Generator[None]:
-    try:
-        yield
-    except FileExistsError:
-        raise ConfigError(f"{path} exists already, expected a new file") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
 # --- what is shown
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Bar:
-    """A bar on standard error while it takes long, where that is a terminal."""
+    """A bar while it takes long."""
 
-    progress: Progress
-    task: Any
-    output: Terminal  # for what goes to standard output meanwhile
+    update: Callable[..., None]
+    errors: Terminal
+    output: Terminal
 
     def at(self, done: float, phase: str) -> None:
-        self.progress.update(self.task, completed=done, description=phase or "diagnosing")
+        self.update(completed=done, description=phase or "diagnosing")
 
     def refuse(self, sentence: str) -> None:
         """A sentence on standard error, above the bar."""
-        self.progress.console.print(f"pmsm-bench: {sentence}", markup=False, soft_wrap=True, highlight=False)
+        self.errors.print(f"pmsm-bench: {sentence}", soft_wrap=True)
 
 
 @contextmanager
 def _bar(total: int) -> Generator[_Bar]:
-    console = Terminal(stderr=True)
+    errors = Terminal(stderr=True)
     count = TextColumn("{task.completed:.0f}/{task.total:.0f}") if total > 1 else TextColumn("{task.percentage:.0f} %")
-    columns = (Told(), BarColumn(), count, TimeRemainingColumn())
-    progress = Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal,
-        redirect_stdout=False,
-    )
-    shared = console.is_terminal and sys.stdout.isatty()  # what is said goes above the bar then
-    with progress:
-        yield _Bar(progress, progress.add_task("diagnosing", total=total), console if shared else Terminal())
+    shared = errors.is_terminal and sys.stdout.isatty()  # what is said goes above the bar then
+    with bar("diagnosing", total, count, TimeRemainingColumn(), console=errors, redirect_stdout=False) as update:
+        yield _Bar(update, errors, errors if shared else Terminal())
 
 
 class _Shown:
@@ -256,9 +237,9 @@ class _Shown:
         self._unwritten = 0
         self._console = Terminal()
 
-    def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, _Outcome], bar: _Bar) -> None:
+    def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, _Outcome], progress: _Bar) -> None:
         """Show those whose turn has come."""
-        self._console = bar.output
+        self._console = progress.output
         while self._next in outcomes:
             file, outcome = files[self._next], outcomes[self._next]
             self._next += 1
@@ -269,7 +250,7 @@ class _Shown:
                 self._verdict(file, outcome.result)
                 self._unwritten += bool(outcome.refusal)
             if why := outcome.refusal:
-                bar.refuse(why if why.startswith(str(file)) else f"{file}: {why}")
+                progress.refuse(why if why.startswith(str(file)) else f"{file}: {why}")
 
     def _verdict(self, file: Path, result: Result) -> None:
         content = result.content
@@ -315,7 +296,7 @@ class _Shown:
             self._say(f"{lead}{text}")
 
     def _say(self, text: str) -> None:
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._console.print(text, soft_wrap=True)
 
 
 def _findings(findings: Sequence[Mapping[str, Any]]) -> Table:

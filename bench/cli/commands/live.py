@@ -4,12 +4,12 @@ import contextlib
 import time
 from typing import Any
 
-import httpx
 from rich.live import Live
 from rich.table import Table
 
+from bench.cli.commands.control import state_words
 from bench.cli.exit_codes import HOLDS, NOT_TOLD, code_of
-from bench.cli.rest import Rest
+from bench.cli.rest import rest_at
 from bench.cli.table import basis_of, clock, estimates_table
 from bench.cli.terminal import Terminal
 from bench.errors import BenchError
@@ -18,11 +18,10 @@ _PERIOD = 0.5  # s between two looks
 _TIMEOUT = 3.0  # s for one answer
 
 
-def show(name: str, service: str, *, once: bool) -> int:
+def show(name: str, service: str | None, *, once: bool) -> int:
     """Print the table once, or keep it up to date until Ctrl-C; the exit code. Raises BenchError."""
     console = Terminal()
-    with httpx.Client(timeout=_TIMEOUT) as client:
-        rest = Rest(client, service)
+    with rest_at(service, _TIMEOUT) as rest:
         if once:
             content = rest.call("GET", name, "estimates", key="estimates")
             console.print(_table(content))
@@ -45,7 +44,9 @@ def _table(content: dict[str, Any]) -> Table:
     age = "no data yet" if content["age_s"] is None else f"{content['age_s']:.2f} s old"
     title = f"{content['drive']}: {_status(content)}"
     basis = f"{basis_of(settings, content['samples'])}, {content['gaps']} gaps, {age}"
-    below = "\n".join(filter(None, (basis, _drive(content["drive_state"]), _mismatch(content))))
+    said = content["drive_state"]
+    state = "not known, there is no link to it" if said["state"] is None else state_words(said)
+    below = "\n".join(filter(None, (basis, f"drive: {state}", _mismatch(content))))
     return estimates_table(content, settings, below, title)
 
 
@@ -55,14 +56,6 @@ def _status(content: dict[str, Any]) -> str:
         return str(content["status"]).replace("_", " ")
     untold = [name for name, estimate in content["estimates"].items() if estimate["status"] == "not_told"]
     return f"{', '.join(untold)} not told" if untold else "ok"
-
-
-def _drive(said: dict[str, Any]) -> str:
-    """The drive's state, and what to do where it is in fault."""
-    if said["state"] is None:
-        return "drive: not known, there is no link to it"
-    fault = said["fault"]
-    return f"drive: {said['state']}" + (f", {fault['name']} ({fault['code']}): {fault['advice']}" if fault else "")
 
 
 def _mismatch(content: dict[str, Any]) -> str:
@@ -77,4 +70,3 @@ def _mismatch(content: dict[str, Any]) -> str:
         f"the model has not explained the drive since {since}: {said['where']}; "
         f"record and diagnose: pmsm-bench capture {content['drive']}"
     )
-

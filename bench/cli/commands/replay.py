@@ -3,18 +3,18 @@
 import csv
 import json
 import os
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 
 from bench.cli.exit_codes import DOES_NOT, code_of
-from bench.cli.options import pairs
-from bench.cli.output import check_new, opened, write_whole
+from bench.cli.options import columns_of
+from bench.cli.output import as_refusal, check_new, opened, write_whole
 from bench.cli.table import basis_of, estimates_table
-from bench.cli.terminal import Terminal, Told
+from bench.cli.terminal import Terminal, bar
 from bench.errors import ConfigError
 from bench.live.watch import Explained
 from bench.live.window import AUTO, Window
@@ -67,8 +67,8 @@ class Options:
 
 
 def run(
-    file: Path, nominal: Path | None, mapping: Sequence[str], constants: Sequence[str], align: Sequence[str],
-    options: Options, every: int | None, json_out: Path | None, csv_out: Path | None,
+    file: Path, nominal: Path | None, mapping: Sequence[str] | None, constants: Sequence[str] | None,
+    align: Sequence[str] | None, options: Options, every: int | None, json_out: Path | None, csv_out: Path | None,
 ) -> int:
     """Replay a recording, print what it says at its end, write what was asked for; the exit code."""
     machine = load_machine(nominal) if nominal is not None else Nominal({})
@@ -77,20 +77,22 @@ def run(
     if hop < 1:
         raise ConfigError(f"--every: expected at least 1 row, got {hop}")
     _check_outputs(file, {"--json": json_out, "--csv": csv_out})
+    mapped, held, aligned = columns_of(mapping, constants, align)
     with (
         open_recording(
-            file, mapping=pairs("--map", mapping, str), constants=pairs("--set", constants, float), T_s=machine.T_s,
-            align=pairs("--align", align, float), theta_step=machine.theta_step,
+            file, mapping=mapped, constants=held, T_s=machine.T_s, align=aligned, theta_step=machine.theta_step,
             optional=False,
         ) as reader,
         _track(csv_out) as on_estimate,
-        _progress(reader.rows_expected) as on_rows,
+        bar("rows", reader.rows_expected, MofNCompleteColumn(), TimeRemainingColumn()) as update,
     ):
-        replayed = replay(reader, settings, hop if csv_out else 0, on_estimate, on_rows, machine.given)
+        replayed = replay(
+            reader, settings, hop if csv_out else 0, on_estimate, lambda done: update(completed=done), machine.given
+        )
     replayed = replace(replayed, remarks=(*replayed.remarks, *options.remarks(settings)))
     _print(replayed)
     if json_out is not None:
-        with _written(json_out):
+        with as_refusal(json_out):
             write_whole(json_out, json.dumps(as_json(replayed), indent=2) + "\n", over=False)
     return _code(replayed)
 
@@ -126,16 +128,6 @@ def _tuning(text: str) -> Mapping[str, object]:
     return settings
 
 
-@contextmanager
-def _progress(rows: int | None) -> Generator[Callable[[int], None]]:
-    """A bar on standard error while a long recording is read, where that is a terminal."""
-    console = Terminal(stderr=True)
-    columns = (Told(), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("rows", total=rows)
-        yield lambda done: bar.update(task, completed=done)
-
-
 def _check_outputs(file: Path, outputs: Mapping[str, Path | None]) -> None:
     """Refuse, before anything is opened, an output that would overwrite the recording, the other output or a file."""
     taken = [os.path.realpath(file)]
@@ -154,7 +146,7 @@ def _track(path: Path | None) -> Generator[OnEstimate | None]:
     if path is None:
         yield None
         return
-    with _written(path), opened(path) as file:
+    with as_refusal(path), opened(path) as file:
         writer = csv.writer(file)
         header = [f"{name}{suffix}" for name in PARAMETERS for suffix in ("", "_std", "_status", "_window")]
         writer.writerow(["t", "samples", *header])
@@ -166,25 +158,17 @@ def _track(path: Path | None) -> Generator[OnEstimate | None]:
         yield write
 
 
-@contextmanager
-def _written(path: Path) -> Generator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
 def _print(replayed: Replay) -> None:
-    console = Terminal()
+    console = Terminal(soft_wrap=True)
     summary, result = replayed.recording, replayed.result
     title = f"{summary.path}: {summary.used} of {summary.rows} rows used, {summary.duration:.6g} s"
-    console.print(title, soft_wrap=True, markup=False)
+    console.print(title)
     settings = asdict(replayed.window)
     rows = "" if settings["method"] == "ekf" else f", {settings['periods_per_row']} periods per row"
     residual = "" if result.residual_rms is None else f", residual {result.residual_rms:.3g} V"
     basis = f"{basis_of(settings, result.samples)}{rows}, {result.gaps} gaps{residual}"
-    console.print(estimates_table(as_json(replayed), settings, basis))
+    console.print(estimates_table(as_json(replayed), settings, basis), soft_wrap=False)
     said = replayed.verdict.sentence()
-    console.print(f"{said[0].upper()}{said[1:]}.", soft_wrap=True, markup=False)
+    console.print(f"{said[0].upper()}{said[1:]}.")
     for remark in replayed.remarks:
-        console.print(remark, soft_wrap=True, markup=False)
+        console.print(remark)

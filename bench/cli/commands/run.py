@@ -7,13 +7,14 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import wait
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from bench.cli.commands.signals import pairs_of
+from bench.cli.output import in_thread
 from bench.cli.terminal import Terminal
 from bench.config import Config, emulated
 from bench.errors import ConfigError
@@ -39,7 +40,7 @@ def run_service(config: Config, port: int | None) -> None:
 def run_emulator(urls: list[str], scenario: str, faults: list[str]) -> int:
     """Become the emulated drive; `faults` are its options about them."""
     command = [*_emulator_command(urls, scenario), *faults]
-    return subprocess.call(command) if os.name == "nt" else _exec(command)
+    return subprocess.call(command) if os.name == "nt" else os.execv(sys.executable, command)
 
 
 def run_both(url: str, scenario: str, port: int | None) -> None:
@@ -70,12 +71,10 @@ def _handling(number: int, handler: Callable[[int, FrameType | None], object]) -
         signal.signal(number, before)
 
 
-@contextlib.contextmanager
-def _listening(config: Config, port: int | None) -> Generator[socket.socket]:
+def _listening(config: Config, port: int | None) -> socket.socket:
     from bench.api.server import listen
 
-    with listen(config.host, config.port if port is None else port) as listener:
-        yield listener
+    return listen(config.host, config.port if port is None else port)
 
 
 def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, float] | None = None) -> None:
@@ -121,29 +120,15 @@ def _started(service: "Service", name: str, set_points: Mapping[str, float]) -> 
 
 def meanwhile(work: Callable[[], None]) -> None:
     """Do it in a thread of its own: a compiler that a signal interrupts fails in its own words."""
-    failed: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            work()
-        except BaseException as error:  # noqa: BLE001 - raised again below
-            failed.append(error)
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    while thread.is_alive():
-        thread.join(_LISTENS)
-    if failed:
-        raise failed[0]
+    made = in_thread(work)
+    while not wait((made,), _LISTENS).done:
+        pass
+    made.result()
 
 
 def _emulator_command(urls: list[str], scenario: str) -> list[str]:
     places = [part for url in urls for part in ("--at", url)]
     return [sys.executable, "-m", "emulator", *places, "--scenario", scenario]
-
-
-def _exec(command: list[str]) -> int:
-    os.execv(sys.executable, command)
 
 
 @contextlib.contextmanager
@@ -179,15 +164,6 @@ def _emulator(url: str, scenario: str) -> Generator[dict[str, float]]:
 
 def _first_line(process: "subprocess.Popen[str]") -> str | None:
     """What the process says first; None when it ends, or is silent for too long, before it says anything."""
-    lines: list[str] = []
-
-    def read() -> None:
-        if process.stdout is not None:
-            lines.append(process.stdout.readline().strip())
-
-    reader = threading.Thread(target=read, daemon=True)
-    reader.start()
-    reader.join(_READY_TIMEOUT)
-    return lines[0] if lines and lines[0] else None
-
-
+    assert process.stdout is not None
+    line = in_thread(process.stdout.readline)
+    return line.result().strip() or None if wait((line,), _READY_TIMEOUT).done else None

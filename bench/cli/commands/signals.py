@@ -4,22 +4,20 @@ import math
 from collections.abc import Sequence
 from typing import Any, cast
 
-import httpx
 from rich.table import Table
 
-from bench.cli.rest import Rest
+from bench.cli.rest import Rest, rest_at
 from bench.cli.terminal import Terminal
 from bench.errors import ConfigError, shown
 
 _TIMEOUT = 30.0  # s; a slow line takes long for all of them
 
 
-def show(name: str, given: list[str], service: str) -> None:
+def show(name: str, given: list[str], service: str | None) -> None:
     """Write what is given as SIGNAL=VALUE, read what is given as SIGNAL, and print. Raises BenchError."""
     values = pairs_of([text for text in given if "=" in text])
     asked = [text for text in given if "=" not in text]
-    with httpx.Client(timeout=_TIMEOUT) as client:
-        rest = Rest(client, service)
+    with rest_at(service, _TIMEOUT) as rest:
         told: list[dict[str, Any]] = []
         if values:
             told += rest.call("PUT", name, "signals", body=values, key="signals")["signals"]
@@ -36,18 +34,16 @@ def read_from(rest: Rest, name: str, asked: Sequence[str]) -> list[dict[str, Any
 
 def pairs_of(given: list[str]) -> dict[str, float]:
     """Values given as SIGNAL=NUMBER. Raises ConfigError."""
-    return dict(_pair(text) for text in given)
-
-
-def _pair(text: str) -> tuple[str, float]:
-    name, _, value = text.partition("=")
-    try:
-        number = float(value)
-    except ValueError:
-        raise ConfigError(f"expected SIGNAL=NUMBER, got {shown(text)}") from None
-    if not math.isfinite(number):
-        raise ConfigError(f"{shown(name.strip())}: expected a finite number, got {value.strip()}")
-    return name.strip(), number
+    found: dict[str, float] = {}
+    for text in given:
+        name, _, value = map(str.strip, text.partition("="))
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise ConfigError(f"expected SIGNAL=NUMBER, got {shown(text)}") from None
+        if not math.isfinite(found[name]):
+            raise ConfigError(f"{shown(name)}: expected a finite number, got {value}")
+    return found
 
 
 def _table(name: str, signals: list[dict[str, Any]]) -> Table:
