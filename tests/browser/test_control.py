@@ -14,8 +14,9 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
 from tests.browser.test_capture import click, fill, shown
-from tests.browser.test_page import SANE, Wire, browser, pytestmark, text, tile, until
+from tests.browser.test_page import SANE, browser, pytestmark, text, tile, until
 from tests.conftest import JSON, RunningBench
+from tests.support.relay import relayed
 from tests.support.served_drive import until as wait_until
 
 __all__ = ["browser", "pytestmark"]
@@ -113,9 +114,8 @@ def test_a_fault_is_named_with_what_to_do_and_reset(page: Chrome, running_bench:
 
 
 def test_stop_that_is_not_heard_says_so_and_what_to_do(page: Chrome, running_bench: RunningBench) -> None:
-    address = urlsplit(running_bench.url)
-    with Wire(address.hostname or "", address.port or 80) as wire:
-        page.get(wire.url)
+    with relayed(urlsplit(running_bench.url).port or 80) as wire:
+        page.get(f"http://127.0.0.1:{wire.port}/")
         until(page, lambda: text(page, "control-state") == ON, "a powered motor")
         wire.cut()
         until(page, lambda: "not heard" in text(page, "control-state"), "the bar to say that nothing is known")

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import re
-import socket
-import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -23,6 +20,7 @@ from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
 from tests.conftest import bench_up
+from tests.support.relay import relayed
 
 CHROMIUM = Path("/usr/bin/chromium")
 CHROMEDRIVER = Path("/usr/bin/chromedriver")
@@ -277,9 +275,8 @@ def test_the_page_needs_no_horizontal_scrolling(page: Chrome, width: int, method
 
 
 def test_a_broken_connection_to_the_service_is_told_and_found_again(browser: Chrome, running_bench: Bench) -> None:
-    address = urlsplit(running_bench.url)
-    with Wire(address.hostname or "", address.port or 80) as wire:
-        browser.get(wire.url)
+    with relayed(urlsplit(running_bench.url).port or 80) as wire:
+        browser.get(f"http://127.0.0.1:{wire.port}/")
         until(browser, lambda: text(browser, "link-state") == "streaming", "the link to be streaming")
         wire.cut()
         until(browser, lambda: "Connection to the service lost since" in text(browser, "banner"), "the banner")
@@ -323,76 +320,6 @@ def test_what_several_parameters_cannot_be_told_for_is_said_once(browser: Chrome
             assert tile(browser, name).find_element(By.CLASS_NAME, "reason").text == ""
             until(browser, lambda plot=f"plot-{name}": run(browser, NOTE, plot) == NOTHING, f"{NOTHING!r} in the plot")
         browser.get("about:blank")
-
-
-class Wire:
-    """A stretch of wire between browser and service that can be cut and mended."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self._far_end = (host, port)
-        self._port = 0
-        self._sockets: list[socket.socket] = []
-        self._threads: list[threading.Thread] = []
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self._port}/"
-
-    def __enter__(self) -> Wire:
-        self.mend()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.cut()
-
-    def mend(self) -> None:
-        listener = socket.create_server(("127.0.0.1", self._port))
-        self._port = listener.getsockname()[1]
-        self._sockets = [listener]
-        self._threads = []
-        self._start(self._accept, listener)
-
-    def cut(self) -> None:
-        if not self._sockets:
-            return
-        accepting = self._threads[0]
-        hang_up(self._sockets[0])
-        accepting.join()
-        for end in self._sockets:
-            hang_up(end)
-        for thread in self._threads:
-            thread.join()
-        for end in self._sockets:
-            end.close()
-        self._sockets = []
-
-    def _accept(self, listener: socket.socket) -> None:
-        while True:
-            try:
-                near, _ = listener.accept()
-            except OSError:
-                return
-            far = socket.create_connection(self._far_end)
-            self._sockets += [near, far]
-            self._start(carry, near, far)
-            self._start(carry, far, near)
-
-    def _start(self, work: Any, *arguments: socket.socket) -> None:
-        thread = threading.Thread(target=work, args=arguments)
-        self._threads.append(thread)
-        thread.start()
-
-
-def carry(source: socket.socket, sink: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        while content := source.recv(65536):
-            sink.sendall(content)
-    hang_up(sink)
-
-
-def hang_up(end: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        end.shutdown(socket.SHUT_RDWR)
 
 
 def until(browser: Chrome, condition: Any, what: str) -> None:

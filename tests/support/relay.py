@@ -1,4 +1,4 @@
-"""A TCP relay between a client and a drive's bus: a test can cut the line, or let it lag, while both ends live."""
+"""A TCP relay between a client and a server: a test can cut the line, or let it lag, while both ends live."""
 
 import contextlib
 import queue
@@ -29,12 +29,9 @@ class Relay:
     def cut(self) -> None:
         """Drop the clients and refuse new ones."""
         if self._listener is not None:
-            with contextlib.suppress(OSError):
-                self._listener.shutdown(socket.SHUT_RDWR)
+            _hang_up(self._listener)
             self._listener.close()
-        for end in self._pairs:
-            with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
+        _hang_up(*self._pairs)
         for thread in self._threads:
             thread.join(5.0)
         for end in self._pairs:
@@ -76,18 +73,20 @@ class Relay:
                 if not data:
                     break
                 sink.sendall(data)
-        for end in (source, sink):
-            with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
+        _hang_up(source, sink)
 
     @staticmethod
     def _pass(source: socket.socket, sink: socket.socket) -> None:
         with contextlib.suppress(OSError):
             while data := source.recv(1 << 16):
                 sink.sendall(data)
-        for end in (source, sink):
-            with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
+        _hang_up(source, sink)
+
+
+def _hang_up(*ends: socket.socket) -> None:
+    for end in ends:
+        with contextlib.suppress(OSError):
+            end.shutdown(socket.SHUT_RDWR)
 
 
 @contextlib.contextmanager
