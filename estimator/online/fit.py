@@ -46,13 +46,9 @@ MODEL_MOVING: Final = 3e-5  # times the relative spread of speed^2, more where i
 MODEL_TURN: Final = 8e-4  # and, times D^3, more where the rotor turns far within a control period
 SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
 Z_95: Final = 1.96
-_PRIOR_LEAST: Final = (
-    1e-5  # of the voltage, that a prior leaves open: with less, arithmetic loses what is wide beside it
-)
+_PRIOR_LEAST: Final = 1e-5  # of the voltage, that a prior leaves open: with less, arithmetic loses what is wide
 _SMALL_TERM_ROUNDS: Final = 4  # of the iteration of the small terms; each gains three digits
-_FEWEST_FREEDOM: Final = (
-    4.0  # degrees of freedom of a variance at least: below, the correction knows no more than the error
-)
+_FEWEST_FREEDOM: Final = 4.0  # of a variance: below, the correction knows no more than the error
 _BATCHES: Final = 8.0  # that a reference takes at least
 
 
@@ -152,7 +148,8 @@ def _task(
     stand_in = np.array([held.get(name, 0.0) for name in PARAMETERS])
     known = np.where(np.isin(np.arange(len(PARAMETERS)), free), 0.0, stand_in)
     calm = np.where((enough & (sums.batches >= _BATCHES))[:, None, None, None], sums.batch, sums.lag0)
-    G, G_calm = (np.where(enough[:, None, None], _free_normal(S, free), 0.0) for S in (sums.lag0, calm))
+    both_axes = (S.sum(axis=1)[:, free][:, :, free] for S in (sums.lag0, calm))
+    G, G_calm = (np.where(enough[:, None, None], S, 0.0) for S in both_axes)
     return _Task(
         free, np.tile(known, (len(enough), 1)), stand_in, enough, G, _plain(G), calm, _plain(G_calm),
         noise_aware, together,
@@ -186,11 +183,6 @@ def _round_solved(sums: WindowSums, task: _Task, small: Array) -> _Round:
     return _Round(beta, full, sure, doubt, inverse, ex, sigma2, apart, noise)
 
 
-def _free_normal(S: Array, free: list[int]) -> Array:
-    """Normal matrices of the free parameters, both axes together."""
-    return S.sum(axis=1)[:, free][:, :, free]
-
-
 def _plain(G: Array) -> Array:
     """Inverses of normal matrices as far as arithmetic goes."""
     return excitation(G, np.zeros_like(G[:, 0])).inverse
@@ -217,24 +209,12 @@ def _filled_by_prior(
                 np.full(len(B), stand_in[PARAMETERS.index(other)])
             )
             value[:, j] = np.where(value[:, j] > 0.0, value[:, j], np.maximum(known, 0.0))
-    norm = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    norm = _quotient(np.ones_like(scale), scale)
     b, prior = strong * norm, value * norm
     deviation = np.where(value > 0.0, np.minimum(prior, u), u)
-    precision = share / np.maximum(deviation, np.maximum(_PRIOR_LEAST * u, 1e-100)) ** 2
-    used = np.any(B != 0.0, axis=1).astype(np.float64)  # columns that are directions
-    A = B.transpose(0, 2, 1) @ (precision[:, :, None] * B)
-    size = np.sqrt(np.maximum(np.diagonal(A, axis1=1, axis2=2), 1e-300))
-    scaled = A / (size[:, :, None] * size[:, None, :]) * used[:, :, None] * used[:, None, :]
-    scaled += _diagonal(1.0 - used + 1e-12)
-    inverse = np.array(np.linalg.inv(scaled), np.float64) / (size[:, :, None] * size[:, None, :])
-    inverse *= used[:, :, None] * used[:, None, :]
-    t = _times(inverse, _times(B.transpose(0, 2, 1), precision * (prior - b)))
-    doubt = np.sqrt(np.maximum(np.sum((B @ inverse) * B, axis=2), 0.0))
-    return (b + _times(B, t)) * scale, doubt * scale
-
-
-def _diagonal(values: Array) -> Array:
-    return values[:, :, None] * np.eye(values.shape[-1])
+    weight = np.sqrt(share) / np.maximum(deviation, np.maximum(_PRIOR_LEAST * u, 1e-100))
+    by_priors = B @ np.array(np.linalg.pinv(weight[:, :, None] * B, rcond=1e-12), np.float64)
+    return (b + _times(by_priors, weight * (prior - b))) * scale, np.linalg.norm(by_priors, axis=2) * scale
 
 
 def _share_of_bias(sums: WindowSums, bias: Array, value: Array, apart: Array) -> Array:
@@ -406,7 +386,8 @@ def _variance(
         known = colour(pool)
         common = pool.squares / np.maximum(pool.rows - 0.5 * len(free) * len(n), 0.5)
         gamma0, freedom_of_gamma0 = (r.squares + SHARED * common) / (own + SHARED), own + SHARED
-    S0, S1 = (_sandwich(inverse, S[:, :, free][..., free]) for S in (sums.lag0, sums.lag1))  # (K, 2, p)
+    outside, inside = inverse[:, None], (S[:, :, free][..., free] for S in (sums.lag0, sums.lag1))
+    S0, S1 = (np.diagonal(outside @ S @ outside, axis1=2, axis2=3) for S in inside)  # (K, 2, p)
     A, B = gamma0[..., None] * (S0 - 0.5 * S1), gamma0[..., None] * 0.5 * S1
     variance = np.maximum(np.sum(A + known.f[..., None] * B, axis=1), 0.0)
     of_gamma0, of_f, of_both = (of[..., None] for of in (known.of_gamma0, known.of_f, known.of_both))
@@ -462,18 +443,8 @@ def _undithered(step: float, noise: Array) -> Array:
     return step**2 / 12.0 * np.exp(-4.0 * np.pi**2 * noise / step**2)
 
 
-def _sandwich(inverse: Array, S: Array) -> Array:
-    """Diagonals of inverse S inverse by axis, (K, 2, p)."""
-    outside = inverse[:, None]
-    return np.diagonal(outside @ S @ outside, axis1=2, axis2=3)
-
-
-_QUANTILES: Final = np.array(  # of Student's distribution for 95 %, by degrees of freedom
-    [[1.0, 12.706], [2.0, 4.303], [3.0, 3.182], [4.0, 2.776], [5.0, 2.571], [7.0, 2.365], [10.0, 2.228], [20.0, 2.086],
-     [40.0, 2.021], [100.0, 1.984], [1e9, 1.960]]
-)
-
-
 def _student(freedom: Array) -> Array:
-    """Quantile of Student's distribution over that of the normal, for 95 %; at least 1 degree of freedom."""
-    return np.interp(-1.0 / freedom, -1.0 / _QUANTILES[:, 0], _QUANTILES[:, 1]) / Z_95
+    """Quantile of Student's distribution over that of the normal, for 95 %."""
+    from scipy.special import stdtrit
+
+    return stdtrit(freedom, 0.975) / Z_95

@@ -14,7 +14,7 @@ E. T. Whittaker, Proc. Edinburgh Math. Soc. 41, 63, 1923 (graduation by third di
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, cast
 
@@ -108,9 +108,8 @@ def smoothest(counts: Array, reach: float, ends: Sequence[int]) -> SmoothCourse:
     for run in _runs(ends):
         off[run], span[run] = _departure(counts[run], reach)
         variance[run] = _room(off[run], span[run], reach)
-        astray = _near_any(
-            np.abs(off[run]) > reach * (1.0 + 2.0 * _NO_COURSE), round(_SOONER_REACH * _STIFF / 2**_STEP_HALVINGS)
-        )
+        left = np.abs(off[run]) > reach * (1.0 + 2.0 * _NO_COURSE)
+        astray = _near_any(left, round(_SOONER_REACH * _STIFF / 2**_STEP_HALVINGS))
         off[run][astray], variance[run][astray] = 0.0, reach**2 / 3.0
     pull = np.clip(off, -reach, reach) - off
     return SmoothCourse(counts + off, variance, pull, _weight(off, reach, _middle_weight(span)), span, reach, ends)
@@ -149,10 +148,7 @@ def _departure(counts: Array, reach: float) -> tuple[Array, Array]:
 
 def _near_any(there: NDArray[np.bool_], w: int) -> NDArray[np.bool_]:
     """Within w periods of one that is there."""
-    changes, at = np.zeros(len(there) + 1, np.intp), np.flatnonzero(there)
-    np.add.at(changes, np.maximum(at - w, 0), 1)
-    np.add.at(changes, np.minimum(at + w + 1, len(there)), -1)
-    return np.cumsum(changes[:-1]) > 0
+    return _highest(there.astype(np.float64), w) > 0.0
 
 
 def _newton(counts: Array, reach: float, off: Array, span: Array) -> Array:
@@ -192,13 +188,9 @@ def _room(off: Array, span: Array, reach: float) -> Array:
 
 def _highest(x: Array, w: int) -> Array:
     """Of w values to either side."""
-    padded = np.pad(x, w, constant_values=-np.inf)
-    size, width = 1, 2 * w + 1
-    while 2 * size <= width:
-        padded = np.maximum(padded[size:], padded[:-size])
-        size *= 2
-    rest = width - size
-    return np.maximum(padded[rest:], padded[: len(padded) - rest]) if rest else padded
+    from scipy import ndimage
+
+    return cast(Callable[..., Array], ndimage.maximum_filter1d)(x, 2 * w + 1)
 
 
 @kernel

@@ -12,6 +12,7 @@ import numpy as np
 from estimator.arrays import Array, Vector
 from estimator.diagnosis.likelihood.averages import Means, means, usual_periods
 from estimator.diagnosis.verdict import Map, Traces
+from estimator.diagnosis.where.spectra import welch
 from estimator.physics.rows import Rows
 
 _PICTURE_BINS: Final = 300
@@ -29,7 +30,7 @@ def traces(
 
     `floor`: what noise alone leaves (V rms) of means over so many periods.
     """
-    m = usual_periods(rows)
+    m, n = usual_periods(rows), min(_WELCH_PERIODS, len(rows))
     before, after = means(rows, r_before, m), means(rows, r_after, m)
     edges = np.linspace(float(rows.t[0]), float(rows.t[-1]), min(_PICTURE_BINS, max(1, len(before.v))) + 1)
     window = _window(rows, before)
@@ -47,7 +48,7 @@ def traces(
             "i_d": (rows.i[now].real[:-1], i_before[now].real[:-1], i_after[now].real[:-1]),
             "i_q": (rows.i[now].imag[:-1], i_before[now].imag[:-1], i_after[now].imag[:-1]),
         },
-        frequency=_frequency(rows),
+        frequency=np.arange(n // 2 + 1) / (n * rows.T_s),
         spectrum=(_amplitude_density(rows, r_before), _amplitude_density(rows, r_after)),
         maps=_maps(rows, before, after),
         periods=m,
@@ -81,26 +82,11 @@ def _smoothed(r: Vector, window: slice, m: int) -> Vector:
     return mean[window.start - near.start + m // 2 :][: window.stop - window.start]
 
 
-def _segment(rows: Rows) -> int:
-    return min(_WELCH_PERIODS, len(rows))
-
-
-def _frequency(rows: Rows) -> Array:
-    n = _segment(rows)
-    return np.arange(n // 2 + 1) / (n * rows.T_s)
-
-
 def _amplitude_density(rows: Rows, r: Vector) -> Array:
     """Amplitude density (V/sqrt(Hz)) of d and q together, one-sided, by Welch's method."""
-    n = _segment(rows)
-    hann = np.hanning(n + 1)[:-1] if n > 1 else np.ones(1)
-    starts = np.arange(0, len(r) - n + 1, max(n // 2, 1))
-    power: Array = np.zeros(n // 2 + 1)
-    for channel in (r.real, r.imag):
-        for start in starts:
-            part = channel[start : start + n]
-            power += np.abs(np.fft.rfft(hann * (part - part.mean()))) ** 2
-    return np.sqrt(power * (2.0 * rows.T_s / (len(starts) * float(hann @ hann))))
+    power = welch(r, _WELCH_PERIODS, off_mean=True)
+    both_ways = power + np.roll(power[::-1], 1)
+    return np.sqrt(both_ways[: len(power) // 2 + 1] * rows.T_s)
 
 
 def _maps(rows: Rows, before: Means, after: Means) -> tuple[Map, ...]:

@@ -20,9 +20,9 @@ Knows nothing of which terms are right.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from itertools import product
-from typing import Final, cast
+from typing import Final, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,8 @@ _DEAD_TIMES: Final = np.linspace(0.0, 0.06, 10)  # of a control period
 _DELAYS: Final = (-1.5, 3.5)  # sampling periods
 _CORNERS: Final = (1.0, 3.0)  # of the lowest and of the highest frequency
 _FIT_ROUNDS: Final = 8  # of a fit and of the shares that it leaves
+_MOST_STEPS: Final = 60  # of a search for shapes
+_SHAPE_STEP: Final = 1e-4  # of a shape's range, for differences
 _SHARE_GRIDS: Final = (np.geomspace(3e-4, 0.3, 61), np.geomspace(0.02, 1.0, 30))
 _BEGIN: Final = ((0.02, 0.05), (0.02, 1.0))
 
@@ -110,8 +112,8 @@ class Sweep:
     def _lost(self, shapes: dict[str, float]) -> tuple[Vector, Vector]:
         """By dead time, and by a volt of drops."""
         by_dead_time, by_drop = self._tables
-        width = _catmull_rom(shapes["width"], len(_WIDTHS))
-        timed = np.einsum("w,d,wdto->to", width, _catmull_rom(shapes["dead"], len(_DEAD_TIMES)), by_dead_time)
+        width, dead = _curve(len(_WIDTHS))(shapes["width"]), _curve(len(_DEAD_TIMES))(shapes["dead"])
+        timed = np.einsum("w,d,wdto->to", width, dead, by_dead_time)
         return timed, np.einsum("w,wto->to", width, by_drop)
 
     def _operators(self, order: int) -> tuple[Vector, Vector]:
@@ -166,9 +168,12 @@ class Sweep:
         ]  # fmt: skip
 
     def _best(self, terms: SweepTerms, starts: Sequence[Array], shares: tuple[float, float], at: Index) -> Array:
-        bounds = self._bounds(terms)
-        found = [_levenberg_marquardt(lambda p: self._left(terms, p, shares, at), start, *bounds) for start in starts]
-        return min(found, key=lambda pair: pair[0])[1]
+        def left(p: Array) -> Array:
+            M, y = self._weighted(terms, p, shares, at)
+            return np.append(M @ _not_negative(M, y) - y, self._soft(terms, p))
+
+        found = [_least(left, start, *self._bounds(terms)) for start in starts]
+        return min(found, key=lambda least: least.cost).x
 
     def _names(self, terms: SweepTerms) -> list[str]:
         corner = ["corner"] if {RUNG, BESIDE} & set(terms) else []
@@ -211,10 +216,6 @@ class Sweep:
         sigma = np.concatenate(self._sigma(shares, at))
         M, y = columns / sigma[:, None], u / sigma
         return np.vstack([M.real, M.imag]), np.concatenate([y.real, y.imag])
-
-    def _left(self, terms: SweepTerms, p: Array, shares: tuple[float, float], at: Index) -> Array:
-        M, y = self._weighted(terms, p, shares, at)
-        return np.append(M @ _not_negative(M, y) - y, self._soft(terms, p))
 
     def _soft(self, terms: SweepTerms, p: Array) -> float:
         """How many times a typical width the zero crossings' width is."""
@@ -267,7 +268,7 @@ class Sweep:
             A, b = self._weighted(terms, q, shares, at)
             return np.append(A @ c - b, self._soft(terms, q))
 
-        J = np.hstack([np.vstack([M, np.zeros(len(c))]), _shape_derivatives(rows, rows(p), p, *self._bounds(terms))])
+        J = np.hstack([np.vstack([M, np.zeros(len(c))]), _slopes(rows, p, *self._bounds(terms))])
         scale = np.maximum(np.linalg.norm(J, axis=0), 1e-12)
         inverse = cast(Array, np.linalg.pinv((J / scale).T @ (J / scale), rcond=1e-10)) / np.outer(scale, scale)
         shapes = dict(zip(self._names(terms), p.tolist(), strict=True))
@@ -332,67 +333,40 @@ class Lossy:
         return harmonics(self._tone, (volts * np.exp(-1j * self._angle)).real)
 
 
-def _catmull_rom(place: float, count: int) -> Array:
-    """Of equidistant nodes, for a smooth curve through them: E. Catmull, R. Rom, 1974; straight at the ends."""
-    k = min(int(place), count - 2)
-    x = place - k
-    found = np.zeros(count + 2)  # one more at each end
-    found[k : k + 4] = 0.5 * np.array(
-        [-x + 2 * x**2 - x**3, 2 - 5 * x**2 + 3 * x**3, x + 4 * x**2 - 3 * x**3, -(x**2) + x**3]
-    )
-    first, last = found[0], found[-1]
-    found = found[1:-1]
-    found[:2] += 2.0 * first, -first
-    found[-2:] += -last, 2.0 * last
-    return found
-
-
 def _not_negative(M: Array, y: Array) -> Array:
-    """Least squares whose coefficients are not negative: those that were are zero, and the others solved anew."""
-    scale = np.sqrt(np.einsum("rk,rk->k", M, M)) + 1e-300
-    A, b = (M / scale).T @ (M / scale), (M / scale).T @ y
-    free, c = list(range(M.shape[1])), np.zeros(M.shape[1])
-    while free:
-        found = cast(Array, np.linalg.solve(A[np.ix_(free, free)] + 1e-13 * np.eye(len(free)), b[free]))
-        if found.min() >= 0.0:
-            c[free] = found / scale[free]
-            break
-        free.pop(int(np.argmin(found)))
-    return c
+    """The coefficients of M's columns, none of them negative, that leave least of y."""
+    from scipy import optimize
+
+    scale = np.linalg.norm(M, axis=0) + 1e-300
+    return cast(Callable[..., tuple[Array, float]], optimize.nnls)(M / scale, y, maxiter=1000)[0] / scale
 
 
-def _shape_derivatives(f: Callable[[Array], Array], at: Array, p: Array, low: Array, high: Array) -> Array:
-    """Derivatives by each shape."""
-    columns = list[Array]()
-    for k in range(len(p)):
-        h = 1e-4 * (high[k] - low[k])
-        h = -h if p[k] + h > high[k] else h
-        q = p.copy()
-        q[k] += h
-        columns.append((f(q) - at) / h)
-    return np.column_stack(columns)
+class _Least(Protocol):
+    x: Array  # where a sum of squares is least
+    cost: float  # half of it
 
 
-def _levenberg_marquardt(f: Callable[[Array], Array], p: Array, low: Array, high: Array) -> tuple[float, Array]:
-    """Levenberg and Marquardt's method within bounds: half the sum of squares, and where."""
-    left = f(p)
-    cost, damping = 0.5 * float(left @ left), 1e-2
-    for _ in range(60):
-        J = _shape_derivatives(f, left, p, low, high)
-        A, g = J.T @ J, J.T @ left
-        held = ((p <= low) & (g > 0.0)) | ((p >= high) & (g < 0.0))
-        A[held], A[:, held], g[held] = 0.0, 0.0, 0.0
-        damped = A + np.diag(damping * np.diag(A) + held + 1e-12)
-        q = np.clip(p - np.linalg.solve(damped, g), low, high)
-        there = f(q)
-        new = 0.5 * float(there @ there)
-        if new < cost:
-            done = cost - new < 1e-8 * (cost + 1e-6)
-            p, left, cost, damping = q, there, new, 0.3 * damping
-            if done:
-                break
-        else:
-            damping *= 5.0
-            if damping > 1e6:
-                break
-    return cost, p
+def _least(f: Callable[[Array], Array], p: Array, low: Array, high: Array) -> _Least:
+    """From p on, by the rectangular trust regions of scipy's `dogbox`, which ends on a bound where it meets one."""
+    from scipy import optimize
+
+    return cast(Callable[..., _Least], optimize.least_squares)(
+        f, p, partial(_slopes, f, low=low, high=high), (low, high), "dogbox", ftol=1e-8, max_nfev=_MOST_STEPS
+    )
+
+
+def _slopes(f: Callable[[Array], Array], p: Array, low: Array, high: Array) -> Array:
+    """Derivatives by each shape, by forward differences, or backward ones at the upper bounds."""
+    from scipy import optimize
+
+    step = _SHAPE_STEP * (high - low)
+    return cast(Callable[..., Array], optimize.approx_fprime)(p, f, np.where(p + step > high, -step, step))
+
+
+@cache
+def _curve(count: int) -> Callable[[float], Array]:
+    """Of equidistant nodes, for a smooth curve through them: E. Catmull, R. Rom, 1974; straight at the ends."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    nodes = np.eye(count)
+    return CubicHermiteSpline(np.arange(count), nodes, np.gradient(nodes, axis=0))

@@ -68,9 +68,7 @@ def _periods_by_clock(rows: Rows) -> NDArray[np.intp]:
     return place
 
 
-def strongest_line(
-    rows: Rows, z: Vector, frame: str, lowest: float, highest: float, least: float = 0.0
-) -> Line | None:  # fmt: skip
+def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: float, least: float = 0.0) -> Line | None:
     """The line of a flux error (Vs, rotor frame) that explains most of it in a frame, lowest to highest Hz.
 
     None where it explains far less than `least` (Vs^2, summed), or the recording is too short. Its frequency is that
@@ -196,12 +194,16 @@ def noise_of_orders(rows: Rows, variance: float, base: int) -> float:
     return 2.0 * variance * len(_turn_starts(rows, _ORDER_TURNS * base))
 
 
-def welch(z: Vector, segment: int = _WELCH_SEGMENT) -> Array:
-    """Mean power (Vs^2) of each of `segment` frequencies, as numpy's FFT orders them; of white noise its variance."""
+def welch(z: Vector, segment: int = _WELCH_SEGMENT, *, off_mean: bool = False) -> Array:
+    """Mean power (Vs^2) of each of `segment` frequencies, as numpy's FFT orders them; of white noise its variance.
+
+    `off_mean`: of segments less their means.
+    """
     n = min(segment, len(z))
-    hann = np.hanning(n + 1)[:-1]
-    step = n // 2
-    blocks = np.lib.stride_tricks.sliding_window_view(z, n)[::step]
+    hann = np.hanning(n + 1)[:-1] if n > 1 else np.ones(1)
+    blocks = np.lib.stride_tricks.sliding_window_view(z, n)[:: max(n // 2, 1)]
+    if off_mean:
+        blocks = blocks - blocks.mean(axis=1, keepdims=True)
     return np.mean(np.abs(np.fft.fft(blocks * hann, axis=1)) ** 2, axis=0) / float(hann @ hann)
 
 
