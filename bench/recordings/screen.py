@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from bench.recordings.recording import one_of
 from bench.recordings.runs import Chunk
-from estimator.diagnosis.intake.bad_samples import Account, Found, repeated, stretches, time_of
+from estimator.arrays import stretches
+from estimator.diagnosis.intake.bad_samples import Account, Found, repeated, time_of
 from estimator.diagnosis.intake.odd_rows import FAR, Odd, Usual, odd_rows
 from estimator.samples import Samples
 

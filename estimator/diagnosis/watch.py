@@ -280,10 +280,8 @@ def _deviates(means: Array, counts: Array, all_of_them: int) -> Array:
 
 
 def _moves(columns: Vectors, beta: Array, one: Samples, axes: tuple[_Spectrum, ...]) -> bool:
-    i_d: Array = columns[0].real
-    i_q: Array = columns[0].imag
-    s: Array = columns[3].imag
-    for current, L, axis in zip((i_d, i_q), beta[1:3].tolist(), axes, strict=True):
+    i, s = columns[0], columns[3].imag
+    for current, L, axis in zip((i.real, i.imag), beta[1:3].tolist(), axes, strict=True):
         noise = axis.level / abs(L) / math.sqrt(one.periods) if L != 0.0 else math.inf
         if float(np.std(current)) > max(_CURRENT_MOVES * noise, 2.0 * one.resolution.i):
             return True

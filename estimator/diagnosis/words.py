@@ -1,6 +1,7 @@
 """Numbers as an engineer writes them in a sentence."""
 
 import math
+from collections.abc import Iterable
 
 from estimator.online.flux_balance import TURN
 
@@ -13,6 +14,17 @@ def number(x: float, digits: int = 3) -> str:
         return f"{x:.{digits - 1}e}"
     places = digits - 1 - math.floor(math.log10(abs(x)))
     return f"{round(x, places):.{max(0, places)}f}"
+
+
+def rounded(x: float) -> float:
+    """To the four digits that a drive is given."""
+    return float(f"{x:.4g}")
+
+
+def listed(words: Iterable[str]) -> str:
+    """One or more: a, b and c."""
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def percent(share: float) -> str:

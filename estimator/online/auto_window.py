@@ -96,12 +96,10 @@ def estimate(
     return WindowEstimate(
         estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length, said.condition,
         said.residual_rms, state.left_out, said.combinations,
-        tuple(name for name in PARAMETERS if name in said.impossible or not _possible(estimates[name])),
+        tuple(name for name, e in estimates.items() if name in said.impossible or (
+            e.status is Status.OK and e.value is not None and not plausible(PARAMETERS.index(name), e.value)
+        )),
     )
-
-
-def _possible(e: Estimate) -> bool:
-    return e.status is not Status.OK or e.value is None or plausible(PARAMETERS.index(e.name), e.value)
 
 
 def lengths_of(samples: int, m: int, waiting: int = 0) -> list[int]:

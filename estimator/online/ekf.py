@@ -48,6 +48,7 @@ from estimator.online.fit import Z_95
 from estimator.online.flux_balance import angle_turned, flux_balance
 from estimator.online.kalman import filtered
 from estimator.online.rls import RlsState
+from estimator.online.solve import at_held
 from estimator.online.stream import Stream, runs_of
 from estimator.samples import Samples
 
@@ -191,9 +192,7 @@ def estimate(state: EkfState) -> WindowEstimate:
     estimates: dict[str, Estimate] = {}
     for name in PARAMETERS:
         if name not in state.estimated:
-            estimates[name] = Estimate(
-                name, state.known[name], None, UNITS[name], Status.HELD, "held at the given value"
-            )
+            estimates[name] = at_held(name, state.known)
         elif state.samples == 0:
             estimates[name] = Estimate(name, None, None, UNITS[name], Status.NO_DATA, "no row has come in yet")
         else:
@@ -206,9 +205,7 @@ def estimate(state: EkfState) -> WindowEstimate:
     )
 
 
-def _told_by_filter(
-    name: str, value: float, variance: float, reason: str, known: float, recent: Estimate
-) -> Estimate:
+def _told_by_filter(name: str, value: float, variance: float, reason: str, known: float, recent: Estimate) -> Estimate:
     """The filter's value, unless it has a reason not to tell it or the recent rows have one."""
     if not reason and (recent.value is None or recent.std is None):
         reason = recent.reason

@@ -131,7 +131,7 @@ def with_lam(state: RlsState, lam: float) -> RlsState:
 
 def estimate(state: RlsState, *, noise_aware: bool = True) -> WindowEstimate:
     """What is remembered; `noise_aware` as in `solve.solve`, without it the textbook's recursion."""
-    sums = _with_prior_rows(state)
+    sums = _with_prior(state)
     found = solve(sums, state.estimated, _stand_ins(state), noise_aware=noise_aware)
     at_bound = _at_bound(state)
     if sums.rows[0] < FEWEST_EFFECTIVE_ROWS:
@@ -148,39 +148,28 @@ def estimate(state: RlsState, *, noise_aware: bool = True) -> WindowEstimate:
 def P_of(state: RlsState) -> Array:
     """P of the estimated parameters in the order of PARAMETERS, shape (p, p), in the units of `Prior.P_0`."""
     free = [j for j, name in enumerate(PARAMETERS) if name in state.estimated]
-    G = sums_from(_triangles(state, 1.0), np.zeros((1, 5)), 1.0, 1).lag0.sum(axis=(0, 1))
+    G = sums_from(state.products[None], np.zeros((1, 5)), 1.0, 1).lag0.sum(axis=(0, 1))
     information = G[np.ix_(free, free)] + np.eye(len(free)) / state.prior.P_0
     scale = 1.0 / np.sqrt(np.diag(information))
     P = np.array(np.linalg.inv(information * np.outer(scale, scale)), np.float64) * np.outer(scale, scale)
     return 0.5 * (P + P.T)
 
 
-def _data(state: RlsState) -> WindowSums:
-    """The sums without the prior, scaled to the effective number of rows."""
+def _with_prior(state: RlsState) -> WindowSums:
+    """The sums scaled to the effective number of rows, with the prior as one row more for each parameter."""
     weight, squares = float(state.weights[_ROWS]), float(state.weights[_SQUARES])
     rows = round(weight**2 / squares) if squares > 0.0 else 0
     scale = rows / weight if rows else 1.0
     stream = state.stream
     counts = state.weights[None, :_SQUARES] * scale
     counts[0, _ROWS] = rows
-    return sums_from(_triangles(state, scale), counts, stream.T_s, stream.periods * state.m, stream.resolution)
-
-
-def _triangles(state: RlsState, scale: float) -> Array:
-    return state.products[None] * scale
-
-
-def _with_prior_rows(state: RlsState) -> WindowSums:
-    """The sums with the prior as one row more for each parameter."""
-    sums = _data(state)
-    scale = float(sums.rows[0]) / float(state.weights[_ROWS]) if sums.rows[0] else 1.0
-    lag0 = sums.lag0.copy()
+    sums = sums_from(state.products[None] * scale, counts, stream.T_s, stream.periods * state.m, stream.resolution)
     for j, name in enumerate(PARAMETERS):
         if name in state.estimated:
             z = np.zeros(SIZE)
             z[j], z[U] = 1.0, state.prior.beta_0.get(name, 0.0)
-            lag0[0, 0] += np.outer(z, z) * (scale / state.prior.P_0)
-    return replace(sums, lag0=lag0)
+            sums.lag0[0, 0] += np.outer(z, z) * (scale / state.prior.P_0)
+    return sums
 
 
 def _stand_ins(state: RlsState) -> dict[str, float]:

@@ -5,7 +5,7 @@ Knows nothing of streams; `fit` makes the numbers.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -59,9 +59,9 @@ def solution_of(sums: WindowSums, found: WindowFit, held: Mapping[str, float]) -
     estimates: dict[str, Estimate] = {}
     for k, name in enumerate(PARAMETERS):
         if k not in found.free:
-            estimates[name] = _at_held(name, held, Status.HELD, "held at the given value")
+            estimates[name] = at_held(name, held)
         elif name in reasons:
-            estimates[name] = _at_held(name, held, Status.NOT_TOLD, reasons[name])
+            estimates[name] = replace(at_held(name, held), status=Status.NOT_TOLD, reason=reasons[name])
         else:
             value, std = float(found.beta[0, k]), float(found.std[0, k])
             estimates[name] = Estimate(name, value, std, UNITS[name], Status.OK)
@@ -82,13 +82,14 @@ def _no_data(equations: int, free: list[int], held: Mapping[str, float]) -> dict
     reason = f"{equations} equations are too few for {len(free)} parameters"
     return {
         name: Estimate(name, None, None, UNITS[name], Status.NO_DATA, reason) if k in free
-        else _at_held(name, held, Status.HELD, "held at the given value")
+        else at_held(name, held)
         for k, name in enumerate(PARAMETERS)
     }
 
 
-def _at_held(name: str, held: Mapping[str, float], status: Status, reason: str) -> Estimate:
-    return Estimate(name, held.get(name), None, UNITS[name], status, reason)
+def at_held(name: str, held: Mapping[str, float]) -> Estimate:
+    """A parameter that is not estimated, at its value (SI) of those held."""
+    return Estimate(name, held.get(name), None, UNITS[name], Status.HELD, "held at the given value")
 
 
 def _why_untold(group: tuple[int, ...], sums: WindowSums, found: WindowFit) -> str:

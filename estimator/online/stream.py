@@ -5,12 +5,15 @@ What every streaming estimator does with gaps and with values that are no number
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.arrays import Array
+from estimator.arrays import stretches
 from estimator.samples import NOT_KNOWN, Resolution, Samples
+
+_COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")
 
 
 @dataclass(slots=True, eq=False)
@@ -45,19 +48,17 @@ def runs_of(stream: Stream, samples: Samples, *, joined: bool = True) -> Iterato
             yield _taken_run(stream, samples)
         return
     stream.left_out += int(np.count_nonzero(~finite))
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], finite, [False]))))
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
+    for first, end in stretches(finite):
         if first > 0:
             stream.last = None
-        yield _taken_run(stream, samples[int(first) : int(end)])
+        yield _taken_run(stream, samples[first:end])
     if not finite[-1]:
         stream.last = None
 
 
 def _finite_rows(samples: Samples) -> NDArray[np.bool_]:
-    columns = [samples.theta_e, samples.omega_e, samples.i_d, samples.i_q, samples.u_d, samples.u_q]
-    columns += [column for column in (samples.i_d_mean, samples.i_q_mean) if column is not None]
-    return np.logical_and.reduce([np.isfinite(column) for column in columns])
+    columns = [getattr(samples, name) for name in _COLUMNS]
+    return np.logical_and.reduce([np.isfinite(column) for column in columns if column is not None])
 
 
 def _taken_run(stream: Stream, run: Samples) -> tuple[Samples, bool]:
@@ -70,14 +71,6 @@ def _taken_run(stream: Stream, run: Samples) -> tuple[Samples, bool]:
 
 
 def _joined_samples(a: Samples, b: Samples) -> Samples:
-    def both(x: Array, y: Array) -> Array:
-        return np.concatenate((x, y))
-
-    def both_or_none(x: Array | None, y: Array | None) -> Array | None:
-        return None if x is None or y is None else np.concatenate((x, y))
-
-    return replace(
-        b, theta_e=both(a.theta_e, b.theta_e), omega_e=both(a.omega_e, b.omega_e), i_d=both(a.i_d, b.i_d),
-        i_q=both(a.i_q, b.i_q), u_d=both(a.u_d, b.u_d), u_q=both(a.u_q, b.u_q),
-        i_d_mean=both_or_none(a.i_d_mean, b.i_d_mean), i_q_mean=both_or_none(a.i_q_mean, b.i_q_mean), t0=a.t0,
-    )
+    pairs = [(name, getattr(a, name), getattr(b, name)) for name in _COLUMNS]
+    both = {name: None if x is None or y is None else np.concatenate((x, y)) for name, x, y in pairs}
+    return replace(b, **both, t0=a.t0)

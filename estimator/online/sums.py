@@ -4,8 +4,7 @@ A row, by axis (d, q), is z = (R_s, L_d, L_q, psi_f, h, u): what multiplies each
 place of the small term h, and the voltage. Knows nothing of streams or of solving.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -40,14 +39,7 @@ class WindowSums:
         """Time that a row covers in s."""
         return self.T_s * self.periods
 
-    def __getitem__(self, which: slice) -> "WindowSums":
-        """Some of the windows."""
-        return self.mapped(lambda values: values[which])
 
-    def mapped(self, change: Callable[[Array], Array]) -> "WindowSums":
-        """These sums with every array changed alike."""
-        names = ("lag0", "lag1", "batch", "rows", "pairs", "batches", "w_w", "w_next")
-        return replace(self, **{name: change(getattr(self, name)) for name in names})
 
 
 def sums_from(

@@ -184,9 +184,7 @@ def unfinished(m: int, rows: Array, starts: Bools, places: Integers, count: Inte
 
 
 @kernel
-def add_sums(
-    begin: int, end: int, first: int, place: int, m: int, rows: Array, starts: Bools, total: Array
-) -> int:
+def add_sums(begin: int, end: int, first: int, place: int, m: int, rows: Array, starts: Bools, total: Array) -> int:
     """Add the groups that end in [begin, end) of one chunk and start at `first` or later.
 
     `place` is the number of balances of an unfinished group before `begin`. Returns the number at `end`.
@@ -214,9 +212,7 @@ def add_sums(
 
 
 @kernel
-def add_groups(
-    begin: int, end: int, first: int, place: int, m: int, rows: Array, starts: Bools, total: Array
-) -> int:
+def add_groups(begin: int, end: int, first: int, place: int, m: int, rows: Array, starts: Bools, total: Array) -> int:
     """Add groups of several balances to a total; a chunk ends within its last group. Places as for single ones."""
     capacity = len(starts)
     group, before = np.zeros(10), np.zeros(10)

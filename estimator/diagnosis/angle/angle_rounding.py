@@ -43,9 +43,8 @@ def unrounded(rows: Rows, step: float) -> Rows:
     at, course, ends = _samples_by_clock(rows)
     torques = [np.interp(np.arange(len(course)), at, torque) for torque in _torques(rows)]
     off, variance = (x[at] for x in _rounding_left(course, torques, ends, _reach(rows, step), rows.machine.n_p))
-    turns = (
-        np.abs(np.gradient(rows.theta_e - off)) > _STANDING_STEPS * step
-    )  # what stands is off by as much all the time
+    # What stands is off by as much all the time
+    turns = np.abs(np.gradient(rows.theta_e - off)) > _STANDING_STEPS * step
     error = math.sqrt(float(np.mean(variance[turns]))) if turns.any() else 0.0
     rows = rows.changed(angle_step=step, angle_error=error)
     quiet = rows.machine.psi_f * step < _QUIET_ROUNDING * math.sqrt(12.0) * _loudness(rows)

@@ -23,7 +23,7 @@ from estimator.diagnosis.likelihood.identifiability import STANDING
 from estimator.diagnosis.likelihood.noise import Noise
 from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS, rivals
 from estimator.diagnosis.verdict import Experiment, Hold
-from estimator.diagnosis.words import number
+from estimator.diagnosis.words import listed, number, rounded
 from estimator.machine import PARAMETERS, Machine
 from estimator.online.flux_balance import TURN
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -98,16 +98,12 @@ def _holdable(rows: Rows) -> list[tuple[float, complex]]:
     """Electrical speeds (rad/s), the recording's own first, and currents (A) that may be held."""
     rated = rows.i_rated
     side = math.copysign(1.0, float(np.median(rows.i.imag)) or 1.0)
-    way = _way(rows)
+    way = math.copysign(1.0, float(np.median(rows.omega_e)) or 1.0)
     fast = _fastest(rows) - _ASIDE * beat_of(rows) / rows.T_s
     return [
         (way * share * fast, complex(d, q * side) * rated)
         for share, d, q in product(_SPEED_LEVELS, _I_D_LEVELS, _I_Q_LEVELS)
     ]
-
-
-def _way(rows: Rows) -> float:
-    return math.copysign(1.0, float(np.median(rows.omega_e)) or 1.0)
 
 
 def _fastest(rows: Rows) -> float:
@@ -194,8 +190,7 @@ class _Design:
 
     def satisfied(self, chosen: Sequence[int]) -> bool:
         """The parameters are told well, and the pair is told apart."""
-        asked = self._asked(self._search(chosen))
-        return min(asked) > 1.0 - 1e-6
+        return min(self._asked(self._search(chosen))) > 1.0 - 1e-6
 
     def odds(self, chosen: Sequence[int]) -> float | None:
         """Odds against the likeliest rival to be expected; None where nothing is to be told apart."""
@@ -247,7 +242,7 @@ def _experiment_of(
     if pair is not None and _TIMED & set(pair):
         holds = [*holds, holds[0]]  # the same again, later
     seconds = DURATION / len(holds)
-    run = tuple(Hold(_two_digits(speed * rpm), _two_digits(i.real), _two_digits(i.imag), seconds) for speed, i in holds)
+    run = tuple(Hold(rounded(speed * rpm), rounded(i.real), rounded(i.imag), seconds) for speed, i in holds)
     speeds, i_d, i_q = (_different(run, name) for name in ("speed_rpm", "i_d", "i_q"))
     levels = _levels_said(rows, speeds, i_d, i_q)
     each = f"each with steps of {number(STEP_SHARE * rows.i_rated, 2)} A around it"
@@ -265,11 +260,7 @@ def _experiment_of(
         else:
             odds_there = f"expected odds {_odds(expected)} in {DURATION:g} s"
             sentence = f"{levels}, {each}, would tell {one} from {other} ({odds_there})"
-    return Experiment(sentence, speeds, i_d, i_q, DURATION, run, _two_digits(STEP_SHARE * rows.i_rated), odds)
-
-
-def _two_digits(x: float) -> float:
-    return float(f"{x:.4g}")
+    return Experiment(sentence, speeds, i_d, i_q, DURATION, run, rounded(STEP_SHARE * rows.i_rated), odds)
 
 
 def _different(run: Sequence[Hold], name: str) -> tuple[float, ...]:
@@ -281,8 +272,7 @@ def _levels_said(rows: Rows, speeds: Sequence[float], i_d: Sequence[float], i_q:
     beats = beat_of(rows) > 0.0
     new = _new_levels(rows, () if beats else speeds, i_d, i_q)
     if beats:
-        *most, last = (number(abs(speed), 4) for speed in speeds)
-        at = f"at {', '.join(most)} and {last} rpm" if most else f"at {last} rpm"
+        at = f"at {listed(number(abs(speed), 4) for speed in speeds)} rpm"
         return f"{' and '.join(new) or 'the same currents'} {at}, where encoder counts do not beat with the period"
     same = " at the same speed" if len(speeds) == 1 and not any("speed" in part for part in new) else ""
     return f"{' and '.join(new)}{same}" if new else "the same levels again"
@@ -304,8 +294,8 @@ def _new_levels(rows: Rows, speeds: Sequence[float], i_d: Sequence[float], i_q: 
         if len(beyond) == 1 and high - low < 2.0 * _SAME_HELD * reach:
             said.append(f"a second {what} of {number(beyond[0], 2)} {unit}")
         else:
-            *most, last = (number(x, 2) for x in new)
-            said.append(f"{what}s of {', '.join(most)} and {last} {unit}" if most else f"a {what} of {last} {unit}")
+            levels = f"{what}s" if len(new) > 1 else f"a {what}"
+            said.append(f"{levels} of {listed(number(x, 2) for x in new)} {unit}")
     return said
 
 

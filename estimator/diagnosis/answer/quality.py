@@ -16,8 +16,8 @@ from typing import Final
 
 import numpy as np
 
-from estimator.arrays import Array, Bools, Vector
-from estimator.diagnosis.likelihood.noise import flux_errors
+from estimator.arrays import Array, Bools, Vector, stretches
+from estimator.diagnosis.likelihood.noise import Noise, flux_errors
 from estimator.diagnosis.likelihood.thinning import thinned
 from estimator.diagnosis.verdict import Before, Fit
 from estimator.physics.rows import Rows
@@ -33,12 +33,9 @@ _UPPER_BAND: Final = 0.25
 
 
 def fit_quality(
-    rows: Rows, before: Model, after: Model, runs: tuple[Vector, Vector], held_out: Bools,
-    noise: tuple[float, float, float],
-) -> Fit:  # fmt: skip
+    rows: Rows, before: Model, after: Model, runs: tuple[Vector, Vector], held_out: Bools, noise: Noise
+) -> Fit:
     """Both models, with their free-running currents, on the periods that are `held_out`.
-
-    `noise` is that of the whitened residual (Vs on d, Vs on q, A).
 
     One stretch of them at least is `SHORTEST` periods long.
     """
@@ -46,17 +43,13 @@ def fit_quality(
     both = [_measured(rows, model, i, used, after, noise) for model, i in zip((before, after), runs, strict=True)]
     (step_0, run_0, above_0, low_0), (step_1, run_1, above_1, low_1) = both
     floor_V, floor_A = _floors(rows, after, noise)
-    return Fit(
-        not bool(np.all(held_out)),
-        Before(step_0, step_1, floor_V),
-        Before(run_0, run_1, floor_A),
-        min(max(1.0 - above_1 / above_0, 0.0), 1.0) if above_0 > 0.0 else 0.0,
-        Before(low_0, low_1, 1.0),
-    )
+    explained = min(max(1.0 - above_1 / above_0, 0.0), 1.0) if above_0 > 0.0 else 0.0
+    one_step, free_run = Before(step_0, step_1, floor_V), Before(run_0, run_1, floor_A)
+    return Fit(not bool(np.all(held_out)), one_step, free_run, explained, Before(low_0, low_1, 1.0))
 
 
 def _measured(
-    rows: Rows, model: Model, i: Vector, used: Bools, after: Model, noise: tuple[float, float, float]
+    rows: Rows, model: Model, i: Vector, used: Bools, after: Model, noise: Noise
 ) -> tuple[float, float, float, float]:
     """Rms of what is left one step ahead (V) and free-running (A), its power above the noise, its low frequencies'."""
     left = rows.u - implied_voltage(rows, model)
@@ -74,19 +67,13 @@ def rms(x: Vector) -> float:
 
 def longest(used: Bools) -> int:
     """Periods of the longest stretch."""
-    return max((b - a for a, b in _used_stretches(used)), default=0)
-
-
-def _used_stretches(used: Bools) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(used.astype(np.int8), prepend=0, append=0)).tolist()
-    return list(zip(edges[0::2], edges[1::2], strict=True))
+    return max((b - a for a, b in stretches(used)), default=0)
 
 
 def _low_over_white(z: Vector, used: Bools) -> float:
     """Power below a tenth of the sampling rate, over that of white noise of the power above a quarter of it."""
-    stretches = [z[a:b] for a, b in _used_stretches(used)]
     size = next(size for size in _SEGMENTS if size <= longest(used))
-    whole = [stretch[: len(stretch) // size * size].reshape(-1, size) for stretch in stretches]
+    whole = [z[a : b - (b - a) % size].reshape(-1, size) for a, b in stretches(used)]
     parts: Vector = np.concatenate(whole) * np.hanning(size)
     frequency = np.abs(np.fft.fftfreq(size))
 
@@ -97,7 +84,7 @@ def _low_over_white(z: Vector, used: Bools) -> float:
     return 0.5 * (ratio(parts.real) + ratio(parts.imag))
 
 
-def floor_of_means(rows: Rows, model: Model, noise: tuple[float, float, float], periods: int) -> float:
+def floor_of_means(rows: Rows, model: Model, noise: Noise, periods: int) -> float:
     """Rms of the length (V, d and q together) that noise alone leaves of voltages averaged over m periods.
 
     Only the ends of a mean keep their noise whole; in between, (1 - rho) of it is left:
@@ -110,7 +97,7 @@ def floor_of_means(rows: Rows, model: Model, noise: tuple[float, float, float], 
     return math.sqrt(left * _flux_noise(rows, model, noise)) / (m * rows.T_s)
 
 
-def _flux_noise(rows: Rows, model: Model, noise: tuple[float, float, float]) -> float:
+def _flux_noise(rows: Rows, model: Model, noise: Noise) -> float:
     """Mean |L n|^2 of d and q together, Vs^2."""
     m = model.machine
     psi_d, psi_q, _ = noise
@@ -121,7 +108,7 @@ def _flux_noise(rows: Rows, model: Model, noise: tuple[float, float, float]) -> 
     return (psi_d / m.L_d) ** 2 * by_d + (psi_q / m.L_q) ** 2 * by_q
 
 
-def _floors(rows: Rows, model: Model, noise: tuple[float, float, float]) -> tuple[float, float]:
+def _floors(rows: Rows, model: Model, noise: Noise) -> tuple[float, float]:
     """Rms (V, A) that noise alone leaves one step ahead and in free runs."""
     m, T_s = model.machine, rows.T_s
     decay = math.exp(-4.0 * m.R_s * T_s / (m.L_d + m.L_q))  # rho^2
@@ -132,7 +119,7 @@ def _floors(rows: Rows, model: Model, noise: tuple[float, float, float]) -> tupl
     return _louder(rows, model, noise) * floor_of_means(rows, model, noise, 1) / math.sqrt(2.0), amperes
 
 
-def _louder(rows: Rows, model: Model, noise: tuple[float, float, float]) -> float:
+def _louder(rows: Rows, model: Model, noise: Noise) -> float:
     """Rms of the voltage that noise of the currents makes with a model's effects, over that of the machine alone."""
     if not model.effects:
         return 1.0

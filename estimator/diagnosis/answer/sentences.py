@@ -1,6 +1,7 @@
 """The verdict in a sentence. Knows nothing of how it was reached."""
 
 import math
+from dataclasses import replace
 
 from estimator.diagnosis.verdict import Diagnosis, Finding, Fit, Quantity, Verdict
 from estimator.diagnosis.words import sentence_start
@@ -18,6 +19,11 @@ _LIKE_NOISE = 1.05  # times the noise floor
 _NEAR_ONE = 0.02  # of a scale, that needs no words
 _WHOLE_PERIODS = 0.05  # periods, by which a delay is one of whole periods
 _FAMILIAR = ("inverter_voltage_error", "q_axis_saturation", "iron_loss", "winding_resistance_drift")
+
+
+def with_sentence(diagnosis: Diagnosis) -> Diagnosis:
+    """The diagnosis, and what it says."""
+    return replace(diagnosis, sentence=sentence_of(diagnosis))
 
 
 def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:

@@ -12,6 +12,7 @@ from estimator.diagnosis.answer.design import experiment
 from estimator.diagnosis.answer.finding import finding_of
 from estimator.diagnosis.answer.held_out import no_help
 from estimator.diagnosis.answer.judged import Judged
+from estimator.diagnosis.likelihood.evidence import Choice
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.search.fitting import Fitted
 from estimator.diagnosis.search.flux_map_stage import saturations
@@ -46,7 +47,7 @@ def stated(given: Given, judged: Judged) -> Diagnosis:
         Ambiguity(tuple(name for name, _ in some), why, richer, rivals=False)
         for why, some in judged.reasons.items() if richer is not None
     ]  # fmt: skip
-    findings, rivalled = _findings(given, judged, [one for one in choice if one not in faint])
+    findings, rivalled = _findings(given, judged, tuple(one for one in choice if one not in faint))
     findings = [*saturations(judged.rows, found, machine.flux_map, machine.after), *findings]
     doubts = _once([*doubts, *rivalled])
     if findings and (why := _withheld(found, judged.fit, machine.after, given, machine.outside)) is not None:
@@ -82,9 +83,7 @@ def _would_tell(given: Given, judged: Judged) -> Experiment:
     return experiment(judged.rows, Model(given.machine), noise, given.machine, given.tolerance)
 
 
-def _findings(
-    given: Given, judged: Judged, choice: Sequence[tuple[str, int]]
-) -> tuple[list[Finding], list[Ambiguity]]:
+def _findings(given: Given, judged: Judged, choice: Choice) -> tuple[list[Finding], list[Ambiguity]]:
     """Effects that are told, and those that a rival may be in the place of."""
     found, findings, doubts = judged.explained.found, list[Finding](), list[Ambiguity]()
     for one in choice:
@@ -125,10 +124,7 @@ def _withheld(
 
 
 def _once(doubts: Sequence[Ambiguity]) -> list[Ambiguity]:
-    seen: set[frozenset[str]] = set()
-    kept: list[Ambiguity] = []
+    kept: dict[frozenset[str], Ambiguity] = {}
     for doubt in doubts:
-        if frozenset(doubt.effects) not in seen:
-            seen.add(frozenset(doubt.effects))
-            kept.append(doubt)
-    return kept
+        kept.setdefault(frozenset(doubt.effects), doubt)
+    return list(kept.values())

@@ -6,14 +6,16 @@ it, and voltages that are often too high are no glitch but another unit. Knows n
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, Bools, Vector
-from estimator.diagnosis.intake.odd_rows import FAR, odd_samples
+from estimator.arrays import Array, Bools, Vector, stretches
+from estimator.diagnosis.intake.drive_data import Remarked
+from estimator.diagnosis.intake.odd_rows import FAR, MEDIAN_SIDE, odd_samples, off_median
 from estimator.diagnosis.words import number
 from estimator.machine import Machine
 from estimator.samples import Samples
@@ -21,7 +23,7 @@ from estimator.samples import Samples
 _RARE: Final = 0.01  # of the rows: what is more often is no glitch
 _BEYOND_LINK: Final = 1.0  # times the dc link: half as much again as a bridge's corner
 _HIGH_VOLTAGE: Final = 2.0  # times what 99 % of the voltages stay below
-_JUMP_SIDE: Final = 3  # rows to either side, among which a jump is one
+_JUMP_SIDE: Final = MEDIAN_SIDE  # rows to either side, among which a jump is one
 _DRIVEN: Final = 3.0  # times what the dc link changes a current by in a row; between a current and the median around it
 _NOISE_OF_JUMPS: Final = 30.0  # standard deviations of the same
 _NINE_OF_TEN_VECTORS: Final = 2.146  # standard deviations of a component, that nine of ten vectors stay below
@@ -37,13 +39,6 @@ _COARSE_CHANCE: Final = 0.1  # times as many, that repeat the row before that on
 _ANGLE_JUMP: Final = 0.1  # rad, and
 _FAR_FROM_EVEN: Final = 20.0  # times what nine of ten angles depart from an even turn
 _WAY_BACK: Final = 0.2  # of a jump of the angle, by which the way back may differ
-
-
-class Cleared(NamedTuple):
-    """Runs without bad samples, and what was left out."""
-
-    runs: tuple[Samples, ...]
-    remarks: tuple[str, ...]
 
 
 class Found(NamedTuple):
@@ -77,44 +72,26 @@ class Account:
         return f"{self.first}{others}: {self.rows} row{'s' if self.rows > 1 else ''} left out"
 
 
-def without_bad(runs: Sequence[Samples], nominal: Machine) -> Cleared:
+def without_bad(runs: Sequence[Samples], nominal: Machine) -> Remarked:
     """The runs, cut where a sample is bad, and a remark on each kind."""
-    finite = [run for run in runs if len(run) > 2 * _JUMP_SIDE and _run_is_finite(run)]
+    columns = ("theta_e", "i_d", "i_q", "u_d", "u_q")
+    long_enough = [run for run in runs if len(run) > 2 * _JUMP_SIDE]
+    finite = [run for run in long_enough if all(np.isfinite(getattr(run, name)).all() for name in columns)]
     if not finite:
-        return Cleared(tuple(runs), ())
+        return Remarked(tuple(runs), ())
     whole = [_beyond_link(finite), _dc_links(finite), _jumps(finite, nominal), _angle_leaps(finite), repeated(finite)]
     bad = {id(run): np.logical_or.reduce([found[k].bad for found in whole]) for k, run in enumerate(finite)}
     odd = odd_samples(finite, list(bad.values()))
-    whole.append([Found(one & ~bad[id(run)], _of_sample(run)) for run, one in zip(finite, odd, strict=True)])
+    whole.append([Found(one & ~bad[id(run)], partial(_of_sample, run)) for run, one in zip(finite, odd, strict=True)])
     bad = {id(run): bad[id(run)] | one for run, one in zip(finite, odd, strict=True)}
-    cut = [part for run in runs for part in (_between_bad(run, bad[id(run)]) if id(run) in bad else (run,))]
-    remarks = tuple(said for found in whole if (said := _remark_on(found)))
-    return Cleared(tuple(cut) if remarks else tuple(runs), remarks)
-
-
-def _run_is_finite(run: Samples) -> bool:
-    columns = (run.theta_e, run.i_d, run.i_q, run.u_d, run.u_q)
-    return all(bool(np.all(np.isfinite(column))) for column in columns)
-
-
-def _between_bad(run: Samples, bad: Bools) -> Iterator[Samples]:
-    """What is between bad rows."""
-    for a, b in stretches(~bad):
-        yield run[a:b]
-
-
-def stretches(there: Bools) -> list[tuple[int, int]]:
-    """Begin and end of what is there."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], there, [False])).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
-def _remark_on(found: Sequence[Found]) -> str:
-    """One remark on all rows of a kind."""
-    account = Account()
-    for one in found:
-        account.add(one)
-    return account.remark()
+    accounts = [Account() for _ in whole]
+    for account, found in zip(accounts, whole, strict=True):
+        for one in found:
+            account.add(one)
+    remarks = tuple(said for account in accounts if (said := account.remark()))
+    good = {id(run): stretches(~bad[id(run)]) if id(run) in bad else [(0, len(run))] for run in runs}
+    cut = tuple(run[a:b] for run in runs for a, b in good[id(run)])
+    return Remarked(cut if remarks else tuple(runs), remarks)
 
 
 def time_of(run: Samples, row: int) -> str:
@@ -132,16 +109,13 @@ def _beyond_link(runs: Sequence[Samples]) -> list[Found]:
         (u > np.maximum(_BEYOND_LINK * run.u_dc, usual)) if run.u_dc is not None else np.zeros(len(run), np.bool_)
         for run, u in zip(runs, size, strict=True)
     ]
-    return [Found(bad, _of_voltage(run)) for run, bad in zip(runs, _rare(found), strict=True)]
+    return [Found(bad, partial(_of_voltage, run)) for run, bad in zip(runs, _rare(found), strict=True)]
 
 
-def _of_voltage(run: Samples) -> Callable[[int, int], str]:
-    def says(a: int, _b: int) -> str:
-        assert run.u_dc is not None
-        name, value = max((("u_d", run.u_d[a]), ("u_q", run.u_q[a])), key=lambda one: abs(one[1]))
-        return f"{name} is {number(value)} V at {time_of(run, a)}, beyond what u_dc = {number(run.u_dc[a])} V can give"
-
-    return says
+def _of_voltage(run: Samples, a: int, _b: int) -> str:
+    assert run.u_dc is not None
+    name, value = max((("u_d", run.u_d[a]), ("u_q", run.u_q[a])), key=lambda one: abs(one[1]))
+    return f"{name} is {number(value)} V at {time_of(run, a)}, beyond what u_dc = {number(run.u_dc[a])} V can give"
 
 
 def _dc_links(runs: Sequence[Samples]) -> list[Found]:
@@ -153,15 +127,12 @@ def _dc_links(runs: Sequence[Samples]) -> list[Found]:
             continue
         middle = np.median(_with_sides(run.u_dc), axis=1)
         found.append(~(np.abs(run.u_dc - middle) <= _SAG * np.abs(middle)))
-    return [Found(bad, _of_dc_link(run)) for run, bad in zip(runs, _rare(found), strict=True)]
+    return [Found(bad, partial(_of_dc_link, run)) for run, bad in zip(runs, _rare(found), strict=True)]
 
 
-def _of_dc_link(run: Samples) -> Callable[[int, int], str]:
-    def says(a: int, _b: int) -> str:
-        assert run.u_dc is not None
-        return f"u_dc jumps to {number(run.u_dc[a])} V at {time_of(run, a)} and back"
-
-    return says
+def _of_dc_link(run: Samples, a: int, _b: int) -> str:
+    assert run.u_dc is not None
+    return f"u_dc jumps to {number(run.u_dc[a])} V at {time_of(run, a)} and back"
 
 
 def _rare(found: list[Bools]) -> list[Bools]:
@@ -185,11 +156,12 @@ def _jumps(runs: Sequence[Samples], nominal: Machine) -> list[Found]:
         far = np.abs(jump)
         bad = far > max(_NOISE_OF_JUMPS * noise, _OF_RATED * high)
         if bad.any():
-            calm = _most_around(np.abs(_off_own_median(run.u_d + 1j * run.u_q))) * (run.T / L) < _CALM * far
+            beside = _with_sides(np.abs(_off_own_median(run.u_d + 1j * run.u_q)))
+            calm = np.max(beside, axis=1) * (run.T / L) < _CALM * far
             driven = np.inf if run.u_dc is None else _DRIVEN * run.u_dc * (run.T / L)
             bad &= calm | (far > driven)
         found.append(bad)
-    return [Found(bad, _of_current(run, jump)) for run, bad, jump in zip(runs, _rare(found), off, strict=True)]
+    return [Found(bad, partial(_of_current, run, jump)) for run, bad, jump in zip(runs, _rare(found), off, strict=True)]
 
 
 def _with_sides(x: Array) -> Array:
@@ -200,34 +172,23 @@ def _with_sides(x: Array) -> Array:
 
 def _off_own_median(x: Vector) -> Vector:
     """What is between values and the median around them; none at the ends."""
-    middle = np.median(_with_sides(x.real), axis=1) + 1j * np.median(_with_sides(x.imag), axis=1)
-    off = x - middle
-    off[:_JUMP_SIDE] = off[-_JUMP_SIDE:] = 0.0
-    return off
+    inner = np.zeros(len(x), np.bool_)
+    inner[_JUMP_SIDE:-_JUMP_SIDE] = True
+    return off_median(x, inner)
 
 
-def _most_around(x: Array) -> Array:
-    return np.max(_with_sides(x), axis=1)
+def _of_current(run: Samples, jump: Vector, a: int, _b: int) -> str:
+    d = abs(jump[a].real) > abs(jump[a].imag)
+    name, value = ("i_d", run.i_d[a]) if d else ("i_q", run.i_q[a])
+    return f"{name} jumps to {number(value)} A at {time_of(run, a)} and back"
 
 
-def _of_current(run: Samples, jump: Vector) -> Callable[[int, int], str]:
-    def says(a: int, _b: int) -> str:
-        d = abs(jump[a].real) > abs(jump[a].imag)
-        name, value = ("i_d", run.i_d[a]) if d else ("i_q", run.i_q[a])
-        return f"{name} jumps to {number(value)} A at {time_of(run, a)} and back"
-
-    return says
-
-
-def _of_sample(run: Samples) -> Callable[[int, int], str]:
-    def says(a: int, _b: int) -> str:
-        return (
-            f"the row at {time_of(run, a)} (i_d = {number(run.i_d[a])} A, i_q = {number(run.i_q[a])} A, u_d = "
-            f"{number(run.u_d[a])} V, u_q = {number(run.u_q[a])} V) leaves those around it, by over {FAR:g} times the "
-            f"noise, and returns as no motor does"
-        )
-
-    return says
+def _of_sample(run: Samples, a: int, _b: int) -> str:
+    return (
+        f"the row at {time_of(run, a)} (i_d = {number(run.i_d[a])} A, i_q = {number(run.i_q[a])} A, u_d = "
+        f"{number(run.u_d[a])} V, u_q = {number(run.u_q[a])} V) leaves those around it, by over {FAR:g} times the "
+        f"noise, and returns as no motor does"
+    )
 
 
 # --- Angles
@@ -245,7 +206,7 @@ def _angle_leaps(runs: Sequence[Samples]) -> list[Found]:
             (np.abs(away) > least) & (np.abs(back) > least) & (np.abs(_wrapped(away + back)) < _WAY_BACK * np.abs(away))
         )
         found.append(np.concatenate(([False], there, [False]))[: len(run)])
-    return [Found(bad, _angle_remark(run, r)) for run, bad, r in zip(runs, _rare(found), off, strict=True)]
+    return [Found(bad, partial(_of_angle, run, r)) for run, bad, r in zip(runs, _rare(found), off, strict=True)]
 
 
 def _uneven(run: Samples) -> Array:
@@ -259,11 +220,8 @@ def _wrapped(angle: Array) -> Array:
     return angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi))
 
 
-def _angle_remark(run: Samples, off: Array) -> Callable[[int, int], str]:
-    def says(a: int, _b: int) -> str:
-        return f"theta_e jumps by {number(abs(off[a - 1]))} rad at {time_of(run, a)} and back"
-
-    return says
+def _of_angle(run: Samples, off: Array, a: int, _b: int) -> str:
+    return f"theta_e jumps by {number(abs(off[a - 1]))} rad at {time_of(run, a)} and back"
 
 
 # --- Rows that repeat
@@ -274,13 +232,13 @@ def repeated(runs: Sequence[Samples]) -> list[Found]:
     same = [_same(run) for run in runs]
     lively = sum(int(np.count_nonzero(s)) for s in same) < _LIVELY * sum(map(len, runs))
     if not lively:
-        return [Found(np.zeros(len(run), np.bool_), _of_rows(run)) for run in runs]
+        return [Found(np.zeros(len(run), np.bool_), partial(_of_rows, run)) for run in runs]
     twice = [s & _stays(run) for run, s in zip(runs, same, strict=True)]
     by_chance = sum(int(np.count_nonzero(_same(run, 2) & ~s)) for run, s in zip(runs, same, strict=True))
     often = sum(int(np.count_nonzero(t)) for t in twice)
     if often < _REPEATS or by_chance > _COARSE_CHANCE * often:
         twice = [np.zeros(len(run), np.bool_) for run in runs]
-    return [Found(_stuck(run, s) | t, _of_rows(run)) for run, s, t in zip(runs, same, twice, strict=True)]
+    return [Found(_stuck(run, s) | t, partial(_of_rows, run)) for run, s, t in zip(runs, same, twice, strict=True)]
 
 
 def _same(run: Samples, rows: int = 1) -> Bools:
@@ -314,11 +272,8 @@ def _empty(run: Samples, row: int) -> bool:
     return run.i_d[row] == run.i_q[row] == run.u_d[row] == run.u_q[row] == 0.0
 
 
-def _of_rows(run: Samples) -> Callable[[int, int], str]:
-    def says(a: int, b: int) -> str:
-        if b - a < _ZEROS:
-            return f"i_d, i_q, u_d, u_q and theta_e repeat the row before at {time_of(run, a)}"
-        what = "are all 0" if _empty(run, a) else "do not change at all"
-        return f"i_d, i_q, u_d and u_q {what} from {time_of(run, a)} to {time_of(run, b - 1)}"
-
-    return says
+def _of_rows(run: Samples, a: int, b: int) -> str:
+    if b - a < _ZEROS:
+        return f"i_d, i_q, u_d, u_q and theta_e repeat the row before at {time_of(run, a)}"
+    what = "are all 0" if _empty(run, a) else "do not change at all"
+    return f"i_d, i_q, u_d and u_q {what} from {time_of(run, a)} to {time_of(run, b - 1)}"

@@ -158,9 +158,7 @@ def _pole_pairs(n_p: int) -> tuple[Cause, ...]:
     for right in sorted(k for k in likely if k > 1 and k not in (n_p, n_p * n_p)):
         what = "poles instead of pole pairs" if n_p == 2 * right else f"{n_p} pole pairs, the machine has {right}"
         says = f"the electrical angle was made with {what}"
-        found.append(
-            Cause(f"pole_pairs_{right}", says, Correction(theta=n_p / right), prior=5.0, pole_pairs=right)
-        )
+        found.append(Cause(f"pole_pairs_{right}", says, Correction(theta=n_p / right), prior=5.0, pole_pairs=right))
     return tuple(found)
 
 

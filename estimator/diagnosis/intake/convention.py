@@ -36,7 +36,7 @@ from estimator.diagnosis.intake.rough_fit import (
     stretches_of,
 )
 from estimator.diagnosis.verdict import Quantity, Rival
-from estimator.diagnosis.words import sentence_start
+from estimator.diagnosis.words import listed, sentence_start
 from estimator.machine import PARAMETERS, Machine
 from estimator.physics.convention_error import UNIT
 from estimator.samples import Samples
@@ -54,9 +54,7 @@ _BY_FAR: Final = 0.25  # of the same, where the flux balance is not closed even 
 _MISREAD: Final = 0.75  # times what it is, as which a dc link may be read
 _LEAVES_MORE: Final = 1.1  # of what the flux balance leaves: no cause leaves more
 _CLOSED_BALANCE: Final = 0.007  # of rated current: what a closed flux balance may leave
-_FACTORS_APART: Final = (
-    0.16  # log: two factors that are nearer are told apart by a flux balance that is closed, or not at all
-)
+_FACTORS_APART: Final = 0.16  # log: factors that are nearer are told apart by a closed flux balance, or not at all
 _RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
 _TAIL: Final = np.exp([-2.5, -12.0, -12.0, -12.0])  # of R_s, L_d, L_q, psi_f: R_s takes in what is not modelled
 
@@ -339,16 +337,14 @@ def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] |
             undone = f"once that is undone, {after / before:.2g} of what the voltages left unexplained is left"
         else:
             undone = (
-                f"R_s, L_d, L_q and psi_f are {_numbers_in_words(stands.over_nominal)} times the nominal ones, and "
-                f"{_numbers_in_words(best.over_nominal)} times once that is undone"
+                f"R_s, L_d, L_q and psi_f are {listed(f'{x:.3g}' for x in stands.over_nominal)} times the nominal "
+                f"ones, and {listed(f'{x:.3g}' for x in best.over_nominal)} times once that is undone"
             )
         parts[0] = f"{parts[0]}: {undone}"
     return f"{sentence_start('; '.join(parts))}."
 
 
-def _numbers_in_words(values: Array) -> str:
-    *first, last = (f"{value:.3g}" for value in values)
-    return f"{', '.join(first)} and {last}"
+
 
 
 def _undone(correction: Correction, nominal: Machine, n_p: int | None) -> dict[str, Quantity]:

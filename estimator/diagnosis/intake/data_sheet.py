@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.diagnosis.intake.correction import Correction
 from estimator.diagnosis.intake.rough_fit import RoughFit, RoughStretches, rough_fit, stretches_of
-from estimator.diagnosis.words import number
+from estimator.diagnosis.words import listed, number
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.samples import Samples
 
@@ -104,12 +104,10 @@ def _asked(compared: _Compared, nominal: Machine) -> str:
     names = [name for name in PARAMETERS if compared.told[name] and name != "R_s"]
     asked = [f"{name} = {number(compared.over[name] * getattr(nominal, name))} {UNITS[name]}" for name in names]
     given = [f"{number(getattr(nominal, name))} {UNITS[name]}" for name in names]
-    return f"{_and(asked)}, nominal {'is' if len(names) == 1 else 'are'} {_and(given)}"
+    return f"{listed(asked)}, nominal {'is' if len(names) == 1 else 'are'} {listed(given)}"
 
 
-def _and(words: Sequence[str]) -> str:
-    *first, last = words
-    return f"{', '.join(first)} and {last}" if first else last
+
 
 
 def _given(compared: _Compared, nominal: Machine) -> Iterator[Wrong]:
@@ -161,7 +159,7 @@ def contradicted(runs: Sequence[Samples], nominal: Machine) -> str | None:
         f"the nominal {name} is {number(getattr(nominal, name))} {UNITS[name]}, the recording says "
         f"{number(compared.over[name] * getattr(nominal, name))} {UNITS[name]}" for name in wrong
     ]  # fmt: skip
-    return f"{_and(said)}: beyond what physics makes of a machine; expected the values of the recorded motor"
+    return f"{listed(said)}: beyond what physics makes of a machine; expected the values of the recorded motor"
 
 
 def _exchanged(compared: _Compared, nominal: Machine) -> bool:

@@ -26,14 +26,14 @@ _DIFFERENT: Final = 3  # movements, at least
 _MOVEMENT_DIGITS: Final = 9  # of a movement in rad, that tell values apart
 
 
-class Believed(NamedTuple):
-    """Runs without what they contradict, and what that was."""
+class Remarked(NamedTuple):
+    """Runs without what was not to be used, and what that was, in sentences."""
 
     runs: tuple[Samples, ...]
     remarks: tuple[str, ...]
 
 
-def believed(runs: Sequence[Samples]) -> Believed:
+def believed(runs: Sequence[Samples]) -> Remarked:
     """The runs with what is told of their drive, as far as they allow it."""
     found, remarks = tuple(runs), list[str]()
     if said := _too_low(found):
@@ -42,7 +42,7 @@ def believed(runs: Sequence[Samples]) -> Believed:
         unknown = [run.resolution._replace(theta_e=0.0, encoder=0.0) for run in found]
         found = tuple(replace(run, resolution=so) for run, so in zip(found, unknown, strict=True))
         remarks.append(said)
-    return Believed(found, tuple(remarks))
+    return Remarked(found, tuple(remarks))
 
 
 def _too_low(runs: Sequence[Samples]) -> str | None:

@@ -69,12 +69,8 @@ def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
             scaled = list(units(stretches, nominal))
             if any(wrong.stop for wrong in scaled):  # all else follows from it
                 return Checked(tuple(wrong.sentence for wrong in scaled), stop=True)
-            found += [
-                *_speed(stretches),
-                *_phase_currents(stretches, nominal.n_p),
-                *scaled,
-                *_two_drives(runs, nominal),
-            ]
+            found += _speed(stretches)
+            found += [*_phase_currents(stretches, nominal.n_p), *scaled, *_two_drives(runs, nominal)]
     return Checked(tuple(wrong.sentence for wrong in found), any(wrong.stop for wrong in found))
 
 
@@ -142,12 +138,9 @@ def _gaps(runs: Sequence[Samples]) -> Iterator[Wrong]:
     lost = sum(count for count in missing if 0.0 < count < _JUMP)
     torn = sum(len(run) for run in runs if len(run) < _SHORT_RUN)
     if lost > _MOST_LOST * (rows + lost) and torn > _TORN * rows:
-        yield Wrong(
-            f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, and {torn} of those "
-            f"left lie in runs of less than {_SHORT_RUN}: too few follow each other to tell noise from voltages; "
-            "expected every control period, record over a faster link or by a capture buffer",
-            True,
-        )
+        yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, and {torn} of those "
+                    f"left lie in runs of less than {_SHORT_RUN}: too few follow each other to tell noise from "
+                    "voltages; expected every control period, record over a faster link or by a capture buffer", True)
     elif lost > _LOST * (rows + lost) or (len(runs) > 1 and rows < 2 * _SHORT_RUN * len(runs)):
         yield Wrong(f"{lost:.0f} of {rows + lost:.0f} rows are missing, in {len(runs) - 1} gaps, expected hardly any: "
                     "record over a faster link or by a capture buffer")

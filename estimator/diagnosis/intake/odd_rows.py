@@ -31,13 +31,11 @@ FAR: Final = 6.0  # standard deviations of what is usual
 RARE: Final = 1e-3  # of the rows, and
 FEW: Final = 3  # of few rows: more are no accident
 _AS_BAD: Final = 0.5  # of the worst: what is as bad is taken out with it
-_MEDIAN_SIDE: Final = 3  # rows to either side, of the median
+MEDIAN_SIDE: Final = 3  # rows to either side, of the median
 _NINE_OF_TEN_NORMAL: Final = 1.645  # standard deviations, that nine of ten values stay within
 _BOTH: Final = 0.3  # of the worst, that the balance after it misses by where it is the sample between them
 _RETURNS: Final = 0.2  # of what a sample's balances miss, that a change of its currents leaves of them
-_QUIET_SIDES: Final = (
-    0.3  # of the same, that the balances to their sides miss at most; of a jump, that the way back differs
-)
+_QUIET_SIDES: Final = 0.3  # of the same, that balances to their sides miss at most; of a jump, that the way back is off
 _LOUD: Final = 20.0  # times what voltages usually leave those around them by
 _USUAL_NOISE: Final = 4.0  # standard deviations of what is usual, that noise stays within
 _REFITS: Final = 5  # of fits, each without what the one before found
@@ -61,16 +59,13 @@ class Odd:
 
 def odd_rows(runs: Sequence[Samples], before: Usual | None = None) -> Odd:
     """Odd rows of runs without gaps. `before`: a fit of rows before them, used where these are too few for one."""
-    table = _table(runs)
-    bad = np.zeros(sum(map(len, runs)), np.bool_)
+    table, bad = _table(runs), np.zeros(sum(map(len, runs)), np.bool_)
     few = len(table.D) < FEWEST_ODD_ROWS
     fitted = before if few else None
     if not few or before is not None:
-        most = max(FEW, int(RARE * len(table.D)))
         with np.errstate(all="ignore"):  # numbers without bound are among what is looked for
-            bad, fitted = _searched(table, fitted, most, len(bad))
-    ends = np.cumsum([0, *map(len, runs)])
-    return Odd(tuple(bad[a:b] for a, b in pairwise(ends)), fitted)
+            bad, fitted = _searched(table, fitted, len(bad))
+    return Odd(_by_run(runs, bad), fitted)
 
 
 def odd_samples(runs: Sequence[Samples], bad: Sequence[Bools]) -> tuple[Bools, ...]:
@@ -78,7 +73,6 @@ def odd_samples(runs: Sequence[Samples], bad: Sequence[Bools]) -> tuple[Bools, .
     table = _table(runs)
     known = np.concatenate(bad)
     found = np.zeros(len(known), np.bool_)
-    most = max(FEW, int(RARE * len(table.D)))
     with np.errstate(all="ignore"):
         for _ in range(_REFITS if len(table.D) >= FEWEST_ODD_ROWS else 0):
             _, e, fitted = _beyond_median(table, known | found, None)
@@ -86,10 +80,11 @@ def odd_samples(runs: Sequence[Samples], bad: Sequence[Bools]) -> tuple[Bools, .
             if not new.any():
                 break
             found[table.begins[new]] = True
-    if np.count_nonzero(found) > most:
-        found[:] = False
-    ends = np.cumsum([0, *map(len, runs)])
-    return tuple(found[a:b] for a, b in pairwise(ends))
+    return _by_run(runs, found & (np.count_nonzero(found) <= table.most))
+
+
+def _by_run(runs: Sequence[Samples], found: Bools) -> tuple[Bools, ...]:
+    return tuple(found[a:b] for a, b in pairwise(np.cumsum([0, *map(len, runs)])))
 
 
 class _Table(NamedTuple):
@@ -101,6 +96,11 @@ class _Table(NamedTuple):
     joined: Bools  # to the balance before
     begins: NDArray[np.int64]  # the sample that a balance begins with, counted over all runs
     T: float  # s, of a row
+
+    @property
+    def most(self) -> int:
+        """Odd rows that may be there by accident."""
+        return max(FEW, int(RARE * len(self.D)))
 
 
 def _table(runs: Sequence[Samples]) -> _Table:
@@ -115,7 +115,7 @@ def _table(runs: Sequence[Samples]) -> _Table:
     return _Table(balance_columns(balance), np.exp(0.5j * D), D, joined, begins, runs[0].T)
 
 
-def _searched(table: _Table, known: Usual | None, most: int, samples: int) -> tuple[Bools, Usual | None]:
+def _searched(table: _Table, known: Usual | None, samples: int) -> tuple[Bools, Usual | None]:
     """The odd samples, and the fit of all others; none where they are too many."""
     bad = np.zeros(samples, np.bool_)
     first = known
@@ -126,12 +126,12 @@ def _searched(table: _Table, known: Usual | None, most: int, samples: int) -> tu
         worst = float(np.max(far, initial=0.0))
         if not worst > FAR:
             return bad, fitted
-        if np.count_nonzero(far > max(FAR, _AS_BAD * worst)) + np.count_nonzero(bad) > 4 * most:
+        if np.count_nonzero(far > max(FAR, _AS_BAD * worst)) + np.count_nonzero(bad) > 4 * table.most:
             return np.zeros(samples, np.bool_), first
         found = np.flatnonzero(far >= max(FAR, _AS_BAD * worst))
         peaks = found[np.concatenate(([True], np.diff(found) > 1))]  # the first of neighbours; others in their turn
         bad[_sample_of(table, peaks, np.abs(e))] = True
-        if np.count_nonzero(bad) > most:
+        if np.count_nonzero(bad) > table.most:
             return np.zeros(samples, np.bool_), first
 
 
@@ -194,7 +194,7 @@ def _beyond_median(table: _Table, bad: Bools, known: Usual | None) -> tuple[Vect
     coefficients = np.array([*-beta, 1.0, of_h(beta), 0.0])
     z: Vector = coefficients @ white
     e: Vector = coefficients @ columns
-    z, e = _off_median(z, used), _off_median(e, used)
+    z, e = off_median(z, used), off_median(e, used)
     if known is not None:
         return z, e, known
     least = _ROUNDED_TO * float(np.median(np.abs(columns[4])))
@@ -213,7 +213,7 @@ def _largest_entry(white: Vectors) -> Array:
     return size
 
 
-def _off_median(x: Vector, used: Bools) -> Vector:
+def off_median(x: Vector, used: Bools) -> Vector:
     """Values less the median of each and those to its sides, on either axis; 0 where they are not used."""
     off = np.zeros(len(x), np.complex128)
     off.real, off.imag = _less_median(np.ascontiguousarray(x.real)), _less_median(np.ascontiguousarray(x.imag))
@@ -223,12 +223,12 @@ def _off_median(x: Vector, used: Bools) -> Vector:
 
 @kernel
 def _less_median(x: Array) -> Array:
-    """Each value less the median of it and `_MEDIAN_SIDE` to either side, at the ends of as many to one side."""
+    """Each value less the median of it and `MEDIAN_SIDE` to either side, at the ends of as many to one side."""
     n, off = len(x), np.empty_like(x)
-    width = min(2 * _MEDIAN_SIDE + 1, n)
+    width = min(2 * MEDIAN_SIDE + 1, n)
     around = np.empty(width)
     for k in range(n):
-        first = min(max(k - _MEDIAN_SIDE, 0), n - width)
+        first = min(max(k - MEDIAN_SIDE, 0), n - width)
         for j in range(width):
             value, place = x[first + j], j
             while place > 0 and around[place - 1] > value:

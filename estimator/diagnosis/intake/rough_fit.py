@@ -6,7 +6,7 @@ fifty times. Knows no effect.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -44,10 +44,10 @@ class RoughStretches:
 
     def at(self, places: NDArray[np.intp]) -> "RoughStretches":
         """Some of them."""
-        return replace(
-            self, i=self.i[places], u=self.u[places], theta_e=self.theta_e[places], omega_e=self.omega_e[places],
-            u_dc=None if self.u_dc is None else self.u_dc[places], i_s=None if self.i_s is None else self.i_s[places],
-        )  # fmt: skip
+        whole: dict[str, Array | Vector] = {
+            f.name: x for f in fields(self) if isinstance(x := getattr(self, f.name), np.ndarray)
+        }
+        return replace(self, **{name: column[places] for name, column in whole.items()})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

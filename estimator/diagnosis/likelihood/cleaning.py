@@ -21,11 +21,7 @@ from estimator.twin.currents import followed_currents, response_of
 from estimator.twin.model import Model, residual, zero_residual
 from estimator.twin.response import Response
 
-_FOLLOWED_SHARES: Final = (
-    0.02,
-    0.1,
-    0.4,
-)  # a period, of what is between measured currents and those that follow the model
+_FOLLOWED_SHARES: Final = (0.02, 0.1, 0.4)  # a period, of what is between measured currents and those of the model
 _NOISY: Final = 1.5  # times the noise: what is between them is no more
 _AVERAGED: Final = 25  # periods to each side; slower than that is not noise
 

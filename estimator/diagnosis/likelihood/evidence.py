@@ -301,10 +301,8 @@ class Search:
         A faint one: all that they miss, and a part of what those explain that look like it.
         """
         if not faint:
-            return min(
-                self.missed(choice),
-                _ONLY_IF_THERE * max(self.unexplained(choice), _NOISE_UNSURE * self.regression.count),
-            )
+            left = max(self.unexplained(choice), _NOISE_UNSURE * self.regression.count)
+            return min(self.missed(choice), _ONLY_IF_THERE * left)
         alike = [
             one for one in choice
             if one[0] in BY_NAME[more[0]].confused_with or more[0] in BY_NAME[one[0]].confused_with
@@ -340,10 +338,8 @@ class Search:
         pairs = sorted(combinations(likely[:PAIRED], 2), key=lambda pair: self.fit((*choice, *pair)).chi2)
         for one, other in pairs[:1]:
             left = self.unexplained((*choice, one, other))
-            due = (
-                self.gain((*choice, one), other) > ENTRY_LOG_ODDS and self.gain((*choice, other), one) > ENTRY_LOG_ODDS
-            )
-            if due and left < _MADE_UP_FOR * alone:
+            due = min(self.gain((*choice, one), other), self.gain((*choice, other), one))
+            if due > ENTRY_LOG_ODDS and left < _MADE_UP_FOR * alone:
                 return (*choice, one, other)
         return None
 

@@ -107,7 +107,7 @@ def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
 
 def apart(search: Search, choice: Choice) -> dict[str, float]:
     """The share of each effect's energy that does not look like the machine's parameters, least first."""
-    shares = {one[0]: _share_apart(search, _signal(search, choice, one)) for one in choice}
+    shares = {one[0]: _share_apart(search, signal_of(search, choice, one)) for one in choice}
     return dict(sorted(shares.items(), key=lambda item: item[1]))
 
 
@@ -143,7 +143,7 @@ def not_borne_out(
     alike: Choice = ()
     found: dict[str, Choice] = {}
     if len(untold) > 1:
-        signals = {one: _signal(search, choice, one) for one in choice}
+        signals = {one: signal_of(search, choice, one) for one in choice}
         alike = tuple(
             one for one, signal in signals.items() if _share_apart(search, signal) < _DISTINCT
             and (_share_like(search, signal, untold) > _UNTOLD_SHARE or not stands_out(one, choice, True))
@@ -158,19 +158,20 @@ def not_borne_out(
         doubted, left = _untold_at_one_point(search, left)
         found |= doubted
     while weak := [one for one in left if one not in plain]:
+        shares = {one: _share_apart(search, signal_of(search, left, one)) for one in weak}
         worths = {
             one: {
-                "noise": _over_lent(search, _signal(search, left, one), over_noise) / _lends(search, left, one),
+                "noise": _over_lent(search, signal_of(search, left, one), over_noise) / _lends(search, left, one),
                 "angle": search.explained(left, one) / (by_angle * _lends(search, left, one, even=_UNEVEN)),
                 "rest": _over_rest(search, left, one, rest),
-                "machine": _share_apart(search, _signal(search, left, one)) / (least_apart * _lends(search, left, one)),
+                "machine": shares[one] / (least_apart * _lends(search, left, one)),
             }
             for one in weak
         }
         one = min(weak, key=lambda each: min(worths[each].values()))
         if min(worths[one].values()) > 1.0:
             break
-        like_noise = worths[one]["noise"] <= 1.0 and _like_untold(search, _signal(search, left, one))
+        like_noise = worths[one]["noise"] <= 1.0 and _like_untold(search, signal_of(search, left, one))
         if worths[one]["machine"] > 1.0 and not like_noise and stands_out(one, left, True):
             plain.add(one)
             continue
@@ -246,9 +247,7 @@ def _ends(search: Search, fit: SetFit, one: tuple[str, int]) -> bool:
 
 def _reason(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> str:
     """What makes an effect worth too little, in a sentence's part."""
-    uneven = (
-        ", and its size is not the same from stretch to stretch" if _scatter_of(search, choice, one) > _EVEN else ""
-    )
+    uneven = ", and its size is not the same from stretch to stretch" * (_scatter_of(search, choice, one) > _EVEN)
     if cause == "angle":
         beats = beat_energy(search.regression.rows) > 0.0
         by = "each period turns the rotor by nearly whole counts of its encoder, whose rounding" if beats else (
@@ -258,7 +257,7 @@ def _reason(search: Search, choice: Choice, one: tuple[str, int], cause: str) ->
     if cause == "machine":
         return (
             "R_s, L_d, L_q and psi_f, within their tolerance, look like all but "
-            f"{percent(_share_apart(search, _signal(search, choice, one)))} of its energy here{uneven}"
+            f"{percent(_share_apart(search, signal_of(search, choice, one)))} of its energy here{uneven}"
         )
     if cause == "rest":
         return f"what it explains is little beside what is left of the voltage, which nothing explains{uneven}"
@@ -351,7 +350,7 @@ def _lends(search: Search, choice: Choice, one: tuple[str, int], *, even: float 
     return min(scatter, _LENDS) if scatter > even else 1.0
 
 
-def _signal(search: Search, choice: Choice, one: tuple[str, int]) -> Array:
+def signal_of(search: Search, choice: Choice, one: tuple[str, int]) -> Array:
     """Coefficients of an effect's sizes in a set, zero for all others."""
     fit = search.fit(choice)
     signal = np.zeros(len(search.columns))
@@ -371,39 +370,38 @@ def _over_lent(search: Search, signal: Array, over_noise: Mapping[str, float]) -
         max(share, _LEAST_ALIKE) * len(search.regression.rows) / max(over_noise[name[-1]], 1.0)
         for name, share in alike.items()
     )
-    return _product(search, search.base, signal, signal) / (_LENT_FACTOR * lent)
+    return product_of(search, search.base, signal, signal) / (_LENT_FACTOR * lent)
 
 
 def _like_untold(search: Search, signal: Array) -> bool:
     """A signal is mostly what an inductance would make whose axis' current is noise: it stands for that noise."""
-    return any(
-        share > _DISTINCT for share in _shares_by_inductance(search, signal, sorted(search.regression.untold)).values()
-    )
+    shares = _shares_by_inductance(search, signal, sorted(search.regression.untold))
+    return any(share > _DISTINCT for share in shares.values())
 
 
 def _shares_by_inductance(search: Search, signal: Array, inductances: Sequence[str]) -> dict[str, float]:
     """By inductance, the share of a signal's energy along its column, less what the other parameters make of both."""
     columns = {name: PARAMETERS.index(name) for name in inductances}
     rest = [j for j in search.base if j not in columns.values()]
-    size, found = _product(search, rest, signal, signal), dict[str, float]()
+    size, found = product_of(search, rest, signal, signal), dict[str, float]()
     for name, place in columns.items():
         column = np.eye(len(signal))[place]
-        both = size * _product(search, rest, column, column)
-        found[name] = min(_product(search, rest, signal, column) ** 2 / both, 1.0) if both > 0.0 else 1.0
+        both = size * product_of(search, rest, column, column)
+        found[name] = min(product_of(search, rest, signal, column) ** 2 / both, 1.0) if both > 0.0 else 1.0
     return found
 
 
 def _share_apart(search: Search, signal: Array) -> float:
     """Share of a signal's energy that the machine's parameters do not look like."""
     whole = float(signal @ search.gram[:-1, :-1] @ signal)
-    return _product(search, _parameters(search), signal, signal) / whole if whole > 0.0 else 1.0
+    return product_of(search, _parameters(search), signal, signal) / whole if whole > 0.0 else 1.0
 
 
 def _share_like(search: Search, signal: Array, names: Sequence[str]) -> float:
     """Share of a signal's energy that some of the machine's parameters look like, and all others do not."""
     others = [j for j in _parameters(search) if search.columns[j].parameter not in names]
     whole = float(signal @ search.gram[:-1, :-1] @ signal)
-    return _product(search, others, signal, signal) / whole - _share_apart(search, signal) if whole > 0.0 else 0.0
+    return product_of(search, others, signal, signal) / whole - _share_apart(search, signal) if whole > 0.0 else 0.0
 
 
 def _parameters(search: Search) -> list[int]:
@@ -416,7 +414,7 @@ def _least_apart(search: Search) -> float:
     return _APART_UNTOLD if search.regression.untold else APART
 
 
-def _product(search: Search, without: Sequence[int], x: Array, y: Array) -> float:
+def product_of(search: Search, without: Sequence[int], x: Array, y: Array) -> float:
     """Of two signals over the noise, less what some columns make of them."""
     inner = search.gram[:-1, :-1]
     A = inner[np.ix_(without, without)] + np.diag(search.weight[without])

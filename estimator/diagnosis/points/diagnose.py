@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array
-from estimator.diagnosis.answer.sentences import quantity, sentence_of
+from estimator.diagnosis.answer.sentences import quantity, with_sentence
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
 from estimator.diagnosis.points import judge, model
 from estimator.diagnosis.points.fit import PointsFit
@@ -36,7 +36,7 @@ from estimator.diagnosis.verdict import (
     verdict_of,
 )
 from estimator.diagnosis.verdict import Fit as Quality
-from estimator.diagnosis.words import number
+from estimator.diagnosis.words import number, rounded
 from estimator.machine import PARAMETERS
 from estimator.physics.library import BY_NAME
 
@@ -80,10 +80,9 @@ def diagnose_points(points: Points, *, n_p: int | None = None, i_rated: float | 
 
 def no_verdict(remarks: Sequence[str], instead: str) -> Diagnosis:
     """Nothing can be fitted: what is wrong, and what to record instead."""
-    diagnosis = Diagnosis(
+    return with_sentence(Diagnosis(
         Verdict.NOT_ENOUGH_EXCITATION, "", (), (), None, {}, {}, {}, None, (), tuple(remarks), None, Experiment(instead)
-    )
-    return replace(diagnosis, sentence=sentence_of(diagnosis))
+    ))  # fmt: skip
 
 
 def _diagnosis_of_points(
@@ -94,7 +93,9 @@ def _diagnosis_of_points(
     floor = noise_floor(points, _error_of_points(search, after, left_out=False))
     left = _left_of_points(search, choice, coordinates, floor)
     doubted = {} if left is None else search.moves(choice, _halves(coordinates))
-    found = [judge.finding(search, choice, effect, coordinates, doubted) for effect in _by_odds(search, choice)]
+    gains = search.brings(choice)
+    by_odds = sorted(choice, key=lambda name: -gains[name])
+    found = [judge.finding(search, choice, effect, coordinates, doubted) for effect in by_odds]
     doubts = [doubt for f in found if (doubt := _doubt(points, search, choice, f, n_p)) is not None]
     unsure = {doubt.effects[0] for doubt in doubts}
     findings = tuple(f for f in found if f.effect not in unsure)
@@ -115,7 +116,7 @@ def _diagnosis_of_points(
     if untold:
         remarks.append(f"these points do not tell {', '.join(untold)}")
         instead = Experiment("record steady points at several speeds with several levels of i_d and of i_q")
-    diagnosis = Diagnosis(
+    return with_sentence(Diagnosis(
         verdict_of(findings, doubts, left, untold), "", findings, tuple(doubts), left,
         judge.detectable_at_points(search, choice), machine_before, machine_after,
         quality(
@@ -125,8 +126,7 @@ def _diagnosis_of_points(
         ),
         judge.point_candidates(search, choice), tuple(remarks), None, instead,
         _scatter_of_points(search, before, after, coordinates),
-    )  # fmt: skip
-    return replace(diagnosis, sentence=sentence_of(diagnosis))
+    ))  # fmt: skip
 
 
 def _wrong_way(names: Sequence[str], machine: Mapping[str, Quantity], remarks: Sequence[str]) -> Diagnosis:
@@ -135,11 +135,11 @@ def _wrong_way(names: Sequence[str], machine: Mapping[str, Quantity], remarks: S
         f"{', '.join(names)} come out negative: expected peak dq quantities in the motor's sign convention, d on the "
         "magnets' flux; look for a wrong sign of speed, voltage or current, or for swapped axes"
     )
-    diagnosis = Diagnosis(
+    diagnosis = with_sentence(Diagnosis(
         Verdict.UNEXPLAINED, "", (), (), None, {}, machine, {}, None, (), (why,), None,
         Experiment("look up the signs and axes of the points in the drive's manual"),
-    )  # fmt: skip
-    return replace(diagnosis, sentence=sentence_of(diagnosis), remarks=(*remarks, why))
+    ))  # fmt: skip
+    return replace(diagnosis, remarks=(*remarks, why))
 
 
 def quality(
@@ -162,21 +162,12 @@ def _rms_of_points(search: PointsSearch, error: Array) -> float:
     return math.sqrt(axes * float(np.mean(error**2)))
 
 
-def _by_odds(search: PointsSearch, choice: PointsChoice) -> list[str]:
-    gains = {name: search.gain(tuple(c for c in choice if c != name), name) for name in choice}
-    return sorted(choice, key=lambda name: -gains[name])
-
-
 def _coordinates(points: Points) -> tuple[Coordinate, ...]:
-    def both(x: Array) -> Array:
-        return np.concatenate((x, x))
-
-    return (
-        Coordinate("abs(omega_e)", "rad/s", both(np.abs(points.omega_e))),
-        Coordinate("abs(i_q)", "A", both(np.abs(points.i.imag))),
-        Coordinate("i_d", "A", both(points.i.real)),
-        Coordinate("abs(i)", "A", both(np.abs(points.i))),
-    )
+    of_points = (
+        ("abs(omega_e)", "rad/s", np.abs(points.omega_e)), ("abs(i_q)", "A", np.abs(points.i.imag)),
+        ("i_d", "A", points.i.real), ("abs(i)", "A", np.abs(points.i)),
+    )  # fmt: skip
+    return tuple(Coordinate(name, unit, np.tile(x, 2)) for name, unit, x in of_points)  # on both axes
 
 
 def _halves(coordinates: tuple[Coordinate, ...]) -> list[NDArray[np.bool_]]:
@@ -239,17 +230,9 @@ def _telling(points: Points, one: PointsFit, other: PointsFit, n_p: int | None) 
     sentence = f"steady points at {where} would tell: there the two differ by up to {quantity(float(gap.max()), 'V')}"
     if n_p is None:
         return Experiment(sentence)
-    holds = tuple(
-        Hold(_rounded_level(w * _RPM / n_p), _rounded_level(i.real), _rounded_level(i.imag), _SECONDS) for w, i in held
-    )
-    speeds, i_d, i_q = (
-        tuple(sorted({getattr(hold, name) for hold in holds})) for name in ("speed_rpm", "i_d", "i_q")
-    )
+    holds = tuple(Hold(rounded(w * _RPM / n_p), rounded(i.real), rounded(i.imag), _SECONDS) for w, i in held)
+    speeds, i_d, i_q = (tuple(sorted({getattr(hold, name) for hold in holds})) for name in ("speed_rpm", "i_d", "i_q"))
     return Experiment(sentence, speeds, i_d, i_q, _SECONDS * len(holds), holds)
-
-
-def _rounded_level(x: float) -> float:
-    return float(f"{x:.4g}")
 
 
 # --- what is told besides

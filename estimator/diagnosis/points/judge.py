@@ -14,6 +14,7 @@ from estimator.diagnosis.points.fit import PointsFit
 from estimator.diagnosis.points.problem import MACHINE, Key
 from estimator.diagnosis.points.search import NEGLIGIBLE, PointsChoice, PointsSearch
 from estimator.diagnosis.points.table import Places
+from estimator.diagnosis.trust.rivals import POWER_99
 from estimator.diagnosis.verdict import Candidate, Finding, Place, Quantity, Rival
 from estimator.diagnosis.words import number, percent
 from estimator.machine import PARAMETERS, UNITS
@@ -21,7 +22,7 @@ from estimator.physics.library import BY_NAME
 
 MOST_LOG_ODDS: Final = 300.0
 HINT: Final = math.log(20.0)  # log-odds that are worth telling, though no name follows
-_POWER_OF_POINTS: Final = 2.326  # standard normal at 99 %
+
 _ENERGY: Final = 0.8  # of a signal, that a region is to hold
 _REGION: Final = 0.6  # of the equations, that a region may be at most
 _SMALL: Final = 1e-3  # of a typical size, at which an effect is straight
@@ -46,12 +47,9 @@ def point_rivals(search: PointsSearch, choice: PointsChoice, effect: str) -> tup
 
 
 def finding(
-    search: PointsSearch,
-    choice: PointsChoice,
-    effect: str,
-    coordinates: tuple[Coordinate, ...],
+    search: PointsSearch, choice: PointsChoice, effect: str, coordinates: tuple[Coordinate, ...],
     doubted: Mapping[Key, float],
-) -> Finding:
+) -> Finding:  # fmt: skip
     """An effect of the set. `doubted`: standard errors besides the fit's."""
     fit, rest = search.fit(choice), tuple(name for name in choice if name != effect)
     without = search.fit(rest)
@@ -140,21 +138,16 @@ def _region(
 
 def point_candidates(search: PointsSearch, choice: PointsChoice) -> tuple[Candidate, ...]:
     """Every effect, by how much it helps."""
-    by = math.log(10.0)
-    found = [
-        Candidate(
-            name, search.gain((), name) / by,
-            search.gain(tuple(c for c in choice if c != name), name) / by, name in choice,
-        )
-        for name in search.problem.effects
-    ]  # fmt: skip
+    by, gains = math.log(10.0), search.brings(choice)
+    gains |= {name: search.gain(choice, name) for name in search.free(choice)}
+    found = [Candidate(name, search.gain((), name) / by, gain / by, name in choice) for name, gain in gains.items()]
     return tuple(sorted(found, key=lambda c: (not c.chosen, -c.log10_odds_after)))
 
 
 def hints(search: PointsSearch, choice: PointsChoice) -> dict[str, float]:
     """Effects that nearly earned their name, with their log-odds, likeliest first."""
     found = {name: search.gain(choice, name) for name in search.free(choice)}
-    return {name: found[name] for name in sorted(found, key=lambda name: -found[name]) if found[name] > HINT}
+    return {name: gain for name, gain in sorted(found.items(), key=lambda one: -one[1]) if gain > HINT}
 
 
 def detectable_at_points(search: PointsSearch, choice: PointsChoice) -> dict[str, Quantity]:
@@ -176,7 +169,7 @@ def detectable_at_points(search: PointsSearch, choice: PointsChoice) -> dict[str
             scores = np.bincount(search.problem.group, weights=column * fit.left_out)
             scatter = max(1.0, float(scores @ scores) / (energy * fit.scale**2))
             std = fit.scale * math.sqrt(scatter / energy) * size.typical
-            smallest = min(smallest, std * (math.sqrt(2.0 * ENTRY_LOG_ODDS) + _POWER_OF_POINTS))
+            smallest = min(smallest, std * (math.sqrt(2.0 * ENTRY_LOG_ODDS) + POWER_99))
         if smallest < size.high:  # else nothing that could be is seen
             found[name] = Quantity(max(smallest, NEGLIGIBLE * size.typical), None, size.unit)
     return found
@@ -225,8 +218,9 @@ def alike(search: PointsSearch, choice: PointsChoice, found: Finding) -> str:
 
 def collinear(search: PointsSearch, choice: PointsChoice, one: str, other: str) -> float:
     """Correlation of what two effects add to a set, less what the machine and the rest could make of it."""
-    signals = [search.signal(fit, name, fit.places(name)) for name in (one, other)
-               for fit in (search.fit((*(c for c in choice if c not in (one, other)), name)),)]  # fmt: skip
-    size = math.sqrt(float(signals[0] @ signals[0]) * float(signals[1] @ signals[1]))
-    return float(signals[0] @ signals[1]) / size if size > 0.0 else 0.0
+    rest = tuple(c for c in choice if c not in (one, other))
+    fits = {name: search.fit((*rest, name)) for name in (one, other)}
+    a, b = (search.signal(fit, name, fit.places(name)) for name, fit in fits.items())
+    size = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / size if size > 0.0 else 0.0
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.diagnosis.answer.sentences import quantity, sentence_of
+from estimator.diagnosis.answer.sentences import quantity, with_sentence
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
 from estimator.diagnosis.points import judge
 from estimator.diagnosis.points.diagnose import no_verdict, quality
@@ -50,8 +50,7 @@ def diagnose_no_load(points: NoLoad) -> Diagnosis:
     choice = chosen if _outshines(was, _error_without_load(search, chosen)) else ()
     found = tuple(_no_load_finding(points, search, choice, effect, before) for effect in choice)
     findings = tuple(f for f in found if f.odds_against_next >= math.exp(SURE_LOG_ODDS))
-    leaning = {name: search.gain(tuple(c for c in chosen if c != name), name) for name in chosen}
-    leaning = {} if choice else leaning | judge.hints(search, ())
+    leaning = {} if choice else search.brings(chosen) | judge.hints(search, ())
     doubts = (
         *(
             Ambiguity((f.effect, f.rivals[0].effect), judge.alike(search, choice, f), Experiment(_INSTEAD))
@@ -80,13 +79,13 @@ def diagnose_no_load(points: NoLoad) -> Diagnosis:
         )
     else:
         verdict = Verdict.NO_MISMATCH
-    diagnosis = Diagnosis(
+    return with_sentence(Diagnosis(
         verdict, "", findings, doubts, None, limits, _no_load_machine(points, before), _no_load_machine(points, after),
         quality(search, was, _error_without_load(search, choice), None, "speed within a level of i_d", tried),
         judge.point_candidates(search, choice), tuple(remarks), None, instead,
-        _scatter_without_load(points, _left_out(search, before), _left_out(search, after)),
-    )  # fmt: skip
-    return replace(diagnosis, sentence=sentence_of(diagnosis))
+        tuple(Scatter(name, "u_q", x, _left_out(search, before), _left_out(search, after))
+              for name, x in (("i_d, A", points.i_d), ("omega_e, rad/s", points.omega_e))),
+    ))  # fmt: skip
 
 
 def _with_speeds(points: NoLoad) -> NoLoad:
@@ -131,17 +130,11 @@ _INSTEAD: Final = (
 def _no_load_finding(
     points: NoLoad, search: PointsSearch, choice: PointsChoice, effect: str, before: PointsFit
 ) -> Finding:
-    fit = search.fit(choice)
-    rest = tuple(name for name in choice if name != effect)
-    found = judge.point_rivals(search, choice, effect)
-    alone = math.exp(min(search.log_odds(fit, search.fit(rest), effect), judge.MOST_LOG_ODDS))
     coordinates = (Coordinate("abs(i_d)", "A", np.abs(points.i_d)), Coordinate("omega_e", "rad/s", points.omega_e))
-    where = judge.place(search, search.signal(fit, effect, fit.places(effect)), coordinates)
-    absorbed: dict[str, float] = {}
-    if not rest and (psi := _at_no_current(points)) is not None:
-        absorbed["psi_f"] = before.value(MACHINE, psi) - fit.value(MACHINE, psi)
-    sizes = judge.sizes(fit, effect)
-    return Finding(effect, sizes, where, min([alone, *(rival.odds for rival in found)]), found, absorbed)
+    found, psi = judge.finding(search, choice, effect, coordinates, {}), _at_no_current(points)
+    if len(choice) > 1 or psi is None:
+        return found
+    return replace(found, absorbed_as={"psi_f": before.value(MACHINE, psi) - search.fit(choice).value(MACHINE, psi)})
 
 
 def _leaning(search: PointsSearch, name: str, log_odds: float, was: float) -> Ambiguity:
@@ -229,7 +222,3 @@ def _worst(points: NoLoad, fit: PointsFit) -> str:
     levels = ", ".join(number(float(np.unique(points.i_d)[k])) for k in order[:count])
     share = 100.0 * float(held[count - 1])
     return f"; {share:.0f} % of what is missed is at i_d = {levels} A, which no straight line meets"
-
-
-def _scatter_without_load(points: NoLoad, was: Array, now: Array) -> tuple[Scatter, ...]:
-    return Scatter("i_d, A", "u_q", points.i_d, was, now), Scatter("omega_e, rad/s", "u_q", points.omega_e, was, now)

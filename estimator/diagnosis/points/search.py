@@ -58,6 +58,10 @@ class PointsSearch:
         """Log-odds that an effect brings to a set."""
         return self.log_odds(self.fit((*choice, more)), self.fit(choice), more)
 
+    def brings(self, choice: PointsChoice) -> dict[str, float]:
+        """Log-odds that each effect of a set brings to the others."""
+        return {name: self.gain(tuple(c for c in choice if c != name), name) for name in choice}
+
     def log_odds(self, fit: PointsFit, other: PointsFit, effect: str) -> float:
         """Log-odds of one fit, which has the effect, against another; no more than its standard errors bear."""
         own = fit.places(effect)
@@ -117,12 +121,9 @@ class PointsSearch:
 
     def _best(self, choice: PointsChoice) -> PointsChoice:
         choice, seen = self._exchanged(self._without_needless(choice)), set[PointsChoice]()
-        while (
-            len(choice) < MOST_EFFECTS and choice not in seen
-        ):  # of two that are alike each may take the other's place
+        while len(choice) < MOST_EFFECTS and choice not in seen:  # alike ones may take each other's place for ever
             seen.add(choice)
-            more = self._more(choice)
-            if not more:
+            if not (more := self._more(choice)):
                 break
             choice = self._exchanged(self._without_needless((*choice, *more)))
         return choice
@@ -136,14 +137,13 @@ class PointsSearch:
         if len(choice) + 2 > MOST_EFFECTS:
             return ()
         for one, other in combinations(ranked[:_LIKELY], 2):
-            both = (*choice, one, other)
             if min(self.gain((*choice, one), other), self.gain((*choice, other), one)) > ENTRY_LOG_ODDS:
-                return tuple(name for name in both if name not in choice)
+                return (one, other)
         return ()
 
     def _without_needless(self, choice: PointsChoice) -> PointsChoice:
         while choice:
-            gains = {name: self.gain(tuple(c for c in choice if c != name), name) for name in choice}
+            gains = self.brings(choice)
             least = min(gains, key=lambda name: gains[name])
             if gains[least] > ENTRY_LOG_ODDS:
                 break

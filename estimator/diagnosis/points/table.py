@@ -35,9 +35,7 @@ class Points:
 
     def at(self, places: Places) -> "Points":
         """Some of them."""
-        return Points(
-            self.omega_e[places], self.i[places], self.u[places], None if self.t is None else self.t[places]
-        )
+        return Points(self.omega_e[places], self.i[places], self.u[places], None if self.t is None else self.t[places])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,12 +149,8 @@ def _voltage_limit(voltage: Array) -> float | None:
 def _change_to_next(points: Points) -> Array:
     """Largest change to a neighbouring row, as a share of each quantity's largest."""
     worst = np.zeros(len(points))
-    for x, most in (
-        (points.omega_e, _most(np.abs(points.omega_e))), (points.i.real, _most(np.abs(points.i))),
-        (points.i.imag, _most(np.abs(points.i))), (points.u.real, _most(np.abs(points.u))),
-        (points.u.imag, _most(np.abs(points.u))),
-    ):  # fmt: skip
-        step = np.abs(np.diff(x)) / most
+    for quantity, x in ((q, x) for q in (points.omega_e, points.i, points.u) for x in (q.real, q.imag)):
+        step = np.abs(np.diff(x)) / _most(np.abs(quantity))
         worst = np.maximum(worst, np.maximum(np.append(0.0, step), np.append(step, 0.0)))
     return worst
 

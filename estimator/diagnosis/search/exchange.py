@@ -37,11 +37,8 @@ def all_saturations_at_once(rows: Rows, found: Fitted, given: Given) -> Fitted:
     if excess_of(other) >= excess_of(found) or len(other.choice) > MOST_EFFECTS:
         return found
     other = closely(other, given)
-    if (
-        _has_beyond(other, given)
-        and not _has_beyond(found, given)
-        and excess_of(found) - excess_of(other) < hidden_of(found)
-    ):
+    by_rounding = excess_of(found) - excess_of(other) < hidden_of(found)
+    if by_rounding and _has_beyond(other, given) and not _has_beyond(found, given):
         return found
     if set(found.model.effects) <= set(other.model.effects):
         return other
@@ -111,9 +108,7 @@ def _trading(found: Fitted) -> list[str]:
     return [name for name, share in apart(found.search, found.choice).items() if name in _BENDING and share < TRADES]
 
 
-def _instead(
-    search: Search, choice: Choice, trading: Sequence[str]
-) -> list[tuple[Choice, tuple[str, int]]]:
+def _instead(search: Search, choice: Choice, trading: Sequence[str]) -> list[tuple[Choice, tuple[str, int]]]:
     """Effects of a set, and the one, at its likeliest shapes, that may stand in their place. `trading`: those that bend
     and look like the machine's parameters.
 

@@ -37,9 +37,7 @@ _NOISE_CHANCE: Final = 4.0  # standard deviations of what noise leaves above its
 _CERTAIN: Final = 50.0  # chi square, by which one of two models explains more than the other, or at all
 _RESOUNDS: Final = 150.0  # chi square of a resonance: of machines without any it was 65, more only by loud rounding
 ROUNDED: Final = 0.01  # of the angle's rounding, that one of two models may explain more of by chance
-_FAR_ABOVE_FORM: Final = (
-    5.0  # times what something without a name leaves, that the likeliest effects leave in its place
-)
+_FAR_ABOVE_FORM: Final = 5.0  # times what something without a name leaves, that likely effects leave in its place
 _CLEARLY_OFF: Final = 1.2  # times the tolerance, that a parameter lies beyond for certain
 TRADES: Final = 0.01  # of its energy, that an effect has beyond what the machine's parameters look like
 _ONCE: Final = 2.0  # changes, of what comes and goes

@@ -135,18 +135,13 @@ class Pulses:
         direction, single = _direction(train)
         i = 2.0 / 3.0 * (train.i @ np.cos(np.angle(_LEGS) - direction))
         volts, legs = (2.0 / 3.0, 4.0 / 3.0) if single else (1.0 / math.sqrt(3.0), 2.0 / math.sqrt(3.0))
-        charge, over = (
-            _integral(i, train.T_s),
-            np.column_stack([_branch_charge(i, train.T_s, tau) for tau in _TAUS.tolist()]),
-        )
+        charge = np.concatenate([[0.0], np.cumsum(0.5 * (i[1:] + i[:-1]) * train.T_s)])
+        over = np.column_stack([_branch_charge(i, train.T_s, tau) for tau in _TAUS.tolist()])
         edges = np.flatnonzero(np.diff(train.state)) + 1
         found: list[_Stretch] = []
         for begin, end in zip([0, *edges.tolist()], [*edges.tolist(), len(i)], strict=True):
-            flowing = (
-                np.flatnonzero(np.abs(i[begin + _EDGE_ROWS : end - _EDGE_ROWS]) > _NEAR_ZERO * self.largest)
-                + begin
-                + _EDGE_ROWS
-            )
+            first, last = begin + _EDGE_ROWS, end - _EDGE_ROWS
+            flowing = first + np.flatnonzero(np.abs(i[first:last]) > _NEAR_ZERO * self.largest)
             if len(flowing) < _FEWEST_STRETCH_ROWS or np.ptp(np.sign(i[flowing])) > 0.0:
                 continue
             rows = np.arange(flowing[0], flowing[-1] + 1, dtype=np.int64)
@@ -182,8 +177,7 @@ def _noise(trains: Sequence[Train]) -> float:
     return float(np.median(np.abs(np.concatenate(differences)))) / (0.6745 * math.sqrt(6.0))
 
 
-def _integral(x: Array, T_s: float) -> Array:
-    return np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * T_s)])
+
 
 
 @kernel

@@ -5,18 +5,18 @@ that one. All volts are told by the dc link's reading alone, so what is told of 
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
 
 import numpy as np
 
-from estimator.diagnosis.answer.sentences import quantity, sentence_of
+from estimator.diagnosis.answer.sentences import quantity, with_sentence
 from estimator.diagnosis.standstill import pulse_fit as terms_of
 from estimator.diagnosis.standstill.pulse_fit import Pulses, PulseTerms, Train
-from estimator.diagnosis.standstill.sweep import LOSS_AT_STANDSTILL, record_instead
-from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS
+from estimator.diagnosis.standstill.sweep import LOSS_AT_STANDSTILL, jackknife, odds_told, record_instead, smallest_set
+from estimator.diagnosis.trust.rivals import POWER_99, SURE_LOG_ODDS
 from estimator.diagnosis.verdict import (
     Before,
     Candidate,
@@ -38,7 +38,7 @@ _EFFECT_OF_PULSE: Final = {
 _UNITS: Final = {"R_s": "ohm", "L_d": "H", "L_q": "H", "u_lost": "V", "resistance_above_corner": "ohm", "corner": "Hz",
                  "flux_per_cube": "H/A^2"}  # fmt: skip
 _FEWEST_ANGLES: Final = 5  # angles
-_POWER_OF_ANGLES: Final = 2.326  # standard normal at 99 %
+
 _UNEXPLAINED_NOISE: Final = 1.2  # times the noise: left unexplained
 _POLE_PAIRS_AS_GOOD: Final = 1.001  # times the least squares: another number of pole pairs is as good
 
@@ -61,22 +61,20 @@ def diagnose_pulses(trains: Sequence[Train], n_p: int | None = None, R_s: float 
     sets: list[PulseTerms] = [terms for count in range(len(_TERMS) + 1) for terms in combinations(_TERMS, count)]
     tried = {terms: _tried_pulses(pulses, terms) for terms in sets}
     scores = {terms: 2.0 * angles * math.log(one.rms) for terms, one in tried.items()}
-    best = min(scores.values())
-    chosen = min((t for t in sets if scores[t] - best < SURE_LOG_ODDS), key=lambda t: (len(t), scores[t]))
+    chosen = smallest_set(scores)
     findings = tuple(_pulse_finding(term, tried, scores, chosen) for term in chosen)
     doubts = (LOSS_AT_STANDSTILL,) if terms_of.RUNG in chosen else ()
     left = _left_of_pulses(pulses, tried[chosen])
     after = _held_machine(pulses, tried, chosen)
     blind = record_instead(after)
-    diagnosis = Diagnosis(
+    return with_sentence(Diagnosis(
         verdict=verdict_of(findings, doubts, left, blind), sentence="",
         findings=findings, ambiguous=doubts, unexplained=left,
         detectable=_detectable_by_angles(tried, chosen), machine_before=_held_machine(pulses, tried, ()),
         machine_after=after, fit=_pulse_quality(pulses, tried[()], tried[chosen]),
         candidates=_pulse_candidates(scores, chosen),
         remarks=(*_pulse_remarks(pulses, tried, chosen, R_s), *blind), traces=None,
-    )  # fmt: skip
-    return replace(diagnosis, sentence=sentence_of(diagnosis))
+    ))  # fmt: skip
 
 
 def _tried_pulses(pulses: Pulses, terms: PulseTerms) -> PulsesTried:
@@ -98,19 +96,16 @@ def _sizes_by_angle(
     tried: Mapping[PulseTerms, PulsesTried], terms: PulseTerms, names: Sequence[str]
 ) -> dict[str, Quantity]:
     """Sizes with what each angle does to them, and each term more that is not borne out."""
-    one, n = tried[terms], len(tried[terms].without)
-    at = _pulse_sizes(one.fit)
-    each = [_pulse_sizes(fit) for fit in one.without]
+    at, each = _pulse_sizes(tried[terms].fit), [_pulse_sizes(fit) for fit in tried[terms].without]
     more = [_pulse_sizes(other.fit) for t, other in tried.items() if len(t) == len(terms) + 1 and set(terms) <= set(t)]
     found: dict[str, Quantity] = {}
     for name in names:
-        angles = np.array([sizes[name] for sizes in each])
-        jackknife = (n - 1) / n * float(np.sum((angles - angles.mean()) ** 2))
+        angles = jackknife([sizes[name] for sizes in each])
         models = max(((sizes[name] - at[name]) ** 2 for sizes in more), default=0.0)
         grid = (terms_of.STEP_OF_TAU * at[name]) ** 2 / 12.0 if name == "corner" else 0.0
         # Before two phases at once the current also goes across: that lowers an inductance by so much at most
         across = (at["L_q"] - at["L_d"]) ** 2 / (4.0 * at["L_q"]) if name in ("L_d", "L_q") else 0.0
-        found[name] = Quantity(at[name], math.sqrt(jackknife + models + grid + across**2), _UNITS[name])
+        found[name] = Quantity(at[name], math.sqrt(angles + models + grid + across**2), _UNITS[name])
     return found
 
 
@@ -129,7 +124,7 @@ def _pulse_finding(
     rivals = {other: scores[t] - scores[chosen] for other in _TERMS if other not in chosen
               for t in scores if set(t) == {*rest, other}}  # fmt: skip
     odds = tuple(
-        Rival(_EFFECT_OF_PULSE[t], _odds_of_log(log)) for t, log in sorted(rivals.items(), key=lambda pair: pair[1])
+        Rival(_EFFECT_OF_PULSE[t], odds_told(log)) for t, log in sorted(rivals.items(), key=lambda pair: pair[1])
     )
     before, after = _pulse_sizes(tried[rest].fit), _pulse_sizes(tried[chosen].fit)
     hidden = {name: before[name] - after[name] for name in ("R_s", "L_d", "L_q")}
@@ -138,11 +133,7 @@ def _pulse_finding(
     where = Place("at every angle, where the current bends after a change of voltage" if term == terms_of.RUNG
                   else "at every angle", {}, share, 1.0)  # fmt: skip
     return Finding(_EFFECT_OF_PULSE[term], _sizes_by_angle(tried, chosen, names), where,
-                   _odds_of_log(min(scores[rest] - scores[chosen], *rivals.values())), odds, hidden)  # fmt: skip
-
-
-def _odds_of_log(log: float) -> float:
-    return math.exp(min(log, 60.0))
+                   odds_told(min(scores[rest] - scores[chosen], *rivals.values())), odds, hidden)  # fmt: skip
 
 
 def _pulse_quality(pulses: Pulses, base: PulsesTried, found: PulsesTried) -> Fit:
@@ -168,16 +159,21 @@ def _left_of_pulses(pulses: Pulses, found: PulsesTried) -> Unexplained | None:
 def _detectable_by_angles(tried: Mapping[PulseTerms, PulsesTried], chosen: PulseTerms) -> dict[str, Quantity]:
     """The smallest size that would have been seen at 99 % power, by how it scatters from angle to angle."""
     found: dict[str, Quantity] = {}
+    for term, _, size in _not_borne_out(tried, chosen):
+        if size.std:
+            least = size.std * (math.sqrt(2.0 * SURE_LOG_ODDS) + POWER_99)
+            found[_EFFECT_OF_PULSE[term]] = Quantity(least, None, size.unit)
+    return found
+
+
+def _not_borne_out(
+    tried: Mapping[PulseTerms, PulsesTried], chosen: PulseTerms
+) -> Iterator[tuple[str, PulsesTried, Quantity]]:
+    """Terms that were not chosen, the sets with them, and their sizes there."""
     for term, name in ((terms_of.LOST, "u_lost"), (terms_of.SATURATION, "flux_per_cube")):
         if term not in chosen:
             terms = tuple(t for t in _TERMS if t in chosen or t == term)
-            std = _sizes_by_angle(tried, terms, (name,))[name].std
-            if not std:
-                continue
-            found[_EFFECT_OF_PULSE[term]] = Quantity(
-                std * (math.sqrt(2.0 * SURE_LOG_ODDS) + _POWER_OF_ANGLES), None, _UNITS[name]
-            )
-    return found
+            yield term, tried[terms], _sizes_by_angle(tried, terms, (name,))[name]
 
 
 def _pulse_candidates(scores: Mapping[PulseTerms, float], chosen: PulseTerms) -> tuple[Candidate, ...]:
@@ -215,19 +211,14 @@ def _pulse_remarks(
     best = min(pulses.by_pairs.values())
     alike = [str(n) for n, error in pulses.by_pairs.items() if error < _POLE_PAIRS_AS_GOOD * best]
     said.append(f"by how the inductance goes round with the angle the rotor has {' or '.join(alike)} pole pairs")
-    for term in (terms_of.LOST, terms_of.SATURATION):
-        if term in chosen:
-            continue
-        terms = tuple(t for t in _TERMS if t in chosen or t == term)
-        name = {terms_of.LOST: "u_lost", terms_of.SATURATION: "flux_per_cube"}[term]
-        size = _sizes_by_angle(tried, terms, (name,))[name]
+    for term, there, size in _not_borne_out(tried, chosen):
         title = {terms_of.LOST: "the inverter's voltage error", terms_of.SATURATION: "saturation"}[term]
         if not size.value:
             said.append(f"{title} is not borne out: the recording calls for none")
             continue
         said.append(
             f"{title} is not borne out: with {quantity(size.value, size.unit, size.std)} of it "
-            f"the error on an angle left out is {quantity(tried[terms].rms, 'A')}, without it "
+            f"the error on an angle left out is {quantity(there.rms, 'A')}, without it "
             f"{quantity(tried[chosen].rms, 'A')}"
         )
     return tuple(said)

@@ -7,19 +7,19 @@ leaves, what each frequency does to it, and which of three current sensors is to
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Final
 
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.diagnosis.answer.sentences import quantity, sentence_of
+from estimator.diagnosis.answer.sentences import quantity, with_sentence
 from estimator.diagnosis.standstill import sweep_fit as terms_of
 from estimator.diagnosis.standstill.sensors import Sum, sum_of
 from estimator.diagnosis.standstill.sweep_fit import Sweep, SweepTerms
 from estimator.diagnosis.standstill.tones import Tone, Tones, tones_of
-from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS
+from estimator.diagnosis.trust.rivals import POWER_99, SURE_LOG_ODDS
 from estimator.diagnosis.verdict import (
     Ambiguity,
     Before,
@@ -43,7 +43,7 @@ _EFFECT_OF_TERM: Final = {
 _LOSSES: Final = (None, terms_of.DIFFUSION, terms_of.RUNG, terms_of.BESIDE)
 _FEWEST_TONES: Final = 5  # frequencies
 _UNEXPLAINED_TONES: Final = 3.0  # times the noise: left unexplained
-_POWER_OF_TONES: Final = 2.326  # standard normal at 99 %
+
 _EQUATION_GOOD: Final = 0.003  # of a voltage: as good as the equation is for a switched bridge
 _TOLD_SHARE: Final = 0.1  # of a parameter: less well told, nothing is said of a mismatch
 _ACROSS: Final = 0.03  # of the current along the axis: worth a word
@@ -81,12 +81,12 @@ def diagnose_sweep(stretches: Sequence[Tone]) -> Diagnosis:
     noise = math.sqrt(float(np.mean((tones.noise / np.abs(tones.i[:, 1])) ** 2)))
     tried = {terms: _tried_tones(sweep, terms) for terms in _without_saturation()}
     scores = {terms: _score(one, noise) for terms, one in tried.items()}
-    chosen = _smallest_set(scores)
+    chosen = smallest_set(scores)
     for rest in dict.fromkeys(((), chosen, *(tuple(t for t in chosen if t != term) for term in chosen))):
         terms = (*rest, terms_of.SATURATION)
         tried[terms] = _tried_tones(sweep, terms)
         scores[terms] = _score(tried[terms], noise)
-    return _diagnosis_of_sweep(sweep, tried, scores, _smallest_set(scores), noise)
+    return _diagnosis_of_sweep(sweep, tried, scores, smallest_set(scores), noise)
 
 
 def _score(tried: SweepTried, noise: float) -> float:
@@ -104,7 +104,7 @@ def _tried_tones(sweep: Sweep, terms: SweepTerms) -> SweepTried:
     return SweepTried(fit, without, np.array([abs(one.error[k]) for k, one in enumerate(without)]) / sweep.size)
 
 
-def _smallest_set(scores: dict[SweepTerms, float]) -> SweepTerms:
+def smallest_set(scores: Mapping[SweepTerms, float]) -> SweepTerms:
     """The smallest set that no other beats by far; of those as small, the best."""
     best = min(scores.values())
     near = [terms for terms, score in scores.items() if score - best < SURE_LOG_ODDS]
@@ -129,25 +129,21 @@ def _diagnosis_of_sweep(
     left = _left_of_tones(sweep, found, noise)
     after = _axis_machine(found, blamed)
     blind = record_instead(after)
-    diagnosis = Diagnosis(
+    return with_sentence(Diagnosis(
         verdict=verdict_of(findings, doubts, left, blind), sentence="",
         findings=tuple(findings), ambiguous=tuple(doubts),
         unexplained=left, detectable=_detectable_by_tones(tried, chosen), machine_before=_axis_machine(base, []),
         machine_after=after, fit=_sweep_quality(sweep, base, found),
         candidates=_sweep_candidates(scores, chosen),
         remarks=(*_sweep_remarks(sweep, found, summed), *blind), traces=None,
-    )  # fmt: skip
-    return replace(diagnosis, sentence=sentence_of(diagnosis))
+    ))  # fmt: skip
 
 
 def record_instead(machine: Mapping[str, Quantity]) -> list[str]:
     """What to record instead, where a recording tells too little of the machine."""
-    vague = [
-        name for name in ("R_s", "L_d") if (machine[name].std or 0.0) > _TOLD_SHARE * abs(machine[name].value or 0.0)
-    ]
-    return (
-        [f"{' and '.join(vague)} not told within {quantity(_TOLD_SHARE, '1')}: record larger currents"] if vague else []
-    )
+    sizes = {name: machine[name] for name in ("R_s", "L_d")}
+    vague = " and ".join(name for name, x in sizes.items() if (x.std or 0.0) > _TOLD_SHARE * abs(x.value or 0.0))
+    return [f"{vague} not told within {quantity(_TOLD_SHARE, '1')}: record larger currents"] if vague else []
 
 
 def _blamed(tones: Tones, fit: terms_of.SweepFit) -> list[dict[str, float]]:
@@ -157,13 +153,16 @@ def _blamed(tones: Tones, fit: terms_of.SweepFit) -> list[dict[str, float]]:
 
 def _quantity(name: str, tried: SweepTried, blamed: Sequence[dict[str, float]]) -> Quantity:
     """A size with what the fit, each frequency and each sensor leave open."""
-    value, n = tried.fit.values[name], len(tried.without)
-    each = np.array([one.values[name] for one in tried.without])
-    jackknife = (n - 1) / n * float(np.sum((each - each.mean()) ** 2))
+    value, variance = tried.fit.values[name], jackknife([one.values[name] for one in tried.without])
     sensors = float(np.mean([(one[name] - value) ** 2 for one in blamed])) if blamed else 0.0
     return Quantity(
-        value, math.sqrt(max(tried.fit.covariance[name, name], jackknife) + sensors), terms_of.SIZE_UNITS[name]
+        value, math.sqrt(max(tried.fit.covariance[name, name], variance) + sensors), terms_of.SIZE_UNITS[name]
     )
+
+
+def jackknife(values: Sequence[float]) -> float:
+    """Variance of a size by its values without each of what it was fitted to."""
+    return (len(values) - 1) * float(np.var(values))
 
 
 def _axis_machine(tried: SweepTried, blamed: Sequence[dict[str, float]]) -> dict[str, Quantity]:
@@ -183,11 +182,11 @@ def _sweep_finding(
         if set(rest) <= set(other) and len(new) == 1 and _EFFECT_OF_TERM[new[0]] != effect:
             log = score - scores[chosen]
             instead[_EFFECT_OF_TERM[new[0]]] = min(log, instead.get(_EFFECT_OF_TERM[new[0]], log))
-    rivals = tuple(Rival(name, _sweep_odds(log)) for name, log in sorted(instead.items(), key=lambda pair: pair[1]))
+    rivals = tuple(Rival(name, odds_told(log)) for name, log in sorted(instead.items(), key=lambda pair: pair[1]))
     sizes = {told: _quantity(name, found, blamed) for name, told in _term_sizes(term).items()}
     hidden = {name: tried[rest].fit.values[name] - found.fit.values[name] for name in ("R_s", "L_d")}
     next_best = min(scores[rest] - scores[chosen], *instead.values())
-    return Finding(effect, sizes, _place(sweep, tried[rest], found), _sweep_odds(next_best), rivals, hidden)
+    return Finding(effect, sizes, _place(sweep, tried[rest], found), odds_told(next_best), rivals, hidden)
 
 
 def _term_sizes(term: str) -> dict[str, str]:
@@ -201,7 +200,8 @@ def _term_sizes(term: str) -> dict[str, str]:
     }[term]
 
 
-def _sweep_odds(log: float) -> float:
+def odds_told(log: float) -> float:
+    """Odds by their logarithm, no larger than means something."""
     return math.exp(min(log, 60.0))
 
 
@@ -257,7 +257,7 @@ def _detectable_by_tones(tried: dict[SweepTerms, SweepTried], chosen: SweepTerms
                 continue
             std = math.sqrt(more.fit.covariance[name, name])
             found[_EFFECT_OF_TERM[term]] = Quantity(
-                std * (math.sqrt(2.0 * SURE_LOG_ODDS) + _POWER_OF_TONES), None, terms_of.SIZE_UNITS[name]
+                std * (math.sqrt(2.0 * SURE_LOG_ODDS) + POWER_99), None, terms_of.SIZE_UNITS[name]
             )
     return found
 
@@ -270,12 +270,9 @@ def _sweep_candidates(scores: dict[SweepTerms, float], chosen: SweepTerms) -> tu
             scores[()] - score for terms, score in scores.items() if [_EFFECT_OF_TERM[t] for t in terms] == [effect]
         )
         rest = tuple(term for term in chosen if _EFFECT_OF_TERM[term] != effect)
-        more = [
-            score
-            for terms, score in scores.items()
-            if {_EFFECT_OF_TERM[t] for t in terms} == {_EFFECT_OF_TERM[t] for t in rest} | {effect}
-            and set(rest) <= set(terms)
-        ]
+        wanted = {effect, *(_EFFECT_OF_TERM[t] for t in rest)}
+        more = [score for terms, score in scores.items()
+                if set(rest) <= set(terms) and {_EFFECT_OF_TERM[t] for t in terms} == wanted]
         after = scores[rest] - min(more, default=scores[rest])
         found[effect] = Candidate(effect, alone / math.log(10.0), after / math.log(10.0), effect in taken)
     return tuple(found.values())

@@ -5,19 +5,16 @@ have been seen. Knows nothing of how the set was found.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, cast
+from typing import Final
 
-import numpy as np
-
-from estimator.arrays import Array
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, FAINT, Choice, Search
-from estimator.diagnosis.likelihood.identifiability import beside_of, least_borne_out
+from estimator.diagnosis.likelihood.identifiability import beside_of, least_borne_out, product_of, signal_of
 from estimator.diagnosis.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
 
 SURE_LOG_ODDS: Final = math.log(100.0)  # log-odds below which two effects are not told apart
 _UNLIKE_SIGNALS: Final = 0.3  # correlation of signals, below which one does not stand for the other
-_POWER_99: Final = 2.326  # standard normal at 99 %
+POWER_99: Final = 2.326  # standard normal at 99 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,25 +60,10 @@ def rivals(
 
 def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[str, int]) -> float:
     """Correlation of what two effects add, at their fitted sizes, less what the rest of the model makes of it."""
-    gram, places = search.gram, search.places(rest)
-
-    def signal(effect: tuple[str, int]) -> Array:
-        fit = search.fit((*rest, effect))
-        vector = np.zeros(len(search.columns))
-        for place in search.sizes_of(effect):
-            vector[place] = fit.value[fit.places.index(place)]
-        return vector
-
-    a, b = signal(one), signal(other)
-    inner = gram[:-1, :-1]
-    A = inner[np.ix_(places, places)] + np.diag(search.weight[places])
-
-    def product(x: Array, y: Array) -> float:
-        along = cast(Array, np.linalg.solve(A, inner[places] @ y))
-        return float(x @ inner @ y - (x @ inner[:, places]) @ along)
-
-    size = product(a, a) * product(b, b)
-    return product(a, b) / math.sqrt(size) if size > 0.0 else 0.0
+    a, b = (signal_of(search, (*rest, effect), effect) for effect in (one, other))
+    places = search.places(rest)
+    size = product_of(search, places, a, a) * product_of(search, places, b, b)
+    return product_of(search, places, a, b) / math.sqrt(size) if size > 0.0 else 0.0
 
 
 def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
@@ -100,9 +82,7 @@ def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
     return Ambiguity((one, rival.effect), reason, experiment)
 
 
-def detectable(
-    search: Search, choice: Choice, excess: float, tolerance: Mapping[str, float]
-) -> dict[str, Quantity]:
+def detectable(search: Search, choice: Choice, excess: float, tolerance: Mapping[str, float]) -> dict[str, Quantity]:
     """The smallest size of every effect that would have been named at 99 % power, in its first parameter that shows.
 
     Whatever its shapes: the largest of them. `excess` is the energy over noise that is left unexplained.
@@ -131,7 +111,7 @@ def _named_from(search: Search, choice: Choice, more: tuple[str, int], place: in
 
     def least(*, of_faint: bool) -> float:
         lent = search.lent(choice, more, faint=of_faint)
-        return std * (math.sqrt(max(asked + lent, 0.0)) + _POWER_99 * math.sqrt(scatter))
+        return std * (math.sqrt(max(asked + lent, 0.0)) + POWER_99 * math.sqrt(scatter))
 
     plainly = least(of_faint=False)
     return plainly if plainly > faint else min(least(of_faint=True), faint)

@@ -111,10 +111,8 @@ def fitted_branch(
         size, *by = inverse @ (slopes @ y)
         if not size > 0.0:
             break
-        unsure, step = (
-            math.sqrt(inverse[1, 1]) / size,
-            np.clip(np.array(by) / size, np.negative(_MOST_STEPS), _MOST_STEPS),
-        )
+        unsure = math.sqrt(inverse[1, 1]) / size
+        step = np.clip(np.array(by) / size, np.negative(_MOST_STEPS), _MOST_STEPS)
         smaller = (tried(*_moved_within(f, d, step / 3.0**k)) for k in range(_THIRDS))
         better = next((one for one in smaller if one.gain > best.gain), None)
         if better is None:

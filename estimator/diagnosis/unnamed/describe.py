@@ -1,7 +1,6 @@
-"""Locate: the smallest region that holds most of a mismatch, and what a mismatch without a name looks like.
+"""Describe: what a mismatch without a name looks like, by the form that explains most of it, else by where it is.
 
-Regions are ranges of what a bench engineer can read off - speed, current, time, the distance of a phase current to its
-change of sign - or a line of a spectrum, or an order of the rotor's turning. Knows nothing of effects.
+Knows nothing of effects.
 """
 
 import math
@@ -27,12 +26,7 @@ from estimator.diagnosis.unnamed.forms import Drift, Form, TwoLevels, drift, two
 from estimator.diagnosis.unnamed.ringing import resonance, ringing
 from estimator.diagnosis.verdict import Place, Unexplained
 from estimator.diagnosis.where.place import FASTEST, SLOWEST, STRAIGHT, Region, place_of, place_of_line
-from estimator.diagnosis.where.spectra import (
-    Line,
-    line_beside,
-    strongest_line,
-    white_level,
-)
+from estimator.diagnosis.where.spectra import Line, line_beside, strongest_line, white_level
 from estimator.diagnosis.words import degrees, number, percent
 from estimator.online.flux_balance import TURN
 from estimator.physics.rows import Rows

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array, Vector
-from estimator.diagnosis.likelihood.averages import energy_of, means, voltage_of
+from estimator.diagnosis.likelihood.averages import energy_of, means, parts, voltage_of
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.diagnosis.unnamed.branch import Branch
 from estimator.diagnosis.where.spectra import Line
@@ -135,9 +135,8 @@ def drift(rows: Rows, z: Vector) -> Drift | None:
     late = (rows.t[:-1] - rows.t[0]) / (rows.t[-1] - rows.t[0]) - 0.5
     by = filter_of(rows, rows.machine)
     columns = [whitened(v * rows.joined, by) for v in (1.0 + 0j * late, 1j + 0j * late, late + 0j, 1j * late)]
-    X = np.array([np.concatenate((c.real, c.imag)) for c in columns])
-    y = np.concatenate((z.real, z.imag))
-    gram, to = X @ X.T, X @ y
+    X = np.array([parts(column) for column in columns])
+    gram, to = X @ X.T, X @ parts(z)
     size, *_ = np.linalg.lstsq(gram, to, rcond=None)
     steady, *_ = np.linalg.lstsq(gram[:2, :2], to[:2], rcond=None)
     return Drift(complex(size[2], size[3]), float(size @ to - steady @ to[:2]))

@@ -76,9 +76,7 @@ def ringing(rows: Rows, z: Vector, noise: tuple[float, float]) -> tuple[float, b
     return None if found is None else (found.sure, found.plain)
 
 
-def resonance(
-    rows: Rows, z: Vector, noise: tuple[float, float], machine: Array, least: float = 0.0
-) -> Branch | None:
+def resonance(rows: Rows, z: Vector, noise: tuple[float, float], machine: Array, least: float = 0.0) -> Branch | None:
     """The branch that explains most of a flux error (Vs, rotor frame) beside a machine's parameters.
 
     machine: (m, 2 n), what changes of them make of the flux error, real parts before imaginary ones. least: as

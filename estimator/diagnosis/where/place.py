@@ -83,9 +83,7 @@ def _telling_blocks(rows: Rows, signal: Vector, noise: tuple[float, float]) -> t
     return blocks, power, sigma
 
 
-def _axis_along(
-    rows: Rows, blocks: Means, power: Array, sigma: tuple[float, float]
-) -> tuple[str | None, Array, float]:
+def _axis_along(rows: Rows, blocks: Means, power: Array, sigma: tuple[float, float]) -> tuple[str | None, Array, float]:
     """The axis or phase along which nearly all is, the energy along it, and its share."""
     v_s, mean = blocks.v * rows.rotor[blocks.at], 0.5 * (sigma[0] ** 2 + sigma[1] ** 2)
     along = {"d": blocks.v.real**2 - sigma[0] ** 2, "q": blocks.v.imag**2 - sigma[1] ** 2}

@@ -131,19 +131,15 @@ def _pair(one: QuantityRange, other: QuantityRange, power: Array) -> tuple[Quant
     """The rectangle of two quantities that tells most."""
     nx, ny = len(one.edges) - 1, len(other.edges) - 1
     flat = one.bins * ny + other.bins
-    tables = [
-        np.pad(np.bincount(flat, w, nx * ny).reshape(nx, ny).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-        for w in (power, None)
-    ]
+    counts = (np.bincount(flat, weights, nx * ny).reshape(nx, ny) for weights in (power, None))
+    tables = [np.pad(count.cumsum(0).cumsum(1), ((1, 0), (1, 0))) for count in counts]
     x0, x1 = np.triu_indices(nx + 1, 1)
     y0, y1 = np.triu_indices(ny + 1, 1)
     if one.key == "zero_crossing":
         x0, x1 = x0[x0 == 0], x1[x0 == 0]
     if other.key == "zero_crossing":
         y0, y1 = y0[y0 == 0], y1[y0 == 0]
-    e, s = (
-        (t[np.ix_(x1, y1)] - t[np.ix_(x0, y1)] - t[np.ix_(x1, y0)] + t[np.ix_(x0, y0)]) / t[-1, -1] for t in tables
-    )
+    e, s = ((t[np.ix_(x1, y1)] - t[np.ix_(x0, y1)] - t[np.ix_(x1, y0)] + t[np.ix_(x0, y0)]) / t[-1, -1] for t in tables)
     told = np.where(e >= REGION_SHARE, _worths(e, s), 0.0)
     a, b = np.unravel_index(int(np.argmax(told)), told.shape)
     if not told[a, b] > 0.0:
