@@ -11,7 +11,7 @@ Read in this order:
 * `config` - drives and ports from TOML
 * `service` - everything that runs, as one context manager
 * `api` - REST and the page over it; `cli` - the command line
-* `new_file`, `input_file` - files written whole, and files of others read; `write_log` - what was written to drives
+* `files` - files of others read, new ones written whole; `write_log` - what was written to drives
 
 Stands on `drivers` and `estimator`, and cannot tell the emulated drive from a real one.
 """

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import cast
 
 from bench.errors import ConfigError, shown
-from bench.input_file import read_bytes
+from bench.files import read_bytes
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS, Machine
 
 KEYS = {

@@ -18,7 +18,7 @@ from typing import Final, TypeVar
 from bench.actions.capture_request import COMMAND, Level, Request
 from bench.actions.jobs import Link, id_at
 from bench.errors import BenchError, ConflictError, UnavailableError
-from bench.new_file import check_room
+from bench.files import check_room
 from bench.recordings.capture_file import CapturePart, Heading, write_recording
 from bench.recordings.recording import off_remark
 from drivers import capture, operation

@@ -27,7 +27,7 @@ from bench.actions.limits import RPM, TRIP, Limits, Overload
 from bench.actions.unfinished import Origin, take
 from bench.errors import BenchError, LimitError, UnavailableError, shown
 from bench.expected import CLOSED, Number, Table, taken
-from bench.new_file import check_room
+from bench.files import check_room
 from bench.recordings.capture_file import device_of
 from drivers import capture, operation
 from drivers.capture import DONE, Capture, Setup

@@ -15,8 +15,8 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 from bench.actions.lease import Leases
 from bench.actions.limits import Limits
 from bench.errors import ConflictError, RecordingError, UnavailableError, UnknownError, shown
+from bench.files import check_place
 from bench.machine_file import Nominal
-from bench.new_file import check_place
 from drivers.drive import Drive
 
 LATEST: Final = "latest"

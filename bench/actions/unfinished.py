@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
 from bench.errors import ConflictError, UnavailableError
-from bench.new_file import sync_folder
+from bench.files import sync_folder
 from drivers import lease as control
 from drivers import operation
 from drivers.drive import Drive, Identity

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final, TextIO, TypeVar
 
 from bench.errors import ConfigError
-from bench.new_file import check_place, give_name, unfinished
+from bench.files import check_place, give_name, unfinished
 
 T = TypeVar("T")
 

@@ -15,7 +15,7 @@ import httpx
 
 from bench.config import token_file
 from bench.errors import BenchError, InternalError, UnavailableError, shown
-from bench.new_file import write_new
+from bench.files import write_new
 from bench.service import token
 
 TOKEN_VARIABLE: Final = "PMSM_BENCH_TOKEN"

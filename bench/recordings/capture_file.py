@@ -2,7 +2,7 @@
 
 A capture under way is `NAME.part`, see `part_file`: what it is, anew whenever more of that is known, and counts as they
 came. The recording is `NAME.parquet`, written whole or not at all. What can no longer be completed is kept as
-`NAME.partial.parquet`, whose notes say so. No file that is there is written over, see `new_file`.
+`NAME.partial.parquet`, whose notes say so. No file that is there is written over, see `bench.files`.
 """
 
 import json
@@ -14,7 +14,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.new_file import write_new
+from bench.files import write_new
 from bench.recordings.part_file import OnPartFile, PartFile, piece_size
 from bench.recordings.seal import sealed
 from bench.recordings.table import NOTES, pa, pq

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import ClassVar, Final, Self
 
 from bench.errors import RecordingError
-from bench.new_file import first_free, give_name, sync_folder
+from bench.files import first_free, give_name, sync_folder
 
 _MAGIC: Final = b"pmsm-bench part 2\n"
 _EARLIER: Final = b"{"  # with which those begin that have no checksums

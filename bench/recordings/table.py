@@ -23,7 +23,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from bench.errors import RecordingError
-from bench.input_file import check_regular
+from bench.files import check_regular
 from bench.recordings.seal import check_seal
 
 pa: Any = pyarrow  # comes without types

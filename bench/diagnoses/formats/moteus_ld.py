@@ -16,7 +16,7 @@ from bench.diagnoses.diagnosis_request import Request, Tell
 from bench.diagnoses.formats.format import Diagnosed, Format
 from bench.diagnoses.formats.points import summary_of
 from bench.errors import ConfigError, RecordingError, shown
-from bench.input_file import check_regular, json_of, read_bytes
+from bench.files import check_regular, json_of, read_bytes
 from bench.machine_file import Nominal
 from estimator.diagnosis.points.diagnose import given_off
 from estimator.diagnosis.points.no_load import NoLoad

@@ -639,7 +639,7 @@ def test_without_room_for_the_recording_nothing_is_armed(
     service: Service, drive: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     number = drive.drive.read("capture_number")
-    monkeypatch.setattr("bench.new_file._BESIDES", 10**18)
+    monkeypatch.setattr("bench.files._BESIDES", 10**18)
     with pytest.raises(UnavailableError, match=r"^the capture cannot be kept on disk: expected .* MB for 10000 "):
         ask(service)
     assert drive.drive.read("capture_number") == number

@@ -109,7 +109,7 @@ def test_levels_are_held_recorded_in_every_period_and_the_drive_is_stopped(drive
 def test_without_room_for_the_recording_nothing_moves(
     drive: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.new_file._BESIDES", 10**18)
+    monkeypatch.setattr("bench.files._BESIDES", 10**18)
     with pytest.raises(UnavailableError, match=r"^the experiment cannot be kept on disk: expected .* MB for 6000 "):
         experiment.begin(tmp_path / "run.parquet", PLAN, drive, {})
     assert list(tmp_path.iterdir()) == []

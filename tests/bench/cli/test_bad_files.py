@@ -11,7 +11,7 @@ import pytest
 from bench.cli.main import main
 from bench.cli.terminal import one_line, visible
 from bench.errors import ConfigError
-from bench.input_file import json_of, read_bytes
+from bench.files import json_of, read_bytes
 from bench.machine_file import load_machine
 from emulator.__main__ import main as emulate
 

@@ -1,22 +1,58 @@
-"""New files: written whole or not at all, under a name that is free. What is there is never written over.
+"""Files that users name: those of others, read in bounded time and memory, and new ones, written whole or not at all.
 
-Knows nothing of what a file holds.
+Of others regular files are read, whole, up to a size: pipes, devices and folders are refused before they are waited
+for. A new file gets a name that is free: what is there is never written over. Knows nothing of what a file holds.
 """
 
 import contextlib
 import errno
+import json
 import os
 import secrets
 import shutil
+import stat
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import BinaryIO, Final, TypeVar
+from typing import Any, BinaryIO, Final, TypeVar
 
 T = TypeVar("T")
 
+MOST: Final = 10_000_000  # bytes
+_KINDS: Final = (
+    (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"), (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)  # fmt: skip
 _BESIDES: Final = 1_000_000  # bytes: what is in a file besides its samples
+
+
+def check_regular(path: str | Path) -> None:
+    """Raise OSError, with a sentence for its reason, where a path leads to no regular file."""
+    mode = os.stat(path).st_mode  # noqa: PTH116 - the path as it was given
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        kind = next((name for is_one, name in _KINDS if is_one(mode)), "something else")
+        raise OSError(errno.EINVAL, f"expected a file, this is {kind}")
+
+
+def read_bytes(path: str | Path, most: int = MOST) -> bytes:
+    """A file's content. Raises OSError, with a sentence for its reason, where it is no file or longer than `most`."""
+    check_regular(path)
+    with Path(path).open("rb") as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise OSError(errno.EFBIG, f"expected at most {most} bytes, it has more")
+    return content
+
+
+def json_of(content: bytes) -> Any:
+    """JSON as values. Raises ValueError whatever else came."""
+    try:
+        return json.loads(content)
+    except RecursionError:
+        raise ValueError("brackets without end") from None
 
 
 def write_new(path: Path, write: Callable[[BinaryIO], object]) -> Path:
