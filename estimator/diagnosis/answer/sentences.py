@@ -1,6 +1,7 @@
 """The verdict in a sentence. Knows nothing of how it was reached."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 from estimator.diagnosis.verdict import Diagnosis, Finding, Fit, Quantity, Verdict
@@ -112,16 +113,18 @@ def _finding_in_words(finding: Finding, cause: str) -> str:
     title = BY_NAME[finding.effect].title
     text = f"{title} {'were' if _plural(title) else 'was'} left out: {sizes}"
     if finding.effect == "voltage_delay":
-        text += _delayed(finding.parameters["periods"].value or 0.0)
+        text += _delayed(finding.parameters)
     if hid:
         text += f"; it hid as {hid}"
     return f"{text}; it acts {finding.where.sentence}"
 
 
-def _delayed(periods: float) -> str:
-    """What a delay means; of no whole periods it need not be the voltage's."""
-    text = f", that is, the voltage acts {'later' if periods > 0.0 else 'earlier'} than its row says"
-    if periods > 0.0 and abs(periods - round(periods)) > _WHOLE_PERIODS:
+def _delayed(told: Mapping[str, Quantity]) -> str:
+    """What a delay means, in periods or in seconds; of no whole periods it need not be the voltage's."""
+    ((name, delay),) = told.items()
+    by = delay.value or 0.0
+    text = f", that is, the voltage acts {'later' if by > 0.0 else 'earlier'} than its row says"
+    if by > 0.0 and (name != "periods" or abs(by - round(by)) > _WHOLE_PERIODS):
         text += ", or currents are filtered or sampled late, which looks the same"
     return text
 

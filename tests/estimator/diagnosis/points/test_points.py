@@ -143,6 +143,17 @@ def test_iron_loss_and_a_late_voltage_are_not_told_apart_where_noise_hides_their
     assert doubt.experiment.holds and "would tell" in doubt.experiment.sentence
 
 
+@pytest.mark.parametrize(("delay", "way"), [(1.5e-4, "later"), (-1.5e-4, "earlier")])
+def test_a_voltage_that_acts_at_another_time_is_named_in_seconds(plain: Points, delay: float, way: str) -> None:
+    said = diagnosed(replace(plain, u=plain.u * np.exp(1j * plain.omega_e * delay)))
+    (finding,) = said.findings
+    assert finding.effect == "voltage_delay"
+    found = finding.parameters["delay"]
+    assert found.unit == "s"
+    assert found.value == pytest.approx(delay, rel=0.02)
+    assert f"the voltage acts {way} than its row says" in said.sentence
+
+
 def test_two_effects_that_each_take_the_others_place_come_to_an_end() -> None:
     omega, i_d, i_q = (x.ravel() for x in np.meshgrid([100.0, 300.0, 600.0, 900.0], [-4.0, -2.0, 0.0, 2.0],
                                                       [-5.0, -2.0, 1.0, 3.0, 6.0]))  # fmt: skip
