@@ -67,7 +67,7 @@ class Else:
         return self.around(handler(source))
 
     def around(self, schema: CoreSchema) -> CoreSchema:
-        """The same for a schema."""
+        """Checks what a schema checks, and tells the clause in place of what it says."""
 
         def checked(value: object, inner: Callable[[object], object]) -> object:
             try:
