@@ -86,7 +86,7 @@ def _parent() -> socket.socket:
     return ours
 
 
-def _prepare() -> None:
+def prepare() -> None:
     """Import and compile what children need."""
     from bench.live.method import warm_up
     from emulator.drive.virtual_drive import VirtualDrive
@@ -156,7 +156,7 @@ def _become(asked: dict[str, Any], ends: list[int]) -> int:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal: the tests end it
-    _prepare()
+    prepare()
     with socket.socket(fileno=int(sys.argv[1])) as asking:
         asking.sendall(b"R")
         sys.exit(_serve(asking))

@@ -18,11 +18,7 @@ TIMEOUT = 30.0 * 60.0  # s, where others use the processor, too
 
 # Compiled here once, for any processor: the machine's own is slow to compile for
 COMPILED = {"XDG_CACHE_HOME": str(FOLDER / "cache"), "NUMBA_CPU_NAME": "generic"}
-WARM_UP = """
-from emulator.scenario.scenarios import PAPER
-from emulator.drive.virtual_drive import VirtualDrive
-VirtualDrive(PAPER).warm_up()
-"""
+WARM_UP = "from tests.support.forked import prepare; prepare()"
 
 
 def main(options: list[str]) -> int:
