@@ -44,6 +44,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, 
 from bench.actions.limits import Limits
 from bench.errors import ConfigError, LimitError, shown
 from bench.expected import Else, Number, Table, taken, told
+from bench.files import captures_folder, log_folder, token_file
 from bench.live.window import Window
 from bench.machine_file import Nominal, load_machine, load_toml
 from drivers.connect import check_url
@@ -52,27 +53,6 @@ from drivers.errors import ConnectError
 PORT_VARIABLE: Final = "PMSM_BENCH_PORT"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _HOST: Final = r"^([A-Za-z0-9_][A-Za-z0-9_.-]*|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?$"
-
-
-def data_folder() -> Path:
-    """Where the bench keeps things unless the configuration says otherwise: among the user's data, as XDG has it."""
-    home = os.environ.get("XDG_DATA_HOME")
-    return (Path(home) if home else Path.home() / ".local" / "share") / "pmsm-bench"
-
-
-def captures_folder() -> Path:
-    """Of captures."""
-    return data_folder() / "captures"
-
-
-def log_folder() -> Path:
-    """Of what was written and what was refused."""
-    return data_folder() / "log"
-
-
-def token_file() -> Path:
-    """Of the token that is asked for beyond loopback."""
-    return data_folder() / "token"
 
 
 def _beside(value: object, info: ValidationInfo) -> Path | None:

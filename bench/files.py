@@ -1,7 +1,8 @@
 """Files that users name: those of others, read in bounded time and memory, and new ones, written whole or not at all.
 
 Of others regular files are read, whole, up to a size: pipes, devices and folders are refused before they are waited
-for. A new file gets a name that is free: what is there is never written over. Knows nothing of what a file holds.
+for. A new file gets a name that is free: what is there is never written over. And where files of the bench are, unless
+its configuration says otherwise. Knows nothing of what a file holds.
 """
 
 import contextlib
@@ -25,6 +26,27 @@ _KINDS: Final = (
     (stat.S_ISBLK, "a device"),
 )  # fmt: skip
 _BESIDES: Final = 1_000_000  # bytes: what is in a file besides its samples
+
+
+def data_folder() -> Path:
+    """Where the bench keeps things unless the configuration says otherwise: among the user's data, as XDG has it."""
+    home = os.environ.get("XDG_DATA_HOME")
+    return (Path(home) if home else Path.home() / ".local" / "share") / "pmsm-bench"
+
+
+def captures_folder() -> Path:
+    """Of captures."""
+    return data_folder() / "captures"
+
+
+def log_folder() -> Path:
+    """Of what was written and what was refused."""
+    return data_folder() / "log"
+
+
+def token_file() -> Path:
+    """Of the token that is asked for beyond loopback."""
+    return data_folder() / "token"
 
 
 def check_regular(path: str | Path) -> None:

@@ -54,7 +54,8 @@ def token(
     config: Annotated[Path | None, Option(help="the service's configuration, if it names another file")] = None,
 ) -> None:
     """Print the token that a service beyond loopback asks for; it is made where there is none."""
-    from bench.config import load_config, token_file
+    from bench.config import load_config
+    from bench.files import token_file
     from bench.service.token import made, renewed
 
     path = token_file() if config is None else load_config(config).token

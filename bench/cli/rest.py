@@ -13,9 +13,8 @@ from urllib.parse import quote
 
 import httpx
 
-from bench.config import token_file
 from bench.errors import BenchError, InternalError, UnavailableError, shown
-from bench.files import write_new
+from bench.files import token_file, write_new
 from bench.service import token
 
 TOKEN_VARIABLE: Final = "PMSM_BENCH_TOKEN"

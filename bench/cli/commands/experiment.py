@@ -18,9 +18,8 @@ from bench.actions.unfinished import Origin, folder_beside, undo
 from bench.cli.output import awaited, check_recording
 from bench.cli.rest import Job, rest_at
 from bench.cli.terminal import Terminal, bar
-from bench.config import captures_folder
 from bench.errors import BenchError, ConfigError
-from bench.files import json_of, read_bytes
+from bench.files import captures_folder, json_of, read_bytes
 from drivers.connect import connect
 
 _TIMEOUT: Final = 10.0  # s for one answer

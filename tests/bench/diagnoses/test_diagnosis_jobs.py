@@ -14,10 +14,10 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from bench.config import captures_folder
 from bench.diagnoses.diagnosis_jobs import WAITING, DiagnosisJobs, JobState, UnknownRecordingError
 from bench.diagnoses.published import schema
 from bench.errors import ConflictError, LimitError, UnavailableError
+from bench.files import captures_folder
 from bench.machine_file import Nominal, load_machine
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
