@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
-from selenium.webdriver import Chrome, ChromeOptions
-from selenium.webdriver.chrome.service import Service
+from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 
 from tests.bench.api.test_attacks import DRIVE, log, state
-from tests.browser.test_page import CHROMEDRIVER, CHROMIUM, pytestmark, run
+from tests.browser.chromium import chromium
+from tests.browser.test_page import pytestmark, run
 from tests.conftest import RunningBench
 from tests.support.served_drive import until
 
@@ -32,17 +32,9 @@ fetch(url, {method, mode, headers: media ? {"Content-Type": media} : {}, body: b
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
     """One in which rebound.example is this machine, as a name server of an attacker would have it."""
-    options = ChromeOptions()
-    options.binary_location = str(CHROMIUM)
-    for flag in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
-                 "--disable-background-networking", "--host-resolver-rules=MAP *.example 127.0.0.1",
-                 f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):  # fmt: skip
-        options.add_argument(flag)
-    chrome = Chrome(options=options, service=Service(str(CHROMEDRIVER)))
-    try:
+    profile = tmp_path_factory.mktemp("chromium")
+    with chromium(profile, "host-resolver-rules=MAP *.example 127.0.0.1") as chrome:
         yield chrome
-    finally:
-        chrome.quit()
 
 
 @pytest.fixture(scope="module")

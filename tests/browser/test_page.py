@@ -12,18 +12,16 @@ from typing import Any, Protocol, cast
 from urllib.parse import urlsplit
 
 import pytest
-from selenium.webdriver import Chrome, ChromeOptions
-from selenium.webdriver.chrome.service import Service
+from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
+from tests.browser.chromium import CHROMEDRIVER, CHROMIUM, chromium
 from tests.conftest import bench_up
 from tests.support.relay import relayed
 
-CHROMIUM = Path("/usr/bin/chromium")
-CHROMEDRIVER = Path("/usr/bin/chromedriver")
 PATIENCE_S = 45.0
 
 # What the emulated motor can be, with room for temperature and saturation: SI minimum and maximum.
@@ -52,19 +50,9 @@ class Bench(Protocol):
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    profile = tmp_path_factory.mktemp("chromium")
-    options = ChromeOptions()
-    options.binary_location = str(CHROMIUM)
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
-    flags += ["--disable-background-networking", "--window-size=1440,1000", f"--user-data-dir={profile}"]
-    for flag in flags:
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    chrome = Chrome(options=options, service=Service(str(CHROMEDRIVER)))
-    try:
+    logs = {"browser": "ALL", "performance": "ALL"}
+    with chromium(tmp_path_factory.mktemp("chromium"), "window-size=1440,1000", logs=logs) as chrome:
         yield chrome
-    finally:
-        chrome.quit()
 
 
 @pytest.fixture
