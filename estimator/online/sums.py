@@ -40,8 +40,6 @@ class WindowSums:
         return self.T_s * self.periods
 
 
-
-
 def sums_from(
     triangles: Array, counts: Array, T_s: float, periods: int, resolution: Resolution = NOT_KNOWN
 ) -> WindowSums:

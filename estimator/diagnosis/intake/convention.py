@@ -344,9 +344,6 @@ def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] |
     return f"{sentence_start('; '.join(parts))}."
 
 
-
-
-
 def _undone(correction: Correction, nominal: Machine, n_p: int | None) -> dict[str, Quantity]:
     """What the correction undoes, by the names of `physics.convention_error`."""
     found: dict[str, float] = {}

@@ -107,9 +107,6 @@ def _asked(compared: _Compared, nominal: Machine) -> str:
     return f"{listed(asked)}, nominal {'is' if len(names) == 1 else 'are'} {listed(given)}"
 
 
-
-
-
 def _given(compared: _Compared, nominal: Machine) -> Iterator[Wrong]:
     """A nominal machine in other units."""
     over, told = compared.over, compared.told

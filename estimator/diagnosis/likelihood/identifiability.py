@@ -247,7 +247,8 @@ def _ends(search: Search, fit: SetFit, one: tuple[str, int]) -> bool:
 
 def _reason(search: Search, choice: Choice, one: tuple[str, int], cause: str) -> str:
     """What makes an effect worth too little, in a sentence's part."""
-    uneven = ", and its size is not the same from stretch to stretch" * (_scatter_of(search, choice, one) > _EVEN)
+    varies = _scatter_of(search, choice, one) > _EVEN
+    uneven = ", and its size is not the same from stretch to stretch" if varies else ""
     if cause == "angle":
         beats = beat_energy(search.regression.rows) > 0.0
         by = "each period turns the rotor by nearly whole counts of its encoder, whose rounding" if beats else (

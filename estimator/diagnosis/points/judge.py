@@ -22,7 +22,6 @@ from estimator.physics.library import BY_NAME
 
 MOST_LOG_ODDS: Final = 300.0
 HINT: Final = math.log(20.0)  # log-odds that are worth telling, though no name follows
-
 _ENERGY: Final = 0.8  # of a signal, that a region is to hold
 _REGION: Final = 0.6  # of the equations, that a region may be at most
 _SMALL: Final = 1e-3  # of a typical size, at which an effect is straight
@@ -223,4 +222,3 @@ def collinear(search: PointsSearch, choice: PointsChoice, one: str, other: str) 
     a, b = (search.signal(fit, name, fit.places(name)) for name, fit in fits.items())
     size = math.sqrt(float(a @ a) * float(b @ b))
     return float(a @ b) / size if size > 0.0 else 0.0
-

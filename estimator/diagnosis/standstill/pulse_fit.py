@@ -177,9 +177,6 @@ def _noise(trains: Sequence[Train]) -> float:
     return float(np.median(np.abs(np.concatenate(differences)))) / (0.6745 * math.sqrt(6.0))
 
 
-
-
-
 @kernel
 def _branch_charge(i: Array, T_s: float, tau: float) -> Array:
     """Integral of i - i_x (As), where i_x follows i."""

@@ -38,7 +38,6 @@ _EFFECT_OF_PULSE: Final = {
 _UNITS: Final = {"R_s": "ohm", "L_d": "H", "L_q": "H", "u_lost": "V", "resistance_above_corner": "ohm", "corner": "Hz",
                  "flux_per_cube": "H/A^2"}  # fmt: skip
 _FEWEST_ANGLES: Final = 5  # angles
-
 _UNEXPLAINED_NOISE: Final = 1.2  # times the noise: left unexplained
 _POLE_PAIRS_AS_GOOD: Final = 1.001  # times the least squares: another number of pole pairs is as good
 

@@ -43,7 +43,6 @@ _EFFECT_OF_TERM: Final = {
 _LOSSES: Final = (None, terms_of.DIFFUSION, terms_of.RUNG, terms_of.BESIDE)
 _FEWEST_TONES: Final = 5  # frequencies
 _UNEXPLAINED_TONES: Final = 3.0  # times the noise: left unexplained
-
 _EQUATION_GOOD: Final = 0.003  # of a voltage: as good as the equation is for a switched bridge
 _TOLD_SHARE: Final = 0.1  # of a parameter: less well told, nothing is said of a mismatch
 _ACROSS: Final = 0.03  # of the current along the axis: worth a word
