@@ -2,12 +2,13 @@
 estimator's corrections is used."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from emulator.conceal.recording import Choice, drawn
@@ -25,6 +26,13 @@ Error = Callable[[Samples, Machine], tuple[Samples, Machine]]
 TURN: Final = 2.0 * math.pi
 LENGTH: Final = 2.0  # s
 COLUMNS: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "u_dc", "i_a", "i_b", "i_c")
+SOME: Final = ("none", "two", "dead_time", "saturation_q", "iron_loss", "current_gain", "resonance")
+"""Kinds of recordings: one of each sort of physics."""
+
+
+def some_soon(kinds: Iterable[str]) -> list[Any]:
+    """Values of a test of every kind: all but `SOME` are for those who wait."""
+    return [kind if kind in SOME else pytest.param(kind, marks=pytest.mark.slow) for kind in kinds]
 
 
 @cache

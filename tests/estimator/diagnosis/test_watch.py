@@ -80,7 +80,10 @@ def test_where_the_model_is_whole_only_noise_is_left(name: str) -> None:
     assert np.mean([left.ratio for left in found]) == pytest.approx(1.0, abs=0.2)
 
 
-@pytest.mark.parametrize("name", ["paper", "50 W hobby", "50 kW traction", "paper, free shaft"])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("50 W hobby", "50 kW traction", "paper, free shaft")]
+
+
+@pytest.mark.parametrize("name", ["paper", *SLOW])
 def test_an_hour_of_windows_without_an_effect_gives_no_false_alarm(name: str) -> None:
     # A tail that falls like this stays below 6 for 3600 windows
     significance = np.array([judged(samples).significance for samples in windows(SCENARIOS[name], 50)])
