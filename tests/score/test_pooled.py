@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.score.pooled.outcome import Outcome, kept_outcomes
-from tests.score.pooled.pairwise import falls, others, pairs_of, table
+from tests.score.pooled.pairwise import falls, lacking, others, pairs_of, table
 from tests.score.pooled.population import Kept, kept_population
 from tests.score.pooled.work import OtherRecordingError, outcomes
 from tests.score.score import FUNCTION
@@ -34,6 +34,8 @@ def test_a_kept_recording_is_made_anew_diagnosed_and_not_twice(shortest: list[Ke
     first = outcomes(shortest[:1], done, FUNCTION, 1)
     done.write_text(done.read_text() + "2019/cut", encoding="utf-8")
     both = outcomes(shortest, done, FUNCTION, 1)
+    done.write_text(done.read_text().replace(shortest[1].digest, "0" * 16), encoding="utf-8")
+    assert outcomes(shortest, done, FUNCTION, 1) == both  # what another recording's file said is not taken
     assert [one.digest for one in both.values()] == [kept.digest for kept in shortest]
     assert both[shortest[0].name] == first[shortest[0].name]
     assert kept_outcomes(done) == both
@@ -53,6 +55,22 @@ def test_pairs_are_counted_and_a_fall_is_told() -> None:
     assert ("  of these right", "4", "3") in others(pairs)
     assert not falls(pairs)
     assert falls(pairs_of(before, {**now, "2019/rich/0003": before["2019/rich/0003"]}))
+
+
+def test_a_recording_of_which_nothing_is_kept_is_told_before_any_is_diagnosed(shortest: list[Kept]) -> None:
+    first, second = shortest
+    kept = {first.name: replace(ONE, name=first.name, digest=first.digest)}
+    assert lacking([first], kept) is None
+    assert lacking(shortest, kept) == (
+        f"expected a kept outcome of each of 2 recordings, 1 have none, the first is {second.name}"
+    )
+    assert str(lacking([replace(first, digest="0" * 16)], kept)).endswith(f"1 have none, the first is {first.name}")
+
+
+def test_a_file_that_makes_no_sense_is_told_by_its_line(tmp_path: Path) -> None:
+    (tmp_path / "kept.tsv").write_text("# heads\n2019/rich/0001\tabc\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"kept.tsv, line 2: expected 11 cells, got 2"):
+        kept_outcomes(tmp_path / "kept.tsv")
 
 
 def test_of_another_recording_no_pair_is_made() -> None:

@@ -71,13 +71,19 @@ def outcome_in(line: str) -> Outcome:
 
 
 def kept_outcomes(path: Path) -> dict[str, Outcome]:
-    """Those of a file, by name; a last line that is cut off is left out. None where there is no file."""
+    """Those of a file, by name; a last line that is cut off is left out. None where there is no file.
+
+    Raises ValueError.
+    """
     if not path.exists():
         return {}
     found: dict[str, Outcome] = {}
-    for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
+    for n, line in enumerate(path.read_text(encoding="utf-8").splitlines(keepends=True), 1):
         if line.endswith("\n") and not line.startswith("#"):
-            one = outcome_in(line[:-1])
+            try:
+                one = outcome_in(line[:-1])
+            except ValueError as error:
+                raise ValueError(f"{path}, line {n}: {error}") from error
             found[one.name] = one
     return found
 

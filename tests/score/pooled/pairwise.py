@@ -5,13 +5,14 @@ are as good. Q. McNemar, Note on the sampling error of the difference between co
 Psychometrika 12, 1947, doi 10.1007/BF02295996; its exact form, by the binomial distribution.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import scipy.stats
 
 from tests.score.pooled.outcome import Outcome
+from tests.score.pooled.population import Kept
 from tests.score.score import Cells
 
 stats: Any = scipy.stats  # comes without types
@@ -52,9 +53,17 @@ class Pair:
         return f"{self.now.name} ({self.now.concealed}): {self.before.said} -> {self.now.said}"
 
 
+def lacking(wanted: Sequence[Kept], before: Mapping[str, Outcome]) -> str | None:
+    """Why not every recording has a kept outcome, in words; None where each has."""
+    left = [one.name for one in wanted if one.name not in before or before[one.name].digest != one.digest]
+    if not left:
+        return None
+    return f"expected a kept outcome of each of {len(wanted)} recordings, {len(left)} have none, the first is {left[0]}"
+
+
 def pairs_of(before: Mapping[str, Outcome], now: Mapping[str, Outcome]) -> list[Pair]:
-    """Those that both have. Raises ValueError where a recording is another one."""
-    pairs = [Pair(before[name], now[name]) for name in sorted(now) if name in before]
+    """All that are said now beside what was said before. Raises ValueError where a recording is another one."""
+    pairs = [Pair(before[name], now[name]) for name in sorted(now)]
     for pair in pairs:
         if pair.before.digest != pair.now.digest:
             raise ValueError(f"{pair.now.name}: its hash was {pair.before.digest}, and is {pair.now.digest}")

@@ -39,9 +39,10 @@ def outcome(kept: Kept, function: str) -> Outcome:
 def outcomes(wanted: Sequence[Kept], done: Path, function: str, jobs: int) -> dict[str, Outcome]:
     """Of all that are wanted; those in the file `done` are not made again, others are added to it as they come.
 
-    Raises OtherRecordingError.
+    Raises OtherRecordingError; ValueError where the file makes no sense.
     """
-    found, names = kept_outcomes(done), {one.name for one in wanted}
+    digests = {one.name: one.digest for one in wanted}
+    found = {name: one for name, one in kept_outcomes(done).items() if digests.get(name) == one.digest}
     left = [one for one in wanted if one.name not in found]
     if len(left) < len(wanted):
         print(f"{len(wanted) - len(left)} of {len(wanted)} were done before: {done}", file=sys.stderr, flush=True)
@@ -56,7 +57,7 @@ def outcomes(wanted: Sequence[Kept], done: Path, function: str, jobs: int) -> di
             if n % _EVERY == 0 or n == len(left):
                 minutes = (time.monotonic() - begun) / 60.0
                 print(f"{n} of {len(left)} in {minutes:.1f} min", file=sys.stderr, flush=True)
-    return {name: one for name, one in found.items() if name in names}
+    return found
 
 
 def _all(left: Sequence[Kept], function: str, jobs: int) -> Iterator[Outcome]:
