@@ -6,5 +6,6 @@ A recording is decided by two kinds of chance that know nothing of each other: o
 (`runs`), the other the class and its sizes (`populations`). So the same number of the same seed is the same run in
 every class, and whatever is told by the run tells nothing of the class. What no reader of voltages, currents and angle
 could see, because it does not bend their relation - friction, a compliant shaft, a dc link that sags, lost rows -, is
-no class but belongs to the run.
+no class but belongs to the run. `recording` runs what both have drawn by `chance`, `suite` makes many, `files` are
+what a user gets and, elsewhere, the answers; `command` is the command line's.
 """

@@ -83,7 +83,7 @@ def _explained_without(
             "or by a capture buffer"
         )))  # fmt: skip
     progress(0.0, "fitting")
-    given = replace(given, untold=unidentified_inductances(at_nominal(rows, given)))
+    given = replace(given, unidentified=unidentified_inductances(at_nominal(rows, given)))
     there = explained(rows, given, progress)
     if suspicion is not None and taken_back(suspicion, there.found.model, tolerance):
         return None

@@ -129,8 +129,8 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Before(Change):
-    """Such a number beside what noise alone makes it."""
+class ErrorChange(Change):
+    """An error without the effects and with them, beside what noise alone makes it."""
 
     noise_floor: float | None = None
 
@@ -152,7 +152,7 @@ class Fit:
     """How well the model follows."""
 
     held_out: Annotated[bool, "judged on stretches that took no part in the fit"]
-    one_step_rms_V: Before
+    one_step_rms_V: ErrorChange
     free_run_rms_A: Change
     explained: Annotated[float, "share of the mismatch's variance"]  # 0 to 1
     whiteness: Annotated[Change, "the residual's power below a tenth of the sampling rate over that of white noise"]
@@ -261,16 +261,16 @@ class Diagnosis:
 
 
 def verdict_of(
-    findings: Sequence[Finding], doubts: Sequence[Ambiguity], left: Unexplained | None, blind: Sequence[str]
+    findings: Sequence[Finding], doubts: Sequence[Ambiguity], left: Unexplained | None, unidentified: Sequence[str]
 ) -> Verdict:
-    """The answer in a word. `blind`: what a recording does not tell of the machine."""
+    """The answer in a word. `unidentified`: what a recording does not tell of the machine."""
     if doubts:
         return Verdict.AMBIGUOUS
     if findings:
         return Verdict.EXPLAINED if left is None else Verdict.PARTLY_EXPLAINED
     if left is not None:
         return Verdict.UNEXPLAINED
-    return Verdict.NOT_ENOUGH_EXCITATION if blind else Verdict.NO_MISMATCH
+    return Verdict.NOT_ENOUGH_EXCITATION if unidentified else Verdict.NO_MISMATCH
 
 
 def odds_of(log_odds: float) -> float:

@@ -121,7 +121,7 @@ EFFECT = Branch(
     ("iron_loss", "winding_resistance_drift"),
     adds=voltage,
     in_proportion_to="R_s",
-    missed=1e-5,
+    discrepancy=1e-5,
     remembers=voltage,
     emf=emf,
     heats=_rung_heat,

@@ -23,5 +23,5 @@ EFFECT = AngleError(
     error=_offset,
     error_as_measured=_offset,
     bends=True,
-    missed=1e-8,
+    discrepancy=1e-8,
 )

@@ -27,5 +27,3 @@ UNIT: Final = {
 less expected; shifts are the rows by which a column is late; the base is that
 of voltages in per unit, over the dc link; mirrored is 1 where the d and q axes were swapped or one
 of them has the wrong sign, 2 where two phases were swapped; pole pairs are those that the angle was made with."""
-
-FINGERPRINT: Final = "parameters off by a factor that conventions know, or a flux balance that closes only when undone"

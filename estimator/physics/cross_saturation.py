@@ -15,5 +15,5 @@ EFFECT = FluxChange(
     "psi_d that falls with i_q squared, L_q that falls with i_d",
     ("q_axis_saturation", "d_axis_saturation"),
     bends=True,
-    missed=3e-5,
+    discrepancy=3e-5,
 )

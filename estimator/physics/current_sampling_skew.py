@@ -61,5 +61,5 @@ EFFECT = SkewError(
     zero=zero,
     halfway=halfway,
     told=lambda _rows, p: {f"skew_{'abc'[round(p[1])]}": (p[0], "s")},
-    missed=2e-4,
+    discrepancy=2e-4,
 )

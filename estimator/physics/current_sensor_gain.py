@@ -38,5 +38,5 @@ EFFECT = CurrentError(
     error=error,
     zero=zero,
     told=lambda _rows, p: {f"gain_{k}": (1.0 + x, "1") for k, x in zip("abc", by_phase(*p), strict=True)},
-    missed=1e-5,
+    discrepancy=1e-5,
 )

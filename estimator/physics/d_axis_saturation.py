@@ -14,5 +14,5 @@ EFFECT = FluxChange(
     "L_d falls as i_d rises, in proportion to speed on the q axis and to the change of i_d on the d axis",
     ("magnet_flux_drift", "cross_saturation"),
     bends=True,
-    missed=3e-5,
+    discrepancy=3e-5,
 )

@@ -42,7 +42,7 @@ class Effect:
     fingerprint: str
     confused_with: tuple[str, ...]
     _: KW_ONLY
-    missed: float  # share of the effect's energy that its equation may miss in a real one
+    discrepancy: float  # share of the effect's energy that its equation may miss in a real one
     told: Callable[[Rows, Sizes], dict[str, tuple[float, str]]] | None = None  # value and unit of what users are told
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
     emf: Callable[[Rows, Sizes], Vector] | None = None  # V at samples, that it takes from what drives the current

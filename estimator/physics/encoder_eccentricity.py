@@ -54,5 +54,5 @@ EFFECT = AngleError(
     error=error,
     error_as_measured=error_as_measured,
     told=_told_sizes,
-    missed=1e-5,
+    discrepancy=1e-5,
 )

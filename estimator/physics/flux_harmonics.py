@@ -50,5 +50,5 @@ EFFECT = AddedVoltage(
     adds=voltage,
     in_proportion_to="psi_f",
     emf=emf,
-    missed=2e-5,
+    discrepancy=2e-5,
 )

@@ -26,5 +26,5 @@ EFFECT = FluxChange(
     "ripple at 6 times the electrical frequency in proportion to current, with speed and with how fast current changes",
     ("flux_harmonics",),
     emf=emf,
-    missed=1e-4,
+    discrepancy=1e-4,
 )

@@ -99,7 +99,7 @@ EFFECT = Branch(
     ("iron_loss", "current_sensor_gain"),
     adds=voltage,
     told=lambda _rows, p: {"conductance": (p[0], "S"), "phase": (p[1], "1")},
-    missed=1e-4,
+    discrepancy=1e-4,
     remembers=_loop_driven,
     beside=_loop_voltage,
     emf=_loop_falls,

@@ -70,7 +70,7 @@ EFFECT = BridgeError(
     "steps of voltage where a phase current changes sign, six per electrical turn in the rotor frame",
     ("winding_resistance_drift", "flux_harmonics"),
     adds=voltage,
-    missed=1e-4,
+    discrepancy=1e-4,
     remembers=lambda rows, _sizes: None if rows.u_dc is None else legs_of(rows),
     scales=_scales,
 )  # fmt: skip

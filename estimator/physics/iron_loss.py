@@ -88,7 +88,7 @@ EFFECT = Branch(
     ("angle_offset", "q_axis_saturation"),
     adds=voltage,
     told=lambda _rows, p: {"R_c": (1.0 / max(p[0], 1e-12), "ohm"), "omega_h": (p[1], "rad/s"), "lag": (p[2], "s")},
-    missed=1e-4,
+    discrepancy=1e-4,
     fast_stiffness=lambda p: p[0] / p[2],
     remembers=_iron_driven,
     sees_voltage=True,

@@ -25,5 +25,5 @@ EFFECT = FluxChange(
     ("magnet_flux_step", "d_axis_saturation"),
     told=lambda rows, p: {"change": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
     in_proportion_to="psi_f",
-    missed=2e-4,
+    discrepancy=2e-4,
 )

@@ -25,5 +25,5 @@ EFFECT = FluxChange(
         "change": (p[0], "1"), "time": (rows.span[0] + p[1] * rows.span[1], "s"), "duration": (p[2], "s"),
     },
     in_proportion_to="psi_f",
-    missed=5e-5,
+    discrepancy=5e-5,
 )

@@ -30,5 +30,5 @@ EFFECT = ResistanceChange(
     adds=voltage,
     told=lambda _rows, p: {f"excess_{k}": (x, "ohm") for k, x in zip("abc", by_phase(*p), strict=True)},
     raises=lambda _rows, p: (0.0, complex(*p)),
-    missed=3e-5,
+    discrepancy=3e-5,
 )

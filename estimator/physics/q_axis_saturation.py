@@ -14,5 +14,5 @@ EFFECT = FluxChange(
     "a cubic of i_q in u_d, in proportion to speed, and an L_q that falls with abs(i_q)",
     ("cross_saturation", "iron_loss"),
     bends=True,
-    missed=3e-5,
+    discrepancy=3e-5,
 )

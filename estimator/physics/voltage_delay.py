@@ -62,5 +62,5 @@ EFFECT = VoltageError(
     error=voltage,
     remembers=_change_of_voltage,
     told=lambda _rows, p: {"periods": (p[0] * p[1], "1")},
-    missed=2e-5,
+    discrepancy=2e-5,
 )

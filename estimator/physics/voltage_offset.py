@@ -29,5 +29,5 @@ EFFECT = AddedVoltage(
     ("iron_loss", "magnet_flux_drift"),
     adds=voltage,
     by_speed=1e-7,  # at one speed it is psi_f
-    missed=5e-5,
+    discrepancy=5e-5,
 )

@@ -65,5 +65,5 @@ EFFECT = ResistanceChange(
     remembers=_heat_course,
     raises=lambda rows, p: (rise(rows, p), 0.0),
     in_proportion_to="R_s",
-    missed=5e-4,
+    discrepancy=5e-4,
 )

@@ -68,7 +68,7 @@ def by_map(folder: Path) -> Case:
 
 
 def under_control(folder: Path) -> Case:
-    """The same at higher speed, to be run by references."""
+    """motulator's machine at higher speed, to be run by references."""
     case = by_map(folder)
     return replace(
         case, title="5.5 kW by its map, same references, each its own control",

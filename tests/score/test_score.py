@@ -17,7 +17,17 @@ from emulator.conceal.suite import Suite, make
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import parse
-from estimator.diagnosis.verdict import Before, Diagnosis, Finding, Fit, Place, Quantity, Range, Unexplained, Verdict
+from estimator.diagnosis.verdict import (
+    Diagnosis,
+    ErrorChange,
+    Finding,
+    Fit,
+    Place,
+    Quantity,
+    Range,
+    Unexplained,
+    Verdict,
+)
 from estimator.machine import Machine
 from estimator.samples import Samples
 from tests.score.diagnosed import Said, diagnosed, loaded
@@ -40,7 +50,7 @@ def answer(*kinds: str, number: int = 1, motor: str = "servo_4nm", length: float
 def said(verdict: Verdict, findings: Sequence[Finding] = (), unexplained: Unexplained | None = None) -> Said:
     """A diagnosis in short."""
     machine = {name: Quantity(1.0, 0.0, "") for name in ("R_s", "L_d", "L_q", "psi_f")}
-    fit = Fit(True, Before(2.0, 1.02, 1.0), Before(1.0, 0.1), 0.9, Before(5.0, 1.0))
+    fit = Fit(True, ErrorChange(2.0, 1.02, 1.0), ErrorChange(1.0, 0.1), 0.9, ErrorChange(5.0, 1.0))
     found = Diagnosis(verdict, "", tuple(findings), (), unexplained, {}, machine, machine, fit, (), (), None)
     return Said(found, "", 1.5)
 

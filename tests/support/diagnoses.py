@@ -17,9 +17,9 @@ from bench.recordings.recording import Summary
 from estimator.diagnosis.answer.sentences import sentence_of
 from estimator.diagnosis.verdict import (
     Ambiguity,
-    Before,
     Candidate,
     Diagnosis,
+    ErrorChange,
     Experiment,
     Finding,
     Fit,
@@ -115,7 +115,7 @@ EXPLAINED = Diagnosis(
         "R_s": _quantity(0.9668, 4e-4, "ohm"), "L_d": _quantity(4.238e-3, 3e-6, "H"),
         "L_q": _quantity(6.212e-3, 3e-6, "H"), "psi_f": _quantity(0.11999, 1e-5, "Vs"),
     },
-    fit=Fit(True, Before(2.69, 0.40, 0.39), Before(0.31, 0.012), 0.978, Before(14.0, 1.04)),
+    fit=Fit(True, ErrorChange(2.69, 0.40, 0.39), ErrorChange(0.31, 0.012), 0.978, ErrorChange(14.0, 1.04)),
     candidates=(
         Candidate("inverter_voltage_error", 5321.0, 4100.0, chosen=True),
         Candidate("phase_resistance_imbalance", 812.0, -1.8, chosen=False),
@@ -154,7 +154,7 @@ CONVENTION = replace(
         Finding("convention_error", {"u_scale": _quantity(1.5, None, "1")}, Place("in every row", {}, 1.0, 1.0), 1e30,
                 (), {}),
     ),
-    fit=Fit(True, Before(16.5, 16.5, 16.4), Before(0.012, 0.012), 0.0, Before(1.04, 1.04)),
+    fit=Fit(True, ErrorChange(16.5, 16.5, 16.4), ErrorChange(0.012, 0.012), 0.0, ErrorChange(1.04, 1.04)),
 )  # fmt: skip
 
 UNEXPLAINED = replace(AMBIGUOUS, verdict=Verdict.UNEXPLAINED, ambiguous=(), sentence="None of these: a 90 Hz voltage.")

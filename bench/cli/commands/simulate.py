@@ -10,7 +10,7 @@ from bench.diagnoses.simulate import simulate
 from bench.engineering import quantity, words
 from bench.machine_file import load_machine
 from bench.recordings.capture_file import write_columns
-from estimator.diagnosis.verdict import Before
+from estimator.diagnosis.verdict import ErrorChange
 
 
 def run(
@@ -37,5 +37,5 @@ def run(
         console.print(f"  {out}: {len(found.t)} samples")
 
 
-def _both(error: Before, unit: str) -> str:
+def _both(error: ErrorChange, unit: str) -> str:
     return f"{quantity(error.before, unit)} rms by the machine alone, {quantity(error.after, unit)} with its effects"

@@ -12,7 +12,6 @@ dynamic models of synchronous reluctance motors", ICEM 2012, with their exponent
 Shows as inductances that fall with current, and a psi_d that moves with i_q.
 """
 
-import math
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -74,16 +73,3 @@ def saturation_curve(sizes: Saturation, L_d: float, L_q: float, psi_f: float, i_
 def slopes(curve: Curve, L_d: float, L_q: float, psi_f: float) -> tuple[float, float]:
     """g_d and g_q (1/H), so that the inductances at psi_f (Vs) and no current are L_d and L_q (H)."""
     return 1.0 / L_d - 3.0 * curve.a_d * psi_f**2, 1.0 / L_q - curve.c * psi_f**2
-
-
-def largest_drop(L_d: float, psi_f: float, i_rated: float) -> float:
-    """The largest L_d_drop a machine can have, by bisection."""
-    low, high = 0.0, 0.7
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        try:
-            saturation_curve(Saturation(L_d_drop=middle), L_d, L_d, psi_f, i_rated)
-            low = middle
-        except ValueError:
-            high = middle
-    return math.floor(low * 1e3) / 1e3

@@ -128,7 +128,7 @@ def _lost(x: Array, weight: Array, span: Array, ends: Sequence[int]) -> Array:
 
 
 def _runs(ends: Sequence[int]) -> list[slice]:
-    """Those that are long enough."""
+    """Rows without a gap that are long enough to have a course, from their ends."""
     return [slice(a, b) for a, b in pairwise(ends) if b - a >= _SHORTEST]
 
 

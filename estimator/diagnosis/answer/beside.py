@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from estimator.arrays import Array, Vector
 from estimator.diagnosis.answer.quality import rms
 from estimator.diagnosis.intake.prepared import prepared
-from estimator.diagnosis.verdict import Before
+from estimator.diagnosis.verdict import ErrorChange
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
 from estimator.twin.currents import free_run
@@ -17,8 +17,8 @@ from estimator.twin.model import Model, residual
 class Comparison:
     """What a model leaves of a recording, before: the machine alone, after: with its effects."""
 
-    one_step_rms_V: Before
-    free_run_rms_A: Before  # simulated from the measured current every 0.1 s
+    one_step_rms_V: ErrorChange
+    free_run_rms_A: ErrorChange  # simulated from the measured current every 0.1 s
     t: Array  # s, at samples
     i: Vector  # A, free-running, with effects, rotor frame
 
@@ -36,4 +36,4 @@ def compared_with(runs: Sequence[Samples], model: Model) -> Comparison:
         i = free_run(rows, one)
         steps.append(rms(residual(rows, rows, one)[rows.joined]))
         errors.append(rms((i - rows.i)[1:][rows.joined]))
-    return Comparison(Before(*steps), Before(*errors), rows.t, i)
+    return Comparison(ErrorChange(*steps), ErrorChange(*errors), rows.t, i)

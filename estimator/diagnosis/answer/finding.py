@@ -13,7 +13,7 @@ import numpy as np
 from estimator.arrays import Vector
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.diagnosis.search.fitting import Fitted
-from estimator.diagnosis.trust.rivals import Doubt
+from estimator.diagnosis.trust.rivals import RivalFit
 from estimator.diagnosis.verdict import Finding, Quantity, Rival, odds_of
 from estimator.diagnosis.where.place import place_of
 from estimator.machine import PARAMETERS
@@ -25,7 +25,7 @@ from estimator.twin.model import residual
 _SIZE_STEP: Final = 1e-4  # of a size, for differences
 
 
-def finding_of(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[Doubt], left: Vector) -> Finding:
+def finding_of(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence[RivalFit], left: Vector) -> Finding:
     search, choice, model = found.search, found.choice, found.model
     rest = tuple(c for c in choice if c != one)
     effect = BY_NAME[one[0]]

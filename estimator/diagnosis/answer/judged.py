@@ -12,9 +12,9 @@ from estimator.diagnosis.answer.held_out import no_help, shown_held_out
 from estimator.diagnosis.answer.parameters import ToldMachine, told_machine
 from estimator.diagnosis.likelihood.evidence import Choice
 from estimator.diagnosis.likelihood.given import Given
-from estimator.diagnosis.likelihood.identifiability import APART, apart, not_borne_out, poorly_told
+from estimator.diagnosis.likelihood.identifiability import UNCONFOUNDED, not_borne_out, poorly_told, unconfounded
 from estimator.diagnosis.search.fitting import Fitted, without
-from estimator.diagnosis.search.remainder import LIKE_RESONANCE, excess_of, not_astray, unexplained_by
+from estimator.diagnosis.search.remainder import LIKE_RESONANCE, excess_of, restarted_from_fewer, unexplained_by
 from estimator.diagnosis.search.stages import Explained
 from estimator.diagnosis.trust.surrogate import Surrogates
 from estimator.diagnosis.verdict import Fit, Traces, Unexplained
@@ -46,7 +46,7 @@ def judged(rows: Rows, given: Given, there: Explained, progress: Callable[[float
         machine = told_machine(found, plain, max(excess, 0.0) if left is not None else 0.0, given)
         poorly = poorly_told(found.search, found.choice, given.machine, list(machine.outside.values()))
         surrogates = Surrogates(found, given)
-        reasons = _doubted(found, machine.blind, excess, resonance, surrogates.stands_out)
+        reasons = _doubted(found, machine.unidentified, excess, resonance, surrogates.stands_out)
         faint = tuple(one for some in reasons.values() for one in some)
         progress(0.75, "simulating")
         after = residual(rows, found.smooth, found.model)
@@ -59,13 +59,13 @@ def judged(rows: Rows, given: Given, there: Explained, progress: Callable[[float
 
 
 def _doubted(
-    found: Fitted, blind: Sequence[str], excess: float, resonance: Unexplained | None,
+    found: Fitted, unidentified: Sequence[str], excess: float, resonance: Unexplained | None,
     stands: Callable[[tuple[str, int], Choice, bool], bool],
 ) -> dict[str, Choice]:  # fmt: skip
     """Effects that get no name, by why. `stands`: one, which may be doubted, stands out from what surrogates without it
     show.
     """
-    reasons = not_borne_out(found.search, found.choice, blind, excess, stands)
+    reasons = not_borne_out(found.search, found.choice, unidentified, excess, stands)
     already = [one for some in reasons.values() for one in some]
     if nothing := tuple(one for one in found.choice if one not in already and _of_no_size(found, one)):
         reasons, already = {**reasons, _NO_SIZE: nothing}, [*already, *nothing]
@@ -89,12 +89,12 @@ def _undoubted(
     No doubt is worth telling of what surrogates without it show as much of - but where it looks like the machine's
     parameters, which are off by as much if it is there.
     """
-    other = found if again else not_astray(rows, found, given)
+    other = found if again else restarted_from_fewer(rows, found, given)
     if other is not found and excess_of(other) < excess_of(found):
         return other
     if no_help(found, fit):
         return without(found, [name for name, _ in faint], given)
-    shares = apart(found.search, found.choice)
-    unlike = [one for one in faint if shares[one[0]] > APART]
+    shares = unconfounded(found.search, found.choice)
+    unlike = [one for one in faint if shares[one[0]] > UNCONFOUNDED]
     chance = [one[0] for one in unlike if surrogates.show_as_much(one, found.choice)]
     return without(found, chance, given) if chance else found

@@ -31,7 +31,7 @@ class ToldMachine(NamedTuple):
     after: dict[str, Quantity]
     flux_map: FluxMap | None
     outside: dict[str, str]  # their tolerance: by name, in a sentence
-    blind: list[str]  # those that are not told
+    unidentified: list[str]  # those that are not told
     scales: dict[str, Range]  # that are left open
 
 
@@ -73,7 +73,7 @@ def _four_parameters(search: Search, choice: Choice, lent: float = 0.0, scaled: 
     much as it left. `scaled`: share by which all voltages may be scaled.
     """
     fit = search.fit(choice)
-    covariance = search.free_covariance(choice) if search.regression.untold else fit.covariance
+    covariance = search.free_covariance(choice) if search.regression.unidentified else fit.covariance
     variance = np.maximum(covariance.diagonal(), 0.0) * (search.parameter_scatter(fit) + lent)
     variance += search.form_covariance(choice).diagonal() + search.untold_covariance(choice).diagonal()
     variance = variance[: len(PARAMETERS)]
@@ -98,7 +98,7 @@ def _outside(after: Mapping[str, Quantity], given: Given, contact: float) -> dic
     """
     said: dict[str, str] = {}
     for name, quantity in after.items():
-        if name in given.untold:
+        if name in given.unidentified:
             continue
         nominal, tolerance = getattr(given.machine, name), given.tolerance[name]
         value, std = quantity.value, quantity.std or 0.0

@@ -19,7 +19,7 @@ import numpy as np
 from estimator.arrays import Array, Bools, Vector, stretches
 from estimator.diagnosis.likelihood.noise import Noise, flux_errors
 from estimator.diagnosis.likelihood.thinning import thinned
-from estimator.diagnosis.verdict import Before, Fit
+from estimator.diagnosis.verdict import ErrorChange, Fit
 from estimator.physics.rows import Rows
 from estimator.twin.currents import WINDOW, implied_voltage
 from estimator.twin.model import Model, residual
@@ -44,8 +44,8 @@ def fit_quality(
     (step_0, run_0, above_0, low_0), (step_1, run_1, above_1, low_1) = both
     floor_V, floor_A = _floors(rows, after, noise)
     explained = min(max(1.0 - above_1 / above_0, 0.0), 1.0) if above_0 > 0.0 else 0.0
-    one_step, free_run = Before(step_0, step_1, floor_V), Before(run_0, run_1, floor_A)
-    return Fit(not bool(np.all(held_out)), one_step, free_run, explained, Before(low_0, low_1, 1.0))
+    one_step, free_run = ErrorChange(step_0, step_1, floor_V), ErrorChange(run_0, run_1, floor_A)
+    return Fit(not bool(np.all(held_out)), one_step, free_run, explained, ErrorChange(low_0, low_1, 1.0))
 
 
 def _measured(

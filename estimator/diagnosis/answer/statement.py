@@ -41,7 +41,7 @@ def stated(given: Given, judged: Judged) -> Diagnosis:
     (found, left, *_), machine, poorly = judged.explained, judged.machine, judged.poorly
     search, choice, model = found.search, found.choice, found.model
     faint = {one for some in judged.reasons.values() for one in some}
-    outside, lacks = list(machine.outside.values()), poorly is not None or bool(machine.blind)
+    outside, lacks = list(machine.outside.values()), poorly is not None or bool(machine.unidentified)
     richer = _would_tell(given, judged) if lacks or faint else None
     doubts = [
         Ambiguity(tuple(name for name, _ in some), why, richer, rivals=False)
@@ -63,7 +63,7 @@ def stated(given: Given, judged: Judged) -> Diagnosis:
         asked = machine.flux_map is None and (len(machine.outside) > 1 or (left is None and not doubts))
         beyond = scaled(machine.after, machine.outside, given.machine, given.tolerance, machine.scales) if asked else []
         doubts.extend(beyond or uncalibrated(findings, machine.scales, given.tolerance))
-    verdict = verdict_of(findings, doubts, left, machine.blind)
+    verdict = verdict_of(findings, doubts, left, machine.unidentified)
     if outside and not doubts:  # effects do not explain the machine
         verdict = Verdict.PARTLY_EXPLAINED if findings else Verdict.UNEXPLAINED
     if poorly is not None and not doubts and left is None:

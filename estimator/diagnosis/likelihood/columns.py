@@ -84,7 +84,7 @@ class Regression:
     smooth: Rows
     model: Model
     left: float  # mean of the whitened residual's square over that of noise, d and q together
-    untold: frozenset[str]  # inductances that stay within tolerance
+    unidentified: frozenset[str]  # inductances that stay within tolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +160,7 @@ def regression(
     change[P, :P] = offset
     gram = change @ gram @ change.T
     count = 2 * int(rows.joined.sum()) + (0 if zero is None else n)
-    return Regression(columns, gram, count, noise, rows, smooth, model, left, given.untold)
+    return Regression(columns, gram, count, noise, rows, smooth, model, left, given.unidentified)
 
 
 def _parts(rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]) -> Iterator[tuple[int, slice, Rows]]:
@@ -213,7 +213,7 @@ def _model_coefficients(rows: Rows, model: Model, given: Given, library: Sequenc
         nominal, tolerance = getattr(given.machine, name), given.tolerance[name]
         share = tolerance if model.bend is None or name == "R_s" else 1.0  # straight lines are a part of a map
         low, high = _OF_NOMINAL if share < 1.0 else _ANYTHING
-        if name in given.untold and share < 1.0:
+        if name in given.unidentified and share < 1.0:
             low, high = 1.0 - share, 1.0 + share
         prior, bounds = (nominal, share * nominal), (low * nominal, high * nominal)
         found.append(Coefficient("machine", name, k, -1, prior, getattr(model.machine, name), bounds))

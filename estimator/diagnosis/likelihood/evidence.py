@@ -244,9 +244,9 @@ class Search:
         does not tell, and what trades with these, for they lie anywhere within their tolerance.
         """
         free, places = self.free_covariance(choice), self.places(choice)
-        untold = [n for n, j in enumerate(places) if self.columns[j].parameter in self.regression.untold]
-        along = free[:, untold] @ np.linalg.inv(free[np.ix_(untold, untold)])  # of each, by those that are not told
-        return (along * self.spread[places][untold] ** 2) @ along.T - along @ free[untold]
+        held = [n for n, j in enumerate(places) if self.columns[j].parameter in self.regression.unidentified]
+        along = free[:, held] @ np.linalg.inv(free[np.ix_(held, held)])  # of each, by those that are not identified
+        return (along * self.spread[places][held] ** 2) @ along.T - along @ free[held]
 
     def parameter_scatter(self, fit: SetFit) -> Array:
         """How every coefficient of a fit scatters over white noise, each less what the others make of it."""
@@ -277,7 +277,7 @@ class Search:
         for n, place in enumerate(fit.places):
             column = self.columns[place]
             if column.owner != "machine" and not column.shape:
-                off = FORM * math.sqrt(BY_NAME[column.owner].missed) * float(fit.value[n])
+                off = FORM * math.sqrt(BY_NAME[column.owner].discrepancy) * float(fit.value[n])
                 along = covariance[:, n] * (off / covariance[n, n])
                 total += np.outer(along, along)
         return total
@@ -290,10 +290,10 @@ class Search:
         """Chi square that a set leaves above that of noise."""
         return self.fit(choice).chi2 - self.regression.count
 
-    def missed(self, choice: Choice) -> float:
+    def discrepancy(self, choice: Choice) -> float:
         """What the equations of a set's effects may leave of them, as a part of chi square."""
         total = BEND_MISSED * max(self.plain().chi2 - self.fit(choice).chi2, 0.0) if self.bent else 0.0
-        return total + sum(BY_NAME[one[0]].missed * max(self.explained(choice, one), 0.0) for one in choice)
+        return total + sum(BY_NAME[one[0]].discrepancy * max(self.explained(choice, one), 0.0) for one in choice)
 
     def lent(self, choice: Choice, more: tuple[str, int], *, faint: bool) -> float:
         """What of chi square the equations of a set's effects may lend another: no one looks like half of all left.
@@ -302,12 +302,12 @@ class Search:
         """
         if not faint:
             left = max(self.unexplained(choice), _NOISE_UNSURE * self.regression.count)
-            return min(self.missed(choice), _ONLY_IF_THERE * left)
+            return min(self.discrepancy(choice), _ONLY_IF_THERE * left)
         alike = [
             one for one in choice
             if one[0] in BY_NAME[more[0]].confused_with or more[0] in BY_NAME[one[0]].confused_with
         ]  # fmt: skip
-        return self.missed(choice) + _OF_RIVALS * sum(self.explained(choice, one) for one in alike)
+        return self.discrepancy(choice) + _OF_RIVALS * sum(self.explained(choice, one) for one in alike)
 
     def best(self, start: Choice = ()) -> Choice:
         """A set with at most one effect more, that nothing taken away or exchanged makes better."""
@@ -348,11 +348,11 @@ class Search:
         added: to be tried where it is best. It has a moment of its own; or it bends, and explains no more than the
         equations of others may miss.
         """
-        left, missed = self.unexplained(choice), self.missed(choice)
+        left, discrepancy = self.unexplained(choice), self.discrepancy(choice)
         for one in self._likely(choice):
             effect = BY_NAME[one[0]]
             explained = self.fit(choice).chi2 - self.fit((*choice, one)).chi2
-            if (effect.bends and explained < missed) or any(parameter.discrete for parameter in effect.parameters):
+            if (effect.bends and explained < discrepancy) or any(parameter.discrete for parameter in effect.parameters):
                 least = min(PLACED * left, max(_PLACED_FAR * left, _NO_CHANCE))
                 return one if len(choice) < MOST_EFFECTS and explained > max(least, 2.0 * ENTRY_LOG_ODDS) else None
         return None

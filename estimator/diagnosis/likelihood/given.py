@@ -16,12 +16,12 @@ class Given:
     machine: Machine
     tolerance: Mapping[str, float]  # of R_s, L_d, L_q, psi_f as a share
     angle_step: float  # rad, the angle's resolution
-    untold: frozenset[str] = frozenset()  # inductances that the recording does not tell: they stay within tolerance
+    unidentified: frozenset[str] = frozenset()  # inductances, which stay within tolerance
 
     @property
     def told(self) -> list[str]:
         """Parameters that the recording may tell."""
-        return [name for name in PARAMETERS if name not in self.untold]
+        return [name for name in PARAMETERS if name not in self.unidentified]
 
     def within(self, name: str, value: float, times: float = 1.0) -> bool:
         """A parameter lies within its tolerance, or so many times that."""

@@ -24,10 +24,10 @@ _MOVES_NOISE: Final = 2.0  # times the same, of which noise itself is one: below
 _LENT_FACTOR: Final = 12.0  # times what noise in the columns may lend an effect: below, it is not borne out
 _LEAST_ALIKE: Final = 1e-3  # of that noise's energy, whatever the effect
 _ROUNDED: Final = 3.0  # times what rounding of the angle may leave
-APART: Final = 2e-5  # of its energy, that an even effect must have beyond what the machine's parameters look like
-_APART_UNTOLD: Final = 2e-4  # the same, where noise or an effect may have led one of these
+UNCONFOUNDED: Final = 2e-5  # of an effect's energy, beyond what looks like the machine's parameters, that it must have
+_UNCONFOUNDED_BESIDE: Final = 2e-4  # the same, where noise or an effect may have led one of these
 _DISTINCT: Final = 0.5  # the same, from which on an effect does not look like them
-_UNTOLD_SHARE: Final = 0.05  # the same, that parameters may look like which are not told
+_UNIDENTIFIED_SHARE: Final = 0.05  # the same, that parameters may look like which are not told
 _LEAST_SHARE: Final = 0.1  # of what is left unexplained: less than that is not borne out
 _FAINTLY: Final = 0.05  # of all that is left: the same for faint effects
 _EVEN, _UNEVEN = 3.0, 10.0  # times what chance makes of an effect's size in a stretch: below it is even, above uneven
@@ -98,14 +98,14 @@ def least_moved(search: Search) -> tuple[str, float]:
 
 def held_at_bound(search: Search, choice: Choice) -> tuple[str, float] | None:
     """A parameter of the machine that a fit holds at its bound, and its value; not one that stays within tolerance."""
-    fit, within = search.fit(choice), search.regression.untold
+    fit, within = search.fit(choice), search.regression.unidentified
     for name, value, variance in zip(PARAMETERS, fit.value, fit.covariance.diagonal(), strict=False):
         if variance <= 0.0 and name not in within and (name == "R_s" or not search.bent):
             return name, float(value)
     return None
 
 
-def apart(search: Search, choice: Choice) -> dict[str, float]:
+def unconfounded(search: Search, choice: Choice) -> dict[str, float]:
     """The share of each effect's energy that does not look like the machine's parameters, least first."""
     shares = {one[0]: _share_apart(search, signal_of(search, choice, one)) for one in choice}
     return dict(sorted(shares.items(), key=lambda item: item[1]))
@@ -115,9 +115,9 @@ def like_machine(search: Search, choice: Choice) -> str | None:
     """The effect that looks most like the machine's parameters, where it is too much like them for a name: but for a
     share, or but for what rounding of the angle makes.
     """
-    shares = apart(search, choice)
+    shares = unconfounded(search, choice)
     name = next(iter(shares), None)
-    if name is None or shares[name] < _APART_UNTOLD:
+    if name is None or shares[name] < _UNCONFOUNDED_BESIDE:
         return name
     one = next(each for each in choice if each[0] == name)
     rounded = shares[name] < _DISTINCT and search.explained(choice, one) < _by_angle(search)
@@ -125,12 +125,12 @@ def like_machine(search: Search, choice: Choice) -> str | None:
 
 
 def not_borne_out(
-    search: Search, choice: Choice, blind: Sequence[str], excess: float,
+    search: Search, choice: Choice, unidentified: Sequence[str], excess: float,
     stands_out: Callable[[tuple[str, int], Choice, bool], bool],
 ) -> dict[str, Choice]:  # fmt: skip
     """Effects that noise of the currents alone may look like, or an encoder's rounding; by why, in a sentence's part.
 
-    What leans on an effect that is not borne out is judged without it. `blind` are parameters that are not told,
+    What leans on an effect that is not borne out is judged without it. `unidentified` are parameters that are not told,
     `excess` is the energy over noise that is left unexplained. Bounds say so first; an effect that does not look like
     the machine may stand out nevertheless, though doubted. Others that are not plain have to stand out, too, and beside
     a doubt as if they were doubted. So has a faint one at one speed, where what turns with the rotor and any other
@@ -139,18 +139,18 @@ def not_borne_out(
     """
     (over_noise, _, rest), by_angle = beside_of(search, excess), _by_angle(search)
     least_apart = _least_apart(search)
-    untold = [name for name in blind if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
+    at_one_level = [name for name in unidentified if name == "R_s" or name[-1] in over_noise or len(over_noise) > 1]
     alike: Choice = ()
     found: dict[str, Choice] = {}
-    if len(untold) > 1:
+    if len(at_one_level) > 1:
         signals = {one: signal_of(search, choice, one) for one in choice}
         alike = tuple(
             one for one, signal in signals.items() if _share_apart(search, signal) < _DISTINCT
-            and (_share_like(search, signal, untold) > _UNTOLD_SHARE or not stands_out(one, choice, True))
+            and (_share_like(search, signal, at_one_level) > _UNIDENTIFIED_SHARE or not stands_out(one, choice, True))
         )  # fmt: skip
     if alike:
         found[
-            f"this recording does not tell {' and '.join(untold)}, and at one level effects and the machine's "
+            f"this recording does not tell {' and '.join(at_one_level)}, and at one level effects and the machine's "
             "parameters look alike"
         ] = alike
     left, plain = tuple(one for one in choice if one not in alike), set[tuple[str, int]]()
@@ -213,7 +213,7 @@ def _untold_at_one_point(search: Search, choice: Choice) -> tuple[dict[str, Choi
     """
     found = dict[str, Choice]()
     while True:
-        fit, shares = search.fit(choice), apart(search, choice)
+        fit, shares = search.fit(choice), unconfounded(search, choice)
         faint = tuple(one for one in choice if search.faint(fit, one))
         alike = tuple(one for one in choice if one not in faint and shares[one[0]] < _DISTINCT)
         for why, ones in ((_LITTLE_THERE, faint), (_ALIKE_THERE, alike)):
@@ -281,7 +281,7 @@ def attenuated(search: Search, choice: Choice) -> Array:
     for axis, over_noise in _over_noise(search).items():
         place = PARAMETERS.index(f"L_{axis}")
         along, variance = fit.covariance[: len(PARAMETERS), place], float(fit.covariance[place, place])
-        if variance > 0.0 and f"L_{axis}" not in search.regression.untold:  # not held at a bound
+        if variance > 0.0 and f"L_{axis}" not in search.regression.unidentified:  # not held at a bound
             moved.append(along / variance * float(fit.value[place]) / max(over_noise, 1.0))
     return np.array(moved).reshape(-1, len(PARAMETERS))
 
@@ -376,7 +376,7 @@ def _over_lent(search: Search, signal: Array, over_noise: Mapping[str, float]) -
 
 def _like_untold(search: Search, signal: Array) -> bool:
     """A signal is mostly what an inductance would make whose axis' current is noise: it stands for that noise."""
-    shares = _shares_by_inductance(search, signal, sorted(search.regression.untold))
+    shares = _shares_by_inductance(search, signal, sorted(search.regression.unidentified))
     return any(share > _DISTINCT for share in shares.values())
 
 
@@ -412,7 +412,7 @@ def _parameters(search: Search) -> list[int]:
 
 def _least_apart(search: Search) -> float:
     """Share of an effect's energy that has to be beyond what the machine's parameters look like."""
-    return _APART_UNTOLD if search.regression.untold else APART
+    return _UNCONFOUNDED_BESIDE if search.regression.unidentified else UNCONFOUNDED
 
 
 def product_of(search: Search, without: Sequence[int], x: Array, y: Array) -> float:

@@ -23,8 +23,8 @@ from estimator.diagnosis.points.table import FEWEST_POINTS, Points, steady
 from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS
 from estimator.diagnosis.verdict import (
     Ambiguity,
-    Before,
     Diagnosis,
+    ErrorChange,
     Experiment,
     Finding,
     Hold,
@@ -109,15 +109,15 @@ def _diagnosis_of_points(
     negative = [name for name, size in machine_after.items() if (size.value or 0.0) < -_SURELY * (size.std or 0.0)]
     if negative:
         return _wrong_way(negative, machine_before, remarks)
-    untold = [
+    unidentified = [
         name for name, size in machine_after.items() if not (size.std or 0.0) < _WELL_TOLD * abs(size.value or 0.0)
     ]
     instead = None
-    if untold:
-        remarks.append(f"these points do not tell {', '.join(untold)}")
+    if unidentified:
+        remarks.append(f"these points do not tell {', '.join(unidentified)}")
         instead = Experiment("record steady points at several speeds with several levels of i_d and of i_q")
     return with_sentence(Diagnosis(
-        verdict_of(findings, doubts, left, untold), "", findings, tuple(doubts), left,
+        verdict_of(findings, doubts, left, unidentified), "", findings, tuple(doubts), left,
         judge.detectable_at_points(search, choice), machine_before, machine_after,
         quality(
             search, _rms_of_points(search, _error_of_points(search, before)),
@@ -149,8 +149,8 @@ def quality(
     groups = len(np.unique(search.problem.group))
     loo = LeaveOneOut(left_out, groups, was, now, "V", alternatives)
     explained = max(0.0, 1.0 - (now / was) ** 2) if was > 0.0 else 0.0
-    nothing = Before(math.nan, math.nan)
-    return Quality(True, Before(was, now, floor), nothing, explained, nothing, loo)
+    nothing = ErrorChange(math.nan, math.nan)
+    return Quality(True, ErrorChange(was, now, floor), nothing, explained, nothing, loo)
 
 
 def _error_of_points(search: PointsSearch, fit: PointsFit, *, left_out: bool = True) -> Array:

@@ -128,7 +128,7 @@ def _course_of_log(points: Points) -> Array:
 
 
 def _effects(points: Points, i_rated: float, R_s: float) -> dict[str, tuple[Size, ...]]:
-    """Those that these points can show, by name."""
+    """Effects that these points can show, by name."""
     fastest = max(float(np.max(np.abs(points.omega_e), initial=0.0)), 1.0)
     e = max(float(np.max(np.abs(points.u), initial=0.0)), 1e-6)
     R = max(abs(R_s), 1e-6)

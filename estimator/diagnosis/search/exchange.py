@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, MOST_EFFECTS, Choice, Search
 from estimator.diagnosis.likelihood.given import Given
-from estimator.diagnosis.likelihood.identifiability import apart, at_an_end
+from estimator.diagnosis.likelihood.identifiability import at_an_end, unconfounded
 from estimator.diagnosis.search.fitting import Fitted, closely, exchanged, fitted, with_more, without
 from estimator.diagnosis.search.remainder import ROUNDED, TRADES, excess_of, hidden_of, leaves_some
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -73,7 +73,7 @@ class Exchanged(NamedTuple):
     at_best: Mapping[tuple[str, str], float]  # log-odds of an effect over another at that one's best shapes
 
 
-def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
+def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
     for several.
 
@@ -82,7 +82,7 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     """
     here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
     trading, less = _trading(found), 2.0 * ENTRY_LOG_ODDS + ROUNDED * hidden_of(found)
-    lent = hidden_of(found) + found.search.missed(found.choice)
+    lent = hidden_of(found) + found.search.discrepancy(found.choice)
     for dropped, one in _instead(found.search, found.choice, trading):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
@@ -105,7 +105,8 @@ def one_for_others(rows: Rows, found: Fitted, given: Given) -> Exchanged:
 
 def _trading(found: Fitted) -> list[str]:
     """Effects of a fit that bend and look like the machine's parameters."""
-    return [name for name, share in apart(found.search, found.choice).items() if name in _BENDING and share < TRADES]
+    shares = unconfounded(found.search, found.choice)
+    return [name for name, share in shares.items() if name in _BENDING and share < TRADES]
 
 
 def _instead(search: Search, choice: Choice, trading: Sequence[str]) -> list[tuple[Choice, tuple[str, int]]]:

@@ -58,7 +58,7 @@ class Departure(NamedTuple):
 
     @property
     def told(self) -> bool:
-        """It is there and matters."""
+        """The departure is there and matters."""
         return self.share > _LEAST_FLUX and self.sure > _TOLD_SIGMAS
 
 

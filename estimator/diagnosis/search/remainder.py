@@ -17,10 +17,10 @@ from estimator.diagnosis.likelihood.given import FAR_OFF, Given
 from estimator.diagnosis.likelihood.identifiability import (
     LEAST_EVIDENT_SHARE,
     WEAK,
-    apart,
     held_at_bound,
     least_moved,
     like_machine,
+    unconfounded,
 )
 from estimator.diagnosis.likelihood.noise import Noise, as_in, filter_of, flux_errors, noise_of, whitened
 from estimator.diagnosis.likelihood.thinning import thinned
@@ -44,7 +44,7 @@ _ONCE: Final = 2.0  # changes, of what comes and goes
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
 
 
-class Upright(NamedTuple):
+class WithoutSpurious(NamedTuple):
     """A fit without effects that only lean on what is left."""
 
     found: Fitted
@@ -55,7 +55,7 @@ class Upright(NamedTuple):
 def unexplained_by(rows: Rows, found: Fitted) -> Unexplained | None:
     """What is left, where it is more than the effects' equations may miss, or an effect is not what it looks like."""
     left: Unexplained | None = None
-    if leaves_some(found) or rings(*_flux_errors(rows, found), _missed(found)):
+    if leaves_some(found) or rings(*_flux_errors(rows, found), _discrepancy(found)):
         left = _described(rows, found)
     return _faint_resonance(rows, found) if left is None else left
 
@@ -67,7 +67,7 @@ def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
     """
     if found.choice or least_moved(found.search)[1] < WEAK:
         return None
-    at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found) + found.search.missed(())
+    at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found) + found.search.discrepancy(())
     told = best_resonance(*at, found.smooth.with_machine(found.model.machine), least)
     return told[0] if told is not None and told[1].gain > least * at[2][0] * at[2][1] else None
 
@@ -75,17 +75,17 @@ def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
 def leaves_some(found: Fitted) -> bool:
     """More than noise and what the effects' equations may miss, be it an encoder's rounding."""
     n = int(found.rows.joined.sum())
-    return excess_of(found) > found.search.missed(found.choice) + _NO_MISMATCH * 2.0 * n
+    return excess_of(found) > found.search.discrepancy(found.choice) + _NO_MISMATCH * 2.0 * n
 
 
-def _missed(found: Fitted) -> float:
+def _discrepancy(found: Fitted) -> float:
     """Chi square that effects' equations may leave, and the angle's rounding in voltages that are read early."""
     early, noise = found.model.effects.get(voltage_delay.EFFECT.name), found.noise
     foreseen = 0.0 if early is None else voltage_delay.foreseen_energy(found.rows, early)
-    return found.search.missed(found.choice) + foreseen / (noise[0] * noise[1])
+    return found.search.discrepancy(found.choice) + foreseen / (noise[0] * noise[1])
 
 
-def not_astray(rows: Rows, found: Fitted, given: Given) -> Fitted:
+def restarted_from_fewer(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or, where it leaves some and the machine alone or with the strongest of its effects leaves less than
     with all, one that begins there: steps led astray.
     """
@@ -105,7 +105,7 @@ def _bare(found: Fitted, given: Given) -> Fitted:
 
 
 def _described(rows: Rows, found: Fitted) -> Unexplained | None:
-    return describe(*_flux_errors(rows, found), _missed(found))
+    return describe(*_flux_errors(rows, found), _discrepancy(found))
 
 
 def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, float]]:
@@ -153,7 +153,7 @@ def _ringing(
         return None
     rung = min(rungs, key=lambda one: one.left)
     more = excess_of(found) - rung.left
-    equal = _CERTAIN + found.search.missed(found.choice) + ROUNDED * hidden_of(found)
+    equal = _CERTAIN + found.search.discrepancy(found.choice) + ROUNDED * hidden_of(found)
     if more < -_CERTAIN or (not losses and more < equal):
         return None
     form = _described(rows, rung.bare) if rung.left > _by_chance(rows) else None
@@ -219,7 +219,7 @@ def _healthy(rung: _Rung, given: Given) -> bool:
     return as_told and abs(rung.angle) <= given.angle_step
 
 
-def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -> Upright:
+def without_spurious(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -> WithoutSpurious:
     """A fit without effects that only lean on what is left, and what is left then.
 
     None of them where what is left without any has a form that explains more than they do, or where their machine is
@@ -249,7 +249,7 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
         left = _described(rows, found)
     if found is not before and left is resonance is None and set(found.search.best(found.choice)) != set(found.choice):
         found = fitted(rows, given, begin=found.model)
-        return Upright(found, unexplained_by(rows, found), faint)
+        return WithoutSpurious(found, unexplained_by(rows, found), faint)
     left = resonance or left  # it is plainest where a loss takes its slow part
     if left is not None and found.choice:
         bare = _bare(found, given)
@@ -258,8 +258,8 @@ def upright(rows: Rows, found: Fitted, left: Unexplained | None, given: Given) -
             left_by_form = _left_by_form(form, excess_of(bare))
             same = resonance is not None and form.description.startswith(RESONANCE)
             if same or left_by_form < excess_of(found) or held_at_bound(found.search, found.choice):
-                return Upright(bare, form)
-    return Upright(found, left, faint)
+                return WithoutSpurious(bare, form)
+    return WithoutSpurious(found, left, faint)
 
 
 def _far_off(found: Fitted, given: Given) -> bool:
@@ -273,7 +273,7 @@ def _as_told(found: Fitted, given: Given) -> Fitted:
     """
     if _as_data_sheet(found, given, _CLEARLY_OFF):
         return found
-    trading = [name for name, share in apart(found.search, found.choice).items() if share < TRADES]
+    trading = [name for name, share in unconfounded(found.search, found.choice).items() if share < TRADES]
     others = (without(found, [name], given) for name in trading)
     return next((other for other in others if _as_data_sheet(other, given) and _by_rounding(other, found)), found)
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from estimator.diagnosis.likelihood.evidence import Search
 from estimator.diagnosis.likelihood.given import Given
-from estimator.diagnosis.search.exchange import all_saturations_at_once, one_for_others, without_idle
+from estimator.diagnosis.search.exchange import all_saturations_at_once, replaced_by_one, without_idle
 from estimator.diagnosis.search.fitting import Fitted, fitted
 from estimator.diagnosis.search.flux_map_stage import fitted_by_map, has_map
-from estimator.diagnosis.search.remainder import alone, not_astray, unexplained_by, upright
+from estimator.diagnosis.search.remainder import alone, restarted_from_fewer, unexplained_by, without_spurious
 from estimator.diagnosis.verdict import Unexplained
 from estimator.physics.rows import Rows
 
@@ -33,16 +33,16 @@ def explained(rows: Rows, given: Given, progress: Callable[[float, str], None]) 
         return Explained(*by_form)
     found = fitted(rows, given, lambda share: progress(0.7 * share, "fitting"))
     progress(0.7, "judging")
-    found, at_best = one_for_others(rows, found, given)
+    found, at_best = replaced_by_one(rows, found, given)
     compared = set(found.choice)
     progress(0.71, "judging")
     found = without_idle(all_saturations_at_once(rows, found, given), given)
     progress(0.72, "judging")
-    found = not_astray(rows, found, given)
+    found = restarted_from_fewer(rows, found, given)
     left = unexplained_by(rows, found)
     if left is not None and (by_map := fitted_by_map(rows, given, found, progress)) is not None:
-        by_map, left_by_map, _ = upright(rows, by_map, unexplained_by(rows, by_map), given)
+        by_map, left_by_map, _ = without_spurious(rows, by_map, unexplained_by(rows, by_map), given)
         if has_map(by_map):
             return Explained(by_map, left_by_map, found.search)
-    found, left, resonance = upright(rows, found, left, given)
+    found, left, resonance = without_spurious(rows, found, left, given)
     return Explained(found, left, resonance=resonance, at_best=at_best if set(found.choice) == compared else None)

@@ -18,9 +18,9 @@ from estimator.diagnosis.standstill.pulse_fit import Pulses, PulseTerms, Train
 from estimator.diagnosis.standstill.sweep import LOSS_AT_STANDSTILL, jackknife, odds_told, record_instead, smallest_set
 from estimator.diagnosis.trust.rivals import POWER_99, SURE_LOG_ODDS
 from estimator.diagnosis.verdict import (
-    Before,
     Candidate,
     Diagnosis,
+    ErrorChange,
     Finding,
     Fit,
     LeaveOneOut,
@@ -65,14 +65,14 @@ def diagnose_pulses(trains: Sequence[Train], n_p: int | None = None, R_s: float 
     doubts = (LOSS_AT_STANDSTILL,) if terms_of.RUNG in chosen else ()
     left = _left_of_pulses(pulses, tried[chosen])
     after = _held_machine(pulses, tried, chosen)
-    blind = record_instead(after)
+    instead = record_instead(after)
     return with_sentence(Diagnosis(
-        verdict=verdict_of(findings, doubts, left, blind), sentence="",
+        verdict=verdict_of(findings, doubts, left, instead), sentence="",
         findings=findings, ambiguous=doubts, unexplained=left,
         detectable=_detectable_by_angles(tried, chosen), machine_before=_held_machine(pulses, tried, ()),
         machine_after=after, fit=_pulse_quality(pulses, tried[()], tried[chosen]),
         candidates=_pulse_candidates(scores, chosen),
-        remarks=(*_pulse_remarks(pulses, tried, chosen, R_s), *blind), traces=None,
+        remarks=(*_pulse_remarks(pulses, tried, chosen, R_s), *instead), traces=None,
     ))  # fmt: skip
 
 
@@ -141,8 +141,8 @@ def _pulse_quality(pulses: Pulses, base: PulsesTried, found: PulsesTried) -> Fit
     if found is not base:
         loo = LeaveOneOut("angle", len(pulses.angles), base.rms, found.rms, "A", {"current noise": pulses.noise})
     return Fit(
-        True, Before(volts * base.rms, volts * found.rms, volts * pulses.noise), Before(base.rms, found.rms),
-        1.0 - (found.rms / base.rms) ** 2, Before(math.nan, math.nan), loo,
+        True, ErrorChange(volts * base.rms, volts * found.rms, volts * pulses.noise), ErrorChange(base.rms, found.rms),
+        1.0 - (found.rms / base.rms) ** 2, ErrorChange(math.nan, math.nan), loo,
     )  # fmt: skip
 
 

@@ -22,9 +22,9 @@ from estimator.diagnosis.standstill.tones import Tone, Tones, tones_of
 from estimator.diagnosis.trust.rivals import POWER_99, SURE_LOG_ODDS
 from estimator.diagnosis.verdict import (
     Ambiguity,
-    Before,
     Candidate,
     Diagnosis,
+    ErrorChange,
     Experiment,
     Finding,
     Fit,
@@ -127,14 +127,14 @@ def _diagnosis_of_sweep(
         doubts.append(summed.ambiguity)
     left = _left_of_tones(sweep, found, noise)
     after = _axis_machine(found, blamed)
-    blind = record_instead(after)
+    instead = record_instead(after)
     return with_sentence(Diagnosis(
-        verdict=verdict_of(findings, doubts, left, blind), sentence="",
+        verdict=verdict_of(findings, doubts, left, instead), sentence="",
         findings=tuple(findings), ambiguous=tuple(doubts),
         unexplained=left, detectable=_detectable_by_tones(tried, chosen), machine_before=_axis_machine(base, []),
         machine_after=after, fit=_sweep_quality(sweep, base, found),
         candidates=_sweep_candidates(scores, chosen),
-        remarks=(*_sweep_remarks(sweep, found, summed), *blind), traces=None,
+        remarks=(*_sweep_remarks(sweep, found, summed), *instead), traces=None,
     ))  # fmt: skip
 
 
@@ -227,7 +227,8 @@ def _sweep_quality(sweep: Sweep, base: SweepTried, found: SweepTried) -> Fit:
     u, i = (volts(base), volts(found)), (amperes(base), amperes(found))
     floor = _rms_of_tones(tones.noise * sweep.size / np.abs(tones.i[:, 1]))
     loo = LeaveOneOut("frequency", len(tones.frequency), base.rms, found.rms, "1", {}) if found is not base else None
-    return Fit(True, Before(*u, floor), Before(*i), 1.0 - (u[1] / u[0]) ** 2, Before(math.nan, math.nan), loo)
+    white = ErrorChange(math.nan, math.nan)
+    return Fit(True, ErrorChange(*u, floor), ErrorChange(*i), 1.0 - (u[1] / u[0]) ** 2, white, loo)
 
 
 def _rms_of_tones(amplitudes: Sequence[complex] | Array) -> float:

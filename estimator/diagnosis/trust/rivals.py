@@ -18,7 +18,7 @@ POWER_99: Final = 2.326  # standard normal at 99 %
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class RivalFit:
     """A rival of an effect."""
 
     effect: str
@@ -28,7 +28,7 @@ class Doubt:
 
 def rivals(
     search: Search, choice: Choice, one: tuple[str, int], at_best: Mapping[tuple[str, str], float] | None = None
-) -> list[Doubt]:
+) -> list[RivalFit]:
     """Other effects in the place of one, likeliest first. None is one that is unlike it, and called for besides.
 
     `at_best`: log-odds of an effect over another at that one's best shapes, where they are known.
@@ -42,19 +42,19 @@ def rivals(
         known = best.get(other[0])
         if known is None or search.fit((*rest, other)).log_evidence > search.fit((*rest, known)).log_evidence:
             best[other[0]] = other
-    full, missed = search.fit(choice), BY_NAME[one[0]].missed * max(0.0, search.explained(choice, one))
+    full, discrepancy = search.fit(choice), BY_NAME[one[0]].discrepancy * max(0.0, search.explained(choice, one))
     scatter = search.scatter(full, one)
-    found: list[Doubt] = []
+    found: list[RivalFit] = []
     for other in best.values():
         there = search.fit((*rest, other))
         fitted = 0.5 * (there.chi2 - full.chi2)
         complexity = full.log_evidence - there.log_evidence - fitted
-        said = (fitted - 0.5 * missed if fitted > 0.0 else fitted) / scatter + complexity
+        said = (fitted - 0.5 * discrepancy if fitted > 0.0 else fitted) / scatter + complexity
         collinear = _collinear(search, rest, one, other)
         if abs(collinear) < _UNLIKE_SIGNALS:
             said = max(said, search.gain((*rest, other), one))
         said = min(said, (at_best or {}).get((one[0], other[0]), math.inf))
-        found.append(Doubt(other[0], said, collinear))
+        found.append(RivalFit(other[0], said, collinear))
     return sorted(found, key=lambda doubt: doubt.log_odds)
 
 
@@ -66,7 +66,7 @@ def _collinear(search: Search, rest: Choice, one: tuple[str, int], other: tuple[
     return product_of(search, places, a, b) / math.sqrt(size) if size > 0.0 else 0.0
 
 
-def ambiguity(one: str, rival: Doubt, experiment: Experiment) -> Ambiguity:
+def ambiguity(one: str, rival: RivalFit, experiment: Experiment) -> Ambiguity:
     """Two effects that are not told apart, and what would tell."""
     this, that, collinear = BY_NAME[one].title, BY_NAME[rival.effect].title, f"{abs(rival.collinear):.2f} here"
     if rival.log_odds < -SURE_LOG_ODDS:

@@ -46,22 +46,22 @@ _SIMPLER: Final = 0.5  # of what a voltage of two levels explains, that a line m
 _NEAR_FREQUENCY: Final = 0.05  # standard deviation of a resonance's frequency over it, to say so
 
 
-def rings(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 0.0) -> bool:
+def rings(rows: Rows, z: Vector, noise: tuple[float, float], discrepancy: float = 0.0) -> bool:
     """A resonance shows in a residual flux error (Vs, rotor frame), however little of its energy it holds.
 
-    missed: energy, over the noise's variance, that equations of what is named may leave: no less rings.
+    discrepancy: energy, over the noise's variance, that equations of what is named may leave: no less rings.
     """
     found = ringing(rows, np.where(rows.joined, z, 0j), noise)
     if found is None:
         return False
     sure, plain = found
-    return sure**2 > missed + _LIKE_RINGING[plain] * hidden_energy(rows) / (noise[0] * noise[1])
+    return sure**2 > discrepancy + _LIKE_RINGING[plain] * hidden_energy(rows) / (noise[0] * noise[1])
 
 
-def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 0.0) -> Unexplained | None:
+def describe(rows: Rows, z: Vector, noise: tuple[float, float], discrepancy: float = 0.0) -> Unexplained | None:
     """What a residual flux error (Vs, rotor frame) holds above its white noise; None where it holds nothing.
 
-    missed: as `rings` has it.
+    discrepancy: as `rings` has it.
     """
     hidden = hidden_energy(rows)
     z = np.where(rows.joined, z, 0j)
@@ -71,7 +71,8 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], missed: float = 
         return None
     coarse = math.sqrt(1.0 + hidden / (n * variance))
     line = _line(rows, z)
-    heard_ringing = rings(rows, z if line is None else z - line.flux, (coarse * noise[0], coarse * noise[1]), missed)
+    beside_line = z if line is None else z - line.flux
+    heard_ringing = rings(rows, beside_line, (coarse * noise[0], coarse * noise[1]), discrepancy)
     loud = energy_of(z) - n * variance - _HIDDEN_ENERGY * hidden
     rms_V = _rms_above_noise(rows, z, noise)
     if line is not None and line.gain > _FORM * loud > 0.0:

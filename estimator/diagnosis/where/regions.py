@@ -42,7 +42,7 @@ class QuantityRange:
 
     @property
     def words(self) -> str:
-        """As a clause."""
+        """The range as a clause of a sentence."""
         low, high = self.limits
         if self.key == "zero_crossing":
             return f"a phase current is within {number(high, 2)} A of changing sign"

@@ -24,10 +24,10 @@ from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
 from estimator.diagnosis.verdict import (
     Ambiguity,
-    Before,
     Candidate,
     Change,
     Diagnosis,
+    ErrorChange,
     Experiment,
     Finding,
     Fit,
@@ -95,7 +95,8 @@ def test_the_schema_tells_every_field_of_a_diagnosis() -> None:
     for name, kind in {
         "Finding": Finding, "Place": Place, "Quantity": Quantity, "Range": Range, "Ambiguity": Ambiguity, "Fit": Fit,
         "Candidate": Candidate, "Unexplained": Unexplained, "Experiment": Experiment, "Hold": Hold,
-        "Rival": Rival, "LeaveOneOut": LeaveOneOut, "FluxTable": FluxTable, "Before": Before, "Change": Change,
+        "Rival": Rival, "LeaveOneOut": LeaveOneOut, "FluxTable": FluxTable,
+        "ErrorChange": ErrorChange, "Change": Change,
     }.items():  # fmt: skip
         asked = {field.name for field in fields(kind)} - {"equation"}  # which machine files have
         told = definitions[name]

@@ -62,7 +62,7 @@ def test_effects_that_cannot_be_simulated_are_said(line: str, said: str, tmp_pat
 def test_the_benchs_manual_names_every_effect_and_its_parameters() -> None:
     """As JSON and machine files have them."""
     manual = (Path(__file__).parents[3] / "bench" / "README.md").read_text(encoding="utf-8")
-    table = manual.split("**Effects and their")[1].split("Equation, source, range")[0]
+    table = manual.split("### Effects and their")[1].split("Equation, source, range")[0]
     rows = rows_without_noise(with_effect("none", "servo_4nm"))
     for effect in LIBRARY:
         assert f"`{effect.name}`" in table, effect.name

@@ -30,7 +30,7 @@ def recording_of(choice: Choice, number: int, folder: Path) -> tuple[Concealed, 
 def written(
     there: Concealed, columns: Mapping[str, Column], choice: Choice, folder: Path
 ) -> tuple[Concealed, list[Samples], Machine]:
-    """The same of one that was drawn."""
+    """What a drawn recording conceals, its runs, and the nominal machine. Its files are in the folder then."""
     write(there, columns, choice, "0001", folder, folder)
     return (there, *loaded(folder, "0001"))
 
@@ -41,5 +41,5 @@ def rows_of(choice: Choice, number: int, folder: Path) -> tuple[Rows, Given]:
 
 
 def rows_as_diagnosed(runs: Sequence[Samples], nominal: Machine) -> tuple[Rows, Given]:
-    """The same of runs and a nominal machine."""
+    """Runs as rows, as a diagnosis has them, and what is given of the drive."""
     return prepared(runs, nominal, dict.fromkeys(PARAMETERS, TOLERANCE))

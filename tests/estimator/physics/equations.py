@@ -1,7 +1,7 @@
 """Effects without any noise beside what their equations say: `python -m tests.estimator.physics.equations`.
 
 For each effect the share of the energy it explains that its fitted equation misses, over all motors, beside the share
-that its `missed` allows for. A recording each of 2 s, from the upper half of the class's range of sizes; about two
+that its `discrepancy` allows for. A recording each of 2 s, from the upper half of the class's range of sizes; about two
 minutes. Ends with 1 where more is missed than is allowed for.
 """
 
@@ -120,7 +120,7 @@ def main() -> int:
     over = 0
     print(f"{'class':22} allowed   missed: median, most, of which motor")
     for kind in _CLASSES:
-        allowed, by_motor = BY_NAME[EFFECT[kind]].missed, {motor: shares[kind, motor] for motor in MOTORS}
+        allowed, by_motor = BY_NAME[EFFECT[kind]].discrepancy, {motor: shares[kind, motor] for motor in MOTORS}
         most = max(by_motor, key=lambda motor: by_motor[motor])
         over += by_motor[most] > allowed
         told = f"{np.median([*by_motor.values()]):.1e}, {by_motor[most]:.1e}, {most}"

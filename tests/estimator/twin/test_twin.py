@@ -21,7 +21,7 @@ from estimator.diagnosis.likelihood.cleaning import raw
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.noise import filter_of, noise_of, whitened
 from estimator.diagnosis.search.fitting import polished
-from estimator.diagnosis.verdict import Before
+from estimator.diagnosis.verdict import ErrorChange
 from estimator.machine import PARAMETERS
 from estimator.physics.library import LIBRARY
 from estimator.physics.rows import Rows, rows_of
@@ -235,7 +235,7 @@ def test_the_true_model_leaves_noise_and_the_machine_alone_does_not() -> None:
     step, run, low = fit.one_step_rms_V, fit.free_run_rms_A, fit.whiteness
     assert fit.held_out
     assert step.noise_floor is not None
-    assert isinstance(run, Before)
+    assert isinstance(run, ErrorChange)
     assert run.noise_floor is not None
     assert step.after == pytest.approx(step.noise_floor, rel=0.05)
     assert run.after < 2.0 * run.noise_floor < 0.1 * run.before
@@ -251,6 +251,6 @@ def test_what_noise_alone_leaves_is_at_its_floors_and_white(noisy: Rows) -> None
     assert not fit.held_out
     assert fit.one_step_rms_V.after == pytest.approx(fit.one_step_rms_V.noise_floor, rel=0.02)
     run = fit.free_run_rms_A
-    assert isinstance(run, Before)
+    assert isinstance(run, ErrorChange)
     assert run.after == pytest.approx(run.noise_floor, rel=0.2)
     assert fit.whiteness.after == pytest.approx(1.0, abs=0.1)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.machine_file import load_machine
-from estimator.diagnosis.verdict import Before, Diagnosis, Finding, Fit, Place, Quantity, Verdict
+from estimator.diagnosis.verdict import Diagnosis, ErrorChange, Finding, Fit, Place, Quantity, Verdict
 from estimator.samples import Samples
 from tests.proof.parts.benchmark import Outcome, judged, prove
 from tests.proof.parts.benchmark_cells import CELLS, I_RATED, TOLERANCE, U_DC, Made, made, motor_of
@@ -41,7 +41,7 @@ def said(
     fitted, corrected = (
         true | {"R_s": Quantity(there.truth.machine["R_s"] * (1.0 + off), 0.0, "")} for off in (before, after)
     )
-    fit = Fit(True, Before(left, 1.0, 1.0), Before(1.0, 0.1), 0.9, Before(5.0, 1.0))
+    fit = Fit(True, ErrorChange(left, 1.0, 1.0), ErrorChange(1.0, 0.1), 0.9, ErrorChange(5.0, 1.0))
     return Said(Diagnosis(verdict, "", findings, (), None, {}, fitted, corrected, fit, (), (), None), "", 1.0)
 
 
@@ -53,7 +53,7 @@ def test_the_matrix_is_the_published_one() -> None:
 
 
 def test_motors_are_of_the_published_ranges_and_their_data_sheets_within_tolerance() -> None:
-    """The same for the same seed, others for another."""
+    """A seed and a number give one motor, another seed another one."""
     for number in range(1, 20):
         motor = motor_of(SEED, number)
         true, nominal = motor.machine, motor.nominal

@@ -86,11 +86,11 @@ class Case:
 
     @property
     def without(self) -> Scenario:
-        """The same drive without the effect."""
+        """The case's drive without the effect."""
         return replace(self.scenario, effects=NONE)
 
     def halved(self) -> "Case":
-        """The same with half the effect."""
+        """The case with half the effect."""
         size = 0.5 * self.size
         return replace(self, size=size, scenario=replace(self.scenario, effects=self.remake(size)))
 

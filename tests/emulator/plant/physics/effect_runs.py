@@ -44,7 +44,7 @@ def with_effects(
 
 
 def switched(scenario: Scenario) -> Scenario:
-    """The same behind a bridge with edges, whose timer is ideal."""
+    """A scenario's drive behind a bridge with edges, whose timer is ideal."""
     return replace(scenario, drive=replace(scenario.drive, bridge="switched", timer_counts=0))
 
 

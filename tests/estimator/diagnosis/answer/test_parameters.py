@@ -73,8 +73,8 @@ def test_how_far_an_effect_lies_from_none_counts_inductances_that_are_not_told()
     search, _, _ = searched(rows, of_machine(rows, given).model, given, "angle_offset")
     one = next(each for each in search.candidates() if each[0] == "angle_offset")
 
-    def distance(*untold: str) -> float:
-        with_these = Search(replace(search.regression, untold=frozenset(untold)))
+    def distance(*unidentified: str) -> float:
+        with_these = Search(replace(search.regression, unidentified=frozenset(unidentified)))
         return with_these.distance(with_these.fit((one,)), one)
 
     print(f"{distance():.3g} where all are told, {distance('L_d', 'L_q'):.3g} where inductances are not")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from estimator.diagnosis.answer.sentences import quantity, sentence_of
-from estimator.diagnosis.verdict import Ambiguity, Before, Diagnosis, Experiment, Fit, Quantity, Range, Verdict
+from estimator.diagnosis.verdict import Ambiguity, Diagnosis, ErrorChange, Experiment, Fit, Quantity, Range, Verdict
 from tests.support.diagnoses import CONVENTION, EXPLAINED, NO_MISMATCH
 
 
@@ -72,7 +72,7 @@ def test_what_is_left_beyond_noise_is_told_of_what_is_explained() -> None:
     floor = EXPLAINED.fit.one_step_rms_V.noise_floor
     assert floor is not None
     for after, told in ((1.04 * floor, False), (1.1 * floor, True)):
-        fit = replace(EXPLAINED.fit, one_step_rms_V=Before(2.69, after, floor))
+        fit = replace(EXPLAINED.fit, one_step_rms_V=ErrorChange(2.69, after, floor))
         assert ("What is left is little beside the voltage" in sentence_of(replace(EXPLAINED, fit=fit))) is told
 
 
@@ -126,6 +126,6 @@ def test_a_scale_that_would_not_show_is_said(verdict: Verdict) -> None:
 ])  # fmt: skip
 def test_what_is_left_of_no_mismatch_is_told_where_it_is_more_than_noise(after: float, left: str) -> None:
     """What is too small beside the voltage to matter is not nothing."""
-    fit = Fit(True, Before(after, after, 0.1), Before(0.01, 0.01), 0.0, Before(1.0, 1.0))
+    fit = Fit(True, ErrorChange(after, after, 0.1), ErrorChange(0.01, 0.01), 0.0, ErrorChange(1.0, 1.0))
     said = sentence_of(replace(EXPLAINED, findings=(), verdict=Verdict.NO_MISMATCH, fit=fit))
     assert f"the machine's equations with fitted parameters {left}" in said

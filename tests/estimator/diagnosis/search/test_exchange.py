@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.diagnosis.search.exchange import all_saturations_at_once, one_for_others
+from estimator.diagnosis.search.exchange import all_saturations_at_once, replaced_by_one
 from estimator.diagnosis.search.fitting import fitted, without
 from estimator.diagnosis.search.remainder import excess_of
 from estimator.physics.library import BY_NAME
@@ -21,10 +21,10 @@ def test_one_effect_takes_the_place_of_three_that_stand_for_it(tmp_path: Path) -
     three = "angle_offset", "ac_resistance", "voltage_offset"
     found = without(fitted(rows, given, library=[BY_NAME[name] for name in three]), [], given)
     assert {name for name, _ in found.choice} == set(three)
-    other = one_for_others(rows, found, given).found
+    other = replaced_by_one(rows, found, given).found
     assert {name for name, _ in other.choice} == {"iron_loss", "q_axis_saturation"}
     assert excess_of(other) < 0.5 * excess_of(found)
-    assert one_for_others(rows, other, given).found is other
+    assert replaced_by_one(rows, other, given).found is other
 
 
 def test_saturations_and_an_angle_that_is_off_show_together(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_an_effect_shows_for_which_others_had_stood(tmp_path: Path) -> None:
 def test_a_drift_takes_the_place_of_an_offset_that_looks_like_it_at_the_wrong_time_constant(tmp_path: Path) -> None:
     rows, given = rows_of(population(2010), 261, tmp_path)
     found = fitted(rows, given)
-    other = one_for_others(rows, found, given).found
+    other = replaced_by_one(rows, found, given).found
     assert {name for name, _ in found.choice} - {name for name, _ in other.choice} == {"voltage_offset"}
     assert {name for name, _ in other.choice} == {"cross_saturation", "magnet_flux_drift", "voltage_delay"}
     assert excess_of(other) < 0.9 * excess_of(found)
@@ -67,7 +67,7 @@ def test_a_drift_takes_the_place_of_an_offset_that_looks_like_it_at_the_wrong_ti
 def test_a_loss_takes_the_place_of_two_effects_that_leave_as_little(tmp_path: Path) -> None:
     rows, given = rows_of(population(2010), 221, tmp_path)
     found = fitted(rows, given)
-    other = one_for_others(rows, found, given).found
+    other = replaced_by_one(rows, found, given).found
     assert {name for name, _ in other.choice} == {"current_sensor_offset", "iron_loss"}
     assert len(other.choice) < len(found.choice)
     assert excess_of(other) < 1.01 * excess_of(found)
@@ -79,10 +79,10 @@ def test_of_two_that_look_like_the_machine_none_wins_by_an_angles_rounding(tmp_p
     found = fitted(rows, given)
     assert "q_axis_saturation" in found.model.effects
     assert not given.within("L_q", found.model.machine.L_q)
-    other, _ = one_for_others(rows, found, given)
+    other, _ = replaced_by_one(rows, found, given)
     assert set(other.model.effects) == {"interturn_short", "angle_offset"}
     assert other.model.effects["angle_offset"][0] == pytest.approx(0.0265, rel=0.1)
     within = replace(given, tolerance={**given.tolerance, "L_q": 0.15})
-    still, at_best = one_for_others(rows, found, within)
+    still, at_best = replaced_by_one(rows, found, within)
     assert still is found
     assert at_best["q_axis_saturation", "angle_offset"] == 0.0

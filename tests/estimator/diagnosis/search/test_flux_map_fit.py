@@ -151,7 +151,7 @@ def test_a_machine_of_constants_departs_from_them_by_nothing(scenario: Scenario,
 
 @pytest.fixture(scope="module")
 def lossy(scenario: Scenario) -> Diagnosis:
-    """The same machine behind a bridge with a dead time."""
+    """The diagnosis of the machine behind a bridge with a dead time."""
     there = replace(scenario, effects=scenario.effects._replace(inverter=Inverter(dead_time=DEAD_TIME)))
     return diagnose([samples_from(there)], NOMINAL)
 

@@ -10,7 +10,7 @@ from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import unidentified_inductances
 from estimator.diagnosis.search.exchange import all_saturations_at_once
 from estimator.diagnosis.search.fitting import at_nominal, fitted, of_machine
-from estimator.diagnosis.search.remainder import alone, leaves_some, unexplained_by, upright
+from estimator.diagnosis.search.remainder import alone, leaves_some, unexplained_by, without_spurious
 from estimator.physics.rows import Rows
 from tests.estimator.diagnosis.concealed_runs import population, rows_of
 
@@ -68,7 +68,7 @@ def test_an_effect_that_takes_a_parameter_off_its_data_sheet_is_dropped(tmp_path
     found = all_saturations_at_once(rows, fitted(rows, given), given)
     assert "q_axis_saturation" in found.model.effects
     assert not given.within("L_q", found.model.machine.L_q, 1.5)
-    upheld, left, _ = upright(rows, found, unexplained_by(rows, found), given)
+    upheld, left, _ = without_spurious(rows, found, unexplained_by(rows, found), given)
     assert left is None
     assert set(upheld.model.effects) == {"interturn_short"}
     assert given.within("L_q", upheld.model.machine.L_q)
