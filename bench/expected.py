@@ -8,9 +8,9 @@ A kind says what is expected where it is declared, as an annotation:
 Knows nothing of what is asked for.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
-from typing import Annotated, Any, Final, TypeVar, cast
+from typing import Annotated, Any, Final, TypeVar, cast, get_args
 
 from pydantic import ConfigDict, Field, GetCoreSchemaHandler, TypeAdapter, ValidationError
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
@@ -37,9 +37,7 @@ def taken(kind: TypeAdapter[T], given: object, where: str, refusal: type[BenchEr
 def sentence(error: ErrorDetails, where: str = "") -> str:
     """`WHERE KEY: expected WHAT, got WHAT CAME`, of an error as pydantic tells it."""
     context = error.get("ctx", {})
-    clause = f"expected {context.get('expected', '')}".replace("'", "")  # one of several words, in quotes
-    if error["type"] != "literal_error":
-        clause = str(context.get("clause", error["msg"]))
+    clause = str(context.get("clause", error["msg"]))
     keys = [part if part.isidentifier() else shown(part) for part in error["loc"] if isinstance(part, str)]
     head = " ".join([where, *keys[: -1 if context.get("above") else None]]).strip().rstrip(":")
     came = context.get("came", f", got {shown(error['input'])}")
@@ -53,6 +51,10 @@ def told(clause: str, came: str | None = None, *, above: bool = False) -> Pydant
     """
     context: dict[str, Any] = {"clause": clause, "above": above}
     return PydanticCustomError(_TOLD, "not as expected", context if came is None else context | {"came": came})
+
+
+def _either(words: Sequence[str]) -> str:
+    return f"{', '.join(words[:-1])} or {words[-1]}"
 
 
 @dataclass(frozen=True)
@@ -84,13 +86,15 @@ class Else:
 
 @dataclass(frozen=True)
 class Word:
-    """Annotates `str`: one of these, and the clause where something else came."""
+    """Annotates a `Literal`, or with `words` a `str`: one of these, and the clause where something else came."""
 
-    words: tuple[str, ...]
-    clause: str
+    words: tuple[str, ...] = ()
+    clause: str = ""  # else: all of them, with an "or"
 
-    def __get_pydantic_core_schema__(self, _source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
-        return Else(self.clause).around(core_schema.literal_schema(list(self.words)))
+    def __get_pydantic_core_schema__(self, source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
+        words = self.words or get_args(source)
+        clause = self.clause or f"expected {_either(words)}"
+        return Else(clause).around(core_schema.literal_schema(list(words)))
 
 
 @dataclass(frozen=True)
@@ -143,8 +147,8 @@ class Table:
                 raise told(self.clause, f", got {shown(', '.join(given))}")
             for key in given:
                 if key not in known:
-                    one = f"{', '.join(known[:-1])} or {known[-1]}"
-                    raise told(self.unknown.format(one=one, all=", ".join(known), key=shown(key)), "")
+                    names = {"one": _either(known), "all": ", ".join(known)}
+                    raise told(self.unknown.format(**names, key=shown(key)), "")
             found = then(dict.fromkeys(needed) | dict(given))
             return found if self.kinds is None else {key: found[key] for key in given}  # in the order given
 
