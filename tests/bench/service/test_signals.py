@@ -111,6 +111,7 @@ def test_a_stopped_drive_takes_no_set_point_and_started_again_it_does(client: ht
     control = client.post(f"{DRIVE}/start", json=kept).raise_for_status().json()
     assert (control["state"], control["ours"], control["fault"]) == ("operation enabled", True, None)
     assert values(client, "i_q_ref", "i_d_step", "i_q_step") == kept
+    assert problem(client.post(f"{DRIVE}/reset", json=[1]), 422) == "expected a JSON object such as {}, got [1]"
     assert problem(client.post(f"{DRIVE}/reset", json={}), 409) == (
         "drive emulated is in no fault: it is operation enabled"
     )
