@@ -8,9 +8,9 @@ A kind says what is expected where it is declared, as an annotation:
 Knows nothing of what is asked for.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
-from typing import Annotated, Any, Final, TypeVar, cast
+from typing import Annotated, Any, Final, TypeVar, cast, get_args
 
 from pydantic import ConfigDict, Field, GetCoreSchemaHandler, TypeAdapter, ValidationError
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
@@ -37,22 +37,29 @@ def taken(kind: TypeAdapter[T], given: object, where: str, refusal: type[BenchEr
 def sentence(error: ErrorDetails, where: str = "") -> str:
     """`WHERE KEY: expected WHAT, got WHAT CAME`, of an error as pydantic tells it."""
     context = error.get("ctx", {})
-    clause = f"expected {context.get('expected', '')}".replace("'", "")  # one of several words, in quotes
-    if error["type"] != "literal_error":
-        clause = str(context.get("clause", error["msg"]))
-    keys = [part if part.isidentifier() else shown(part) for part in error["loc"] if isinstance(part, str)]
+    clause = str(context.get("clause", error["msg"]))
+    keys = [_named(part) for part in error["loc"] if isinstance(part, str)]
     head = " ".join([where, *keys[: -1 if context.get("above") else None]]).strip().rstrip(":")
+    head += context.get("beside", "")
     came = context.get("came", f", got {shown(error['input'])}")
     return f"{head}: {clause}{came}" if head else f"{clause}{came}"
 
 
-def told(clause: str, came: str | None = None, *, above: bool = False) -> PydanticCustomError:
+def told(clause: str, came: str | None = None, *, above: bool = False, beside: str = "") -> PydanticCustomError:
     """The error of a validator: what was expected; `came`: what is said of what came, where it is not the usual.
 
-    `above`: the clause names the key, and is told of what that stands in.
+    `above`: the clause names the key, and is told of what that stands in. `beside`: said right after the key.
     """
-    context: dict[str, Any] = {"clause": clause, "above": above}
+    context: dict[str, Any] = {"clause": clause, "above": above, "beside": beside}
     return PydanticCustomError(_TOLD, "not as expected", context if came is None else context | {"came": came})
+
+
+def _named(key: str) -> str:
+    return key if key.isidentifier() else shown(key)
+
+
+def _either(words: Sequence[str]) -> str:
+    return f"{', '.join(words[:-1])} or {words[-1]}"
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,7 @@ class Else:
     clause: str
     empty: str = ""  # where too few came, and the type says how many at least
     above: bool = False  # see `told`
+    unit: str | None = None  # of what came, a number, which is told right after its key; None: at the end, as usual
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return self.around(handler(source))
@@ -76,6 +84,8 @@ class Else:
                 kinds = {line["type"] for line in error.errors()}
                 if _TOLD in kinds and kinds <= {_TOLD, "too_short"}:  # the latter: none of its parts was right
                     raise
+                if self.unit is not None:
+                    raise told(self.clause, "", beside=f" = {value:g} {self.unit}".rstrip()) from None
                 few = self.empty and "too_short" in kinds
                 raise told(*((self.empty, ", got none") if few else (self.clause,)), above=self.above) from None
 
@@ -84,13 +94,15 @@ class Else:
 
 @dataclass(frozen=True)
 class Word:
-    """Annotates `str`: one of these, and the clause where something else came."""
+    """Annotates a `Literal`, or with `words` a `str`: one of these, and the clause where something else came."""
 
-    words: tuple[str, ...]
-    clause: str
+    words: tuple[str, ...] = ()
+    clause: str = ""  # else: all of them, with an "or"
 
-    def __get_pydantic_core_schema__(self, _source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
-        return Else(self.clause).around(core_schema.literal_schema(list(self.words)))
+    def __get_pydantic_core_schema__(self, source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
+        words = self.words or get_args(source)
+        clause = self.clause or f"expected {_either(words)}"
+        return Else(clause).around(core_schema.literal_schema(list(words)))
 
 
 @dataclass(frozen=True)
@@ -108,7 +120,7 @@ class Number:
         return handler.generate_schema(Annotated[source, bounds, Else(clause)])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # by identity: kinds have no hash, which a type that may be None needs
 class Table:
     """Annotates a dataclass, or with `kinds` a mapping: an object that has these keys only.
 
@@ -143,8 +155,8 @@ class Table:
                 raise told(self.clause, f", got {shown(', '.join(given))}")
             for key in given:
                 if key not in known:
-                    one = f"{', '.join(known[:-1])} or {known[-1]}"
-                    raise told(self.unknown.format(one=one, all=", ".join(known), key=shown(key)), "")
+                    names = {"one": _either(known), "all": ", ".join(known)}
+                    raise told(self.unknown.format(**names, key=shown(key), name=_named(key)), "")
             found = then(dict.fromkeys(needed) | dict(given))
             return found if self.kinds is None else {key: found[key] for key in given}  # in the order given
 

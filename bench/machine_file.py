@@ -23,32 +23,75 @@ that a diagnosis gives them. A table [flux_map], as a diagnosis writes it, is fo
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import cast
+from typing import Annotated, Any, Final
 
-from bench.errors import ConfigError, shown
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, WithJsonSchema
+
+from bench.errors import ConfigError
+from bench.expected import Else, Table, taken
 from bench.files import read_bytes
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS, Machine
 
-KEYS = {
+_LARGEST: Final = 2_000_000  # bytes
+_MOST: Final = 10**300  # beyond, a number is shown and taken as this
+EQUATION: Final = "equation"
+"""The key of an effect's parameters as its equation has them."""
+
+
+def _within(value: Any) -> Any:
+    """TOML's integers have no end."""
+    return max(-_MOST, min(value, _MOST)) if isinstance(value, int) else value
+
+
+def _value(low: float, high: float, unit: str, kind: Any = float) -> Any:
+    """A number, above zero where its least is; where its size cannot be, it is given in another unit."""
+    number, finite = "whole number" if kind is int else "number", f"expected a finite number of {unit} above zero"
+    above = (Field(gt=0, allow_inf_nan=False), Else(finite, unit="")) if low > 0 else ()
+    shape = {"type": "integer" if kind is int else "number", "minimum": low, "maximum": high, "description": unit}
+    return Annotated[
+        kind, Field(strict=True), Else(f"expected a {number} of {unit}"), *above, Field(ge=low, le=high),
+        Else(f"expected {low:g} to {high:g} {unit}; SI units, per phase", unit=unit), BeforeValidator(_within),
+        WithJsonSchema(shape),
+    ]  # fmt: skip
+
+
+def _table(name: str) -> Any:
+    """A table of anything."""
+    return Annotated[dict[Any, Any], Else(f"expected a table [{name}]", above=True)]
+
+
+_VALUES: Final = {
     "machine": {
-        **{name: (*PLAUSIBLE[name], UNITS[name]) for name in PARAMETERS},
-        "n_p": (1, 200, "pole pairs"),
-        "i_rated": (1e-3, 1e5, "A"),
-        "speed_max_rpm": (1e-3, 1e6, "rpm"),
+        **{name: _value(*PLAUSIBLE[name], UNITS[name]) for name in PARAMETERS},
+        "n_p": _value(1, 200, "pole pairs", int),
+        "i_rated": _value(1e-3, 1e5, "A"),
+        "speed_max_rpm": _value(1e-3, 1e6, "rpm"),
     },
     "drive": {
-        "T_s": (1e-7, 10.0, "s"),
-        "u_dc": (1.0, 1e5, "V"),
-        "encoder_counts": (2, 2**30, "counts"),
-        "angle_ahead": (-math.pi, math.pi, "rad"),
+        "T_s": _value(1e-7, 10.0, "s"),
+        "u_dc": _value(1.0, 1e5, "V"),
+        "encoder_counts": _value(2, 2**30, "counts", int),
+        "angle_ahead": _value(-math.pi, math.pi, "rad"),
     },
 }
-_LARGEST = 2_000_000  # bytes
-EQUATION = "equation"
-"""The key of an effect's parameters as its equation has them."""
+_UNKNOWN: Final = "{name} is unknown, expected one of {all}"
+_KINDS: Final[Mapping[str, Any]] = {
+    name: Annotated[dict[str, Any], Table("", _UNKNOWN, values)] for name, values in _VALUES.items()
+}
+_TABLES: Final = {name: TypeAdapter[dict[str, Any]](kind) for name, kind in _KINDS.items()}
+_ANY: Final = {name: _table(name) for name in (*_KINDS, "effects", "flux_map")}
+_WHOLE: Final = TypeAdapter(Annotated[dict[str, dict[Any, Any]], Table(
+    "", "unknown entry {key}, expected the tables [machine] and [drive], [effects.NAME] and [flux_map]", _ANY,
+)])  # fmt: skip
+Tables = Annotated[dict[str, Any], Table("", kinds=_ANY | _KINDS)]
+"""What a machine file has, as a description shows it; `nominal_of` tells more of what is wrong, by table."""
+_SIZES: Final = TypeAdapter(dict[Any, Annotated[
+    float, Field(strict=True, allow_inf_nan=False), Else("expected a finite number"), BeforeValidator(_within),
+    AfterValidator(lambda size: float(max(-_MOST, min(size, _MOST)))),
+]])  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,83 +137,54 @@ def load_machine(path: str | Path) -> Nominal:
 
 def nominal_of(content: Mapping[str, object], path: str | Path) -> Nominal:
     """Nominal values from the tables of a machine file; `path` says where they are from. Raises ConfigError."""
-    tables = _tables(content, path)
-    machine, drive = tables["machine"], tables["drive"]
+    given = taken(_WHOLE, content, f"{path}:", ConfigError)
+    if "machine" not in given:
+        known = ", ".join(_VALUES["machine"])
+        raise ConfigError(f"{path}: the table [machine] is missing, expected it with any of {known}")
+    machine, drive = (
+        taken(kind, given.get(name, {}), f"{path}: [{name}]", ConfigError) for name, kind in _TABLES.items()
+    )
     if "encoder_counts" in drive and "n_p" not in machine:
         raise ConfigError(f"{path}: [drive] encoder_counts needs [machine] n_p, expected both or neither")
+    effects, equations = _effects(given["effects"], path) if "effects" in given else ({}, {})
+    values = machine | drive
     return Nominal(
-        given={name: machine[name] for name in PARAMETERS if name in machine},
-        n_p=int(machine["n_p"]) if "n_p" in machine else None,
-        i_rated=machine.get("i_rated"),
-        speed_max_rpm=machine.get("speed_max_rpm"),
-        T_s=drive.get("T_s"),
-        u_dc=drive.get("u_dc"),
-        encoder_counts=int(drive["encoder_counts"]) if "encoder_counts" in drive else None,
-        angle_ahead=drive.get("angle_ahead", 0.0),
-        effects=_effects(content.get("effects", {}), path),
-        equations=_equations(content.get("effects", {}), path),
-        source=str(path),
+        {name: values.pop(name) for name in PARAMETERS if name in values}, effects=effects, equations=equations,
+        source=str(path), **values,
     )
 
 
-def _tables(content: Mapping[str, object], path: str | Path) -> dict[str, dict[str, float]]:
-    for key in content:
-        if key not in KEYS and key not in ("effects", "flux_map"):
-            raise ConfigError(
-                f"{path}: unknown entry {shown(key)}, expected the tables [machine] and [drive], [effects.NAME] and "
-                "[flux_map]"
-            )
-    _expect_table(content.get("flux_map", {}), "flux_map", path)
-    if "machine" not in content:
-        raise ConfigError(f"{path}: the table [machine] is missing, expected it with any of "
-                          + ", ".join(KEYS["machine"]))
-    return {name: _table(path, name, content.get(name, {})) for name in KEYS}
-
-
-def _effects(content: object, path: str | Path) -> dict[str, Mapping[str, float]]:
-    effects: dict[str, Mapping[str, float]] = {}
-    for name, table in _expect_table(content, "effects", path).items():
-        where = f"{path}: [effects.{name}]"
-        if name not in (known := _known_effects()):
-            raise ConfigError(f"{path}: [effects]: unknown effect {shown(name)}, expected one of {', '.join(known)}")
-        values = {k: v for k, v in _expect_table(table, f"effects.{name}", path).items() if k != EQUATION}
-        for key, value in values.items():
-            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < math.inf:
-                raise ConfigError(f"{where} {shown(key)}: expected a finite number, came {shown(value)}")
-        effects[name] = {
-            key: float(min(max(value, -1e300), 1e300)) for key, value in cast("dict[str, float]", values).items()
-        }
-    return effects
-
-
-def _equations(effects: object, path: str | Path) -> dict[str, tuple[float, ...]]:
-    """Of effects that are known."""
-    from estimator.physics.library import BY_NAME
-
-    found: dict[str, tuple[float, ...]] = {}
-    for name, table in cast("dict[str, dict[str, object]]", effects).items():
-        if EQUATION not in table:
-            continue
-        names = [parameter.name for parameter in BY_NAME[name].parameters] if name in BY_NAME else []
-        came = table[EQUATION]
-        values = cast("list[object]", came) if isinstance(came, list) else list[object]()
-        numbers = [
-            float(x) for x in values
-            if not isinstance(x, bool) and isinstance(x, int | float) and abs(x) < 1e300
-        ]  # fmt: skip
-        if not names or len(numbers) != len(names) or len(numbers) != len(values):
-            expected = f"{len(names)} finite numbers ({', '.join(names)})" if names else "none"
-            where = f"{path}: [effects.{name}] {EQUATION}"
-            raise ConfigError(f"{where}: expected {expected}, came {shown(table[EQUATION])}")
-        found[name] = tuple(numbers)
-    return found
-
-
-def _known_effects() -> tuple[str, ...]:
+def _effects(
+    given: Mapping[str, object], path: str | Path
+) -> tuple[dict[str, Mapping[str, float]], dict[str, tuple[float, ...]]]:
+    """Sizes and equations by effect. Raises ConfigError."""
     from estimator.physics import convention_error
     from estimator.physics.library import BY_NAME
 
-    return (*BY_NAME, convention_error.NAME)
+    names = {name: [parameter.name for parameter in effect.parameters] for name, effect in BY_NAME.items()}
+    names[convention_error.NAME] = []
+    kinds = {name: _table(f"effects.{name}") for name in names}
+    known = TypeAdapter[Mapping[str, dict[Any, Any]]](
+        Annotated[Mapping[str, dict[Any, Any]], Table("", "unknown effect {key}, expected one of {all}", kinds)]
+    )
+    effects: dict[str, Mapping[str, float]] = {}
+    equations: dict[str, tuple[float, ...]] = {}
+    for name, table in taken(known, given, f"{path}: [effects]:", ConfigError).items():
+        where = f"{path}: [effects.{name}]"
+        effects[name] = taken(_SIZES, {k: v for k, v in table.items() if k != EQUATION}, where, ConfigError)
+        if EQUATION in table:
+            equation = TypeAdapter(_equation(names[name]))
+            equations[name] = taken(equation, table[EQUATION], f"{where} {EQUATION}", ConfigError)
+    return effects, equations
+
+
+def _equation(names: Sequence[str]) -> Any:
+    """A number for each; of an effect without names, none at all."""
+    expected = f"{len(names)} finite numbers ({', '.join(names)})" if names else "none"
+    number = Annotated[float, Field(strict=True, gt=-1e300, lt=1e300)]
+    return Annotated[
+        tuple[number, ...], Field(min_length=len(names) or 1, max_length=len(names)), Else(f"expected {expected}")
+    ]
 
 
 def load_toml(path: str | Path) -> dict[str, object]:
@@ -185,32 +199,3 @@ def load_toml(path: str | Path) -> dict[str, object]:
         raise ConfigError(f"{path}: not TOML: {error}") from error
     except (RecursionError, ValueError) as error:  # brackets without end; a path or a number that cannot be
         raise ConfigError(f"{path}: not TOML: {type(error).__name__}") from error
-
-
-def _expect_table(content: object, name: str, path: str | Path) -> dict[str, object]:
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: expected a table [{name}], came {name} = {shown(content)}")
-    return cast("dict[str, object]", content)
-
-
-def _table(path: str | Path, name: str, content: object) -> dict[str, float]:
-    allowed = KEYS[name]
-    values: dict[str, float] = {}
-    for key, value in _expect_table(content, name, path).items():
-        where = f"{path}: [{name}] {key}"
-        if key not in allowed:
-            raise ConfigError(f"{where} is unknown, expected one of {', '.join(allowed)}")
-        values[key] = _value(where, value, *allowed[key], whole=key in ("n_p", "encoder_counts"))
-    return values
-
-
-def _value(where: str, value: object, low: float, high: float, unit: str, *, whole: bool) -> float:
-    if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
-        raise ConfigError(f"{where}: expected a {'whole ' if whole else ''}number of {unit}, came {value!r}")
-    if low > 0 and not 0 < value < math.inf:
-        raise ConfigError(f"{where} = {value}: expected a finite number of {unit} above zero")
-    value = min(value, 1e300)  # TOML's integers have no end
-    if not low <= value <= high:
-        expected = f"{low:g} to {high:g} {unit}"
-        raise ConfigError(f"{where} = {value:g} {unit}: expected {expected}; SI units, per phase")
-    return value if whole else float(value)

@@ -33,7 +33,7 @@ class Level:
     level: Annotated[
         float, Number(-1e30, 1e30), Field(description="in the signal's SI unit: A, V, rad/s, rad", examples=[2.0])
     ]
-    edge: Literal["rising", "falling", "either"] = "rising"
+    edge: Annotated[Literal["rising", "falling", "either"], Word()] = "rising"
 
     def __str__(self) -> str:
         way = f"{self.edge} through" if self.edge != "either" else "through"

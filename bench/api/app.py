@@ -32,6 +32,7 @@ from bench.api.capture_models import CaptureRequestModel, capture_model
 from bench.api.control import SetPointsModel, state_model
 from bench.api.diagnosis_models import DiagnosisRequestModel, diagnosis_shapes
 from bench.api.experiments import ExperimentRequestModel
+from bench.api.guard.kinds import READS
 from bench.api.guard.record import changes
 from bench.api.models import (
     DriveModel,
@@ -54,7 +55,6 @@ from bench.service.service import Service
 
 DISPLAY_PERIOD = 0.1  # s between two events of the live stream
 VERSION = metadata.version("pmsm-bench")
-_READ = ["GET", "HEAD"]
 
 _CHANGE: Answers = {
     422: {"description": "Not a window that can work"} | PROBLEM,
@@ -182,15 +182,15 @@ def _serve_page(app: FastAPI) -> None:
     page = Path(str(resources.files("web")))
     plotly = Path(str(resources.files("plotly"))) / "package_data" / "plotly.min.js"
 
-    @app.api_route("/", methods=_READ, include_in_schema=False)
+    @app.api_route("/", methods=[*READS], include_in_schema=False)
     def index() -> FileResponse:
         return FileResponse(page / "index.html")
 
-    @app.api_route("/assets/plotly.min.js", methods=_READ, include_in_schema=False)
+    @app.api_route("/assets/plotly.min.js", methods=[*READS], include_in_schema=False)
     def plotly_bundle() -> FileResponse:
         return FileResponse(plotly, media_type="text/javascript", headers={"Cache-Control": "max-age=86400"})
 
-    @app.api_route("/favicon.ico", methods=_READ, include_in_schema=False)
+    @app.api_route("/favicon.ico", methods=[*READS], include_in_schema=False)
     def favicon() -> FileResponse:
         return FileResponse(page / "favicon.svg", media_type="image/svg+xml")
 

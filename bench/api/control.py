@@ -130,7 +130,7 @@ def install(app: FastAPI, service: Service) -> None:
         return _changed(service, name, request, lambda: service.stop_drive(name, _whom(request)))
 
     @app.post("/api/drives/{name}/reset", summary="Reset a drive's fault", responses=_WRITTEN | DRIVE,
-              openapi_extra=body_of("NothingModel"), dependencies=known)
+              openapi_extra=body_of("NothingModel"), dependencies=[*known, json_object({}, required=False)])
     def reset(name: DriveName, request: Request) -> ControlModel:
         """Leaves fault with the bridge off; a fault whose cause remains stays."""
         return _changed(service, name, request, service.control(name).reset)

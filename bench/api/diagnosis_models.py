@@ -7,7 +7,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bench.api.answers import SHAPES
 from bench.diagnoses.diagnosis_jobs import Job
+from bench.diagnoses.diagnosis_request import Trust
 from bench.diagnoses.published import schema
+from bench.machine_file import Tables
 
 DIAGNOSIS: Final = "DiagnosisModel"
 _ID = "emulated-20260131-120000-000"
@@ -21,13 +23,9 @@ class DiagnosisRequestModel(BaseModel):
         "drive": {"u_dc": 310.0},
     }}]})  # fmt: skip
 
-    trust: dict[str, float] = Field(
-        {}, description="how far off the nominal R_s, L_d, L_q, psi_f may be, as shares; 0.1 each",
-        examples=[{"R_s": 0.2}],
-    )
-    nominal: dict[str, dict[str, float]] | None = Field(
-        None, description="tables machine and drive as in a MACHINE.toml; left out: those of the drive's configuration",
-        examples=[None],
+    trust: Trust = {}
+    nominal: Tables | None = Field(
+        None, description="tables as in a MACHINE.toml; left out: those of the drive's configuration", examples=[None]
     )
 
 

@@ -8,6 +8,8 @@ from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
 from fastapi.responses import FileResponse, HTMLResponse
 
+from bench.api.guard.kinds import READS
+
 _ASSETS: Final = {"swagger-ui-bundle.js": "text/javascript", "swagger-ui.css": "text/css"}
 
 
@@ -15,7 +17,7 @@ def install(app: FastAPI) -> None:
     """Serve the page and what it needs."""
     folder = Path(str(resources.files("fastapi_offline"))) / "static"
 
-    @app.get("/docs", include_in_schema=False)
+    @app.api_route("/docs", methods=[*READS], include_in_schema=False)
     def reference() -> HTMLResponse:
         script, style = (f"/assets/{name}" for name in _ASSETS)
         return get_swagger_ui_html(
@@ -24,7 +26,7 @@ def install(app: FastAPI) -> None:
         )
 
     def asset(name: str, kind: str) -> None:
-        @app.get(f"/assets/{name}", include_in_schema=False)
+        @app.api_route(f"/assets/{name}", methods=[*READS], include_in_schema=False)
         def file() -> FileResponse:
             return FileResponse(folder / name, media_type=kind, headers={"Cache-Control": "max-age=86400"})
 

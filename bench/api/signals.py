@@ -8,8 +8,7 @@ from pydantic import BaseModel, Field
 
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.service.service import Service
-from bench.service.signals import Reading
-from drivers.wire.dictionary import SIGNALS
+from bench.service.signals import Reading, shapes
 
 _READ: Answers = {
     409: {"description": "The drive refused"} | PROBLEM,
@@ -45,8 +44,7 @@ class SignalValuesModel(BaseModel):
 
     model_config = {"extra": "allow", "json_schema_extra": {
         "examples": [{"i_q_ref": 2.0, "bandwidth": 1250.0}], "minProperties": 1,
-        "propertyNames": {"enum": [signal.name for signal in SIGNALS if signal.access == "rw"]},
-        "additionalProperties": {"type": "number"},
+        "properties": shapes(), "additionalProperties": False,
     }}
 
 

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Iterable
 
-from bench.machine_file import EQUATION, KEYS, Nominal
+from bench.machine_file import EQUATION, Nominal
 from estimator.diagnosis.verdict import Diagnosis, Finding, FluxTable, Quantity
-from estimator.machine import PARAMETERS, UNITS
+from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
 from estimator.physics.library import BY_NAME
 
 
@@ -64,7 +64,7 @@ def _flux_map(told: FluxTable) -> list[str]:
 def _parameter(name: str, found: Quantity | None, nominal: Nominal) -> str:
     """A parameter after the diagnosis; the nominal one, or none, where that is none that a machine file may hold."""
     unit, given = UNITS[name], nominal.given.get(name)
-    low, high, _ = KEYS["machine"][name]
+    low, high = PLAUSIBLE[name]
     if found is not None and found.value is not None and low <= found.value <= high:
         return _line(name, found.value, unit + (f", std {found.std:.2g}" if _finite(found.std) else ""))
     if given is None:

@@ -5,15 +5,27 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Annotated, Any, Final, Protocol
 
-from bench.errors import ConfigError, shown
+from pydantic import Field, TypeAdapter
+
+from bench.errors import ConfigError
+from bench.expected import Else, Table, taken
 from bench.machine_file import Nominal
 from estimator.machine import PARAMETERS, Machine
 
 WORK: Final = "bench.diagnoses.diagnose:work"  # takes a Request and a Tell, gives a Result
 MOST_TRUST: Final = 10.0  # share
 SETTLED: Final = ("no_mismatch", "explained")  # verdicts that leave nothing open
+_Share = Annotated[float, Field(strict=True, gt=0, le=MOST_TRUST), Else(
+    f"expected a share above 0 and at most {MOST_TRUST:g} ({100 * MOST_TRUST:g} %), such as 0.2 for 20 %"
+)]  # fmt: skip
+Trust = Annotated[
+    dict[str, float], Table("expected an object", "expected {all}, got {key}", dict.fromkeys(PARAMETERS, _Share)),
+    Field(description="how far off the nominal R_s, L_d, L_q, psi_f may be, as shares; 0.1 each",
+          examples=[{"R_s": 0.2}]),
+]  # fmt: skip
+_TRUST: Final = TypeAdapter[dict[str, float]](Trust)
 
 
 class Tell(Protocol):
@@ -75,17 +87,7 @@ def trust_of(items: Sequence[str]) -> dict[str, float]:
 
 def checked_trust(given: Mapping[str, object]) -> dict[str, float]:
     """Tolerances by parameter as shares. Raises ConfigError."""
-    checked: dict[str, float] = {}
-    for name, share in given.items():
-        if name not in PARAMETERS:
-            raise ConfigError(f"trust: expected {', '.join(PARAMETERS)}, got {shown(name)}")
-        if isinstance(share, bool) or not isinstance(share, int | float) or not 0 < share <= MOST_TRUST:
-            raise ConfigError(
-                f"trust: {name}: expected a share above 0 and at most {MOST_TRUST:g} "
-                f"({100 * MOST_TRUST:g} %), such as 0.2 for 20 %, got {shown(share)}"
-            )
-        checked[name] = float(share)
-    return checked
+    return taken(_TRUST, given, "trust:", ConfigError)
 
 
 def _share(name: str, text: str) -> object:

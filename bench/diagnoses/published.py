@@ -36,7 +36,8 @@ _ALSO: Final[Mapping[str, Mapping[str, Any]]] = {  # by field: told, and not enf
     "effect": _EFFECT, "effects": {"items": _EFFECT}, "energy_share": _SHARE, "samples_share": _SHARE,
     "odds": _ODDS, "odds_against_next": _ODDS, "step": {"minimum": 0.0}, "rows": {"minimum": 0},
     "seconds": {"exclusiveMinimum": 0.0, "examples": [2.0]}, "groups": {"minimum": 2, "examples": [32]},
-    "scales": {"propertyNames": {"enum": ["voltages", "currents"]}},
+    "scales": {"propertyNames": {"enum": ["voltages", "currents"]}}, "detectable": {"propertyNames": _EFFECT},
+    "parameters": {"propertyNames": {"examples": ["dead_time"]}}, "region": {"propertyNames": {"examples": ["i_q"]}},
     "psi_d": _TABLE, "psi_q": _TABLE, "psi_d_std": _TABLE, "psi_q_std": _TABLE,
 }  # fmt: skip
 

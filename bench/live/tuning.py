@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
-from bench.expected import CLOSED, Else, Number
+from bench.expected import CLOSED, Else, Number, Word
 from estimator.online import ekf
 from estimator.online.ekf import EkfTuning, FilterModel
 
@@ -33,7 +33,7 @@ class Tuning:
 
     __pydantic_config__: ClassVar = CLOSED
 
-    preset: Annotated[Literal["tuned", "paper", "custom"], Field(
+    preset: Annotated[Literal["tuned", "paper", "custom"], Word(), Field(
         description="tuned: from noise_i, lsb, omega_e, doubt, warming; paper: the published variances; "
         "custom: model, P_0, Q, R, i_min"
     )] = "tuned"
@@ -46,7 +46,7 @@ class Tuning:
     warming: Annotated[
         float, Number(0.0, 1e3, "K/s"), Field(description="tuned: how fast the motor may warm up, K/s")
     ] = 1.0
-    model: Annotated[Literal["inductances", "fluxes"], Field(
+    model: Annotated[Literal["inductances", "fluxes"], Word(), Field(
         description="custom: states i_d i_q psi_d psi_q R_s, or i_d i_q R_s L_d L_q; a change needs P_0 and Q"
     )] = "fluxes"
     P_0: Annotated[

@@ -49,7 +49,7 @@ def _plausible(low: float, high: float, unit: str) -> Any:
 _HELD: Final = {name: _plausible(*PLAUSIBLE[name], UNITS[name]) for name in PARAMETERS}
 
 
-Method = Annotated[Literal["wls", "rls", "ekf"], Field(
+Method = Annotated[Literal["wls", "rls", "ekf"], Word(), Field(
     description="wls: windowed least squares; rls: recursive least squares; ekf: extended Kalman filter for R_s, L_d, "
     "L_q. rls and ekf begin with the next sample; wls keeps the samples it has", examples=["wls"],
 )]  # fmt: skip

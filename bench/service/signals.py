@@ -6,7 +6,7 @@ says which were written before it.
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any, Final
 
@@ -18,6 +18,10 @@ from drivers.wire.dictionary import LEASE_TIMES, SIGNALS, Signal, WireType
 
 _BY_NAME: Final = {signal.name: signal for signal in SIGNALS}
 _RECORDER: Final = 0x2400  # index of the recorder's signals, which captures write
+_WRITABLE: Final = {  # with the least that the bench lets through
+    signal.name: replace(signal, minimum=LEASE_TIMES[0]) if signal.name == "watchdog_time" else signal
+    for signal in SIGNALS if signal.access == "rw" and signal.index != _RECORDER
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,11 @@ def checked(values: Mapping[str, Any]) -> dict[str, float]:
     if not values:
         raise LimitError('expected values by the names of signals, such as {"i_q_ref": 2.0}, got none')
     return {name: _checked(_known(name), value) for name, value in values.items()}
+
+
+def shapes() -> dict[str, Any]:
+    """What `checked` takes, by name, as JSON schemas; SI."""
+    return {name: _shape(signal) for name, signal in _WRITABLE.items()}
 
 
 def write(drive: Drive, values: Mapping[str, float]) -> None:
@@ -76,6 +85,13 @@ def _known(name: str) -> Signal:
     return signal
 
 
+def _shape(signal: Signal) -> dict[str, Any]:
+    kind = "number" if signal.type is WireType.F32 else "integer"
+    bounds = {"minimum": signal.minimum, "maximum": signal.maximum}
+    text = signal.summary if signal.unit == "1" else f"{signal.summary}, {signal.unit}"
+    return {"type": kind, "description": text} | {key: end for key, end in bounds.items() if end is not None}
+
+
 def _checked(signal: Signal, value: object) -> float:
     if signal.access != "rw":
         raise LimitError(f"{signal} cannot be written")
@@ -91,10 +107,8 @@ def _checked(signal: Signal, value: object) -> float:
         raise LimitError(f"{signal} takes a finite number, got {shown(value)}")
     if signal.type is not WireType.F32 and number != int(number):
         raise LimitError(f"{signal} takes a whole number, got {shown(value)}")
-    if signal.name == "watchdog_time" and number < LEASE_TIMES[0]:
-        raise LimitError(f"{signal} takes at least {LEASE_TIMES[0]:g} s, got {number:g}")
     try:
-        check_range(signal, number)
+        check_range(_WRITABLE[signal.name], number)
     except ValueError as error:
         raise LimitError(str(error)) from None
     return number

@@ -142,6 +142,31 @@ def test_a_value_in_another_unit_is_told_by_its_size(load: Load, key: str, value
 def test_a_number_without_end_is_refused(load: Load):
     refusal(load, "[machine]\nn_p = 1" + "0" * 400)
     refusal(load, "[machine]\nn_p = 1" + "0" * 5000)
+    said = refusal(load, "[machine]\n[drive]\nangle_ahead = -1" + "0" * 400)
+    assert said.endswith("[drive] angle_ahead = -1e+300 rad: expected -3.14159 to 3.14159 rad; SI units, per phase")
+
+
+def test_a_key_of_several_lines_is_told_in_one(load: Load):
+    assert r"[machine]: 'R\ns' is unknown" in refusal(load, '[machine]\n"R\\ns" = 1.0\n')
+
+
+@pytest.mark.parametrize(
+    ("effect", "said"),
+    [
+        ("iron_loss = 3", "[effects]: expected a table [effects.iron_loss], got 3"),
+        ("iron_loss.conductance = inf", "[effects.iron_loss] conductance: expected a finite number, got inf"),
+        ("iron_loss.equation = [1, 2]",
+         "[effects.iron_loss] equation: expected 3 finite numbers (conductance, omega_h, lag), got [1, 2]"),
+        ("convention_error.equation = []", "[effects.convention_error] equation: expected none, got []"),
+    ],
+)
+def test_an_effect_that_cannot_be_is_told_with_what_was_expected(load: Load, effect: str, said: str):
+    assert refusal(load, f"[machine]\n[effects]\n{effect}\n").endswith(said)
+
+
+def test_a_size_beyond_all_measure_is_the_largest(load: Load):
+    found = load(f"[machine]\n[effects.iron_loss]\na = 1e305\nb = -1{'0' * 400}\n")
+    assert found.effects == {"iron_loss": {"a": 1e300, "b": -1e300}}
 
 
 def test_a_syntax_error_names_its_line(load: Load):

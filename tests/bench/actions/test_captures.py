@@ -269,6 +269,8 @@ def test_a_second_writer_is_told_who_writes_and_until_when(service: Service, dri
         ({"trigger": {"signal": "i_q"}}, "trigger level: expected a number of .*, got null"),
         ({"trigger": {"signal": "i_q", "level": float("nan")}}, "trigger level: .*, got nan"),
         ({"trigger": {"signal": "i_q", "level": 1, "edge": "up"}}, "trigger edge: expected rising, falling or either"),
+        ({"trigger": {"signal": "i_q", "level": 1, "edge": "\udcff"}},
+         "trigger edge: expected rising, falling or either, got '.+udcff'"),
         ({"trigger": {"signal": "i_q", "slope": 1}}, "trigger: expected signal, level or edge, got 'slope'"),
         ({"trigger": None}, "trigger: .*, got null"),
         ({"samples": 5}, "expected signals, length, .* or timeout_s, got 'samples'"),

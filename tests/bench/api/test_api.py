@@ -333,7 +333,8 @@ def test_health_tells_every_thread_and_link(client: httpx.Client) -> None:
 @pytest.mark.parametrize(
     ("path", "kind"),
     [("/", "text/html"), ("/web/main.js", "text/javascript"), ("/web/style.css", "text/css"),
-     ("/favicon.ico", "image/svg+xml"), ("/assets/plotly.min.js", "text/javascript")],
+     ("/favicon.ico", "image/svg+xml"), ("/assets/plotly.min.js", "text/javascript"), ("/docs", "text/html"),
+     ("/assets/swagger-ui-bundle.js", "text/javascript"), ("/assets/swagger-ui.css", "text/css")],
 )
 def test_files_of_the_page_are_served_to_get_and_head(client: httpx.Client, path: str, kind: str) -> None:
     got, head = client.get(path), client.head(path)

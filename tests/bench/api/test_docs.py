@@ -20,8 +20,10 @@ from bench.api.experiments import ExperimentRunModel
 from bench.api.models import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
 from bench.diagnoses.diagnosis_request import checked_trust
 from bench.diagnoses.published import schema
+from bench.errors import LimitError
 from bench.live.window import Window
 from bench.machine_file import nominal_of
+from bench.service.signals import checked
 from tests.conftest import JSON, READY, RunningBench, bench_up
 from tests.support.openapi import example, requests
 from tests.support.served_drive import until
@@ -102,6 +104,18 @@ def test_refusals_and_bodies_are_described(document: dict[str, Any]) -> None:
         Request.of(body)
     shapes = document["components"]["schemas"]
     assert Request.of({name: example(field, shapes) for name, field in shape["properties"].items()})
+
+
+def test_signals_that_may_be_written_are_described_with_what_they_take(document: dict[str, Any]) -> None:
+    described = document["components"]["schemas"]["SignalValuesModel"]["properties"]
+    assert "i_q_ref" in described
+    assert "capture_length" not in described  # which captures write
+    for name, shape in described.items():
+        assert checked({name: shape.get("minimum", 0)})
+        for end, beyond in (("minimum", -1), ("maximum", 1)):
+            if end in shape:
+                with pytest.raises(LimitError, match=rf"\({name}\) takes at"):
+                    checked({name: shape[end] + beyond})
 
 
 @pytest.mark.parametrize(

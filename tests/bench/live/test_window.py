@@ -68,6 +68,7 @@ def test_a_window_may_be_as_short_as_its_parameters_and_rows_allow() -> None:
         ({"method": "kalman"}, "method: expected wls, rls or ekf, got 'kalman'"),
         ({"method": None}, "method: expected wls, rls or ekf, got null"),
         ({"method": ["wls"]}, "method: expected wls, rls or ekf, got ['wls']"),
+        ({"method": "\udcff"}, r"method: expected wls, rls or ekf, got '\udcff'"),
         ({"length": "Auto"}, "length: expected a whole number or \"auto\", got 'Auto'"),
         ({"longest": "auto"}, "longest: expected a whole number, got 'auto'"),
         ({"longest": 3}, "longest: window length must be 4 (4 parameters x 1 periods per row) to 1000000 samples, "
@@ -82,6 +83,7 @@ def test_a_window_may_be_as_short_as_its_parameters_and_rows_allow() -> None:
         ({"ekf": "tuned"}, "ekf: expected settings such as {\"preset\": \"tuned\"}, got 'tuned'"),
         ({"ekf": {"noise": 1}}, f"ekf: expected {TUNING}, got 'noise'"),
         ({"ekf": {"preset": "good"}}, "ekf preset: expected tuned, paper or custom, got 'good'"),
+        ({"ekf": {"preset": "\udcff"}}, r"ekf preset: expected tuned, paper or custom, got '\udcff'"),
         ({"ekf": {"noise_i": 0}}, "ekf noise_i: expected a number of 1e-06 to 10000 A, got 0"),
         ({"ekf": {"noise_i": None}}, "ekf noise_i: expected a number of 1e-06 to 10000 A, got null"),
         ({"ekf": {"lsb": -1}}, "ekf lsb: expected a number of 0 to 10000 A, got -1"),
@@ -89,6 +91,7 @@ def test_a_window_may_be_as_short_as_its_parameters_and_rows_allow() -> None:
         ({"ekf": {"doubt": 30}}, "ekf doubt: expected a number of 0.01 to 1, got 30"),
         ({"ekf": {"warming": math.inf}}, "ekf warming: expected a number of 0 to 1000 K/s, got inf"),
         ({"ekf": {"model": "flux"}}, "ekf model: expected inductances or fluxes, got 'flux'"),
+        ({"ekf": {"model": "\udcff"}}, r"ekf model: expected inductances or fluxes, got '\udcff'"),
         ({"ekf": {"model": "inductances"}},
          "ekf: the states of model inductances are others than those of fluxes, so P_0 and Q are needed with it, "
          "got none"),

@@ -97,7 +97,7 @@ def test_set_points_go_up_to_the_machines_rated_current_and_largest_speed(client
     assert told.startswith("set points: currents go up to 6 A, the machine's rated one unless the configuration's ")
     told = problem(client.put(SIGNALS, json={"speed_ref": 2000.0}), 422)
     assert told.startswith("set points: speeds go up to 3000 rpm, the machine's largest unless ")
-    assert problem(client.put(SIGNALS, json={"watchdog_time": 0.0}), 422).endswith("takes at least 0.05 s, got 0")
+    assert problem(client.put(SIGNALS, json={"watchdog_time": 0.0}), 422).endswith("takes at least 0.05 s, got 0.0")
     assert values(client, "i_q_ref") == before
 
 
@@ -111,6 +111,7 @@ def test_a_stopped_drive_takes_no_set_point_and_started_again_it_does(client: ht
     control = client.post(f"{DRIVE}/start", json=kept).raise_for_status().json()
     assert (control["state"], control["ours"], control["fault"]) == ("operation enabled", True, None)
     assert values(client, "i_q_ref", "i_d_step", "i_q_step") == kept
+    assert problem(client.post(f"{DRIVE}/reset", json=[1]), 422) == "expected a JSON object such as {}, got [1]"
     assert problem(client.post(f"{DRIVE}/reset", json={}), 409) == (
         "drive emulated is in no fault: it is operation enabled"
     )
