@@ -95,7 +95,8 @@ async def says_json(request: Request) -> None:
     said = request.headers.get("content-type", "")
     if said.partition(";")[0].strip().lower() != "application/json":
         got = shown(said) if said else "none"
-        raise MediaError(f"expected the header Content-Type: application/json, as of every PUT and POST, got {got}")
+        expected = "the header Content-Type: application/json, as of every PUT and POST but those that stop"
+        raise MediaError(f"expected {expected}, got {got}")
 
 
 async def _body(request: Request) -> bytes:

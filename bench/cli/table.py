@@ -5,7 +5,9 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
+from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 _HELD = "held at"
 _SCALES = {
@@ -15,7 +17,7 @@ _SCALES = {
 }
 
 
-def estimates_table(content: Mapping[str, Any], settings: Mapping[str, Any], basis: str, title: str = "") -> Table:
+def estimates_table(content: Mapping[str, Any], settings: Mapping[str, Any], basis: str, title: str = "") -> Group:
     """Estimates as REST and JSON show them, with the settings of the estimation and words on what they rest on.
 
     A reason that several parameters share is told once, below.
@@ -24,13 +26,13 @@ def estimates_table(content: Mapping[str, Any], settings: Mapping[str, Any], bas
     counts = Counter(estimate["reason"] for estimate in content["estimates"].values())
     several = {reason for reason, count in counts.items() if count > 1 and reason and reason not in basis}
     below = [reason for reason in counts if reason in several and not reason.startswith(_HELD)]
-    table = Table(title=title or None, caption="\n".join([basis, *below]))
+    table = Table(title=title or None)
     for heading in ("", "value", "± 95 %", "unit", *(("samples",) if chosen else ()), "status"):
         table.add_column(heading, justify="right" if heading in ("value", "± 95 %", "samples") else "left")
     for name, estimate in content["estimates"].items():
         *cells, status = _row_cells({**estimate, "reason": ""} if estimate["reason"] in below else estimate)
         table.add_row(name, *cells, *((_samples(estimate),) if chosen else ()), status)
-    return table
+    return Group(table, *(Text(line, style="dim") for line in (basis, *below)))
 
 
 def basis_of(settings: Mapping[str, Any], samples: int) -> str:

@@ -75,7 +75,7 @@ def _pictures(said: Diagnosis) -> Iterator[_Picture]:
                           "the JSON.")
     if (traces := said.traces) is not None:
         of = f"means over {traces.periods} periods" if traces.periods > 1 else "values of single periods"
-        floor = "" if traces.floor_V is None else "; dotted, what noise alone leaves of the same"
+        floor = "" if traces.floor_V is None else "; dashed, what noise alone leaves of the same"
         yield from _drawn("over-time", figures.over_time(traces),
                           f"Residual of the voltage, one step ahead, as {of}, d and q together: what R_s, L_d, L_q and "
                           f"psi_f alone leave, and what is left with the effects found{floor}.")

@@ -88,9 +88,10 @@ def find_sources(
         wanted += MEANS
     missing = [name for name in wanted if not is_there(name)]
     if missing:
-        remedy = "map a column to each of them or set it to a constant"
+        remedy = "map a column to each of them (--map NAME=COLUMN) or set it to a constant (--set NAME=VALUE); "
+        remedy += "the first line of a CSV names its columns"
         if missing == ["t"]:
-            remedy = "expected the time of every row in s, map a column to it"
+            remedy = "expected the time of every row in s, map a column to it (--map t=COLUMN)"
         raise RecordingError(f"{path}: missing columns: {', '.join(missing)}; present: {_list(present)}; {remedy}")
     wanted += [name for name in ("theta_e", "periods") if is_there(name)]
     if optional:

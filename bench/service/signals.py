@@ -80,7 +80,7 @@ def _known(name: str) -> Signal:
     signal = _BY_NAME.get(name)
     if signal is None:
         near = get_close_matches(name[:64], _BY_NAME, 3)
-        there = f"there is {', '.join(near)}" if near else f"a read that names none tells all {len(SIGNALS)}"
+        there = f"there is {', '.join(near)}" if near else f"`pmsm-bench signals DRIVE` lists all {len(SIGNALS)}"
         raise LimitError(f"no signal {shown(name)}; {there}")
     return signal
 

@@ -348,7 +348,7 @@ def _compared(content: Mapping[str, Any]) -> bool:
 def _caption(fit: Mapping[str, Any], loo: Mapping[str, Any] | None) -> str:
     """What the errors are of; and those of other models, where they were tried."""
     if loo is None:
-        return "held out" if fit["held_out"] else "on the rows of the fit"
+        return f"errors on {'stretches that took no part in' if fit['held_out'] else 'the rows of'} the fit"
     said = f"left out: one {loo['left_out']} at a time"
     rms = {words(name): quantity(value, loo["unit"], like=loo["before"]) for name, value in loo["alternatives"].items()}
     return "\n".join((said, *(f"with {name} {value}" for name, value in rms.items())))

@@ -4,8 +4,8 @@ import contextlib
 import time
 from typing import Any
 
+from rich.console import Group
 from rich.live import Live
-from rich.table import Table
 
 from bench.cli.commands.control import state_words
 from bench.cli.exit_codes import HOLDS, NOT_TOLD, code_of
@@ -39,7 +39,7 @@ def show(name: str, service: str | None, *, once: bool) -> int:
     return HOLDS
 
 
-def _table(content: dict[str, Any]) -> Table:
+def _table(content: dict[str, Any]) -> Group:
     settings = content["window"]
     age = "no data yet" if content["age_s"] is None else f"{content['age_s']:.2f} s old"
     title = f"{content['drive']}: {_status(content)}"

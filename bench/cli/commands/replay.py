@@ -164,7 +164,8 @@ def _print(replayed: Replay) -> None:
     title = f"{summary.path}: {summary.used} of {summary.rows} rows used, {summary.duration:.6g} s"
     console.print(title)
     settings = asdict(replayed.window)
-    rows = "" if settings["method"] == "ekf" else f", {settings['periods_per_row']} periods per row"
+    periods = settings["periods_per_row"]
+    rows = "" if settings["method"] == "ekf" else f", {periods} period{'s' if periods > 1 else ''} per row"
     residual = "" if result.residual_rms is None else f", residual {result.residual_rms:.3g} V"
     basis = f"{basis_of(settings, result.samples)}{rows}, {result.gaps} gaps{residual}"
     console.print(estimates_table(as_json(replayed), settings, basis), soft_wrap=False)

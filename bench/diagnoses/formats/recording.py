@@ -25,7 +25,10 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
     if not nominal.given and nominal.n_p is None:
         needs = f"{request.file}: a recording needs its machine's data, expected --nominal MACHINE.toml"
         if "t" not in (*column_names(request.file), *request.mapping):
-            needs += "; a table of steady points, which needs none, has u_d, u_q, i_d, i_q and omega_e or speed_rpm"
+            needs += (
+                "; a table of steady points, which needs none, has u_d, u_q, i_d, i_q and omega_e or speed_rpm; "
+                f"present: {', '.join(column_names(request.file)[:30])}; other names by --map NAME=COLUMN"
+            )
         raise ConfigError(needs)
     machine = check_whole(nominal)
     tell(0.0, "reading")

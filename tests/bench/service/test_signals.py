@@ -124,7 +124,7 @@ def test_unknown_drives_and_signals_are_told(client: httpx.Client) -> None:
     assert problem(client.get("/api/drives/nobody/signals"), 404).startswith("no drive 'nobody'")
     assert problem(client.put("/api/drives/nobody/signals", json={"i_q_ref": 1.0}), 404).startswith("no drive")
     assert problem(client.get(SIGNALS, params={"names": "i_q_ref,nothing"}), 422) == (
-        f"no signal 'nothing'; a read that names none tells all {len(client.get(SIGNALS).json()['signals'])}"
+        f"no signal 'nothing'; `pmsm-bench signals DRIVE` lists all {len(client.get(SIGNALS).json()['signals'])}"
     )
 
 
