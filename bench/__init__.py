@@ -12,6 +12,7 @@ Read in this order:
 * `service` - everything that runs, as one context manager
 * `api` - REST and the page over it; `cli` - the command line
 * `files` - files of others read, new ones written whole; `write_log` - what was written to drives
+* `jobs` - what captures, experiments and diagnoses have in common: known by id, worked on, cancelled, waited for
 
 Stands on `drivers` and `estimator`, and cannot tell the emulated drive from a real one.
 """

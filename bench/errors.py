@@ -42,7 +42,7 @@ class InternalError(BenchError):
 
 
 class UnknownError(KeyError):
-    """Nothing of that name: no drive, no capture."""
+    """Nothing of that name: no drive, no capture, no recording."""
 
     def __str__(self) -> str:
         return str(self.args[0])

@@ -1,7 +1,7 @@
 """What is done to a drive: control, captures and experiments, each under a lease.
 
 * `lease` - who writes to a drive; `limits` - how far its set points may go; `unfinished` - what has to be undone
-* `control` - start, stop, reset, set points; `jobs` - what captures and experiments have in common
+* `control` - start, stop, reset, set points; `drive_jobs` - what captures and experiments have in common
 * `capture_request`, `capture`, `captures` - what is asked for, one of them, those of a service
 * `experiment_part`, `experiment`, `experiments` - one on disk while it is done, one of them, those of a service
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from bench.actions.capture_request import COMMAND, Level, Request
-from bench.actions.jobs import Link, id_at
+from bench.actions.drive_jobs import Link, id_at
 from bench.errors import BenchError, ConflictError, UnavailableError
 from bench.files import check_room
 from bench.recordings.capture_file import CapturePart, Heading, write_recording

@@ -4,7 +4,6 @@ One at a time per drive, under the drive's lease. Knows nothing of HTTP.
 """
 
 import contextlib
-import threading
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -13,19 +12,18 @@ from typing import Any, Final
 
 from bench.actions.capture import Run, State, Status, new_status
 from bench.actions.capture_request import Request
-from bench.actions.jobs import BenchDrive, DriveJobs, Running
+from bench.actions.drive_jobs import BenchDrive, DriveJobs
 from bench.actions.lease import Leases, Part
 from bench.recordings.capture_file import CapturePart
 
 _REMEMBERED: Final = 200  # captures, of all drives
 
 
-class Captures(DriveJobs[Status]):
+class Captures(DriveJobs[Status, Run]):
     """Everything about captures; runs from `start` to `leave`."""
 
     def __init__(self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases) -> None:
         super().__init__("capture", folder, drives, leases, _REMEMBERED)
-        self._work: dict[str, Run] = {}  # by id, those under way
 
     def start(self) -> None:
         """Go on with what was under way when a service before this one ended; say what cannot go on."""
@@ -53,8 +51,7 @@ class Captures(DriveJobs[Status]):
     def trigger(self, drive: str, id_: str) -> Status:
         """Trigger now. Raises UnknownError, ConflictError, DriveError."""
         status = self.one(drive, id_)
-        self._under_way(status, "there is nothing to trigger")
-        self._work[status.id].trigger()
+        self._under_way(status, "there is nothing to trigger").trigger()
         return self.one(drive, id_)
 
     def _go_on(self, path: Path) -> None:
@@ -101,18 +98,11 @@ class Captures(DriveJobs[Status]):
         return run
 
     def _begin(self, run: Run) -> None:
-        id_ = run.status.id
-
         def work() -> None:
             run.finish()
-            with self._lock:
-                self._runs.pop(id_)
-                self._work.pop(id_)
+            self._end(run.status.id)
 
-        thread = threading.Thread(target=work, name=f"capture {id_}", daemon=True)
         with self._lock:
-            self._work[id_] = run
-            self._put(run.status, Running(thread, run.cancel, run.leave))
             if self._ending:
                 run.leave()
-            thread.start()
+            self._put(run.status, run, work)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Final
 
-from bench.actions.jobs import Link
+from bench.actions.drive_jobs import Link
 from bench.actions.lease import Leases, Part
 from bench.actions.limits import JUDGED, TRIP, Limits, Overload
 from bench.actions.unfinished import Noted, Origin, take

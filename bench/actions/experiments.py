@@ -8,16 +8,16 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
 from bench.actions import experiment
+from bench.actions.drive_jobs import BenchDrive, DriveJobs, id_at
 from bench.actions.experiment import CancelledError, Plan, Progress, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
-from bench.actions.jobs import BenchDrive, DriveJobs, Running, id_at
 from bench.actions.lease import Leases, Part
 from bench.actions.unfinished import Origin, folder_beside
 from bench.errors import BenchError, ConflictError, UnavailableError
@@ -57,7 +57,21 @@ class Status:
     file: Path | None = None
 
 
-class Experiments(DriveJobs[Status]):
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """An experiment under way."""
+
+    holder: str  # as it is named where it holds a lease
+    cancelled: threading.Event = field(default_factory=threading.Event)
+
+    def cancel(self) -> None:
+        """Have it end."""
+        self.cancelled.set()
+
+    leave = cancel
+
+
+class Experiments(DriveJobs[Status, _Run]):
     """Everything about experiments, until `leave`."""
 
     def __init__(self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases) -> None:
@@ -74,15 +88,15 @@ class Experiments(DriveJobs[Status]):
         link = self._drives[drive].link.drive()  # from here on it is known which device that is
         id_ = id_at(f"{drive}-experiment", asked)
         status = Status(id_, drive, plan, asked)
-        holder = f"experiment {id_}" + (f" (asked for from {whom})" if whom else "")
-        self._leases.take(drive, holder, _RENEWED, *Part)
+        run = _Run(f"experiment {id_}" + (f" (asked for from {whom})" if whom else ""))
+        self._leases.take(drive, run.holder, _RENEWED, *Part)
         with contextlib.ExitStack() as otherwise:
-            otherwise.callback(self._leases.release, drive, holder)
+            otherwise.callback(self._leases.release, drive, run.holder)
             experiment.check(link, plan, self._drives[drive].limits)
             origin = {"drive": drive, "url": self._drives[drive].url, "asked": asked.isoformat()}
             part = experiment.begin(self._folder / f"{id_}.parquet", plan, link, origin)
             otherwise.callback(part.remove)
-            self._begin(status, holder, lambda cancelled: self._done(status, part, holder, cancelled), stops)
+            self._begin(status, run, lambda: self._done(status, part, run), stops)
             otherwise.pop_all()
         return status
 
@@ -90,7 +104,7 @@ class Experiments(DriveJobs[Status]):
     def holders(self) -> set[str]:
         """Those under way, as they are named where they hold a lease."""
         with self._lock:
-            return {run.thread.name for run in self._runs.values()}
+            return {run.holder for run in self._runs.values()}
 
     def start(self) -> None:
         """Finish what a service before this one has left, as far as it can be; say what cannot."""
@@ -107,43 +121,38 @@ class Experiments(DriveJobs[Status]):
                     run.cancel()
 
     def _begin(
-        self, status: Status, holder: str, work: Callable[[threading.Event], dict[str, Any]], stops: int | None = None
+        self, status: Status, run: _Run, work: Callable[[], dict[str, Any]], stops: int | None = None
     ) -> None:
         """Have a thread work at an experiment; what it returns is how it ended. `stops`: so many were there before."""
-        id_, cancelled = status.id, threading.Event()
 
         def guarded() -> None:
             try:
-                ended = work(cancelled)
+                ended = work()
             except Exception as error:  # noqa: BLE001 - a fault of ours must not leave an experiment without an end
                 why = f"the bench failed on this experiment: {type(error).__name__}: {error}"
                 ended = {"state": State.FAILED, "reason": why}
-            self._leases.release(status.drive, holder)
-            self._change(id_, phase="", **ended)
-            with self._lock:
-                del self._runs[id_]
+            self._leases.release(status.drive, run.holder)
+            self._end(status.id, phase="", **ended)
 
-        thread = threading.Thread(target=guarded, name=holder, daemon=True)
         with self._lock:
             if self._ending:
                 raise UnavailableError("the service is ending")
             if stops is not None and stops != self._stops[status.drive]:
                 raise ConflictError(f"drive {status.drive} was stopped meanwhile: ask again where that is meant")
-            self._put(status, Running(thread, cancelled.set, cancelled.set))
-            thread.start()
+            self._put(status, run, guarded)
 
-    def _done(self, status: Status, part: ExperimentPart, holder: str, cancelled: threading.Event) -> dict[str, Any]:
+    def _done(self, status: Status, part: ExperimentPart, run: _Run) -> dict[str, Any]:
         """Do all of it; how it went."""
 
         def tell(far: Progress) -> None:
-            self._leases.take(status.drive, holder, _RENEWED, *Part)
+            self._leases.take(status.drive, run.holder, _RENEWED, *Part)
             self._change(status.id, phase=far.phase, progress=far.share)
 
         state = State.FAILED
         try:
-            noted = Origin(folder_beside(self._folder), status.drive, holder)
+            noted = Origin(folder_beside(self._folder), status.drive, run.holder)
             experiment.run(
-                self._drives[status.drive].link.drive(), status.plan, tell, cancelled, part,
+                self._drives[status.drive].link.drive(), status.plan, tell, run.cancelled, part,
                 limits=self._drives[status.drive].limits, origin=noted,
             )  # fmt: skip
             why = ""
@@ -154,7 +163,7 @@ class Experiments(DriveJobs[Status]):
                 return {"state": state, "reason": why}
         except (BenchError, DriveError) as error:
             why = str(error)
-            if cancelled.is_set() and not self._ending:  # a stop, which has ended its control as well
+            if run.cancelled.is_set() and not self._ending:  # a stop, which has ended its control as well
                 part.remove()
                 return {"state": State.CANCELLED, "reason": f"the experiment was stopped ({why})"}
         except OSError as error:
@@ -186,14 +195,12 @@ class Experiments(DriveJobs[Status]):
                 return
             asked = datetime.fromisoformat(origin["asked"])
             status = Status(path.stem, name, Plan.of(part.heading.plan), asked, phase="taken up again")
-            holder = f"experiment {status.id}"
-            self._leases.take(name, holder, _RENEWED, Part.RECORDER)
-            self._begin(status, holder, lambda cancelled: self._taken_up(status, part, holder, cancelled))
+            run = _Run(f"experiment {status.id}")
+            self._leases.take(name, run.holder, _RENEWED, Part.RECORDER)
+            self._begin(status, run, lambda: self._taken_up(status, part, run))
             otherwise.pop_all()
 
-    def _taken_up(
-        self, status: Status, part: ExperimentPart, holder: str, cancelled: threading.Event
-    ) -> dict[str, Any]:
+    def _taken_up(self, status: Status, part: ExperimentPart, run: _Run) -> dict[str, Any]:
         """Upload what the drive still has of the newest group, which moves nothing; write what there is."""
         last = part.groups[-1] if part.groups else None
         if last is not None and last.done < last.count:
@@ -201,20 +208,20 @@ class Experiments(DriveJobs[Status]):
 
             def uploaded(done: int) -> None:
                 part.keep(rest.data, done * 2 * len(rest.setup.channels))
-                self._leases.take(status.drive, holder, _RENEWED, Part.RECORDER)
+                self._leases.take(status.drive, run.holder, _RENEWED, Part.RECORDER)
                 self._change(status.id, phase=f"uploading {done} of {rest.count} samples")
-                if cancelled.is_set():
+                if run.cancelled.is_set():
                     raise CancelledError("the experiment was cancelled")
 
             deadline = time.monotonic() + _LINK
-            while time.monotonic() < deadline and not cancelled.is_set():
+            while time.monotonic() < deadline and not run.cancelled.is_set():
                 try:
                     capture.upload(self._drives[status.drive].link.drive(), rest, uploaded)
                     break
                 except (GoneError, CancelledError, OSError):
                     break
                 except DriveError:  # not connected yet, or no longer
-                    cancelled.wait(_RETRY)
+                    run.cancelled.wait(_RETRY)
         if self._ending:
             part.close()
             return {"state": State.FAILED, "reason": f"{_KILLED}; what there is of it is taken up at the next start"}

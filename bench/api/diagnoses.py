@@ -44,7 +44,7 @@ def install(app: FastAPI, service: Service) -> None:
         It is worked on in a process of its own; drives, streams and estimates go on meanwhile.
         """
         job = jobs.ask(id_, given)
-        response.headers["Location"] = f"/api/recordings/{quote(job.recording)}/diagnosis"
+        response.headers["Location"] = f"/api/recordings/{quote(job.id)}/diagnosis"
         return job_model(job)
 
     @app.get(_ROOT, summary="State of a diagnosis", responses=_ONE)

@@ -50,7 +50,7 @@ def job_model(job: Job) -> DiagnosisJobModel:
     """A diagnosis as REST shows it."""
     content = job.content or {}
     return DiagnosisJobModel.model_validate({
-        "recording": job.recording, "state": job.state.value, "progress": job.progress, "phase": job.phase,
+        "recording": job.id, "state": job.state.value, "progress": job.progress, "phase": job.phase,
         "reason": job.reason, "asked": job.asked, "verdict": content.get("verdict"),
         "sentence": content.get("sentence"),
     })

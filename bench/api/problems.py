@@ -9,7 +9,6 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-from bench.diagnoses.diagnosis_jobs import UnknownRecordingError
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError, UnknownError, shown
 from drivers.errors import ConnectError, DriveError, FaultError, LostError, NoReplyError, RefusedError
 
@@ -24,7 +23,6 @@ class TooLargeError(LimitError):
 
 _STATUS: dict[type[Exception], int] = {
     UnknownError: 404,
-    UnknownRecordingError: 404,
     ConflictError: 409,
     TooLargeError: 413,
     MediaError: 415,

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from bench.actions import experiment
+from bench.actions.drive_jobs import Link
 from bench.actions.experiment import CancelledError, Hold, Plan, Progress, Recorded, Tell, check_motor, experiment_of
 from bench.actions.experiment_part import ExperimentPart
 from bench.actions.experiments import Experiments
-from bench.actions.jobs import Link
 from bench.actions.lease import Leases
 from bench.actions.limits import Limits
 from bench.actions.unfinished import Origin

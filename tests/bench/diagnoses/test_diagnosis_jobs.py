@@ -14,9 +14,9 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from bench.diagnoses.diagnosis_jobs import WAITING, DiagnosisJobs, JobState, UnknownRecordingError
+from bench.diagnoses.diagnosis_jobs import WAITING, DiagnosisJobs, JobState
 from bench.diagnoses.published import schema
-from bench.errors import ConflictError, LimitError, UnavailableError
+from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError
 from bench.files import captures_folder
 from bench.machine_file import Nominal, load_machine
 from emulator.drive.virtual_drive import VirtualDrive
@@ -56,14 +56,14 @@ def jobs(tmp_path: Path) -> Iterator[DiagnosisJobs]:
 
 
 def ended(jobs: DiagnosisJobs, id_: str) -> JobState:
-    until(lambda: jobs.one(id_).state.ended, "its end")
+    until(lambda: jobs.one(id_).state not in (JobState.QUEUED, JobState.RUNNING), "its end")
     return jobs.one(id_).state
 
 
 def test_a_diagnosis_is_worked_on_in_a_process_that_is_gone_with_it(jobs: DiagnosisJobs) -> None:
     before = set(children(os.getpid()))
     asked = jobs.ask("explained", {"trust": {"R_s": 0.2}})
-    assert (asked.recording, asked.state, asked.progress) == ("explained", JobState.QUEUED, 0.0)
+    assert (asked.id, asked.state, asked.progress) == ("explained", JobState.QUEUED, 0.0)
     assert ended(jobs, "explained") is JobState.DONE
     done = jobs.done("explained")
     assert (done.progress, done.phase, done.reason) == (1.0, "", "")
@@ -173,7 +173,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_begun(jobs: DiagnosisJobs, giv
     with pytest.raises(LimitError) as caught:
         jobs.ask("explained", given)
     assert said in str(caught.value)
-    with pytest.raises(UnknownRecordingError, match="no diagnosis of a recording 'explained'"):
+    with pytest.raises(UnknownError, match="no diagnosis of a recording 'explained'"):
         jobs.one("explained")
 
 
@@ -186,7 +186,7 @@ def test_the_nominal_machine_is_that_of_the_drive_unless_told(tmp_path: Path) ->
             jobs.ask("explained", {})
         with pytest.raises(LimitError, match="missing in \\[machine\\]: R_s, L_d, L_q, psi_f, n_p"):
             jobs.ask("latest", {})
-        assert jobs.ask("latest", {"nominal": {"machine": WHOLE}}).recording == "explained2"
+        assert jobs.ask("latest", {"nominal": {"machine": WHOLE}}).id == "explained2"
         assert ended(jobs, "latest") is JobState.DONE
     finally:
         jobs.leave()
@@ -195,9 +195,9 @@ def test_the_nominal_machine_is_that_of_the_drive_unless_told(tmp_path: Path) ->
 
 @pytest.mark.parametrize("id_", ["x", "", "..", "../explained", "explained.parquet", "\0", "y" * 3000])
 def test_an_unknown_recording_is_told(jobs: DiagnosisJobs, id_: str) -> None:
-    with pytest.raises(UnknownRecordingError):
+    with pytest.raises(UnknownError):
         jobs.ask(id_, {})
-    with pytest.raises(UnknownRecordingError):
+    with pytest.raises(UnknownError):
         jobs.one(id_)
 
 

@@ -1,26 +1,22 @@
-"""Jobs on drives, such as captures and experiments: watched by id, cancelled, waited for, their files handed out.
+"""Jobs on drives, such as captures and experiments: each by drive and id, their files handed out, and taken up again.
 
 Knows nothing of what they do, and of HTTP.
 """
 
 import re
-import threading
-import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Final, Protocol, TypeVar
 
 from bench.actions.lease import Leases
 from bench.actions.limits import Limits
 from bench.errors import ConflictError, RecordingError, UnavailableError, UnknownError, shown
 from bench.files import check_place
+from bench.jobs import LATEST, JobRun, Jobs, JobStatus
 from bench.machine_file import Nominal
 from drivers.drive import Drive
 
-LATEST: Final = "latest"
-_CANCEL: Final = 5.0  # s for a job to end
 _WHEN: Final = r"-\d{8}-\d{6}-\d{3}"  # in an id, after what it is named after
 
 
@@ -45,22 +41,12 @@ class BenchDrive(Protocol):
         ...
 
 
-class JobStatus(Protocol):
-    """A job at one moment."""
-
-    @property
-    def id(self) -> str:
-        """By which it is asked for."""
-        ...
+class DriveJobStatus(JobStatus, Protocol):
+    """A job on a drive at one moment."""
 
     @property
     def drive(self) -> str:
         """The drive's name."""
-        ...
-
-    @property
-    def state(self) -> str:
-        """In a word."""
         ...
 
     @property
@@ -69,31 +55,20 @@ class JobStatus(Protocol):
         ...
 
 
-S = TypeVar("S", bound=JobStatus)
+S = TypeVar("S", bound=DriveJobStatus)
+R = TypeVar("R", bound=JobRun)
 
 
-@dataclass(frozen=True, slots=True)
-class Running:
-    """A job under way."""
-
-    thread: threading.Thread
-    cancel: Callable[[], None]  # has it end, and what it has made discarded
-    leave: Callable[[], None]  # has it end, since the service does
-
-
-class DriveJobs(Generic[S]):
+class DriveJobs(Jobs[S, R]):
     """The jobs of one kind, of all drives; what is known of the latest is kept."""
 
     def __init__(
         self, kind: str, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, remembered: int
     ) -> None:
         """`kind`: in a word; `folder`: of their recordings."""
-        self._kind, self._folder, self._remembered = kind, folder.absolute(), remembered
+        super().__init__(kind)
+        self._folder, self._remembered = folder.absolute(), remembered
         self._drives, self._leases = drives, leases
-        self._lock = threading.Lock()  # guards what follows
-        self._known: dict[str, S] = {}  # oldest first
-        self._runs: dict[str, Running] = {}  # under way
-        self._ending = False
 
     def all(self, drive: str) -> list[S]:
         """A drive's jobs since the service started, the newest first."""
@@ -116,11 +91,7 @@ class DriveJobs(Generic[S]):
     def cancel(self, drive: str, id_: str) -> S:
         """End a job that is under way. Raises as `one`, and ConflictError, UnavailableError."""
         status = self.one(drive, id_)
-        run = self._under_way(status, "there is nothing to cancel")
-        run.cancel()
-        run.thread.join(_CANCEL)
-        if run.thread.is_alive():
-            raise UnavailableError(f"{self._kind} {status.id} is to end, but has not within {_CANCEL:g} s")
+        self._cancel(status)
         return self.one(drive, status.id)
 
     def file(self, drive: str, id_: str) -> Path:
@@ -131,46 +102,15 @@ class DriveJobs(Generic[S]):
             raise ConflictError(f"{self._kind} {status.id} has no recording{why}")
         return status.file
 
-    def leave(self) -> None:
-        """Have all end, since the service does."""
-        with self._lock:
-            self._ending = True
-            runs = list(self._runs.values())
-        for run in runs:
-            run.leave()
-
-    def join(self, timeout: float) -> None:
-        """Wait for their end, at most so many seconds."""
-        deadline = time.monotonic() + timeout
-        with self._lock:
-            runs = list(self._runs.values())
-        for run in runs:
-            run.thread.join(max(0.0, deadline - time.monotonic()))
-
     # --- for who makes jobs
-
-    def _under_way(self, status: S, otherwise: str) -> Running:
-        with self._lock:
-            found = self._runs.get(status.id)
-        if found is None:
-            raise ConflictError(f"{self._kind} {status.id} is {status.state}, {otherwise}")
-        return found
 
     def _know(self, status: S) -> None:
         with self._lock:
             self._known[status.id] = status
 
-    def _change(self, id_: str, **changes: Any) -> None:
-        with self._lock:
-            status: Any = self._known[id_]
-            self._known[id_] = replace(status, **changes)
-
-    def _put(self, status: S, run: Running) -> None:
-        """Under the lock: a job is under way; what is too old is forgotten."""
-        self._known[status.id], self._runs[status.id] = status, run
-        ended = [key for key in self._known if key not in self._runs]
-        for key in ended[: max(0, len(self._known) - self._remembered)]:
-            del self._known[key]
+    def _put(self, status: S, run: R, work: Callable[[], None]) -> None:
+        super()._put(status, run, work)
+        self._forget(self._remembered - len(self._runs))
 
     def _check_folder(self) -> None:
         """Before anything is recorded, there is a place to put it. Raises UnavailableError."""
