@@ -46,8 +46,9 @@ def run_emulator(urls: list[str], scenario: str, faults: list[str]) -> int:
 def run_both(url: str, scenario: str, port: int | None) -> None:
     """An emulated drive in a process of its own, and the service over it, which starts it with its set points."""
     config = emulated(url, bounded=scenario.startswith("paper"))
-    sys.stderr.write("getting ready; the first start compiles, which takes a minute or two\n")
-    with _until_told(), _listening(config, port) as listener, _emulator(url, scenario) as set_points:
+    with _until_told(), _listening(config, port) as listener, contextlib.ExitStack() as opened:
+        with _console.status("preparing the emulated drive (compiles at the first start)"):
+            set_points = opened.enter_context(_emulator(url, scenario))
         _serve(config, listener, set_points)
 
 
