@@ -6,7 +6,7 @@ As `python -m emulator conceal` makes them, but at one speed and one level of cu
 
 import json
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -32,15 +32,12 @@ _STRIDE: Final = 5  # motors, from one recording to the next
 _TRIES: Final = 20  # draws of a recording that the drive can do
 
 
-def make(
-    seed: int, count: int, out: Path, answers: Path, jobs: int = 1, *, only: Collection[int] | None = None
-) -> None:
-    """Write recordings and machines into one folder, answers into another; of some numbers only, if given."""
+def make(seed: int, count: int, out: Path, answers: Path, jobs: int = 1) -> None:
+    """Write recordings and machines into one folder, answers into another."""
     for folder in (out, answers):
         folder.mkdir(parents=True)
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        numbers = [k for k in range(1, count + 1) if only is None or k in only]
-        for done in [pool.submit(_one, seed, k, out, answers) for k in numbers]:
+        for done in [pool.submit(_one, seed, k, out, answers) for k in range(1, count + 1)]:
             done.result()
 
 
