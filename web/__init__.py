@@ -1,7 +1,7 @@
 """The operator's page: plain ES modules over HTTP, no build step, no outside address.
 
 The service sends `index.html` at `/`, the files of this room at `/web/<file>` and plotly's own bundle at
-`/assets/plotly.min.js`. A noun is a file:
+`/assets/plotly.min.js`. One noun a file:
 
 * `main.js` - wires the others together and sets the pace of drawing
 * `connection.js` - the drive list and the event stream, and what to do when they break

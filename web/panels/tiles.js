@@ -165,7 +165,7 @@ function fitSentence({ method, residual_rms_V, condition, gaps, left_out, rows_d
   if (condition !== null) words.push(`condition number ${plain(condition, 3)}`);
   const where = method === "wls" ? " inside the window" : "";
   if (gaps > 0) words.push(`breaks of the stream${where} ${integer(gaps)}`);
-  if (left_out > 0) words.push(`rows left out, without numbers as while the bridge is off ${integer(left_out)}`);
+  if (left_out > 0) words.push(`rows left out (no numbers, as while the bridge is off) ${integer(left_out)}`);
   if (rows_dropped > 0) words.push(`rows too fast for the estimator ${integer(rows_dropped)}`);
   return words.join(" · ");
 }
