@@ -180,6 +180,22 @@ def test_a_method_is_chosen_with_the_settings_it_uses(
     assert held == (method == "ekf")
 
 
+def test_the_form_stays_where_it_is_while_estimates_begin_anew(page: Chrome, running_bench: Bench) -> None:
+    run(page, """
+        window.tops = new Set();
+        const look = () => {
+          tops.add(document.getElementById("window-form").getBoundingClientRect().top + scrollY);
+          requestAnimationFrame(look);
+        };
+        look();
+    """)
+    for method, begun in (("rls", "Recursion over"), ("ekf", "Kalman filter over"), ("wls", "From the last")):
+        request(running_bench, "PUT", {"method": method})
+        until(page, lambda begun=begun: text(page, "estimates-status").startswith(begun), f"the page to say {begun}")
+        until(page, lambda: tile(page, "R_s").get_attribute("data-status") == "ok", "the resistance to be estimated")
+    assert len(run(page, "return [...tops]")) == 1
+
+
 def test_the_data_may_choose_the_window_and_each_tile_says_how_long_it_is(page: Chrome, running_bench: Bench) -> None:
     page.find_element(By.ID, "window-auto").click()
     type_over(page.find_element(By.ID, "window-longest"), "3000")
