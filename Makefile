@@ -10,7 +10,8 @@ PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/c
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
 
-test: $(VENV)/.dev ## every check but the families below, with the thirty longest
+test: $(VENV)/.run ## every check but the families below, with the thirty longest
+	@echo "lint, types, arrows and compiling: two minutes the first time"
 	@$(MAKE) --no-print-directory --jobs 4 --output-sync=target lint types arrows compiled
 	@$(MAKE) --no-print-directory fast
 
@@ -23,19 +24,21 @@ types: $(VENV)/.dev
 arrows: $(VENV)/.dev
 	$(BIN)/lint-imports --no-logo
 
-compiled: $(VENV)/.dev # once, what tests in several processes would each compile for themselves
+compiled: $(VENV)/.run # once, what tests in several processes would each compile for themselves
 	$(BIN)/python -m tests.bars.compiled
 
 # Some wait for links, drives and services in real time: what others hold up for too long is tried once more alone
 OTHERS := not browser and not vcan and not peers
 TESTS = $(BIN)/pytest -o cache_dir=.pytest_cache/$(1) -m "$(2) and $(OTHERS)" --numprocesses $(3) --dist $(4) || \
 	$(BIN)/pytest -o cache_dir=.pytest_cache/$(1) -m "$(2) and $(OTHERS)" --last-failed --last-failed-no-failures none
+# Others cost every process their import
+THOROUGH = $(shell grep --recursive --files-with-matches mark.thorough tests --include=test_*.py)
 
 fast: $(VENV)/.dev
-	$(call TESTS,fast,not slow and not thorough,4,loadfile --durations 30)
+	$(call TESTS,fast,not slow and not thorough,4,loadfile --durations 30 --ignore tests/browser --ignore tests/peers)
 
 thorough: $(VENV)/.dev ## files that take many seconds each: physics by many recordings, whole services
-	$(call TESTS,thorough,not slow and thorough,4,loadfile)
+	$(call TESTS,thorough,not slow and thorough,4,loadfile $(THOROUGH))
 
 slow: $(VENV)/.dev ## tests that take long
 	$(call TESTS,slow,slow and not live,2,worksteal)

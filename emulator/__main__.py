@@ -26,7 +26,7 @@ from emulator.servers.faults import FORMS, Faults, parse_fault, script
 from emulator.servers.link import Link
 
 DEFAULT_URL = "canopen://socketcand/127.0.0.1:29536/can0/5"
-_STEP = 2e-3  # s, how often the virtual drive catches up with real time
+_STEP = 5e-3  # s, how often the virtual drive catches up with real time
 _CATCH_UP = 0.05  # s, most that it runs at once
 
 

@@ -363,6 +363,7 @@ def _written(text: str, out: Path | None) -> None:
 
 def main() -> None:
     """Console script."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices as small as these a second thread only waits
     status: object = 0
     try:
         status = app(standalone_mode=False)

@@ -31,7 +31,7 @@ from estimator.samples import Resolution, Samples
 P = ParamSpec("P")
 
 QUEUE = 1024  # blocks; four drives bring 800 a second, and a busy machine holds the worker up
-REFRESH = 0.05  # s, shortest time between two estimates of one drive
+REFRESH = 0.1  # s, shortest time between two estimates of one drive
 REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
 WATCH = 1.0  # s between two windows in which a mismatch is looked for
 PAUSE = 1.0  # s, or the time that the window covers where that is longer: rows of before are too old to go on from
@@ -203,7 +203,9 @@ class Estimation:
     def _take(self, drive: _Drive, block: Block, received: float) -> None:
         row = (block.periods, block.T_s)
         samples = samples_of(block, drive.machine.theta_step)
-        if drive.row != row or _too_old(drive, samples, block):  # other rows cannot share an estimator
+        whole = _whole(samples)
+        used = np.flatnonzero(np.logical_and.reduce(list(whole.values())))
+        if drive.row != row or _too_old(drive, used, samples, block):  # other rows cannot share an estimator
             drive.running = method.start(drive.running.window)
             drive.watch = watch.anew(drive.watch)
             drive.row, drive.next_tick = row, None
@@ -212,7 +214,11 @@ class Estimation:
         method.take(drive.running, samples, joined=joined)
         watch.take(drive.watch, samples, drive.running.window)
         drive.next_tick = int(block.tick[-1]) + block.periods
-        _note_used(drive, samples, block, received)
+        drive.lacking = tuple(name for name, finite in whole.items() if not finite[-1])
+        if len(used):
+            newest = int(used[-1])
+            drive.received = received - (len(samples) - 1 - newest) * samples.T
+            drive.t_drive = (int(block.tick[newest]) + block.periods) * block.T_s
         drive.behind = True
 
     def _estimate(self, drive: _Drive) -> None:
@@ -233,24 +239,12 @@ def _whole(samples: Samples) -> dict[str, NDArray[np.bool_]]:
     return {name: np.isfinite(column) for name in _VALUES if (column := getattr(samples, name)) is not None}
 
 
-def _too_old(drive: _Drive, samples: Samples, block: Block) -> bool:
+def _too_old(drive: _Drive, used: NDArray[np.intp], samples: Samples, block: Block) -> bool:
     """Whether the rows used so far are of a drive's clock that has begun anew since, or of long before these."""
-    used = np.flatnonzero(np.logical_and.reduce(list(_whole(samples).values())))
     if drive.t_drive is None or not len(used):
         return False
     pause = block.T_s * ticks_between(round(drive.t_drive / block.T_s), int(block.tick[used[0]]))
     return pause < -0.5 * samples.T or pause > max(PAUSE, drive.running.window.samples * samples.T)
-
-
-def _note_used(drive: _Drive, samples: Samples, block: Block, received: float) -> None:
-    """Note the newest row that is used, and what the newest row of all lacks."""
-    whole = _whole(samples)
-    used = np.flatnonzero(np.logical_and.reduce(list(whole.values())))
-    drive.lacking = tuple(name for name, finite in whole.items() if not finite[-1])
-    if len(used):
-        newest = int(used[-1])
-        drive.received = received - (len(samples) - 1 - newest) * samples.T
-        drive.t_drive = (int(block.tick[newest]) + block.periods) * block.T_s
 
 
 def samples_of(block: Block, theta_step: float = 0.0) -> Samples:

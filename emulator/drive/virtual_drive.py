@@ -156,7 +156,7 @@ class VirtualDrive:
         self._readable = self._constants() | dict.fromkeys(stream.COLUMNS, 0.0) | {"row_tick": 0.0}
         self._readable |= {s.name: max(0.0, s.minimum or 0.0) for s in SIGNALS if s.access == "rw"}
         self._readable["watchdog_time"] = _LEASE_TIME if self._guarded else 0.0
-        self._publish(self.truth)
+        self._publish()
         self._delivered = {name: self._readable[name] for name in _PARAMETERS}
         self._stored = dict(self._delivered)
 
@@ -208,12 +208,15 @@ class VirtualDrive:
     @property
     def truth(self) -> Truth:
         """True parameters now; a temperature that was set counts from the next `run` on."""
-        t, heat = self._state.tick * self.T_s, self._state.heat
-        m = machine_now(self._bench, t, heat)
+        m = machine_now(self._bench, self._state.tick * self.T_s, self._state.heat)
+        return Truth(m.R_s, m.L_d, m.L_q, m.psi_f, *self._temperatures())
+
+    def _temperatures(self) -> tuple[float, float]:
+        """Of winding and magnets, degC."""
         if self._bench.thermal.C_w > 0.0:
-            return Truth(m.R_s, m.L_d, m.L_q, m.psi_f, heat.winding, heat.magnet)
-        temperature = row_at(self._bench.course, t)[0]
-        return Truth(m.R_s, m.L_d, m.L_q, m.psi_f, temperature, temperature)
+            return self._state.heat.winding, self._state.heat.magnet
+        temperature = row_at(self._bench.course, self._state.tick * self.T_s)[0]
+        return temperature, temperature
 
     def truth_at(self, t: NDArray[np.floating[Any]]) -> dict[str, Column]:
         """True parameters at times (s since reset), by the names of `Truth`; `truth_at(recording["t"])` fits its rows.
@@ -371,11 +374,10 @@ class VirtualDrive:
         recording = self._record_for_capture(periods, recording)
         tick = self.tick
         rows = self._simulate(periods, recording)
-        truth = self.truth
-        self._protect(truth)
+        self._protect()
         with self._lock:
             self._recorder.take(tick, recording)
-        self._publish(truth, rows)
+        self._publish(rows)
         return rows
 
     def _record_for_capture(self, periods: int, recording: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -383,7 +385,7 @@ class VirtualDrive:
             return recording
         return np.empty((periods, len(RECORDED)))
 
-    def _protect(self, truth: Truth) -> None:
+    def _protect(self) -> None:
         """Go into fault where the simulation tripped, the winding is too hot, or nobody was heard for too long."""
         operation, heard = self._operation, self._heard
         was_powered, self._heard = operation.powered, False
@@ -391,7 +393,7 @@ class VirtualDrive:
             operation.heard = self.tick
         if self._state.firmware.trip != NO_TRIP:
             operation.fault(_TRIPS[self._state.firmware.trip])
-        if operation.powered and truth.temp_winding > self.scenario.drive.temperature_trip:
+        if operation.powered and self._temperatures()[0] > self.scenario.drive.temperature_trip:
             operation.fault(OVERTEMPERATURE_MOTOR)
         if not self._guarded:
             operation.watch(self.tick, round(self._readable["watchdog_time"] / self.T_s))
@@ -496,7 +498,7 @@ class VirtualDrive:
         armed = {"capture_state": float(ARMED)} if ("capture_command", 1.0) in self._written else {}
         return self._readable | {name: value for name, value in self._written if name not in _NO_SIGNALS} | armed
 
-    def _publish(self, truth: Truth, rows: StreamRows | None = None) -> None:
+    def _publish(self, rows: StreamRows | None = None) -> None:
         """Make the present readable: settings, tick, temperature, the latest row."""
         latest = {name: float(value) for name, value in self._settings._asdict().items()}
         latest["tick"] = float(self.tick & 0xFFFF_FFFF)
@@ -507,7 +509,7 @@ class VirtualDrive:
         latest["capture_count"] = float(self._recorder.count)
         latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
         latest["capture_number"] = float(self._recorder.number)
-        latest["temp_winding"], latest["temp_magnet"] = truth.temp_winding, truth.temp_magnet
+        latest["temp_winding"], latest["temp_magnet"] = self._temperatures()
         if rows:
             latest |= {name: float(getattr(rows, name)[-1]) for name in stream.COLUMNS}
             latest["row_tick"] = float(rows.row_tick[-1] & 0xFFFF)

@@ -29,6 +29,7 @@ def shortest() -> list[Kept]:
     return sorted(healthy, key=lambda one: int(one.answer["periods"]))[:2]
 
 
+@pytest.mark.thorough
 def test_a_kept_recording_is_made_anew_diagnosed_and_not_twice(shortest: list[Kept], tmp_path: Path) -> None:
     done = tmp_path / "done.tsv"
     first = outcomes(shortest[:1], done, FUNCTION, 1)

@@ -67,5 +67,9 @@ def test_a_parameter_at_the_end_of_its_range_is_not_told_as_an_estimate(healthy:
     assert at_its_bound("R_s", 0.3 * 6.3, nominal) == (
         "R_s lies at the end of the range searched, 0.30 times its nominal 6.30 ohm, or beyond it"
     )
-    scarcely = replace(nominal, R_s=healthy[1].R_s * 4.0)
+
+
+@pytest.mark.slow
+def test_of_a_parameter_beyond_its_range_the_diagnosis_says_so(healthy: tuple[Samples, Machine]) -> None:
+    scarcely = replace(healthy[1], R_s=healthy[1].R_s * 4.0)
     assert any("R_s lies at the end" in said for said in diagnose([healthy[0]], scarcely).remarks)

@@ -142,6 +142,7 @@ def test_currents_that_follow_a_model_are_the_same_when_found_from_those_of_anot
     assert rms(lost_again - lost) < 1e-3 * rms(lost)
 
 
+@pytest.mark.thorough
 def test_what_a_bridge_loses_does_not_turn_with_an_angle_that_is_tried() -> None:
     """Where it loses more than the magnets induce, one that did would lead the angle away from its offset."""
     offset, low_speed = 0.03, 100.0  # rad, rpm

@@ -42,10 +42,8 @@ def diagnosed_at_one_level(dead_time: float, seed: int) -> Diagnosis:
     return diagnose([at_one_level(dead_time, seed)], NOMINAL)
 
 
-@pytest.mark.parametrize(("dead_time", "seed"), [
-    pytest.param(0.0, 1, marks=pytest.mark.slow), pytest.param(0.0, 2, marks=pytest.mark.slow), (400e-9, 1),
-    pytest.param(400e-9, 2, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize(("dead_time", "seed"), [(0.0, 1), (0.0, 2), (400e-9, 1), (400e-9, 2)])
 def test_what_one_level_does_not_tell_is_as_uncertain_as_its_tolerance(dead_time: float, seed: int) -> None:
     """L_d and L_q are fits of noise there. R_s and psi_f trade with them: 5 % of R_s had an interval of 0.3 %."""
     told = diagnosed_at_one_level(dead_time, seed).machine_after

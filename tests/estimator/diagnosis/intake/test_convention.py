@@ -237,6 +237,7 @@ def test_a_scale_is_contradicted_by_a_machine_that_fits_better_as_recorded() -> 
     assert suspicion.contradicted(replace(nominal, **as_recorded), TOLERANCE)
 
 
+@pytest.mark.slow
 def test_a_scale_that_leaves_parameters_off_gets_no_name() -> None:
     """A dc link read as three quarters of what it is: as rms values it would leave R_s and L_d 16 % too high."""
     runs, nominal = recording("none", NUMBERS[2])
@@ -262,6 +263,7 @@ def test_a_motor_that_stands_without_voltage_or_current_is_not_judged() -> None:
     assert suspected([with_vectors(still, i=nothing)], nominal, TOLERANCE) is None
 
 
+@pytest.mark.slow
 def test_what_is_left_beside_no_such_machine_is_not_called_physics() -> None:
     runs, nominal = recording("angle_offset", 1, length=1.0)
     turned = [with_vectors(run, i=1j * (run.i_d + 1j * run.i_q), u=1j * (run.u_d + 1j * run.u_q)) for run in runs]
