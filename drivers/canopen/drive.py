@@ -31,7 +31,7 @@ from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_DATA, CONTROL, lay
 from drivers.wire.lease import Record, packed
 
 SILENCE = 1.0  # s without a row after which a drive counts as lost, where the row's tick can tell so much
-POLL = 0.01  # s, how often the stream looks for new frames
+POLL = 0.005  # s, how often the stream looks for new frames
 GLANCE = 0.05  # s, how often a stream looks at how the node is set up
 _CONFLICTS = 3  # frames that say otherwise of the same row, of two senders
 _TWO_SEQUENCES = 1.0  # s that they last, of two senders: late frames end
