@@ -73,7 +73,7 @@ gallery: $(VENV)/.dev ## what every effect of the emulated drive shows as: pictu
 prove: $(VENV)/.dev ## the proof in full, on the evaluation population: page and JSON in build/proof: an hour or so
 	$(BIN)/python -m tests.proof
 
-prove-quick: $(VENV)/.dev ## a part of it, on a development population: four minutes or so
+prove-quick: $(VENV)/.dev ## a part of it, on a development population: two minutes or so
 	$(BIN)/python -m tests.proof --quick
 
 score-diagnosis: $(VENV)/.dev ## the diagnosis on 500 concealed recordings of development seeds, beside an oracle: an hour or more
