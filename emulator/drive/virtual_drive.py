@@ -156,7 +156,7 @@ class VirtualDrive:
         self._readable = self._constants() | dict.fromkeys(stream.COLUMNS, 0.0) | {"row_tick": 0.0}
         self._readable |= {s.name: max(0.0, s.minimum or 0.0) for s in SIGNALS if s.access == "rw"}
         self._readable["watchdog_time"] = _LEASE_TIME if self._guarded else 0.0
-        self._publish()
+        self._publish(self._temperatures())
         self._delivered = {name: self._readable[name] for name in _PARAMETERS}
         self._stored = dict(self._delivered)
 
@@ -374,10 +374,11 @@ class VirtualDrive:
         recording = self._record_for_capture(periods, recording)
         tick = self.tick
         rows = self._simulate(periods, recording)
-        self._protect()
+        temperatures = self._temperatures()
+        self._protect(temperatures[0])
         with self._lock:
             self._recorder.take(tick, recording)
-        self._publish(rows)
+        self._publish(temperatures, rows)
         return rows
 
     def _record_for_capture(self, periods: int, recording: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -385,15 +386,15 @@ class VirtualDrive:
             return recording
         return np.empty((periods, len(RECORDED)))
 
-    def _protect(self) -> None:
-        """Go into fault where the simulation tripped, the winding is too hot, or nobody was heard for too long."""
+    def _protect(self, winding: float) -> None:
+        """Go into fault where the simulation tripped, `winding` (degC) is too hot, or nobody was heard for too long."""
         operation, heard = self._operation, self._heard
         was_powered, self._heard = operation.powered, False
         if heard or not operation.powered:
             operation.heard = self.tick
         if self._state.firmware.trip != NO_TRIP:
             operation.fault(_TRIPS[self._state.firmware.trip])
-        if operation.powered and self._temperatures()[0] > self.scenario.drive.temperature_trip:
+        if operation.powered and winding > self.scenario.drive.temperature_trip:
             operation.fault(OVERTEMPERATURE_MOTOR)
         if not self._guarded:
             operation.watch(self.tick, round(self._readable["watchdog_time"] / self.T_s))
@@ -498,7 +499,7 @@ class VirtualDrive:
         armed = {"capture_state": float(ARMED)} if ("capture_command", 1.0) in self._written else {}
         return self._readable | {name: value for name, value in self._written if name not in _NO_SIGNALS} | armed
 
-    def _publish(self, rows: StreamRows | None = None) -> None:
+    def _publish(self, temperatures: tuple[float, float], rows: StreamRows | None = None) -> None:
         """Make the present readable: settings, tick, temperature, the latest row."""
         latest = {name: float(value) for name, value in self._settings._asdict().items()}
         latest["tick"] = float(self.tick & 0xFFFF_FFFF)
@@ -509,7 +510,7 @@ class VirtualDrive:
         latest["capture_count"] = float(self._recorder.count)
         latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
         latest["capture_number"] = float(self._recorder.number)
-        latest["temp_winding"], latest["temp_magnet"] = self._temperatures()
+        latest["temp_winding"], latest["temp_magnet"] = temperatures
         if rows:
             latest |= {name: float(getattr(rows, name)[-1]) for name in stream.COLUMNS}
             latest["row_tick"] = float(rows.row_tick[-1] & 0xFFFF)
