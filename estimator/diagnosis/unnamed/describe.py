@@ -91,13 +91,11 @@ def describe(rows: Rows, z: Vector, noise: tuple[float, float], discrepancy: flo
         return None  # another machine explains it
     forms: list[Form | None] = [resonance(rows, left, noise, machine)]
     if enough:
-        line, levels = _line(rows, left), _stationary_levels(rows, left)
+        line, levels, apart = _line(rows, left), _stationary_levels(rows, left), None
         # Many changes are a rough copy of a line
         if line is not None and (levels is None or line.gain > _SIMPLER * levels.gain):
             apart = line_beside(rows, left, np.concatenate((machine, _by_less_angle(rows))), line)
-        else:
-            apart = _levels_apart(rows, left, machine)
-        forms += [apart, two_levels(rows, left, "rotor"), drift(rows, left)]
+        forms += [apart or _levels_apart(rows, left, machine), two_levels(rows, left, "rotor"), drift(rows, left)]
     best = max((form for form in forms if form is not None), key=lambda form: form.gain, default=None)
     if not heard and not heard_ringing and (best is None or best.gain < max(_ALL * excess, least)):
         return None

@@ -26,6 +26,7 @@ _BLOCK: Final = 64  # periods that are summed before a line's frequency is refin
 _SPARSE: Final = 3.0  # longest time by the clock, over the periods there are
 _FAR_LESS: Final = 0.2  # of an energy: a line between two frequencies of a spectrum shows half of its own
 _LINE_STEPS: Final = 8  # of Newton's, to a line beside the machine
+_OWN_ENERGY: Final = 0.1  # of a line: with less beside the machine it is none, as the rotor's frequency at one speed
 _SAME_LINE: Final = 1e-5  # periods of a line over the whole recording: a step that changes nothing
 
 
@@ -115,11 +116,11 @@ def strongest_line(rows: Rows, z: Vector, frame: str, lowest: float, highest: fl
     return Line(f, complex(*sizes[:2]), complex(*sizes[2:]), flux, energy_of(z) - energy_of(z - flux))
 
 
-def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
+def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line | None:
     """The line (stationary frame) that explains most of a flux error beside columns of the machine, sought from one on.
 
     machine: (m, 2 n), real parts before imaginary ones. Fitted alone, the machine hides a part of a line. By
-    Gauss-Newton of the frequency, where all else is linear.
+    Gauss-Newton of the frequency, where all else is linear. None where the machine hides nearly all of it.
     """
     back, time = rows.middle.conj(), (_periods_by_clock(rows) - 0.5 * len(rows)) * rows.T_s
     long, by = float(time[-1] - time[0]), filter_of(rows, rows.machine)
@@ -142,7 +143,7 @@ def line_beside(rows: Rows, z: Vector, machine: Array, line: Line) -> Line:
         if abs(step) * long < _SAME_LINE or abs(step) * long > 1.0:
             break
         f += step
-    return best
+    return best if best.gain > _OWN_ENERGY * energy_of(best.flux) else None
 
 
 def _shifted(x: Vector, turns: float) -> tuple[Vector, Vector]:

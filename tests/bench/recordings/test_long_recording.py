@@ -112,3 +112,18 @@ def test_heat_goes_on_over_what_is_left_out(path: Path, columns: dict[str, np.nd
     recording = in_stretches(path)[0]
     heat = np.cumsum(T_S * (columns["i_d"] ** 2 + columns["i_q"] ** 2))
     assert np.allclose(rows_of(recording.runs, MACHINE, 10.0).heat, heat[taken(recording)])
+
+
+def test_a_block_whose_current_alone_alternates_is_taken(tmp_path: Path) -> None:
+    """By its standard deviation, not its mean square: that of a large mean would hide it."""
+    alternating, higher = slice(23 * BLOCK, 24 * BLOCK), slice(37 * BLOCK, 38 * BLOCK)
+    k, i_q = np.arange(ROWS), np.full(ROWS, 10.0)
+    i_q[alternating] += 0.5 * (-1.0) ** k[alternating]
+    i_q[higher] += 0.05
+    path, constant = tmp_path / "one.parquet", np.full(ROWS, 1.0)
+    path.write_bytes(parquet_bytes({
+        "t": k * T_S, "u_d": constant, "u_q": constant, "i_d": constant, "i_q": i_q, "omega_e": constant,
+        "theta_e": T_S * k % (2.0 * np.pi),
+    }))  # fmt: skip
+    recording, _ = in_stretches(path, 2 * BLOCK)
+    assert any(np.ptp(run.i_q) > 0.9 for run in recording.runs)

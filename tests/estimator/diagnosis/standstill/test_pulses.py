@@ -1,8 +1,11 @@
 """Voltage pulses on a held rotor: what the emulator's legs and motor conceal in them, and what a real one shows."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 
 from bench.diagnoses.diagnose import as_json, diagnose_recording
@@ -11,9 +14,11 @@ from bench.diagnoses.published import schema
 from bench.errors import RecordingError
 from bench.machine_file import Nominal
 from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.saturation import Saturation
 from emulator.plant.physics.skin import Skin
 from emulator.scenario.effects import Effects
-from estimator.diagnosis.standstill.pulses import diagnose_pulses
+from estimator.diagnosis.standstill.pulse_fit import SATURATION, Pulses
+from estimator.diagnosis.standstill.pulses import PulsesTried, _left_of_pulses, diagnose_pulses
 from estimator.diagnosis.verdict import Verdict
 from tests.estimator.diagnosis.standstill.standstill_runs import SALIENT, U_DC, pulses
 from tests.estimator.diagnosis.standstill.test_sweep import named, size, within
@@ -53,6 +58,23 @@ def test_a_dc_link_that_reads_high_is_told_by_a_resistance_that_is_known_alone()
     assert (blind.verdict, named(blind)) == (Verdict.NO_MISMATCH, set())
     assert any("dc_link_gain is not to be told" in remark for remark in blind.remarks)
     assert any("1.2 ± " in remark for remark in diagnose_pulses(trains, R_s=SALIENT.R_s).remarks)
+
+
+def test_the_currents_noise_makes_no_saturation() -> None:
+    trains, noise = pulses(Effects(saturation=Saturation(0.0, 0.2))), np.random.default_rng(3)
+    noisy = [replace(train, i=train.i + noise.normal(0.0, 0.3, train.i.shape)) for train in trains]
+    found = [Pulses(each, SALIENT.n_p).fit((SATURATION,)).values for each in (trains, noisy)]
+    assert found[1]["b"] == pytest.approx(found[0]["b"], rel=0.1)
+    assert found[1]["L_0"] == pytest.approx(found[0]["L_0"], rel=0.015)
+
+
+def test_what_is_left_is_told_without_the_currents_noise() -> None:
+    made = Pulses(pulses(), SALIENT.n_p)
+    fit = made.fit(())
+    assert _left_of_pulses(made, PulsesTried(fit, (fit,), made.noise)) is None
+    left = _left_of_pulses(made, PulsesTried(fit, (fit,), math.sqrt(5.0) * made.noise))
+    assert left is not None
+    assert left.rms_V == pytest.approx(2.0 * made.noise * fit.values["L_0"] / made.duration)
 
 
 def test_pulses_at_few_angles_are_refused() -> None:
