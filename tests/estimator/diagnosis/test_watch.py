@@ -16,7 +16,15 @@ from emulator.plant.physics.saturation import Saturation
 from emulator.plant.physics.sensing import CurrentSensing
 from emulator.scenario.effects import NONE, Effects
 from emulator.scenario.scenarios import PAPER, Scenario, drive_for
-from estimator.diagnosis.watch import FEWEST_WATCHED, SURE_SIGMAS, Left, mismatch_of, place_in_window
+from estimator.diagnosis.likelihood.constant_parameters import POLE
+from estimator.diagnosis.watch import (
+    FEWEST_WATCHED,
+    SURE_SIGMAS,
+    Left,
+    _rounding_variance,
+    mismatch_of,
+    place_in_window,
+)
 from estimator.machine import PARAMETERS, UNITS
 from estimator.online import window_ls
 from estimator.online.estimate import Estimate, Status
@@ -182,3 +190,17 @@ def test_gaps_are_no_mismatch_and_hide_none() -> None:
         assert left is not None
         assert left.mismatch is there
         assert left.clear is not there
+
+
+def test_a_rounded_angle_errs_the_flux_by_magnets_and_saliency() -> None:
+    """dpsi = -J d(theta) applied to psi - L i: along d by (L_d - L_q) i_q, along q by psi_f + (L_d - L_q) i_d."""
+    n, step = 50, 0.01
+    columns = np.zeros((7, n), np.complex128)
+    columns[0] = 2.0 + 3.0j  # A; the rotor stands
+
+    def variance(L_d: float, L_q: float) -> tuple[float, float]:
+        return _rounding_variance(np.array([0.5, L_d, L_q, 0.1]), columns, step, 1e-4, (POLE, POLE))
+
+    assert variance(2e-3, 2e-3)[0] == 0.0
+    d, q = variance(1e-3, 5e-3)
+    assert d / q == pytest.approx((4e-3 * 3.0) ** 2 / (0.1 - 4e-3 * 2.0) ** 2)
