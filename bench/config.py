@@ -3,7 +3,8 @@
     [service]
     host = "127.0.0.1"
     port = 8080                                       # PMSM_BENCH_PORT has the last word
-    captures = "captures"                             # folder of captures, beside this file
+    captures = "captures"                             # folder of recordings, beside this file
+    keep_free_megabytes = 200                         # of its disk, which recordings leave for others
     log = "log"                                       # folder of the logs of writes and of refusals
     names = ["bench.lan", "localhost:9000"]           # it is also called so in addresses; without a port: at its own
     certificate = "bench.pem"                         # TLS, with its key; needed beyond loopback,
@@ -105,6 +106,7 @@ class ServiceConfig:
     certificate: _File | None = None  # PEM, with its key
     host: Annotated[str, Field(min_length=1), Else("expected an address")] = "127.0.0.1"
     insecure: Annotated[bool, Field(strict=True), Else("expected true or false")] = False  # beyond loopback without TLS
+    keep_free_megabytes: Annotated[float, Number(0.0, 1e9)] = 200.0  # of the disk, which recordings leave for others
     key: _File | None = None
     log: _Folder = field(default_factory=log_folder)
     names: Annotated[tuple[_Name, ...], _NAMES] = ()  # that it also has in addresses, with or without a port

@@ -47,10 +47,10 @@ _Text = Annotated[str, Field(pattern=rf"^(now|command|\s*({'|'.join(CHANNELS[1:]
 
 
 def _trigger(value: object, _inner: object) -> Level | str:
-    return NOW if value == NOW else COMMAND if value == COMMAND else _LEVEL.validate_python(_crossing(value))
+    return NOW if value == NOW else COMMAND if value == COMMAND else _LEVEL.validate_python(level_of(value))
 
 
-def _crossing(value: object) -> object:
+def level_of(value: object) -> object:
     """`i_q>2.0` (rising) or `i_q<-2.0` (falling), as one types it, as a level; what else came as it is."""
     found = _CROSSING.fullmatch(value) if isinstance(value, str) else None
     try:

@@ -15,7 +15,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from pydantic import TypeAdapter
 
-from bench.api import captures, control, diagnoses, docs, experiments, problems, signals
+from bench.api import captures, control, diagnoses, docs, experiments, problems, recordings, signals
 from bench.api.answers import (
     DRIVE,
     PROBLEM,
@@ -50,6 +50,7 @@ from bench.api.models import (
     link_model,
     window_model,
 )
+from bench.api.recording_models import AnnotationModel, MarkRequestModel, RecordingRequestModel
 from bench.api.signals import SignalValuesModel
 from bench.service.service import Service
 
@@ -146,6 +147,7 @@ def create_app(
     signals.install(app, service)
     control.install(app, service)
     experiments.install(app, service)
+    recordings.install(app, service)
     diagnoses.install(app, service)
 
     @app.get("/api/health", summary="State of every thread and link")
@@ -171,7 +173,7 @@ def _complete(document: dict[str, Any]) -> None:
     """Add to the OpenAPI document the shapes that no route's signature tells."""
     for model in (
         ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, SignalValuesModel, DiagnosisRequestModel,
-        ExperimentRequestModel, SetPointsModel, NothingModel,
+        ExperimentRequestModel, SetPointsModel, NothingModel, RecordingRequestModel, MarkRequestModel, AnnotationModel,
     ):
         shape = TypeAdapter[Any](model).json_schema(ref_template=f"{SHAPES}{{model}}")
         document["components"]["schemas"] |= shape.pop("$defs", {}) | {model.__name__: shape}

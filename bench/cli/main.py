@@ -13,6 +13,7 @@ import typer
 from typer import Argument, Option
 
 from bench.cli.exit_codes import EPILOG, FAULT, INTERRUPTED, REFUSED, details_kept
+from bench.cli.recordings import recordings
 from bench.errors import BenchError, ConfigError, InternalError
 from drivers.errors import DriveError
 
@@ -20,6 +21,8 @@ app = typer.Typer(
     name="pmsm-bench", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=EPILOG,
     help="Hardware-in-the-loop bench for permanent-magnet synchronous motor drives.",
 )
+
+app.add_typer(recordings, name="recordings")
 
 DEFAULT_BUS = "canopen://socketcand/127.0.0.1:29536/can0/5"
 _NO_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)

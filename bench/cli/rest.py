@@ -32,20 +32,25 @@ class Rest:
         self._client, self._service = client, service
 
     def call(
-        self, method: str, *path: str, body: object = None, key: str = "", query: dict[str, str] | None = None
+        self, method: str, *path: str, body: object = None, key: str = "", query: dict[str, str] | None = None,
+        under: str = "drives",
     ) -> dict[str, Any]:
-        """The JSON object at /api/drives/PATH, which has `key`. Raises UnavailableError where nobody answers."""
+        """The JSON object at /api/UNDER/PATH, which has `key`; empty where there is nothing to tell.
+
+        Raises UnavailableError where nobody answers.
+        """
         try:
             text = None if body is None else json.dumps(body, allow_nan=False)
         except ValueError:
             raise BenchError(f"expected finite numbers, got {shown(body)}") from None
         headers = self._headers() | ({} if method in ("GET", "DELETE") else _JSON)
         try:
-            response = self._client.request(method, self._address(path), content=text, params=query, headers=headers)
-            content = response.json()
+            address = self._address(under, path)
+            response = self._client.request(method, address, content=text, params=query, headers=headers)
+            content: Any = {} if response.status_code == int(httpx.codes.NO_CONTENT) else response.json()
         except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
             raise UnavailableError(f"no bench service answers at {self._service}: {error}") from None
-        if response.is_success and isinstance(content, dict) and key in content:
+        if response.is_success and isinstance(content, dict) and (key in content or not content):
             return cast(dict[str, Any], content)
         if isinstance(content, dict) and "detail" in content:
             failed = response.status_code == int(httpx.codes.INTERNAL_SERVER_ERROR)
@@ -55,7 +60,7 @@ class Rest:
     def download(self, *path: str) -> bytes:
         """The file at /api/drives/PATH."""
         try:
-            return self._client.get(self._address(path), headers=self._headers()).raise_for_status().content
+            return self._client.get(self._address("drives", path), headers=self._headers()).raise_for_status().content
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise UnavailableError(f"the service at {self._service} did not hand out the file: {error}") from None
 
@@ -68,8 +73,19 @@ class Rest:
             return {}
         return {"Authorization": f"Bearer {token.read(token_file())}"}
 
-    def _address(self, path: tuple[str, ...]) -> str:
-        return "/".join([f"{self._service.rstrip('/')}/api/drives", *(quote(part, safe="") for part in path)])
+    def save(self, path: Path, *parts: str, query: dict[str, str]) -> Path:
+        """Download a recording's file into a new one, piece by piece; tell which. Raises BenchError, OSError."""
+        address = self._address("recordings", parts)
+        try:
+            with self._client.stream("GET", address, params=query, headers=self._headers()) as response:
+                if not response.is_success:
+                    raise BenchError(str(json.loads(response.read()).get("detail", response.status_code)))
+                return write_new(path, lambda file: file.writelines(response.iter_bytes()))
+        except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
+            raise UnavailableError(f"the service at {self._service} did not hand out the file: {error}") from None
+
+    def _address(self, under: str, path: tuple[str, ...]) -> str:
+        return "/".join([f"{self._service.rstrip('/')}/api/{under}", *(quote(part, safe="") for part in path)])
 
 
 @contextmanager

@@ -78,6 +78,19 @@ class PartFile:
             otherwise.pop_all()
         return part
 
+    @classmethod
+    def contents(cls, path: Path) -> tuple[list[Record], int]:
+        """The records of one, and the bytes after them that make none, whoever works at it. Raises as `found`."""
+        with path.open("rb", buffering=0) as file:
+            part = cls(path, file)
+            part._read()
+            return part.records, part.damaged
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
+        return self._end
+
     def append(self, kind: bytes, content: bytes | bytearray) -> None:
         """One more record, on disk within half a second. Raises OSError; what was there is safe then."""
         head = _FRAME.pack(kind, len(content))

@@ -7,7 +7,7 @@ over what is between. Who writes the columns anew, writes no seal. Knows nothing
 import os
 import zlib
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from bench.errors import RecordingError
 
@@ -25,6 +25,17 @@ def sealed(content: bytes) -> bytes:
     return before + b"%08x" % zlib.crc32(after, zlib.crc32(before)) + after
 
 
+def seal(file: BinaryIO) -> None:
+    """Give a Parquet file that has been written its seal. Raises OSError."""
+    size = file.seek(-_TAIL, os.SEEK_END) + _TAIL
+    footer = size - _TAIL - int.from_bytes(file.read(4), "little")
+    file.seek(footer)
+    after = file.read()
+    crc = _crc_of(file, footer)
+    file.seek(footer)
+    file.write(_MARK + b"%08x" % zlib.crc32(after, zlib.crc32(_MARK, crc)) + after)
+
+
 def check_seal(path: Path) -> None:
     """Raise RecordingError where a file has a seal and is not what was sealed, OSError where it cannot be read."""
     if not _is_whole(path):
@@ -40,10 +51,15 @@ def _is_whole(path: Path) -> bool:
         if at < 0:
             return True
         digits = slice(at + len(_MARK), at + len(_MARK) + _DIGITS)
-        left = size - len(tail) + digits.start
-        crc = 0
-        file.seek(0)
-        while left > 0 and (piece := file.read(min(_PIECE, left))):
-            crc = zlib.crc32(piece, crc)
-            left -= len(piece)
+        crc = _crc_of(file, size - len(tail) + digits.start)
         return tail[digits] == b"%08x" % zlib.crc32(tail[digits.stop :], crc)
+
+
+def _crc_of(file: BinaryIO, left: int) -> int:
+    """CRC-32 of a file's first bytes."""
+    crc = 0
+    file.seek(0)
+    while left > 0 and (piece := file.read(min(_PIECE, left))):
+        crc = zlib.crc32(piece, crc)
+        left -= len(piece)
+    return crc

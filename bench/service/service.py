@@ -1,9 +1,10 @@
 """The service: pumps, worker and their state, as one context manager. Knows nothing of HTTP."""
 
 import contextlib
+import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import count
 from typing import Any, Self
 
@@ -12,6 +13,8 @@ from bench.actions.control import Control
 from bench.actions.experiments import Experiments, Status
 from bench.actions.lease import Leases, Part, Writer
 from bench.actions.limits import Limits
+from bench.actions.recording import Surroundings
+from bench.actions.recordings import Recordings
 from bench.actions.unfinished import Origin, folder_beside, undo
 from bench.config import Config, DriveConfig
 from bench.diagnoses.diagnosis_jobs import DiagnosisJobs
@@ -22,6 +25,8 @@ from bench.live.trust import trusted
 from bench.live.window import Window
 from bench.machine_file import Nominal
 from bench.service.signals import Reading, checked, read, read_back, values_of, write
+from bench.store.rows import BYTES_PER_ROW
+from bench.store.shelf import Shelf
 from bench.write_log import to_standard_error
 from drivers.block import Block
 from drivers.drive import Drive
@@ -40,6 +45,15 @@ class ThreadHealth:
     name: str
     alive: bool
     failure: str | None = None  # its last unexpected failure
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """For recordings of a drive."""
+
+    free_bytes: float  # without what is left for others
+    bytes_per_day: float | None  # at most; None while no rows come
+    days: float | None  # that there is room for
 
 
 @dataclass(slots=True)
@@ -66,6 +80,11 @@ class Service:
         self.captures = Captures(config.captures, self.drives, self._leases)
         self.experiments = Experiments(config.captures, self.drives, self._leases)
         self.diagnoses = DiagnosisJobs(config.captures, machines)
+        self.recordings = Recordings(
+            config.captures, self.drives, self._leases, config.keep_free_megabytes * 1e6,
+            Surroundings(self._state_words, lambda name: asdict(self.estimates(name).window)),
+        )
+        self.shelf = Shelf(config.captures)
         self._writes = count(1)
         self._started = time.monotonic()
 
@@ -75,6 +94,7 @@ class Service:
             drive.link.start()
         for drive in self.drives.values():
             drive.control.begin()
+        self.recordings.start()
         self.captures.start()
         self.experiments.start()
         return self
@@ -86,6 +106,7 @@ class Service:
         self.diagnoses.leave()
         self.experiments.leave()
         self.captures.leave()
+        self.recordings.leave()
         self.experiments.join(_CANCEL)  # while there are links, by which drives and recorders are told to stop
         self.captures.join(_CANCEL)
         for drive in drives:
@@ -95,6 +116,7 @@ class Service:
         for drive in drives:
             drive.link.join(max(0.0, deadline - time.monotonic()))
         self.captures.join(max(0.0, deadline - time.monotonic()))
+        self.recordings.join(_LEAVE)
         self._estimation.stop()
         self.diagnoses.join(_LEAVE)
 
@@ -102,6 +124,14 @@ class Service:
     def uptime(self) -> float:
         """Seconds since the start."""
         return time.monotonic() - self._started
+
+    def room_for(self, name: str) -> Room:
+        """What recording a drive takes, and for how long there is room. Raises UnknownError."""
+        link, folder = self.link(name), self.config.captures
+        there = next(place for place in (folder, *folder.parents) if place.exists())
+        free = max(0.0, shutil.disk_usage(there).free - self.config.keep_free_megabytes * 1e6)
+        a_day = None if not link.row_time else 86_400.0 / link.row_time * BYTES_PER_ROW
+        return Room(free, a_day, None if a_day is None else free / (2.0 * a_day))  # closing takes as much again
 
     def drive(self, name: str) -> ServiceDrive:
         """A drive. Raises UnknownError."""
@@ -212,11 +242,20 @@ class Service:
                 to_standard_error(f"drive  {name}: {said}")
 
         def take(block: Block) -> None:
-            self._estimation.put(name, block, self.drives[name].link.status.made)
+            status = self.drives[name].link.status
+            self.recordings.put(name, block, status)
+            self._estimation.put(name, block, status.made)
 
         link = Acquisition(name, config.url, take, connected)
         control = Control(name, link, self._leases, config.limits, lambda what: Origin(folder, name, what))
         return ServiceDrive(config.url, config.nominal, config.limits, link, control)
+
+    def _state_words(self, name: str) -> str:
+        """A drive's link and state, in words."""
+        link, state = self.drives[name].link.status.state, self.drives[name].control.state
+        if link is not LinkState.STREAMING or state is None:
+            return f"link {link}"
+        return f"{state.state}" + (f": {state.fault}" if state.fault else "")
 
     def _device(self, name: str) -> object:
         """What tells a drive from all others, whatever it is called here; None where it does not say."""

@@ -1,0 +1,127 @@
+"""Shapes of what the REST interface says of recordings. SI units."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from bench.actions.recording import Status
+from bench.actions.recording_request import RecordingRequest
+from bench.expected import CLOSED, Else, Number
+from bench.store.annotations import Annotations, Title, Words
+from bench.store.shelf import Recording
+
+_ID = "emulated-20260131-120000-000"
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingRequestModel(RecordingRequest):
+    """What to record; what is left out is as usual."""
+
+    __pydantic_config__: ClassVar = CLOSED | ConfigDict(json_schema_extra={"examples": [
+        {}, {"title": "warm, 1200 rpm", "seconds": 600.0},
+        {"trigger": "i_q > 2.0", "pre_trigger_s": 2.0, "seconds": 5.0},
+    ]})  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class MarkRequestModel:
+    """A moment to mark."""
+
+    __pydantic_config__: ClassVar = CLOSED | ConfigDict(json_schema_extra={"examples": [
+        {"text": "load on"}, {"text": "knocking", "t": 12.5},
+    ]})  # fmt: skip
+
+    text: Annotated[Title, Field(description="what happened", examples=["load on"])]
+    t: Annotated[
+        Annotated[float, Number(0.0, 1e9)] | None, Else("expected null or a number of 0 to 1e9"),
+        Field(description="s from the recording's begin; null: now, of one that is under way"),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class AnnotationModel:
+    """What to call a recording; what is left out stays as it is."""
+
+    __pydantic_config__: ClassVar = CLOSED | ConfigDict(json_schema_extra={"examples": [{"title": "warm"}]})
+
+    title: Title | None = None
+    note: Words | None = None
+
+
+class MarkModel(BaseModel):
+    """A moment that somebody has marked."""
+
+    t: float = Field(description="s from the recording's begin", examples=[12.5])
+    text: str = Field(examples=["load on"])
+    whom: str = Field(description="who marked it", examples=["127.0.0.1"])
+    at: str = Field(description="when; RFC 3339", examples=["2026-01-31T12:00:12+00:00"])
+
+
+class StoredRecordingModel(BaseModel):
+    """A recording: of a stream, under way or closed, a capture's, an experiment's, or a file that was put there."""
+
+    id: str = Field(examples=[_ID])
+    kind: Literal["stream", "capture", "experiment", "file"]
+    drive: str = Field(description="its name then; empty where the file does not say", examples=["emulated"])
+    state: Literal["armed", "recording", "closing", "done", "failed", "cancelled"] = Field(
+        description="the last three are ends", examples=["done"]
+    )
+    begun: datetime = Field(description="of a file that does not say: when it was written")
+    rows: int = Field(examples=[60_000])
+    seconds: float | None = Field(description="gaps included; null where the file does not say", examples=[60.0])
+    bytes: int = Field(description="on disk", examples=[1_400_000])
+    columns: list[str] = Field(description="empty while it is under way", examples=[["t", "theta_e", "i_d", "i_q"]])
+    title: str
+    note: str
+    marks: list[MarkModel]
+    gaps: int
+    rows_lost: int = Field(description="that the drive made in the gaps, as far as it is known")
+    whole: bool = Field(description="it has all that it was to have")
+    reason: str = Field(description="a sentence: why it ended, what it waits for, or what is wrong with its file")
+    continues: str = Field(description="id of the recording that it goes on with; empty: of none")
+
+
+class RecordingsModel(BaseModel):
+    """Recordings, the newest first."""
+
+    recordings: list[StoredRecordingModel]
+    total: int = Field(description="that the filters let through")
+    next: str | None = Field(description="before which the next page begins; null on the last one")
+
+
+class RoomModel(BaseModel):
+    """A drive's recording, and what there is room for."""
+
+    recording: StoredRecordingModel | None = Field(description="under way; null: none")
+    bytes_per_day: float | None = Field(description="that a recording takes at most; null while no rows come")
+    free_bytes: float = Field(description="on the disk, without what recordings leave for others")
+    days: float | None = Field(description="of recording that there is room for, closing it included")
+
+
+def of_shelf(one: Recording) -> StoredRecordingModel:
+    """A closed recording as REST shows it."""
+    return StoredRecordingModel.model_validate({
+        "id": one.id, "kind": one.kind, "drive": one.drive, "state": "done", "begun": one.begun, "rows": one.rows,
+        "seconds": one.seconds, "bytes": one.bytes, "columns": list(one.columns), "title": one.title, "note": one.note,
+        "marks": [_mark(mark.t, mark.text, mark.whom, mark.at) for mark in one.marks], "gaps": one.gaps,
+        "rows_lost": one.rows_lost, "whole": one.whole, "reason": one.problem or one.ended, "continues": "",
+    })
+
+
+def under_way(status: Status, said: Annotations) -> StoredRecordingModel:
+    """A recording under way, or one that has failed, as REST shows it."""
+    return StoredRecordingModel.model_validate({
+        "id": status.id, "kind": "stream", "drive": status.drive, "state": status.state.value, "begun": status.asked,
+        "rows": status.rows, "seconds": status.seconds, "bytes": status.bytes, "columns": [],
+        "title": status.request.title if said.title is None else said.title,
+        "note": status.request.note if said.note is None else said.note,
+        "marks": [_mark(mark.t, mark.text, mark.whom, mark.at) for mark in (*status.marks, *said.marks)],
+        "gaps": status.gaps, "rows_lost": status.rows_lost, "whole": not status.gaps, "reason": status.reason,
+        "continues": status.continues,
+    })  # fmt: skip
+
+
+def _mark(t: float, text: str, whom: str, at: str) -> dict[str, object]:
+    return {"t": t, "text": text, "whom": whom, "at": at}

@@ -1,0 +1,254 @@
+"""The routes of recordings, over a running service."""
+
+import contextlib
+import csv
+import io
+import re
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path as File
+from typing import Annotated, Any, Final, Literal
+from urllib.parse import quote
+
+from fastapi import FastAPI, Path, Query, Request, Response
+from fastapi.responses import FileResponse, StreamingResponse
+from pydantic import TypeAdapter
+
+from bench.actions.recording import Status
+from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
+from bench.api.captures import FILE, MEDIA
+from bench.api.recording_models import (
+    AnnotationModel,
+    MarkRequestModel,
+    RecordingsModel,
+    RoomModel,
+    StoredRecordingModel,
+    of_shelf,
+    under_way,
+)
+from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError, shown
+from bench.expected import Table, taken
+from bench.recordings.table import ROWS, column_names, read_parts
+from bench.service.service import Service
+from bench.store.annotations import Annotations, Mark
+
+_ROOT: Final = "/api/recordings/{id}"
+_RFC_3339: Final = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
+_WRONG: Answers = {422: {"description": "Not what can be asked for"} | PROBLEM}
+_ONE: Answers = {404: {"description": "No recording of that name"} | PROBLEM}
+_ASKED: Answers = {
+    409: {"description": "The drive is recorded already"} | PROBLEM,
+    422: {"description": "Not a recording that can be made"} | PROBLEM,
+    503: {"description": "There is no link to the drive, or no room on the disk"} | PROBLEM,
+}
+_NOT_NOW: Answers = {409: {"description": "The recording is in another state"} | PROBLEM}
+_FILES: Answers = {200: {"description": "The recording", "content": FILE[200]["content"] | {
+    "text/csv": {"schema": {"type": "string"}}}}}
+_MARK: Final = TypeAdapter(Annotated[MarkRequestModel, Table("expected what to mark")])
+_ANNOTATION: Final = TypeAdapter(Annotated[AnnotationModel, Table("expected a title, or a note")])
+RecordingId = Annotated[str, Path(alias="id", description="id of a recording")]
+
+
+def install(app: FastAPI, service: Service) -> None:
+    """Add the routes to an application."""
+
+    found = _Found(service)
+    _install_live(app, service, found)
+    _install_shelf(app, service, found)
+
+
+class _Found:
+    """Recordings by id, under way and closed."""
+
+    def __init__(self, service: Service) -> None:
+        self._recordings, self._shelf = service.recordings, service.shelf
+
+    def one(self, id_: str) -> StoredRecordingModel:
+        """Raises UnknownError."""
+        status = self._recordings.find(id_)
+        if status is not None and status.file is None:
+            return under_way(status, Annotations.read(self._shelf.folder, id_))
+        return of_shelf(self._shelf.one(id_))
+
+    def running(self, id_: str) -> Status | None:
+        """One that is under way."""
+        status = self._recordings.find(id_)
+        return None if status is None or status.state.ended else status
+
+    def all(self) -> list[StoredRecordingModel]:
+        """The newest first."""
+        live = [self.one(one.id) for one in self._recordings.known() if one.file is None and not _is_cancelled(one)]
+        there = {one.id for one in live}
+        every = live + [of_shelf(one) for one in self._shelf.all() if one.id not in there]
+        return sorted(every, key=lambda one: one.begun, reverse=True)
+
+
+def _install_live(app: FastAPI, service: Service, found: _Found) -> None:
+    """Routes of what is under way."""
+
+    recordings, known = service.recordings, of_known(service)
+
+    @app.get("/api/drives/{name}/recordings", summary="A drive's recording, and room for one", responses=DRIVE,
+             dependencies=known)
+    def room(name: DriveName) -> RoomModel:
+        """What is being recorded of the drive's stream, how much a day of it takes, and how many days there is room."""
+        status = recordings.under_way(name)
+        told = service.room_for(name)
+        return RoomModel(
+            recording=None if status is None else found.one(status.id), bytes_per_day=told.bytes_per_day,
+            free_bytes=told.free_bytes, days=told.days,
+        )
+
+    @app.post("/api/drives/{name}/recordings", summary="Record a drive's stream", status_code=202,
+              responses=_ASKED | DRIVE, openapi_extra=body_of("RecordingRequestModel"), dependencies=known)
+    def ask_recording(
+        name: DriveName, request: Request, response: Response,
+        given: Annotated[dict[str, Any], json_object({"seconds": 60.0}, required=False)],
+    ) -> StoredRecordingModel:
+        """Every row that comes, on disk within half a second, until it is stopped or comes to a limit.
+
+        One at a time per drive; nothing is written to the drive. A lost link is a gap, which the recording tells. If
+        the service ends or is killed, the recording ends with it, and is closed by the next.
+        """
+        status = recordings.ask(name, given, _who(request))
+        response.headers["Location"] = f"/api/recordings/{quote(status.id)}"
+        return found.one(status.id)
+
+    @app.post(f"{_ROOT}/stop", summary="End a recording", responses=_NOT_NOW | _ONE,
+              openapi_extra=body_of("NothingModel"), dependencies=[json_object({}, required=False)])
+    def stop_recording(id_: RecordingId, request: Request) -> StoredRecordingModel:
+        """What was recorded is closed then: state closing, at last done."""
+        found.one(id_)
+        status = found.running(id_)
+        if status is None:
+            raise ConflictError(f"recording {id_} has ended, there is nothing to stop")
+        recordings.stop(status, _who(request))
+        return found.one(id_)
+
+
+def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
+    """Routes of all recordings."""
+
+    recordings, shelf = service.recordings, service.shelf
+
+    @app.get("/api/recordings", summary="All recordings", responses=_WRONG)
+    def all_recordings(
+        drive: Annotated[str, Query(description="of this drive alone")] = "",
+        kind: Annotated[Literal["stream", "capture", "experiment", "file"] | None, Query()] = None,
+        text: Annotated[str, Query(description="in id, title, note or a mark", max_length=200)] = "",
+        before: Annotated[
+            str, Query(description="RFC 3339: begun before that; see next", json_schema_extra={"format": "date-time"})
+        ] = "",
+        limit: Annotated[int, Query(ge=1, le=1000)] = 50,
+    ) -> RecordingsModel:
+        """Of streams, captures, experiments, and files in the service's folder; the newest first."""
+        latest = _time_of(before) if before else None
+        wanted = [one for one in found.all() if (not drive or one.drive == drive) and kind in (None, one.kind)
+                  and _mentions(one, text) and (latest is None or one.begun < latest)]
+        page = wanted[:limit]
+        more = page[-1].begun.isoformat() if len(wanted) > limit else None
+        return RecordingsModel(recordings=page, total=len(wanted), next=more)
+
+    @app.get(_ROOT, summary="A recording", responses=_ONE)
+    def one_recording(id_: RecordingId) -> StoredRecordingModel:
+        """What is known of it."""
+        return found.one(id_)
+
+    @app.patch(_ROOT, summary="Title and note of a recording", responses=_ONE,
+               openapi_extra=body_of("AnnotationModel"))
+    def annotate(
+        id_: RecordingId, given: Annotated[dict[str, Any], json_object({"title": "warm"})]
+    ) -> StoredRecordingModel:
+        """What the body leaves out stays as it is."""
+        said, _ = taken(_ANNOTATION, given, "", LimitError), found.one(id_)
+        _kept(lambda: shelf.annotate(id_, said.title, said.note))
+        return found.one(id_)
+
+    @app.post(f"{_ROOT}/marks", summary="Mark a moment of a recording", status_code=201, responses=_NOT_NOW | _ONE,
+              openapi_extra=body_of("MarkRequestModel"))
+    def mark(
+        id_: RecordingId, request: Request, given: Annotated[dict[str, Any], json_object({"text": "load on"})]
+    ) -> StoredRecordingModel:
+        """Now, of one that is under way, or where t says."""
+        wanted, _ = taken(_MARK, given, "", LimitError), found.one(id_)
+        status = found.running(id_)
+        if status is not None and wanted.t is None:
+            recordings.mark(status, wanted.text, _who(request))
+        elif status is not None:
+            raise ConflictError(f"recording {id_} is under way: it is marked where it is now, without t")
+        elif wanted.t is None:
+            raise LimitError(f"t: expected s from the begin of {id_}, which has ended, got null")
+        else:
+            at = datetime.now().astimezone().isoformat()
+            one = Mark(wanted.t, wanted.text, _who(request), at)
+            _kept(lambda: shelf.mark(id_, one))
+        return found.one(id_)
+
+    @app.head(f"{_ROOT}/file", include_in_schema=False)
+    @app.get(f"{_ROOT}/file", summary="Download a recording", response_class=FileResponse,
+             responses=_FILES | _NOT_NOW | _ONE | _WRONG)
+    def recording_file(
+        id_: RecordingId, format: Annotated[Literal["parquet", "csv"], Query()] = "parquet"  # noqa: A002
+    ) -> Response:
+        """As Parquet, as it is on disk, or as CSV; SI."""
+        if found.running(id_) is not None:
+            raise ConflictError(f"recording {id_} is under way: expected one that has ended")
+        path = shelf.one(id_).path
+        if format == "parquet":
+            return FileResponse(path, media_type=MEDIA, filename=path.name)
+        headers = {"Content-Disposition": f'attachment; filename="{quote(id_)}.csv"'}
+        return StreamingResponse(_as_csv(path), media_type="text/csv", headers=headers)
+
+    @app.delete(_ROOT, summary="Delete a recording", status_code=204, responses=_ONE | {
+        503: {"description": "It cannot be removed"} | PROBLEM})
+    def delete(id_: RecordingId) -> None:
+        """From the disk, for good; one that is under way is ended and discarded."""
+        status = found.running(id_)
+        if status is not None:
+            recordings.discard(status)
+        else:
+            found.one(id_)
+            _kept(lambda: shelf.delete(id_))
+
+
+def _time_of(text: str) -> datetime:
+    """A time with its zone. Raises LimitError."""
+    with contextlib.suppress(ValueError):
+        if _RFC_3339.fullmatch(text):
+            return datetime.fromisoformat(text.upper())
+    raise LimitError(f"before: expected a time such as 2026-01-31T12:00:00Z, got {shown(text)}")
+
+
+def _who(request: Request) -> str:
+    return "" if request.client is None else request.client.host
+
+
+def _is_cancelled(status: Status) -> bool:
+    return status.state.value == "cancelled"
+
+
+def _mentions(one: StoredRecordingModel, text: str) -> bool:
+    said = " ".join((one.id, one.title, one.note, *(mark.text for mark in one.marks)))
+    return text.lower() in said.lower()
+
+
+def _kept(do: Any) -> None:
+    """Do something on the disk. Raises UnavailableError in place of OSError, UnknownError where the file is gone."""
+    try:
+        do()
+    except FileNotFoundError as error:
+        raise UnknownError(f"it is no longer there: {error.filename}") from None
+    except OSError as error:
+        raise UnavailableError(f"the folder of recordings cannot be written: {error.strerror or error}") from None
+
+
+def _as_csv(path: File) -> Iterator[str]:
+    names = column_names(path)
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(names)
+    for part in read_parts(path, names, ROWS):
+        writer.writerows(zip(*(part[name].tolist() for name in names), strict=True))
+        yield text.getvalue()
+        text.seek(0)
+        text.truncate()

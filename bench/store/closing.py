@@ -1,0 +1,131 @@
+"""What becomes of a recording of the stream: one Parquet, sealed, written whole or not at all; then its segments go.
+
+Its notes tell what the columns do not: where it is from, gaps, events, why it ended. It may be begun anew after a kill
+at any instant: the Parquet is there before the first segment goes, and tells by its id that it is.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from bench.errors import RecordingError
+from bench.files import first_free, give_name, sync_folder, unfinished
+from bench.recordings.seal import seal
+from bench.recordings.table import NOTES, notes, pa, pq
+from bench.store.rows import COLUMNS, Rows, table_columns
+from bench.store.segments import Event, FoundSegments
+from drivers.wire.dictionary import signal_named
+
+_ROWS: Final = 1 << 18  # of a row group
+_ROOM: Final = 1 << 20  # bytes that a Parquet may have more than its segments
+
+
+@dataclass(slots=True)
+class _Account:
+    """What the segments hold."""
+
+    rows: int = 0
+    end: int = 0  # control periods from the begin
+    temperatures: bool = False  # the drive has told one
+
+
+def closed(segments: FoundSegments, why: str = "") -> Path | None:
+    """Make a Parquet of segments, and remove them; None where they hold no row. Raises OSError, RecordingError.
+
+    `why`: why it ended, where the segments do not say.
+    """
+    folder, heading = segments.paths[0].parent, segments.heading
+    path = folder / f"{heading.id}.parquet"
+    if notes_of(path).get("recording") != heading.id:
+        account, told = _account(segments, why)
+        if not account.rows:
+            segments.remove()
+            return None
+        _check_room(folder, segments)
+        path = _written(path, segments, account, told)
+    segments.remove()
+    sync_folder(folder)
+    return path
+
+
+def notes_of(path: Path) -> dict[str, Any]:
+    """What the bench noted in a Parquet; empty where there is none that can be read."""
+    try:
+        return notes(path) if path.is_file() else {}
+    except (RecordingError, OSError):
+        return {}
+
+
+def _account(segments: FoundSegments, why: str) -> tuple[_Account, dict[str, Any]]:
+    """What there is, and the notes of it."""
+    heading, account = segments.heading, _Account()
+    events: list[Event] = []
+    for record in segments.records():
+        if isinstance(record, Rows):
+            account.rows += len(record)
+            account.end = record.end
+            account.temperatures |= record.temp_winding == record.temp_winding
+            account.temperatures |= record.temp_magnet == record.temp_magnet
+        else:
+            events.append(record)
+    ended: Event = next((event for event in reversed(events) if event["what"] == "ended"), Event())
+    told = asdict(heading) | {
+        "recording": heading.id, "kind": "stream", "rows": account.rows, "duration": account.end * heading.T_s,
+        "events": [_timed(event, heading.T_s) for event in events if event is not ended],
+        "ended": ended.get("why", why), "at": ended.get("at"), "lacking": segments.lacking,
+    }
+    for key in ("segment", "id"):
+        del told[key]
+    return account, told
+
+
+def _timed(event: Event, T_s: float) -> Event:
+    """With t in s in place of control periods."""
+    return {"t": event["place"] * T_s} | {key: value for key, value in event.items() if key != "place"}
+
+
+def _check_room(folder: Path, segments: FoundSegments) -> None:
+    needed = sum(path.stat().st_size for path in segments.paths) + _ROOM
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise OSError(28, f"expected {needed / 1e6:.3g} MB for the recording in {folder}, {free / 1e6:.3g} MB are free")
+
+
+def _written(path: Path, segments: FoundSegments, account: _Account, told: Mapping[str, Any]) -> Path:
+    names = ["t", *COLUMNS, "periods", *(["temp_winding", "temp_magnet"] if account.temperatures else [])]
+    fields = [pa.field(name, pa.float64(), metadata={"unit": _unit(name)}) for name in names]
+    schema = pa.schema(fields, metadata={NOTES: json.dumps(dict(told)).encode()})
+    with unfinished(path.parent) as (part, file):
+        with pq.ParquetWriter(file, schema, compression="zstd", write_page_checksum=True) as writer:
+            for stretch in _groups(segments):
+                columns = table_columns(stretch, segments.heading.T_s)
+                writer.write_table(pa.table({name: columns[name] for name in names}, schema=schema))
+        file.flush()
+        with part.open("r+b") as written:
+            seal(written)
+            written.flush()
+            os.fsync(written.fileno())
+        path = first_free(path, lambda name: give_name(part, name))[0]
+        sync_folder(path.parent)
+    return path
+
+
+def _groups(segments: FoundSegments) -> Iterator[list[Rows]]:
+    """Rows, so many together as make a row group."""
+    group: list[Rows] = []
+    for record in segments.records():
+        if isinstance(record, Rows):
+            group.append(record)
+            if sum(map(len, group)) >= _ROWS:
+                yield group
+                group = []
+    if group:
+        yield group
+
+
+def _unit(name: str) -> str:
+    return "s" if name == "t" else "1" if name == "periods" else signal_named(name).unit

@@ -1,0 +1,147 @@
+"""Recordings over REST and the command line: begun, marked, stopped, listed, downloaded, deleted, refused."""
+
+import json
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.bench.api.test_api import problem
+from tests.conftest import COMMAND, JSON, RunningBench
+from tests.support.recordings import read_recording
+from tests.support.served_drive import until
+
+pytestmark = pytest.mark.live
+
+OF_DRIVE = "/api/drives/emulated/recordings"
+ALL = "/api/recordings"
+
+
+@pytest.fixture
+def client(running_bench: RunningBench) -> Iterator[httpx.Client]:
+    """A client of a bench whose drive streams, and is not recorded."""
+    with httpx.Client(base_url=running_bench.url, headers=JSON) as one:
+        until(lambda: one.get("/api/drives/emulated").json()["link"]["state"] == "streaming", "the stream")
+        yield one
+        if (under_way := one.get(OF_DRIVE).json()["recording"]) is not None:
+            one.delete(f"{ALL}/{under_way['id']}")
+
+
+def begun(client: httpx.Client, **given: Any) -> str:
+    answer = client.post(OF_DRIVE, json=given)
+    assert answer.status_code == 202
+    assert answer.headers["location"] == f"{ALL}/{answer.json()['id']}"
+    return answer.headers["location"]
+
+
+def rows(client: httpx.Client, address: str, count: int) -> None:
+    until(lambda: client.get(address).json()["rows"] >= count, "rows")
+
+
+def done(client: httpx.Client, address: str) -> dict[str, Any]:
+    until(lambda: client.get(address).json()["state"] == "done", "its end")
+    return client.get(address).json()
+
+
+def test_a_recording_from_its_begin_to_its_end(client: httpx.Client, tmp_path: Path) -> None:
+    room = client.get(OF_DRIVE).json()
+    assert room["recording"] is None
+    assert room["days"] == pytest.approx(room["free_bytes"] / 2.0 / room["bytes_per_day"])
+    address = begun(client, title="warm", note="after lunch")
+    id_ = address.split("/")[-1]
+    assert problem(client.post(OF_DRIVE, json={}), 409) == f"drive emulated is recorded already: {id_}"
+    rows(client, address, 200)
+    assert client.get(OF_DRIVE).json()["recording"]["state"] == "recording"
+    marked = client.post(f"{address}/marks", json={"text": "load on"})
+    assert marked.status_code == 201
+    assert [mark["text"] for mark in marked.json()["marks"]] == ["load on"]
+    assert "is under way" in problem(client.get(f"{address}/file"), 409)
+    assert client.patch(address, json={"title": "cold"}).json()["title"] == "cold"
+    assert client.post(f"{address}/stop").json()["id"] == id_
+    one = done(client, address)
+    assert (one["title"], one["note"], one["kind"], one["drive"]) == ("cold", "after lunch", "stream", "emulated")
+    assert one["reason"] == "stopped by 127.0.0.1"
+    assert one["whole"]
+    content = client.get(f"{address}/file").content
+    (tmp_path / "one.parquet").write_bytes(content)
+    assert read_recording(tmp_path / "one.parquet").summary.rows == one["rows"]
+    text = client.get(f"{address}/file", params={"format": "csv"})
+    assert text.headers["content-type"].startswith("text/csv")
+    (tmp_path / "one.csv").write_bytes(text.content)
+    (same,), (run,) = read_recording(tmp_path / "one.csv").runs, read_recording(tmp_path / "one.parquet").runs
+    assert (same.i_q == run.i_q).all()
+    later = client.post(f"{address}/marks", json={"text": "knocks", "t": 0.05}).json()
+    assert [mark["text"] for mark in later["marks"]] == ["knocks", "load on"]
+    assert "there is nothing to stop" in problem(client.post(f"{address}/stop"), 409)
+    assert client.delete(address).status_code == 204
+    assert problem(client.get(address), 404) == f"no recording '{id_}'"
+
+
+def test_the_list_is_filtered_and_comes_in_pages(client: httpx.Client) -> None:
+    addresses = [begun(client, title=title, seconds=0.05) for title in ("one",)]
+    done(client, addresses[0])
+    for title in ("two", "three"):
+        addresses.append(begun(client, title=title, seconds=0.05))
+        done(client, addresses[-1])
+    found = client.get(ALL, params={"drive": "emulated", "kind": "stream", "limit": 2}).json()
+    assert [one["title"] for one in found["recordings"]] == ["three", "two"]
+    more = client.get(ALL, params={"kind": "stream", "before": found["next"]}).json()
+    assert more["recordings"][0]["title"] == "one"
+    assert [one["title"] for one in client.get(ALL, params={"text": "TWO"}).json()["recordings"]] == ["two"]
+    assert client.get(ALL, params={"drive": "nobody"}).json() == {"recordings": [], "total": 0, "next": None}
+    assert "before: expected a time such as" in problem(client.get(ALL, params={"before": "0.5"}), 422)
+    for address in addresses:
+        client.delete(address)
+
+
+@pytest.mark.parametrize(("method", "path", "body", "status", "said"), [
+    ("POST", OF_DRIVE, {"trigger": "i_a>1"}, 422, "trigger: the stream has"),
+    ("POST", "/api/drives/nobody/recordings", {}, 404, "no drive"),
+    ("GET", f"{ALL}/nobody", None, 404, "no recording"), ("DELETE", f"{ALL}/nobody", None, 404, "no recording"),
+    ("PATCH", f"{ALL}/nobody", {"title": "x"}, 404, "no recording"),
+    ("PATCH", f"{ALL}/nobody", {"name": "x"}, 422, "expected title or note, got"),
+    ("POST", f"{ALL}/nobody/marks", {"text": 3}, 422, "text: expected a text"),
+    ("POST", f"{ALL}/nobody/stop", {}, 404, "no recording"),
+])  # fmt: skip
+def test_what_cannot_be_is_refused(
+    client: httpx.Client, method: str, path: str, body: Any, status: int, said: str
+) -> None:
+    assert said in problem(client.request(method, path, json=body), status)
+
+
+def test_the_command_line_does_all_of_it(running_bench: RunningBench, client: httpx.Client, tmp_path: Path) -> None:
+    def told(*arguments: str, code: int = 0) -> str:
+        run = subprocess.run(
+            [*COMMAND, "recordings", *arguments], capture_output=True, text=True, timeout=60.0, check=False, env=None
+        )
+        assert run.returncode == code, run.stderr
+        return run.stdout + run.stderr
+
+    at = ("--service", running_bench.url)
+    said = told("start", "emulated", "--title", "by hand", *at)
+    id_ = said.split(":")[0]
+    assert "at most 3.5 GB a day, room for " in said
+    rows(client, f"{ALL}/{id_}", 300)
+    assert "load on" in told("mark", "latest", "load on", *at)
+    assert f"{id_}: done, " in told("stop", *at)
+    assert "by hand" in told("list", *at)
+    listed = json.loads(told("list", "--json", "--kind", "stream", *at))
+    assert listed["recordings"][0]["id"] == id_
+    shown = told("show", id_, *at)
+    assert "no gap" in shown
+    assert "load on" in shown
+    assert "by foot" in told("annotate", id_, "--title", "by foot", *at)
+    for name in ("one.parquet", "one.csv"):
+        told("export", id_, "--out", str(tmp_path / name), *at)
+    assert len(read_recording(tmp_path / "one.csv").runs) == len(read_recording(tmp_path / "one.parquet").runs) == 1
+    assert "expected a name that ends with" in told("export", id_, "--out", str(tmp_path / "one.txt"), *at, code=2)
+    assert "one.parquet: whole" in told("verify", str(tmp_path))
+    content = bytearray((tmp_path / "one.parquet").read_bytes())
+    content[500] ^= 1
+    (tmp_path / "one.parquet").write_bytes(content)
+    assert "another checksum" in told("verify", str(tmp_path), code=1)
+    assert "deleted" in told("delete", id_, "--yes", *at)
+    assert "no recording" in told("show", id_, *at, code=2)
