@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-stale bench-plant bench-watch auto-window gallery results picture clean
+.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-recordings bench-stale bench-plant bench-watch auto-window gallery results picture clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
 	@exec $(BIN)/pmsm-bench up
@@ -46,7 +46,7 @@ slow: $(VENV)/.dev ## tests that take long
 
 release: test thorough browser slow test-vcan paper peers prove score bars ## all of it: a night
 
-bars: bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-stale bench-plant bench-watch ## what is measured by name
+bars: bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-recordings bench-stale bench-plant bench-watch ## what is measured by name
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser
@@ -105,6 +105,9 @@ bench-links: $(VENV)/.dev ## the links over loopback beside what their buses wou
 
 bench-kills: $(VENV)/.dev ## 100 kills of the service while it holds a current, over four links
 	$(BIN)/python -m tests.bars.bench_kills
+
+bench-recordings: $(VENV)/.dev ## 100 kills of the service while it records streams and captures, over four links
+	$(BIN)/python -m tests.bars.bench_recordings
 
 bench-stale: $(VENV)/.dev ## how long estimates are ok after their drive is off, in fault, reset, unplugged, late: four links
 	$(BIN)/python -m tests.bars.bench_stale

@@ -5,6 +5,8 @@
     port = 8080                                       # PMSM_BENCH_PORT has the last word
     captures = "captures"                             # folder of recordings, beside this file
     keep_free_megabytes = 200                         # of its disk, which recordings leave for others
+    database = "catalogue.sqlite"                     # of what is remembered, or postgresql://user:password@host/name;
+                                                      # PMSM_BENCH_DATABASE has the last word
     log = "log"                                       # folder of the logs of writes and of refusals
     names = ["bench.lan", "localhost:9000"]           # it is also called so in addresses; without a port: at its own
     certificate = "bench.pem"                         # TLS, with its key; needed beyond loopback,
@@ -36,7 +38,7 @@ What is not understood is refused in a sentence that names file and key.
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -45,13 +47,15 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, 
 from bench.actions.limits import Limits
 from bench.errors import ConfigError, LimitError, shown
 from bench.expected import Else, Number, Table, taken, told
-from bench.files import captures_folder, log_folder, token_file
+from bench.files import captures_folder, catalogue_file, log_folder, token_file
 from bench.live.window import Window
 from bench.machine_file import Nominal, load_machine, load_toml
+from bench.store.catalogue.database import check_address
 from drivers.connect import check_url
 from drivers.errors import ConnectError
 
 PORT_VARIABLE: Final = "PMSM_BENCH_PORT"
+DATABASE_VARIABLE: Final = "PMSM_BENCH_DATABASE"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _HOST: Final = r"^([A-Za-z0-9_][A-Za-z0-9_.-]*|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?$"
 
@@ -68,6 +72,17 @@ def _folder(value: object, info: ValidationInfo) -> object:
         if not there.is_dir():
             raise told("expected a folder", f", got {shown(value)}; {there} is none")
     return folder
+
+
+def _database(value: object, info: ValidationInfo) -> str:
+    """A file as the configuration means it, or the address of a PostgreSQL."""
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise told("expected a file, or postgresql://user:password@host/name")
+    try:
+        check_address(value)
+    except ConfigError as error:
+        raise told(str(error), "") from None
+    return value if "://" in value or info.context is None else str(Path(str(info.context), value))
 
 
 def _url(url: str) -> str:
@@ -104,6 +119,7 @@ class ServiceConfig:
 
     captures: _Folder = field(default_factory=captures_folder)
     certificate: _File | None = None  # PEM, with its key
+    database: Annotated[str, BeforeValidator(_database)] = ""  # of what is remembered; empty: nothing is
     host: Annotated[str, Field(min_length=1), Else("expected an address")] = "127.0.0.1"
     insecure: Annotated[bool, Field(strict=True), Else("expected true or false")] = False  # beyond loopback without TLS
     keep_free_megabytes: Annotated[float, Number(0.0, 1e9)] = 200.0  # of the disk, which recordings leave for others
@@ -145,6 +161,7 @@ _ROOT: Final = TypeAdapter(Annotated[Mapping[str, dict[str, object]], Table("", 
 })])
 _SERVICE: Final = TypeAdapter(Annotated[ServiceConfig, Table("", _UNKNOWN)])
 _PORT: Final = TypeAdapter[int](_Port)
+_DATABASE: Final = TypeAdapter[str](Annotated[str, BeforeValidator(_database)])
 
 
 def emulated(url: str, *, bounded: bool = True) -> Config:
@@ -157,7 +174,7 @@ def emulated(url: str, *, bounded: bool = True) -> Config:
     limits = Limits(nominal.i_rated, nominal.speed_max_rpm, n_p=nominal.n_p) if bounded else Limits()
     drive = DriveConfig("emulated", url, Window(held=held), nominal, limits)
     port = _port_of_environment()
-    return Config((drive,), port=8080 if port is None else port)
+    return Config((drive,), port=8080 if port is None else port, database=_database_of(""))
 
 
 def load_config(path: Path) -> Config:
@@ -169,6 +186,7 @@ def load_config(path: Path) -> Config:
     if (service.certificate is None) != (service.key is None):
         there = "certificate" if service.key is None else "key"
         raise ConfigError(f"{where}: expected certificate and key, or neither, got {there} alone")
+    service = replace(service, database=_database_of(service.database))
     drives = tuple(_drive(name, table, path) for name, table in tables["drives"].items())
     named: dict[str, str] = {}
     for drive in drives:  # two clients of one node would end each other's stream
@@ -196,6 +214,14 @@ def _drive(name: str, given: object, path: Path) -> DriveConfig:
         raised_by=f"the configuration's [drives.{name}.limits]", n_p=nominal.n_p,
     )
     return DriveConfig(name, table.url, window, nominal, limits)
+
+
+def _database_of(configured: str) -> str:
+    """The environment's, else the configured one, else that among the user's data."""
+    text = os.environ.get(DATABASE_VARIABLE)
+    if text is None:
+        return configured or str(catalogue_file())
+    return taken(_DATABASE, text, f"environment variable {DATABASE_VARIABLE}", ConfigError)
 
 
 def _port_of_environment() -> int | None:

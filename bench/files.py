@@ -39,6 +39,11 @@ def captures_folder() -> Path:
     return data_folder() / "captures"
 
 
+def catalogue_file() -> Path:
+    """Of what the service remembers."""
+    return data_folder() / "catalogue.sqlite"
+
+
 def log_folder() -> Path:
     """Of what was written and what was refused."""
     return data_folder() / "log"

@@ -15,7 +15,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from pydantic import TypeAdapter
 
-from bench.api import captures, control, diagnoses, docs, experiments, problems, recordings, signals
+from bench.api import captures, control, diagnoses, docs, experiments, history, problems, recordings, signals
 from bench.api.answers import (
     DRIVE,
     PROBLEM,
@@ -28,13 +28,13 @@ from bench.api.answers import (
     of_known,
     says_json,
 )
-from bench.api.capture_models import CaptureRequestModel, capture_model
-from bench.api.control import SetPointsModel, state_model
-from bench.api.diagnosis_models import DiagnosisRequestModel, diagnosis_shapes
 from bench.api.experiments import ExperimentRequestModel
 from bench.api.guard.kinds import READS
 from bench.api.guard.record import changes
-from bench.api.models import (
+from bench.api.models.captures import CaptureRequestModel, capture_model
+from bench.api.models.control import SetPointsModel, state_model
+from bench.api.models.diagnoses import DiagnosisRequestModel, diagnosis_shapes
+from bench.api.models.drives import (
     DriveModel,
     DrivesModel,
     EstimatesModel,
@@ -50,7 +50,7 @@ from bench.api.models import (
     link_model,
     window_model,
 )
-from bench.api.recording_models import AnnotationModel, MarkRequestModel, RecordingRequestModel
+from bench.api.models.recordings import AnnotationModel, MarkRequestModel, RecordingRequestModel
 from bench.api.signals import SignalValuesModel
 from bench.service.service import Service
 
@@ -148,6 +148,7 @@ def create_app(
     control.install(app, service)
     experiments.install(app, service)
     recordings.install(app, service)
+    history.install(app, service)
     diagnoses.install(app, service)
 
     @app.get("/api/health", summary="State of every thread and link")

@@ -7,7 +7,7 @@ from fastapi import FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
-from bench.api.capture_models import CaptureModel, CapturesModel, capture_model
+from bench.api.models.captures import CaptureModel, CapturesModel, capture_model
 from bench.service.service import Service
 
 MEDIA: Final = "application/vnd.apache.parquet"

@@ -7,7 +7,7 @@ from fastapi import FastAPI, Path, Response
 from fastapi.responses import HTMLResponse, JSONResponse
 
 from bench.api.answers import PROBLEM, SHAPES, Answers, body_of, json_object
-from bench.api.diagnosis_models import DIAGNOSIS, DiagnosisJobModel, job_model
+from bench.api.models.diagnoses import DIAGNOSIS, DiagnosisJobModel, job_model
 from bench.service.service import Service
 
 _ROOT: Final = "/api/recordings/{id}/diagnosis"

@@ -1,9 +1,7 @@
 """The routes of recordings, over a running service."""
 
-import contextlib
 import csv
 import io
-import re
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path as File
@@ -17,7 +15,8 @@ from pydantic import TypeAdapter
 from bench.actions.recording import Status
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.captures import FILE, MEDIA
-from bench.api.recording_models import (
+from bench.api.history import time_of
+from bench.api.models.recordings import (
     AnnotationModel,
     MarkRequestModel,
     RecordingsModel,
@@ -26,14 +25,13 @@ from bench.api.recording_models import (
     of_shelf,
     under_way,
 )
-from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError, shown
+from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError
 from bench.expected import Table, taken
 from bench.recordings.table import ROWS, column_names, read_parts
 from bench.service.service import Service
 from bench.store.annotations import Annotations, Mark
 
 _ROOT: Final = "/api/recordings/{id}"
-_RFC_3339: Final = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 _WRONG: Answers = {422: {"description": "Not what can be asked for"} | PROBLEM}
 _ONE: Answers = {404: {"description": "No recording of that name"} | PROBLEM}
 _ASKED: Answers = {
@@ -137,12 +135,13 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         kind: Annotated[Literal["stream", "capture", "experiment", "file"] | None, Query()] = None,
         text: Annotated[str, Query(description="in id, title, note or a mark", max_length=200)] = "",
         before: Annotated[
-            str, Query(description="RFC 3339: begun before that; see next", json_schema_extra={"format": "date-time"})
-        ] = "",
+            str | None,
+            Query(description="RFC 3339: begun before that; see next", json_schema_extra={"format": "date-time"}),
+        ] = None,
         limit: Annotated[int, Query(ge=1, le=1000)] = 50,
     ) -> RecordingsModel:
         """Of streams, captures, experiments, and files in the service's folder; the newest first."""
-        latest = _time_of(before) if before else None
+        latest = None if before is None else time_of(before, "before")
         wanted = [one for one in found.all() if (not drive or one.drive == drive) and kind in (None, one.kind)
                   and _mentions(one, text) and (latest is None or one.begun < latest)]
         page = wanted[:limit]
@@ -209,14 +208,6 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         else:
             found.one(id_)
             _kept(lambda: shelf.delete(id_))
-
-
-def _time_of(text: str) -> datetime:
-    """A time with its zone. Raises LimitError."""
-    with contextlib.suppress(ValueError):
-        if _RFC_3339.fullmatch(text):
-            return datetime.fromisoformat(text.upper())
-    raise LimitError(f"before: expected a time such as 2026-01-31T12:00:00Z, got {shown(text)}")
 
 
 def _who(request: Request) -> str:

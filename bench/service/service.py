@@ -2,6 +2,7 @@
 
 import contextlib
 import shutil
+import socket
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -25,6 +26,8 @@ from bench.live.trust import trusted
 from bench.live.window import Window
 from bench.machine_file import Nominal
 from bench.service.signals import Reading, checked, read, read_back, values_of, write
+from bench.store.catalogue.keeper import Keeper
+from bench.store.catalogue.memory import Point, point_of
 from bench.store.rows import BYTES_PER_ROW
 from bench.store.shelf import Shelf
 from bench.write_log import to_standard_error
@@ -68,13 +71,21 @@ class ServiceDrive:
     undone: str = ""  # what a bench before this one left and this one undid, in a sentence
 
 
+def _name_of(config: Config) -> str:
+    """What tells this bench from others in the same catalogue."""
+    return f"{socket.gethostname()}:{config.port}"
+
+
 class Service:
     """Everything that runs between the drives and whoever asks. Use as a context manager."""
 
     def __init__(self, config: Config) -> None:
         self.config = config
         machines = {drive.name: drive.nominal for drive in config.drives}
-        self._estimation = Estimation({drive.name: drive.window for drive in config.drives}, machines)
+        self._configured = {drive.name: drive.window for drive in config.drives}
+        self.history = None if not config.database else Keeper(config.database, _name_of(config), self._points)
+        windows = {drive.name: self._remembered(drive) for drive in config.drives}
+        self._estimation = Estimation(windows, machines)
         self._leases = Leases(self._device)
         self.drives = {drive.name: self._made(drive) for drive in config.drives}  # as configured
         self.captures = Captures(config.captures, self.drives, self._leases)
@@ -90,6 +101,8 @@ class Service:
 
     def __enter__(self) -> Self:
         self._estimation.start()
+        if self.history is not None:
+            self.history.start()
         for drive in self.drives.values():
             drive.link.start()
         for drive in self.drives.values():
@@ -104,6 +117,8 @@ class Service:
         for drive in drives:
             drive.control.end()
         self.diagnoses.leave()
+        if self.history is not None:
+            self.history.end()
         self.experiments.leave()
         self.captures.leave()
         self.recordings.leave()
@@ -118,6 +133,8 @@ class Service:
         self.captures.join(max(0.0, deadline - time.monotonic()))
         self.recordings.join(_LEAVE)
         self._estimation.stop()
+        if self.history is not None:
+            self.history.join(_LEAVE)
         self.diagnoses.join(_LEAVE)
 
     @property
@@ -194,7 +211,10 @@ class Service:
     def change_window(self, name: str, change: Mapping[str, Any]) -> Window:
         """Change a drive's window while it runs. Raises UnknownError, LimitError."""
         self.drive(name)
-        return self._estimation.change_window(name, change)
+        window = self._estimation.change_window(name, change)
+        if self.history is not None:
+            self.history.remember_window(name, asdict(self._configured[name]), asdict(window))
+        return window
 
     def read_signals(self, name: str, signals: Sequence[str]) -> list[Reading]:
         """A drive's signals, all where none is named. Raises UnknownError, LimitError, DriveError."""
@@ -226,7 +246,8 @@ class Service:
         worker = ThreadHealth("estimation", self._estimation.thread.is_alive(), self._estimation.failure)
         drives = self.drives.values()
         others = [drive.link.thread for drive in drives] + [drive.control.thread for drive in drives]
-        return [worker, *(ThreadHealth(thread.name, thread.is_alive()) for thread in others)]
+        kept = [] if (one := self.history) is None else [ThreadHealth("history", one.thread.is_alive(), one.failure)]
+        return [worker, *kept, *(ThreadHealth(thread.name, thread.is_alive()) for thread in others)]
 
     def healthy(self) -> bool:
         """All threads run and all drives stream."""
@@ -249,6 +270,22 @@ class Service:
         link = Acquisition(name, config.url, take, connected)
         control = Control(name, link, self._leases, config.limits, lambda what: Origin(folder, name, what))
         return ServiceDrive(config.url, config.nominal, config.limits, link, control)
+
+    def _remembered(self, drive: DriveConfig) -> Window:
+        """The window that was chosen last, unless the configuration has another one since."""
+        found = None if self.history is None else self.history.window(drive.name, asdict(drive.window))
+        with contextlib.suppress(LimitError):
+            return drive.window if found is None else drive.window.changed(found)
+        return drive.window
+
+    def _points(self) -> list[Point]:
+        """Of the history, this second."""
+        now = time.time()
+        found = [
+            point_of(name, parameter, now, estimate.value, estimate.std, estimate.status)
+            for name in self.drives for parameter, estimate in self.estimates(name).result.estimates.items()
+        ]
+        return [point for point in found if point is not None]
 
     def _state_words(self, name: str) -> str:
         """A drive's link and state, in words."""

@@ -39,6 +39,7 @@ class Recording:
     ended: str  # why it ended, where that is said
     gaps: int
     rows_lost: int
+    continues: str = ""  # id of the recording that it goes on with
     problem: str = ""  # what is wrong with the file, a sentence
 
 
@@ -168,6 +169,7 @@ def _recording(id_: str, path: Path, size: int, changed: datetime) -> Recording:
         whole=told.get("complete", True) is not False and not told.get("lacking"),
         ended=". ".join([str(told.get("ended", "")), *map(str, told.get("lacking", ()))]).strip(". "),
         gaps=len(lost), rows_lost=sum(int(event.get("rows", 0)) for event in lost),
+        continues=str(told.get("continues", "")),
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ import contextlib
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
@@ -254,6 +255,15 @@ def test_what_a_service_left_the_next_one_closes(drive: Served, tmp_path: Path) 
         assert one.rows > 0
         check_as_made(one.path, drive)
         assert not path_of(tmp_path, id_, 1).exists()
+
+
+@pytest.mark.slow
+def test_what_a_killed_service_recorded_is_there_but_for_the_last_second() -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "tests.bars.bench_recordings", "--count", "3", "--link", "canopen"], capture_output=True,
+        text=True, check=False, timeout=300.0,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout + run.stderr
 
 
 @pytest.fixture

@@ -14,10 +14,10 @@ import pytest
 from pydantic import TypeAdapter
 
 from bench.actions.capture_request import Request
-from bench.api.capture_models import CaptureModel, CapturesModel
-from bench.api.diagnosis_models import DiagnosisJobModel
 from bench.api.experiments import ExperimentRunModel
-from bench.api.models import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
+from bench.api.models.captures import CaptureModel, CapturesModel
+from bench.api.models.diagnoses import DiagnosisJobModel
+from bench.api.models.drives import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
 from bench.diagnoses.diagnosis_request import checked_trust
 from bench.diagnoses.published import schema
 from bench.errors import LimitError

@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.api.capture_models import CaptureModel
-from bench.api.control import ControlModel, StateModel, control_model, state_model
+from bench.api.models.captures import CaptureModel
+from bench.api.models.control import ControlModel, StateModel, control_model, state_model
 from bench.expected import CLOSED
 from bench.live.acquisition import Link
 from bench.live.estimation import Snapshot

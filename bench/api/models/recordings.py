@@ -106,7 +106,8 @@ def of_shelf(one: Recording) -> StoredRecordingModel:
         "id": one.id, "kind": one.kind, "drive": one.drive, "state": "done", "begun": one.begun, "rows": one.rows,
         "seconds": one.seconds, "bytes": one.bytes, "columns": list(one.columns), "title": one.title, "note": one.note,
         "marks": [_mark(mark.t, mark.text, mark.whom, mark.at) for mark in one.marks], "gaps": one.gaps,
-        "rows_lost": one.rows_lost, "whole": one.whole, "reason": one.problem or one.ended, "continues": "",
+        "rows_lost": one.rows_lost, "whole": one.whole, "reason": one.problem or one.ended,
+        "continues": one.continues,
     })
 
 

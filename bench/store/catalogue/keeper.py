@@ -1,0 +1,102 @@
+"""The thread that keeps the history: once a second it asks for points, and puts them into the catalogue.
+
+What cannot be written waits, an hour's at most, and is tried again: the service lives without its catalogue.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+from bench.errors import BenchError
+from bench.store.catalogue.database import opened
+from bench.store.catalogue.memory import Memory, Point
+
+_PERIOD: Final = 1.0  # s
+_RETRY: Final = 10.0  # s, after a failure
+_CONDENSE: Final = 60.0  # s
+_WAITING: Final = 4 * 4 * 3600  # points
+
+
+class Keeper:
+    """It runs from `start` to `end`; `failure` tells what is wrong at present."""
+
+    def __init__(self, address: str, bench: str, points: Callable[[], Iterable[Point]]) -> None:
+        self.bench = bench
+        self._address, self._points = address, points
+        self._waiting: deque[Point] = deque(maxlen=_WAITING)
+        self._ending = threading.Event()
+        self.failure: str | None = None
+        self.memory: Memory | None = None  # as soon as the catalogue is open
+        self.thread = threading.Thread(target=self._run, name="history", daemon=True)
+
+    def open(self) -> Memory | None:
+        """The catalogue, once; None where it cannot be had now."""
+        if self.memory is None:
+            try:
+                self.memory, self.failure = Memory(opened(self._address), self.bench), None
+            except BenchError as error:
+                self.failure = str(error)
+        return self.memory
+
+    def window(self, drive: str, configured: Mapping[str, Any]) -> dict[str, Any] | None:
+        """The settings chosen last, see `Memory.window`; None where they cannot be had."""
+        found: list[dict[str, Any] | None] = [None]
+        if (memory := self.open()) is not None:
+            self._guarded(lambda: found.append(memory.window(drive, configured)))
+        return found[-1]
+
+    def remember_window(self, drive: str, configured: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+        """Settings that somebody has chosen; `failure` tells where they cannot be remembered."""
+        if (memory := self.open()) is not None:
+            self._guarded(lambda: memory.remember_window(drive, configured, settings))
+
+    def start(self) -> None:
+        """Begin."""
+        self.thread.start()
+
+    def end(self) -> None:
+        """Have it end; does not wait."""
+        self._ending.set()
+
+    def join(self, timeout: float) -> None:
+        """Wait for its end, at most so many seconds."""
+        if self.thread.ident is not None:
+            self.thread.join(timeout)
+
+    def _run(self) -> None:
+        tried = condensed = 0.0
+        while not self._ending.wait(_PERIOD - time.time() % _PERIOD):
+            self._waiting.extend(self._points())
+            now = time.monotonic()
+            if self.failure is not None and now - tried < _RETRY:
+                continue
+            tried = now
+            if self._keep() and now - condensed > _CONDENSE:
+                condensed = now
+                self._guarded(self._condense)
+        self._keep()
+
+    def _keep(self) -> bool:
+        """Everything that waits into the catalogue; whether that went well."""
+        memory, points = self.open(), list(self._waiting)
+        if memory is None or not self._guarded(lambda: memory.add(points)):
+            return False
+        for _ in points:
+            self._waiting.popleft()
+        return True
+
+    def _condense(self) -> None:
+        if self.memory is not None:
+            self.memory.condense(time.time())
+
+    def _guarded(self, step: Callable[[], object]) -> bool:
+        try:
+            step()
+        except Exception as error:  # noqa: BLE001 - a fault of ours must not end the history in silence
+            known = isinstance(error, BenchError)
+            self.failure = str(error) if known else f"{type(error).__name__}: {error}"
+            return False
+        self.failure = None
+        return True

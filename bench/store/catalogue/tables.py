@@ -1,0 +1,43 @@
+"""Tables of the catalogue, as SQLAlchemy has them. Times are whole seconds since 1970, UTC."""
+
+from typing import Final
+
+from sqlalchemy import BigInteger, Column, Double, ForeignKey, Integer, MetaData, SmallInteger, String, Table, Text
+from sqlalchemy import UniqueConstraint as Unique
+
+METADATA: Final = MetaData()
+
+WINDOWS: Final = Table(  # settings of the estimation, whenever somebody changed them
+    "window_settings", METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("bench", String(200), nullable=False, index=True),
+    Column("drive", String(200), nullable=False),
+    Column("changed", BigInteger, nullable=False),
+    Column("configured", Text, nullable=False),  # JSON: what the configuration said then
+    Column("settings", Text, nullable=False),  # JSON
+)  # fmt: skip
+
+SERIES: Final = Table(  # whose history
+    "series", METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("bench", String(200), nullable=False),
+    Column("drive", String(200), nullable=False),
+    Column("parameter", String(20), nullable=False),
+    Unique("bench", "drive", "parameter", name="series_once"),
+)  # fmt: skip
+
+POINTS: Final = Table(  # a parameter over a second, a minute, an hour; SI
+    "points", METADATA,
+    Column("series", Integer, ForeignKey("series.id"), primary_key=True),
+    Column("span", Integer, primary_key=True, autoincrement=False),  # s
+    Column("t", BigInteger, primary_key=True, autoincrement=False),  # begin
+    Column("value", Double, nullable=False),  # mean
+    Column("std", Double),  # mean standard error; null: a value that is held
+    Column("low", Double, nullable=False),
+    Column("high", Double, nullable=False),
+    Column("status", SmallInteger, nullable=False),  # place in `STATUSES`, of the worst
+    sqlite_with_rowid=False,
+)  # fmt: skip
+
+STATUSES: Final[tuple[str, ...]] = ("held", "ok", "doubtful")
+SPANS: Final[tuple[int, ...]] = (1, 60, 3600)  # s

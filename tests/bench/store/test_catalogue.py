@@ -1,0 +1,178 @@
+"""The catalogue: what a bench remembers, in SQLite and in a PostgreSQL, over restarts and beside other benches."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from sqlalchemy import Engine, insert, inspect, text
+
+from bench.errors import ConfigError, UnavailableError
+from bench.store.catalogue.database import check_address, opened
+from bench.store.catalogue.keeper import Keeper
+from bench.store.catalogue.memory import MOST, Memory, Point, point_of
+from bench.store.catalogue.tables import METADATA, POINTS
+from tests.conftest import free_port
+from tests.support.databases import postgresql
+from tests.support.served_drive import until
+
+NOW = int(time.time()) // 3600 * 3600  # s
+NAMES = ("R_s", "L_d", "L_q", "psi_f")
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def address(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+    if request.param == "sqlite":
+        yield str(tmp_path / "catalogue.sqlite")
+        return
+    with postgresql(tmp_path) as one:
+        yield one
+
+
+@pytest.fixture
+def engine(address: str) -> Iterator[Engine]:
+    one = opened(address)
+    yield one
+    one.dispose()
+
+
+def seconds(drive: str, begin: int, count: int, value: Callable[[int], float] = lambda _: 1.0) -> list[Point]:
+    return [Point(drive, name, begin + k, value(k), 0.1, "ok") for k in range(count) for name in NAMES]
+
+
+def test_it_has_the_form_that_the_tables_tell(engine: Engine) -> None:
+    there = inspect(engine)
+    for table in METADATA.tables.values():
+        columns = {one["name"]: one for one in there.get_columns(table.name)}
+        assert set(columns) == set(table.columns.keys())
+        for column in table.columns:
+            assert columns[column.name]["nullable"] == column.nullable, column
+        key = there.get_pk_constraint(table.name)["constrained_columns"]
+        assert key == [column.name for column in table.primary_key]
+    with engine.connect() as connection:
+        assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == "0001"
+
+
+def test_windows_are_remembered_until_the_configuration_changes(address: str) -> None:
+    first, configured = opened(address), {"length": 1000}
+    memory = Memory(first, "here:8080")
+    assert memory.window("spindle", configured) is None
+    memory.remember_window("spindle", configured, {"length": 2000})
+    memory.remember_window("spindle", configured, {"length": 3000, "held": {"psi_f": 0.1}})
+    first.dispose()
+    second = opened(address)
+    memory = Memory(second, "here:8080")
+    assert memory.window("spindle", configured) == {"length": 3000, "held": {"psi_f": 0.1}}
+    assert memory.window("spindle", {"length": 500}) is None
+    assert memory.window("another", configured) is None
+    assert Memory(second, "there:8080").window("spindle", configured) is None
+    second.dispose()
+
+
+def test_seconds_come_back_as_they_were_each_bench_its_own(engine: Engine) -> None:
+    one, other = Memory(engine, "here"), Memory(engine, "there")
+    one.add(seconds("spindle", NOW - 100, 100, float))
+    other.add(seconds("spindle", NOW - 50, 10))
+    one.add(seconds("spindle", NOW - 100, 3, lambda _: 99.0))  # what is there stays
+    span, courses = one.history("spindle", NOW - 100, NOW)
+    assert (span, set(courses)) == (1, set(NAMES))
+    assert courses["R_s"].t == tuple(range(NOW - 100, NOW))
+    assert courses["R_s"].value == courses["R_s"].low == courses["R_s"].high == tuple(map(float, range(100)))
+    assert set(courses["R_s"].status) == {"ok"}
+    assert len(other.history("spindle", NOW - 100, NOW)[1]["R_s"].t) == 10
+    assert one.history("nobody", NOW - 100, NOW)[1] == {}
+
+
+def test_longer_times_are_thinned_with_their_extremes_kept(engine: Engine) -> None:
+    memory = Memory(engine, "here")
+    memory.add(seconds("spindle", NOW - 7200, 7200, lambda k: 5.0 if k == 3661 else -5.0 if k == 17 else 1.0))
+    memory.add([Point("spindle", "R_s", NOW - 7300, 1.0, None, "held")])
+    memory.condense(NOW)
+    memory.condense(NOW)
+    for back in (7200, 86_400, 30 * 86_400):
+        _, courses = memory.history("spindle", NOW - back, NOW)
+        course = courses["L_d"]
+        assert len(course.t) <= MOST
+        assert (min(course.low), max(course.high)) == (-5.0, 5.0)
+        weighted = sum(course.value) / len(course.value)
+        assert weighted == pytest.approx(1.0, abs=0.01)
+    assert memory.history("spindle", NOW - 86_400, NOW)[1]["R_s"].status[0] == "held"
+
+
+def test_seconds_of_more_than_a_day_ago_go_and_their_minutes_stay(engine: Engine) -> None:
+    memory = Memory(engine, "here")
+    memory.add(seconds("spindle", NOW - 90_000, 120))
+    memory.add(seconds("spindle", NOW - 60, 60))
+    memory.condense(NOW)
+    with engine.connect() as connection:
+        rows = connection.execute(text("SELECT span, count(*) FROM points GROUP BY span")).all()
+        spans = {span: count for span, count in rows}  # noqa: C416 - rows are no pairs to the type checker
+    assert spans == {1: 240, 60: 12, 3600: 8}
+    assert memory.history("spindle", NOW - 90_000, NOW - 89_000)[0] == 60
+
+
+def test_a_year_is_there_within_a_second(engine: Engine) -> None:
+    memory = Memory(engine, "here")
+    memory.add(seconds("spindle", NOW - 86_400, 1))
+    with engine.begin() as connection:
+        for series in range(1, 5):
+            connection.execute(insert(POINTS), [
+                {"series": series, "span": span, "t": NOW - 365 * 86_400 + k * span, "value": 1.0, "std": 0.1,
+                 "low": 0.9, "high": 1.1, "status": 1} for span in (60, 3600) for k in range(365 * 86_400 // span)
+                if span == 3600 or k % 20 == 0
+            ])  # fmt: skip
+    begun = time.monotonic()
+    _, courses = memory.history("spindle", NOW - 365 * 86_400, NOW)
+    assert time.monotonic() - begun < 1.0
+    assert {len(course.t) for course in courses.values()} <= set(range(1000, MOST + 2))
+
+
+def test_only_values_that_were_told_are_remembered() -> None:
+    assert point_of("x", "R_s", 1.9, 1.0, 0.1, "ok") == Point("x", "R_s", 1, 1.0, 0.1, "ok")
+    assert point_of("x", "R_s", 1.0, 1.0, math.inf, "held") == Point("x", "R_s", 1, 1.0, None, "held")
+    assert point_of("x", "R_s", 1.0, None, None, "not_told") is None
+    assert point_of("x", "R_s", 1.0, 1.0, 0.1, "stale") is None
+    assert point_of("x", "R_s", 1.0, math.nan, 0.1, "ok") is None
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    ("mysql://user:secret@x/y", "got one of mysql"), ("://user:secret@x", "got something else"),
+])  # fmt: skip
+def test_other_addresses_are_refused_without_telling_a_password(given: str, said: str) -> None:
+    with pytest.raises(ConfigError, match="expected a file, or postgresql://") as refused:
+        check_address(given)
+    assert said in str(refused.value)
+    assert "secret" not in str(refused.value)
+
+
+def test_a_server_that_is_not_there_is_told_without_a_password() -> None:
+    with pytest.raises(UnavailableError, match="the catalogue cannot be opened: ") as refused:
+        opened(f"postgresql://user:secret@127.0.0.1:{free_port()}/bench")
+    assert "secret" not in str(refused.value)
+
+
+def test_a_file_that_is_no_catalogue_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "catalogue.sqlite"
+    path.write_bytes(b"something else, and long enough to be looked at" * 100)
+    with pytest.raises(UnavailableError, match="the catalogue cannot be opened: file is not a database"):
+        opened(str(path))
+
+
+def test_what_cannot_be_written_waits_until_it_can(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bench.store.catalogue.keeper._RETRY", 0.5)
+    path, count = tmp_path / "folder" / "catalogue.sqlite", iter(range(1000))
+    (tmp_path / "folder").write_text("a file where a folder is to be")
+    keeper = Keeper(str(path), "here", lambda: seconds("spindle", NOW + next(count), 1))
+    keeper.start()
+    until(lambda: keeper.failure is not None, "the failure")
+    assert "the catalogue cannot be opened" in str(keeper.failure)
+    (tmp_path / "folder").unlink()
+    until(lambda: keeper.failure is None and keeper.memory is not None, "the catalogue")
+    keeper.end()
+    keeper.join(5.0)
+    assert keeper.memory is not None
+    _, courses = keeper.memory.history("spindle", NOW, NOW + 100)
+    assert courses["R_s"].t == tuple(range(NOW, NOW + len(courses["R_s"].t)))
+    assert len(courses["R_s"].t) == next(count)
+    assert path.stat().st_size > 0
