@@ -7,11 +7,13 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import wait
+from functools import partial
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from bench.cli.commands.signals import pairs_of
 from bench.cli.output import in_thread
@@ -25,7 +27,8 @@ if TYPE_CHECKING:
     from bench.service.service import Service
 
 _READY_TIMEOUT = 180.0  # s, the first start compiles
-_END = 3.0  # s for the emulated drive to end before it is made to
+_END = 0.3  # s for the emulated drive to end before it is made to
+_THREADS = 0.3  # s for those that answer requests, when all that they could wait for has ended
 _LINKED = 10.0  # s for the service's link to its emulated drive
 _LISTENS = 0.2  # s, after which a signal is heard at the latest
 _console = Terminal(soft_wrap=True)
@@ -52,16 +55,42 @@ def run_both(url: str, scenario: str, port: int | None) -> None:
         _serve(config, listener, set_points)
 
 
+class _Told:
+    """Hears the first signal to end, as a KeyboardInterrupt; those after it do not interrupt what stops the drives."""
+
+    def __init__(self) -> None:
+        self._once = False
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        if not self._once:
+            self._once = True
+            raise KeyboardInterrupt
+
+
 @contextlib.contextmanager
 def _until_told() -> Generator[None]:
     """What runs inside ends in good order at Ctrl-C, SIGTERM or a closed terminal, which is no failure."""
+    told = _Told()
     hang_up = getattr(signal, "SIGHUP", None)  # not on every system
-    with contextlib.suppress(KeyboardInterrupt), _handling(signal.SIGTERM, signal.default_int_handler):
-        if hang_up is None or signal.getsignal(hang_up) is signal.SIG_IGN:  # nohup
+    with contextlib.ExitStack() as handled:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handled.enter_context(_handling(number, told))
+        if hang_up is not None and signal.getsignal(hang_up) is not signal.SIG_IGN:  # as by nohup
+            handled.enter_context(_handling(hang_up, lambda _number, _frame: signal.raise_signal(signal.SIGTERM)))
+        with contextlib.suppress(KeyboardInterrupt):
             yield
-        else:
-            with _handling(hang_up, lambda _number, _frame: signal.raise_signal(signal.SIGTERM)):
-                yield
+        _exit()
+
+
+def _exit() -> NoReturn:
+    """End with code 0, whatever thread a library has left; the interpreter would wait for it, and take itself apart."""
+    until = time.monotonic() + _THREADS
+    for thread in threading.enumerate():
+        if not thread.daemon and thread is not threading.main_thread():
+            thread.join(max(0.0, until - time.monotonic()))
+    with contextlib.suppress(OSError, ValueError):  # nobody reads it
+        sys.stdout.flush()
+    os._exit(0)
 
 
 @contextlib.contextmanager
@@ -83,7 +112,7 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
     """Serve; drives are started with set points where there are any."""
     from bench.api.guard.access import access_to
     from bench.api.server import serve
-    from bench.live.method import warm_up
+    from bench.live.estimation import warm_up
     from bench.service.service import Service
     from bench.write_log import WriteLog, to_standard_error
 
@@ -91,13 +120,13 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
     access = access_to(config, host, port)
     with _console.status("preparing the estimator (compiles at the first start)"):
         meanwhile(warm_up)
-    with Service(config) as service, WriteLog(config.log, to_standard_error) as log:
+    with WriteLog(config.log, to_standard_error) as log, Service(config) as service:
         root = access.address(host)
         _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
         for drive in config.drives:
             _console.print(f"drive  {drive.name}: {drive.url}")
             if set_points is not None:
-                _started(service, drive.name, set_points)
+                meanwhile(partial(_started, service, drive.name, set_points))  # whole, or undone by the service's end
         _console.print(f"open   to {access.told()}\nCtrl-C ends it")
         serve(service, listener, access, log)
 
