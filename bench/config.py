@@ -50,6 +50,7 @@ from bench.machine_file import Nominal, load_machine, load_toml
 from drivers.connect import check_url
 from drivers.errors import ConnectError
 
+PORT: Final = 8080
 PORT_VARIABLE: Final = "PMSM_BENCH_PORT"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _HOST: Final = r"^([A-Za-z0-9_][A-Za-z0-9_.-]*|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?$"
@@ -108,7 +109,7 @@ class ServiceConfig:
     key: _File | None = None
     log: _Folder = field(default_factory=log_folder)
     names: Annotated[tuple[_Name, ...], _NAMES] = ()  # that it also has in addresses, with or without a port
-    port: _Port = 8080
+    port: _Port = PORT
     token: _File = field(default_factory=token_file)
 
 
@@ -154,8 +155,13 @@ def emulated(url: str, *, bounded: bool = True) -> Config:
     nominal = Nominal(held, n_p=4, i_rated=6.0, speed_max_rpm=3000.0)
     limits = Limits(nominal.i_rated, nominal.speed_max_rpm, n_p=nominal.n_p) if bounded else Limits()
     drive = DriveConfig("emulated", url, Window(held=held), nominal, limits)
+    return Config((drive,), port=usual_port())
+
+
+def usual_port() -> int:
+    """The service's port where nothing else says it. Raises ConfigError."""
     port = _port_of_environment()
-    return Config((drive,), port=8080 if port is None else port)
+    return PORT if port is None else port
 
 
 def load_config(path: Path) -> Config:

@@ -44,7 +44,7 @@ def listen(host: str, port: int) -> socket.socket:
         listener.close()
         reason = getattr(error, "strerror", None) or error
         if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
-            reason = f"{reason}; another port: PMSM_BENCH_PORT={port % 65535 + 1}"
+            reason = f"{reason}; another port: --port {port % 65535 + 1} (make run PORT={port % 65535 + 1})"
         raise ConfigError(f"cannot listen on {host}:{port}: {reason}") from None
     return listener
 

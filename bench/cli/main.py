@@ -24,7 +24,10 @@ app = typer.Typer(
 DEFAULT_BUS = "canopen://socketcand/127.0.0.1:29536/can0/5"
 _NO_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
-At = Annotated[str, Option(metavar="URL", help="where the emulated drive is")]
+At = Annotated[
+    str | None,
+    Option(metavar="URL", help=f"where the emulated drive is (default {DEFAULT_BUS}, its port beside the service's)"),
+]
 Port = Annotated[int | None, Option(help="port of the service (default 8080, or PMSM_BENCH_PORT)")]
 Service = Annotated[
     str | None, Option(metavar="URL", help="the service (default http://127.0.0.1:8080, or PMSM_BENCH_PORT)")
@@ -89,8 +92,8 @@ def emulate(
 
 
 @app.command()
-def up(at: At = DEFAULT_BUS, scenario: Scenario = "paper", port: Port = None) -> None:
-    """Run an emulated drive and the service over it, until Ctrl-C ends both."""
+def up(at: At = None, scenario: Scenario = "paper", port: Port = None) -> None:
+    """Run an emulated drive and the service over it, until Ctrl-C ends both; another pair by another --port."""
     from bench.cli.commands.run import run_both
 
     run_both(at, scenario, port)

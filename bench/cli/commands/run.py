@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NoReturn
 from bench.cli.commands.signals import pairs_of
 from bench.cli.output import in_thread
 from bench.cli.terminal import Terminal
-from bench.config import Config, emulated
+from bench.config import PORT, Config, emulated, usual_port
 from bench.errors import ConfigError
 from drivers.errors import LostError
 from drivers.lease import HeldError
@@ -30,6 +30,7 @@ _READY_TIMEOUT = 180.0  # s, the first start compiles
 _END = 0.3  # s for the emulated drive to end before it is made to
 _THREADS = 0.3  # s for those that answer requests, when all that they could wait for has ended
 _LINKED = 10.0  # s for the service's link to its emulated drive
+_BUS_PORT = 29536  # of the emulated drive beside a service at the usual port
 _LISTENS = 0.2  # s, after which a signal is heard at the latest
 _console = Terminal(soft_wrap=True)
 
@@ -46,13 +47,27 @@ def run_emulator(urls: list[str], scenario: str, faults: list[str]) -> int:
     return subprocess.call(command) if os.name == "nt" else os.execv(sys.executable, command)
 
 
-def run_both(url: str, scenario: str, port: int | None) -> None:
+def run_both(url: str | None, scenario: str, port: int | None) -> None:
     """An emulated drive in a process of its own, and the service over it, which starts it with its set points."""
-    config = emulated(url, bounded=scenario.startswith("paper"))
+    bounded = scenario.startswith("paper")
+    config = emulated(url or _bus(usual_port() if port is None else port), bounded=bounded)
     with _until_told(), _listening(config, port) as listener, contextlib.ExitStack() as opened:
+        url = config.drives[0].url
         with _console.status("preparing the emulated drive (compiles at the first start)"):
             set_points = opened.enter_context(_emulator(url, scenario))
         _serve(config, listener, set_points)
+
+
+def _bus(port: int) -> str:
+    """Where the emulated drive of a service at a port is: as far from the usual place as that port; else at a free one.
+
+    So each of several has its own, the same whenever it is started again.
+    """
+    beside = _BUS_PORT + port - PORT
+    for place in ([beside] if 0 < beside < 1 << 16 else []) + [0]:
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", place)) as free:
+            return f"canopen://socketcand/127.0.0.1:{free.getsockname()[1]}/can0/5"
+    raise ConfigError("no port of 127.0.0.1 is free for the emulated drive; `pmsm-bench up --at URL` puts it elsewhere")
 
 
 class _Told:
