@@ -108,14 +108,15 @@ class Estimation:
 
     def start(self) -> None:
         """Compile the kernels, then begin."""
-        warm_up()
+        method.warm_up()
+        detect.warm_up()
         self.thread.start()
 
-    def stop(self, timeout: float = 10.0) -> None:
-        """End the worker and wait for it, at most so many seconds."""
+    def stop(self) -> None:
+        """End the worker and wait for it."""
         self._stop.set()
         if self.thread.ident is not None:
-            self.thread.join(timeout)
+            self.thread.join(timeout=10.0)
 
     def put(self, name: str, block: Block, made: float | None = None) -> None:
         """Hand over a block whose last row ended at a time in s, monotonic (None: now); never waits."""
@@ -231,12 +232,6 @@ class Estimation:
         drive.watched_at = time.monotonic()
         snapshot = drive.snapshot
         watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, drive.machine.given, datetime.now(UTC))
-
-
-def warm_up() -> None:
-    """Compile the kernels of all that the worker does; at the very first start it takes long."""
-    method.warm_up()
-    detect.warm_up()
 
 
 def _whole(samples: Samples) -> dict[str, NDArray[np.bool_]]:

@@ -220,8 +220,8 @@ class Service:
             drive.control.join(left(_LEAVE))
             drive.link.join(left(_LEAVE))
         self.captures.join(left(_LEAVE))
-        self._estimation.stop(left(_LEAVE))
         self.diagnoses.join(left(_LEAVE))
+        self._estimation.stop()  # last: nobody waits for it longer than that
 
     def _made(self, config: DriveConfig) -> ServiceDrive:
         name, folder = config.name, folder_beside(self.config.captures)

@@ -127,14 +127,16 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
     """Serve; drives are started with set points where there are any."""
     from bench.api.guard.access import access_to
     from bench.api.server import serve
-    from bench.live.estimation import warm_up
+    from bench.live.method import warm_up
     from bench.service.service import Service
     from bench.write_log import WriteLog, to_standard_error
+    from estimator.diagnosis import watch
 
     host, port = listener.getsockname()[:2]
     access = access_to(config, host, port)
     with _console.status("preparing the estimator (compiles at the first start)"):
         meanwhile(warm_up)
+        meanwhile(watch.warm_up)  # which the estimation would compile otherwise, and hear no signal
     with WriteLog(config.log, to_standard_error) as log, Service(config) as service:
         root = access.address(host)
         _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
