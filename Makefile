@@ -7,8 +7,8 @@ PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/c
 
 .PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-http bench-links bench-faults bench-kills bench-recordings bench-stale bench-plant bench-watch auto-window gallery results picture clean
 
-run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them
-	@exec $(BIN)/pmsm-bench up
+run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them; PORT=8081 beside another one
+	@exec $(BIN)/pmsm-bench up $(PORT:%=--port %)
 
 test: $(VENV)/.run ## every check but the families below, with the thirty longest
 	@echo "lint, types, arrows and compiling: two minutes the first time"

@@ -54,6 +54,7 @@ from bench.store.catalogue.database import check_address
 from drivers.connect import check_url
 from drivers.errors import ConnectError
 
+PORT: Final = 8080
 PORT_VARIABLE: Final = "PMSM_BENCH_PORT"
 DATABASE_VARIABLE: Final = "PMSM_BENCH_DATABASE"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -126,7 +127,7 @@ class ServiceConfig:
     key: _File | None = None
     log: _Folder = field(default_factory=log_folder)
     names: Annotated[tuple[_Name, ...], _NAMES] = ()  # that it also has in addresses, with or without a port
-    port: _Port = 8080
+    port: _Port = PORT
     token: _File = field(default_factory=token_file)
 
 
@@ -173,8 +174,13 @@ def emulated(url: str, *, bounded: bool = True) -> Config:
     nominal = Nominal(held, n_p=4, i_rated=6.0, speed_max_rpm=3000.0)
     limits = Limits(nominal.i_rated, nominal.speed_max_rpm, n_p=nominal.n_p) if bounded else Limits()
     drive = DriveConfig("emulated", url, Window(held=held), nominal, limits)
+    return Config((drive,), port=usual_port(), database=_database_of(""))
+
+
+def usual_port() -> int:
+    """The service's port where nothing else says it. Raises ConfigError."""
     port = _port_of_environment()
-    return Config((drive,), port=8080 if port is None else port, database=_database_of(""))
+    return PORT if port is None else port
 
 
 def load_config(path: Path) -> Config:

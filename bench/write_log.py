@@ -21,7 +21,7 @@ _SIZE: Final = 8 << 20  # bytes of a file, until another is begun
 _FILES: Final = {"writes": 8, "refused": 2}  # kept of each
 _WAITING: Final = 10_000  # entries for the disk
 _BURST, _RATE = 100, 2.0  # refusals told at once, and per s for longer
-_LEAVE: Final = 2.0  # s for the last entries
+_LEAVE: Final = 0.3  # s for the last entries
 _SILENT: Final = "refused and not told one by one: they came too fast"
 
 

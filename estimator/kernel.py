@@ -47,6 +47,11 @@ def _cache_folder() -> str | None:
 _FOLDER = _cache_folder()
 
 
+def kept() -> tuple[str | None, int]:
+    """The folder of what is compiled, None where none can be written, and how many kernels are there."""
+    return _FOLDER, 0 if _FOLDER is None else sum(1 for _ in Path(_FOLDER).rglob("*.nbi"))
+
+
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a function of numbers and arrays to machine code at its first call. It divides by zero as numpy does.
 

@@ -17,7 +17,7 @@ from bench.actions.drive_jobs import Link
 from bench.actions.lease import Leases, Part
 from bench.actions.limits import JUDGED, TRIP, Limits, Overload
 from bench.actions.unfinished import Noted, Origin, take
-from bench.errors import BenchError, ConflictError, LimitError
+from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
 from bench.write_log import to_standard_error
 from drivers import lease as control
 from drivers import operation
@@ -93,8 +93,9 @@ class Control:
         self.thread.start()
 
     def end(self) -> None:
-        """Give up control; the drive is off then."""
+        """Give up control, also that of a start under way; the drive is off then, and nobody starts it here."""
         self._ending.set()
+        self.void()
         with self._lock, contextlib.suppress(DriveError):
             self._give_up(self._link.drive())
             self._restore(self._link.drive())
@@ -107,7 +108,7 @@ class Control:
     def start(self, values: Mapping[str, float], whom: str) -> None:
         """Take control, give set points (SI, checked) and switch the bridge on; again, only the set points are new.
 
-        What is left out is zero. Raises LimitError, ConflictError, DriveError.
+        What is left out is zero. Raises LimitError, ConflictError, UnavailableError, DriveError.
         """
         stops = self._stops
         with self._lock:
@@ -198,7 +199,7 @@ class Control:
                     self._ended("")
                 return drive
             except DriveError:
-                if time.monotonic() > deadline:
+                if time.monotonic() > deadline or self._ending.is_set():
                     with self._lock:
                         self._ended("it was stopped, and whether that has come to the drive is not known", off=False)
                     raise
@@ -256,6 +257,8 @@ class Control:
         left.noted.undone()
 
     def _check_not_stopped(self, stops: int) -> None:
+        if self._ending.is_set():
+            raise UnavailableError("the service is ending")
         if stops != self._stops:
             raise ConflictError(f"drive {self._name} was stopped meanwhile: start it again where that is meant")
 

@@ -27,7 +27,10 @@ app.add_typer(recordings, name="recordings")
 DEFAULT_BUS = "canopen://socketcand/127.0.0.1:29536/can0/5"
 _NO_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
-At = Annotated[str, Option(metavar="URL", help="where the emulated drive is")]
+At = Annotated[
+    str | None,
+    Option(metavar="URL", help=f"where the emulated drive is (default {DEFAULT_BUS}, its port beside the service's)"),
+]
 Port = Annotated[int | None, Option(help="port of the service (default 8080, or PMSM_BENCH_PORT)")]
 Service = Annotated[
     str | None, Option(metavar="URL", help="the service (default http://127.0.0.1:8080, or PMSM_BENCH_PORT)")
@@ -38,8 +41,28 @@ Bus = Annotated[str | None, Option(metavar="URL", help="a drive by its bus, with
 Recording = Annotated[Path, Argument(help="recording: CSV, CSV.gz or Parquet")]
 Columns = Annotated[list[str] | None, Option("--map", metavar="NAME=COLUMN,...", help="columns called otherwise")]
 Constants = Annotated[list[str] | None, Option("--set", metavar="NAME=VALUE,...", help="values in place of columns")]
+AsJson = Annotated[bool, Option("--json", help="as one JSON document, SI")]
 _ALIGN = "the voltage in row k was applied ROWS later"
 Align = Annotated[list[str] | None, Option(metavar="u=ROWS", help=_ALIGN)]
+
+
+def _version(asked: bool) -> None:
+    """Print version, Python and platform, and end."""
+    if asked:
+        from bench.cli.doctor.machine import version_line
+
+        print(version_line())
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, Option("--version", callback=_version, is_eager=True, help="version, Python and platform in a line")
+    ] = False,
+) -> None:
+    """Hardware-in-the-loop bench for permanent-magnet synchronous motor drives."""
+    del version  # told by its callback
 
 
 @app.command()
@@ -92,8 +115,8 @@ def emulate(
 
 
 @app.command()
-def up(at: At = DEFAULT_BUS, scenario: Scenario = "paper", port: Port = None) -> None:
-    """Run an emulated drive and the service over it, until Ctrl-C ends both."""
+def up(at: At = None, scenario: Scenario = "paper", port: Port = None) -> None:
+    """Run an emulated drive and the service over it, until Ctrl-C ends both; another pair by another --port."""
     from bench.cli.commands.run import run_both
 
     run_both(at, scenario, port)
@@ -114,6 +137,7 @@ def estimates(
     name: Annotated[str, Argument(help="the drive")],
     service: Service = None,
     once: Annotated[bool, Option("--once", help="print one table and end")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show a drive's live estimates as a table, until Ctrl-C.
 
@@ -121,7 +145,7 @@ def estimates(
     """
     from bench.cli.commands.live import show
 
-    raise typer.Exit(show(name, service, once=once))
+    raise typer.Exit(show(name, service, once=once, as_json=as_json))
 
 
 @app.command()
@@ -131,11 +155,12 @@ def signals(
         list[str] | None, Argument(metavar="SIGNAL[=VALUE]...", help="to read, to write (SI); none: all are read")
     ] = None,
     service: Service = None,
+    as_json: AsJson = False,
 ) -> None:
     """Read or write a drive's signals: references, excitation, limits, commands."""
     from bench.cli.commands.signals import show
 
-    show(name, given or [], service)
+    show(name, given or [], service, as_json=as_json)
 
 
 @app.command()
@@ -145,27 +170,28 @@ def start(
         list[str] | None, Argument(metavar="SETPOINT=VALUE...", help="set points (SI), such as i_q_ref=2")
     ] = None,
     service: Service = None,
+    as_json: AsJson = False,
 ) -> None:
     """Start a drive: the service takes control of it, gives set points and switches its bridge on."""
     from bench.cli.commands.control import start as start_drive
 
-    start_drive(name, given or [], service)
+    start_drive(name, given or [], service, as_json=as_json)
 
 
 @app.command()
-def stop(name: Annotated[str, Drive], service: Service = None) -> None:
+def stop(name: Annotated[str, Drive], service: Service = None, as_json: AsJson = False) -> None:
     """Stop a drive, whoever controls it: bridge off, set points zero. A stop by software is no safety function."""
     from bench.cli.commands.control import stop as stop_drive
 
-    stop_drive(name, service)
+    stop_drive(name, service, as_json=as_json)
 
 
 @app.command()
-def reset(name: Annotated[str, Drive], service: Service = None) -> None:
+def reset(name: Annotated[str, Drive], service: Service = None, as_json: AsJson = False) -> None:
     """Reset a drive's fault; its bridge stays off."""
     from bench.cli.commands.control import reset as reset_drive
 
-    reset_drive(name, service)
+    reset_drive(name, service, as_json=as_json)
 
 
 @app.command()
@@ -230,7 +256,9 @@ def replay(
     ] = None,
     estimate: Annotated[str | None, Option(metavar="R_s,L_q", help="what to estimate (default: all)")] = None,
     every: Annotated[int | None, Option(help="rows between two lines of the CSV (default: window/10)")] = None,
-    json_out: Annotated[Path | None, Option("--json", metavar="OUT", help="result as JSON")] = None,
+    json_out: Annotated[
+        Path | None, Option("--json", metavar="OUT", help="result as JSON; -: in place of the table")
+    ] = None,
     csv_out: Annotated[Path | None, Option("--csv", metavar="OUT", help="estimates over time")] = None,
 ) -> None:
     """Run the streaming estimator over a recording, and say whether its equations fit.
@@ -260,7 +288,8 @@ def diagnose(
     ] = None,
     json_out: Annotated[
         str | None,
-        Option("--json", metavar="OUT", help="as JSON; of several recordings a folder, or a name with {stem}"),
+        Option("--json", metavar="OUT", help="as JSON; of several recordings a folder, or a name with {stem}; -: "
+                                             "in place of words"),
     ] = None,
     report: Annotated[str | None, Option(metavar="OUT.html", help="as a page; likewise")] = None,
     machine: Annotated[str | None, Option(metavar="OUT.toml", help="the machine with its effects; likewise")] = None,
@@ -297,12 +326,13 @@ def simulate(
     mapping: Columns = None,
     constants: Constants = None,
     align: Align = None,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate a recording's currents by a machine with the effects of its file, and say how far off they are."""
     from bench.cli.commands.simulate import run
     from bench.cli.options import columns_of
 
-    run(file, machine, *columns_of(mapping, constants, align), out)
+    run(file, machine, *columns_of(mapping, constants, align), out, as_json=as_json)
 
 
 @app.command()
@@ -335,11 +365,26 @@ def experiment(
 
 
 @app.command()
-def registers(as_json: Annotated[bool, Option("--json", help="as JSON")] = False) -> None:
+def registers(as_json: AsJson = False) -> None:
     """Print the Modbus registers of a drive."""
     from bench.cli.commands.registers import show
 
     show(as_json=as_json)
+
+
+@app.command()
+def doctor(
+    config: Annotated[Path | None, Option(help="the service's configuration (default: none, as of `up`)")] = None,
+    port: Port = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say whether a bench can run here: versions, configuration, folders, port, each drive's bus, clock.
+
+    It writes nothing, on no bus either. Exit code: 0, all is well, or nearly; 1, something would fail; 2, wrong use.
+    """
+    from bench.cli.commands.doctor import run
+
+    raise typer.Exit(run(config, port, as_json=as_json))
 
 
 def _check_one(name: str | None, drive: str | None, service: str | None) -> None:

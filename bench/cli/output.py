@@ -1,21 +1,25 @@
 """Files that a command writes because an option says so, and the wait for what fills them."""
 
 import errno
+import json
+import math
 import os
 import stat
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Future, wait
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Final, TextIO, TypeVar
+from typing import Any, Final, TextIO, TypeVar, cast
 
 from bench.errors import ConfigError
 from bench.files import check_place, give_name, unfinished
 
 T = TypeVar("T")
 
+STANDARD_OUTPUT: Final = Path("-")  # as an option names it: then nothing else is written there
 _PERIOD: Final = 0.1  # s between two looks
 _READER: Final = 5.0  # s for somebody to read from a pipe
 
@@ -102,6 +106,23 @@ def _taken(path: Path) -> bool:
         return path.stat().st_size > 0 if path.is_file() else path.is_symlink() and not path.exists()
     except OSError:
         return False  # writing it says why
+
+
+def print_json(content: object) -> None:
+    """One JSON document on standard output; dataclasses, paths and what is not finite as JSON has them."""
+    print(json.dumps(_plain(content), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in cast(Mapping[Any, Any], value).items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in cast(Sequence[Any], value)]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value
 
 
 def check_recording(path: Path) -> None:

@@ -3,8 +3,9 @@
 import contextlib
 import shutil
 import socket
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import count
 from typing import Any, Self
@@ -37,8 +38,8 @@ from drivers.errors import DriveError
 from drivers.wire.dictionary import SET_POINTS
 
 _WRITE = 30.0  # s that a write of signals may take, on the slowest line
-_CANCEL = 0.5  # s in which captures end, while there are still links
-_LEAVE = 1.5  # s in which all pumps must end; one that is held up in connecting is left behind
+_STOP = 1.2  # s in which drives are stopped, and jobs on them end, while there are still links
+_LEAVE = 1.8  # s in which all must end; a pump that is held up in connecting is left behind
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +98,7 @@ class Service:
         )
         self.shelf = Shelf(config.captures)
         self._writes = count(1)
+        self._leaving: threading.Thread | None = None
         self._started = time.monotonic()
 
     def __enter__(self) -> Self:
@@ -113,29 +115,18 @@ class Service:
         return self
 
     def __exit__(self, *_: object) -> None:
-        deadline, drives = time.monotonic() + _LEAVE, self.drives.values()
-        for drive in drives:
-            drive.control.end()
-        self.diagnoses.leave()
-        if self.history is not None:
-            self.history.end()
-        self.experiments.leave()
-        self.captures.leave()
-        self.recordings.leave()
-        self.experiments.join(_CANCEL)  # while there are links, by which drives and recorders are told to stop
-        self.captures.join(_CANCEL)
-        for drive in drives:
-            drive.link.end()
-        for drive in drives:
-            drive.control.join(max(0.0, deadline - time.monotonic()))
-        for drive in drives:
-            drive.link.join(max(0.0, deadline - time.monotonic()))
-        self.captures.join(max(0.0, deadline - time.monotonic()))
-        self.recordings.join(_LEAVE)
-        self._estimation.stop()
-        if self.history is not None:
-            self.history.join(_LEAVE)
-        self.diagnoses.join(_LEAVE)
+        self.leave()
+        assert self._leaving is not None
+        self._leaving.join(_LEAVE)
+
+    def leave(self) -> None:
+        """Begin the end, without waiting for it: drives are stopped, jobs on them end, then links are closed.
+
+        For one thread; asked again, it does nothing.
+        """
+        if self._leaving is None:
+            self._leaving = threading.Thread(target=self._end, name="end", daemon=True)
+            self._leaving.start()
 
     @property
     def uptime(self) -> float:
@@ -254,6 +245,33 @@ class Service:
         streaming = all(drive.link.status.state is LinkState.STREAMING for drive in self.drives.values())
         return streaming and all(thread.alive and thread.failure is None for thread in self.threads())
 
+    def _end(self) -> None:
+        begun, drives = time.monotonic(), self.drives.values()
+
+        def left(of: float) -> float:
+            return max(0.0, begun + of - time.monotonic())
+
+        stops = [_begun(f"stop {name}", drive.control.end) for name, drive in self.drives.items()]
+        for jobs in (self.experiments, self.captures, self.recordings, self.diagnoses):
+            jobs.leave()
+        if self.history is not None:
+            self.history.end()
+        for stop in stops:  # while there are links, by which drives and recorders are told to stop
+            stop.join(left(_STOP))
+        self.experiments.join(left(_STOP))
+        self.captures.join(left(_STOP))
+        closing = [_begun(f"close {name}", drive.link.end) for name, drive in self.drives.items()]
+        for thread in (*stops, *closing):
+            thread.join(left(_LEAVE))
+        for drive in drives:
+            drive.control.join(left(_LEAVE))
+            drive.link.join(left(_LEAVE))
+        for jobs in (self.captures, self.recordings, self.diagnoses):
+            jobs.join(left(_LEAVE))
+        if self.history is not None:
+            self.history.join(left(_LEAVE))
+        self._estimation.stop()  # last: nobody waits for it longer than that
+
     def _made(self, config: DriveConfig) -> ServiceDrive:
         name, folder = config.name, folder_beside(self.config.captures)
 
@@ -305,3 +323,17 @@ class Service:
         """All names that a drive has here, by its serial number."""
         device = self._device(name)
         return [other for other in self.drives if other == name or (device and self._device(other) == device)]
+
+
+def _begun(name: str, work: Callable[[], None]) -> threading.Thread:
+    """A thread that does this; what fails in it is said, and holds up nothing else."""
+
+    def guarded() -> None:
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001 - one drive's end must not cost the others theirs
+            to_standard_error(f"{name}: the bench failed: {type(error).__name__}: {error}")
+
+    thread = threading.Thread(target=guarded, name=name, daemon=True)
+    thread.start()
+    return thread

@@ -7,6 +7,7 @@ runs in the bus library's reader thread.
 
 import contextlib
 import errno
+import importlib
 import logging
 import random
 import socket
@@ -17,6 +18,7 @@ from typing import Any, cast
 
 import can
 import canopen
+from can.interfaces import BACKENDS
 from can.util import cast_from_string
 from canopen.network import MessageListener
 from canopen.sdo.client import SdoClient
@@ -376,6 +378,16 @@ class _Listener(MessageListener):
     def on_error(self, exc: Exception) -> None:
         del exc
         self._closed.wait()
+
+
+def check_interface(name: str) -> None:
+    """Raise ConnectError unless python-can has such an interface, and can load it. Opens nothing."""
+    if name not in BACKENDS:
+        raise ConnectError(f"python-can has no interface {name!r}; it has {', '.join(sorted(BACKENDS))}")
+    try:
+        importlib.import_module(BACKENDS[name][0])
+    except Exception as error:  # noqa: BLE001 - each has its own for a vendor's library that is not there
+        raise ConnectError(f"interface {name!r} of python-can cannot be loaded: {_first_line(error)}") from None
 
 
 def _open(url: CanUrl, closed: threading.Event) -> canopen.Network:

@@ -104,10 +104,10 @@ class Access:
 
 def access_to(config: Config, address: str, port: int) -> Access:
     """Who may call what listens at an address. Makes the token where one is needed. Raises ConfigError."""
-    tls = _tls(config)
+    tls = tls_of(config)
     scheme = "http" if tls is None else "https"
     names = frozenset(_lower([config.host, *config.names]))
-    if ipaddress.ip_address(address.partition("%")[0]).is_loopback:
+    if is_loopback(address):
         return Access(port, scheme, names, None, tls)
     if tls is None and not config.insecure:
         raise ConfigError(
@@ -116,6 +116,14 @@ def access_to(config: Config, address: str, port: int) -> Access:
         )
     machine = _lower([socket.gethostname(), f"{socket.gethostname()}.local", socket.getfqdn()])
     return Access(port, scheme, names | set(machine), Known(config.token), tls)
+
+
+def is_loopback(address: str) -> bool:
+    """Whether an address, or `localhost`, is of this machine alone."""
+    try:
+        return address == LOCAL or ipaddress.ip_address(address.partition("%")[0]).is_loopback
+    except ValueError:
+        return False
 
 
 def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
@@ -129,7 +137,8 @@ def _lower(names: Iterable[str]) -> list[str]:
     return [f"[{name}]" if ":" in name and name.count(":") > 1 and name[0] != "[" else name.lower() for name in names]
 
 
-def _tls(config: Config) -> ssl.SSLContext | None:
+def tls_of(config: Config) -> ssl.SSLContext | None:
+    """TLS by a configuration's certificate; None where it names none. Raises ConfigError."""
     if config.certificate is None or config.key is None:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

@@ -205,6 +205,17 @@ class Connection(H11Protocol):
         """Answer where an answer can still be given, and close."""
         self._leave(_answer(status, said))
 
+    def break_off(self, status: int, said: str) -> None:
+        """Close at once; who has not had the beginning of an answer gets this one."""
+        cycle = cast(RequestResponseCycle | None, self.cycle)
+        if cycle is not None:
+            cycle.disconnected = True  # what the application says from now on is not sent
+        if not self._answering and not self.transport.is_closing():
+            self.transport.write(_answer(status, said))
+            self.transport.close()
+        else:
+            self.transport.abort()
+
     def _leave(self, answer: bytes) -> None:
         self._all.leave(self)
         self._be_patient(None)

@@ -43,9 +43,10 @@ class Door:
         self._loop.add_reader(self._listener, self._let_in)
 
     def close(self) -> None:
-        """Let nobody in any more."""
+        """Let nobody in any more: who comes later is refused by the system."""
         self._open = False
         self._loop.remove_reader(self._listener)
+        self._listener.close()
 
     def _let_in(self) -> None:
         for _ in range(_BATCH):

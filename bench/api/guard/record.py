@@ -1,5 +1,6 @@
 """What is written down of every write: who, what, with which outcome; before and after where a route has told them."""
 
+import asyncio
 import json
 from collections.abc import Mapping
 from typing import Any, Final, cast
@@ -42,6 +43,10 @@ class Record:
 
         try:
             await self._app(scope, received, sent)
+        except asyncio.CancelledError:
+            status = 503
+            answer[:] = b'{"detail": "the service ended meanwhile; whether it was done is not known"}'
+            raise
         finally:
             told = _object(answer)
             state = cast(dict[str, Any], scope.get("state") or {})

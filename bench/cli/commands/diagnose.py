@@ -14,7 +14,7 @@ from rich.progress import TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from bench.cli.exit_codes import DOES_NOT, FAULT, HOLDS, NOT_TOLD, REFUSED, details_kept, worst
-from bench.cli.output import as_refusal, check_new, check_output, takes_all, write_whole
+from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, check_output, print_json, takes_all, write_whole
 from bench.cli.terminal import Terminal, bar
 from bench.diagnoses.diagnosis_request import WORK, Request, Result, json_text
 from bench.diagnoses.worker import Failed, each
@@ -65,10 +65,15 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str |
         raise ConfigError(f"--jobs: expected at least 1, got {options.jobs}")
     if options.fail_on not in FAIL_ON:
         raise ConfigError(f"--fail-on: expected {' or '.join(FAIL_ON)}, got {shown(options.fail_on)}")
+    json_shown = outputs.get("--json") == str(STANDARD_OUTPUT)
+    if json_shown and len(files) > 1:
+        raise ConfigError(f"--json -: expected one recording, got {len(files)}; of several a folder takes them")
+    if json_shown:
+        outputs = {**outputs, "--json": None}
     places = _places(files, outputs)
     _check(files, nominal, places, force=options.force)
     shared = _shared(nominal)
-    show = _Shown(len(files), options.fail_on, machine=outputs.get("--machine") is not None)
+    show = _Shown(len(files), options.fail_on, machine=outputs.get("--machine") is not None, as_json=json_shown)
     wanted = outputs.get("--report") is not None
     requests: list[Request] = []
     told: list[int] = []  # place among the files of each request
@@ -229,8 +234,8 @@ def _bar(total: int) -> Generator[_Bar]:
 class _Shown:
     """Outcomes on standard output, in the order of the files."""
 
-    def __init__(self, total: int, fail_on: str, *, machine: bool) -> None:
-        self._total, self._machine, self._next = total, machine, 0
+    def __init__(self, total: int, fail_on: str, *, machine: bool, as_json: bool) -> None:
+        self._total, self._machine, self._as_json, self._next = total, machine, as_json, 0
         self._codes = _CODES | ({EXPLAINED: DOES_NOT} if fail_on == EXPLAINED else {})
         self._verdicts = Counter[str]()
         self._faults = 0
@@ -255,6 +260,9 @@ class _Shown:
     def _verdict(self, file: Path, result: Result) -> None:
         content = result.content
         self._verdicts[content["verdict"]] += 1
+        if self._as_json:
+            print_json(content)
+            return
         self._say(f"{file}: {words(content['verdict'])}")
         self._say(content["sentence"])
         if self._total == 1:

@@ -9,6 +9,7 @@ from rich.live import Live
 
 from bench.cli.commands.control import state_words
 from bench.cli.exit_codes import HOLDS, NOT_TOLD, code_of
+from bench.cli.output import print_json
 from bench.cli.rest import rest_at
 from bench.cli.table import basis_of, clock, estimates_table
 from bench.cli.terminal import Terminal
@@ -18,13 +19,19 @@ _PERIOD = 0.5  # s between two looks
 _TIMEOUT = 3.0  # s for one answer
 
 
-def show(name: str, service: str | None, *, once: bool) -> int:
-    """Print the table once, or keep it up to date until Ctrl-C; the exit code. Raises BenchError."""
+def show(name: str, service: str | None, *, once: bool, as_json: bool) -> int:
+    """Print the table once, which JSON always is, or keep it up to date until Ctrl-C; the exit code.
+
+    Raises BenchError.
+    """
     console = Terminal()
     with rest_at(service, _TIMEOUT) as rest:
-        if once:
+        if once or as_json:
             content = rest.call("GET", name, "estimates", key="estimates")
-            console.print(_table(content))
+            if as_json:
+                print_json(content)
+            else:
+                console.print(_table(content))
             if content["status"] in ("ok", "filling", "doubtful"):
                 return code_of(content["estimates"])
             drive = rest.call("GET", name, key="link")

@@ -1,11 +1,11 @@
 """The drive's Modbus register map as a table, or as JSON."""
 
-import json
 import sys
 from typing import Any
 
 from rich.table import Table
 
+from bench.cli.output import print_json
 from bench.cli.terminal import Terminal
 from drivers.wire.modbus_map import table
 
@@ -13,8 +13,7 @@ from drivers.wire.modbus_map import table
 def show(*, as_json: bool) -> None:
     """Print the map to standard output."""
     if as_json:
-        json.dump(table(), sys.stdout, indent=2)
-        print()
+        print_json(table())
         return
     shown = Table(
         title="holding registers", caption="addresses count from 0; 32-bit values: the high word first; the register "

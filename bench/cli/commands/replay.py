@@ -12,7 +12,7 @@ from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 
 from bench.cli.exit_codes import DOES_NOT, code_of
 from bench.cli.options import columns_of
-from bench.cli.output import as_refusal, check_new, opened, write_whole
+from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, opened, print_json, write_whole
 from bench.cli.table import basis_of, estimates_table
 from bench.cli.terminal import Terminal, bar
 from bench.errors import ConfigError
@@ -76,7 +76,8 @@ def run(
     hop = every if every is not None else max(1, (1000 if options.window is None else settings.samples) // 10)
     if hop < 1:
         raise ConfigError(f"--every: expected at least 1 row, got {hop}")
-    _check_outputs(file, {"--json": json_out, "--csv": csv_out})
+    shown = json_out == STANDARD_OUTPUT
+    _check_outputs(file, {"--json": None if shown else json_out, "--csv": csv_out})
     mapped, held, aligned = columns_of(mapping, constants, align)
     with (
         open_recording(
@@ -90,6 +91,9 @@ def run(
             reader, settings, hop if csv_out else 0, on_estimate, lambda done: update(completed=done), machine.given
         )
     replayed = replace(replayed, remarks=(*replayed.remarks, *options.remarks(settings)))
+    if shown:
+        print_json(as_json(replayed))
+        return _code(replayed)
     _print(replayed)
     if json_out is not None:
         with as_refusal(json_out):

@@ -7,16 +7,18 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import wait
+from functools import partial
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from bench.cli.commands.signals import pairs_of
 from bench.cli.output import in_thread
 from bench.cli.terminal import Terminal
-from bench.config import Config, emulated
+from bench.config import PORT, Config, emulated, usual_port
 from bench.errors import ConfigError
 from drivers.errors import LostError
 from drivers.lease import HeldError
@@ -25,8 +27,10 @@ if TYPE_CHECKING:
     from bench.service.service import Service
 
 _READY_TIMEOUT = 180.0  # s, the first start compiles
-_END = 3.0  # s for the emulated drive to end before it is made to
+_END = 0.3  # s for the emulated drive to end before it is made to
+_THREADS = 0.3  # s for those that answer requests, when all that they could wait for has ended
 _LINKED = 10.0  # s for the service's link to its emulated drive
+_BUS_PORT = 29536  # of the emulated drive beside a service at the usual port
 _LISTENS = 0.2  # s, after which a signal is heard at the latest
 _console = Terminal(soft_wrap=True)
 
@@ -43,25 +47,65 @@ def run_emulator(urls: list[str], scenario: str, faults: list[str]) -> int:
     return subprocess.call(command) if os.name == "nt" else os.execv(sys.executable, command)
 
 
-def run_both(url: str, scenario: str, port: int | None) -> None:
+def run_both(url: str | None, scenario: str, port: int | None) -> None:
     """An emulated drive in a process of its own, and the service over it, which starts it with its set points."""
-    config = emulated(url, bounded=scenario.startswith("paper"))
+    bounded = scenario.startswith("paper")
+    config = emulated(url or _bus(usual_port() if port is None else port), bounded=bounded)
     with _until_told(), _listening(config, port) as listener, contextlib.ExitStack() as opened:
+        url = config.drives[0].url
         with _console.status("preparing the emulated drive (compiles at the first start)"):
             set_points = opened.enter_context(_emulator(url, scenario))
         _serve(config, listener, set_points)
 
 
+def _bus(port: int) -> str:
+    """Where the emulated drive of a service at a port is: as far from the usual place as that port; else at a free one.
+
+    So each of several has its own, the same whenever it is started again.
+    """
+    beside = _BUS_PORT + port - PORT
+    for place in ([beside] if 0 < beside < 1 << 16 else []) + [0]:
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", place)) as free:
+            return f"canopen://socketcand/127.0.0.1:{free.getsockname()[1]}/can0/5"
+    raise ConfigError("no port of 127.0.0.1 is free for the emulated drive; `pmsm-bench up --at URL` puts it elsewhere")
+
+
+class _Told:
+    """Hears the first signal to end, as a KeyboardInterrupt; those after it do not interrupt what stops the drives."""
+
+    def __init__(self) -> None:
+        self._once = False
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        if not self._once:
+            self._once = True
+            raise KeyboardInterrupt
+
+
 @contextlib.contextmanager
 def _until_told() -> Generator[None]:
     """What runs inside ends in good order at Ctrl-C, SIGTERM or a closed terminal, which is no failure."""
+    told = _Told()
     hang_up = getattr(signal, "SIGHUP", None)  # not on every system
-    with contextlib.suppress(KeyboardInterrupt), _handling(signal.SIGTERM, signal.default_int_handler):
-        if hang_up is None or signal.getsignal(hang_up) is signal.SIG_IGN:  # nohup
+    with contextlib.ExitStack() as handled:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handled.enter_context(_handling(number, told))
+        if hang_up is not None and signal.getsignal(hang_up) is not signal.SIG_IGN:  # as by nohup
+            handled.enter_context(_handling(hang_up, lambda _number, _frame: signal.raise_signal(signal.SIGTERM)))
+        with contextlib.suppress(KeyboardInterrupt):
             yield
-        else:
-            with _handling(hang_up, lambda _number, _frame: signal.raise_signal(signal.SIGTERM)):
-                yield
+        _exit()
+
+
+def _exit() -> NoReturn:
+    """End with code 0, whatever thread a library has left; the interpreter would wait for it, and take itself apart."""
+    until = time.monotonic() + _THREADS
+    for thread in threading.enumerate():
+        if not thread.daemon and thread is not threading.main_thread():
+            thread.join(max(0.0, until - time.monotonic()))
+    with contextlib.suppress(OSError, ValueError):  # nobody reads it
+        sys.stdout.flush()
+    os._exit(0)
 
 
 @contextlib.contextmanager
@@ -86,18 +130,20 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
     from bench.live.method import warm_up
     from bench.service.service import Service
     from bench.write_log import WriteLog, to_standard_error
+    from estimator.diagnosis import watch
 
     host, port = listener.getsockname()[:2]
     access = access_to(config, host, port)
     with _console.status("preparing the estimator (compiles at the first start)"):
         meanwhile(warm_up)
-    with Service(config) as service, WriteLog(config.log, to_standard_error) as log:
+        meanwhile(watch.warm_up)  # which the estimation would compile otherwise, and hear no signal
+    with WriteLog(config.log, to_standard_error) as log, Service(config) as service:
         root = access.address(host)
         _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
         for drive in config.drives:
             _console.print(f"drive  {drive.name}: {drive.url}")
             if set_points is not None:
-                _started(service, drive.name, set_points)
+                meanwhile(partial(_started, service, drive.name, set_points))  # whole, or undone by the service's end
         _console.print(f"open   to {access.told()}\nCtrl-C ends it")
         serve(service, listener, access, log)
 

@@ -6,6 +6,7 @@ from typing import Any, cast
 
 from rich.table import Table
 
+from bench.cli.output import print_json
 from bench.cli.rest import Rest, rest_at
 from bench.cli.terminal import Terminal
 from bench.errors import ConfigError, shown
@@ -13,7 +14,7 @@ from bench.errors import ConfigError, shown
 _TIMEOUT = 30.0  # s; a slow line takes long for all of them
 
 
-def show(name: str, given: list[str], service: str | None) -> None:
+def show(name: str, given: list[str], service: str | None, *, as_json: bool) -> None:
     """Write what is given as SIGNAL=VALUE, read what is given as SIGNAL, and print. Raises BenchError."""
     values = pairs_of([text for text in given if "=" in text])
     asked = [text for text in given if "=" not in text]
@@ -23,7 +24,10 @@ def show(name: str, given: list[str], service: str | None) -> None:
             told += rest.call("PUT", name, "signals", body=values, key="signals")["signals"]
         if asked or not values:
             told += read_from(rest, name, asked)
-    Terminal().print(_table(name, told))
+    if as_json:
+        print_json({"drive": name, "signals": told})
+    else:
+        Terminal().print(_table(name, told))
 
 
 def read_from(rest: Rest, name: str, asked: Sequence[str]) -> list[dict[str, Any]]:
