@@ -160,7 +160,10 @@ def _refined(
     places, lag = rows.astype(np.float64), _LAG
     while True:
         slopes = _slopes(t, places, lag)
-        slope = float(np.mean(slopes[np.abs(slopes - np.median(slopes)) <= size / lag]))  # across gaps there are others
+        usual = slopes[np.abs(slopes - np.median(slopes)) <= size / lag]  # across gaps there are others
+        if not len(usual):
+            return None
+        slope = float(np.mean(usual))
         if not 0.0 < size <= _COARSEST * slope:
             return None
         even = Even(Grain(slope, 1.5 * size / (lag * slope) + _UNSTEADY, size, single))
