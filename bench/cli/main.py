@@ -39,7 +39,8 @@ Scenario = Annotated[str, Option(metavar="NAME|FILE.toml", help="what to emulate
 Drive = Argument(help="the drive, as the service calls it")
 Bus = Annotated[str | None, Option(metavar="URL", help="a drive by its bus, without a service")]
 Recording = Annotated[Path, Argument(help="recording: CSV, CSV.gz or Parquet")]
-Columns = Annotated[list[str] | None, Option("--map", metavar="NAME=COLUMN,...", help="columns called otherwise")]
+_COLUMNS = "columns called otherwise; also COLUMN[UNIT], COLUMN*NUMBER"
+Columns = Annotated[list[str] | None, Option("--map", metavar="NAME=COLUMN,...", help=_COLUMNS)]
 Constants = Annotated[list[str] | None, Option("--set", metavar="NAME=VALUE,...", help="values in place of columns")]
 AsJson = Annotated[bool, Option("--json", help="as one JSON document, SI")]
 _ALIGN = "the voltage in row k was applied ROWS later"

@@ -2,8 +2,10 @@
 
 Columns `t u_d u_q i_d i_q omega_e`, and `theta_e` or its integral; `i_d_mean i_q_mean periods` where a row covers
 several control periods; `u_dc`, and `i_a i_b i_c` where all three are there, unless they hold no value at the
-beginning. SI, peak dq, by the period convention. A mapping names columns called otherwise, a
-constant stands in for a column and wins over one that is there.
+beginning. SI, peak dq, by the period convention. A mapping names columns called otherwise and their units, a
+constant stands in for a column and wins over one that is there. With `theta_e`, dq quantities may be phase or
+alpha-beta ones, and the speed is the angle's derivative where it is missing. Without `t`, a constant `T_s` makes times
+of the rows' numbers.
 
 Alignment: `u=+1` says that the voltage recorded in row k was applied over row k+1; fractions mix two rows by
 the time each was applied. The rows at a run's ends that are left without a voltage are not used. All else,
@@ -15,7 +17,7 @@ Knows nothing of estimators. Options that cannot be are a ConfigError, files tha
 import math
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import chain, groupby
 from pathlib import Path
 from typing import cast
@@ -23,9 +25,12 @@ from typing import cast
 import numpy as np
 
 from bench.errors import RecordingError, shown
-from bench.recordings.runs import LARGEST, PROBE, Chunk, Clock, Part, RunSplitter, find_clock
-from bench.recordings.sources import MAX_PERIODS, OPTIONAL, Sources, check_options, find_sources
-from bench.recordings.table import check_undamaged, column_names, notes, read_parts, row_count
+from bench.recordings.forms.csv_rows import Lines
+from bench.recordings.forms.times import LARGEST, Column, Counter, Even, Part, grain_of, numbered
+from bench.recordings.forms.units import UNCHANGED
+from bench.recordings.runs import PROBE, Chunk, RunSplitter, find_clock
+from bench.recordings.sources import MAX_PERIODS, OPTIONAL, STATIONARY, Sources, check_options, find_sources
+from bench.recordings.table import check_undamaged, header_of, notes, read_parts, row_count
 from estimator.samples import Resolution, Samples
 
 CHUNK_ROWS = 65_536
@@ -51,10 +56,11 @@ class Summary:
     unused: tuple[str, ...]  # columns present and not read
     expected: int | None = None  # rows it was to have, where it says so
     off: str = ""  # when the drive drove no voltage, where it says so
+    read_as: tuple[str, ...] = ()  # what was made of the file before, a sentence each
 
     def remarks(self) -> tuple[str, ...]:
         """What a user should know besides the result."""
-        said: list[str] = []
+        said = list(self.read_as)
         if self.lost_rows:
             said.append(f"rows lost, by the times: {self.lost_rows}")
         if self.irregular_steps:
@@ -86,16 +92,27 @@ class RecordingReader:
 
     def __init__(
         self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float,
-        noted: "_Noted", u_dc: float | None,
+        noted: "_Noted", u_dc: float | None, told: "_Told",
     ) -> None:
         self.path = path
+        self._told = told
         with _naming(path):
             first = _first_rows(parts)
-            self.clock = _clock(first, sources, T_s)
-        self.sources = sources = sources.without(_empty(first)).with_u_dc(u_dc)
-        self._parts = ({name: part[name] for name in sources.columns} for part in chain(first, parts))
+            periods = _periods(first, sources)
+            if grain := grain_of(_times_of(first), None if T_s is None else T_s * periods):
+                told.times.append(grain.remark())
+                parts = Even(grain).spaced(chain(first, parts))
+                first = _first_rows(parts)
+            self.clock = find_clock(_times_of(first), periods, T_s)
+        self.sources = used = sources.without(_empty(first)).with_u_dc(u_dc)
+        parts = chain(first, parts)
+        if sources.frame is not None:
+            parts = sources.frame.turned(parts, self.clock.step)
+        empty = set(sources.columns) - set(used.columns)
+        self._parts = ({name: column for name, column in part.items() if name not in empty} for part in parts)
         self._noted = noted
-        self._splitter = RunSplitter(self.clock, sources.constants, shift, noted.resolution)
+        constants = {name: value for name, value in used.constants.items() if name not in STATIONARY}
+        self._splitter = RunSplitter(self.clock, constants, shift, noted.resolution)
         self._chunks = self._read()
 
     @property
@@ -113,6 +130,7 @@ class RecordingReader:
         return Summary(
             path=str(self.path), T_s=clock.T_s, periods=clock.periods, duration=self._splitter.duration,
             sources=sources.told, unused=sources.unused, expected=noted.expected, off=noted.off,
+            read_as=(*self._told.remarks(), *sources.remarks),
             **asdict(self._splitter.tally),
         )
 
@@ -135,25 +153,57 @@ def open_recording(
     align: Mapping[str, float] | None = None,
     theta_step: float = 0.0,
     u_dc: float | None = None,
+    n_p: int | None = None,
     optional: bool = True,
     chunk_rows: int = CHUNK_ROWS,
 ) -> Generator[RecordingReader]:
     """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
 
-    `mapping`: quantity to the file's column. `constants`: quantity to value. `T_s`: control period in s, which the
-    file's times must meet within 1 %. `align`: `{"u": rows}`, see the module. `theta_step`: resolution of `theta_e` in
-    rad, 0 where it is not known. `u_dc`: V, where the recording does not say. `optional`: whether to read dc link and
-    phase currents.
+    `mapping`: quantity to the file's column, see `sources`. `constants`: quantity to value; `T_s` and `n_p` go before
+    the arguments. `T_s`: control period in s, which the file's times must meet within 1 %. `align`: `{"u": rows}`, see
+    the module. `theta_step`: resolution of `theta_e` in rad, 0 where it is not known. `u_dc`: V, where the recording
+    does not say. `n_p`: pole pairs, for units that are mechanical. `optional`: whether to read dc link and phase
+    currents.
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
     check_undamaged(path)
-    sources = find_sources(path, column_names(path), mapping, constants, optional=optional)
+    header = header_of(path)
+    sources = find_sources(path, header, mapping, constants, optional=optional, n_p=n_p)
     columns = tuple(dict.fromkeys(sources.columns.values()))
-    with closing(read_parts(path, columns, chunk_rows)) as parts:
-        named = ({name: part[column] for name, column in sources.columns.items()} for part in parts)
+    T_s, told = constants.get("T_s", T_s), _Told(header.remark)
+    with closing(read_parts(path, columns, chunk_rows, told.lines)) as parts:
+        named = (_named(part, sources) for part in parts)
+        if "t" in sources.columns:
+            told.counter = Counter(abs(sources.scales.get("t", UNCHANGED).factor))
+            named = told.counter.unwrapped(named)
+        else:
+            named = numbered(named, constants["T_s"] * constants.get("periods", 1))
         noted = _noted(path, sources, theta_step)
-        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted, u_dc)
+        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted, u_dc, told)
+
+
+def _named(part: Part, sources: Sources) -> Part:
+    """A part's columns by quantity, in SI."""
+    if not part:
+        return part
+    return {name: sources.scales.get(name, UNCHANGED)(part[column]) for name, column in sources.columns.items()}
+
+
+@dataclass(slots=True)
+class _Told:
+    """What is to be said of a file and of what was made of it."""
+
+    form: str  # of the file
+    lines: Lines = field(default_factory=Lines)
+    counter: Counter | None = None
+    times: list[str] = field(default_factory=list[str])
+
+    def remarks(self) -> tuple[str, ...]:
+        """A sentence each, of what has been read so far."""
+        wraps = 0 if self.counter is None else self.counter.wraps
+        wrapped = (f"times of a 32-bit counter that wraps were made to go on: {wraps} times",) if wraps else ()
+        return (*((self.form,) if self.form else ()), *self.lines.remarks(), *wrapped, *self.times)
 
 
 def whole(reader: RecordingReader) -> Recording:
@@ -219,23 +269,29 @@ def _first_rows(parts: Iterator[Part]) -> list[Part]:
     rows = 0
     while rows <= PROBE and (part := next(parts, None)) is not None:
         first.append(part)
-        rows += len(part["t"])
+        rows += len(part["t"]) if part else 0
     if rows < 2:
         raise RecordingError(f"expected at least 2 rows, came {rows}")
     return first
 
 
+def _times_of(first: list[Part]) -> Column:
+    """The first times, s; not a number for a line that was left out."""
+    return np.concatenate([part["t"] if part else [np.nan] for part in first])[: PROBE + 1]
+
+
 def _empty(first: list[Part]) -> list[str]:
     """Optional columns without a value in the first rows: a channel that nothing was connected to."""
-    names = [name for name in OPTIONAL if name in first[0]]
-    cells = {name: np.concatenate([part[name] for part in first])[:PROBE] for name in names}
-    return [name for name in names if not (np.abs(cells[name]) < LARGEST).any()]
+    rows = [part for part in first if part]
+    cells = {name: np.concatenate([part[name] for part in rows])[:PROBE] for name in OPTIONAL if name in rows[0]}
+    return [name for name, column in cells.items() if not (np.abs(column) < LARGEST).any()]
 
 
-def _clock(first: list[Part], sources: Sources, T_s: float | None) -> Clock:
+def _periods(first: list[Part], sources: Sources) -> int:
+    """Control periods a row covers."""
     periods = sources.constants.get("periods", 1.0)
     if "periods" in sources.columns:
-        told = np.concatenate([part["periods"] for part in first])[: PROBE + 1]
+        told = np.concatenate([part["periods"] for part in first if part])[: PROBE + 1]
         told = told[np.isfinite(told)]
         periods = float(told[0]) if len(told) else 0.0
     if not 1 <= periods <= MAX_PERIODS or periods != int(periods):
@@ -245,8 +301,7 @@ def _clock(first: list[Part], sources: Sources, T_s: float | None) -> Clock:
             f"rows that cover {periods:g} control periods need their mean currents, missing columns: "
             "i_d_mean, i_q_mean"
         )
-    t = np.concatenate([part["t"] for part in first])[: PROBE + 1]
-    return find_clock(t, int(periods), T_s)
+    return int(periods)
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """A recording's rows to runs: consecutive samples one step apart. Knows nothing of files and their formats.
 
-What ends a run: a step of several periods (lost rows), a step that is no multiple of the period, and a row left
-out because a cell is missing or not finite. Nothing is filled in. The result does not depend on how the rows
-are divided into parts.
+What ends a run: a step of several periods (lost rows), a step that is no multiple of the period, a row left out because
+a cell is missing or not finite, and a line that cannot be read. Nothing is filled in. The result does not depend on how
+the rows are divided into parts.
 """
 
 import math
@@ -15,15 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import RecordingError
+from bench.recordings.forms.times import DRIFT, JITTER, LARGEST, ODD, Part, expect_advance, odd_steps
 from estimator.samples import Column, Resolution, Samples
-
-Part = Mapping[str, Column]  # columns by quantity, of equal length
 
 PROBE = 10_000  # rows that settle the step between rows
 SHORTEST, LONGEST = 1e-7, 5e-3  # s, that a control period may be
-JITTER = 0.2  # of a step, by which a row's time may be off its place
-DRIFT = 0.01  # of a step, by which a run's mean step, or a given T_s, may differ from the recording's
-LARGEST = 1e12  # SI; a cell beyond is a marker for "no value", not one
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +60,10 @@ def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
     if len(rows) < 2:
         raise RecordingError(f"expected at least 2 rows with a time, came {len(rows)}")
     t = t[rows]
-    _expect_advance(t, rows + 1)
+    expect_advance(t, rows + 1)
     steps = np.diff(t)
-    median = float(np.sort(steps)[(len(steps) - 1) // 2])
-    multiple = np.rint(steps / median)
-    odd = (multiple < 1) | (np.abs(steps / median - multiple) > JITTER + DRIFT * multiple)
-    if np.mean(odd) > 0.1:
+    median, odd = odd_steps(steps)
+    if np.mean(odd) > ODD:
         raise RecordingError(
             f"expected evenly sampled rows, {np.mean(odd):.0%} of the steps of t are no multiple of "
             f"their median {median:.6g} s (shortest {steps.min():.6g} s, longest {steps.max():.6g} s)"
@@ -82,7 +76,7 @@ def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
     if not SHORTEST <= T <= LONGEST:
         raise RecordingError(
             f"t steps by {step:g} s, expected {SHORTEST:g} to {LONGEST:g} s a control period: is t in ms, or us? "
-            "expected s"
+            "expected s, or its unit: --map t=COLUMN[us]"
         )
     return Clock(step, T if T_s is None else T_s, periods)
 
@@ -94,23 +88,13 @@ def _looks_like(step: float, T: float, T_s: float) -> str:
     if abs(step - 1.0) < 1e-9:
         guesses.insert(0, "a row number")
     if guesses:
-        return f": is t {' or '.join(guesses)}? expected s"
+        return f": is t {' or '.join(guesses)}? expected s, or what makes s of it: --map t=COLUMN*{T_s / T:.6g}"
     if round(ratio) > 1 and abs(ratio / round(ratio) - 1.0) < DRIFT:
         return (
             f": is it one row in {round(ratio)}? A diagnosis needs every control period; for a replay, rows that cover "
             f"{round(ratio)} periods each need periods = {round(ratio)}"
         )
     return ""
-
-
-def _expect_advance(t: Column, rows: NDArray[np.int64]) -> None:
-    back = np.flatnonzero(np.diff(t) <= 0)
-    if len(back):
-        k = back[0]
-        said = "repeats" if t[k + 1] == t[k] else "runs backwards"
-        raise RecordingError(
-            f"row {rows[k + 1]}: time {said}: expected more than {t[k]:.9g} s (row {rows[k]}), came {t[k + 1]:.9g} s"
-        )
 
 
 class RunSplitter:
@@ -132,6 +116,7 @@ class RunSplitter:
         self._longest = 0  # rows of the longest run
         self._last_time: tuple[int, float] | None = None  # row, s: the newest usable time
         self._last_good = False
+        self._passed = 0  # lines that were left out
         self._angle: tuple[float, float, float] | None = None  # s, rad/s, rad: where the integral of omega_e is
         self._run = _Run()
 
@@ -142,10 +127,13 @@ class RunSplitter:
 
     def feed(self, part: Part) -> Iterator[Chunk]:
         """The chunks that end with this part's rows."""
+        if not part:
+            self._pass_line()
+            return
         n = len(part["t"])
         if n == 0:
             return
-        rows = np.arange(n) + self.tally.rows + 1
+        rows = np.arange(n) + self.tally.rows + self._passed + 1
         self.tally.rows += n
         good, joined = self._screen(part, rows)
         kept = np.flatnonzero(good)
@@ -162,6 +150,14 @@ class RunSplitter:
                 self._end_run()
             stretch = {name: column[a:b] for name, column in columns.items()}
             yield from self._take(stretch, int(rows[kept[a]]), int(rows[kept[b - 1]]))
+
+    def _pass_line(self) -> None:
+        """A line that was left out, of which only the times can say whether it was a row."""
+        self._last_good = False
+        self._passed += 1
+        if self._last_time is not None:
+            row, t = self._last_time
+            self._last_time = row + 1, t
 
     def finish(self) -> None:
         """Judge the recording as a whole, after its last part."""
@@ -209,7 +205,7 @@ class RunSplitter:
         else:
             t, rows = np.r_[self._last_time[1], t], np.r_[self._last_time[0], rows]
         self._last_time = int(rows[-1]), float(t[-1])
-        _expect_advance(t, rows)
+        expect_advance(t, rows)
         steps = np.diff(t) / self.clock.step
         multiple = np.rint(steps)
         there = np.diff(rows)  # rows the file has for this step: more than one where times are missing

@@ -1,14 +1,14 @@
 """Tables on disk, part by part: CSV, CSV.gz and Parquet to columns of float64. Knows nothing of drives.
 
-The one file that knows pyarrow's readers. A part is as long as its caller asks or shorter, so that a file
-larger than memory can be read. Missing cells are NaN; rows count from 1, the header not counted. Whatever is
-wrong with a file is a RecordingError that says what was expected and what came.
+How a CSV is written is told in `forms`. A part is as long as its caller asks or shorter, so that a file larger than
+memory can be read; an empty one stands for a line that cannot be read. Missing cells are NaN; rows count from 1, the
+header not counted. Whatever is wrong with a file is a RecordingError that says what was expected and what came.
 """
 
+import codecs
 import csv
 import json
 import re
-from bisect import bisect_left
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,37 +17,36 @@ from typing import Any, Final, NoReturn, cast
 
 import numpy as np
 import pyarrow
-import pyarrow.compute
-import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
 from bench.errors import RecordingError
 from bench.files import check_regular
+from bench.recordings.forms.csv_form import CsvForm, form_of
+from bench.recordings.forms.csv_rows import Bytes, Lines, Part, parts_of, quoted
 from bench.recordings.seal import check_seal
 
 pa: Any = pyarrow  # comes without types
-pc: Any = pyarrow.compute
-pa_csv: Any = pyarrow.csv
 pq: Any = pyarrow.parquet
-
-Part = dict[str, NDArray[np.float64]]  # columns of equal length, one stretch of rows
 
 NOTES: Final = b"pmsm-bench"  # key of the notes that a Parquet file of the bench's carries, a JSON object
 
 HEAD = 1 << 16  # bytes in which a CSV's header must end
-BLOCK = 1 << 20  # bytes of CSV taken at a time
-MISSING = ("", "-", "NA", "N/A", "#N/A", "null", "NULL", "None", "-nan")  # besides nan
 ROWS = 1 << 16  # taken at a time where all are wanted
-SHOWN = 40  # characters of a cell or a name that a message shows
-
-# How pyarrow says that a line has not the header's number of cells; its rows count the header.
-CUT = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+): (.*)", re.DOTALL)
 
 # What pyarrow raises over a damaged file, besides its own tree.
 FAILURES: tuple[type[Exception], ...] = (
     pa.ArrowException, OSError, EOFError, ValueError, LookupError, OverflowError, MemoryError, csv.Error,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What a file says of its columns."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...] = ()  # of each column; none where the file has no row of them
+    remark: str = ""  # what is not as in a plain file
 
 
 def check_undamaged(path: Path) -> None:
@@ -59,31 +58,43 @@ def check_undamaged(path: Path) -> None:
 
 def column_names(path: Path) -> tuple[str, ...]:
     """The file's column names in its order."""
+    return header_of(path).names
+
+
+def header_of(path: Path) -> Header:
+    """What the file says of its columns."""
     with _as_sentences(path, "its header"):
         if _kind(path) == "parquet":
-            return tuple(pq.read_schema(path).names)
-        names = _csv_head(path).names
-    if len(names) == 1 and (mark := next((mark for mark in ";\t|" if mark in names[0]), None)):
-        raise RecordingError(f"{path}: expected columns separated by commas, and decimal points; came {mark!r}")
-    return names
+            return Header(tuple(pq.read_schema(path).names))
+        form = _csv_form(path)
+        return Header(form.names, form.units, form.remark())
 
 
-def read_parts(path: Path, columns: Sequence[str], rows: int) -> Generator[Part]:
-    """The named columns in parts of at most `rows` rows, in the file's order. Closing it closes the file."""
+def read_parts(path: Path, columns: Sequence[str], rows: int, lines: Lines | None = None) -> Generator[Part]:
+    """The named columns in parts of at most `rows` rows, in the file's order. Closing it closes the file.
+
+    An empty part stands for a line that cannot be read; `lines` hears what is wrong with it.
+    """
     names = column_names(path)
     for column in columns:
         if names.count(column) != 1:
             raise RecordingError(f"{path}: expected one column {quoted(column)}, found {names.count(column)}")
-    read = _parquet_parts if _kind(path) == "parquet" else _csv_parts
-    yield from read(path, list(columns), rows)
+    if _kind(path) == "parquet":
+        yield from _parquet_parts(path, list(columns), rows)
+    else:
+        yield from _csv_parts(path, list(columns), rows, Lines() if lines is None else lines)
 
 
-def read_whole(path: Path, columns: Mapping[str, str], most: int, too_many: str) -> dict[str, NDArray[np.float64]]:
+def read_whole(
+    path: Path, columns: Mapping[str, str], most: int, too_many: str, lines: Lines | None = None
+) -> dict[str, NDArray[np.float64]]:
     """Whole columns by quantity. Raises RecordingError: `too_many` beyond so many rows, and where there are none."""
     check_undamaged(path)
     parts: list[Part] = []
     rows = 0
-    for part in read_parts(path, tuple(dict.fromkeys(columns.values())), ROWS):
+    for part in read_parts(path, tuple(dict.fromkeys(columns.values())), ROWS, lines):
+        if not part:
+            continue
         parts.append(part)
         rows += len(next(iter(part.values())))
         if rows > most:
@@ -114,11 +125,6 @@ def notes(path: Path) -> dict[str, Any]:
     return cast(dict[str, Any], told) if isinstance(told, dict) else {}
 
 
-def quoted(text: str) -> str:
-    """A foreign text, short and on one line."""
-    return repr(text if len(text) <= SHOWN else text[: SHOWN - 3] + "...")
-
-
 def _kind(path: Path) -> str:
     """`csv`, `gzip` or `parquet`, by content."""
     check_regular(path)
@@ -130,7 +136,7 @@ def _kind(path: Path) -> str:
         raise RecordingError(f"{path}: expected a Parquet file, begins with {head[:4]!r} in place of b'PAR1'")
     if head.startswith(b"\x1f\x8b"):
         return "gzip"
-    if b"\0" in head:
+    if b"\0" in head and not head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise RecordingError(f"{path}: expected CSV in UTF-8, CSV.gz or Parquet, came binary data")
     return "csv"
 
@@ -160,99 +166,45 @@ def _refuse(path: Path, where: str, error: Exception) -> NoReturn:
 # --- CSV and CSV.gz
 
 
-@dataclass(frozen=True, slots=True)
-class _Head:
-    names: tuple[str, ...]
-    lines: int  # up to and with the header
-    empty: bool  # nothing follows
+@contextmanager
+def _open_text(path: Path) -> Generator[tuple[Bytes, str]]:
+    """A text file's bytes, those of UTF-16 as UTF-8, and what they were before."""
+    packed = "gzip" if _kind(path) == "gzip" else None
+    with pa.input_stream(str(path), compression=packed) as file:
+        wide = file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    with pa.input_stream(str(path), compression=packed) as file:
+        yield (codecs.EncodedFile(file, "utf-8", "utf-16"), "utf-16") if wide else (file, "utf-8")
 
 
-def _open_text(path: Path) -> Any:
-    return pa.input_stream(str(path), compression="gzip" if _kind(path) == "gzip" else None)
+def _csv_form(path: Path) -> CsvForm:
+    with _open_text(path) as (file, encoding):
+        head = file.read(HEAD)
+    whole = len(head) < HEAD
+    if not whole and not re.search(rb"[\r\n]", head):
+        raise RecordingError(f"{path}: expected a header line, found none in the first {HEAD} bytes")
+    with _naming(path):
+        form = form_of(head, encoding, whole=whole)
+    if form is None:
+        raise RecordingError(f"{path}: the file is empty, expected a header line and rows")
+    return form
 
 
-def _csv_head(path: Path) -> _Head:
-    with _open_text(path) as file:
-        head: bytes = file.read(HEAD)
-    lines = re.split(rb"\r\n|\n|\r", head.removeprefix(b"\xef\xbb\xbf"))
-    for number, line in enumerate(lines, start=1):
-        if not line.strip():
-            continue
-        if number == len(lines) and len(head) == HEAD:
-            raise RecordingError(f"{path}: expected a header line, found none in the first {HEAD} bytes")
-        names = next(csv.reader([line.decode("utf-8", errors="replace")]))
-        rest = b"".join(lines[number:]).strip()
-        return _Head(tuple(name.strip() for name in names), number, not rest and len(head) < HEAD)
-    raise RecordingError(f"{path}: the file is empty, expected a header line and rows")
-
-
-def _csv_parts(path: Path, columns: list[str], rows: int) -> Iterator[Part]:
+def _csv_parts(path: Path, columns: list[str], rows: int, lines: Lines) -> Iterator[Part]:
     with _as_sentences(path, "its header"):
-        head = _csv_head(path)
-    if head.empty:
-        return
-    done = 0
+        form = _csv_form(path)
     try:
-        # Cells are taken as bytes and turned into numbers here, where row and text can still be named.
-        with _open_text(path) as file, pa_csv.open_csv(
-            file,
-            read_options=pa_csv.ReadOptions(
-                column_names=_distinct(head.names, columns), skip_rows=head.lines, block_size=BLOCK,
-                use_threads=False,
-            ),
-            convert_options=pa_csv.ConvertOptions(
-                include_columns=columns, column_types=dict.fromkeys(columns, pa.binary()),
-                strings_can_be_null=True,
-            ),
-        ) as reader:
-            for batch in reader:
-                for start in range(0, batch.num_rows, rows):
-                    cells = batch.slice(start, rows)
-                    yield {name: _from_text(path, name, cells.column(name), done) for name in columns}
-                    done += cells.num_rows
+        with _open_text(path) as (file, _), _naming(path):
+            yield from parts_of(file, form, columns, rows, lines)
     except FAILURES as error:
-        if cut := CUT.search(str(error)):
-            row, expected, came, text = cut.groups()
-            raise RecordingError(
-                f"{path}: row {int(row) - 1}: expected {expected} cells, came {came}: {quoted(text)}"
-            ) from error
-        _refuse(path, f"the rows after {done}", error)
+        _refuse(path, f"the rows after {lines.rows}", error)
 
 
-def _distinct(names: tuple[str, ...], columns: list[str]) -> list[str]:
-    """Names as pyarrow takes them: those not read may repeat in a file, here they may not."""
-    return [name if name in columns else f"\0{place}" for place, name in enumerate(names)]
-
-
-def _from_text(path: Path, name: str, cells: Any, done: int) -> NDArray[np.float64]:
+@contextmanager
+def _naming(path: Path) -> Generator[None]:
     try:
-        return _as_floats(cells)
-    except pa.ArrowInvalid:
-        pass
-    first = bisect_left(range(len(cells)), True, key=lambda k: not _are_numbers(cells[: k + 1]))
-    text = cells[first].as_py().decode("utf-8", errors="replace")
-    raise RecordingError(
-        f"{path}: column {quoted(name)}, row {done + first + 1}: expected a number, came {quoted(text)}"
-    )
-
-
-def _are_numbers(cells: Any) -> bool:
-    try:
-        _as_floats(cells)
-    except pa.ArrowInvalid:
-        return False
-    return True
-
-
-def _as_floats(cells: Any) -> NDArray[np.float64]:
-    text = cells.cast(pa.string())
-    try:
-        numbers = text.cast(pa.float64())
-    except pa.ArrowInvalid:
-        text = pc.utf8_trim_whitespace(text)
-        missing = pc.is_in(text, value_set=pa.array(MISSING))
-        numbers = pc.if_else(missing, pa.scalar(None, pa.string()), text).cast(pa.float64())
-    return numbers.to_numpy(zero_copy_only=False)
+        yield
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
 
 
 # --- Parquet

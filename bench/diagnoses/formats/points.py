@@ -1,12 +1,12 @@
 """Steady points: a table (CSV, CSV.gz, Parquet) with one steady state a row, SI and peak dq quantities.
 
 Columns `u_d u_q i_d i_q`, and `omega_e` (rad/s, electrical) or `speed_rpm` (mechanical, with pole pairs from the
-machine file or `--set n_p=...`); `t` (s) where the rows are a log in time. A mapping names columns called otherwise.
-Further columns are not read.
+machine file or `--set n_p=...`); `t` (s) where the rows are a log in time. A mapping names columns called otherwise,
+and their units: `omega_e=erpm[erpm]`. Further columns are not read.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from bench.diagnoses.diagnosis_request import Request, Tell
 from bench.diagnoses.formats.format import Diagnosed, Format
 from bench.errors import ConfigError, RecordingError, shown
+from bench.recordings.forms.csv_rows import Lines
 from bench.recordings.recording import Summary
-from bench.recordings.table import column_names, quoted, read_whole
+from bench.recordings.sources import Source, bare_names, listed, source_of
+from bench.recordings.table import Header, column_names, header_of, quoted, read_whole
 from estimator.diagnosis.points.diagnose import diagnose_points, given_off
 from estimator.diagnosis.points.table import Points, steady
 
@@ -35,7 +37,7 @@ Column = NDArray[np.float64]
 
 def sniff(path: Path, mapping: Mapping[str, str]) -> bool:
     """Voltages, currents and a speed, and no time; or a time beside a speed in rpm. Nothing of single periods."""
-    present = {*column_names(path), *mapping}
+    present = {*bare_names(column_names(path)), *mapping}
     if present & set(OF_PERIODS):
         return False
     speed = "speed_rpm" in present or ("omega_e" in present and "t" not in present)
@@ -47,19 +49,23 @@ def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnos
     tell(0.0, "reading")
     if request.align:
         raise ConfigError("--align is of recordings: steady points stand still")
-    columns = columns_of(request.file, request.mapping)
     n_p = _pole_pairs(request)
-    if "speed_rpm" in columns and n_p is None:
+    header = header_of(request.file)
+    sources = sources_of(request.file, header, request.mapping, n_p)
+    if "speed_rpm" in sources and n_p is None:
         raise ConfigError(
             f"{request.file}: speed_rpm is mechanical, expected the pole pairs: n_p in --nominal MACHINE.toml, "
             "or --set n_p=..."
         )
-    most = _MOST if "t" in columns or rate is not None else _MOST_APART
+    most = _MOST if "t" in sources or rate is not None else _MOST_APART
     too_many = (
         f"expected at most {most} steady points, one operating point a row, came more; a log of them needs a column t "
         "(s), and so does a recording of every control period, with theta_e or omega_e"
     )
-    cells = read_whole(request.file, columns, most, too_many)
+    lines = Lines()
+    columns = {name: source.column for name, source in sources.items()}
+    cells = read_whole(request.file, columns, most, too_many, lines)
+    cells = {name: sources[name].scale(column) for name, column in cells.items()}
     omega_e = cells["omega_e"] if "omega_e" in cells else cells["speed_rpm"] * _RAD_S * (n_p or 1)
     nominal = replace(request.nominal, n_p=n_p)
     rows = len(omega_e)
@@ -80,8 +86,10 @@ def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnos
     remarks = [*diagnosis.remarks, *given_off(diagnosis.machine_after, nominal.given, request.trust)]
     if left_out:
         remarks.insert(0, f"rows left out for want of a value: {left_out} of {rows}")
+    scaled = (source.remark(name) for name, source in sources.items())
+    remarks = [said for said in (header.remark, *lines.remarks(), *scaled) if said] + remarks
     summary = summary_of(
-        request.file, rows, len(steady(points).points), {name: f"column {column}" for name, column in columns.items()},
+        request.file, rows, len(steady(points).points), {name: source.told() for name, source in sources.items()},
         0.0 if t is None else float(t.max() - t.min()),
     )
     return Diagnosed(summary, nominal, replace(diagnosis, remarks=tuple(remarks)))
@@ -95,22 +103,20 @@ def summary_of(path: Path, rows: int, used: int, sources: Mapping[str, str], dur
     )  # fmt: skip
 
 
-def columns_of(path: Path, mapping: Mapping[str, str]) -> dict[str, str]:
+def sources_of(path: Path, header: Header, mapping: Mapping[str, str], n_p: int | None) -> dict[str, Source]:
     """The file's column of each quantity. Raises ConfigError, RecordingError."""
     for name in mapping:
         if name not in KNOWN:
             raise ConfigError(f"no quantity {quoted(name)} in steady points, expected one of {', '.join(KNOWN)}")
-    present = column_names(path)
-    for name, column in mapping.items():
-        if column not in present:
-            raise RecordingError(f"{path}: no column {quoted(column)} for {name}; present: {_list(present)}")
-    found = {name: mapping.get(name, name) for name in KNOWN if mapping.get(name, name) in present}
+    looked_for = ((name, source_of(path, header, name, mapping.get(name), n_p)) for name in KNOWN)
+    found = {name: source for name, source in looked_for if source is not None}
     missing = [name for name in VOLTAGES_AND_CURRENTS if name not in found]
     if "omega_e" not in found and "speed_rpm" not in found:
         missing.append("omega_e or speed_rpm")
     if missing:
         raise RecordingError(
-            f"{path}: missing columns: {', '.join(missing)}; present: {_list(present)}; map a column to each by --map"
+            f"{path}: missing columns: {', '.join(missing)}; present: {listed(header.names)}; "
+            "map a column to each by --map"
         )
     if "omega_e" in found:
         found.pop("speed_rpm", None)
@@ -125,11 +131,6 @@ def _pole_pairs(request: Request) -> int | None:
     if given is not None and not (1 <= given <= 200 and given == int(given)):
         raise ConfigError(f"n_p: expected a whole number of pole pairs, 1 to 200, got {shown(given)}")
     return None if given is None else int(given)
-
-
-def _list(names: Sequence[str]) -> str:
-    shown_names = [name if name.isprintable() and 0 < len(name) <= 40 else quoted(name) for name in names[:30]]
-    return ", ".join(shown_names) + (f" and {len(names) - 30} more" if len(names) > 30 else "")
 
 
 FORMAT: Final = Format("points", sniff, diagnose)

@@ -13,6 +13,7 @@ from bench.diagnoses.formats.format import Diagnosed, Format
 from bench.errors import ConfigError, RecordingError
 from bench.recordings.long_recording import read_in_stretches
 from bench.recordings.recording import Recording, RecordingReader, open_recording, whole
+from bench.recordings.sources import bare_names
 from bench.recordings.table import column_names
 from estimator.diagnosis.diagnose import diagnose
 
@@ -24,7 +25,7 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
     nominal = request.nominal
     if not nominal.given and nominal.n_p is None:
         needs = f"{request.file}: a recording needs its machine's data, expected --nominal MACHINE.toml"
-        if "t" not in (*column_names(request.file), *request.mapping):
+        if "t" not in (*bare_names(column_names(request.file)), *request.mapping):
             needs += (
                 "; a table of steady points, which needs none, has u_d, u_q, i_d, i_q and omega_e or speed_rpm; "
                 f"present: {', '.join(column_names(request.file)[:30])}; other names by --map NAME=COLUMN"
@@ -48,7 +49,7 @@ def opened(request: Request) -> AbstractContextManager[RecordingReader]:
     nominal = request.nominal
     return open_recording(
         request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
-        theta_step=nominal.theta_step, u_dc=nominal.u_dc,
+        theta_step=nominal.theta_step, u_dc=nominal.u_dc, n_p=nominal.n_p,
     )
 
 

@@ -378,6 +378,30 @@ def test_one_cell_that_was_changed_is_left_out_with_a_remark_and_moves_nothing(
     assert remark in capsys.readouterr().out
 
 
+def test_a_table_as_other_tools_write_it_is_read_and_what_was_made_of_it_told(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (recordings / "run.csv").open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    at = {name: k for k, name in enumerate(header)}
+    lines = ["Bench run 12", "n;u_d;u_q;i_d;i_q;angle (deg)"]
+    for k, row in enumerate(rows):
+        cells = [k, *(row[at[name]] for name in ("u_d", "u_q", "i_d", "i_q")), math.degrees(float(row[at["theta_e"]]))]
+        lines.append(";".join(map(str, cells)).replace(".", ","))
+    path = tmp_path / "other.csv"
+    path.write_text("\ufeff" + "\r\n".join(lines), encoding="utf-8")
+    out = tmp_path / "other.json"
+    for given in (["--map", "t=n*1e-4"], ["--set", "T_s=1e-4"]):
+        arguments = [path, "--map", "theta_e=angle (deg)", *given, "--json", out]
+        assert pmsm_bench("replay", *arguments, monkeypatch=monkeypatch) == 0
+        said = capsys.readouterr().out
+        assert "the file has columns separated by ';', decimal commas, lines before the header: 1" in said
+        assert "theta_e is column 'angle (deg)', in deg: times 0.0174533" in said
+        assert "omega_e is the derivative of theta_e" in said
+        expect_truth(json.loads(out.read_text(encoding="utf-8")))
+        out.unlink()
+
+
 def test_cells_without_a_value_are_left_out_and_counted(
     recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -109,6 +109,52 @@ def test_the_same_points_by_other_names_and_units_give_the_same(
     assert "speed_rpm is mechanical, expected the pole pairs" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("unit", "n_p", "mapped"), [
+    (RPM, None, "omega_e=erpm[erpm]"), (RPM, 4, "speed_rpm=erpm[erpm]"), (RPM, 1, "speed_rpm=erpm"),
+    (RPM / 4, 4, "omega_e=erpm[rpm]"), (RPM / 4, 4, "speed_rpm=erpm"),
+])  # fmt: skip
+def test_a_log_with_semicolons_to_the_end_of_its_lines_and_a_speed_of_another_kind(
+    dropping: Points, tmp_path: Path, unit: float, n_p: int | None, mapped: str
+) -> None:
+    cells = columns_of(dropping)
+    path = written(tmp_path / "log.csv", cells)
+    plain = work(Request(path, NOTHING, format="points"), lambda share, phase: None)
+    cells["erpm"] = cells.pop("omega_e") * unit
+    lines = [cells, *zip(*cells.values(), strict=True)]
+    path.write_text("".join(";".join(map(str, line)) + ";\n" for line in lines), encoding="utf-8")
+    constants = {} if n_p is None else {"n_p": n_p}
+    mapping = dict([mapped.split("=")])
+    request = Request(path, NOTHING, mapping=mapping, constants=constants, format="points")
+    found = work(request, lambda share, phase: None)
+    assert names(found.content) == names(plain.content)
+    for name, value in plain.content["machine"]["after"].items():
+        assert found.content["machine"]["after"][name]["value"] == pytest.approx(value["value"], rel=1e-6)
+    assert "the file has columns separated by ';'" in found.content["remarks"]
+
+
+def test_points_with_units_in_their_names_are_told_by_them(dropping: Points, tmp_path: Path) -> None:
+    cells = columns_of(dropping)
+    other = {"speed_rpm [1/min]": cells["omega_e"] * RPM / 4, "i_d (mA)": 1e3 * cells["i_d"], "i_q [A]": cells["i_q"],
+             "u_d [V]": cells["u_d"], "u_q [mV]": 1e3 * cells["u_q"]}  # fmt: skip
+    request = Request(written(tmp_path / "a.csv", other), NOTHING, constants={"n_p": 4}, format="auto")
+    assert format_of(request).name == "points"
+    said = diagnose_recording(request)
+    assert "u_q is column 'u_q [mV]', in mV: times 0.001" in said.diagnosis.remarks
+    with pytest.raises(ConfigError, match=r"omega_e in rpm is mechanical, expected the pole pairs"):
+        diagnose_recording(replace(request, mapping={"omega_e": "speed_rpm [1/min][rpm]"}, constants={}))
+
+
+def test_a_line_of_points_that_cannot_be_read_is_left_out_where_there_are_many(
+    dropping: Points, tmp_path: Path
+) -> None:
+    path = written(tmp_path / "a.csv", {name: np.tile(x, 3) for name, x in columns_of(dropping).items()})
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert len(lines) > 101
+    path.write_text("\n".join([*lines[:50], "?", *lines[50:]]) + "\n", encoding="utf-8")
+    (said, *_) = diagnose_recording(Request(path, NOTHING, format="points")).diagnosis.remarks
+    assert said.startswith("lines left out that cannot be read: 1 of")
+
+
 def test_a_recording_without_its_machine_is_one_sentence_by_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,9 +170,6 @@ def test_what_is_neither_a_recording_nor_a_table_of_points_is_told_what_both_nee
     path = written(tmp_path / "a.csv", {name: [0.0, 1.0] for name in ("u_d", "u_q", "i_d", "omega_e")})
     assert pmsm_bench("diagnose", str(path), monkeypatch=monkeypatch) == 2
     assert "a table of steady points, which needs none, has u_d, u_q, i_d, i_q and" in capsys.readouterr().err
-    path.write_text("u_d;u_q;i_d;i_q;omega_e\n0,1;0,2;1,0;2,0;100,0\n", encoding="utf-8")
-    assert pmsm_bench("diagnose", str(path), monkeypatch=monkeypatch) == 2
-    assert "expected columns separated by commas, and decimal points; came ';'" in capsys.readouterr().err
 
 
 def test_a_nominal_machine_far_from_the_points_is_remarked(dropping: Points, tmp_path: Path) -> None:
