@@ -38,6 +38,9 @@
  * @typedef {{id: string, drive: string, state: string, progress: number, samples: number, reason: string,
  *   remark: string, file: string | null, asked: string, request: CaptureRequest}} Capture
  * @typedef {{drive: DriveState, estimates: Estimates, capture: Capture | null}} Snapshot
+ * @typedef {{unit: string, t: number[], value: number[], std: (number | null)[], low: number[], high: number[],
+ *   status: ("held" | "ok" | "doubtful")[]}} Course
+ * @typedef {{span_s: number, parameters: Record<string, Course>}} Past
  * @typedef {Partial<Omit<Window, "limits" | "ekf">> & {ekf?: Partial<Tuning>}} WindowChange
  */
 
@@ -83,6 +86,15 @@ export function resetDrive(drive) {
  */
 export async function readSignals(drive, names) {
   return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals?names=${names.join(",")}`)).signals;
+}
+
+/**
+ * @param {string} drive
+ * @param {number} seconds how far back
+ * @returns {Promise<Past>}
+ */
+export function readPast(drive, seconds) {
+  return call("GET", `/api/drives/${encodeURIComponent(drive)}/history?seconds=${seconds}`);
 }
 
 /**

@@ -7,10 +7,11 @@
 
 import { hideBanner, showLost, showNotice } from "./panels/banner.js";
 import { buildCapturePanel, showCapture, startCapturePanel } from "./panels/capture_panel.js";
+import { readPast } from "./api.js";
 import { keepConnected } from "./connection.js";
 import { buildControlBar, showControl, startControlBar } from "./panels/control_bar.js";
 import { onDriveChosen, showDrive, showDrives } from "./panels/header.js";
-import { History } from "./history.js";
+import { History, MEMORY_S } from "./history.js";
 import { PARAMETERS } from "./parameters.js";
 import { buildPlots, drawPlot, spanFor } from "./panels/plots.js";
 import { buildTiles, clearTiles, exponentOf, showEstimates } from "./panels/tiles.js";
@@ -18,6 +19,7 @@ import { buildWindowForm, showWindow, startWindowForm } from "./panels/window_fo
 
 const WORDS_MS = 250;
 const PLOTS_MS = 500;
+const PAST_MS = 60_000;
 
 const state = {
   /** @type {string | null} */ drive: null,
@@ -39,6 +41,19 @@ function chooseDrive(name) {
   startCapturePanel(name);
   startControlBar(name);
   drawPlots();
+  recall();
+}
+
+/** What the service remembers of the time shown; where it has no catalogue, what has come since stands alone. */
+async function recall() {
+  const { drive, histories, span_s } = state;
+  if (drive === null) return;
+  try {
+    const past = await readPast(drive, Math.max(span_s, MEMORY_S));
+    if (state.histories !== histories || state.span_s !== span_s) return;
+    for (const [name, history] of histories) history.recall(past.parameters[name], past.span_s);
+    drawPlots();
+  } catch { /* told by the service's health */ }
 }
 
 function drawWords() {
@@ -54,7 +69,7 @@ function drawWords() {
 
 function drawPlots() {
   if (document.hidden) return;
-  const oldest = Math.min(...[...state.histories.values()].map((history) => history.points[0]?.time ?? Infinity));
+  const oldest = Math.min(...[...state.histories.values()].map((history) => history.begin));
   const span_s = spanFor(Math.max(0, Date.now() - oldest) / 1000, state.span_s);
   for (const parameter of PARAMETERS) {
     const history = state.histories.get(parameter.name);
@@ -104,6 +119,7 @@ function start() {
   document.getElementById("span-choice")?.addEventListener("change", (event) => {
     state.span_s = Number(/** @type {HTMLInputElement} */ (event.target).value);
     drawPlots();
+    recall();
   });
   for (const [event, printing] of [["beforeprint", true], ["afterprint", false]]) {
     window.addEventListener(String(event), () => {
@@ -113,6 +129,7 @@ function start() {
   }
   setInterval(drawWords, WORDS_MS);
   setInterval(drawPlots, PLOTS_MS);
+  setInterval(recall, PAST_MS);
 }
 
 start();

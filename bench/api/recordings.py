@@ -27,6 +27,7 @@ from bench.api.models.recordings import (
 )
 from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError
 from bench.expected import Table, taken
+from bench.jobs import LATEST
 from bench.recordings.table import ROWS, column_names, read_parts
 from bench.service.service import Service
 from bench.store.annotations import Annotations, Mark
@@ -44,7 +45,7 @@ _FILES: Answers = {200: {"description": "The recording", "content": FILE[200]["c
     "text/csv": {"schema": {"type": "string"}}}}}
 _MARK: Final = TypeAdapter(Annotated[MarkRequestModel, Table("expected what to mark")])
 _ANNOTATION: Final = TypeAdapter(Annotated[AnnotationModel, Table("expected a title, or a note")])
-RecordingId = Annotated[str, Path(alias="id", description="id of a recording")]
+RecordingId = Annotated[str, Path(alias="id", description="id of a recording, or latest")]
 
 
 def install(app: FastAPI, service: Service) -> None:
@@ -62,7 +63,9 @@ class _Found:
         self._recordings, self._shelf = service.recordings, service.shelf
 
     def one(self, id_: str) -> StoredRecordingModel:
-        """Raises UnknownError."""
+        """By its id, or `latest`. Raises UnknownError."""
+        if id_ == LATEST and (every := self.all()):
+            return every[0]
         status = self._recordings.find(id_)
         if status is not None and status.file is None:
             return under_way(status, Annotations.read(self._shelf.folder, id_))
@@ -116,7 +119,7 @@ def _install_live(app: FastAPI, service: Service, found: _Found) -> None:
               openapi_extra=body_of("NothingModel"), dependencies=[json_object({}, required=False)])
     def stop_recording(id_: RecordingId, request: Request) -> StoredRecordingModel:
         """What was recorded is closed then: state closing, at last done."""
-        found.one(id_)
+        id_ = found.one(id_).id
         status = found.running(id_)
         if status is None:
             raise ConflictError(f"recording {id_} has ended, there is nothing to stop")
@@ -159,17 +162,17 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         id_: RecordingId, given: Annotated[dict[str, Any], json_object({"title": "warm"})]
     ) -> StoredRecordingModel:
         """What the body leaves out stays as it is."""
-        said, _ = taken(_ANNOTATION, given, "", LimitError), found.one(id_)
+        said, id_ = taken(_ANNOTATION, given, "", LimitError), found.one(id_).id
         _kept(lambda: shelf.annotate(id_, said.title, said.note))
         return found.one(id_)
 
-    @app.post(f"{_ROOT}/marks", summary="Mark a moment of a recording", status_code=201, responses=_NOT_NOW | _ONE,
+    @app.post(f"{_ROOT}/marks", summary="Mark a moment of a recording", responses=_NOT_NOW | _ONE,
               openapi_extra=body_of("MarkRequestModel"))
     def mark(
         id_: RecordingId, request: Request, given: Annotated[dict[str, Any], json_object({"text": "load on"})]
     ) -> StoredRecordingModel:
         """Now, of one that is under way, or where t says."""
-        wanted, _ = taken(_MARK, given, "", LimitError), found.one(id_)
+        wanted, id_ = taken(_MARK, given, "", LimitError), found.one(id_).id
         status = found.running(id_)
         if status is not None and wanted.t is None:
             recordings.mark(status, wanted.text, _who(request))
@@ -190,6 +193,7 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         id_: RecordingId, format: Annotated[Literal["parquet", "csv"], Query()] = "parquet"  # noqa: A002
     ) -> Response:
         """As Parquet, as it is on disk, or as CSV; SI."""
+        id_ = found.one(id_).id
         if found.running(id_) is not None:
             raise ConflictError(f"recording {id_} is under way: expected one that has ended")
         path = shelf.one(id_).path
@@ -198,16 +202,20 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         headers = {"Content-Disposition": f'attachment; filename="{quote(id_)}.csv"'}
         return StreamingResponse(_as_csv(path), media_type="text/csv", headers=headers)
 
-    @app.delete(_ROOT, summary="Delete a recording", status_code=204, responses=_ONE | {
+    @app.delete(_ROOT, summary="Delete a recording", responses=_ONE | {
         503: {"description": "It cannot be removed"} | PROBLEM})
-    def delete(id_: RecordingId) -> None:
-        """From the disk, for good; one that is under way is ended and discarded."""
-        status = found.running(id_)
+    def delete(id_: Annotated[str, Path(alias="id", description="id of a recording, which says which")]) -> (
+        StoredRecordingModel
+    ):
+        """From the disk, for good; one that is under way is ended and discarded. Tells what it was."""
+        if id_ == LATEST:
+            raise UnknownError("expected the id of the recording that is to be deleted, got latest")
+        one, status = found.one(id_), found.running(id_)
         if status is not None:
             recordings.discard(status)
         else:
-            found.one(id_)
             _kept(lambda: shelf.delete(id_))
+        return one
 
 
 def _who(request: Request) -> str:

@@ -35,10 +35,7 @@ class Rest:
         self, method: str, *path: str, body: object = None, key: str = "", query: dict[str, str] | None = None,
         under: str = "drives",
     ) -> dict[str, Any]:
-        """The JSON object at /api/UNDER/PATH, which has `key`; empty where there is nothing to tell.
-
-        Raises UnavailableError where nobody answers.
-        """
+        """The JSON object at /api/UNDER/PATH, which has `key`. Raises UnavailableError where nobody answers."""
         try:
             text = None if body is None else json.dumps(body, allow_nan=False)
         except ValueError:
@@ -47,10 +44,10 @@ class Rest:
         try:
             address = self._address(under, path)
             response = self._client.request(method, address, content=text, params=query, headers=headers)
-            content: Any = {} if response.status_code == int(httpx.codes.NO_CONTENT) else response.json()
+            content = response.json()
         except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
             raise UnavailableError(f"no bench service answers at {self._service}: {error}") from None
-        if response.is_success and isinstance(content, dict) and (key in content or not content):
+        if response.is_success and isinstance(content, dict) and key in content:
             return cast(dict[str, Any], content)
         if isinstance(content, dict) and "detail" in content:
             failed = response.status_code == int(httpx.codes.INTERNAL_SERVER_ERROR)

@@ -15,7 +15,7 @@ from typing import Any, Final, cast
 
 from bench.diagnoses.diagnosis_request import WORK, Request, Result, check_whole, checked_trust
 from bench.diagnoses.worker import Failed, Progress, Worker
-from bench.errors import ConfigError, ConflictError, LimitError, UnavailableError, UnknownError, shown
+from bench.errors import ConfigError, ConflictError, LimitError, RecordingError, UnavailableError, UnknownError, shown
 from bench.jobs import LATEST, Jobs
 from bench.machine_file import Nominal, nominal_of
 from bench.recordings.table import notes
@@ -70,6 +70,14 @@ class _Run:
             self.worker.kill()
 
     leave = cancel
+
+
+def _noted(path: Path) -> dict[str, Any]:
+    """What a file's notes say; nothing where it cannot be read."""
+    try:
+        return notes(path)
+    except (RecordingError, OSError):
+        return {}
 
 
 class DiagnosisJobs(Jobs[Job, _Run]):
@@ -134,8 +142,11 @@ class DiagnosisJobs(Jobs[Job, _Run]):
     def _file(self, id_: str) -> Path:
         """A recording in the folder. Raises UnknownError."""
         there = {path.stem: path for path in self._folder.glob("*.parquet")}
-        if id_ == LATEST and there:
-            return max(there.values(), key=lambda path: (path.stat().st_mtime, path.name))
+        if id_ == LATEST:
+            newest_first = sorted(there.values(), key=lambda path: (path.stat().st_mtime, path.name), reverse=True)
+            for path in newest_first:  # a stream's rows cover several control periods
+                if _noted(path).get("kind") != "stream":
+                    return path
         if id_ not in there:
             raise UnknownError(f"no recording {shown(id_)} among the service's captures")
         return there[id_]

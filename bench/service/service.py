@@ -40,6 +40,7 @@ from drivers.wire.dictionary import SET_POINTS
 _WRITE = 30.0  # s that a write of signals may take, on the slowest line
 _STOP = 1.2  # s in which drives are stopped, and jobs on them end, while there are still links
 _LEAVE = 1.8  # s in which all must end; a pump that is held up in connecting is left behind
+_LAST = 0.3  # s more, for the estimation
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +118,7 @@ class Service:
     def __exit__(self, *_: object) -> None:
         self.leave()
         assert self._leaving is not None
-        self._leaving.join(_LEAVE)
+        self._leaving.join(_LEAVE + _LAST)
 
     def leave(self) -> None:
         """Begin the end, without waiting for it: drives are stopped, jobs on them end, then links are closed.

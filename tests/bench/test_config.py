@@ -138,8 +138,8 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
         ("service = []\n" + DRIVE, "expected a table service, got []"),
         ("[server]\n" + DRIVE, "unknown key 'server', expected one of drives, service"),
         ("[service]\nprot = 1\n" + DRIVE,
-         "[service]: unknown key 'prot', expected one of captures, certificate, host, insecure, key, log, "
-         "names, port, token"),
+         "[service]: unknown key 'prot', expected one of captures, certificate, database, host, insecure, "
+         "keep_free_megabytes, key, log, names, port, token"),
         ("[service]\nlog = 5\n" + DRIVE, "[service] log: expected a folder, got 5"),
         ('[service]\ntoken = ""\n' + DRIVE, "[service] token: expected a file name, got ''"),
         ('[service]\ntoken = "a\\u0000b"\n' + DRIVE, "[service] token: expected a file name, got 'a\\x00b'"),

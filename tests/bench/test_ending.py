@@ -24,7 +24,7 @@ from tests.conftest import command, free_port, wait_for_answer
 from tests.support.served_drive import emulator, ready, tcp_url, until
 from tests.support.transports import modbus_tcp_url, serial_socket_url
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.thorough]
 
 MOST = 3.0  # s
 HOLD = {"holds": [{"speed_rpm": 1200.0, "i_d": 0.0, "i_q": 2.0, "seconds": 5.0}], "step": 0.5}

@@ -148,7 +148,7 @@ def until(happened: Callable[[], bool], what: str, patience: float = 60.0) -> No
     deadline = time.monotonic() + patience
     while not happened():
         assert time.monotonic() < deadline, what
-        time.sleep(0.005)
+        time.sleep(0.012)
 
 
 def first_blocks(drive: Drive, rows: int) -> list[Block]:

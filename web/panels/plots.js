@@ -12,7 +12,10 @@ import { PARAMETERS, writeSymbol } from "../parameters.js";
 const CONFIG = { displayModeBar: false, responsive: true, scrollZoom: false, doubleClick: false };
 
 /** Times that can be shown and the distance of their ticks, in seconds. */
-const TICK_S = new Map([[60, 15], [300, 60], [900, 300]]);
+const TICK_S = new Map([[60, 15], [300, 60], [900, 300], [3600, 900], [86_400, 21_600], [2_592_000, 604_800]]);
+
+/** Units of time, in seconds, the longest first. @type {[number, string][]} */
+const TIMES = [[86_400, "d"], [3600, "h"], [60, "min"], [1, "s"]];
 
 /** @type {Map<string, HTMLElement>} */
 const canvases = new Map();
@@ -55,35 +58,36 @@ export function drawPlot(parameter, history, span_s, exponent) {
   const unit = prefixed(exponent, parameter.unit);
   const runs = history.runs(now - span_s * 1000);
   const colours = palette();
-  const nothing = history.points.length === 0 ? "no values since this page was opened" : "no values in this time";
+  const nothing = history.begin === Infinity ? "no values are remembered" : "no values in this time";
   canvas.setAttribute("aria-label", summary(parameter, runs, unit, 10 ** exponent, span_s, nothing));
   // @ts-ignore the classic script's global
-  window.Plotly.react(canvas, traces(runs, now, 10 ** exponent, unit, colours),
+  window.Plotly.react(canvas, traces(runs, now, timeUnit(span_s)[0], 10 ** exponent, unit, colours),
     layout(span_s, unit, range(runs, 10 ** exponent), colours, nothing), CONFIG);
 }
 
 /**
  * @param {Point[][]} runs
  * @param {number} now
+ * @param {number} time_s unit of the time axis
  * @param {number} scale
  * @param {string} unit
  * @param {Record<string, string>} colours
  */
-function traces(runs, now, scale, unit, colours) {
+function traces(runs, now, time_s, scale, unit, colours) {
   const [estimated, doubtful, held] = ["estimate", "doubtful", "held"]
     .map((kind) => runs.filter((run) => run[0].kind === kind));
   const latest = estimated.at(-1)?.at(-1);
   const digits = `.${decimalsFor(latest === undefined ? null : latest.half / scale, null)}f`;
   return [
-    { ...band(estimated, now, scale), name: "interval", mode: "lines", type: "scatter", showlegend: false,
+    { ...band(estimated, now, time_s, scale), name: "interval", mode: "lines", type: "scatter", showlegend: false,
       hoverinfo: "skip", fill: "toself", fillcolor: colours.band, line: { width: 0 } },
-    { ...line(estimated, now, scale), name: "estimate", mode: "lines", type: "scatter", showlegend: false,
+    { ...line(estimated, now, time_s, scale), name: "estimate", mode: "lines", type: "scatter", showlegend: false,
       line: { color: colours.accent, width: 1.6 },
       hovertemplate: `%{y:${digits}} ± %{customdata:${digits}} ${unit}<extra></extra>` },
-    { ...line(doubtful, now, scale), name: "doubtful", mode: "lines", type: "scatter", showlegend: false,
+    { ...line(doubtful, now, time_s, scale), name: "doubtful", mode: "lines", type: "scatter", showlegend: false,
       line: { color: colours.accent, width: 1.6, dash: "dot" },
       hovertemplate: `doubtful: %{y:${digits}} ± %{customdata:${digits}} ${unit}<extra></extra>` },
-    { ...line(held, now, scale), name: "held", mode: "lines", type: "scatter", showlegend: false,
+    { ...line(held, now, time_s, scale), name: "held", mode: "lines", type: "scatter", showlegend: false,
       line: { color: colours.muted, width: 1.6, dash: "dash" }, hovertemplate: `held at %{y} ${unit}<extra></extra>` },
   ];
 }
@@ -92,12 +96,13 @@ function traces(runs, now, scale, unit, colours) {
  * The runs one after another, with a null between two so that no line bridges a hole.
  * @param {Point[][]} runs
  * @param {number} now
+ * @param {number} time_s unit of the time axis
  * @param {number} scale
  */
-function line(runs, now, scale) {
+function line(runs, now, time_s, scale) {
   const points = runs.flatMap((run) => [...run, null]);
   return {
-    x: points.map((p) => p && (p.time - now) / 1000),
+    x: points.map((p) => p && (p.time - now) / (1000 * time_s)),
     y: points.map((p) => p && p.value / scale),
     customdata: points.map((p) => p && p.half / scale),
   };
@@ -107,15 +112,16 @@ function line(runs, now, scale) {
  * One closed outline per run: along the upper bound and back along the lower.
  * @param {Point[][]} runs
  * @param {number} now
+ * @param {number} time_s unit of the time axis
  * @param {number} scale
  */
-function band(runs, now, scale) {
+function band(runs, now, time_s, scale) {
   const x = [];
   const y = [];
   for (const run of runs) {
     const back = [...run].reverse();
-    x.push(...run.map((p) => (p.time - now) / 1000), ...back.map((p) => (p.time - now) / 1000), null);
-    y.push(...run.map((p) => (p.value + p.half) / scale), ...back.map((p) => (p.value - p.half) / scale), null);
+    x.push(...[...run, ...back].map((p) => (p.time - now) / (1000 * time_s)), null);
+    y.push(...run.map((p) => p.high / scale), ...back.map((p) => p.low / scale), null);
   }
   return { x, y };
 }
@@ -130,8 +136,8 @@ function band(runs, now, scale) {
 function range(runs, scale) {
   const points = runs.flat();
   if (points.length === 0) return null;
-  const lows = points.map((p) => p.value - p.half).sort((a, b) => a - b);
-  const highs = points.map((p) => p.value + p.half).sort((a, b) => a - b);
+  const lows = points.map((p) => p.low).sort((a, b) => a - b);
+  const highs = points.map((p) => p.high).sort((a, b) => a - b);
   const cut = Math.floor(points.length * 0.02);
   const latest = points[points.length - 1];
   const low = Math.min(lows[cut], latest.value - latest.half);
@@ -159,8 +165,9 @@ function layout(span_s, unit, limits, colours, nothing) {
     dragmode: false,
     hovermode: "x",
     hoverlabel: { bgcolor: colours.surface, bordercolor: colours.muted, font: { color: colours.ink } },
-    xaxis: { ...axis, ...timeTicks(span_s), range: [-span_s, 0], title: { text: "time before now", standoff: 6 },
-      hoverformat: ".0f", ticksuffix: " s", showspikes: false },
+    xaxis: { ...axis, ...timeTicks(span_s), range: [-span_s / timeUnit(span_s)[0], 0],
+      title: { text: "time before now", standoff: 6 }, hoverformat: timeUnit(span_s)[0] === 1 ? ".0f" : ".2f",
+      ticksuffix: ` ${timeUnit(span_s)[1]}`, showspikes: false },
     yaxis: { ...axis, title: { text: unit, standoff: 4 }, nticks: 6, exponentformat: "none", separatethousands: false,
       ...(limits === null ? { range: [0, 1], showticklabels: false } : { range: limits }) },
     annotations: limits !== null ? [] : [{ text: nothing, showarrow: false, xref: "paper",
@@ -168,13 +175,24 @@ function layout(span_s, unit, limits, colours, nothing) {
   };
 }
 
+/**
+ * The unit that a time axis has: hover texts keep seconds up to a quarter of an hour.
+ * @param {number} span_s
+ * @returns {[number, string]} in seconds, and its name
+ */
+function timeUnit(span_s) {
+  return TIMES.find(([size]) => span_s > 900 && span_s > size) ?? [1, "s"];
+}
+
 /** @param {number} span_s */
 function timeTicks(span_s) {
   const step = TICK_S.get(span_s) ?? span_s / 4;
-  const tickvals = [];
-  for (let t = -span_s; t <= 0; t += step) tickvals.push(t);
-  const ticktext = tickvals.map((t) => (t === 0 ? "now" : span_s > 60 ? `−${-t / 60} min` : `−${-t} s`));
-  return { tickmode: "array", tickvals, ticktext };
+  const [size] = timeUnit(span_s);
+  const [shown, name] = TIMES.find(([unit]) => step >= unit) ?? [1, "s"];
+  const ticks = [];
+  for (let t = 0; t >= -span_s; t -= step) ticks.push(t);
+  return { tickmode: "array", tickvals: ticks.map((t) => t / size),
+    ticktext: ticks.map((t) => (t === 0 ? "now" : `−${Math.round((-10 * t) / shown) / 10} ${name}`)) };
 }
 
 /**
@@ -188,7 +206,8 @@ function timeTicks(span_s) {
  */
 function summary(parameter, runs, unit, scale, span_s, nothing) {
   const values = runs.flat().map((p) => p.value / scale);
-  const what = `${parameter.meaning} over the last ${span_s / 60} minutes`;
+  const [size, name] = TIMES.find(([unit]) => span_s >= unit) ?? [1, "s"];
+  const what = `${parameter.meaning} over the last ${span_s / size} ${name}`;
   if (values.length === 0) return `${what}: ${nothing}`;
   const [low, high] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
   return `${what}: between ${fixed(low, 2)} and ${fixed(high, 2)} ${unit}`;

@@ -30,7 +30,7 @@ class MarkRequestModel:
     """A moment to mark."""
 
     __pydantic_config__: ClassVar = CLOSED | ConfigDict(json_schema_extra={"examples": [
-        {"text": "load on"}, {"text": "knocking", "t": 12.5},
+        {"text": "knocking", "t": 0.05}, {"text": "load on"},
     ]})  # fmt: skip
 
     text: Annotated[Title, Field(description="what happened", examples=["load on"])]

@@ -125,7 +125,7 @@ def remove(id_: str, service: str | None, *, asked: bool) -> None:
         if asked and input(f"delete {id_}, {one['rows']} rows, {_seconds(one)}, for good? [y/N] ").lower() != "y":
             _console.print("nothing was deleted")
             return
-        rest.call("DELETE", id_, under="recordings")
+        rest.call("DELETE", id_, key="id", under="recordings")
     _console.print(f"{id_}: deleted")
 
 

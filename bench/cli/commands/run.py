@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import wait
+from dataclasses import replace
 from functools import partial
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
@@ -137,7 +138,7 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
     with _console.status("preparing the estimator (compiles at the first start)"):
         meanwhile(warm_up)
         meanwhile(watch.warm_up)  # which the estimation would compile otherwise, and hear no signal
-    with WriteLog(config.log, to_standard_error) as log, Service(config) as service:
+    with WriteLog(config.log, to_standard_error) as log, Service(replace(config, port=port)) as service:
         root = access.address(host)
         _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
         for drive in config.drives:

@@ -77,6 +77,8 @@ class Keeper:
                 condensed = now
                 self._guarded(self._condense)
         self._keep()
+        if self.memory is not None:
+            self.memory.close()
 
     def _keep(self) -> bool:
         """Everything that waits into the catalogue; whether that went well."""

@@ -53,6 +53,10 @@ class Memory:
         self._engine, self._bench = engine, bench
         self._series: dict[tuple[str, str], int] = {}  # ids by drive and parameter
 
+    def close(self) -> None:
+        """Close the catalogue's connections; one that is used again is opened anew."""
+        self._engine.dispose()
+
     def remember_window(self, drive: str, configured: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
         """Settings that somebody has chosen; `configured`: what the configuration says."""
         with self._connection() as connection:

@@ -326,7 +326,8 @@ def test_health_tells_every_thread_and_link(client: httpx.Client) -> None:
     health = client.get("/api/health").json()
     assert health["status"] == "ok"
     assert health["uptime_s"] > 0.0
-    assert [thread["name"] for thread in health["threads"]] == ["estimation", "pump emulated", "control emulated"]
+    threads = ["estimation", "history", "pump emulated", "control emulated"]
+    assert [thread["name"] for thread in health["threads"]] == threads
     assert all(thread["alive"] and thread["failure"] is None for thread in health["threads"])
     assert health["links"]["emulated"]["state"] == "streaming"
 

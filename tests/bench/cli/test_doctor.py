@@ -19,7 +19,7 @@ from tests.conftest import COMMAND, bus_url, command, free_port, wait_for_answer
 from tests.support.served_drive import emulator, ready, until
 from tests.support.transports import modbus_tcp_url, serial_socket_url
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.thorough]
 
 
 def run(*arguments: str, **environment: str) -> "subprocess.CompletedProcess[str]":
