@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.errors import RecordingError
-from bench.files import first_free, give_name, sync_folder, unfinished
+from bench.files import first_free, give_name, sync_folder
 from bench.recordings.seal import seal
 from bench.recordings.table import NOTES, notes, pa, pq
 from bench.store.rows import COLUMNS, Rows, table_columns
@@ -40,13 +40,17 @@ def closed(segments: FoundSegments, why: str = "") -> Path | None:
     """
     folder, heading = segments.paths[0].parent, segments.heading
     path = folder / f"{heading.id}.parquet"
-    if notes_of(path).get("recording") != heading.id:
-        account, told = _account(segments, why)
-        if not account.rows:
-            segments.remove()
-            return None
-        _check_room(folder, segments)
-        path = _written(path, segments, account, told)
+    part = _unfinished(path)
+    try:
+        if notes_of(path).get("recording") != heading.id:
+            account, told = _account(segments, why)
+            if not account.rows:
+                segments.remove()
+                return None
+            _check_room(folder, segments)
+            path = _written(path, part, segments, account, told)
+    finally:
+        part.unlink(missing_ok=True)
     segments.remove()
     sync_folder(folder)
     return path
@@ -95,23 +99,26 @@ def _check_room(folder: Path, segments: FoundSegments) -> None:
         raise OSError(28, f"expected {needed / 1e6:.3g} MB for the recording in {folder}, {free / 1e6:.3g} MB are free")
 
 
-def _written(path: Path, segments: FoundSegments, account: _Account, told: Mapping[str, Any]) -> Path:
+def _written(path: Path, part: Path, segments: FoundSegments, account: _Account, told: Mapping[str, Any]) -> Path:
     names = ["t", *COLUMNS, "periods", *(["temp_winding", "temp_magnet"] if account.temperatures else [])]
     fields = [pa.field(name, pa.float64(), metadata={"unit": _unit(name)}) for name in names]
     schema = pa.schema(fields, metadata={NOTES: json.dumps(dict(told)).encode()})
-    with unfinished(path.parent) as (part, file):
-        with pq.ParquetWriter(file, schema, compression="zstd", write_page_checksum=True) as writer:
-            for stretch in _groups(segments):
-                columns = table_columns(stretch, segments.heading.T_s)
-                writer.write_table(pa.table({name: columns[name] for name in names}, schema=schema))
-        file.flush()
-        with part.open("r+b") as written:
-            seal(written)
-            written.flush()
-            os.fsync(written.fileno())
-        path = first_free(path, lambda name: give_name(part, name))[0]
-        sync_folder(path.parent)
+    with pq.ParquetWriter(part, schema, compression="zstd", write_page_checksum=True) as writer:
+        for stretch in _groups(segments):
+            columns = table_columns(stretch, segments.heading.T_s)
+            writer.write_table(pa.table({name: columns[name] for name in names}, schema=schema))
+    with part.open("r+b") as written:
+        seal(written)
+        written.flush()
+        os.fsync(written.fileno())
+    path = first_free(path, lambda name: give_name(part, name))[0]
+    sync_folder(path.parent)
     return path
+
+
+def _unfinished(path: Path) -> Path:
+    """Where a recording is written that is not whole yet: nobody else does who does not have its segments."""
+    return path.with_name(f".{path.stem}.unfinished")
 
 
 def _groups(segments: FoundSegments) -> Iterator[list[Rows]]:

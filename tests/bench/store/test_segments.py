@@ -163,6 +163,7 @@ def test_a_kill_between_the_recording_and_the_end_of_its_segments_does_no_harm(t
     assert recording is not None
     before = recording.read_bytes()
     path.write_bytes(content)
+    (tmp_path / f".{recording.stem}.unfinished").write_bytes(before)
     with contextlib.closing(found(tmp_path)) as left:
         assert closed(left) == recording
     assert recording.read_bytes() == before
