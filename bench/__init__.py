@@ -6,12 +6,13 @@ Read in this order:
 * `machine_file` - nominal values; `engineering` - numbers for people
 * `live` - a drive's stream to estimates, and whether they may be trusted
 * `recordings` - files to samples, and the streaming core over them
-* `actions` - what is done to a drive: control, captures, experiments
+* `store` - what is kept: recordings of streams, the shelf of all recordings, the catalogue, the log of writes
+* `actions` - what is done to a drive: control, captures, recordings, experiments
 * `diagnoses` - a file to a diagnosis: JSON, page, machine file
 * `config` - drives and ports from TOML
 * `service` - everything that runs, as one context manager
 * `api` - REST and the page over it; `cli` - the command line
-* `files` - files of others read, new ones written whole; `write_log` - what was written to drives
+* `files` - files of others read, new ones written whole
 * `jobs` - what captures, experiments and diagnoses have in common: known by id, worked on, cancelled, waited for
 
 Stands on `drivers` and `estimator`, and cannot tell the emulated drive from a real one.

@@ -18,7 +18,7 @@ from bench.actions.lease import Leases, Part
 from bench.actions.limits import JUDGED, TRIP, Limits, Overload
 from bench.actions.unfinished import Noted, Origin, take
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
-from bench.write_log import to_standard_error
+from bench.store.write_log import to_standard_error
 from drivers import lease as control
 from drivers import operation
 from drivers.drive import Drive

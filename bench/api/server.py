@@ -22,7 +22,7 @@ from bench.api.guard.load import Lanes, Load
 from bench.api.guard.record import Record
 from bench.errors import ConfigError
 from bench.service.service import Service
-from bench.write_log import Allowance, Entry, WriteLog, short
+from bench.store.write_log import Allowance, Entry, WriteLog, short
 
 _GRACE: Final = 1.0  # s for answers under way at the end
 _BROKEN_OFF: Final = 2  # s after which the library itself gives up what is left of them

@@ -31,7 +31,7 @@ from bench.store.catalogue.keeper import Keeper
 from bench.store.catalogue.memory import Point, point_of
 from bench.store.rows import BYTES_PER_ROW
 from bench.store.shelf import Shelf
-from bench.write_log import to_standard_error
+from bench.store.write_log import to_standard_error
 from drivers.block import Block
 from drivers.drive import Drive
 from drivers.errors import DriveError

@@ -1,7 +1,8 @@
-"""What is kept of drives: recordings of their stream, and the shelf on which all recordings stand.
+"""What is kept of drives: recordings of their stream, the shelf on which all recordings stand, what is remembered.
 
 * `rows` - rows of the stream as bytes, and as a Parquet's columns; `timeline` - when each was made
 * `segments` - a recording under way on disk; `closing` - what becomes of it: one Parquet
+* `catalogue` - settings and the past; `write_log` - what was written to drives, and what was refused
 * `annotations` - titles, notes and marks, beside a recording; `shelf` - all recordings of a folder
 
 Files are the truth. Knows nothing of links, threads and HTTP.

@@ -22,7 +22,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
 from bench.api.guard.kinds import READS, is_stop
-from bench.write_log import Allowance
+from bench.store.write_log import Allowance
 
 _RETRY: Final = 1  # s
 _SHORT: Final = 200  # bytes of a request's first line

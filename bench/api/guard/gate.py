@@ -11,7 +11,7 @@ from bench.api.guard import login
 from bench.api.guard.access import Access, Refusal
 from bench.api.guard.kinds import READS
 from bench.api.problems import problem
-from bench.write_log import Entry, WriteLog
+from bench.store.write_log import Entry, WriteLog
 
 _NO_TOKEN: Final = Refusal(
     401, "expected the token of this service (`pmsm-bench token` on its machine prints it, with `--config FILE` where "

@@ -10,7 +10,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from bench.api.guard.kinds import READS, is_stop, stopped_drive
 from bench.api.problems import problem
-from bench.write_log import Entry, WriteLog
+from bench.store.write_log import Entry, WriteLog
 
 RETRY: Final = 1  # s
 _STOPS: Final = 4

@@ -8,7 +8,7 @@ from typing import Any, Final, cast
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from bench.api.guard.kinds import READS
-from bench.write_log import SHORT, Entry, WriteLog, short
+from bench.store.write_log import SHORT, Entry, WriteLog, short
 
 _LONGEST: Final = 1 << 16  # bytes of an answer that is looked into
 _REFUSED: Final = (401, 403, 404, 405, 413, 415, 421, 422)  # before anything was reached

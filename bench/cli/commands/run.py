@@ -130,7 +130,7 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
     from bench.api.server import serve
     from bench.live.method import warm_up
     from bench.service.service import Service
-    from bench.write_log import WriteLog, to_standard_error
+    from bench.store.write_log import WriteLog, to_standard_error
     from estimator.diagnosis import watch
 
     host, port = listener.getsockname()[:2]

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from bench import write_log
-from bench.write_log import Entry, WriteLog, to_standard_error
+from bench.store import write_log
+from bench.store.write_log import Entry, WriteLog, to_standard_error
 
 
 def entry(*, done: bool = True, **more: Any) -> Entry:
