@@ -20,7 +20,7 @@ from drivers.wire.cia402 import State
 from tests.conftest import command, free_port, wait_for_answer
 from tests.support.served_drive import emulator, ready, tcp_url, until
 
-pytestmark = [pytest.mark.live, pytest.mark.thorough]
+pytestmark = [pytest.mark.live, pytest.mark.slow]
 
 
 @dataclass(frozen=True)

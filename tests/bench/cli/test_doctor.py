@@ -186,6 +186,7 @@ def drives(url: str) -> list[dict[str, Any]]:
     return httpx.get(f"{url}/api/drives").json()["drives"]
 
 
+@pytest.mark.slow
 def test_every_table_is_one_json_document_as_well(serving: tuple[Path, str], tmp_path: Path) -> None:
     _, url = serving
     time.sleep(0.5)  # rows
