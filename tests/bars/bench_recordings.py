@@ -66,8 +66,13 @@ def killed(service: Service, folder: Path, one: Seen) -> None:
     service.kill()
     service.start()
     until(lambda: not list(folder.glob("*.stream")), "the recording is not closed")
-    until(lambda: asked(service, "GET", f"/drives/x/captures/{capture}")["state"] == "done", "no end of the capture")
-    listed = {found["id"]: found for found in asked(service, "GET", "/recordings?limit=1000")["recordings"]}
+    listed = dict[str, Any]()
+
+    def is_listed() -> bool:
+        listed.update((found["id"], found) for found in asked(service, "GET", "/recordings?limit=1000")["recordings"])
+        return capture in listed
+
+    until(is_listed, "no end of the capture")  # it may have ended before the kill
     for name in (id_, capture):
         if name not in listed:
             one.wrong.append(f"{name} is not listed")
