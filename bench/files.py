@@ -104,14 +104,16 @@ def check_place(path: Path) -> None:
 
 def check_room(folder: Path, samples: int, columns: int) -> None:
     """Raise OSError where there is no room for a recording: its counts as they come, then its columns, uncompressed."""
-    needed = samples * (2 * columns + 8 * (columns + 1)) + _BESIDES
     folder.mkdir(parents=True, exist_ok=True)
+    check_free(folder, samples * (2 * columns + 8 * (columns + 1)) + _BESIDES, f"{samples} samples")
+
+
+def check_free(folder: Path, needed: int, what: str) -> None:
+    """Raise OSError where there are fewer bytes than something takes."""
     free = shutil.disk_usage(folder).free
     if free < needed:
-        raise OSError(
-            errno.ENOSPC,
-            f"expected {needed / 1e6:.3g} MB for {samples} samples in {folder}, {free / 1e6:.3g} MB are free",
-        )
+        said = f"expected {needed / 1e6:.3g} MB for {what} in {folder}, {free / 1e6:.3g} MB are free"
+        raise OSError(errno.ENOSPC, said)
 
 
 @contextmanager

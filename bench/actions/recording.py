@@ -99,12 +99,13 @@ class Run:
         """`kept_free`: bytes of the disk that it leaves for others."""
         self.status = status
         self.again: str = ""  # the recording ended only since rows have changed: why
-        self.rest: list[tuple[Block, Link]] = []  # those of the other length
         self._drive, self._folder, self._kept_free = drive, folder, kept_free
         self._around, self._on_change = around, on_change
         self._lock = threading.Lock()  # guards what follows
         self._blocks: deque[tuple[Block, Link]] = deque()
         self._waiting = self._dropped = 0  # rows
+        self._rest: list[tuple[Block, Link]] = []  # those of the other length
+        self._next: Run | None = None  # which goes on with them
         self._events: list[Event] = []  # to come, without a place
         self._end = threading.Event()
         self._why = ""
@@ -124,14 +125,24 @@ class Run:
 
     def put(self, block: Block, link: Link) -> None:
         """A block has come; `link` as it is now. Does not wait."""
-        if self._end.is_set():
-            return
         with self._lock:
-            if self._waiting + len(block) > _BEHIND:
+            if self._next is not None:
+                self._next.put(block, link)
+            elif self._end.is_set() and not self.again:
+                return
+            elif self._waiting + len(block) > _BEHIND:
                 self._dropped += len(block)
             else:
                 self._blocks.append((block, link))
                 self._waiting += len(block)
+
+    def hand_over(self, to: "Run") -> None:
+        """Give all rows of the other length to the recording that goes on, those that have come meanwhile, too."""
+        with self._lock:
+            for block, link in (*self._rest, *self._blocks):
+                to.put(block, link)
+            self._rest, self._next = [], to
+            self._blocks.clear()
 
     def mark(self, text: str, whom: str) -> None:
         """Mark the newest row. Raises ConflictError before there are rows."""
@@ -192,7 +203,7 @@ class Run:
         for k, (block, link) in enumerate(blocks):
             if self._others(block, link):
                 self.stop(self.again)
-                self.rest = blocks[k:]
+                self._rest += blocks[k:]
                 break
             rows, gap = self._timeline.rows(block, link)
             gaps += [] if gap is None else [gap]
@@ -223,12 +234,14 @@ class Run:
         row = (link.identity, block.periods)
         if self._row is None:
             self._row, self._T_s = row, block.T_s
-        if row == self._row:
-            return False
+        if row == self._row or self.again:
+            return bool(self.again)
         if row[0] != self._row[0]:
             self.again = f"another drive answers: {device_of(row[0])}"
         else:
             self.again = f"rows have become {row[1]} control periods long, from {self._row[1]}"
+        if block.lost_before:
+            self.again += f"; {block.lost_before} of the new ones are lost before the recording that goes on"
         return True
 
     def _triggered(self, fresh: list[Rows]) -> list[Rows]:

@@ -95,22 +95,24 @@ class Recordings(DriveJobs[Status, Run]):
         with self._lock:
             return self._known.get(status.id, status)
 
-    def _begin(self, status: Status) -> Status:
-        """Under the lock."""
+    def _begin(self, status: Status, before: Run | None = None) -> Status:
+        """Under the lock; `before`: whose rows of another length it goes on with."""
         drive = status.drive
         run = Run(status, self._drives[drive], self._folder, self._kept_free, self._around, self._know)
 
         def work() -> None:
             run.work()
             with self._lock:
-                if self._of_drive.get(drive) is run:
-                    del self._of_drive[drive]
                 if run.again and not self._ending:
                     self._go_on(run)
+                else:
+                    del self._of_drive[drive]
             self._end(status.id)
 
         if self._ending:
             run.leave()
+        if before is not None:
+            before.hand_over(run)
         self._of_drive[drive] = run
         self._put(status, run, work)
         return run.status
@@ -119,9 +121,7 @@ class Recordings(DriveJobs[Status, Run]):
         """With another recording, of rows of another length."""
         before = run.status
         request = replace(before.request, trigger="now", pre_trigger_s=0.0)
-        self._begin(new_status(before.drive, request, before.whom, before.id))
-        for block, link in run.rest:
-            self._of_drive[before.drive].put(block, link)
+        self._begin(new_status(before.drive, request, before.whom, before.id), run)
 
     def _close_left(self) -> None:
         for id_ in ids_in(self._folder):

@@ -15,10 +15,11 @@ from typing import Any, Final, cast
 
 from bench.diagnoses.diagnosis_request import WORK, Request, Result, check_whole, checked_trust
 from bench.diagnoses.worker import Failed, Progress, Worker
-from bench.errors import ConfigError, ConflictError, LimitError, RecordingError, UnavailableError, UnknownError, shown
+from bench.errors import ConfigError, ConflictError, LimitError, UnavailableError, UnknownError, shown
 from bench.jobs import LATEST, Jobs
 from bench.machine_file import Nominal, nominal_of
 from bench.recordings.table import notes
+from bench.store.closing import notes_of
 
 WAITING: Final = 10  # diagnoses
 _REMEMBERED: Final = 20  # diagnoses, each with its report
@@ -70,14 +71,6 @@ class _Run:
             self.worker.kill()
 
     leave = cancel
-
-
-def _noted(path: Path) -> dict[str, Any]:
-    """What a file's notes say; nothing where it cannot be read."""
-    try:
-        return notes(path)
-    except (RecordingError, OSError):
-        return {}
 
 
 class DiagnosisJobs(Jobs[Job, _Run]):
@@ -145,7 +138,7 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         if id_ == LATEST:
             newest_first = sorted(there.values(), key=lambda path: (path.stat().st_mtime, path.name), reverse=True)
             for path in newest_first:  # a stream's rows cover several control periods
-                if _noted(path).get("kind") != "stream":
+                if notes_of(path).get("kind") != "stream":
                     return path
         if id_ not in there:
             raise UnknownError(f"no recording {shown(id_)} among the service's captures")

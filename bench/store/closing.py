@@ -6,14 +6,13 @@ at any instant: the Parquet is there before the first segment goes, and tells by
 
 import json
 import os
-import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from bench.errors import RecordingError
-from bench.files import first_free, give_name, sync_folder
+from bench.files import check_free, first_free, give_name, sync_folder
 from bench.recordings.seal import seal
 from bench.recordings.table import NOTES, notes, pa, pq
 from bench.store.rows import COLUMNS, Rows, table_columns
@@ -47,7 +46,7 @@ def closed(segments: FoundSegments, why: str = "") -> Path | None:
             if not account.rows:
                 segments.remove()
                 return None
-            _check_room(folder, segments)
+            check_free(folder, sum(one.stat().st_size for one in segments.paths) + _ROOM, "the recording")
             path = _written(path, part, segments, account, told)
     finally:
         part.unlink(missing_ok=True)
@@ -90,13 +89,6 @@ def _account(segments: FoundSegments, why: str) -> tuple[_Account, dict[str, Any
 def _timed(event: Event, T_s: float) -> Event:
     """With t in s in place of control periods."""
     return {"t": event["place"] * T_s} | {key: value for key, value in event.items() if key != "place"}
-
-
-def _check_room(folder: Path, segments: FoundSegments) -> None:
-    needed = sum(path.stat().st_size for path in segments.paths) + _ROOM
-    free = shutil.disk_usage(folder).free
-    if free < needed:
-        raise OSError(28, f"expected {needed / 1e6:.3g} MB for the recording in {folder}, {free / 1e6:.3g} MB are free")
 
 
 def _written(path: Path, part: Path, segments: FoundSegments, account: _Account, told: Mapping[str, Any]) -> Path:

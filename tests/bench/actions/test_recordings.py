@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -79,9 +80,9 @@ def recorded(service: Service, id_: str, rows: int) -> None:
     until(lambda: now(service, id_).rows >= rows, "rows on disk")
 
 
-def check_as_made(path: Path, drive: Served) -> None:
-    """Each run is rows that the drive made, one after the other, within half a count."""
-    steps, made = notes(path)["steps"], drive.produced()
+def check_as_made(path: Path, drive: Served) -> list[tuple[int, int]]:
+    """Each run is rows that the drive made, one after the other, within half a count; which ones."""
+    steps, made, found = notes(path)["steps"], drive.produced(), list[tuple[int, int]]()
     for run in read_recording(path).runs:
         i_q, n = made["i_q"], len(run)
         starts = np.flatnonzero(np.abs(i_q[: len(i_q) - n + 1] - run.i_q[0]) <= 0.51 * steps["i_q"]).tolist()
@@ -89,6 +90,8 @@ def check_as_made(path: Path, drive: Served) -> None:
         assert len(at) == 1
         for name in ("i_d", "u_d", "u_q"):
             assert np.abs(getattr(run, name) - made[name][at[0] : at[0] + n]).max() <= 0.51 * steps[name], name
+        found.append((at[0], at[0] + n))
+    return found
 
 
 @pytest.mark.parametrize("link", LINKS)
@@ -201,7 +204,7 @@ def test_a_drive_that_has_reset_goes_on_by_the_benchs_clock(drive: Served, servi
     assert recording.summary.irregular_steps == 0
 
 
-def test_rows_of_another_length_go_on_in_another_recording(service: Service) -> None:
+def test_rows_of_another_length_go_on_in_another_recording(drive: Served, service: Service) -> None:
     first = ask(service, title="a").id
     recorded(service, first, 200)
     service.write_signals("spindle", {"stream_periods": 20.0})
@@ -215,6 +218,11 @@ def test_rows_of_another_length_go_on_in_another_recording(service: Service) -> 
     one = done(service, second.id)
     assert one.title == "a"
     assert read_recording(one.path).summary.periods == 20
+    ends, begins = check_as_made(service.shelf.one(first).path, drive), check_as_made(one.path, drive)
+    made = drive.produced()["row_tick"]
+    lost = re.search(r"; (\d+) of the new ones are lost", service.shelf.one(first).ended)
+    between = made[begins[0][0]] - made[ends[-1][1] - 1] - 10  # control periods
+    assert between <= 20 * int(lost[1] if lost else 0)  # the link's: no row that came is lost
 
 
 def test_what_cannot_be_recorded_is_refused(service: Service, tmp_path: Path) -> None:
