@@ -9,7 +9,7 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import Depends, FastAPI, Request
+from fastapi import Depends, FastAPI, Header, Query, Request
 from fastapi.responses import FileResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
@@ -50,6 +50,7 @@ from bench.api.models.drives import (
     link_model,
     window_model,
 )
+from bench.api.models.recent import place_of, recent_model
 from bench.api.models.recordings import AnnotationModel, MarkRequestModel, RecordingRequestModel
 from bench.api.signals import SignalValuesModel
 from bench.service.service import Service
@@ -62,10 +63,12 @@ _CHANGE: Answers = {
     503: {"description": "The estimation is too far behind"} | PROBLEM,
 }
 _EVENTS: Answers = {
-    200: {"description": "Events called snapshot, ten a second", "content": {"text/event-stream": {"itemSchema": {
-        "properties": {"data": {"contentMediaType": "application/json",
-                                "contentSchema": {"$ref": f"{SHAPES}SnapshotModel"}}}
-    }}}}
+    200: {"description": "Events called snapshot, and rows where asked for, ten a second", "content": {
+        "text/event-stream": {"itemSchema": {"properties": {"data": {
+            "contentMediaType": "application/json",
+            "contentSchema": {"anyOf": [{"$ref": f"{SHAPES}SnapshotModel"}, {"$ref": f"{SHAPES}RecentModel"}]},
+        }}}}
+    }}
 }
 
 
@@ -137,10 +140,24 @@ def create_app(
 
     @app.get("/api/drives/{name}/stream", summary="Snapshots as server-sent events", responses=_EVENTS | DRIVE,
              response_class=EventSourceResponse, dependencies=known)
-    async def stream(name: DriveName) -> AsyncIterator[ServerSentEvent]:
-        """The drive, its estimates and its latest capture at display rate, until the client leaves."""
+    async def stream(
+        name: DriveName,
+        rows: Annotated[bool, Query(description="the drive's signals, too, as events called rows")] = False,
+        last_event_id: Annotated[
+            str | None, Header(description="of the last rows that came: those after it are sent first")
+        ] = None,
+    ) -> AsyncIterator[ServerSentEvent]:
+        """The drive, its estimates and its latest capture at display rate, until the client leaves.
+
+        With `rows`, each event of that name has the bins since the one before, and as its id the last one's name.
+        """
+        since = None if last_event_id is None else place_of(last_event_id)
         while not ending():
             yield ServerSentEvent(event="snapshot", raw_data=snapshot(name))
+            if rows and (course := service.drive(name).recent.course(since)) is not None:
+                since = course.last
+                told = recent_model(name, course, service.link(name).age or 0.0)
+                yield ServerSentEvent(event="rows", id=str(since), raw_data=told.model_dump_json())
             await asyncio.sleep(DISPLAY_PERIOD)
 
     captures.install(app, service)

@@ -7,6 +7,8 @@ from fastapi import FastAPI, Query, Request
 from pydantic import BaseModel, Field
 
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
+from bench.api.models.recent import PLACE, RecentModel, place_of, recent_model
+from bench.errors import UnavailableError
 from bench.service.service import Service
 from bench.service.signals import Reading, shapes
 
@@ -14,6 +16,10 @@ _READ: Answers = {
     409: {"description": "The drive refused"} | PROBLEM,
     422: {"description": "No signal of that name"} | PROBLEM,
     503: {"description": "There is no link to the drive"} | PROBLEM,
+}
+_RECENT: Answers = {
+    422: {"description": "Not the name of a bin"} | PROBLEM,
+    503: {"description": "No row has come yet"} | PROBLEM,
 }
 _WRITE: Answers = _READ | {
     409: {"description": "Another writer has the drive, or the drive refused"} | PROBLEM,
@@ -61,6 +67,23 @@ def install(app: FastAPI, service: Service) -> None:
     ) -> SignalsModel:
         """What the drive says now, over its link: settings, limits, states."""
         return _model(service.read_signals(name, [part.strip() for part in names.split(",") if part.strip()]))
+
+    @app.get("/api/drives/{name}/signals/recent", summary="Signals over the last seconds", responses=_RECENT | DRIVE,
+             dependencies=known)
+    def recent(
+        name: DriveName,
+        since: Annotated[
+            str | None, Query(description="name of a bin: from that one on; left out: all", pattern=f"^{PLACE}$")
+        ] = None,
+    ) -> RecentModel:
+        """The stream's rows of the last half minute, in bins of 20 ms or a row, with the extremes of each.
+
+        Asked for again since the last bin, it tells what came after; all, where the drive's clock began anew.
+        """
+        course = service.drive(name).recent.course(None if since is None else place_of(since))
+        if course is None:
+            raise UnavailableError(f"no row of drive {name} has come yet")
+        return recent_model(name, course, service.link(name).age or 0.0)
 
     @app.put("/api/drives/{name}/signals", summary="Write signals", responses=_WRITE | DRIVE,
              openapi_extra=body_of("SignalValuesModel"), dependencies=known)

@@ -2,6 +2,7 @@
 
 * `window`, `tuning` - settings of an estimation; `method` - the estimator that runs
 * `drive_clock` - a drive's clock beside ours; `acquisition` - one pump thread per drive
+* `recent` - the rows of the last half minute, for whoever looks
 * `watch` - since when constant parameters no longer explain the drive; `doubts` - what that does to a status
 * `estimation` - one worker for all drives; `trust` - which estimates may be called ok
 

@@ -23,6 +23,7 @@ from bench.diagnoses.diagnosis_jobs import DiagnosisJobs
 from bench.errors import LimitError, UnknownError, shown
 from bench.live.acquisition import Acquisition, Link, LinkState
 from bench.live.estimation import Estimation, Snapshot
+from bench.live.recent import Recent
 from bench.live.trust import trusted
 from bench.live.window import Window
 from bench.machine_file import Nominal
@@ -70,6 +71,7 @@ class ServiceDrive:
     limits: Limits  # of its set points
     link: Acquisition
     control: Control
+    recent: Recent  # the latest rows
     undone: str = ""  # what a bench before this one left and this one undid, in a sentence
 
 
@@ -274,7 +276,7 @@ class Service:
         self._estimation.stop()  # last: nobody waits for it longer than that
 
     def _made(self, config: DriveConfig) -> ServiceDrive:
-        name, folder = config.name, folder_beside(self.config.captures)
+        name, folder, recent = config.name, folder_beside(self.config.captures), Recent()
 
         def connected(drive: Drive) -> None:
             if said := undo(folder, drive):
@@ -283,12 +285,13 @@ class Service:
 
         def take(block: Block) -> None:
             status = self.drives[name].link.status
+            recent.put(block)
             self.recordings.put(name, block, status)
             self._estimation.put(name, block, status.made)
 
         link = Acquisition(name, config.url, take, connected)
         control = Control(name, link, self._leases, config.limits, lambda what: Origin(folder, name, what))
-        return ServiceDrive(config.url, config.nominal, config.limits, link, control)
+        return ServiceDrive(config.url, config.nominal, config.limits, link, control, recent)
 
     def _remembered(self, drive: DriveConfig) -> Window:
         """The window that was chosen last, unless the configuration has another one since."""

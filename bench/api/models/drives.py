@@ -1,11 +1,13 @@
 """Shapes of what the REST interface says. SI units; ages and durations in s."""
 
+import math
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from bench.actions.limits import RPM
 from bench.api.models.captures import CaptureModel
 from bench.api.models.control import ControlModel, StateModel, control_model, state_model
 from bench.expected import CLOSED
@@ -72,6 +74,30 @@ class StreamModel(BaseModel):
     t_drive_s: float | None = Field(description="drive's clock at the end of the latest row", examples=[251.93])
 
 
+class LatestModel(BaseModel):
+    """What the drive does now: means over the last 0.1 s of its rows; null where it tells none."""
+
+    i_d: float | None = Field(description="A", examples=[-1.02])
+    i_q: float | None = Field(description="A", examples=[2.98])
+    u_d: float | None = Field(description="V; null while the bridge is off", examples=[-10.4])
+    u_q: float | None = Field(description="V", examples=[63.1])
+    u_dc: float | None = Field(description="V", examples=[310.0])
+    omega_e: float | None = Field(description="rad/s, electrical", examples=[502.7])
+    speed_rpm: float | None = Field(
+        description="rpm, mechanical; null where the machine's pole pairs are not configured", examples=[1200.1]
+    )
+    temp_winding: float | None = Field(description="degC", examples=[24.6])
+    temp_magnet: float | None = Field(description="degC", examples=[22.1])
+
+
+class LimitsModel(BaseModel):
+    """How far set points may go here; null: not known, so nothing but the drive's own limits holds."""
+
+    i_max: float | None = Field(description="A, peak, of the current vector with its steps", examples=[6.0])
+    speed_max_rpm: float | None = Field(description="rpm, mechanical", examples=[3000.0])
+    n_p: int | None = Field(description="pole pairs of the machine", examples=[4])
+
+
 class WriterModel(BaseModel):
     """Who writes to a drive; a second writer is refused until it has ended."""
 
@@ -87,6 +113,8 @@ class DriveModel(BaseModel):
     identity: IdentityModel | None = Field(description="null before the first connection")
     link: LinkModel
     stream: StreamModel
+    latest: LatestModel | None = Field(description="null before the first row")
+    limits: LimitsModel
     writer: WriterModel | None = Field(description="null while nobody writes to it", examples=[None])
     control: ControlModel
 
@@ -286,9 +314,23 @@ def drive_model(service: Service, name: str) -> DriveModel:
             frames_late=link.frames_late, frames_foreign=link.frames_foreign, note=link.note, age_s=link.age,
             t_drive_s=link.t_drive,
         ),
+        latest=_latest_model(service, name),
+        limits=LimitsModel.model_validate(service.drive(name).limits, from_attributes=True),
         writer=None if writer is None else WriterModel.model_validate(writer, from_attributes=True),
         control=control_model(service, name),
     )
+
+
+def _latest_model(service: Service, name: str) -> LatestModel | None:
+    drive = service.drive(name)
+    latest, n_p = drive.recent.latest(), drive.limits.n_p
+    if latest is None:
+        return None
+    speed = math.nan if n_p is None else latest.values["omega_e"] / n_p / RPM
+    told = latest.values | {
+        "speed_rpm": speed, "temp_winding": latest.temp_winding, "temp_magnet": latest.temp_magnet,
+    }
+    return LatestModel.model_validate({key: value if math.isfinite(value) else None for key, value in told.items()})
 
 
 def link_model(link: Link) -> LinkModel:
