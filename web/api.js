@@ -9,8 +9,11 @@
  *   age_s: number | null, t_drive_s: number | null}} Stream
  * @typedef {{device_name: string, serial: number, T_s: number}} Identity
  * @typedef {{holder: string, until: string}} Writer
+ * @typedef {{i_d: number | null, i_q: number | null, u_d: number | null, u_q: number | null, u_dc: number | null,
+ *   omega_e: number | null, speed_rpm: number | null, temp_winding: number | null, temp_magnet: number | null}} Latest
+ * @typedef {{i_max: number | null, speed_max_rpm: number | null, n_p: number | null}} SetPointLimits
  * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream,
- *   writer: Writer | null, control: Control}} DriveState
+ *   latest: Latest | null, limits: SetPointLimits, writer: Writer | null, control: Control}} DriveState
  * @typedef {{code: string, name: string, advice: string}} Fault
  * @typedef {{state: string | null, fault: Fault | null, holder: string | null, lease_left_s: number | null,
  *   ours: boolean, whom: string | null, in_experiment: boolean, said: string, undone: string, guarded: boolean | null,
@@ -38,6 +41,14 @@
  * @typedef {{id: string, drive: string, state: string, progress: number, samples: number, reason: string,
  *   remark: string, file: string | null, asked: string, request: CaptureRequest}} Capture
  * @typedef {{drive: DriveState, estimates: Estimates, capture: Capture | null}} Snapshot
+ * @typedef {{drive: string, bin_s: number, first: string, last: string, t_drive_s: number, age_s: number,
+ *   signals: Record<string, {unit: string, low: (number | null)[], high: (number | null)[]}>}} Recent
+ * @typedef {{t: number, text: string, whom: string, at: string}} Mark
+ * @typedef {{id: string, kind: "stream" | "capture" | "experiment" | "file", drive: string,
+ *   state: "armed" | "recording" | "closing" | "done" | "failed" | "cancelled", begun: string, rows: number,
+ *   seconds: number | null, bytes: number, columns: string[], title: string, note: string, marks: Mark[], gaps: number,
+ *   rows_lost: number, whole: boolean, reason: string, continues: string}} Recording
+ * @typedef {{recording: Recording | null, bytes_per_day: number | null, free_bytes: number, days: number | null}} RecordingRoom
  * @typedef {{unit: string, t: number[], value: number[], std: (number | null)[], low: number[], high: number[],
  *   status: ("held" | "ok" | "doubtful")[]}} Course
  * @typedef {{span_s: number, parameters: Record<string, Course>}} Past
@@ -86,6 +97,14 @@ export function resetDrive(drive) {
  */
 export async function readSignals(drive, names) {
   return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals?names=${names.join(",")}`)).signals;
+}
+
+/**
+ * @param {string} drive
+ * @param {Record<string, number>} values SI
+ */
+export function writeSignals(drive, values) {
+  return call("PUT", `/api/drives/${encodeURIComponent(drive)}/signals`, values);
 }
 
 /**
@@ -140,9 +159,29 @@ function captureAddress(drive, id) {
   return `/api/drives/${encodeURIComponent(drive)}/captures/${encodeURIComponent(id)}`;
 }
 
+/** @param {string} drive @returns {Promise<RecordingRoom>} */
+export function readRecordingRoom(drive) {
+  return call("GET", `/api/drives/${encodeURIComponent(drive)}/recordings`);
+}
+
+/** @param {string} drive @param {object} wanted @returns {Promise<Recording>} */
+export function askRecording(drive, wanted) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/recordings`, wanted);
+}
+
+/** @param {string} id @returns {Promise<Recording>} */
+export function endRecording(id) {
+  return call("POST", `/api/recordings/${encodeURIComponent(id)}/stop`, {});
+}
+
+/** @param {string} id @param {string} text @param {number} [t] s from its begin; left out: now @returns {Promise<Recording>} */
+export function markRecording(id, text, t) {
+  return call("POST", `/api/recordings/${encodeURIComponent(id)}/marks`, t === undefined ? { text } : { text, t });
+}
+
 /** @param {string} drive */
 export function streamAddress(drive) {
-  return `/api/drives/${encodeURIComponent(drive)}/stream`;
+  return `/api/drives/${encodeURIComponent(drive)}/stream?rows=true`;
 }
 
 /** The service did not answer, so whether it did what was asked is not known. */

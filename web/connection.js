@@ -7,13 +7,14 @@
  * @typedef {object} Listener
  * @property {(drives: DriveState[]) => string | null} drives is given the list, answers the drive to follow
  * @property {(snapshot: Snapshot) => void} snapshot
+ * @property {(rows: import("./api.js").Recent) => void} rows
  * @property {(since: Date, sentence: string) => void} lost
  */
 
 import { listDrives, streamAddress } from "./api.js";
 
-const RETRY_MS = 2000;
-const SILENCE_MS = 5000;
+const RETRY_MS = 1000;
+const SILENCE_MS = 1500;
 
 /**
  * Opens the connection and keeps it. Calling the returned function starts again, as after the choice of another drive.
@@ -63,6 +64,7 @@ export function keepConnected(listener) {
       heard = Date.now();
       listener.snapshot(JSON.parse(event.data));
     });
+    source.addEventListener("rows", (event) => listener.rows(JSON.parse(event.data)));
     source.addEventListener("error", () => lose("The stream of measurements broke off."));
   }
 
@@ -70,7 +72,7 @@ export function keepConnected(listener) {
     if (source !== null && Date.now() - Math.max(heard, opened) > SILENCE_MS) {
       lose(`No measurement came for ${SILENCE_MS / 1000} s.`);
     }
-  }, 1000);
+  }, 250);
   window.addEventListener("pagehide", close);
   window.addEventListener("pageshow", (event) => { if (event.persisted) open(); });
   open();

@@ -67,6 +67,17 @@ function grouped(digits) {
   return digits.length < 5 ? digits : digits.replace(/\B(?=(\d{3})+$)/g, THIN_SPACE);
 }
 
+/**
+ * A size on disk with about three digits.
+ * @param {number} count
+ */
+export function bytes(count) {
+  for (const [size, unit] of /** @type {[number, string][]} */ ([[1e12, "TB"], [1e9, "GB"], [1e6, "MB"], [1e3, "kB"]])) {
+    if (count >= 0.9995 * size) return `${plain(count / size, 3)} ${unit}`;
+  }
+  return `${count} B`;
+}
+
 /** A number with so many significant digits and no trailing zeros, as one types it.
  * @param {number} value
  * @param {number} digits

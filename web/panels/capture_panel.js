@@ -8,8 +8,11 @@
 import { askCapture, cancelCapture, captureFile, NoAnswerError, triggerCapture } from "../api.js";
 import { element, input, number, wholeNumber, write } from "../fields.js";
 import { clock, duration, integer, parseNumber } from "../format.js";
+import { address } from "../router.js";
 
 const UNITS = new Map([["theta_e", "rad"], ["omega_e", "rad/s"], ["u_d", "V"], ["u_q", "V"], ["u_dc", "V"]]);
+/** What a diagnosis needs. */
+const ESTIMATED = ["theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q"];
 const UNDER_WAY = ["armed", "triggered", "uploading"];
 const WORDS = new Map([["armed", "Armed"], ["triggered", "Recording"], ["uploading", "Uploading from the drive"],
   ["done", "Done"], ["failed", "Failed"], ["cancelled", "Cancelled"]]);
@@ -22,6 +25,7 @@ const signal = select("capture-signal");
 const level = input("capture-level");
 const bar = /** @type {HTMLProgressElement} */ (element("capture-progress"));
 const link = /** @type {HTMLAnchorElement} */ (element("capture-file"));
+const diagnose = /** @type {HTMLAnchorElement} */ (element("capture-diagnose"));
 const message = element("capture-message");
 const buttons = ["capture-start", "capture-now", "capture-cancel"].map((id) => /** @type {HTMLButtonElement} */ (element(id)));
 const [start, now, cancel] = buttons;
@@ -97,6 +101,7 @@ function fillState(connected) {
   element("capture-state").hidden = latest === null;
   bar.hidden = !underWay;
   link.hidden = latest === null || latest.file === null;
+  diagnose.hidden = true;
   if (latest !== null) fillCapture(latest);
   say(refusal !== "" ? refusal : state === "failed" ? (latest?.reason ?? "") : (latest?.remark ?? ""));
 }
@@ -115,6 +120,8 @@ function fillCapture({ id, drive: name, state, progress, samples, reason, file, 
     link.href = captureFile(name, id);
     link.dataset.id = id;
   }
+  diagnose.hidden = state !== "done" || !ESTIMATED.every((name) => request.signals.includes(name)) || request.decimation !== 1;
+  diagnose.href = address("diagnosis", name, id);
   write(link, state === "done" ? "Download the recording" : "Download what was uploaded");
 }
 

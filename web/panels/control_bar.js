@@ -5,11 +5,12 @@
  * @typedef {import("../api.js").Control} Control
  */
 
-import { NoAnswerError, readSignals, resetDrive, startDrive, stopDrive } from "../api.js";
+import { NoAnswerError, readSignals, resetDrive, startDrive, stopDrive, writeSignals } from "../api.js";
 import { element, input, number, write } from "../fields.js";
-import { clock } from "../format.js";
+import { clock, parseNumber, plain } from "../format.js";
 
 const SET_POINTS = ["i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "speed_ref", "speed_step"];
+const KIND = "excitation_kind";
 const ON = "operation enabled";
 
 const bar = element("control-bar");
@@ -26,6 +27,10 @@ let answer = "";
 let bad = false;
 /** Whether the form shows what the drive has told, and which set points it has. */
 let filled = false;
+/** How the drive excites, by its dictionary; null where it has not told. @type {number | null} */
+let kind = null;
+/** @type {import("../api.js").SetPointLimits | null} */
+let limits = null;
 
 /** @param {string} id */
 function button(id) {
@@ -45,6 +50,7 @@ export function buildControlBar() {
     input("start-i_q_ref").focus();
   });
   form.addEventListener("submit", (event) => { event.preventDefault(); askStart(); });
+  form.addEventListener("input", sayLimits);
   reset.addEventListener("click", () => ask("Reset", (name) => resetDrive(name)));
 }
 
@@ -59,8 +65,10 @@ export function startControlBar(name) {
 /**
  * @param {Control} control
  * @param {boolean} connected whether the service is there
+ * @param {import("../api.js").SetPointLimits} told how far set points may go
  */
-export function showControl(control, connected) {
+export function showControl(control, connected, told) {
+  limits = told;
   const state = connected ? control.state ?? "no link to the drive" : "not known: the service is not heard";
   const kind = !connected || control.state === null ? "unknown" : control.fault ? "fault" : control.state === ON ? "on" : "off";
   bar.dataset.state = kind;
@@ -69,7 +77,7 @@ export function showControl(control, connected) {
   write(element("control-fault"), connected ? faultWords(control) : "");
   const known = connected && control.state !== null;
   begin.disabled = !known || control.fault !== null || control.in_experiment || (control.holder !== null && !control.ours);
-  begin.title = begin.disabled ? whyNot(control, known) : "";
+  write(element("control-why"), begin.disabled && connected ? `Start: ${whyNot(control, known)}` : "");
   write(begin, control.state === ON && control.ours && !control.in_experiment ? "Set points" : "Start");
   reset.hidden = !known || control.fault === null;
   show(answer !== "" ? answer : "", bad);
@@ -111,15 +119,34 @@ async function fill() {
   const asked = drive;
   if (asked === null) return;
   filled = false;
-  const told = await readSignals(asked, [...SET_POINTS, "speed_control"]).catch(() => []);
+  sayLimits();
+  const told = await readSignals(asked, [...SET_POINTS, "speed_control", KIND]).catch(() => []);
   if (drive !== asked) return;
   filled = told.length > 0;
+  kind = told.find(({ name }) => name === KIND)?.value ?? null;
+  if (kind !== null) input(`start-${KIND}`).value = String(kind);
   const ofSpeed = told.some(({ name, value }) => name === "speed_control" && value !== 0);
   for (const label of form.querySelectorAll("[data-of=speed]")) /** @type {HTMLElement} */ (label).hidden = !ofSpeed;
   for (const { name, value } of told.filter(({ name }) => SET_POINTS.includes(name))) {
     const field = input(`start-${name}`);
     if (field.value === "0") field.value = String(Number(value.toPrecision(4)));
   }
+  sayLimits();
+}
+
+/** How far set points may go, and how far these do. */
+function sayLimits() {
+  const [i_d, i_q, di_d, di_q] = SET_POINTS.slice(0, 4).map((name) => parseNumber(input(`start-${name}`).value) ?? NaN);
+  const i = Math.hypot(Math.abs(i_d) + di_d, Math.abs(i_q) + di_q);
+  const { i_max = null, speed_max_rpm = null } = limits ?? {};
+  const words = [
+    i_max === null ? "No current limit is configured: the drive's own holds." : `Currents go up to ${i_max} A`
+      + (Number.isNaN(i) ? "." : `; these, with their steps, to ${plain(i, 3)} A${i > i_max ? ", too far" : ""}.`),
+    speed_max_rpm === null ? "" : `Speeds go up to ${speed_max_rpm} rpm.`,
+  ];
+  const target = element("start-limits");
+  write(target, words.join(" ").trim());
+  target.classList.toggle("warn", i_max !== null && i > i_max);
 }
 
 function askStop() {
@@ -139,7 +166,12 @@ async function askStart() {
     say(/** @type {Error} */ (error).message, true);
     return;
   }
-  if (await ask("Start", (name) => startDrive(name, values))) form.hidden = true;
+  const wanted = Number(input(`start-${KIND}`).value);
+  const start = async (/** @type {string} */ name) => {
+    if (kind !== null && wanted !== kind) await writeSignals(name, { [KIND]: wanted });
+    return startDrive(name, values);
+  };
+  if (await ask("Start", start)) form.hidden = true;
 }
 
 /**

@@ -1,10 +1,14 @@
 /**
- * The head of the page: which drive, how its link is, what its stream does.
+ * What the bar says of the drive in every room - which one, how its link is, what it does now - and, in the room of the
+ * drive, what its stream has delivered and lost.
  *
  * @typedef {import("../api.js").DriveState} DriveState
  */
 
 import { age, clock, duration, fixed, integer } from "../format.js";
+
+/** How long an error that is over stands in the bar, which is narrow. */
+const PAST_ERROR_MS = 60_000;
 
 const element = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 const select = /** @type {HTMLSelectElement} */ (element("drive-select"));
@@ -16,6 +20,8 @@ const select = /** @type {HTMLSelectElement} */ (element("drive-select"));
  */
 export function showDrives(drives, chosen) {
   element("drive-choice").hidden = drives.length < 2;
+  element("drive-name").hidden = drives.length >= 2;
+  write("drive-name", chosen ?? "");
   select.replaceChildren(...drives.map(({ name }) => new Option(name, name, false, name === chosen)));
 }
 
@@ -42,6 +48,7 @@ export function showDrive(drive, sinceSnapshot_s, connected) {
   write("fact-gaps", integer(stream.gaps));
   write("fact-lost", integer(stream.rows_lost));
   write("fact-reconnects", integer(drive.link.reconnects));
+  showReadings(drive.latest, connected);
   writeWhereAny("fact-late", stream.frames_late);
   writeWhereAny("fact-foreign", stream.frames_foreign);
   writeWhereAny("fact-resets", stream.clock_resets);
@@ -49,6 +56,21 @@ export function showDrive(drive, sinceSnapshot_s, connected) {
   write("stream-note", stream.note);
   element("fact-gaps").classList.toggle("warn", stream.gaps > 0);
   element("fact-lost").classList.toggle("warn", stream.rows_lost > 0);
+}
+
+/**
+ * @param {import("../api.js").Latest | null} latest
+ * @param {boolean} connected
+ */
+function showReadings(latest, connected) {
+  const told = connected ? latest : null;
+  const speed = told?.speed_rpm ?? null;
+  const omega_e = told?.omega_e ?? null;
+  write("bar-speed", speed !== null ? `${fixed(speed, 0)} rpm` : omega_e !== null ? `${fixed(omega_e, 1)} rad/s el.` : "–");
+  for (const name of /** @type {const} */ (["i_d", "i_q"])) {
+    const value = told?.[name] ?? null;
+    write(`bar-${name}`, value === null ? "–" : `${fixed(value, 2)} A`);
+  }
 }
 
 /**
@@ -63,7 +85,7 @@ function showLink({ name, link }, connected) {
   if (document.title !== title) document.title = title;
   const error = link.last_error;
   const past = link.state === "streaming" ? "Last error, " : "";
-  element("link-error").hidden = error === null;
+  element("link-error").hidden = error === null || (past !== "" && Date.now() - Date.parse(error.time) > PAST_ERROR_MS);
   element("link-error").classList.toggle("past", past !== "");
   if (error !== null) write("link-error", `${past}${clock(error.time)}: ${error.sentence}`);
 }

@@ -1,15 +1,14 @@
 /**
- * Four time plots: estimate, shaded 95 % interval, doubtful values dotted, held ones dashed. The right edge is now, and stays now when
- * nothing comes any more. Plotly is the classic script of the page; without it the rest of the page still works.
+ * Four time plots: estimate, shaded 95 % interval, doubtful values dotted, held ones dashed. The right edge is now, and
+ * stays now when nothing comes any more.
  *
- * @typedef {import("../history.js").Point} Point
+ * @typedef {import("./history.js").Point} Point
  * @typedef {import("../parameters.js").Parameter} Parameter
  */
 
 import { decimalsFor, fixed, prefixed } from "../format.js";
 import { PARAMETERS, writeSymbol } from "../parameters.js";
-
-const CONFIG = { displayModeBar: false, responsive: true, scrollZoom: false, doubleClick: false };
+import { MOVING, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
 
 /** Times that can be shown and the distance of their ticks, in seconds. */
 const TICK_S = new Map([[60, 15], [300, 60], [900, 300], [3600, 900], [86_400, 21_600], [2_592_000, 604_800]]);
@@ -19,6 +18,8 @@ const TIMES = [[86_400, "d"], [3600, "h"], [60, "min"], [1, "s"]];
 
 /** @type {Map<string, HTMLElement>} */
 const canvases = new Map();
+/** What each plot shows. @type {Map<string, [import("./history.js").History, number]>} */
+const shown = new Map();
 
 export function buildPlots() {
   const template = /** @type {HTMLTemplateElement} */ (document.getElementById("plot-template"));
@@ -28,8 +29,8 @@ export function buildPlots() {
     canvas.id = `plot-${parameter.name}`;
     writeSymbol(/** @type {Element} */ (figure.querySelector(".symbol")), parameter);
     /** @type {Element} */ (figure.querySelector(".meaning")).textContent = parameter.meaning;
-    if (!("Plotly" in window)) canvas.textContent = "No plots: /assets/plotly.min.js did not load.";
     canvases.set(parameter.name, canvas);
+    copiesCsv(/** @type {HTMLElement} */ (figure.querySelector(".csv")), parameter.name, () => columns(parameter));
     return figure;
   });
   document.getElementById("plots")?.replaceChildren(...figures);
@@ -47,22 +48,22 @@ export function spanFor(recorded_s, wanted_s) {
 
 /**
  * @param {Parameter} parameter
- * @param {import("../history.js").History} history
+ * @param {import("./history.js").History} history
  * @param {number} span_s time shown
  * @param {number} exponent power of ten of the unit shown
  */
 export function drawPlot(parameter, history, span_s, exponent) {
   const canvas = canvases.get(parameter.name);
-  if (canvas === undefined || !("Plotly" in window)) return;
+  if (canvas === undefined) return;
+  shown.set(parameter.name, [history, span_s]);
   const now = Date.now();
   const unit = prefixed(exponent, parameter.unit);
   const runs = history.runs(now - span_s * 1000);
   const colours = palette();
   const nothing = history.begin === Infinity ? "no values are remembered" : "no values in this time";
   canvas.setAttribute("aria-label", summary(parameter, runs, unit, 10 ** exponent, span_s, nothing));
-  // @ts-ignore the classic script's global
-  window.Plotly.react(canvas, traces(runs, now, timeUnit(span_s)[0], 10 ** exponent, unit, colours),
-    layout(span_s, unit, range(runs, 10 ** exponent), colours, nothing), CONFIG);
+  drawOn(canvas, traces(runs, now, timeUnit(span_s)[0], 10 ** exponent, unit, colours),
+    layout(span_s, unit, range(runs, 10 ** exponent), colours, nothing), MOVING);
 }
 
 /**
@@ -154,21 +155,16 @@ function range(runs, scale) {
  * @param {string} nothing said where there is nothing to draw
  */
 function layout(span_s, unit, limits, colours, nothing) {
-  const axis = { gridcolor: colours.line, zeroline: false, fixedrange: true, linecolor: colours.line, showline: true,
-    ticks: "outside", ticklen: 4, tickcolor: colours.line };
+  const axis = { ...axisOf(colours), fixedrange: true };
   return {
-    autosize: true,
+    ...baseLayout(colours),
     margin: { l: 76, r: 14, t: 8, b: 38 },
-    paper_bgcolor: "rgba(0,0,0,0)",
-    plot_bgcolor: "rgba(0,0,0,0)",
-    font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: colours.muted },
     dragmode: false,
     hovermode: "x",
-    hoverlabel: { bgcolor: colours.surface, bordercolor: colours.muted, font: { color: colours.ink } },
     xaxis: { ...axis, ...timeTicks(span_s), range: [-span_s / timeUnit(span_s)[0], 0],
       title: { text: "time before now", standoff: 6 }, hoverformat: timeUnit(span_s)[0] === 1 ? ".0f" : ".2f",
       ticksuffix: ` ${timeUnit(span_s)[1]}`, showspikes: false },
-    yaxis: { ...axis, title: { text: unit, standoff: 4 }, nticks: 6, exponentformat: "none", separatethousands: false,
+    yaxis: { ...axis, title: { text: unit, standoff: 4 }, nticks: 6,
       ...(limits === null ? { range: [0, 1], showticklabels: false } : { range: limits }) },
     annotations: limits !== null ? [] : [{ text: nothing, showarrow: false, xref: "paper",
       yref: "paper", x: 0.5, y: 0.5, font: { size: 13 } }],
@@ -213,9 +209,14 @@ function summary(parameter, runs, unit, scale, span_s, nothing) {
   return `${what}: between ${fixed(low, 2)} and ${fixed(high, 2)} ${unit}`;
 }
 
-/** The page's colours, so that plots follow light, dark and print as everything else does. */
-function palette() {
-  const style = getComputedStyle(document.documentElement);
-  const names = ["accent", "band", "ink", "line", "muted", "surface"];
-  return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+/** The points shown, SI. @param {Parameter} parameter */
+function columns({ name, unit }) {
+  const [history, span_s] = shown.get(name) ?? [null, 0];
+  const points = history?.runs(Date.now() - span_s * 1000).flat() ?? [];
+  return {
+    time: points.map((p) => new Date(p.time).toISOString()),
+    [`${name} [${unit}]`]: points.map((p) => p.value),
+    [`half_95 [${unit}]`]: points.map((p) => p.half),
+    status: points.map((p) => p.kind),
+  };
 }

@@ -8,7 +8,7 @@
  *   time in ms; value, half width of its interval, and the least and largest that the band shows, in SI
  */
 
-import { Z_95 } from "./format.js";
+import { Z_95 } from "../format.js";
 
 /** What is plotted, by status. @type {Record<string, Kind>} */
 const KINDS = { ok: "estimate", doubtful: "doubtful", held: "held" };
@@ -32,7 +32,7 @@ export class History {
 
   /**
    * What the service remembers, in place of what it has told before.
-   * @param {import("./api.js").Course | undefined} course
+   * @param {import("../api.js").Course | undefined} course
    * @param {number} span_s
    */
   recall(course, span_s) {
@@ -46,7 +46,7 @@ export class History {
 
   /**
    * @param {number} time
-   * @param {import("./api.js").Estimate | undefined} estimate
+   * @param {import("../api.js").Estimate | undefined} estimate
    */
   push(time, estimate) {
     const last = this.points.at(-1);
