@@ -48,6 +48,28 @@
  *   state: "armed" | "recording" | "closing" | "done" | "failed" | "cancelled", begun: string, rows: number,
  *   seconds: number | null, bytes: number, columns: string[], title: string, note: string, marks: Mark[], gaps: number,
  *   rows_lost: number, whole: boolean, reason: string, continues: string}} Recording
+ * @typedef {{id: string, recording: string, recording_there: boolean, drive: string,
+ *   state: "queued" | "running" | "done" | "failed" | "cancelled", progress: number, phase: string, reason: string, asked: string,
+ *   verdict: string | null, sentence: string | null, request: object, remark: string}} DiagnosisJob
+ * @typedef {import("./rooms/quantity.js").Quantity} Quantity
+ * @typedef {{sentence: string}} Place
+ * @typedef {{speed_rpm: number, i_d: number, i_q: number, seconds: number}} Hold
+ * @typedef {{sentence: string, holds: Hold[], step: number}} Experiment
+ * @typedef {{id: string, state: "running" | "done" | "failed" | "cancelled", phase: string, progress: number, reason: string,
+ *   remarks: string[], file: string | null}} ExperimentRun
+ * @typedef {{effects: string[], rivals: boolean, reason: string, experiment: Experiment}} Doubt
+ * @typedef {{verdict: string, sentence: string,
+ *   findings: {effect: string, parameters: Record<string, Quantity>, where: Place, odds_against_next: number}[],
+ *   ambiguous: Doubt[], unexplained: {rms_V: number, where: Place, description: string} | null,
+ *   experiment: Experiment | null, remarks: string[],
+ *   machine: {nominal: Record<string, number>, before: Record<string, Quantity>, after: Record<string, Quantity>},
+ *   fit: {held_out: boolean, one_step_rms_V: {before: number, after: number, noise_floor: number | null},
+ *     free_run_rms_A: {before: number, after: number}, explained: number | null, leave_one_out: object | null} | null}} Diagnosis
+ * @typedef {{time: string, kind: string, sentence: string, whom: string}} DriveEvent
+ * @typedef {{recordings: Recording[], total: number, next: string | null}} Recordings
+ * @typedef {{unit: string, low: (number | null)[], mean: (number | null)[], high: (number | null)[]}} Spread
+ * @typedef {{id: string, since: number, until: number, rows: number, thinned: boolean, t: number[],
+ *   signals: Record<string, Spread>}} Samples
  * @typedef {{recording: Recording | null, bytes_per_day: number | null, free_bytes: number, days: number | null}} RecordingRoom
  * @typedef {{unit: string, t: number[], value: number[], std: (number | null)[], low: number[], high: number[],
  *   status: ("held" | "ok" | "doubtful")[]}} Course
@@ -56,6 +78,8 @@
  */
 
 const PATIENCE_MS = 5000;
+/** Of a long recording, what is asked for first is worked on for some seconds. */
+const PATIENCE_READING_MS = 60_000;
 
 /** @returns {Promise<DriveState[]>} */
 export async function listDrives() {
@@ -97,6 +121,22 @@ export function resetDrive(drive) {
  */
 export async function readSignals(drive, names) {
   return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals?names=${names.join(",")}`)).signals;
+}
+
+/** @param {string} drive @returns {Promise<import("./rooms/drive.js").Signal[]>} */
+export async function readAllSignals(drive) {
+  return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals`, undefined, PATIENCE_READING_MS)).signals;
+}
+
+/**
+ * @param {string} drive
+ * @param {string} kind
+ * @param {string} [before]
+ * @returns {Promise<{events: DriveEvent[], total: number, next: string | null}>}
+ */
+export function listEvents(drive, kind, before = "") {
+  const wanted = Object.entries({ kind, before }).filter(([, value]) => value !== "");
+  return call("GET", `/api/drives/${encodeURIComponent(drive)}/events?${new URLSearchParams(wanted)}`);
 }
 
 /**
@@ -179,6 +219,104 @@ export function markRecording(id, text, t) {
   return call("POST", `/api/recordings/${encodeURIComponent(id)}/marks`, t === undefined ? { text } : { text, t });
 }
 
+/** @param {{drive?: string, kind?: string, text?: string, before?: string}} wanted @returns {Promise<Recordings>} */
+export function listRecordings(wanted) {
+  return call("GET", `/api/recordings?${new URLSearchParams(Object.entries(wanted).filter(([, value]) => value !== ""))}`);
+}
+
+/** @param {string} id @returns {Promise<Recording>} */
+export function readRecording(id) {
+  return call("GET", recordingAddress(id));
+}
+
+/** @param {string} id @param {{title?: string, note?: string}} said @returns {Promise<Recording>} */
+export function annotateRecording(id, said) {
+  return call("PATCH", recordingAddress(id), said);
+}
+
+/** @param {string} id @returns {Promise<Recording>} */
+export function deleteRecording(id) {
+  return call("DELETE", recordingAddress(id));
+}
+
+/** @param {string} id @param {string} format */
+export function recordingFile(id, format) {
+  return `${recordingAddress(id)}/file?format=${format}`;
+}
+
+/**
+ * @param {string} id
+ * @param {string[]} signals
+ * @param {[number, number] | null} range in s; null: all of it
+ * @param {number} points
+ * @returns {Promise<Samples>}
+ */
+export function readSamples(id, signals, range, points) {
+  const within = range === null ? "" : `&since=${range[0]}&until=${range[1]}`;
+  return call("GET", `${recordingAddress(id)}/samples?signals=${signals.map(encodeURIComponent).join(",")}&points=${points}${within}`,
+    undefined, PATIENCE_READING_MS);
+}
+
+/** @param {string} id @param {object} request @returns {Promise<DiagnosisJob>} */
+export function askDiagnosis(id, request) {
+  return call("POST", `${recordingAddress(id)}/diagnosis`, request);
+}
+
+/** @param {string} id of the recording @returns {Promise<DiagnosisJob>} */
+export function readLatestDiagnosis(id) {
+  return call("GET", `${recordingAddress(id)}/diagnosis`);
+}
+
+/** @param {{drive?: string, recording?: string}} wanted @returns {Promise<{diagnoses: DiagnosisJob[], total: number, next: string | null}>} */
+export function listDiagnoses(wanted) {
+  return call("GET", `/api/diagnoses?${new URLSearchParams(wanted)}`);
+}
+
+/** @param {string} id @returns {Promise<DiagnosisJob>} */
+export function readDiagnosis(id) {
+  return call("GET", `/api/diagnoses/${encodeURIComponent(id)}`);
+}
+
+/** @param {string} id @returns {Promise<Diagnosis>} */
+export function readDiagnosisResult(id) {
+  return call("GET", diagnosisFile(id, "result"));
+}
+
+/** @param {string} id @returns {Promise<{figures: import("./rooms/figures.js").Figure[]}>} */
+export function readDiagnosisFigures(id) {
+  return call("GET", diagnosisFile(id, "figures"));
+}
+
+/** @param {string} id @param {"result" | "figures" | "report.html" | "machine.toml"} what */
+export function diagnosisFile(id, what) {
+  return `/api/diagnoses/${encodeURIComponent(id)}/${what}`;
+}
+
+/** Cancels one that is under way, deletes one that has ended. @param {string} id @returns {Promise<DiagnosisJob>} */
+export function removeDiagnosis(id) {
+  return call("DELETE", `/api/diagnoses/${encodeURIComponent(id)}`);
+}
+
+/** @param {string} drive @param {object} wanted @returns {Promise<ExperimentRun>} */
+export function askExperiment(drive, wanted) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/experiments`, wanted);
+}
+
+/** @param {string} drive @param {string} id @returns {Promise<ExperimentRun>} */
+export function readExperiment(drive, id) {
+  return call("GET", `/api/drives/${encodeURIComponent(drive)}/experiments/${encodeURIComponent(id)}`);
+}
+
+/** @param {string} drive @param {string} id @returns {Promise<ExperimentRun>} */
+export function cancelExperiment(drive, id) {
+  return call("DELETE", `/api/drives/${encodeURIComponent(drive)}/experiments/${encodeURIComponent(id)}`);
+}
+
+/** @param {string} id */
+function recordingAddress(id) {
+  return `/api/recordings/${encodeURIComponent(id)}`;
+}
+
 /** @param {string} drive */
 export function streamAddress(drive) {
   return `/api/drives/${encodeURIComponent(drive)}/stream?rows=true`;
@@ -191,9 +329,10 @@ export class NoAnswerError extends Error {}
  * @param {string} method
  * @param {string} address
  * @param {unknown} [body]
+ * @param {number} [patience_ms]
  */
-async function call(method, address, body) {
-  const response = await send(method, address, body);
+async function call(method, address, body, patience_ms = PATIENCE_MS) {
+  const response = await send(method, address, body, patience_ms);
   const content = await response.json().catch(() => null);
   if (response.ok && content !== null) return content;
   throw new Error(problemSentence(response, content));
@@ -203,15 +342,16 @@ async function call(method, address, body) {
  * @param {string} method
  * @param {string} address
  * @param {unknown} body
+ * @param {number} patience_ms
  */
-async function send(method, address, body) {
+async function send(method, address, body, patience_ms) {
   try {
     return await fetch(address, {
       method,
       headers: method === "GET" ? {} : { "Content-Type": "application/json" }, // also of what has no body
       body: body === undefined ? undefined : JSON.stringify(body),
       cache: "no-store",
-      signal: AbortSignal.timeout(PATIENCE_MS),
+      signal: AbortSignal.timeout(patience_ms),
     });
   } catch {
     throw new NoAnswerError("The service does not answer.");

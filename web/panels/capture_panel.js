@@ -8,7 +8,7 @@
 import { askCapture, cancelCapture, captureFile, NoAnswerError, triggerCapture } from "../api.js";
 import { element, input, number, wholeNumber, write } from "../fields.js";
 import { clock, duration, integer, parseNumber } from "../format.js";
-import { address } from "../router.js";
+import { diagnoseIt } from "../rooms/diagnose_it.js";
 
 const UNITS = new Map([["theta_e", "rad"], ["omega_e", "rad/s"], ["u_d", "V"], ["u_q", "V"], ["u_dc", "V"]]);
 /** What a diagnosis needs. */
@@ -25,7 +25,7 @@ const signal = select("capture-signal");
 const level = input("capture-level");
 const bar = /** @type {HTMLProgressElement} */ (element("capture-progress"));
 const link = /** @type {HTMLAnchorElement} */ (element("capture-file"));
-const diagnose = /** @type {HTMLAnchorElement} */ (element("capture-diagnose"));
+const diagnose = /** @type {HTMLButtonElement} */ (element("capture-diagnose"));
 const message = element("capture-message");
 const buttons = ["capture-start", "capture-now", "capture-cancel"].map((id) => /** @type {HTMLButtonElement} */ (element(id)));
 const [start, now, cancel] = buttons;
@@ -47,6 +47,11 @@ export function buildCapturePanel() {
   for (const event of ["input", "change"]) form.addEventListener(event, fillFields);
   form.addEventListener("submit", (event) => { event.preventDefault(); ask((name) => askCapture(name, wanted())); });
   now.addEventListener("click", () => ask((name) => triggerCapture(name, latest?.id ?? "")));
+  diagnose.addEventListener("click", () => ask(async (name) => {
+    const of = /** @type {Capture} */ (latest);
+    await diagnoseIt(of.id, name);
+    return of;
+  }));
   cancel.addEventListener("click", () => ask((name) => cancelCapture(name, latest?.id ?? "")));
   fillFields();
 }
@@ -121,7 +126,6 @@ function fillCapture({ id, drive: name, state, progress, samples, reason, file, 
     link.dataset.id = id;
   }
   diagnose.hidden = state !== "done" || !ESTIMATED.every((name) => request.signals.includes(name)) || request.decimation !== 1;
-  diagnose.href = address("diagnosis", name, id);
   write(link, state === "done" ? "Download the recording" : "Download what was uploaded");
 }
 

@@ -1,4 +1,117 @@
+/**
+ * The room of diagnoses: what is to be diagnosed, those there are, and the one, or the two, that are chosen.
+ *
+ * @typedef {import("../api.js").DiagnosisJob} DiagnosisJob
+ */
+
+import { listDiagnoses, listRecordings } from "../api.js";
+import { make } from "../dom.js";
+import { element } from "../fields.js";
+import { clock, parseNumber } from "../format.js";
+import { words } from "./quantity.js";
+import { address, go } from "../router.js";
+import { diagnoseIt } from "./diagnose_it.js";
+import { diagnosisView } from "./diagnosis_view.js";
+
+const REFRESH_MS = 1500;
+const DIAGNOSED = ["u_d", "u_q", "i_d", "i_q", "omega_e"];
+const GOOD = ["no_mismatch", "explained"];
+
 /** @returns {import("../main.js").RoomPart} */
 export function diagnosisRoom() {
-  return { enter() {}, leave() {} };
+  const recording = /** @type {HTMLSelectElement} */ (make("select", { id: "diagnose-recording" }));
+  const trust = /** @type {HTMLInputElement} */ (make("input", { id: "diagnose-trust", inputmode: "decimal", value: "10" }));
+  const begin = /** @type {HTMLButtonElement} */ (make("button", { type: "submit", class: "primary", id: "diagnose-start" }, "Diagnose"));
+  const message = make("p", { class: "form-message", id: "diagnose-message", role: "alert" });
+  const list = make("ul", { id: "diagnoses-list", class: "list" });
+  const count = make("p", { id: "diagnoses-count", class: "section-note", role: "status" });
+  const views = make("div", { class: "side-by-side", id: "diagnoses-shown" });
+
+  element("room-diagnosis").append(
+    make("h1", { class: "visually-hidden" }, "Diagnosis"),
+    make("div", { class: "split" },
+      make("section", { class: "card side", "aria-label": "Diagnoses" },
+        make("form", { id: "diagnose-form", onsubmit: (/** @type {Event} */ event) => { event.preventDefault(); ask(); } },
+          make("label", { for: "diagnose-recording" }, "Recording"), recording,
+          make("p", { class: "entry" }, make("label", { for: "diagnose-trust" }, "data sheet within ±"), trust, make("span", { class: "unit" }, "%"), begin),
+          message),
+        count, list),
+      views));
+
+  let drive = "";
+  let timer = 0;
+  let key = "";
+  /** Ids shown. @type {string[]} */
+  let chosen = [];
+  /** @type {ReturnType<typeof diagnosisView>[]} */
+  let shown = [];
+
+  async function ask() {
+    message.textContent = "";
+    message.dataset.mood = "";
+    try {
+      const share = parseNumber(trust.value);
+      if (share === null || share <= 0) throw new Error(`Data sheet: expected a number of % above zero, got “${trust.value}”.`);
+      if (recording.value === "") throw new Error("There is no recording to diagnose yet: capture one in Live.");
+      const each = Object.fromEntries(["R_s", "L_d", "L_q", "psi_f"].map((name) => [name, share / 100]));
+      await diagnoseIt(recording.value, drive, share === 10 ? {} : { trust: each });
+    } catch (error) {
+      message.dataset.mood = "bad";
+      message.textContent = /** @type {Error} */ (error).message;
+    }
+  }
+
+  async function refresh() {
+    const asked = drive;
+    try {
+      const [jobs, recordings] = await Promise.all([listDiagnoses({ drive: asked }), listRecordings({ drive: asked })]);
+      if (asked !== drive) return;
+      const able = recordings.recordings.filter((one) => one.kind !== "stream" && one.state === "done"
+        && DIAGNOSED.every((name) => one.columns.includes(name)));
+      const now = JSON.stringify([jobs, able.map(({ id, title }) => [id, title]), chosen]);
+      if (now === key) return;
+      key = now;
+      const before = recording.value;
+      recording.replaceChildren(...able.map((one) => make("option", { value: one.id }, `${one.title || one.id} (${one.kind})`)));
+      if (able.some(({ id }) => id === before)) recording.value = before;
+      recording.disabled = able.length === 0;
+      count.textContent = jobs.total === 0 ? "None yet. Choose a recording and press Diagnose." : `${jobs.total} ${jobs.total === 1 ? "diagnosis" : "diagnoses"}, the newest first.`;
+      list.replaceChildren(...jobs.diagnoses.map(row));
+    } catch (error) {
+      count.textContent = /** @type {Error} */ (error).message;
+    }
+  }
+
+  /** @param {DiagnosisJob} job */
+  function row(job) {
+    const alone = chosen.length === 1 && job.state === "done" && !chosen.includes(job.id);
+    return make("li", {},
+      make("a", { href: address("diagnosis", drive, job.id), "aria-current": chosen.includes(job.id) && "true" },
+        make("span", { class: "row-head" }, make("strong", {}, clock(job.asked)),
+          make("span", { class: `chip ${job.verdict !== null && GOOD.includes(job.verdict) ? "good" : "warn"}` }, words(job.verdict ?? job.state))),
+        make("span", { class: "row-facts" }, job.recording)),
+      alone && make("button", { type: "button", class: "small beside", onclick: () => go("diagnosis", drive, `${chosen[0]}+${job.id}`) }, "lay beside"));
+  }
+
+  return {
+    enter(name, id) {
+      drive = name;
+      chosen = id === null ? [] : id.split("+").slice(0, 2);
+      shown.forEach((view) => view.leave());
+      shown = chosen.map((one) => diagnosisView(one, drive, chosen.length > 1));
+      views.replaceChildren(...(shown.length > 0 ? shown.map(({ root }) => root)
+        : [make("section", { class: "card padded" }, make("p", { class: "empty" },
+          "A diagnosis says which physics a recording shows that the machine's data leave out, where it acts, and how large it is. Choose one, or a recording to diagnose."))]));
+      key = "";
+      clearInterval(timer);
+      timer = setInterval(() => { if (!document.hidden) refresh(); }, REFRESH_MS);
+      refresh();
+    },
+    leave() {
+      clearInterval(timer);
+      shown.forEach((view) => view.leave());
+      shown = [];
+      views.replaceChildren();
+    },
+  };
 }
