@@ -17,7 +17,7 @@ const KINDS = [["", "all kinds"], ["stream", "streams"], ["capture", "captures"]
 /** @returns {import("../main.js").RoomPart} */
 export function recordingsRoom() {
   const search = /** @type {HTMLInputElement} */ (make("input", { id: "recordings-search", class: "text", type: "search",
-    placeholder: "title, note, mark, name", "aria-label": "Search recordings", maxlength: 200 }));
+    placeholder: "search", "aria-label": "Search recordings", maxlength: 200 }));
   const kind = /** @type {HTMLSelectElement} */ (make("select", { id: "recordings-kind", "aria-label": "Kind" },
     KINDS.map(([value, words]) => make("option", { value }, words))));
   const all = /** @type {HTMLInputElement} */ (make("input", { id: "recordings-all", type: "checkbox" }));
