@@ -17,7 +17,10 @@ pytestmark = pytest.mark.live
 KEYS = "length, periods_per_row, estimated, held, method, longest, forgetting_factor or ekf"
 DRIVE = "/api/drives/emulated"
 WINDOW = f"{DRIVE}/window"
-ROUTES = ("", "/estimates", "/window", "/stream", "/signals", "/captures", "/captures/latest", "/captures/latest/file")
+ROUTES = (
+    "", "/estimates", "/window", "/stream", "/signals", "/signals/recent", "/captures", "/captures/latest",
+    "/captures/latest/file",
+)
 PROBLEM = "application/problem+json"
 
 
@@ -62,7 +65,7 @@ def test_drives_are_listed_and_told_one_by_one(client: httpx.Client) -> None:
     (listed,) = client.get("/api/drives").json()["drives"]
     told = client.get(DRIVE).json()
     for drive in (listed, told):
-        assert set(drive) == {"name", "url", "identity", "link", "stream", "writer", "control"}
+        assert set(drive) == {"name", "url", "identity", "link", "stream", "latest", "limits", "writer", "control"}
         assert drive["name"] == "emulated"
         assert drive["url"].startswith("canopen://socketcand/127.0.0.1:")
         assert drive["identity"]["T_s"] == pytest.approx(1e-4)
@@ -320,6 +323,59 @@ def test_two_clients_get_ten_snapshots_a_second_each(client: httpx.Client, runni
         assert times[-1] - times[0] > 0.8
         assert set(snapshots[0]["drive"]) == set(client.get(DRIVE).json())
         assert set(snapshots[0]["estimates"]) == set(client.get(f"{DRIVE}/estimates").json())
+
+
+def test_the_latest_values_are_what_the_drive_does(client: httpx.Client) -> None:
+    told = client.get(DRIVE).json()
+    assert told["latest"]["speed_rpm"] == pytest.approx(1200.0, rel=1e-3)
+    assert told["latest"]["omega_e"] == pytest.approx(502.65, rel=1e-3)
+    assert told["latest"]["u_dc"] == pytest.approx(310.0, rel=0.01)
+    assert abs(told["latest"]["i_q"] - 2.0) < 3.5
+    assert told["limits"] == {"i_max": 6.0, "speed_max_rpm": 3000.0, "n_p": 4}
+
+
+def test_signals_of_the_last_seconds_go_on_where_they_were_asked_for(client: httpx.Client) -> None:
+    first = client.get(f"{DRIVE}/signals/recent").json()
+    i_q = first["signals"]["i_q"]
+    assert first["bin_s"] == 0.02
+    assert i_q["unit"] == "A"
+    assert len(i_q["low"]) == len(i_q["high"]) > 10
+    assert all(low <= high for low, high in zip(i_q["low"], i_q["high"], strict=True) if low is not None)
+    time.sleep(0.2)
+    more = client.get(f"{DRIVE}/signals/recent", params={"since": first["last"]}).json()
+    assert more["first"] == first["last"]
+    assert 5 <= len(more["signals"]["u_d"]["low"]) < 200
+    assert "since" in problem(client.get(f"{DRIVE}/signals/recent", params={"since": "yesterday"}), 422)
+
+
+def rows_of(url: str, wanted: int, last: str | None = None) -> list[dict[str, Any]]:
+    """The first events of rows, each with its id."""
+    found: list[dict[str, Any]] = []
+    headers = {} if last is None else {"Last-Event-ID": last}
+    with httpx.Client(base_url=url) as client, client.stream(
+        "GET", f"{DRIVE}/stream", params={"rows": True}, headers=headers
+    ) as response:
+        kind = id_ = ""
+        for line in response.iter_lines():
+            key, _, value = line.partition(": ")
+            kind, id_ = (value if key == "event" else kind), (value if key == "id" else id_)
+            if key == "data" and kind == "rows":
+                found.append({"id": id_} | json.loads(value))
+                if len(found) == wanted:
+                    return found
+            if not line:
+                kind = id_ = ""
+    return found
+
+
+def test_rows_in_the_stream_miss_no_bin_also_over_a_break(client: httpx.Client, running_bench: RunningBench) -> None:
+    before = rows_of(running_bench.url, 3)
+    time.sleep(0.5)
+    after = rows_of(running_bench.url, 2, before[-1]["id"])
+    assert len(before[0]["signals"]["i_d"]["low"]) > 10  # all that is kept
+    for earlier, later in zip((*before, after[0]), (*before[1:], *after), strict=False):
+        assert later["first"] == earlier["last"] == earlier["id"]
+    assert len(after[0]["signals"]["i_d"]["low"]) >= 20  # of the half second, too
 
 
 def test_health_tells_every_thread_and_link(client: httpx.Client) -> None:
