@@ -21,8 +21,10 @@ from bench.api.models.recordings import (
     MarkRequestModel,
     RecordingsModel,
     RoomModel,
+    SamplesModel,
     StoredRecordingModel,
     of_shelf,
+    samples_model,
     under_way,
 )
 from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError
@@ -31,6 +33,8 @@ from bench.jobs import LATEST
 from bench.recordings.table import ROWS, column_names, read_parts
 from bench.service.service import Service
 from bench.store.annotations import Annotations, Mark
+from bench.store.samples import MOST_POINTS, samples_of
+from bench.store.shelf import Shelf
 
 _ROOT: Final = "/api/recordings/{id}"
 _WRONG: Answers = {422: {"description": "Not what can be asked for"} | PROBLEM}
@@ -186,6 +190,31 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
             _kept(lambda: shelf.mark(id_, one))
         return found.one(id_)
 
+    @app.get(f"{_ROOT}/samples", summary="A recording's columns for a plot", response_model=SamplesModel,
+             responses=_NOT_NOW | _ONE | _WRONG)
+    def recording_samples(
+        id_: RecordingId,
+        signals: Annotated[
+            str, Query(description="names with commas; none: all, up to 16", max_length=2000, examples=["i_d,i_q"])
+        ] = "",
+        since: Annotated[
+            float, Query(description="s from its begin", ge=0.0, le=1e9, allow_inf_nan=False)
+        ] = 0.0,
+        until: Annotated[
+            float | None, Query(description="s from its begin; its end", ge=0.0, le=1e9, allow_inf_nan=False)
+        ] = None,
+        points: Annotated[int, Query(description="at most; besides, breaks", ge=1, le=MOST_POINTS)] = 1000,
+    ) -> Response:
+        """Thinned where there are more rows than points, each signal's lowest, mean and highest value kept.
+
+        A gap is a point with null. Of a long recording, what is asked for first is worked on for some seconds.
+        """
+        id_ = found.one(id_).id
+        path = _ended(found, shelf, id_)
+        names = [name.strip() for name in signals.split(",") if name.strip()]
+        told = samples_model(id_, samples_of(path, names, since, until, points))
+        return Response(told.model_dump_json(), media_type="application/json")
+
     @app.head(f"{_ROOT}/file", include_in_schema=False)
     @app.get(f"{_ROOT}/file", summary="Download a recording", response_class=FileResponse,
              responses=_FILES | _NOT_NOW | _ONE | _WRONG)
@@ -194,9 +223,7 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
     ) -> Response:
         """As Parquet, as it is on disk, or as CSV; SI."""
         id_ = found.one(id_).id
-        if found.running(id_) is not None:
-            raise ConflictError(f"recording {id_} is under way: expected one that has ended")
-        path = shelf.one(id_).path
+        path = _ended(found, shelf, id_)
         if format == "parquet":
             return FileResponse(path, media_type=MEDIA, filename=path.name)
         headers = {"Content-Disposition": f'attachment; filename="{quote(id_)}.csv"'}
@@ -216,6 +243,13 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         else:
             _kept(lambda: shelf.delete(id_))
         return one
+
+
+def _ended(found: _Found, shelf: Shelf, id_: str) -> File:
+    """The file of a recording. Raises ConflictError while it is under way, UnknownError where there is none."""
+    if found.running(id_) is not None:
+        raise ConflictError(f"recording {id_} is under way: expected one that has ended")
+    return shelf.one(id_).path
 
 
 def _who(request: Request) -> str:

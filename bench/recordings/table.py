@@ -12,6 +12,7 @@ import re
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NoReturn, cast
 
@@ -30,6 +31,7 @@ pa: Any = pyarrow  # comes without types
 pq: Any = pyarrow.parquet
 
 NOTES: Final = b"pmsm-bench"  # key of the notes that a Parquet file of the bench's carries, a JSON object
+UNIT: Final = b"unit"  # key of a column's unit
 
 HEAD = 1 << 16  # bytes in which a CSV's header must end
 ROWS = 1 << 16  # taken at a time where all are wanted
@@ -80,9 +82,21 @@ def read_parts(path: Path, columns: Sequence[str], rows: int, lines: Lines | Non
         if names.count(column) != 1:
             raise RecordingError(f"{path}: expected one column {quoted(column)}, found {names.count(column)}")
     if _kind(path) == "parquet":
-        yield from _parquet_parts(path, list(columns), rows)
+        yield from _parquet_parts(path, list(columns), rows, slice(None))
     else:
         yield from _csv_parts(path, list(columns), rows, Lines() if lines is None else lines)
+
+
+def read_rows(path: Path, columns: Sequence[str], rows: slice) -> Generator[Part]:
+    """These rows of a Parquet, its other row groups and columns unread. Raises RecordingError."""
+    yield from _parquet_parts(path, list(columns), ROWS, rows)
+
+
+def numeric_columns(path: Path) -> dict[str, str]:
+    """Columns of a Parquet that hold numbers, each with the unit that the file tells; empty where it tells none."""
+    with _as_sentences(path, "its end"):
+        fields = list(pq.read_schema(path))
+    return {field.name: _unit_of(field) for field in fields if _is_number(field.type)}
 
 
 def read_whole(
@@ -210,7 +224,7 @@ def _naming(path: Path) -> Generator[None]:
 # --- Parquet
 
 
-def _parquet_parts(path: Path, columns: list[str], rows: int) -> Iterator[Part]:
+def _parquet_parts(path: Path, columns: list[str], rows: int, wanted: slice) -> Iterator[Part]:
     done = 0
     try:
         # Not pre-buffered and through a small buffer: a row group is streamed, however long it is.
@@ -218,16 +232,40 @@ def _parquet_parts(path: Path, columns: list[str], rows: int) -> Iterator[Part]:
         with pq.ParquetFile(path, **options) as file:
             for name in columns:
                 _expect_numbers(path, name, file.schema_arrow.field(name).type)
-            for batch in file.iter_batches(batch_size=rows, columns=columns):
-                yield {
-                    name: batch.column(name).cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-                    for name in columns
-                }
+            begin, end, _ = wanted.indices(file.metadata.num_rows)
+            groups, done = _groups(file.metadata, begin, end)
+            for batch in file.iter_batches(batch_size=rows, columns=columns, row_groups=groups):
+                part = batch.slice(min(max(0, begin - done), batch.num_rows), max(0, end - max(done, begin)))
                 done += batch.num_rows
+                if part.num_rows:
+                    yield {
+                        name: part.column(name).cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+                        for name in columns
+                    }
+                if done >= end:
+                    return
     except FAILURES as error:
         _refuse(path, f"the rows after {done}", error)
 
 
+def _groups(told: Any, begin: int, end: int) -> tuple[list[int], int]:
+    """Row groups that have rows from `begin` to before `end`, and the number of the first of their rows."""
+    starts = [0]
+    for k in range(told.num_row_groups):
+        starts.append(starts[-1] + told.row_group(k).num_rows)
+    groups = [k for k, (a, b) in enumerate(pairwise(starts)) if a < end and b > begin]
+    return groups, starts[groups[0]] if groups else 0
+
+
+def _unit_of(field: Any) -> str:
+    metadata: dict[bytes, bytes] = field.metadata or {}
+    return metadata.get(UNIT, b"").decode("utf-8", "replace")
+
+
+def _is_number(kind: Any) -> bool:
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
+
+
 def _expect_numbers(path: Path, name: str, kind: Any) -> None:
-    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
+    if not _is_number(kind):
         raise RecordingError(f"{path}: column {quoted(name)}: expected numbers, it holds {quoted(str(kind))}")

@@ -4,6 +4,7 @@ Its notes tell what the columns do not: where it is from, gaps, events, why it e
 at any instant: the Parquet is there before the first segment goes, and tells by its id that it is.
 """
 
+import contextlib
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -15,6 +16,7 @@ from bench.errors import RecordingError
 from bench.files import check_free, first_free, give_name, sync_folder
 from bench.recordings.seal import seal
 from bench.recordings.table import NOTES, notes, pa, pq
+from bench.store.overview import prepare
 from bench.store.rows import COLUMNS, Rows, table_columns
 from bench.store.segments import Event, FoundSegments
 from drivers.wire.dictionary import signal_named
@@ -52,6 +54,8 @@ def closed(segments: FoundSegments, why: str = "") -> Path | None:
         part.unlink(missing_ok=True)
     segments.remove()
     sync_folder(folder)
+    with contextlib.suppress(RecordingError, OSError):  # it is made when it is needed, else
+        prepare(path)
     return path
 
 

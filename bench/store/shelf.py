@@ -14,6 +14,7 @@ from bench.errors import RecordingError, UnknownError, shown
 from bench.recordings.table import check_undamaged, column_names, notes, row_count
 from bench.store.annotations import SUFFIX as ABOUT
 from bench.store.annotations import Annotations, Mark
+from bench.store.overview import beside
 from bench.store.segments import FoundSegments, ids_in
 
 PARQUET: Final = ".parquet"
@@ -95,6 +96,7 @@ class Shelf:
         path = self.one(id_).path
         path.unlink()
         path.with_name(f"{id_}{ABOUT}").unlink(missing_ok=True)
+        beside(path).unlink(missing_ok=True)
 
     def verify(self) -> Iterator[Checked]:
         """Every file of the folder that is, or was to be, a recording: read whole against its checksums."""

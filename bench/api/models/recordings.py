@@ -4,12 +4,15 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.actions.recording import Status
 from bench.actions.recording_request import RecordingRequest
 from bench.expected import CLOSED, Else, Number
 from bench.store.annotations import Annotations, Title, Words
+from bench.store.samples import Samples
 from bench.store.shelf import Recording
 
 _ID = "emulated-20260131-120000-000"
@@ -100,6 +103,41 @@ class RoomModel(BaseModel):
     days: float | None = Field(description="of recording that there is room for, closing it included")
 
 
+class SpreadModel(BaseModel):
+    """A signal at each of the times; null where it has no value, or the line is broken by a gap."""
+
+    unit: str = Field(description="empty where nothing says it", examples=["A"])
+    low: list[float | None] = Field(description="lowest value of the rows that a point stands for")
+    mean: list[float | None]
+    high: list[float | None] = Field(description="highest value; of a row alone, low, mean and high are its value")
+
+
+class SamplesModel(BaseModel):
+    """A stretch of a recording for a plot. SI; times in s from the recording's begin."""
+
+    id: str = Field(examples=[_ID])
+    since: float
+    until: float = Field(description="at most the recording's end")
+    rows: int = Field(description="in that time", examples=[2500])
+    thinned: bool = Field(description="points stand for several rows; they reach over the ends by a point at most")
+    t: list[float] = Field(description="of every signal: the middle of the rows that a point stands for, or of a gap")
+    signals: dict[str, SpreadModel]
+
+
+def samples_model(id_: str, one: Samples) -> SamplesModel:
+    """Samples as REST shows them."""
+    signals = {
+        name: SpreadModel.model_construct(
+            unit=one.units[name], low=_values(spread.low), mean=_values(spread.mean), high=_values(spread.high)
+        )
+        for name, spread in one.course.signals.items()
+    }
+    return SamplesModel.model_construct(
+        id=id_, since=one.since, until=one.until, rows=one.course.rows, thinned=one.course.thinned,
+        t=one.course.t.tolist(), signals=signals,
+    )
+
+
 def of_shelf(one: Recording) -> StoredRecordingModel:
     """A closed recording as REST shows it."""
     return StoredRecordingModel.model_validate({
@@ -122,6 +160,11 @@ def under_way(status: Status, said: Annotations) -> StoredRecordingModel:
         "gaps": status.gaps, "rows_lost": status.rows_lost, "whole": not status.gaps, "reason": status.reason,
         "continues": status.continues,
     })  # fmt: skip
+
+
+def _values(column: NDArray[np.float64]) -> list[float | None]:
+    """With null in place of what is no number."""
+    return [None if absent else x for x, absent in zip(column.tolist(), np.isnan(column), strict=True)]
 
 
 def _mark(t: float, text: str, whom: str, at: str) -> dict[str, object]:

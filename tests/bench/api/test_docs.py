@@ -47,6 +47,7 @@ ROUTES = {
     ("get", "/api/drives/{name}/history"), ("get", "/api/drives/{name}/recordings"),
     ("post", "/api/drives/{name}/recordings"), ("get", "/api/recordings"), ("get", "/api/recordings/{id}"),
     ("patch", "/api/recordings/{id}"), ("delete", "/api/recordings/{id}"), ("get", "/api/recordings/{id}/file"),
+    ("get", "/api/recordings/{id}/samples"),
     ("post", "/api/recordings/{id}/stop"), ("post", "/api/recordings/{id}/marks"),
     ("post", "/api/recordings/{id}/diagnosis"), ("get", "/api/recordings/{id}/diagnosis"),
     ("get", "/api/recordings/{id}/diagnosis/result"), ("get", "/api/recordings/{id}/diagnosis/report.html"),
@@ -176,7 +177,7 @@ def answered(client: httpx.Client, method: str, path: str, body: str | None) -> 
     for kind in (CAPTURES, EXPERIMENTS):
         if f"{kind}/latest" in path:
             until(lambda kind=kind: client.get(f"{kind}/latest").json()["state"] == "done", kind)
-    if path in (f"{RECORDING}/marks", f"{RECORDING}/file"):
+    if path in (f"{RECORDING}/marks", f"{RECORDING}/file", f"{RECORDING}/samples"):
         until(lambda: client.get(RECORDING).json()["state"] == "done", "the recording")
     if path == f"{RECORDING}/stop":
         until(lambda: client.get(RECORDING).json()["rows"] > 200, "rows")

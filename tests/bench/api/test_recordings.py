@@ -58,6 +58,7 @@ def test_a_recording_from_its_begin_to_its_end(client: httpx.Client, tmp_path: P
     marked = client.post(f"{address}/marks", json={"text": "load on"})
     assert [mark["text"] for mark in marked.json()["marks"]] == ["load on"]
     assert "is under way" in problem(client.get(f"{address}/file"), 409)
+    assert "is under way" in problem(client.get(f"{address}/samples"), 409)
     assert client.patch(address, json={"title": "cold"}).json()["title"] == "cold"
     assert client.post(f"{address}/stop").json()["id"] == id_
     one = done(client, address)
@@ -72,6 +73,11 @@ def test_a_recording_from_its_begin_to_its_end(client: httpx.Client, tmp_path: P
     (tmp_path / "one.csv").write_bytes(text.content)
     (same,), (run,) = read_recording(tmp_path / "one.csv").runs, read_recording(tmp_path / "one.parquet").runs
     assert (same.i_q == run.i_q).all()
+    plotted = client.get(f"{address}/samples", params={"signals": "i_q,u_d", "until": 0.1, "points": 20}).json()
+    assert (plotted["rows"], plotted["thinned"], len(plotted["t"])) == (101, True, 20)
+    assert plotted["signals"]["u_d"]["unit"] == "V"
+    assert max(plotted["signals"]["i_q"]["high"]) == run.i_q[:101].max()
+    assert client.get(f"{address}/samples").json()["rows"] == one["rows"]
     later = client.post(f"{address}/marks", json={"text": "knocks", "t": 0.05}).json()
     assert [mark["text"] for mark in later["marks"]] == ["knocks", "load on"]
     assert "there is nothing to stop" in problem(client.post(f"{address}/stop"), 409)
@@ -104,6 +110,7 @@ def test_the_list_is_filtered_and_comes_in_pages(client: httpx.Client) -> None:
     ("PATCH", f"{ALL}/nobody", {"name": "x"}, 422, "expected title or note, got"),
     ("POST", f"{ALL}/nobody/marks", {"text": 3}, 422, "text: expected a text"),
     ("POST", f"{ALL}/nobody/stop", {}, 404, "no recording"),
+    ("GET", f"{ALL}/nobody/samples", None, 404, "no recording"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(
     client: httpx.Client, method: str, path: str, body: Any, status: int, said: str
