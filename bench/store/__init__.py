@@ -4,6 +4,7 @@
 * `segments` - a recording under way on disk; `closing` - what becomes of it: one Parquet
 * `catalogue` - settings and the past; `write_log` - what was written to drives, and what was refused
 * `annotations` - titles, notes and marks, beside a recording; `shelf` - all recordings of a folder
+* `diagnoses` - those that have ended
 
 Files are the truth. Knows nothing of links, threads and HTTP.
 """
