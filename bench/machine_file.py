@@ -123,6 +123,18 @@ class Nominal:
         return {**self.given, **{name: value for name, value in others.items() if value is not None}}
 
     @property
+    def tables(self) -> dict[str, dict[str, float]]:
+        """What is known of motor and drive, as the tables of a machine file have it."""
+        machine, drive = self.told | {"speed_max_rpm": self.speed_max_rpm}, ("T_s", "u_dc", "encoder_counts")
+        every = {"machine": machine, "drive": {name: getattr(self, name) for name in drive}}
+        if self.angle_ahead:
+            every["drive"]["angle_ahead"] = self.angle_ahead
+        return {
+            table: {name: value for name, value in values.items() if value is not None}
+            for table, values in every.items()
+        }
+
+    @property
     def machine(self) -> Machine | None:
         """The whole machine, or None while a parameter or the pole pairs are unknown."""
         if self.n_p is None or any(name not in self.given for name in PARAMETERS):

@@ -1,10 +1,15 @@
-"""What routes have in common: names in their paths, JSON bodies, the refusals that their descriptions tell."""
+"""What routes have in common: names in their paths, JSON bodies, pages of lists, the refusals that their descriptions
+tell.
+"""
 
 import json
-from collections.abc import Mapping
-from typing import Annotated, Any, Final, cast
+import re
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from datetime import datetime
+from typing import Annotated, Any, Final, TypeVar, cast
 
-from fastapi import Depends, Path, Request
+from fastapi import Depends, Path, Query, Request
 from starlette.requests import ClientDisconnect
 
 from bench.api.guard.kinds import READS, is_stop
@@ -33,7 +38,14 @@ _WRITE: Final = {  # of every route with a body
 }
 _TOKEN: Final = {"401": "The token is missing"}
 
+T = TypeVar("T")
+
 DriveName = Annotated[str, Path(description="name of a drive")]
+Before = Annotated[
+    str | None, Query(description="RFC 3339: of before that; see next", json_schema_extra={"format": "date-time"})
+]
+Limit = Annotated[int, Query(description="how many, a few more where they are of one moment", ge=1, le=1000)]
+_RFC_3339: Final = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 
 
 def of_known(service: Service) -> list[Any]:
@@ -62,6 +74,27 @@ def json_object(example: Mapping[str, Any], *, required: bool = True) -> Any:
         return _object(text if text or required else b"{}", json.dumps(example))
 
     return Depends(body)
+
+
+def time_of(text: str, what: str) -> datetime:
+    """A time with its zone. Raises LimitError."""
+    with suppress(ValueError):
+        if _RFC_3339.fullmatch(text):
+            return datetime.fromisoformat(text.upper())
+    raise LimitError(f"{what}: expected a time such as 2026-01-31T12:00:00Z, got {shown(text)}")
+
+
+def page_of(
+    items: Sequence[T], when: Callable[[T], datetime], before: str | None, limit: int
+) -> tuple[list[T], int, str | None]:
+    """Of items, the newest first: the first page before a time; how many there are from there on; before which the
+    next page begins, None on the last one. What is of one moment is on one page. Raises LimitError.
+    """
+    latest = None if before is None else time_of(before, "before")
+    there = [item for item in items if latest is None or when(item) < latest]
+    page = there[:limit]
+    page += [item for item in there[limit:] if when(item) == when(page[-1])]
+    return page, len(there), when(page[-1]).isoformat() if len(there) > len(page) else None
 
 
 def complete(document: dict[str, Any], *, with_token: bool) -> None:

@@ -3,15 +3,21 @@
 from typing import Annotated, Any, Final
 from urllib.parse import quote
 
-from fastapi import FastAPI, Path, Response
-from fastapi.responses import HTMLResponse, JSONResponse
+from fastapi import FastAPI, Path, Query, Response
+from fastapi.responses import HTMLResponse
 
-from bench.api.answers import PROBLEM, SHAPES, Answers, body_of, json_object
-from bench.api.models.diagnoses import DIAGNOSIS, DiagnosisJobModel, job_model
+from bench.api.answers import PROBLEM, SHAPES, Answers, Before, Limit, body_of, json_object, page_of
+from bench.api.models.diagnoses import DIAGNOSIS, DiagnosesModel, DiagnosisJobModel, job_model
+from bench.diagnoses.diagnosis_jobs import MACHINE, REPORT, RESULT, DiagnosisJobs, Job, JobState
 from bench.service.service import Service
+from estimator.diagnosis.verdict import Verdict
 
-_ROOT: Final = "/api/recordings/{id}/diagnosis"
-_ONE: Answers = {404: {"description": "No diagnosis of a recording of that name"} | PROBLEM}
+_OF: Final = "/api/recordings/{id}/diagnosis"
+_ALL: Final = "/api/diagnoses"
+_ROOT: Final = "/api/diagnoses/{id}"
+_LATEST: Answers = {404: {"description": "No diagnosis of a recording of that name"} | PROBLEM}
+_ONE: Answers = {404: {"description": "No diagnosis of that id"} | PROBLEM}
+_WRONG: Answers = {422: {"description": "Not what can be asked for"} | PROBLEM}
 _ASKED: Answers = {
     404: {"description": "No recording of that name"} | PROBLEM,
     409: {"description": "It is being diagnosed"} | PROBLEM,
@@ -22,18 +28,29 @@ _NOT_NOW: Answers = {409: {"description": "The diagnosis is in another state"} |
 _RESULT: Answers = {200: {"description": "The diagnosis", "content": {"application/json": {"schema": {
     "$ref": f"{SHAPES}{DIAGNOSIS}"}}}}}
 RecordingId = Annotated[str, Path(alias="id", description="name of a recording of the service's, or latest")]
+DiagnosisId = Annotated[str, Path(alias="id", description="id of a diagnosis, or latest")]
 
 
 def _file(media: str, what: str) -> Answers:
     return {200: {"description": what, "content": {media: {"schema": {"type": "string", "format": "binary"}}}}}
 
 
+_MEDIA: Final = {RESULT: "application/json", REPORT: "text/html", MACHINE: "application/toml"}
+_PAGE: Final = _file(_MEDIA[REPORT], "The page")
+_MACHINE: Final = _file(_MEDIA[MACHINE], "The machine file")
+
+
 def install(app: FastAPI, service: Service) -> None:
     """Add the routes to an application."""
 
-    jobs = service.diagnoses
+    _install_of_recording(app, service.diagnoses)
+    _install_all(app, service.diagnoses)
 
-    @app.post(_ROOT, summary="Diagnose a recording", status_code=202, responses=_ASKED,
+
+def _install_of_recording(app: FastAPI, jobs: DiagnosisJobs) -> None:
+    """Routes of a recording's latest."""
+
+    @app.post(_OF, summary="Diagnose a recording", status_code=202, responses=_ASKED,
               openapi_extra=body_of("DiagnosisRequestModel"))
     def ask_diagnosis(
         id_: RecordingId, response: Response,
@@ -41,38 +58,105 @@ def install(app: FastAPI, service: Service) -> None:
     ) -> DiagnosisJobModel:
         """Which physics the recording shows that the nominal machine leaves out. One at a time, the others wait.
 
-        It is worked on in a process of its own; drives, streams and estimates go on meanwhile.
+        It is worked on in a process of its own; drives, streams and estimates go on meanwhile. Those before it stay.
         """
         job = jobs.ask(id_, given)
-        response.headers["Location"] = f"/api/recordings/{quote(job.id)}/diagnosis"
-        return job_model(job)
+        response.headers["Location"] = f"/api/recordings/{quote(job.recording)}/diagnosis"
+        return _model(jobs, job)
 
-    @app.get(_ROOT, summary="State of a diagnosis", responses=_ONE)
+    @app.get(_OF, summary="State of a recording's latest diagnosis", responses=_LATEST)
     def diagnosis(id_: RecordingId) -> DiagnosisJobModel:
-        """How far the recording's latest diagnosis is; verdict and sentence once it is done."""
-        return job_model(jobs.one(id_))
+        """How far it is; verdict and sentence once it is done."""
+        return _model(jobs, jobs.one(id_))
 
-    @app.get(f"{_ROOT}/result", summary="A diagnosis", responses=_RESULT | _NOT_NOW | _ONE)
-    def diagnosis_result(id_: RecordingId) -> JSONResponse:
+    @app.get(f"{_OF}/result", summary="A recording's latest diagnosis", responses=_RESULT | _NOT_NOW | _LATEST)
+    def diagnosis_result(id_: RecordingId) -> Response:
         """All that is said, as `pmsm-bench diagnose --json` writes it.
 
         While another one is under way, or where it has failed or been cancelled, that of the last that was done.
         """
-        return JSONResponse(jobs.done(id_).content)
+        return _sent(jobs, jobs.done(id_), RESULT)
 
-    @app.get(f"{_ROOT}/report.html", summary="A diagnosis as a page", response_class=HTMLResponse,
-             responses=_file("text/html", "The page") | _NOT_NOW | _ONE)
-    def diagnosis_report(id_: RecordingId) -> HTMLResponse:
+    @app.get(f"{_OF}/report.html", summary="A recording's latest diagnosis as a page", response_class=HTMLResponse,
+             responses=_PAGE | _NOT_NOW | _LATEST)
+    def diagnosis_report(id_: RecordingId) -> Response:
         """With pictures; it needs nothing else, and can be printed."""
-        return HTMLResponse(jobs.report(id_))
+        return _sent(jobs, jobs.done(id_), REPORT)
 
-    @app.get(f"{_ROOT}/machine.toml", summary="The machine after a diagnosis", response_class=Response,
-             responses=_file("application/toml", "The machine file") | _NOT_NOW | _ONE)
+    @app.get(f"{_OF}/machine.toml", summary="The machine after a recording's latest diagnosis",
+             response_class=Response, responses=_MACHINE | _NOT_NOW | _LATEST)
     def diagnosis_machine(id_: RecordingId) -> Response:
         """A machine file with the parameters and the effects found; 409 where nothing could be fitted."""
-        return Response(jobs.machine(id_), media_type="application/toml")
+        return _sent(jobs, jobs.done(id_), MACHINE)
 
-    @app.delete(_ROOT, summary="Cancel a diagnosis", responses=_NOT_NOW | _ONE)
+    @app.delete(_OF, summary="Cancel a recording's diagnosis", responses=_NOT_NOW | _LATEST)
     def cancel_diagnosis(id_: RecordingId) -> DiagnosisJobModel:
         """Ends the process that works on it; a diagnosis that has ended stays as it is."""
-        return job_model(jobs.cancel(id_))
+        return _model(jobs, jobs.cancel(id_))
+
+
+def _install_all(app: FastAPI, jobs: DiagnosisJobs) -> None:
+    """Routes of all diagnoses, by ids of their own."""
+
+    @app.get(_ALL, summary="All diagnoses", responses=_WRONG)
+    def all_diagnoses(
+        drive: Annotated[str, Query(description="of recordings of this drive alone")] = "",
+        recording: Annotated[str, Query(description="of this recording alone, by its id")] = "",
+        verdict: Annotated[Verdict | None, Query()] = None,
+        state: Annotated[JobState | None, Query()] = None,
+        text: Annotated[str, Query(description="in id, recording, sentence or reason", max_length=200)] = "",
+        before: Before = None,
+        limit: Limit = 50,
+    ) -> DiagnosesModel:
+        """Those under way, and all that have ended and not been deleted; the newest first.
+
+        They outlive the service, and the recordings that they are of.
+        """
+        wanted = [job for job in jobs.all() if (not drive or job.drive == drive)
+                  and (not recording or job.recording == recording) and verdict in (None, job.verdict)
+                  and state in (None, job.state) and _mentions(job, text)]
+        page, total, more = page_of(wanted, lambda job: job.asked, before, limit)
+        return DiagnosesModel(diagnoses=[_model(jobs, job) for job in page], total=total, next=more)
+
+    @app.get(_ROOT, summary="State of a diagnosis", responses=_ONE)
+    def one_diagnosis(id_: DiagnosisId) -> DiagnosisJobModel:
+        """How far it is; verdict and sentence once it is done."""
+        return _model(jobs, jobs.named(id_))
+
+    @app.get(f"{_ROOT}/result", summary="A diagnosis", responses=_RESULT | _NOT_NOW | _ONE)
+    def one_diagnosis_result(id_: DiagnosisId) -> Response:
+        """All that is said, as `pmsm-bench diagnose --json` writes it."""
+        return _sent(jobs, jobs.named(id_), RESULT)
+
+    @app.get(f"{_ROOT}/report.html", summary="A diagnosis as a page", response_class=HTMLResponse,
+             responses=_PAGE | _NOT_NOW | _ONE)
+    def one_diagnosis_report(id_: DiagnosisId) -> Response:
+        """With pictures; it needs nothing else, and can be printed."""
+        return _sent(jobs, jobs.named(id_), REPORT)
+
+    @app.get(f"{_ROOT}/machine.toml", summary="The machine after a diagnosis", response_class=Response,
+             responses=_MACHINE | _NOT_NOW | _ONE)
+    def one_diagnosis_machine(id_: DiagnosisId) -> Response:
+        """A machine file with the parameters and the effects found; 409 where nothing could be fitted."""
+        return _sent(jobs, jobs.named(id_), MACHINE)
+
+    @app.delete(_ROOT, summary="Delete a diagnosis", responses=_ONE)
+    def delete_diagnosis(
+        id_: Annotated[str, Path(alias="id", description="id of a diagnosis, which says which")]
+    ) -> DiagnosisJobModel:
+        """From the disk, for good; one that is under way is cancelled, and stays as that. Tells what it is, or was."""
+        return _model(jobs, jobs.remove(id_))
+
+
+def _model(jobs: DiagnosisJobs, job: Job) -> DiagnosisJobModel:
+    return job_model(job, recording_there=jobs.has_recording(job))
+
+
+def _sent(jobs: DiagnosisJobs, job: Job, name: str) -> Response:
+    """A file of a diagnosis. Raises as `DiagnosisJobs.file`."""
+    return Response(jobs.file(job, name), media_type=_MEDIA[name])
+
+
+def _mentions(job: Job, text: str) -> bool:
+    said = (job.id, job.recording, job.sentence or "", job.reason)
+    return text.lower() in " ".join(said).lower()

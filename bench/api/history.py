@@ -1,19 +1,16 @@
 """The route of the past: what a drive's estimates were, from the catalogue."""
 
-import re
-from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Final
 
 from fastapi import FastAPI, Query
 
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, of_known
+from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, of_known, time_of
 from bench.api.models.history import HistoryModel, course_model
-from bench.errors import LimitError, UnavailableError, shown
+from bench.errors import UnavailableError
 from bench.service.service import Service
 
 _LONGEST: Final = 100.0 * 366.0 * 86_400.0  # s
-_RFC_3339: Final = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 _ASKED: Answers = {
     422: {"description": "Not a time"} | PROBLEM, 503: {"description": "The catalogue cannot be had"} | PROBLEM,
 }
@@ -42,11 +39,3 @@ def install(app: FastAPI, service: Service) -> None:
             drive=name, since=end - timedelta(seconds=seconds), until=end, span_s=span,
             parameters={one: course_model(one, course) for one, course in courses.items()},
         )
-
-
-def time_of(text: str, what: str) -> datetime:
-    """A time with its zone. Raises LimitError."""
-    with suppress(ValueError):
-        if _RFC_3339.fullmatch(text):
-            return datetime.fromisoformat(text.upper())
-    raise LimitError(f"{what}: expected a time such as 2026-01-31T12:00:00Z, got {shown(text)}")

@@ -13,9 +13,19 @@ from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import TypeAdapter
 
 from bench.actions.recording import Status
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
+from bench.api.answers import (
+    DRIVE,
+    PROBLEM,
+    Answers,
+    Before,
+    DriveName,
+    Limit,
+    body_of,
+    json_object,
+    of_known,
+    page_of,
+)
 from bench.api.captures import FILE, MEDIA
-from bench.api.history import time_of
 from bench.api.models.recordings import (
     AnnotationModel,
     MarkRequestModel,
@@ -141,19 +151,14 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         drive: Annotated[str, Query(description="of this drive alone")] = "",
         kind: Annotated[Literal["stream", "capture", "experiment", "file"] | None, Query()] = None,
         text: Annotated[str, Query(description="in id, title, note or a mark", max_length=200)] = "",
-        before: Annotated[
-            str | None,
-            Query(description="RFC 3339: begun before that; see next", json_schema_extra={"format": "date-time"}),
-        ] = None,
-        limit: Annotated[int, Query(ge=1, le=1000)] = 50,
+        before: Before = None,
+        limit: Limit = 50,
     ) -> RecordingsModel:
         """Of streams, captures, experiments, and files in the service's folder; the newest first."""
-        latest = None if before is None else time_of(before, "before")
         wanted = [one for one in found.all() if (not drive or one.drive == drive) and kind in (None, one.kind)
-                  and _mentions(one, text) and (latest is None or one.begun < latest)]
-        page = wanted[:limit]
-        more = page[-1].begun.isoformat() if len(wanted) > limit else None
-        return RecordingsModel(recordings=page, total=len(wanted), next=more)
+                  and _mentions(one, text)]
+        page, total, more = page_of(wanted, lambda one: one.begun, before, limit)
+        return RecordingsModel(recordings=page, total=total, next=more)
 
     @app.get(_ROOT, summary="A recording", responses=_ONE)
     def one_recording(id_: RecordingId) -> StoredRecordingModel:

@@ -1,28 +1,32 @@
-"""Diagnoses of the service's recordings: asked for, worked on one at a time in a process, watched, cancelled.
+"""Diagnoses of the service's recordings: asked for, worked on one at a time in a process, watched, cancelled, kept.
 
-The process lives as long as its job; nothing of the service waits for it. Of each recording there is the latest
-diagnosis, of the last twenty, until the service ends; its result stays until another one is done. Knows nothing of
-HTTP.
+The process lives as long as its job; nothing of the service waits for it. One that has ended is on disk, see
+`bench.store.diagnoses`, unless the disk does not take it: then the last twenty such are known until the service ends.
+Of one recording there may be several. Knows nothing of HTTP.
 """
 
-import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import UTC, datetime
+import platform
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from enum import StrEnum
+from importlib import metadata
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final, NoReturn, Self, cast
 
-from bench.diagnoses.diagnosis_request import WORK, Request, Result, check_whole, checked_trust
+from bench.diagnoses.diagnosis_request import WORK, Request, Result, check_whole, checked_trust, json_text
 from bench.diagnoses.worker import Failed, Progress, Worker
-from bench.errors import ConfigError, ConflictError, LimitError, UnavailableError, UnknownError, shown
+from bench.errors import ConfigError, ConflictError, LimitError, RecordingError, UnavailableError, UnknownError, shown
 from bench.jobs import LATEST, Jobs
 from bench.machine_file import Nominal, nominal_of
 from bench.recordings.table import notes
 from bench.store.closing import notes_of
+from bench.store.diagnoses import Diagnoses, Heading
 
 WAITING: Final = 10  # diagnoses
-_REMEMBERED: Final = 20  # diagnoses, each with its report
+RESULT, REPORT, MACHINE = "result.json", "report.html", "machine.toml"  # files of a diagnosis, by name
+_REMEMBERED: Final = 20  # diagnoses that could not be kept on disk, each with its report
+_MADE_WITH: Final = ("pmsm-bench", "numpy", "scipy", "numba")
 
 
 class JobState(StrEnum):
@@ -34,26 +38,49 @@ class JobState(StrEnum):
     FAILED = "failed"
     CANCELLED = "cancelled"
 
+    @property
+    def ended(self) -> bool:
+        """Nothing more will come of it."""
+        return self in (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
+
 
 @dataclass(frozen=True, slots=True)
 class Job:
     """A diagnosis at one moment."""
 
-    id: str  # of the recording
+    id: str
+    recording: str  # id
+    drive: str  # that made it; empty where the recording does not say
     asked: datetime
+    request: Mapping[str, Any]  # trust and nominal, as they are asked for
     state: JobState = JobState.QUEUED
+    started: datetime | None = None
+    ended: datetime | None = None
     progress: float = 0.0  # 0 to 1
     phase: str = ""  # what is being done, in words
     reason: str = ""  # why it failed
-    content: Mapping[str, Any] | None = None  # as `bench.diagnoses.published` says
-    machine: str | None = None  # a machine file
-    packed: bytes = b""  # the report
-    earlier: "Job | None" = None  # the latest before this one that has a result, while this one has none
+    verdict: str | None = None  # once it is done
+    sentence: str | None = None
+    lost: str = ""  # why it is not kept on disk, a sentence; empty: it is, or has not ended
+    files: Mapping[str, bytes] = field(default_factory=dict[str, bytes])  # of one that is not kept on disk
+
+    @classmethod
+    def of(cls, kept: Heading) -> Self:
+        """One that is on disk."""
+        return cls(
+            kept.id, kept.recording, kept.drive, kept.asked, kept.request, JobState(kept.state), kept.started,
+            kept.ended, float(kept.state == JobState.DONE), "", kept.reason, kept.verdict, kept.sentence,
+        )  # fmt: skip
 
     @property
-    def done(self) -> "Job | None":
-        """The recording's latest diagnosis that has a result."""
-        return self if self.state is JobState.DONE else self.earlier
+    def heading(self) -> Heading:
+        """As it is kept on disk, once it has ended."""
+        assert self.ended is not None, "it has"
+        versions = {name: metadata.version(name) for name in _MADE_WITH} | {"python": platform.python_version()}
+        return Heading(
+            self.id, self.recording, self.drive, self.asked, self.started, self.ended, self.state.value, self.reason,
+            self.verdict, self.sentence, dict(self.request), versions,
+        )  # fmt: skip
 
 
 @dataclass(slots=True, eq=False)
@@ -61,6 +88,7 @@ class _Run:
     """A diagnosis that has not ended, and who works on it."""
 
     request: Request
+    recording: str
     cancelled: bool = False
     worker: Worker | None = None
 
@@ -78,59 +106,131 @@ class DiagnosisJobs(Jobs[Job, _Run]):
 
     def __init__(self, folder: Path, nominals: Mapping[str, Nominal], work: str = WORK) -> None:
         """`folder` has the recordings; `nominals`, by drive, are for those that say whose they are."""
-        super().__init__("the diagnosis of")
+        super().__init__("diagnosis")
         self._folder, self._nominals, self._work = folder.absolute(), nominals, work
+        self._kept = Diagnoses(folder)
 
-    def ask(self, id_: str, given: Mapping[str, Any]) -> Job:
+    def start(self) -> None:
+        """Clear away what a service before this one had not written whole."""
+        self._kept.tidy()
+
+    def ask(self, recording: str, given: Mapping[str, Any]) -> Job:
         """Have a recording diagnosed. Raises UnknownError, LimitError, ConflictError, UnavailableError."""
-        file = self._file(id_)
-        id_ = file.stem
+        file = self._file(recording)
+        recording = file.stem
         request = self._request(file, given)
+        asked_for = {"trust": dict(request.trust), "nominal": request.nominal.tables}
+        drive = str(notes_of(file).get("drive", ""))
         with self._lock:
             if self._ending:
                 raise UnavailableError("the service is ending")
-            if id_ in self._runs:
-                raise ConflictError(f"recording {id_} is being diagnosed, expected it to have ended or been cancelled")
+            if any(run.recording == recording for run in self._runs.values()):
+                raise ConflictError(
+                    f"recording {recording} is being diagnosed, expected it to have ended or been cancelled"
+                )
             if len(self._runs) > WAITING:
                 raise UnavailableError(f"{WAITING} diagnoses are waiting, expected fewer before another one")
-            before = self._known.pop(id_, None)  # a new one is the newest
-            job, run = Job(id_, datetime.now(UTC), earlier=before and before.done), _Run(request)
+            id_, asked = self._free_id(datetime.now(UTC))
+            job, run = Job(id_, recording, drive, asked, asked_for), _Run(request, recording)
             self._put(job, run, lambda: self._work_on(id_, run))
             return job
 
-    def one(self, id_: str) -> Job:
-        """The latest diagnosis of a recording. Raises UnknownError."""
-        id_ = self._file(id_).stem if id_ == LATEST else id_
+    def all(self) -> list[Job]:
+        """All that are under way, or have ended and not been deleted; the newest first."""
+        with self._lock:
+            here = dict(self._known)
+        every = here | {kept.id: Job.of(kept) for kept in self._kept.all()}
+        return _newest_first(every.values())
+
+    def named(self, id_: str) -> Job:
+        """A diagnosis by its id, or `latest`. Raises UnknownError."""
+        if id_ == LATEST and (every := self.all()):
+            return every[0]
         with self._lock:
             job = self._known.get(id_)
-        if job is None:
-            raise UnknownError(f"no diagnosis of a recording {shown(id_)}")
+        return Job.of(self._kept.one(id_)) if job is None else job
+
+    def one(self, recording: str) -> Job:
+        """The latest diagnosis of a recording. Raises UnknownError."""
+        return self._of(recording)[0]
+
+    def done(self, recording: str) -> Job:
+        """A recording's latest diagnosis that was done. Raises UnknownError; ConflictError while none is."""
+        every = self._of(recording)
+        return next((job for job in every if job.state is JobState.DONE), None) or self._without_result(every[0])
+
+    def file(self, job: Job, name: str) -> bytes:
+        """A file of a diagnosis, `RESULT`, `REPORT` or `MACHINE`.
+
+        Raises UnknownError where it was deleted, ConflictError where it has none, UnavailableError.
+        """
+        if job.state is not JobState.DONE:
+            self._without_result(job)
+        try:
+            content = job.files.get(name) if job.lost else self._kept.file(job.id, name)
+        except RecordingError as error:
+            raise UnavailableError(str(error)) from None
+        if content is None:
+            why = ": nothing could be fitted" if name == MACHINE else ""
+            raise ConflictError(f"{_named(job)} has no {name}{why}")
+        return content
+
+    def has_recording(self, job: Job) -> bool:
+        """Whether what it is of has not been deleted since."""
+        return (self._folder / f"{job.recording}.parquet").is_file()
+
+    def cancel(self, recording: str) -> Job:
+        """End the latest diagnosis of a recording. Raises UnknownError; ConflictError where it has ended;
+        UnavailableError.
+        """
+        job = self.one(recording)
+        self._cancel(job)
+        return self.named(job.id)
+
+    def remove(self, id_: str) -> Job:
+        """End one that is under way; delete one that has ended. Tells what it is then, or was.
+
+        Raises UnknownError, UnavailableError.
+        """
+        if id_ == LATEST:
+            raise UnknownError("expected the id of the diagnosis that is to be deleted, got latest")
+        job = self.named(id_)
+        if not job.state.ended:
+            try:
+                self._cancel(job)
+                return self.named(id_)
+            except ConflictError:  # it has just ended
+                job = self.named(id_)
+        if not job.lost:
+            try:
+                self._kept.delete(id_)
+            except OSError as error:
+                raise UnavailableError(f"{_named(job)} cannot be deleted: {error.strerror or error}") from None
+        with self._lock:
+            self._known.pop(id_, None)
         return job
 
-    def done(self, id_: str) -> Job:
-        """A recording's latest diagnosis that was done. Raises UnknownError; ConflictError while none is."""
-        job = self.one(id_)
-        if job.done is None:
-            why = f": {job.reason}" if job.reason else ""
-            raise ConflictError(f"{self._kind} {job.id} is {job.state}{why}, there is no result")
-        return job.done
+    def _of(self, recording: str) -> list[Job]:
+        """The diagnoses of a recording, the newest first. Raises UnknownError where there is none."""
+        recording = self._file(recording).stem if recording == LATEST else recording
+        with self._lock:
+            here = {id_: job for id_, job in self._known.items() if job.recording == recording}
+        found = here | {kept.id: Job.of(kept) for kept in self._kept.all() if kept.recording == recording}
+        if not found:
+            raise UnknownError(f"no diagnosis of a recording {shown(recording)}")
+        return _newest_first(found.values())
 
-    def report(self, id_: str) -> str:
-        """The page of a diagnosis. Raises as `done`."""
-        return zlib.decompress(self.done(id_).packed).decode()
+    def _without_result(self, job: Job) -> NoReturn:
+        why = f": {job.reason}" if job.reason else ""
+        raise ConflictError(f"{_named(job)} is {job.state}{why}, there is no result")
 
-    def machine(self, id_: str) -> str:
-        """The machine file of a diagnosis. Raises as `done`, and ConflictError where nothing could be fitted."""
-        job = self.done(id_)
-        if job.machine is None:
-            raise ConflictError(f"{self._kind} {job.id} has no machine file: nothing could be fitted")
-        return job.machine
-
-    def cancel(self, id_: str) -> Job:
-        """End a diagnosis. Raises UnknownError; ConflictError where it has ended; UnavailableError."""
-        job = self.one(id_)
-        self._cancel(job)
-        return self.one(job.id)
+    def _free_id(self, asked: datetime) -> tuple[str, datetime]:
+        """Under the lock: an id that no other has, and when it was asked for by that."""
+        while True:
+            id_ = f"{asked:%Y%m%d-%H%M%S}-{asked.microsecond // 1000:03d}"
+            if id_ not in self._known and not self._kept.has(id_):
+                return id_, asked
+            asked += timedelta(milliseconds=1)
 
     def _file(self, id_: str) -> Path:
         """A recording in the folder. Raises UnknownError."""
@@ -162,41 +262,69 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         return self._nominals.get(str(notes(file).get("drive")), Nominal({}))
 
     def _work_on(self, id_: str, run: _Run) -> None:
+        files: dict[str, bytes] = {}
         try:
-            ended = self._ended(id_, run)
+            ended, files = self._ended(id_, run)
         except Exception as error:  # noqa: BLE001 - a fault of ours must not leave a diagnosis without an end
             why = f"the bench failed on it: {type(error).__name__}: {error}"
             ended = {"state": JobState.FAILED, "reason": why}
         with self._lock:
             if run.cancelled and ended["state"] is not JobState.DONE:
                 ended = {"state": JobState.CANCELLED, "reason": "the service has ended" if self._ending else ""}
-            self._end(id_, **ended)
+            job = replace(self._known[id_], ended=datetime.now(UTC), phase="", **ended)
+        lost = self._put_on_disk(job, files)
+        with self._lock:
+            self._end(id_, ended=job.ended, phase="", lost=lost, files=files if lost else {}, **ended)
+            if not lost:  # from here on it is told as it is on disk
+                del self._known[id_]
             self._forget(_REMEMBERED)
 
-    def _ended(self, id_: str, run: _Run) -> dict[str, Any]:
-        """Wait its turn, and for its worker; how it went."""
+    def _put_on_disk(self, job: Job, files: Mapping[str, bytes]) -> str:
+        """Keep one that has ended; why it cannot be, a sentence, empty where it is."""
+        try:
+            self._kept.keep(job.heading, files)
+        except OSError as error:
+            why = error.strerror or error
+            return f"it could not be kept on disk, and is gone when the service ends: {why}"
+        return ""
+
+    def _ended(self, id_: str, run: _Run) -> tuple[dict[str, Any], dict[str, bytes]]:
+        """Wait its turn, and for its worker; how it went, and its files."""
         with self._lock:
             self._lock.wait_for(lambda: run.cancelled or run is next(iter(self._runs.values())))
             if run.cancelled:
-                return {"state": JobState.CANCELLED}
+                return {"state": JobState.CANCELLED}, {}
         with Worker(self._work) as worker:
             with self._lock:
                 run.worker = worker
                 if run.cancelled:
                     worker.kill()
-                self._change(id_, state=JobState.RUNNING)
+                self._change(id_, state=JobState.RUNNING, started=datetime.now(UTC))
             worker.begin(run.request)
             while isinstance(heard := worker.hear(), Progress):
                 self._change(id_, progress=heard.share, phase=heard.phase)
             with self._lock:
                 run.worker = None
         if isinstance(heard, Failed):
-            return {"state": JobState.FAILED, "reason": heard.why}
+            return {"state": JobState.FAILED, "reason": heard.why}, {}
         result: Result = heard.result
-        return {
-            "state": JobState.DONE, "progress": 1.0, "phase": "", "content": result.content, "machine": result.machine,
-            "packed": zlib.compress((result.report or "").encode(), 1), "earlier": None,
-        }
+        said = {key: result.content.get(key) for key in ("verdict", "sentence")}
+        return {"state": JobState.DONE, "progress": 1.0, **said}, _files(result)
+
+
+def _files(result: Result) -> dict[str, bytes]:
+    """What is kept of a result, by name; what it does not have is left out."""
+    made = {RESULT: json_text(result.content), REPORT: result.report, MACHINE: result.machine}
+    return {name: text.encode() for name, text in made.items() if text is not None}
+
+
+def _newest_first(jobs: Iterable[Job]) -> list[Job]:
+    return sorted(jobs, key=lambda job: (job.asked, job.id), reverse=True)
+
+
+def _named(job: Job) -> str:
+    """As a sentence names it."""
+    return f"diagnosis {job.id} of {job.recording}"
 
 
 def _object(given: Mapping[str, Any], key: str) -> dict[str, object] | None:

@@ -115,6 +115,7 @@ class Service:
         self.recordings.start()
         self.captures.start()
         self.experiments.start()
+        self.diagnoses.start()
         return self
 
     def __exit__(self, *_: object) -> None:

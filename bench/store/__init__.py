@@ -5,6 +5,7 @@
 * `samples` - a recording's columns for a plot, by `thinning`; `overview` - what a long one is plotted by
 * `catalogue` - settings and the past; `write_log` - what was written to drives, and what was refused
 * `annotations` - titles, notes and marks, beside a recording; `shelf` - all recordings of a folder
+* `diagnoses` - those that have ended
 
 Files are the truth. Knows nothing of links, threads and HTTP.
 """

@@ -10,9 +10,11 @@ from bench.diagnoses.diagnosis_jobs import Job
 from bench.diagnoses.diagnosis_request import Trust
 from bench.diagnoses.published import schema
 from bench.machine_file import Tables
+from estimator.diagnosis.verdict import Verdict
 
 DIAGNOSIS: Final = "DiagnosisModel"
-_ID = "emulated-20260131-120000-000"
+_ID = "20260131-120000-000"
+_RECORDING = "emulated-20260131-115900-000"
 
 
 class DiagnosisRequestModel(BaseModel):
@@ -32,7 +34,12 @@ class DiagnosisRequestModel(BaseModel):
 class DiagnosisJobModel(BaseModel):
     """A diagnosis: asked for, under way, or ended."""
 
-    recording: str = Field(examples=[_ID])
+    id: str = Field(examples=[_ID])
+    recording: str = Field(description="id of what it is of", examples=[_RECORDING])
+    recording_there: bool = Field(description="false: the recording has been deleted since", examples=[True])
+    drive: str = Field(
+        description="that made the recording; empty where that does not say", examples=["emulated"]
+    )
     state: Literal["queued", "running", "done", "failed", "cancelled"] = Field(
         description="the last three are ends", examples=["done"]
     )
@@ -40,20 +47,37 @@ class DiagnosisJobModel(BaseModel):
     phase: str = Field(description="what is being done, in words", examples=[""])
     reason: str = Field(description="a sentence: why it failed", examples=[""])
     asked: datetime = Field(examples=["2026-01-31T12:00:00Z"])
-    verdict: str | None = Field(description="once it is done", examples=["explained"])
+    started: datetime | None = Field(description="null: it waits, or has never been", examples=["2026-01-31T12:00:00Z"])
+    ended: datetime | None = Field(description="null: it has not", examples=["2026-01-31T12:00:40Z"])
+    verdict: Verdict | None = Field(description="once it is done", examples=["explained"])
     sentence: str | None = Field(
         description="the answer in words", examples=["The inverter's voltage error was left out: 2.0 us of dead time."]
     )
+    request: dict[str, Any] = Field(
+        description="trust and nominal, by which another one is asked for alike; those that were the drive's are told",
+        examples=[{"trust": {"R_s": 0.2}, "nominal": {"machine": {"n_p": 4}, "drive": {}}}],
+    )
+    remark: str = Field(
+        description="a sentence: why it is not kept on disk; empty of one that is, or has not ended", examples=[""]
+    )
 
 
-def job_model(job: Job) -> DiagnosisJobModel:
+class DiagnosesModel(BaseModel):
+    """Diagnoses, the newest first."""
+
+    diagnoses: list[DiagnosisJobModel]
+    total: int = Field(description="that the filters let through")
+    next: str | None = Field(description="before which the next page begins; null on the last one")
+
+
+def job_model(job: Job, *, recording_there: bool) -> DiagnosisJobModel:
     """A diagnosis as REST shows it."""
-    content = job.content or {}
     return DiagnosisJobModel.model_validate({
-        "recording": job.id, "state": job.state.value, "progress": job.progress, "phase": job.phase,
-        "reason": job.reason, "asked": job.asked, "verdict": content.get("verdict"),
-        "sentence": content.get("sentence"),
-    })
+        "id": job.id, "recording": job.recording, "recording_there": recording_there, "drive": job.drive,
+        "state": job.state.value, "progress": job.progress, "phase": job.phase, "reason": job.reason,
+        "asked": job.asked, "started": job.started, "ended": job.ended, "verdict": job.verdict,
+        "sentence": job.sentence, "request": job.request, "remark": job.lost,
+    })  # fmt: skip
 
 
 def diagnosis_shapes() -> dict[str, Any]:

@@ -13,6 +13,7 @@ from bench.cli.rest import Rest, rest_at
 from bench.cli.terminal import Terminal
 from bench.errors import BenchError, ConfigError
 from bench.files import captures_folder, check_place
+from bench.store.diagnoses import Diagnoses
 from bench.store.shelf import Shelf
 
 _TIMEOUT: Final = 30.0  # s for one answer
@@ -134,14 +135,16 @@ def check_all(folder: Path | None, *, as_json: bool) -> int:
     folder = folder or captures_folder()
     if not folder.is_dir():
         raise ConfigError(f"{folder}: expected a folder of recordings, there is none")
-    checked = list(Shelf(folder).verify())
+    recordings, diagnoses = list(Shelf(folder).verify()), list(Diagnoses(folder).verify())
+    checked = {"recordings": recordings, "diagnoses": diagnoses}
     if as_json:
-        print(json.dumps({"recordings": [{"name": one.name, "problem": one.problem} for one in checked]}, indent=1))
+        told = {kind: [{"name": one.name, "problem": one.problem} for one in found] for kind, found in checked.items()}
+        print(json.dumps(told, indent=1))
     else:
-        for one in checked:
+        for one in (*recordings, *diagnoses):
             _console.print(Text(one.problem or f"{one.name}: whole"))
-        _console.print(f"{len(checked)} recordings in {folder}")
-    return int(any(one.problem for one in checked))
+        _console.print(f"{len(recordings)} recordings and {len(diagnoses)} diagnoses in {folder}")
+    return int(any(one.problem for one in (*recordings, *diagnoses)))
 
 
 def _id(rest: Rest, id_: str, *, running: bool = False) -> str:

@@ -52,6 +52,8 @@ ROUTES = {
     ("post", "/api/recordings/{id}/diagnosis"), ("get", "/api/recordings/{id}/diagnosis"),
     ("get", "/api/recordings/{id}/diagnosis/result"), ("get", "/api/recordings/{id}/diagnosis/report.html"),
     ("get", "/api/recordings/{id}/diagnosis/machine.toml"), ("delete", "/api/recordings/{id}/diagnosis"),
+    ("get", "/api/diagnoses"), ("get", "/api/diagnoses/{id}"), ("delete", "/api/diagnoses/{id}"),
+    *(("get", f"/api/diagnoses/{{id}}/{what}") for what in ("result", "report.html", "machine.toml")),
 }
 ANY = ("400", "403", "408", "421", "431", "500", "503")  # of every route
 CAPTURES = "/api/drives/emulated/captures"
@@ -181,7 +183,9 @@ def answered(client: httpx.Client, method: str, path: str, body: str | None) -> 
         until(lambda: client.get(RECORDING).json()["state"] == "done", "the recording")
     if path == f"{RECORDING}/stop":
         until(lambda: client.get(RECORDING).json()["rows"] > 200, "rows")
-    if re.search("/recordings/latest/diagnosis/", path) or (method == "delete" and path.endswith("/diagnosis")):
+    if re.search("/recordings/latest/diagnosis/|/diagnoses/latest", path) or (
+        method == "delete" and path.endswith("/diagnosis")
+    ):
         until(lambda: client.get(DIAGNOSIS).json()["state"] == "done", "the diagnosis", READY)
     if path.endswith("/stream"):
         with client.stream(method, path) as events:

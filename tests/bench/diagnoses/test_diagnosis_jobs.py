@@ -14,11 +14,12 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from bench.diagnoses.diagnosis_jobs import WAITING, DiagnosisJobs, JobState
+from bench.diagnoses.diagnosis_jobs import MACHINE, REPORT, RESULT, WAITING, DiagnosisJobs, JobState
 from bench.diagnoses.published import schema
 from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError
 from bench.files import captures_folder
-from bench.machine_file import Nominal, load_machine
+from bench.machine_file import Nominal, load_machine, nominal_of
+from bench.store.diagnoses import FOLDER
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
 from tests.bench.api.test_api import problem
@@ -63,15 +64,21 @@ def ended(jobs: DiagnosisJobs, id_: str) -> JobState:
 def test_a_diagnosis_is_worked_on_in_a_process_that_is_gone_with_it(jobs: DiagnosisJobs) -> None:
     before = set(children(os.getpid()))
     asked = jobs.ask("explained", {"trust": {"R_s": 0.2}})
-    assert (asked.id, asked.state, asked.progress) == ("explained", JobState.QUEUED, 0.0)
+    assert (asked.recording, asked.drive, asked.state) == ("explained", "spindle", JobState.QUEUED)
+    assert asked.request["trust"] == {"R_s": 0.2}
+    assert nominal_of(asked.request["nominal"], "") == NOMINAL
     assert ended(jobs, "explained") is JobState.DONE
     done = jobs.done("explained")
     assert (done.progress, done.phase, done.reason) == (1.0, "", "")
-    assert done.content is not None
-    assert done.content["sentence"] == EXPLAINED.sentence
-    assert "trust {'R_s': 0.2}" in done.content["remarks"]
-    assert EXPLAINED.sentence.split(":")[1] in jobs.report("explained")
-    assert "[effects.inverter_voltage_error]" in jobs.machine("explained")
+    assert done.started is not None
+    assert done.ended is not None
+    assert done.asked <= done.started <= done.ended
+    assert (done.verdict, done.sentence) == ("explained", EXPLAINED.sentence)
+    content = json.loads(jobs.file(done, RESULT))
+    assert content["sentence"] == EXPLAINED.sentence
+    assert "trust {'R_s': 0.2}" in content["remarks"]
+    assert EXPLAINED.sentence.split(":")[1] in jobs.file(done, REPORT).decode()
+    assert "[effects.inverter_voltage_error]" in jobs.file(done, MACHINE).decode()
     assert set(children(os.getpid())) <= before
     assert jobs.ask("explained", {}).state is JobState.QUEUED  # once more
     assert ended(jobs, "explained") is JobState.DONE
@@ -85,8 +92,8 @@ def test_a_result_stays_until_another_one_is_done(jobs: DiagnosisJobs) -> None:
     assert jobs.ask("explained", {}).state is JobState.QUEUED
     assert jobs.one("explained").state is JobState.QUEUED
     assert jobs.done("explained") == first
-    assert jobs.report("explained").startswith("<!doctype html>")
-    assert "[machine]" in jobs.machine("explained")
+    assert jobs.file(first, REPORT).startswith(b"<!doctype html>")
+    assert b"[machine]" in jobs.file(first, MACHINE)
     assert jobs.cancel("explained").state is JobState.CANCELLED
     assert jobs.done("explained") == first
     jobs.ask("explained", {})
@@ -115,7 +122,7 @@ def test_one_is_under_way_and_the_others_wait_their_turn(jobs: DiagnosisJobs) ->
     for name in ("endless", "explained"):
         with pytest.raises(ConflictError, match=r"there is nothing to cancel$"):
             jobs.cancel(name)
-    with pytest.raises(ConflictError, match="the diagnosis of endless is cancelled, there is no result"):
+    with pytest.raises(ConflictError, match="of endless is cancelled, there is no result"):
         jobs.done("endless")
 
 
@@ -128,9 +135,9 @@ def test_a_diagnosis_that_fails_says_why_and_stops_none_after_it(jobs: Diagnosis
     assert jobs.one("refused").reason.endswith("refused.parquet: expected another name")
     assert jobs.one("dies").reason.endswith("ended before it was done (exit code 3)")
     with pytest.raises(ConflictError, match=r"is failed: .* expected another name, there is no result"):
-        jobs.report("refused")
-    with pytest.raises(ConflictError, match="has no machine file: nothing could be fitted"):
-        jobs.machine("nothing_told")
+        jobs.done("refused")
+    with pytest.raises(ConflictError, match=r"has no machine\.toml: nothing could be fitted"):
+        jobs.file(jobs.done("nothing_told"), MACHINE)
 
 
 def test_so_many_may_wait_and_no_more_and_none_is_left_at_the_end(tmp_path: Path) -> None:
@@ -186,7 +193,7 @@ def test_the_nominal_machine_is_that_of_the_drive_unless_told(tmp_path: Path) ->
             jobs.ask("explained", {})
         with pytest.raises(LimitError, match="missing in \\[machine\\]: R_s, L_d, L_q, psi_f, n_p"):
             jobs.ask("latest", {})
-        assert jobs.ask("latest", {"nominal": {"machine": WHOLE}}).id == "explained2"
+        assert jobs.ask("latest", {"nominal": {"machine": WHOLE}}).recording == "explained2"
         assert ended(jobs, "latest") is JobState.DONE
     finally:
         jobs.leave()
@@ -199,6 +206,69 @@ def test_an_unknown_recording_is_told(jobs: DiagnosisJobs, id_: str) -> None:
         jobs.ask(id_, {})
     with pytest.raises(UnknownError):
         jobs.one(id_)
+
+
+# --- after their end
+
+
+def all_ended(jobs: DiagnosisJobs, *names: str) -> None:
+    for name in names:
+        jobs.ask(name, {})
+    until(lambda: all(job.state.ended for job in jobs.all()), "their ends")
+
+
+def over(jobs: DiagnosisJobs) -> None:
+    jobs.leave()
+    jobs.join(10.0)
+
+
+def test_what_has_ended_is_there_after_a_restart_several_of_one_recording_side_by_side(
+    jobs: DiagnosisJobs, tmp_path: Path
+) -> None:
+    all_ended(jobs, "explained", "refused", "nothing_told")
+    jobs.ask("explained", {"trust": {"R_s": 0.2}})
+    assert ended(jobs, "explained") is JobState.DONE
+    jobs.ask("endless", {})
+    over(jobs)
+    before = jobs.all()
+    told = [(job.recording, job.state, job.reason) for job in before]
+    assert told[0] == ("endless", JobState.CANCELLED, "the service has ended")
+    assert [name for name, *_ in told[1:]] == ["explained", "nothing_told", "refused", "explained"]
+    again = DiagnosisJobs(tmp_path, NOMINALS, "tests.support.diagnoses:work")
+    again.start()
+    assert again.all() == before
+    second, first = (job for job in again.all() if job.recording == "explained")
+    assert (again.one("explained"), again.done("explained"), again.named(first.id)) == (second, second, first)
+    contents = [json.loads(again.file(job, RESULT)) for job in (first, second)]
+    assert [len(content["remarks"]) for content in contents] == [1, 2]
+    (tmp_path / "explained.parquet").unlink()  # what is said of it stays
+    assert (again.has_recording(first), again.done("explained")) == (False, second)
+    over(again)
+
+
+def test_one_that_has_ended_is_deleted_and_one_under_way_is_cancelled(jobs: DiagnosisJobs) -> None:
+    asked = jobs.ask("endless", {})
+    cancelled = jobs.remove(asked.id)
+    assert (cancelled.id, cancelled.state) == (asked.id, JobState.CANCELLED)
+    assert jobs.remove(asked.id) == cancelled
+    for gone in (lambda: jobs.named(asked.id), lambda: jobs.remove(asked.id), lambda: jobs.one("endless")):
+        with pytest.raises(UnknownError, match="no diagnosis"):
+            gone()
+    with pytest.raises(UnknownError, match="got latest"):
+        jobs.remove("latest")
+
+
+def test_a_disk_that_does_not_take_a_diagnosis_leaves_it_in_memory_and_it_says_so(
+    jobs: DiagnosisJobs, tmp_path: Path
+) -> None:
+    (tmp_path / FOLDER).write_text("a file where a folder is to be")
+    all_ended(jobs, "explained")
+    done = jobs.done("explained")
+    assert done.lost == "it could not be kept on disk, and is gone when the service ends: Not a directory"
+    assert jobs.file(done, REPORT).startswith(b"<!doctype html>")
+    assert jobs.named(done.id) == jobs.named("latest") == done
+    assert jobs.remove(done.id) == done
+    assert jobs.all() == []
 
 
 # --- over REST
@@ -227,7 +297,7 @@ def test_a_recording_is_diagnosed_over_rest_from_its_location_to_its_results(
     assert answer.json()["state"] in ("queued", "running")
     until(lambda: client.get(address).json()["state"] in ("done", "failed"), "its end")
     job = client.get(address).json()
-    assert (job["state"], job["progress"], job["reason"]) == ("done", 1.0, "")
+    assert (job["state"], job["progress"], job["reason"], job["drive"]) == ("done", 1.0, "", "emulated")
     content = client.get(f"{address}/result").json()
     validate(content, schema())
     assert (job["verdict"], job["sentence"]) == (content["verdict"], content["sentence"])
@@ -240,6 +310,25 @@ def test_a_recording_is_diagnosed_over_rest_from_its_location_to_its_results(
     (tmp_path / "m.toml").write_text(machine.text, encoding="utf-8")
     assert load_machine(tmp_path / "m.toml").n_p == 4
     assert " is done, there is nothing to cancel" in problem(client.delete(address), 409)
+    own = f"/api/diagnoses/{job['id']}"
+    assert client.get(own).json() == job
+    for end in ("/result", "/report.html", "/machine.toml"):
+        assert client.get(own + end).content == client.get(address + end).content
+    assert client.post(address, json=job["request"]).status_code == 202  # another one alike
+    until(lambda: client.get(address).json()["state"] == "done", "its end")
+    of_it = {"recording": job["recording"], "state": "done", "verdict": job["verdict"], "drive": "emulated"}
+    second, first = client.get("/api/diagnoses", params=of_it).json()["diagnoses"]
+    assert (first, second["request"]) == (job, job["request"])
+    assert client.get(f"/api/diagnoses/{second['id']}/result").json() == content
+    page = client.get("/api/diagnoses", params=of_it | {"limit": 1}).json()
+    assert (page["diagnoses"], page["total"], page["next"]) == ([second], 2, second["asked"].replace("Z", "+00:00"))
+    page = client.get("/api/diagnoses", params=of_it | {"before": page["next"]}).json()
+    assert (page["diagnoses"], page["total"], page["next"]) == ([first], 1, None)
+    assert client.get("/api/diagnoses", params={"text": "nowhere"}).json()["total"] == 0
+    assert client.delete(f"/api/recordings/{job['recording']}").status_code == 200
+    assert client.get(own).json() == job | {"recording_there": False}
+    assert client.delete(own).json()["id"] == job["id"]
+    assert problem(client.get(own), 404) == f"no diagnosis '{job['id']}'"
 
 
 def test_a_diagnosis_is_cancelled_over_rest_and_the_drive_streams_on(
