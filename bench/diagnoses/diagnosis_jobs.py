@@ -48,6 +48,7 @@ class Job:
     content: Mapping[str, Any] | None = None  # as `bench.diagnoses.published` says
     machine: str | None = None  # a machine file
     packed: bytes = b""  # the report
+    packed_figures: bytes = b""  # JSON, as `bench.diagnoses.figures.figure` says
     earlier: "Job | None" = None  # the latest before this one that has a result, while this one has none
 
     @property
@@ -118,6 +119,10 @@ class DiagnosisJobs(Jobs[Job, _Run]):
     def report(self, id_: str) -> str:
         """The page of a diagnosis. Raises as `done`."""
         return zlib.decompress(self.done(id_).packed).decode()
+
+    def figures(self, id_: str) -> str:
+        """The pictures of a diagnosis, as JSON. Raises as `done`."""
+        return zlib.decompress(self.done(id_).packed_figures).decode()
 
     def machine(self, id_: str) -> str:
         """The machine file of a diagnosis. Raises as `done`, and ConflictError where nothing could be fitted."""
@@ -195,7 +200,8 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         result: Result = heard.result
         return {
             "state": JobState.DONE, "progress": 1.0, "phase": "", "content": result.content, "machine": result.machine,
-            "packed": zlib.compress((result.report or "").encode(), 1), "earlier": None,
+            "packed": zlib.compress((result.report or "").encode(), 1),
+            "packed_figures": zlib.compress(result.figures.encode(), 1), "earlier": None,
         }
 
 
