@@ -7,8 +7,8 @@ from fastapi import FastAPI, Path, Query, Response
 from fastapi.responses import HTMLResponse
 
 from bench.api.answers import PROBLEM, SHAPES, Answers, Before, Limit, body_of, json_object, page_of
-from bench.api.models.diagnoses import DIAGNOSIS, DiagnosesModel, DiagnosisJobModel, job_model
-from bench.diagnoses.diagnosis_jobs import MACHINE, REPORT, RESULT, DiagnosisJobs, Job, JobState
+from bench.api.models.diagnoses import DIAGNOSIS, DIAGNOSIS_FIGURES, DiagnosesModel, DiagnosisJobModel, job_model
+from bench.diagnoses.diagnosis_jobs import FIGURES, MACHINE, REPORT, RESULT, DiagnosisJobs, Job, JobState
 from bench.service.service import Service
 from estimator.diagnosis.verdict import Verdict
 
@@ -27,6 +27,8 @@ _ASKED: Answers = {
 _NOT_NOW: Answers = {409: {"description": "The diagnosis is in another state"} | PROBLEM}
 _RESULT: Answers = {200: {"description": "The diagnosis", "content": {"application/json": {"schema": {
     "$ref": f"{SHAPES}{DIAGNOSIS}"}}}}}
+_FIGURES: Answers = {200: {"description": "The figures", "content": {"application/json": {"schema": {
+    "$ref": f"{SHAPES}{DIAGNOSIS_FIGURES}"}}}}}
 RecordingId = Annotated[str, Path(alias="id", description="name of a recording of the service's, or latest")]
 DiagnosisId = Annotated[str, Path(alias="id", description="id of a diagnosis, or latest")]
 
@@ -35,7 +37,9 @@ def _file(media: str, what: str) -> Answers:
     return {200: {"description": what, "content": {media: {"schema": {"type": "string", "format": "binary"}}}}}
 
 
-_MEDIA: Final = {RESULT: "application/json", REPORT: "text/html", MACHINE: "application/toml"}
+_MEDIA: Final = {
+    RESULT: "application/json", FIGURES: "application/json", REPORT: "text/html", MACHINE: "application/toml",
+}
 _PAGE: Final = _file(_MEDIA[REPORT], "The page")
 _MACHINE: Final = _file(_MEDIA[MACHINE], "The machine file")
 
@@ -76,6 +80,12 @@ def _install_of_recording(app: FastAPI, jobs: DiagnosisJobs) -> None:
         While another one is under way, or where it has failed or been cancelled, that of the last that was done.
         """
         return _sent(jobs, jobs.done(id_), RESULT)
+
+    @app.get(f"{_OF}/figures", summary="Figures of a recording's latest diagnosis",
+             responses=_FIGURES | _NOT_NOW | _LATEST)
+    def diagnosis_figures(id_: RecordingId) -> Response:
+        """The pictures of its report as data: panels with axes and traces."""
+        return _sent(jobs, jobs.done(id_), FIGURES)
 
     @app.get(f"{_OF}/report.html", summary="A recording's latest diagnosis as a page", response_class=HTMLResponse,
              responses=_PAGE | _NOT_NOW | _LATEST)
@@ -127,6 +137,11 @@ def _install_all(app: FastAPI, jobs: DiagnosisJobs) -> None:
     def one_diagnosis_result(id_: DiagnosisId) -> Response:
         """All that is said, as `pmsm-bench diagnose --json` writes it."""
         return _sent(jobs, jobs.named(id_), RESULT)
+
+    @app.get(f"{_ROOT}/figures", summary="Figures of a diagnosis", responses=_FIGURES | _NOT_NOW | _ONE)
+    def one_diagnosis_figures(id_: DiagnosisId) -> Response:
+        """The pictures of its report as data: panels with axes and traces."""
+        return _sent(jobs, jobs.named(id_), FIGURES)
 
     @app.get(f"{_ROOT}/report.html", summary="A diagnosis as a page", response_class=HTMLResponse,
              responses=_PAGE | _NOT_NOW | _ONE)

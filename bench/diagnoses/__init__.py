@@ -2,7 +2,7 @@
 
 * `diagnosis_request` - what is asked and what comes of it, as processes hand them on; `worker` - those processes
 * `formats` - kinds of files; `diagnose` - a file to a diagnosis; `published` - its JSON, and the schema of that
-* `report`, `report_figures` - the page; `diagnosed_machine` - the machine file; `simulate` - the twin beside it
+* `figures` - its pictures as data; `report` - the page; `diagnosed_machine` - the machine file; `simulate` - the twin
 * `diagnosis_jobs` - the diagnoses of a service, kept in `bench.store.diagnoses`
 
 Knows nothing of terminals and HTTP; the physics is in `estimator.diagnosis`.

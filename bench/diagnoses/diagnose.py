@@ -5,10 +5,12 @@ from dataclasses import replace
 
 from bench.diagnoses.diagnosed_machine import machine_text
 from bench.diagnoses.diagnosis_request import Request, Result, Tell
+from bench.diagnoses.figures.figure import figures_text
+from bench.diagnoses.figures.pictures import pictures
 from bench.diagnoses.formats import format_of
 from bench.diagnoses.formats.format import Diagnosed
 from bench.diagnoses.published import as_json
-from bench.diagnoses.report import report
+from bench.diagnoses.report.page import report
 
 
 def diagnose_recording(request: Request, tell: Tell = lambda share, phase: None) -> Diagnosed:
@@ -25,9 +27,10 @@ def work(request: Request, tell: Tell) -> Result:
     """A diagnosis in texts, as a process for such work makes it."""
     diagnosed = diagnose_recording(request, tell)
     diagnosis = diagnosed.diagnosis
-    fitted = bool(diagnosis.machine_after)
+    fitted, figures = bool(diagnosis.machine_after), pictures(diagnosis)
     return Result(
         as_json(diagnosed),
         machine_text(diagnosis, diagnosed.nominal, request.file.name) if fitted else None,
-        report(diagnosis, diagnosed.recording, diagnosed.nominal) if request.report else None,
+        report(diagnosis, diagnosed.recording, diagnosed.nominal, figures) if request.report else None,
+        figures_text(figures),
     )

@@ -24,7 +24,8 @@ from bench.store.closing import notes_of
 from bench.store.diagnoses import Diagnoses, Heading
 
 WAITING: Final = 10  # diagnoses
-RESULT, REPORT, MACHINE = "result.json", "report.html", "machine.toml"  # files of a diagnosis, by name
+RESULT, FIGURES, REPORT, MACHINE = "result.json", "figures.json", "report.html", "machine.toml"
+"""Files of a diagnosis, by name."""
 _REMEMBERED: Final = 20  # diagnoses that could not be kept on disk, each with its report
 _MADE_WITH: Final = ("pmsm-bench", "numpy", "scipy", "numba")
 
@@ -160,7 +161,7 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         return next((job for job in every if job.state is JobState.DONE), None) or self._without_result(every[0])
 
     def file(self, job: Job, name: str) -> bytes:
-        """A file of a diagnosis, `RESULT`, `REPORT` or `MACHINE`.
+        """A file of a diagnosis, `RESULT`, `FIGURES`, `REPORT` or `MACHINE`.
 
         Raises UnknownError where it was deleted, ConflictError where it has none, UnavailableError.
         """
@@ -314,7 +315,9 @@ class DiagnosisJobs(Jobs[Job, _Run]):
 
 def _files(result: Result) -> dict[str, bytes]:
     """What is kept of a result, by name; what it does not have is left out."""
-    made = {RESULT: json_text(result.content), REPORT: result.report, MACHINE: result.machine}
+    made = {
+        RESULT: json_text(result.content), FIGURES: result.figures, REPORT: result.report, MACHINE: result.machine,
+    }
     return {name: text.encode() for name, text in made.items() if text is not None}
 
 

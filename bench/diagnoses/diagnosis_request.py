@@ -55,6 +55,7 @@ class Result:
     content: dict[str, Any]  # as `bench.diagnoses.published` says
     machine: str | None  # a machine file; None where nothing was fitted
     report: str | None  # HTML
+    figures: str  # JSON, as `bench.diagnoses.figures.figure` says
 
 
 def check_whole(nominal: Nominal) -> Machine:

@@ -3,6 +3,7 @@
     diagnoses/20260131-120000-000/
         heading.json      of which recording, how asked, how it ended
         result.json       as `bench.diagnoses.published` says
+        figures.json.gz
         report.html.gz    files that are not listed in `_PLAIN` are packed
         machine.toml
 

@@ -10,7 +10,9 @@ import numpy as np
 from bench.diagnoses.diagnose import Diagnosed, as_json
 from bench.diagnoses.diagnosed_machine import machine_text
 from bench.diagnoses.diagnosis_request import Request, Result, Tell
-from bench.diagnoses.report import report
+from bench.diagnoses.figures.figure import figures_text
+from bench.diagnoses.figures.pictures import pictures
+from bench.diagnoses.report.page import report
 from bench.errors import RecordingError
 from bench.machine_file import Nominal
 from bench.recordings.recording import Summary
@@ -196,4 +198,10 @@ def work(request: Request, tell: Tell) -> Result:
     content = as_json(Diagnosed(replace(RECORDING, path=str(request.file)), request.nominal, diagnosis))
     content["remarks"] += [f"trust {dict(request.trust)}"] if request.trust else []
     machine = machine_text(diagnosis, request.nominal, request.file.name) if diagnosis.machine_after else None
-    return Result(content, machine, report(diagnosis, RECORDING, request.nominal) if request.report else None)
+    page = page_of(diagnosis, request.nominal) if request.report else None
+    return Result(content, machine, page, figures_text(pictures(diagnosis)))
+
+
+def page_of(diagnosis: Diagnosis, nominal: Nominal = NOMINAL, recording: Summary = RECORDING) -> str:
+    """Its report."""
+    return report(diagnosis, recording, nominal, pictures(diagnosis))

@@ -8,11 +8,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from bench.api.answers import SHAPES
 from bench.diagnoses.diagnosis_jobs import Job
 from bench.diagnoses.diagnosis_request import Trust
+from bench.diagnoses.figures.figure import schema as figures_schema
 from bench.diagnoses.published import schema
 from bench.machine_file import Tables
 from estimator.diagnosis.verdict import Verdict
 
 DIAGNOSIS: Final = "DiagnosisModel"
+DIAGNOSIS_FIGURES: Final = "FiguresModel"
 _ID = "20260131-120000-000"
 _RECORDING = "emulated-20260131-115900-000"
 
@@ -81,8 +83,11 @@ def job_model(job: Job, *, recording_there: bool) -> DiagnosisJobModel:
 
 
 def diagnosis_shapes() -> dict[str, Any]:
-    """The published schema's shapes as an OpenAPI document has them."""
-    whole = schema(f"{SHAPES}{{model}}Model")
-    parts: dict[str, Any] = whole.pop("$defs")
-    shape = {key: value for key, value in whole.items() if not key.startswith("$")}
-    return {DIAGNOSIS: shape} | {f"{name}Model": part for name, part in parts.items()}
+    """The published schemas' shapes, of diagnoses and of their figures, as an OpenAPI document has them."""
+    shapes: dict[str, Any] = {}
+    for name, published in ((DIAGNOSIS, schema), (DIAGNOSIS_FIGURES, figures_schema)):
+        whole = published(f"{SHAPES}{{model}}Model")
+        parts: dict[str, Any] = whole.pop("$defs")
+        shapes[name] = {key: value for key, value in whole.items() if not key.startswith("$")}
+        shapes |= {f"{part}Model": shape for part, shape in parts.items()}
+    return shapes

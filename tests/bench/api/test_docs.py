@@ -53,7 +53,8 @@ ROUTES = {
     ("get", "/api/recordings/{id}/diagnosis/result"), ("get", "/api/recordings/{id}/diagnosis/report.html"),
     ("get", "/api/recordings/{id}/diagnosis/machine.toml"), ("delete", "/api/recordings/{id}/diagnosis"),
     ("get", "/api/diagnoses"), ("get", "/api/diagnoses/{id}"), ("delete", "/api/diagnoses/{id}"),
-    *(("get", f"/api/diagnoses/{{id}}/{what}") for what in ("result", "report.html", "machine.toml")),
+    *(("get", f"/api/diagnoses/{{id}}/{what}") for what in ("result", "figures", "report.html", "machine.toml")),
+    ("get", "/api/recordings/{id}/diagnosis/figures"),
 }
 ANY = ("400", "403", "408", "421", "431", "500", "503")  # of every route
 CAPTURES = "/api/drives/emulated/captures"

@@ -1,6 +1,5 @@
 """A free flux map from a recording of an emulated machine that saturates as no curve of the library does."""
 
-import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,7 +8,8 @@ import numpy as np
 import pytest
 
 from bench.diagnoses.diagnosed_machine import machine_text
-from bench.diagnoses.report_figures import flux_map as picture
+from bench.diagnoses.figures.figure import figures_text
+from bench.diagnoses.figures.pictures import pictures
 from bench.machine_file import Nominal, nominal_of
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.legs import Inverter
@@ -177,4 +177,4 @@ def test_what_is_told_of_a_map_goes_into_machine_file_and_picture(lossy: Diagnos
     assert table is not None
     assert table.psi_d.shape == table.psi_q_std.shape == (len(table.i_d), len(table.i_q))
     assert "[flux_map]" in text
-    assert json.dumps(picture(table), allow_nan=False)
+    assert '"flux-map"' in figures_text(pictures(lossy))
