@@ -27,6 +27,7 @@ export function axisOf(colours) {
 /** @param {Palette} colours */
 export function baseLayout(colours) {
   return {
+    separators: ".\u202f",
     paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: colours.muted },

@@ -8,7 +8,7 @@
  */
 
 import { askExperiment, cancelExperiment, diagnosisFile, readDiagnosis, readDiagnosisFigures, readDiagnosisResult, readExperiment,
-  removeDiagnosis } from "../api.js";
+  removeDiagnosis, stopDrive } from "../api.js";
 import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
 import { clock, duration, plain } from "../format.js";
@@ -93,7 +93,7 @@ export function diagnosisView(id, drive, narrow) {
       heading(job),
       make("p", {}, make("span", { class: `chip verdict ${SETTLED.includes(said.verdict) ? "good" : "warn"}`, id: "diagnosis-verdict" }, words(said.verdict))),
       make("p", { class: "sentence", id: "diagnosis-sentence" }, said.sentence),
-      job.remark !== "" && make("p", { class: "help warn" }, job.remark),
+      ...(job.remark === "" ? [] : [make("p", { class: "help warn" }, job.remark)]),
       ...experiments(said),
       ...fit(said), ...findings(said), ...unexplained(said), ...remarks(said),
       ...pictures(drawn.figures), ...parameters(said), tail(job));
@@ -139,8 +139,9 @@ export function diagnosisView(id, drive, narrow) {
       const most = Math.max(...experiment.holds.map((hold) => Math.hypot(Math.abs(hold.i_d) + experiment.step, Math.abs(hold.i_q) + experiment.step)));
       const sure = await confirmed(`Run it on ${drive}? The motor will move.`,
         `${experiment.holds.length} levels, ${duration(seconds)} in all, up to ${plain(fastest, 4)} rpm and ${plain(most, 3)} A. `
-        + "The drive is stopped at the end, its settings as they were. Stop and Escape end it at any time.", "Run it");
+        + "The drive is stopped first, and at the end, its settings as they were. Stop and Escape end it at any time.", "Run it");
       if (!sure) return;
+      await stopDrive(drive);
       const status = await askExperiment(drive, { holds: experiment.holds, step: experiment.step, machine: said.machine.nominal });
       follow(status.id);
     }));
