@@ -7,7 +7,8 @@ from fastapi import FastAPI, Path, Response
 from fastapi.responses import HTMLResponse, JSONResponse
 
 from bench.api.answers import PROBLEM, SHAPES, Answers, body_of, json_object
-from bench.api.models.diagnoses import DIAGNOSIS, DiagnosisJobModel, job_model
+from bench.api.models.diagnoses import DIAGNOSIS, FIGURES, DiagnosisJobModel, job_model
+from bench.diagnoses.report.page import POLICY
 from bench.service.service import Service
 
 _ROOT: Final = "/api/recordings/{id}/diagnosis"
@@ -19,8 +20,14 @@ _ASKED: Answers = {
     503: {"description": "Too many are waiting"} | PROBLEM,
 }
 _NOT_NOW: Answers = {409: {"description": "The diagnosis is in another state"} | PROBLEM}
-_RESULT: Answers = {200: {"description": "The diagnosis", "content": {"application/json": {"schema": {
-    "$ref": f"{SHAPES}{DIAGNOSIS}"}}}}}
+
+
+def _json(what: str, shape: str) -> Answers:
+    return {200: {"description": what, "content": {"application/json": {"schema": {"$ref": f"{SHAPES}{shape}"}}}}}
+
+
+_RESULT: Answers = _json("The diagnosis", DIAGNOSIS)
+_FIGURES: Answers = _json("The pictures", FIGURES)
 RecordingId = Annotated[str, Path(alias="id", description="name of a recording of the service's, or latest")]
 
 
@@ -60,11 +67,17 @@ def install(app: FastAPI, service: Service) -> None:
         """
         return JSONResponse(jobs.done(id_).content)
 
+    @app.get(f"{_ROOT}/figures", summary="The pictures of a diagnosis", response_class=JSONResponse,
+             responses=_FIGURES | _NOT_NOW | _ONE)
+    def diagnosis_figures(id_: RecordingId) -> Response:
+        """What the report draws, as data: panels with axes and traces. Colours are whose draws them."""
+        return Response(jobs.figures(id_), media_type="application/json")
+
     @app.get(f"{_ROOT}/report.html", summary="A diagnosis as a page", response_class=HTMLResponse,
              responses=_file("text/html", "The page") | _NOT_NOW | _ONE)
     def diagnosis_report(id_: RecordingId) -> HTMLResponse:
-        """With pictures; it needs nothing else, and can be printed."""
-        return HTMLResponse(jobs.report(id_))
+        """With pictures; it needs nothing else, runs no script, and can be printed."""
+        return HTMLResponse(jobs.report(id_), headers={"Content-Security-Policy": POLICY})
 
     @app.get(f"{_ROOT}/machine.toml", summary="The machine after a diagnosis", response_class=Response,
              responses=_file("application/toml", "The machine file") | _NOT_NOW | _ONE)

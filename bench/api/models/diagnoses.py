@@ -1,5 +1,6 @@
 """Shapes of what the REST interface says of diagnoses; that of a diagnosis itself is the published schema's."""
 
+from collections.abc import Callable
 from datetime import datetime
 from typing import Any, Final, Literal
 
@@ -8,10 +9,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from bench.api.answers import SHAPES
 from bench.diagnoses.diagnosis_jobs import Job
 from bench.diagnoses.diagnosis_request import Trust
+from bench.diagnoses.figures.figure import schema as figures_schema
 from bench.diagnoses.published import schema
 from bench.machine_file import Tables
 
 DIAGNOSIS: Final = "DiagnosisModel"
+FIGURES: Final = "FiguresModel"
 _ID = "emulated-20260131-120000-000"
 
 
@@ -57,8 +60,12 @@ def job_model(job: Job) -> DiagnosisJobModel:
 
 
 def diagnosis_shapes() -> dict[str, Any]:
-    """The published schema's shapes as an OpenAPI document has them."""
-    whole = schema(f"{SHAPES}{{model}}Model")
+    """The published schemas' shapes as an OpenAPI document has them."""
+    return _shapes(DIAGNOSIS, schema) | _shapes(FIGURES, figures_schema)
+
+
+def _shapes(name: str, published: Callable[[str], dict[str, Any]]) -> dict[str, Any]:
+    whole = published(f"{SHAPES}{{model}}Model")
     parts: dict[str, Any] = whole.pop("$defs")
     shape = {key: value for key, value in whole.items() if not key.startswith("$")}
-    return {DIAGNOSIS: shape} | {f"{name}Model": part for name, part in parts.items()}
+    return {name: shape} | {f"{part}Model": shape for part, shape in parts.items()}
