@@ -9,6 +9,7 @@ from fastapi.responses import HTMLResponse
 from bench.api.answers import PROBLEM, SHAPES, Answers, Before, Limit, body_of, json_object, page_of
 from bench.api.models.diagnoses import DIAGNOSIS, DIAGNOSIS_FIGURES, DiagnosesModel, DiagnosisJobModel, job_model
 from bench.diagnoses.diagnosis_jobs import FIGURES, MACHINE, REPORT, RESULT, DiagnosisJobs, Job, JobState
+from bench.diagnoses.report.page import POLICY
 from bench.service.service import Service
 from estimator.diagnosis.verdict import Verdict
 
@@ -169,7 +170,8 @@ def _model(jobs: DiagnosisJobs, job: Job) -> DiagnosisJobModel:
 
 def _sent(jobs: DiagnosisJobs, job: Job, name: str) -> Response:
     """A file of a diagnosis. Raises as `DiagnosisJobs.file`."""
-    return Response(jobs.file(job, name), media_type=_MEDIA[name])
+    headers = {"Content-Security-Policy": POLICY} if name == REPORT else {}
+    return Response(jobs.file(job, name), media_type=_MEDIA[name], headers=headers)
 
 
 def _mentions(job: Job, text: str) -> bool:

@@ -19,12 +19,12 @@ _NO_TOKEN: Final = Refusal(
 )  # fmt: skip
 _HEADERS: Final = {
     "X-Frame-Options": "DENY",
-    "Content-Security-Policy": "frame-ancestors 'none'; object-src 'none'; base-uri 'none'; form-action 'self'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "same-origin",  # `no-referrer` would make the page's own Origin null
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
+_POLICY: Final = "frame-ancestors 'none'; object-src 'none'; base-uri 'none'; form-action 'self'"
 
 
 class Gate:
@@ -39,6 +39,7 @@ class Gate:
                 headers = MutableHeaders(scope=message)
                 for name, value in _HEADERS.items():
                     headers[name] = value
+                headers.append("Content-Security-Policy", _POLICY)  # beside a route's own: both hold
             await send(message)
 
         answer = await self._answer(scope, receive)

@@ -1,5 +1,6 @@
 """Shapes of what the REST interface says of diagnoses; that of a diagnosis itself is the published schema's."""
 
+from collections.abc import Callable
 from datetime import datetime
 from typing import Any, Final, Literal
 
@@ -83,11 +84,12 @@ def job_model(job: Job, *, recording_there: bool) -> DiagnosisJobModel:
 
 
 def diagnosis_shapes() -> dict[str, Any]:
-    """The published schemas' shapes, of diagnoses and of their figures, as an OpenAPI document has them."""
-    shapes: dict[str, Any] = {}
-    for name, published in ((DIAGNOSIS, schema), (DIAGNOSIS_FIGURES, figures_schema)):
-        whole = published(f"{SHAPES}{{model}}Model")
-        parts: dict[str, Any] = whole.pop("$defs")
-        shapes[name] = {key: value for key, value in whole.items() if not key.startswith("$")}
-        shapes |= {f"{part}Model": shape for part, shape in parts.items()}
-    return shapes
+    """The published schemas' shapes as an OpenAPI document has them."""
+    return _shapes(DIAGNOSIS, schema) | _shapes(DIAGNOSIS_FIGURES, figures_schema)
+
+
+def _shapes(name: str, published: Callable[[str], dict[str, Any]]) -> dict[str, Any]:
+    whole = published(f"{SHAPES}{{model}}Model")
+    parts: dict[str, Any] = whole.pop("$defs")
+    shape = {key: value for key, value in whole.items() if not key.startswith("$")}
+    return {name: shape} | {f"{part}Model": shape for part, shape in parts.items()}

@@ -11,8 +11,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import ConfigDict, Field, TypeAdapter
 
-from bench.expected import CLOSED
-
+_PUBLISHED: Final = ConfigDict(extra="forbid", json_schema_serialization_defaults_required=True)
 Role = Literal["before", "after", "noise", "measured", "level", "chosen", "not_chosen"]
 Kind = Literal["line", "markers", "bars", "heatmap"]
 Scale = Literal["linear", "log", "exponent"]
@@ -24,7 +23,7 @@ Numbers = tuple[Number, ...]
 class Axis:
     """What stands along an axis, and from where to where."""
 
-    __pydantic_config__ = CLOSED
+    __pydantic_config__ = _PUBLISHED
 
     label: Annotated[str, Field(description="what it is, in words or letters", examples=["time"])]
     unit: Annotated[str, Field(description="SI but for deg, rpm and %; empty where there is none", examples=["s"])]
@@ -38,7 +37,7 @@ class Axis:
 class Trace:
     """What is drawn in a panel."""
 
-    __pydantic_config__ = CLOSED
+    __pydantic_config__ = _PUBLISHED
 
     name: Annotated[str, Field(description="for a legend", examples=["before"])]
     role: Annotated[Role, Field(description="what it is; whoever draws it has a colour for each")]
@@ -56,7 +55,7 @@ class Trace:
 class Panel:
     """Axes and what is drawn over them."""
 
-    __pydantic_config__ = CLOSED
+    __pydantic_config__ = _PUBLISHED
 
     title: Annotated[str, Field(description="above it; empty where it needs none")]
     x: Axis
@@ -68,7 +67,7 @@ class Panel:
 class Figure:
     """A picture. Panels whose axes are the same, one beside or below the other, share them."""
 
-    __pydantic_config__ = CLOSED
+    __pydantic_config__ = _PUBLISHED
 
     part: Annotated[str, Field(description="of the report", examples=["map"])]
     name: Annotated[str, Field(description="unlike all others", examples=["map-0"])]
@@ -86,7 +85,7 @@ class Figures:
     Null stands for a number that is not there: a line has a gap, a heatmap a hole.
     """
 
-    __pydantic_config__ = ConfigDict(extra="forbid")
+    __pydantic_config__ = _PUBLISHED
 
     figures: tuple[Figure, ...]
 

@@ -19,6 +19,7 @@ from bench.api.models.captures import CaptureModel, CapturesModel
 from bench.api.models.diagnoses import DiagnosisJobModel
 from bench.api.models.drives import DriveModel, EstimatesModel, HealthModel, SnapshotModel, WindowModel
 from bench.diagnoses.diagnosis_request import checked_trust
+from bench.diagnoses.figures.figure import schema as figures_schema
 from bench.diagnoses.published import schema
 from bench.errors import LimitError
 from bench.live.window import Window
@@ -143,6 +144,7 @@ def test_examples_are_of_the_shape_they_explain(document: dict[str, Any], model:
 def test_the_example_of_a_diagnosis_is_one_by_the_published_schema(document: dict[str, Any]) -> None:
     shapes = document["components"]["schemas"]
     validate(example(shapes["DiagnosisModel"], shapes), schema())
+    validate(example(shapes["FiguresModel"], shapes), figures_schema())
     for body in shapes["DiagnosisRequestModel"]["examples"]:
         checked_trust(body.get("trust", {}))
         assert "nominal" not in body or nominal_of(body["nominal"], "nominal").machine is not None

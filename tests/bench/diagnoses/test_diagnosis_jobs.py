@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +16,9 @@ import pyarrow.parquet
 import pytest
 
 from bench.diagnoses.diagnosis_jobs import MACHINE, REPORT, RESULT, WAITING, DiagnosisJobs, JobState
+from bench.diagnoses.figures.figure import schema as figures_schema
 from bench.diagnoses.published import schema
+from bench.diagnoses.report.page import POLICY
 from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError
 from bench.files import captures_folder
 from bench.machine_file import Nominal, load_machine, nominal_of
@@ -305,6 +308,12 @@ def test_a_recording_is_diagnosed_over_rest_from_its_location_to_its_results(
     page = client.get(f"{address}/report.html")
     assert page.headers["content-type"].startswith("text/html")
     assert page.text.startswith("<!doctype html>")
+    policy = page.headers["content-security-policy"]
+    assert POLICY in policy
+    assert "frame-ancestors 'none'" in policy
+    figures = client.get(f"{address}/figures").json()
+    validate(figures, figures_schema())
+    assert [one["name"] for one in figures["figures"]] == re.findall('<figure id="([^"]+)"', page.text)
     machine = client.get(f"{address}/machine.toml")
     assert machine.headers["content-type"] == "application/toml"
     (tmp_path / "m.toml").write_text(machine.text, encoding="utf-8")
