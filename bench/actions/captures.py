@@ -8,22 +8,28 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from bench.actions.capture import Run, State, Status, new_status
 from bench.actions.capture_request import Request
-from bench.actions.drive_jobs import BenchDrive, DriveJobs
+from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended
 from bench.actions.lease import Leases, Part
 from bench.recordings.capture_file import CapturePart
-
-_REMEMBERED: Final = 200  # captures, of all drives
+from bench.recordings.recording import off_remark
+from bench.recordings.table import notes
+from bench.store.catalogue.ended import EndedJob
 
 
 class Captures(DriveJobs[Status, Run]):
     """Everything about captures; runs from `start` to `leave`."""
 
-    def __init__(self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases) -> None:
-        super().__init__("capture", folder, drives, leases, _REMEMBERED)
+    remembered = 200
+
+    def __init__(
+        self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, on_end: Ended = lambda _: None
+    ) -> None:
+        super().__init__("capture", folder, drives, leases)
+        self._on_end = on_end
 
     def start(self) -> None:
         """Go on with what was under way when a service before this one ended; say what cannot go on."""
@@ -76,7 +82,9 @@ class Captures(DriveJobs[Status, Run]):
             status = Status(heading.id, heading.drive, request, asked, state, part.samples)
             if not heading.number:
                 why = "the service ended before the drive's recorder was armed"
-                self._know(replace(status, state=State.FAILED, reason=why))
+                status = replace(status, state=State.FAILED, reason=why)
+                self._know(status)
+                self._on_end(as_ended(status))
                 part.remove()
                 return
             run = self._run(status, holder := f"capture {heading.id}", part)
@@ -100,9 +108,43 @@ class Captures(DriveJobs[Status, Run]):
     def _begin(self, run: Run) -> None:
         def work() -> None:
             run.finish()
-            self._end(run.status.id)
+            with self._lock:  # who waits for its end finds it told
+                self._end(run.status.id)
+                if run.status.state.ended:
+                    self._on_end(as_ended(run.status))
 
         with self._lock:
             if self._ending:
                 run.leave()
             self._put(run.status, run, work)
+
+
+def as_ended(status: Status) -> EndedJob:
+    """A capture that has ended, as it is remembered."""
+    return EndedJob(
+        "capture", status.id, status.drive, status.asked, status.state.value, status.progress, status.samples,
+        status.reason, (status.remark,), None if status.file is None else str(status.file), status.request.as_json(),
+    )  # fmt: skip
+
+
+def of_ended(job: EndedJob) -> Status:
+    """A capture as it was remembered. Raises LimitError where it makes no sense any more."""
+    return Status(
+        job.id, job.drive, Request.of(job.request), job.asked, State(job.state), job.samples, job.reason,
+        None if job.file is None else Path(job.file), " ".join(job.remarks),
+    )  # fmt: skip
+
+
+def of_recording(path: Path) -> Status:
+    """What a recording tells of the capture that made it.
+
+    Raises RecordingError, LimitError, ValueError, LookupError.
+    """
+    told = notes(path)
+    whole, samples = told["samples"] == told["expected"], int(told["samples"])
+    return Status(
+        str(told["capture"]), str(told["drive"]), Request.of(told["request"]), datetime.fromisoformat(told["asked"]),
+        State.DONE if whole else State.FAILED, samples,
+        "" if whole else f"the first {samples} of {told['expected']} samples are kept", path,
+        off_remark(told["off_before"], told["off_after"]),
+    )  # fmt: skip

@@ -3,18 +3,21 @@
 Knows nothing of what they do, and of HTTP.
 """
 
+import contextlib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Final, Protocol, TypeVar
 
 from bench.actions.lease import Leases
 from bench.actions.limits import Limits
-from bench.errors import ConflictError, RecordingError, UnavailableError, UnknownError, shown
+from bench.errors import BenchError, ConflictError, RecordingError, UnavailableError, UnknownError, shown
 from bench.files import check_place
 from bench.jobs import LATEST, JobRun, Jobs, JobStatus
 from bench.machine_file import Nominal
+from bench.store.catalogue.ended import EndedJob
+from bench.store.shelf import Recording
 from drivers.drive import Drive
 
 _WHEN: Final = r"-\d{8}-\d{6}-\d{3}"  # in an id, after what it is named after
@@ -50,30 +53,52 @@ class DriveJobStatus(JobStatus, Protocol):
         ...
 
     @property
+    def asked(self) -> datetime:
+        """When it was asked for."""
+        ...
+
+    @property
     def file(self) -> Path | None:
         """The recording, as far as there is one."""
         ...
 
 
+Ended = Callable[[EndedJob], None]  # hears of a job that has ended; does not wait
 S = TypeVar("S", bound=DriveJobStatus)
 R = TypeVar("R", bound=JobRun)
+T = TypeVar("T")
 
 
 class DriveJobs(Jobs[S, R]):
     """The jobs of one kind, of all drives; what is known of the latest is kept."""
 
-    def __init__(
-        self, kind: str, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, remembered: int
-    ) -> None:
+    remembered: int  # jobs, of all drives
+
+    def __init__(self, kind: str, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases) -> None:
         """`kind`: in a word; `folder`: of their recordings."""
         super().__init__(kind)
-        self._folder, self._remembered = folder.absolute(), remembered
+        self._folder = folder.absolute()
         self._drives, self._leases = drives, leases
 
     def all(self, drive: str) -> list[S]:
-        """A drive's jobs since the service started, the newest first."""
+        """A drive's jobs, as far as they are known, the newest first."""
         with self._lock:
             return [status for status in reversed(self._known.values()) if status.drive == drive]
+
+    def remember(self, past: Iterable[S]) -> None:
+        """Know jobs of a service before this one, that have ended; those that are known stay as they are."""
+        with self._lock:
+            every = {status.id: status for status in past if status.drive in self._drives} | self._known
+            self._known = dict(sorted(every.items(), key=lambda item: item[1].asked))
+            self._forget(self.remembered)
+
+    def unknown(self, recordings: Iterable[Recording]) -> list[Recording]:
+        """Of recordings, the newest that jobs of this kind have made and that are not known by these."""
+        made = [one for one in recordings if one.kind == self._kind and one.drive in self._drives]
+        made.sort(key=lambda one: one.begun, reverse=True)
+        with self._lock:
+            files = {status.file for status in self._known.values()}
+        return [one for one in made[: self.remembered] if one.path not in files]
 
     def latest(self, drive: str) -> S | None:
         """A drive's newest job; None where there was none."""
@@ -110,7 +135,7 @@ class DriveJobs(Jobs[S, R]):
 
     def _put(self, status: S, run: R, work: Callable[[], None]) -> None:
         super()._put(status, run, work)
-        self._forget(self._remembered - len(self._runs))
+        self._forget(self.remembered - len(self._runs))
 
     def _check_folder(self) -> None:
         """Before anything is recorded, there is a place to put it. Raises UnavailableError."""
@@ -137,6 +162,13 @@ class DriveJobs(Jobs[S, R]):
                         self._know(left(path.stem, drive, str(error)))
             except Exception:  # noqa: BLE001 - what makes no sense is left alone
                 continue
+
+
+def sensible(make: Callable[[T], S], given: Iterable[T]) -> Iterator[S]:
+    """What is made of each, but of what makes no sense."""
+    for one in given:
+        with contextlib.suppress(BenchError, OSError, ValueError, LookupError, TypeError):
+            yield make(one)
 
 
 def id_at(named: str, asked: datetime) -> str:

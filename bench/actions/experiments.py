@@ -15,17 +15,18 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.actions import experiment
-from bench.actions.drive_jobs import BenchDrive, DriveJobs, id_at
+from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended, id_at
 from bench.actions.experiment import CancelledError, Plan, Progress, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
 from bench.actions.lease import Leases, Part
 from bench.actions.unfinished import Origin, folder_beside
 from bench.errors import BenchError, ConflictError, UnavailableError
+from bench.recordings.table import notes
+from bench.store.catalogue.ended import EndedJob
 from drivers import capture
 from drivers.errors import DriveError, GoneError
 
 _RENEWED: Final = 30.0  # s that the lease is taken for, anew with every step ahead
-_REMEMBERED: Final = 50  # experiments, of all drives
 _LINK: Final = 20.0  # s that a link is waited for, to take up what a drive still has
 _RETRY: Final = 0.2  # s
 _KILLED: Final = "the service ended while it ran"
@@ -74,8 +75,13 @@ class _Run:
 class Experiments(DriveJobs[Status, _Run]):
     """Everything about experiments, until `leave`."""
 
-    def __init__(self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases) -> None:
-        super().__init__("experiment", folder, drives, leases, _REMEMBERED)
+    remembered = 50
+
+    def __init__(
+        self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, on_end: Ended = lambda _: None
+    ) -> None:
+        super().__init__("experiment", folder, drives, leases)
+        self._on_end = on_end
         self._stops = Counter[str]()  # under the lock: so often has somebody asked for a drive's Stop
 
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
@@ -132,7 +138,9 @@ class Experiments(DriveJobs[Status, _Run]):
                 why = f"the bench failed on this experiment: {type(error).__name__}: {error}"
                 ended = {"state": State.FAILED, "reason": why}
             self._leases.release(status.drive, run.holder)
-            self._end(status.id, phase="", **ended)
+            with self._lock:  # who waits for its end finds it told
+                self._end(status.id, phase="", **ended)
+                self._on_end(as_ended(self._known[status.id]))
 
         with self._lock:
             if self._ending:
@@ -233,3 +241,41 @@ def as_json(status: Status) -> dict[str, Any]:
     told = asdict(status)
     plan, file = told.pop("plan"), told.pop("file")
     return {**told, **plan, "file": None if file is None else str(file)}
+
+
+def as_ended(status: Status) -> EndedJob:
+    """An experiment that has ended, as it is remembered."""
+    return EndedJob(
+        "experiment", status.id, status.drive, status.asked, status.state.value, status.progress, status.samples,
+        status.reason, status.remarks, None if status.file is None else str(status.file), _plan(asdict(status.plan)),
+    )  # fmt: skip
+
+
+def of_ended(job: EndedJob) -> Status:
+    """An experiment as it was remembered. Raises LimitError where it makes no sense any more."""
+    return Status(
+        job.id, job.drive, Plan.of(job.request), job.asked, State(job.state), "", job.progress, job.reason,
+        job.remarks, job.samples, None if job.file is None else Path(job.file),
+    )  # fmt: skip
+
+
+def of_recording(path: Path) -> Status:
+    """What a recording tells of the experiment that made it.
+
+    Raises RecordingError, LimitError, ValueError, LookupError.
+    """
+    told = notes(path)
+    asked, drive = datetime.fromisoformat(told["asked"]), str(told["drive"])
+    samples, expected = int(told["samples"]), int(told["expected"])
+    whole = samples >= expected
+    return Status(
+        id_at(f"{drive}-experiment", asked), drive, Plan.of(told["experiment"]), asked,
+        State.DONE if whole else State.FAILED, "", min(1.0, samples / expected),
+        "" if whole else f"the first {samples} of {expected} samples are kept",
+        tuple(map(str, told["remarks"])), samples, path,
+    )  # fmt: skip
+
+
+def _plan(plan: Mapping[str, Any]) -> dict[str, Any]:
+    """As `Plan.of` takes it, which expects a list."""
+    return {**plan, "holds": list(plan["holds"])}

@@ -22,18 +22,19 @@ from bench.store.closing import closed
 from bench.store.segments import FoundSegments, ids_in
 from drivers.block import Block
 
-_REMEMBERED: Final = 200  # recordings, of all drives
 _KILLED: Final = "the bench was killed, or the power failed"
 
 
 class Recordings(DriveJobs[Status, Run]):
     """Everything about recordings under way; runs from `start` to `leave`."""
 
+    remembered = 200
+
     def __init__(
         self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, kept_free: float, around: Surroundings
     ) -> None:
         """`kept_free`: bytes of the disk that recordings leave for others."""
-        super().__init__("recording", folder, drives, leases, _REMEMBERED)
+        super().__init__("recording", folder, drives, leases)
         self._kept_free, self._around = kept_free, around
         self._of_drive: dict[str, Run] = {}  # those under way, by drive
 

@@ -91,7 +91,7 @@ def install(app: FastAPI, service: Service) -> None:
 
     @app.get("/api/drives/{name}/experiments", summary="Experiments of a drive", responses=DRIVE, dependencies=known)
     def all_experiments(name: DriveName) -> ExperimentsModel:
-        """Those since the service started, and those that a service before it left unfinished, the newest first."""
+        """The latest 50 of all drives, the newest first, also of services before."""
         return ExperimentsModel(
             experiments=[ExperimentRunModel.model_validate(as_json(status)) for status in experiments.all(name)]
         )

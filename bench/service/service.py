@@ -5,13 +5,16 @@ import shutil
 import socket
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import count
+from pathlib import Path
 from typing import Any, Self
 
+from bench.actions import captures, experiments
 from bench.actions.captures import Captures
 from bench.actions.control import Control
+from bench.actions.drive_jobs import sensible
 from bench.actions.experiments import Experiments, Status
 from bench.actions.lease import Leases, Part, Writer
 from bench.actions.limits import Limits
@@ -28,10 +31,11 @@ from bench.live.trust import trusted
 from bench.live.window import Window
 from bench.machine_file import Nominal
 from bench.service.signals import Reading, checked, read, read_back, values_of, write
+from bench.store.catalogue.ended import EndedJob
 from bench.store.catalogue.keeper import Keeper
-from bench.store.catalogue.memory import Point, point_of
+from bench.store.catalogue.memory import Memory, Point, point_of
 from bench.store.rows import BYTES_PER_ROW
-from bench.store.shelf import Shelf
+from bench.store.shelf import Recording, Shelf
 from bench.store.write_log import to_standard_error
 from drivers.block import Block
 from drivers.drive import Drive
@@ -87,13 +91,15 @@ class Service:
         self.config = config
         machines = {drive.name: drive.nominal for drive in config.drives}
         self._configured = {drive.name: drive.window for drive in config.drives}
-        self.history = None if not config.database else Keeper(config.database, _name_of(config), self._points)
+        self.history = (
+            None if not config.database else Keeper(config.database, _name_of(config), self._points, self._recall)
+        )
         windows = {drive.name: self._remembered(drive) for drive in config.drives}
         self._estimation = Estimation(windows, machines)
         self._leases = Leases(self._device)
         self.drives = {drive.name: self._made(drive) for drive in config.drives}  # as configured
-        self.captures = Captures(config.captures, self.drives, self._leases)
-        self.experiments = Experiments(config.captures, self.drives, self._leases)
+        self.captures = Captures(config.captures, self.drives, self._leases, self._ended)
+        self.experiments = Experiments(config.captures, self.drives, self._leases, self._ended)
         self.diagnoses = DiagnosisJobs(config.captures, machines)
         self.recordings = Recordings(
             config.captures, self.drives, self._leases, config.keep_free_megabytes * 1e6,
@@ -107,6 +113,7 @@ class Service:
     def __enter__(self) -> Self:
         self._estimation.start()
         if self.history is not None:
+            self.history.read()
             self.history.start()
         for drive in self.drives.values():
             drive.link.start()
@@ -116,6 +123,7 @@ class Service:
         self.captures.start()
         self.experiments.start()
         self.diagnoses.start()
+        _begun("recordings that were made", self._read_past)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -258,8 +266,6 @@ class Service:
         stops = [_begun(f"stop {name}", drive.control.end) for name, drive in self.drives.items()]
         for jobs in (self.experiments, self.captures, self.recordings, self.diagnoses):
             jobs.leave()
-        if self.history is not None:
-            self.history.end()
         for stop in stops:  # while there are links, by which drives and recorders are told to stop
             stop.join(left(_STOP))
         self.experiments.join(left(_STOP))
@@ -272,8 +278,9 @@ class Service:
             drive.link.join(left(_LEAVE))
         for jobs in (self.captures, self.recordings, self.diagnoses):
             jobs.join(left(_LEAVE))
-        if self.history is not None:
-            self.history.join(left(_LEAVE))
+        if self.history is not None:  # when nobody tells it anything more
+            self.history.end()
+            self.history.join(max(left(_LEAVE), _LAST))
         self._estimation.stop()  # last: nobody waits for it longer than that
 
     def _made(self, config: DriveConfig) -> ServiceDrive:
@@ -300,6 +307,29 @@ class Service:
         with contextlib.suppress(LimitError):
             return drive.window if found is None else drive.window.changed(found)
         return drive.window
+
+    def _recall(self, memory: Memory) -> None:
+        """What the catalogue remembers of captures and experiments. Raises UnavailableError."""
+        made = memory.ended.latest("capture", Captures.remembered)
+        self.captures.remember(sensible(captures.of_ended, made))
+        done = memory.ended.latest("experiment", Experiments.remembered)
+        self.experiments.remember(sensible(experiments.of_ended, done))
+
+    def _read_past(self) -> None:
+        """What the recordings tell of captures and experiments that the catalogue does not."""
+        every = self.shelf.all()
+        made, done = self.captures.unknown(every), self.experiments.unknown(every)
+        self.captures.remember(sensible(captures.of_recording, self._paths(made)))
+        self.experiments.remember(sensible(experiments.of_recording, self._paths(done)))
+
+    def _paths(self, recordings: Iterable[Recording]) -> Iterator[Path]:
+        """Until the service is to end."""
+        return (one.path for one in recordings if self._leaving is None)
+
+    def _ended(self, job: EndedJob) -> None:
+        """A capture, or an experiment, has ended."""
+        if self.history is not None:
+            self.history.tell(lambda memory: memory.ended.add(job))
 
     def _points(self) -> list[Point]:
         """Of the history, this second."""

@@ -46,7 +46,7 @@ class CaptureModel(BaseModel):
 
 
 class CapturesModel(BaseModel):
-    """A drive's captures since the service started, the newest first."""
+    """A drive's captures, the newest first."""
 
     captures: list[CaptureModel]
 

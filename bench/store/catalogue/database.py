@@ -1,19 +1,23 @@
 """A catalogue that is open: SQLite beside the recordings, or a PostgreSQL, brought up to its newest form."""
 
 import contextlib
+from collections.abc import Generator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
 from alembic import command
 from alembic.config import Config
-from sqlalchemy import Engine, create_engine, event
+from sqlalchemy import Connection, Engine, Table, create_engine, event
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError, DataError, IntegrityError, SQLAlchemyError
 
-from bench.errors import ConfigError, UnavailableError
+from bench.errors import ConfigError, InternalError, UnavailableError
 
 _TIMEOUT: Final = 5  # s, for a lock of SQLite, and for a connection to PostgreSQL
 _MIGRATIONS: Final = Path(__file__).with_name("migrations")
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def check_address(address: str) -> None:
@@ -45,6 +49,48 @@ def opened(address: str) -> Engine:
         engine.dispose()
         raise UnavailableError(f"the catalogue cannot be opened: {said_of(error)}") from None
     return engine
+
+
+@contextlib.contextmanager
+def connected(engine: Engine) -> Generator[Connection]:
+    """A transaction. Raises UnavailableError where the catalogue cannot be had, InternalError for rows that it refuses.
+    """
+    try:
+        with engine.begin() as connection:
+            yield connection
+    except (DataError, IntegrityError) as error:
+        raise InternalError(f"the catalogue refuses what is to be remembered: {said_of(error)}") from None
+    except (SQLAlchemyError, OSError) as error:
+        raise UnavailableError(f"the catalogue cannot be used: {said_of(error)}") from None
+
+
+def put(engine: Engine, table: Table) -> Any:
+    """An INSERT by which a row takes the place of one that has its key."""
+    columns, key = table.columns, [column.name for column in table.primary_key]
+    statement = insert_into(engine, table)
+    return statement.on_conflict_do_update(index_elements=key, set_={
+        name: statement.excluded[name] for name in columns.keys() if name not in key  # noqa: SIM118 - of no mapping
+    })  # fmt: skip
+
+
+def insert_into(engine: Engine, table: Table) -> Any:
+    """An INSERT of the database's own kind, which takes conflicts."""
+    return (postgresql if engine.dialect.name == "postgresql" else sqlite).insert(table)
+
+
+def plain(text: str) -> str:
+    """As a PostgreSQL can keep it: without NUL."""
+    return text.replace("\0", "\\0")
+
+
+def microseconds(time: datetime) -> int:
+    """Since 1970, UTC."""
+    return (time - _EPOCH) // timedelta(microseconds=1)
+
+
+def time_at(microseconds_: int) -> datetime:
+    """So many after 1970, UTC."""
+    return _EPOCH + timedelta(microseconds=microseconds_)
 
 
 def said_of(error: Exception) -> str:

@@ -1,4 +1,5 @@
-"""The thread that keeps the history: once a second it asks for points, and puts them into the catalogue.
+"""The thread that writes to the catalogue: once a second it asks for points of the history, and writes them and what it
+was told.
 
 What cannot be written waits, an hour's at most, and is tried again: the service lives without its catalogue.
 """
@@ -9,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
-from bench.errors import BenchError
+from bench.errors import BenchError, UnavailableError
 from bench.store.catalogue.database import opened
 from bench.store.catalogue.memory import Memory, Point
 
@@ -17,28 +18,45 @@ _PERIOD: Final = 1.0  # s
 _RETRY: Final = 10.0  # s, after a failure
 _CONDENSE: Final = 60.0  # s
 _WAITING: Final = 4 * 4 * 3600  # points
+_TOLD: Final = 20_000  # that wait besides
+
+Write = Callable[[Memory], object]
 
 
 class Keeper:
     """It runs from `start` to `end`; `failure` tells what is wrong at present."""
 
-    def __init__(self, address: str, bench: str, points: Callable[[], Iterable[Point]]) -> None:
+    def __init__(
+        self, address: str, bench: str, points: Callable[[], Iterable[Point]],
+        on_open: Callable[[Memory], None] = lambda _: None,
+    ) -> None:
+        """`on_open` hears, once, that the catalogue is open and can be read."""
         self.bench = bench
-        self._address, self._points = address, points
+        self._address, self._points, self._on_open = address, points, on_open
         self._waiting: deque[Point] = deque(maxlen=_WAITING)
+        self._told: deque[Write] = deque()
+        self._opening = threading.Lock()
         self._ending = threading.Event()
         self.failure: str | None = None
+        self._away = False  # the latest failure was that the catalogue cannot be had
         self.memory: Memory | None = None  # as soon as the catalogue is open
+        self._heard = False  # whether `on_open` has been
         self.thread = threading.Thread(target=self._run, name="history", daemon=True)
 
     def open(self) -> Memory | None:
         """The catalogue, once; None where it cannot be had now."""
-        if self.memory is None:
-            try:
-                self.memory, self.failure = Memory(opened(self._address), self.bench), None
-            except BenchError as error:
-                self.failure = str(error)
-        return self.memory
+        with self._opening:
+            if self.memory is None:
+                try:
+                    self.memory, self.failure = Memory(opened(self._address), self.bench), None
+                except BenchError as error:
+                    self.failure = str(error)
+            return self.memory
+
+    def tell(self, write: Write) -> None:
+        """Have something written, soon, by this thread. Never waits; what is too much to wait is not written."""
+        if len(self._told) < _TOLD:
+            self._told.append(write)
 
     def window(self, drive: str, configured: Mapping[str, Any]) -> dict[str, Any] | None:
         """The settings chosen last, see `Memory.window`; None where they cannot be had."""
@@ -49,8 +67,12 @@ class Keeper:
 
     def remember_window(self, drive: str, configured: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
         """Settings that somebody has chosen; `failure` tells where they cannot be remembered."""
-        if (memory := self.open()) is not None:
-            self._guarded(lambda: memory.remember_window(drive, configured, settings))
+        self.tell(lambda memory: memory.remember_window(drive, configured, settings))
+
+    def read(self) -> None:
+        """Have `on_open` hear that the catalogue is open, where it is and that has not been."""
+        if (memory := self.memory) is not None and not self._heard:
+            self._heard = self._guarded(lambda: self._on_open(memory))
 
     def start(self) -> None:
         """Begin."""
@@ -87,6 +109,12 @@ class Keeper:
             return False
         for _ in points:
             self._waiting.popleft()
+        self.read()
+        while self._told:
+            write = self._told[0]
+            if not self._guarded(lambda write=write: write(memory)) and self._away:
+                return False
+            self._told.popleft()
         return True
 
     def _condense(self) -> None:
@@ -99,6 +127,7 @@ class Keeper:
         except Exception as error:  # noqa: BLE001 - a fault of ours must not end the history in silence
             known = isinstance(error, BenchError)
             self.failure = str(error) if known else f"{type(error).__name__}: {error}"
+            self._away = isinstance(error, UnavailableError)  # else it is no use to try the same again
             return False
         self.failure = None
         return True

@@ -1,20 +1,19 @@
-"""Settings and history in a catalogue, written and read. Raises UnavailableError where it cannot be had."""
+"""What a bench remembers in a catalogue: settings and history here, the rest by its own part. Raises UnavailableError
+where the catalogue cannot be had.
+"""
 
 import json
 import math
 import time
-from collections.abc import Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
 
 from sqlalchemy import Connection, Engine, delete, func, insert, select
-from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.exc import SQLAlchemyError
 
-from bench.errors import UnavailableError
-from bench.store.catalogue.database import said_of
+from bench.store.catalogue.database import connected, insert_into
+from bench.store.catalogue.ended import EndedJobs
 from bench.store.catalogue.tables import POINTS, SERIES, SPANS, STATUSES, WINDOWS
 
 _DAY: Final = 86_400  # s
@@ -51,6 +50,7 @@ class Memory:
 
     def __init__(self, engine: Engine, bench: str) -> None:
         self._engine, self._bench = engine, bench
+        self.ended = EndedJobs(engine, bench)
         self._series: dict[tuple[str, str], int] = {}  # ids by drive and parameter
 
     def close(self) -> None:
@@ -59,7 +59,7 @@ class Memory:
 
     def remember_window(self, drive: str, configured: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
         """Settings that somebody has chosen; `configured`: what the configuration says."""
-        with self._connection() as connection:
+        with connected(self._engine) as connection:
             connection.execute(insert(WINDOWS).values(
                 bench=self._bench, drive=drive, changed=int(time.time()), configured=_json(configured),
                 settings=_json(settings),
@@ -67,7 +67,7 @@ class Memory:
 
     def window(self, drive: str, configured: Mapping[str, Any]) -> dict[str, Any] | None:
         """The settings chosen last, unless the configuration has changed since."""
-        with self._connection() as connection:
+        with connected(self._engine) as connection:
             found = connection.execute(
                 select(WINDOWS.c.configured, WINDOWS.c.settings).order_by(WINDOWS.c.id.desc()).limit(1)
                 .where(WINDOWS.c.bench == self._bench, WINDOWS.c.drive == drive)
@@ -82,12 +82,12 @@ class Memory:
             for one in points
         ]  # fmt: skip
         if given:
-            with self._connection() as connection:
-                connection.execute(self._insert().on_conflict_do_nothing(), given)
+            with connected(self._engine) as connection:
+                connection.execute(insert_into(self._engine, POINTS).on_conflict_do_nothing(), given)
 
     def condense(self, now: float) -> None:
         """Seconds that are over into minutes, minutes into hours; seconds of more than a day ago go."""
-        with self._connection() as connection:
+        with connected(self._engine) as connection:
             for fine, coarse in pairwise(SPANS):
                 self._condense(connection, fine, coarse, int(now) // coarse * coarse)
             connection.execute(delete(POINTS).where(
@@ -102,7 +102,7 @@ class Memory:
             span = SPANS[1]
         together = span * max(1, math.ceil((until - since) / span / MOST))
         p, t = POINTS.c, POINTS.c.t - POINTS.c.t % together
-        with self._connection() as connection:
+        with connected(self._engine) as connection:
             rows = connection.execute(
                 select(SERIES.c.parameter, t.label("at"), func.avg(p.value), func.avg(p.std), func.min(p.low),
                        func.max(p.high), func.max(p.status))
@@ -132,7 +132,7 @@ class Memory:
              "status": status} for series, at, value, std, low, high, status in connection.execute(condensed).all()
         ]  # fmt: skip
         if rows:
-            connection.execute(self._insert().on_conflict_do_nothing(), rows)
+            connection.execute(insert_into(self._engine, POINTS).on_conflict_do_nothing(), rows)
 
     def _own(self) -> Any:
         return select(SERIES.c.id).where(SERIES.c.bench == self._bench)
@@ -141,24 +141,12 @@ class Memory:
         key = drive, parameter
         if key not in self._series:
             given = {"bench": self._bench, "drive": drive, "parameter": parameter}
-            with self._connection() as connection:
-                connection.execute(self._insert(SERIES).on_conflict_do_nothing(), given)
+            with connected(self._engine) as connection:
+                connection.execute(insert_into(self._engine, SERIES).on_conflict_do_nothing(), given)
                 self._series[key] = connection.execute(
                     select(SERIES.c.id).where(*(SERIES.c[name] == value for name, value in given.items()))
                 ).scalar_one()
         return self._series[key]
-
-    def _insert(self, table: Any = POINTS) -> Any:
-        dialect = postgresql if self._engine.dialect.name == "postgresql" else sqlite
-        return dialect.insert(table)
-
-    @contextmanager
-    def _connection(self) -> Generator[Connection]:
-        try:
-            with self._engine.begin() as connection:
-                yield connection
-        except (SQLAlchemyError, OSError) as error:
-            raise UnavailableError(f"the catalogue cannot be used: {said_of(error)}") from None
 
 
 def point_of(drive: str, parameter: str, t: float, value: float | None, std: float | None, status: str) -> Point | None:

@@ -1,4 +1,6 @@
-"""Tables of the catalogue, as SQLAlchemy has them. Times are whole seconds since 1970, UTC."""
+"""Tables of the catalogue, as SQLAlchemy has them. Times are UTC since 1970: whole seconds of windows and in the
+history, microseconds elsewhere.
+"""
 
 from typing import Final
 
@@ -38,6 +40,28 @@ POINTS: Final = Table(  # a parameter over a second, a minute, an hour; SI
     Column("status", SmallInteger, nullable=False),  # place in `STATUSES`, of the worst
     sqlite_with_rowid=False,
 )  # fmt: skip
+
+
+def _ended(name: str) -> Table:
+    """Jobs of a kind that have ended."""
+    return Table(
+        name, METADATA,
+        Column("bench", String(200), primary_key=True),
+        Column("id", String(250), primary_key=True),
+        Column("drive", String(200), nullable=False),
+        Column("asked", BigInteger, nullable=False, index=True),
+        Column("state", String(20), nullable=False),
+        Column("progress", Double, nullable=False),  # 0 to 1
+        Column("samples", Integer, nullable=False),
+        Column("reason", Text, nullable=False),
+        Column("remarks", Text, nullable=False),  # JSON: a list
+        Column("file", Text),  # null: there is no recording
+        Column("request", Text, nullable=False),  # JSON
+    )  # fmt: skip
+
+
+CAPTURES: Final = _ended("captures")
+EXPERIMENTS: Final = _ended("experiments")
 
 STATUSES: Final[tuple[str, ...]] = ("held", "ok", "doubtful")
 SPANS: Final[tuple[int, ...]] = (1, 60, 3600)  # s

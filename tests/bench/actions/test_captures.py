@@ -650,7 +650,7 @@ def test_without_room_for_the_recording_nothing_is_armed(
 
 
 def test_only_so_many_captures_are_remembered(service: Service) -> None:
-    service.captures._remembered = 3
+    service.captures.remembered = 3
     asked = list[str]()
     for _ in range(5):
         asked.append(ask(service, length=5).id)
@@ -721,3 +721,35 @@ def test_a_recording_that_another_client_stops_half_way_is_partial(
     assert list(tmp_path.iterdir()) == [partial]
     told = notes(partial)
     assert (told["samples"], told["expected"], told["complete"]) == (status.samples, 50_000, False)
+
+
+def remembered(service: Service, captures: int) -> list[Status]:
+    until(lambda: len(service.captures.all("spindle")) == captures, "what was before")
+    return service.captures.all("spindle")
+
+
+@pytest.mark.parametrize("database", ["catalogue.sqlite", ""])
+def test_what_has_ended_is_there_after_a_restart_as_it_was(drive: Served, tmp_path: Path, database: str) -> None:
+    """Without a catalogue those that made a recording, of which it tells."""
+    config = Config(
+        (DriveConfig("spindle", drive.url, Window()),), captures=tmp_path / "captures",
+        database=database and str(tmp_path / database),
+    )  # fmt: skip
+    with Service(config) as service:
+        streams(service)
+        whole = ask(service, length=500)
+        until(lambda: service.captures.one("spindle", whole.id).state is State.DONE, "its end")
+        late = ask(service, **NEVER, timeout_s=0.1)
+        until(lambda: service.captures.one("spindle", late.id).state is State.FAILED, "its end")
+        cancelled = ask(service, **NEVER)
+        service.captures.cancel("spindle", cancelled.id)
+        before = service.captures.all("spindle")
+    assert [status.state for status in before] == [State.CANCELLED, State.FAILED, State.DONE]
+    with Service(config) as service:
+        assert remembered(service, 3 if database else 1) == (before if database else before[2:])
+        assert service.captures.one("spindle", whole.id) == before[2]
+        assert service.captures.file("spindle", whole.id).is_file()
+        if database:
+            assert service.captures.one("spindle", cancelled.id).state is State.CANCELLED
+            with pytest.raises(ConflictError, match="there is nothing to cancel"):
+                service.captures.cancel("spindle", late.id)

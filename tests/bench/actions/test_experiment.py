@@ -12,15 +12,18 @@ import numpy as np
 import pytest
 
 from bench.actions import experiment
-from bench.actions.drive_jobs import Link
+from bench.actions.drive_jobs import Link, sensible
 from bench.actions.experiment import CancelledError, Hold, Plan, Progress, Recorded, Tell, check_motor, experiment_of
 from bench.actions.experiment_part import ExperimentPart
-from bench.actions.experiments import Experiments
+from bench.actions.experiments import Experiments, of_ended, of_recording
+from bench.actions.experiments import State as State_
 from bench.actions.lease import Leases
 from bench.actions.limits import Limits
 from bench.actions.unfinished import Origin
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal
+from bench.store.catalogue.ended import EndedJob
+from bench.store.shelf import Shelf
 from drivers import operation
 from drivers.connect import connect
 from drivers.drive import Drive
@@ -328,3 +331,37 @@ def test_a_stop_while_one_is_being_asked_for_voids_it(bench: Served, drive: Driv
         experiments.ask("x", {"holds": [asdict(hold) for hold in HOLDS], "step": 0.3})
     assert experiments.all("x") == []
     assert list(tmp_path.iterdir()) == []
+
+
+def test_one_that_has_ended_is_known_again_as_it_was_by_what_is_remembered_and_by_its_recording(
+    bench: Served, tmp_path: Path
+) -> None:
+    told: list[EndedJob] = []
+    with connect(bench.url) as connected:
+        drives = {"x": Known(bench.url, Connected(connected))}
+        first = Experiments(tmp_path, drives, Leases(), told.append)
+        asked = first.ask("x", {"holds": [asdict(hold) for hold in HOLDS], "step": 0.3, "machine": {"n_p": 4}})
+        until(lambda: first.one("x", asked.id).state is not State_.RUNNING, "its end")
+        done = first.one("x", asked.id)
+    assert done.state is State_.DONE
+    (recording,) = Shelf(tmp_path).all()
+    again = Experiments(tmp_path, drives, Leases())
+    assert again.unknown([recording]) == [recording]
+    again.remember(sensible(of_recording, [recording.path, tmp_path / "none"]))
+    assert again.all("x") == [done]
+    assert again.unknown([recording]) == []
+    again.remember(sensible(of_ended, told))
+    assert again.all("x") == [of_ended(told[0])] == [done]
+    strange = replace(told[0], id="x-experiment-0", request={})
+    again.remember(sensible(of_ended, [strange]))
+    assert again.all("x") == [done]
+
+
+@dataclass
+class Connected:
+    """A link to a drive that is there."""
+
+    to: Drive
+
+    def drive(self) -> Drive:
+        return self.to

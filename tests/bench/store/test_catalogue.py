@@ -3,13 +3,18 @@
 import math
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import cast
 
 import pytest
 from sqlalchemy import Engine, insert, inspect, text
 
 from bench.errors import ConfigError, UnavailableError
+from bench.store.catalogue import migrations
 from bench.store.catalogue.database import check_address, opened
+from bench.store.catalogue.ended import EndedJob, EndedJobs
 from bench.store.catalogue.keeper import Keeper
 from bench.store.catalogue.memory import MOST, Memory, Point, point_of
 from bench.store.catalogue.tables import METADATA, POINTS
@@ -17,6 +22,7 @@ from tests.conftest import free_port
 from tests.support.databases import postgresql
 from tests.support.served_drive import until
 
+VERSIONS = Path(migrations.__file__).with_name("versions")
 NOW = int(time.time()) // 3600 * 3600  # s
 NAMES = ("R_s", "L_d", "L_q", "psi_f")
 
@@ -50,8 +56,33 @@ def test_it_has_the_form_that_the_tables_tell(engine: Engine) -> None:
             assert columns[column.name]["nullable"] == column.nullable, column
         key = there.get_pk_constraint(table.name)["constrained_columns"]
         assert key == [column.name for column in table.primary_key]
+        indexed = {tuple(one["column_names"]) for one in there.get_indexes(table.name)}
+        assert indexed >= {tuple(index.columns.keys()) for index in table.indexes}
+    newest = max(path.name[1:5] for path in VERSIONS.glob("v*.py"))
     with engine.connect() as connection:
-        assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == "0001"
+        assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == newest
+
+
+CAPTURE = EndedJob(
+    "capture", "spindle-20260131-120000-000", "spindle", datetime(2026, 1, 31, 12, 0, 0, 1, UTC), "failed", 0.25, 250,
+    "the drive was reset \0", ("it was off",), None, {"length": 1000},
+)  # fmt: skip
+
+
+def test_what_has_ended_comes_back_the_newest_each_kind_and_each_bench_its_own(engine: Engine) -> None:
+    one, other = EndedJobs(engine, "here"), EndedJobs(engine, "there")
+    for k in range(5):
+        one.add(replace(CAPTURE, id=f"c{k}", asked=CAPTURE.asked + timedelta(seconds=k)))
+    one.add(replace(CAPTURE, kind="experiment", state="done", file="/x.parquet", remarks=(), reason=""))
+    one.add(replace(CAPTURE, id="c3", asked=CAPTURE.asked + timedelta(seconds=3), state="cancelled", reason="x"))
+    found = one.latest("capture", 2)
+    assert [(job.id, job.state) for job in found] == [("c3", "cancelled"), ("c4", "failed")]
+    assert found[1] == replace(
+        CAPTURE, id="c4", asked=CAPTURE.asked + timedelta(seconds=4), reason="the drive was reset \\0"
+    )
+    (experiment,) = one.latest("experiment", 9)
+    assert (experiment.file, experiment.remarks) == ("/x.parquet", ())
+    assert other.latest("capture", 9) == []
 
 
 def test_windows_are_remembered_until_the_configuration_changes(address: str) -> None:
@@ -176,3 +207,18 @@ def test_what_cannot_be_written_waits_until_it_can(tmp_path: Path, monkeypatch: 
     assert courses["R_s"].t == tuple(range(NOW, NOW + len(courses["R_s"].t)))
     assert len(courses["R_s"].t) == next(count)
     assert path.stat().st_size > 0
+
+
+def test_what_a_catalogue_refuses_holds_up_nothing_after_it(tmp_path: Path) -> None:
+    heard: list[bool] = []
+    keeper = Keeper(str(tmp_path / "catalogue.sqlite"), "here", lambda: [], lambda _: heard.append(True))
+    keeper.tell(lambda memory: memory.ended.add(replace(CAPTURE, state=cast(str, None))))
+    keeper.tell(lambda memory: memory.ended.add(replace(CAPTURE, request={"x": object()})))
+    keeper.tell(lambda memory: memory.ended.add(CAPTURE))
+    keeper.start()
+    keeper.end()
+    keeper.join(5.0)
+    assert keeper.memory is not None
+    assert [job.id for job in keeper.memory.ended.latest("capture", 9)] == [CAPTURE.id]
+    assert heard == [True]
+    keeper.memory.close()
