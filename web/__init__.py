@@ -3,14 +3,17 @@
 The service sends `index.html` at `/`, the files of this room at `/web/<file>` and plotly's own bundle at
 `/assets/plotly.min.js`. One noun a file:
 
-* `main.js` - wires the others together and sets the pace of drawing
+* `main.js` - wires the others together and sets the pace of drawing; `router.js` - which room is shown
 * `connection.js` - the drive list and the event stream, and what to do when they break
 * `api.js` - the REST calls and the shapes they carry; `problem` sentences become errors
+* `panels/` - the bar that is in every room (`banner`, `header`, `control_bar`), and the parts of Live: `tiles` with
+  `mismatch`, `strips` and `vector` over `recent`, `plots` over `history`, `record_panel`, `capture_panel`,
+  `window_form` with the Kalman filter's `tuning_form`
+* `rooms/` - Recordings (`recordings`, `recording_view`, `recording_plot`), Diagnosis (`diagnosis`, `diagnosis_view`,
+  `figures`, `quantity`, `diagnose_it`), Drive (`drive`)
 * `parameters.js` - the four parameters; `format.js` - numbers, units, times as an operator reads them
-* `panels/` - the parts of the page: `banner.js`, `header.js`, `control_bar.js` (who is in control, and Stop),
-  `tiles.js`, `mismatch.js`, `plots.js`, `capture_panel.js`, `window_form.js` with the Kalman filter's `tuning_form.js`
-* `fields.js` - fields of any form
-* `history.js` - what the plots remember: bounded, and never older values passed off as new
+* `fields.js` - fields of any form; `dom.js` - elements made by code; `dialog.js` - a question before what cannot be
+  undone; `plot.js` - what all plots have in common
 
 Knows nothing of drives, estimators or buses: only the JSON that the REST tables describe.
 """

@@ -1,0 +1,255 @@
+"""The page's rooms in headless Chromium: the whole job of an operator, from the first click to the result."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+from selenium.webdriver import Chrome
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import Select, WebDriverWait
+
+from tests.browser.axe import violations
+from tests.browser.test_page import browser, forget_logs, log, pytestmark, run, text, type_over, until
+from tests.conftest import RunningBench, bench_up
+from tests.support.relay import relayed
+
+__all__ = ["browser", "pytestmark"]
+
+DRIVE = "/api/drives/emulated"
+PATIENCE = 150.0  # s: a diagnosis beside others
+CANVAS = "document.getElementById('recording-canvas')"
+ROOMS = ("live", "recordings", "diagnosis", "drive")
+DEAD_TIME = """
+[motor]
+R_s = 0.9664
+L_d = 4.24e-3
+L_q = 6.21e-3
+psi_f = 0.12
+n_p = 4
+i_rated = 6.0
+[drive]
+bridge = "switched"
+[run]
+speed_rpm = 1200.0
+[excitation]
+i_q_ref = 3.0
+kind = "none"
+[effects.inverter]
+dead_time = 2e-6
+"""
+
+
+class Operator:
+    """Who uses the page by the mouse alone, and counts clicks."""
+
+    def __init__(self, browser: Chrome) -> None:
+        self._browser = browser
+        self.clicks = 0
+
+    def click(self, what: str, patience: float = PATIENCE) -> None:
+        """As soon as it can be seen and pressed."""
+        self._found(what, patience).click()
+        self.clicks += 1
+
+    def sees(self, what: str, patience: float = PATIENCE) -> str:
+        """Its words, as soon as it is shown."""
+        return self._found(what, patience).text
+
+    def _found(self, what: str, patience: float) -> WebElement:
+        def shown(chrome: Chrome) -> WebElement | None:
+            found = chrome.find_elements(By.CSS_SELECTOR, what)
+            return next((one for one in found if one.is_displayed() and one.is_enabled()), None)
+
+        found = WebDriverWait(self._browser, patience, poll_frequency=0.1).until(shown, f"waited for {what}")
+        assert found is not None
+        return found
+
+
+@pytest.fixture
+def page(browser: Chrome, running_bench: RunningBench) -> Iterator[Chrome]:
+    """The page, freshly opened, whose link streams."""
+    forget_logs(browser)
+    browser.get("about:blank")
+    browser.get(running_bench.url)
+    until(browser, lambda: text(browser, "link-state") == "streaming", "the link to be streaming")
+    yield browser
+    browser.get("about:blank")
+
+
+def errors(browser: Chrome) -> list[str]:
+    return [entry["message"] for entry in log(browser, "browser") if entry["level"] in {"SEVERE", "WARNING"}]
+
+
+def room(browser: Chrome, name: str) -> None:
+    browser.find_element(By.CSS_SELECTOR, f"nav [data-room={name}]").click()
+    until(browser, lambda: browser.find_element(By.ID, f"room-{name}").is_displayed(), f"the room {name}")
+
+
+def test_capture_diagnosis_experiment_and_second_diagnosis_by_the_page_alone(browser: Chrome, tmp_path: Path) -> None:
+    scenario = tmp_path / "dead.toml"
+    scenario.write_text(DEAD_TIME, encoding="utf-8")
+    with bench_up("--scenario", str(scenario)) as bench:
+        forget_logs(browser)
+        browser.get(bench.url)
+        operator, begun = Operator(browser), time.monotonic()
+        operator.click("#capture-start")
+        operator.click("#capture-diagnose")
+        assert operator.sees("#diagnosis-verdict") == "ambiguous"
+        assert "the inverter's voltage error" in operator.sees("#diagnosis-sentence")
+        operator.click(".experiment-run")
+        assert "The motor will move" in operator.sees("#dialog-question")
+        operator.click("#dialog-yes")
+        operator.click(".experiment-diagnose")
+        until(browser, lambda: "dead time" in operator.sees("#diagnosis-sentence"), "the second diagnosis")
+        assert operator.sees("#diagnosis-verdict") == "explained"
+        assert operator.clicks <= 12
+        assert time.monotonic() - begun < 180.0
+        assert errors(browser) == []
+        browser.get("about:blank")
+
+
+def test_a_recording_is_made_marked_found_plotted_and_deleted(page: Chrome, running_bench: RunningBench) -> None:
+    operator = Operator(page)
+    type_over(page.find_element(By.ID, "record-title-text"), "warm <b>")
+    assert "room for" in operator.sees("#record-room")
+    operator.click("#record-start")
+    assert "recording" in operator.sees("#bar-recording")
+    type_over(page.find_element(By.ID, "record-mark-text"), "load on")
+    operator.click("#record-mark")
+    until(page, lambda: "1 marks" in text(page, "record-words"), "the mark")
+    room(page, "drive")
+    assert "recording" in operator.sees("#bar-recording")  # in every room
+    room(page, "live")
+    operator.click("#record-stop")
+    operator.click("#record-words a")
+    until(page, lambda: text(page, "recording-heading") == "warm <b>", "its room")
+    until(page, lambda: "load on" in text(page, "recording-marks"), "its mark")
+    until(page, lambda: run(page, f"return {CANVAS}.data?.length ?? 0") >= 5, "a plot")
+    assert run(page, f"return {CANVAS}.layout.shapes.length") == 1
+    type_over(page.find_element(By.ID, "mark-t"), "0,25")
+    type_over(page.find_element(By.ID, "mark-text"), "later")
+    page.find_element(By.CSS_SELECTOR, "#mark-form button").click()
+    until(page, lambda: "later" in text(page, "recording-marks"), "the second mark")
+    type_over(page.find_element(By.ID, "recordings-search"), "nowhere")
+    until(page, lambda: text(page, "recordings-count") == "None that fits the search.", "an empty list")
+    type_over(page.find_element(By.ID, "recordings-search"), "later")
+    until(page, lambda: text(page, "recordings-count") == "One recording.", "the one that has the mark")
+    operator.click("#recording-delete")
+    assert "warm <b>" in operator.sees("#dialog-question")
+    page.switch_to.active_element.send_keys(Keys.ESCAPE)
+    assert len(httpx.get(f"{running_bench.url}/api/recordings").json()["recordings"]) >= 1
+    operator.click("#recording-delete")
+    operator.click("#dialog-yes")
+    until(page, lambda: text(page, "recordings-count") == "None that fits the search.", "it to be gone")
+    assert errors(page) == []
+
+
+def test_two_recordings_lie_over_each_other_and_zooming_asks_for_every_row(
+    page: Chrome, running_bench: RunningBench
+) -> None:
+    with httpx.Client(base_url=running_bench.url) as client:
+        for _ in range(2):
+            id_ = client.post(f"{DRIVE}/captures", json={"length": 8000}).raise_for_status().json()["id"]
+            until(page, lambda id_=id_: client.get(f"{DRIVE}/captures/{id_}").json()["state"] == "done", "a capture")
+    room(page, "recordings")
+    Operator(page).click("#recordings-list a")
+    until(page, lambda: "8\u202f000 rows as" in text(page, "recording-thinned"), "a thinned plot")
+    over = Select(page.find_element(By.ID, "recording-over"))
+    until(page, lambda: len(over.options) > 1, "another recording")
+    over.select_by_index(1)
+    until(page, lambda: run(page, f"return {CANVAS}.data.length") == 10, "both")
+    run(page, "Plotly.relayout('recording-canvas', {'xaxis.range[0]': 0.1, 'xaxis.range[1]': 0.15})")
+    until(page, lambda: text(page, "recording-thinned").startswith("Every row is shown."), "every row")
+    Operator(page).click("#recording-all-of-it")
+    until(page, lambda: "8\u202f000 rows as" in text(page, "recording-thinned"), "all of it again")
+    assert errors(page) == []
+
+
+def test_signals_that_changed_since_the_last_look_are_told(page: Chrome, running_bench: RunningBench) -> None:
+    run(page, "localStorage.clear()")
+    room(page, "drive")
+    until(page, lambda: "bandwidth" in text(page, "signals"), "the signals")
+    assert "1250 rad/s" in text(page, "signals")
+    room(page, "live")
+    httpx.put(f"{running_bench.url}{DRIVE}/signals", json={"bandwidth": 1300.0}).raise_for_status()
+    room(page, "drive")
+    until(page, lambda: "was 1250 rad/s" in text(page, "signals"), "the change")
+    until(page, lambda: "bandwidth" in text(page, "events"), "who wrote it")
+    httpx.put(f"{running_bench.url}{DRIVE}/signals", json={"bandwidth": 1250.0}).raise_for_status()
+    assert errors(page) == []
+
+
+def test_strips_and_dq_plane_show_the_last_seconds_and_can_be_held(page: Chrome) -> None:
+    points = "return document.getElementById('strips').data?.[1]?.x.length ?? 0"
+    until(page, lambda: run(page, points) > 100, "strips")
+    label = page.find_element(By.ID, "vector").get_attribute("aria-label") or ""
+    assert "current" in label
+    assert "along q" in label
+    page.find_element(By.ID, "strips-hold").click()
+    newest = "return document.getElementById('strips').data[1].y.at(-1)"
+    time.sleep(0.5)
+    seen = {run(page, newest) for _ in range(8) if time.sleep(0.25) is None}
+    assert len(seen) == 1
+    page.find_element(By.ID, "strips-hold").click()
+    until(page, lambda: run(page, newest) not in seen, "them to go on")
+
+
+def test_how_far_set_points_may_go_is_said_while_they_are_typed(page: Chrome) -> None:
+    page.find_element(By.ID, "control-start").click()
+    until(page, lambda: "Currents go up to 6 A" in text(page, "start-limits"), "the limit")
+    for name, value in (("i_d_ref", "0"), ("i_d_step", "0"), ("i_q_step", "0"), ("i_q_ref", "7")):
+        type_over(page.find_element(By.ID, f"start-{name}"), value)
+    until(page, lambda: "to 7 A, too far" in text(page, "start-limits"), "that it is too far")
+
+
+def test_rooms_are_reached_by_keyboard_and_the_browser_leads_back(page: Chrome) -> None:
+    for name in ROOMS[1:]:
+        page.find_element(By.CSS_SELECTOR, f"nav [data-room={name}]").send_keys(Keys.ENTER)
+        until(page, lambda name=name: page.find_element(By.ID, f"room-{name}").is_displayed(), name)
+    page.back()
+    until(page, lambda: page.find_element(By.ID, "room-diagnosis").is_displayed(), "the room before")
+    page.refresh()
+    until(page, lambda: page.find_element(By.ID, "room-diagnosis").is_displayed(), "the same room")
+    assert page.find_element(By.ID, "control-stop").is_displayed()
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("width", [420, 1400])
+def test_every_room_fits_and_keeps_the_rules_of_accessibility(page: Chrome, width: int, theme: str) -> None:
+    metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    page.execute_cdp_cmd(
+        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": theme}]}
+    )
+    found: dict[str, Any] = {}
+    for name in ROOMS:
+        room(page, name)
+        time.sleep(1.0)  # what it asks for has come
+        if told := violations(page):
+            found[name] = told
+        if (wide := run(page, "return document.documentElement.scrollWidth")) > width:
+            found[f"{name} is wide"] = wide
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    assert found == {}
+
+
+def test_a_lost_service_is_told_within_two_seconds(browser: Chrome, running_bench: RunningBench) -> None:
+    with relayed(urlsplit(running_bench.url).port or 80) as wire:
+        browser.get(f"http://127.0.0.1:{wire.port}/#drive")
+        until(browser, lambda: text(browser, "link-state") == "streaming", "the link to be streaming")
+        wire.cut()
+        lost = time.monotonic()
+        until(browser, lambda: "Connection to the service lost" in text(browser, "banner"), "the banner")
+        assert time.monotonic() - lost < 2.5  # 2 s, and this test's looks
+        wire.mend()
+        until(browser, lambda: not browser.find_element(By.ID, "banner").is_displayed(), "the banner to go")
+        browser.get("about:blank")
