@@ -15,7 +15,7 @@ from bench.diagnoses.report.page import report
 
 def diagnose_recording(request: Request, tell: Tell = lambda share, phase: None) -> Diagnosed:
     """Read and diagnose a file. Raises ConfigError, RecordingError, and what `tell` raises to cancel."""
-    diagnosed, nominal = format_of(request).diagnose(request, tell), request.nominal
+    diagnosed, nominal = format_of(request).diagnose(request, onwards(tell)), request.nominal
     if not nominal.effects:
         return diagnosed
     said = diagnosed.diagnosis
@@ -23,10 +23,23 @@ def diagnose_recording(request: Request, tell: Tell = lambda share, phase: None)
     return replace(diagnosed, diagnosis=replace(said, remarks=(*said.remarks, unused)))
 
 
+def onwards(tell: Tell) -> Tell:
+    """Tells no less than it has told: what is tried once more takes longer, and undoes nothing."""
+    most = 0.0
+
+    def told(share: float, phase: str) -> None:
+        nonlocal most
+        most = max(most, share)
+        tell(most, phase)
+
+    return told
+
+
 def work(request: Request, tell: Tell) -> Result:
     """A diagnosis in texts, as a process for such work makes it."""
     diagnosed = diagnose_recording(request, tell)
     diagnosis = diagnosed.diagnosis
+    tell(1.0, "writing")
     fitted, figures = bool(diagnosis.machine_after), pictures(diagnosis)
     return Result(
         as_json(diagnosed),

@@ -88,7 +88,7 @@ def _explained_without(
     if suspicion is not None and taken_back(suspicion, there.found.model, tolerance):
         return None
     told = judged(rows, given, there, progress)
-    progress(0.9, "judging")
+    progress(0.9, "weighing the answer")
     diagnosis = stated(given, told)
     if suspicion is not None:
         diagnosis = with_convention(diagnosis, suspicion)

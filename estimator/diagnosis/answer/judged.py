@@ -48,7 +48,7 @@ def judged(rows: Rows, given: Given, there: Explained, progress: Callable[[float
         surrogates = Surrogates(found, given)
         reasons = _doubted(found, machine.unidentified, excess, resonance, surrogates.stands_out)
         faint = tuple(one for some in reasons.values() for one in some)
-        progress(0.75, "simulating")
+        progress(0.75, "simulating before and after")
         after = residual(rows, found.smooth, found.model)
         found.smooth.let_go()  # simulating works out and keeps as much again
         fit, pictures = shown_held_out(rows, found, after, plain or found.search)

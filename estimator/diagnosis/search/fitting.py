@@ -67,7 +67,7 @@ _Polish = Callable[[Rows, Clean, Model, Given], tuple[Model, Clean, bool]]
 
 
 def fitted(
-    rows: Rows, given: Given, progress: Callable[[float], None] = lambda _share: None,
+    rows: Rows, given: Given, progress: Callable[[float, str], None] = lambda _share, _phase: None,
     library: Sequence[Effect] = LIBRARY, begin: Model | None = None,
 ) -> Fitted:  # fmt: skip
     """The model that explains the rows.
@@ -78,8 +78,12 @@ def fitted(
     part, begin = thinned(rows), begin or Model(given.machine)
     if part is rows:
         return _fitted_from(rows, begin, False, given, progress, library)
-    found = _fitted_from(part, begin, False, given, lambda share: progress(0.5 * share), library)
-    return _fitted_from(rows, found.model, True, given, lambda share: progress(0.5 + 0.5 * share), library)
+    found = _fitted_from(part, begin, False, given, lambda share, phase: progress(0.5 * share, phase), library)
+
+    def of_all(share: float, phase: str) -> None:
+        progress(0.5 + 0.5 * share, f"{phase}, all rows")
+
+    return _fitted_from(rows, found.model, True, given, of_all, library)
 
 
 def at_nominal(rows: Rows, given: Given) -> Search:
@@ -95,8 +99,9 @@ def of_machine(rows: Rows, given: Given) -> Fitted:
 
 
 def _fitted_from(
-    rows: Rows, model: Model, nearly: bool, given: Given, progress: Callable[[float], None], library: Sequence[Effect]
-) -> Fitted:
+    rows: Rows, model: Model, nearly: bool, given: Given, progress: Callable[[float, str], None],
+    library: Sequence[Effect],
+) -> Fitted:  # fmt: skip
     """From a model on; `nearly`: blocks of the rows have found it."""
     clean, settled = raw(rows), False
     if nearly:
@@ -137,7 +142,7 @@ def _pruned(
 
 def _rounds(
     rows: Rows, clean: Clean, model: Model, settled: bool, nearly: bool, given: Given,
-    progress: Callable[[float], None], library: Sequence[Effect], barred: Set[str],
+    progress: Callable[[float, str], None], library: Sequence[Effect], barred: Set[str],
 ) -> tuple[Model, Clean, Search]:  # fmt: skip
     """Effects are added, taken away and exchanged until nothing changes; those that are `barred` are not added, nor one
     whose promise equations have not borne out near this model.
@@ -171,7 +176,7 @@ def _rounds(
                 in_vain |= {name: at for name, seed in choice if seed >= 0}
                 kept = False
         model, clean, settled = roughly_polished(rows, clean, model, given, times)
-        progress((n + 1) / rounds)
+        progress((n + 1) / rounds, f"fitting, effects so far: {len(model.effects) or 'none'}")
         seen.append(frozenset(model.effects))
         if kept and len(seen) > 1 and seen[-1] == seen[-2]:
             break

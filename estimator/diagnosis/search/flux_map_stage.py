@@ -45,7 +45,7 @@ def fitted_by_map(rows: Rows, given: Given, found: Fitted, progress: Callable[[f
     left = excess_of(found)
     if least * len(rows) > _PROMISING * left * len(part):
         return None
-    by_map = fitted(rows, given, lambda share: progress(0.7 + 0.04 * share, "fitting a flux map"), begin=begin)
+    by_map = fitted(rows, given, lambda share, _: progress(0.72 + 0.02 * share, "fitting a flux map"), begin=begin)
     return by_map if left > LEAST_EVIDENT_SHARE * excess_of(by_map) and has_map(by_map) else None
 
 

@@ -31,13 +31,13 @@ def explained(rows: Rows, given: Given, progress: Callable[[float, str], None]) 
     """What explains the rows: something without a name alone, effects of the library, or a flux map beside them."""
     if (by_form := alone(rows, given)) is not None:
         return Explained(*by_form)
-    found = fitted(rows, given, lambda share: progress(0.7 * share, "fitting"))
-    progress(0.7, "judging")
+    found = fitted(rows, given, lambda share, phase: progress(0.7 * share, phase))
+    progress(0.7, "checking rivals")
     found, at_best = replaced_by_one(rows, found, given)
     compared = set(found.choice)
-    progress(0.71, "judging")
+    progress(0.71, "checking saturations together")
     found = without_idle(all_saturations_at_once(rows, found, given), given)
-    progress(0.72, "judging")
+    progress(0.72, "checking fewer effects")
     found = restarted_from_fewer(rows, found, given)
     left = unexplained_by(rows, found)
     if left is not None and (by_map := fitted_by_map(rows, given, found, progress)) is not None:

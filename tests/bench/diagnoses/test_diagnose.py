@@ -13,7 +13,7 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from bench.diagnoses.diagnose import Diagnosed, as_json, diagnose_recording
+from bench.diagnoses.diagnose import Diagnosed, as_json, diagnose_recording, onwards
 from bench.diagnoses.diagnosed_machine import machine_text
 from bench.diagnoses.diagnosis_request import Request, json_text, trust_of
 from bench.diagnoses.published import schema
@@ -141,6 +141,18 @@ def test_the_same_recording_gives_the_same_bytes_and_tells_how_far_it_is(recordi
     assert heard[0] == (0.0, "reading")
     assert shares == sorted(shares)
     assert 0.5 < shares[-1] <= 1.0
+    phases = list(dict.fromkeys(phase for _, phase in heard))
+    assert phases[1] == "fitting"
+    assert phases[2].startswith("fitting, effects so far: ")
+    assert phases[-2:] == ["simulating before and after", "weighing the answer"]
+
+
+def test_a_share_that_was_told_is_not_taken_back() -> None:
+    heard = list[tuple[float, str]]()
+    tell = onwards(lambda share, phase: heard.append((share, phase)))
+    for share in (0.1, 0.7, 0.0, 0.9):  # what was suspected is taken back, and all begins anew
+        tell(share, "fitting")
+    assert heard == [(share, "fitting") for share in (0.1, 0.7, 0.7, 0.9)]
 
 
 def test_what_the_reader_noticed_is_among_the_remarks(recording: Path, tmp_path: Path) -> None:
