@@ -177,6 +177,11 @@ def emulated(url: str, *, bounded: bool = True) -> Config:
     return Config((drive,), port=usual_port(), database=_database_of(""))
 
 
+def usual_database() -> str:
+    """Of what is remembered, where no configuration says it. Raises ConfigError."""
+    return _database_of("")
+
+
 def usual_port() -> int:
     """The service's port where nothing else says it. Raises ConfigError."""
     port = _port_of_environment()

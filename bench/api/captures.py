@@ -30,7 +30,7 @@ def install(app: FastAPI, service: Service) -> None:
 
     @app.get("/api/drives/{name}/captures", summary="Captures of a drive", responses=DRIVE, dependencies=known)
     def all_captures(name: DriveName) -> CapturesModel:
-        """The latest 200 of all drives, the newest first, also of services before; recordings stay on disk longer."""
+        """The latest 200 of all drives, also of services before, the newest first; recordings stay longer."""
         return CapturesModel(captures=[capture_model(status) for status in captures.all(name)])
 
     @app.post("/api/drives/{name}/captures", summary="Record with the drive's recorder", status_code=202,

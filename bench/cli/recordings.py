@@ -123,9 +123,16 @@ def delete(
 
 @recordings.command()
 def verify(
-    folder: Annotated[Path | None, Argument(help="of recordings (default: the usual one)")] = None, json: Json = False
+    folder: Annotated[Path | None, Argument(help="of recordings (default: the usual one)")] = None,
+    database: Annotated[
+        str | None, Option(metavar="FILE|URL", help="the catalogue, which is told (default: the usual one)")
+    ] = None,
+    json: Json = False,
 ) -> None:
-    """Read every recording of a folder against its checksums. Exit code 1: one is damaged, or was not closed."""
+    """Read every recording and diagnosis of a folder against its checksums, and have the catalogue say what they do.
+
+    Exit code 1: one is damaged, or was not closed.
+    """
     from bench.cli.commands.recordings import check_all
 
-    raise typer.Exit(check_all(folder, as_json=json))
+    raise typer.Exit(check_all(folder, database, as_json=json))

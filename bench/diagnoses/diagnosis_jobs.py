@@ -105,11 +105,16 @@ class _Run:
 class DiagnosisJobs(Jobs[Job, _Run]):
     """Everything about diagnoses, until `leave`."""
 
-    def __init__(self, folder: Path, nominals: Mapping[str, Nominal], work: str = WORK) -> None:
-        """`folder` has the recordings; `nominals`, by drive, are for those that say whose they are."""
+    def __init__(
+        self, folder: Path, nominals: Mapping[str, Nominal], work: str = WORK, kept: Diagnoses | None = None
+    ) -> None:
+        """`folder` has the recordings; `nominals`, by drive, are for those that say whose they are.
+
+        `kept`: those on disk; by default in the folder of the recordings.
+        """
         super().__init__("diagnosis")
         self._folder, self._nominals, self._work = folder.absolute(), nominals, work
-        self._kept = Diagnoses(folder)
+        self._kept = kept or Diagnoses(folder)
 
     def start(self) -> None:
         """Clear away what a service before this one had not written whole."""

@@ -32,8 +32,10 @@ from bench.live.window import Window
 from bench.machine_file import Nominal
 from bench.service.signals import Reading, checked, read, read_back, values_of, write
 from bench.store.catalogue.ended import EndedJob
+from bench.store.catalogue.found import FoundFiles, Row
 from bench.store.catalogue.keeper import Keeper
 from bench.store.catalogue.memory import Memory, Point, point_of
+from bench.store.diagnoses import Diagnoses
 from bench.store.rows import BYTES_PER_ROW
 from bench.store.shelf import Recording, Shelf
 from bench.store.write_log import to_standard_error
@@ -100,12 +102,13 @@ class Service:
         self.drives = {drive.name: self._made(drive) for drive in config.drives}  # as configured
         self.captures = Captures(config.captures, self.drives, self._leases, self._ended)
         self.experiments = Experiments(config.captures, self.drives, self._leases, self._ended)
-        self.diagnoses = DiagnosisJobs(config.captures, machines)
+        self._kept = Diagnoses(config.captures, self._diagnoses_read)
+        self.diagnoses = DiagnosisJobs(config.captures, machines, kept=self._kept)
         self.recordings = Recordings(
             config.captures, self.drives, self._leases, config.keep_free_megabytes * 1e6,
             Surroundings(self._state_words, lambda name: asdict(self.estimates(name).window)),
         )
-        self.shelf = Shelf(config.captures)
+        self.shelf = Shelf(config.captures, self._recordings_read)
         self._writes = count(1)
         self._leaving: threading.Thread | None = None
         self._started = time.monotonic()
@@ -309,7 +312,9 @@ class Service:
         return drive.window
 
     def _recall(self, memory: Memory) -> None:
-        """What the catalogue remembers of captures and experiments. Raises UnavailableError."""
+        """What the catalogue remembers of files, captures and experiments. Raises UnavailableError."""
+        self.shelf.recall(memory.recordings(self.shelf.folder).all())
+        self._kept.recall(memory.diagnoses(self._kept.folder).all())
         made = memory.ended.latest("capture", Captures.remembered)
         self.captures.remember(sensible(captures.of_ended, made))
         done = memory.ended.latest("experiment", Experiments.remembered)
@@ -325,6 +330,17 @@ class Service:
     def _paths(self, recordings: Iterable[Recording]) -> Iterator[Path]:
         """Until the service is to end."""
         return (one.path for one in recordings if self._leaving is None)
+
+    def _recordings_read(self, read: list[Row], gone: list[str]) -> None:
+        self._found_files(lambda memory: memory.recordings(self.shelf.folder), read, gone)
+
+    def _diagnoses_read(self, read: list[Row], gone: list[str]) -> None:
+        self._found_files(lambda memory: memory.diagnoses(self._kept.folder), read, gone)
+
+    def _found_files(self, of: Callable[[Memory], FoundFiles], read: list[Row], gone: list[str]) -> None:
+        """Files have been read, have gone."""
+        if self.history is not None:
+            self.history.tell(lambda memory: (of(memory).drop(gone), of(memory).add(read)))
 
     def _ended(self, job: EndedJob) -> None:
         """A capture, or an experiment, has ended."""

@@ -11,8 +11,10 @@ What is there is not changed again; several of one recording stand side by side.
 made.
 """
 
+import contextlib
 import gzip
 import hashlib
+import json
 import os
 import re
 import secrets
@@ -20,7 +22,7 @@ import shutil
 import threading
 import time
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -30,7 +32,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from bench.errors import RecordingError, UnknownError, shown
 from bench.files import read_bytes, sync_folder
-from bench.store.shelf import Checked
+from bench.store.catalogue.database import microseconds, time_at
+from bench.store.catalogue.found import Row
+from bench.store.shelf import Checked, OnRead
 
 FOLDER: Final = "diagnoses"  # in that of the recordings
 _HEADING: Final = "heading.json"
@@ -61,26 +65,46 @@ class Heading:
 
 
 _KIND: Final = TypeAdapter(Heading)
+_AS_THEY_ARE: Final = ("id", "recording", "drive", "state", "reason", "verdict", "sentence")  # in a catalogue's row
+_TIMES: Final = ("asked", "started", "ended")
+_TABLES: Final = ("request", "versions", "sums")
 
 
 class Diagnoses:
     """The diagnoses of a folder; from any thread."""
 
-    def __init__(self, captures: Path) -> None:
-        """`captures`: the folder of the recordings."""
-        self.folder = captures.absolute() / FOLDER
+    def __init__(self, captures: Path, on_read: OnRead = lambda _read, _gone: None) -> None:
+        """`captures`: the folder of the recordings; `on_read` is as of `Shelf`."""
+        self.folder, self._on_read = captures.absolute() / FOLDER, on_read
         self._lock = threading.Lock()
         self._read: dict[str, Heading] = {}  # by id
 
     def all(self) -> list[Heading]:
         """The newest first; one whose heading cannot be read is left out, for `verify` to tell."""
-        found: list[Heading] = []
-        for id_ in self._ids():
+        ids, found, fresh = self._ids(), list[Heading](), list[Row]()
+        with self._lock:
+            gone = [id_ for id_ in self._read if id_ not in set(ids)]
+            for id_ in gone:
+                del self._read[id_]
+        for id_ in ids:
             try:
-                found.append(self._heading(id_))
+                found.append(self._heading(id_, fresh))
             except (RecordingError, UnknownError):
                 continue
+        if fresh or gone:
+            self._on_read(fresh, gone)
         return sorted(found, key=lambda one: (one.asked, one.id), reverse=True)
+
+    def recall(self, rows: Iterable[Row]) -> None:
+        """What was read by a service before this one, as `on_read` was told."""
+        with self._lock:
+            for row in rows:
+                with contextlib.suppress(ValueError, LookupError, TypeError):  # it is read anew
+                    self._read.setdefault(row["id"], _of_row(row))
+
+    def rows(self) -> list[Row]:
+        """Of all of them."""
+        return [_row(one) for one in self.all()]
 
     def has(self, id_: str) -> bool:
         """Whether there is one of this id."""
@@ -172,14 +196,18 @@ class Diagnoses:
             return []
         return sorted(name for name in names if _ID.fullmatch(name))
 
-    def _heading(self, id_: str) -> Heading:
-        """Raises UnknownError where it has gone, RecordingError where it makes no sense."""
+    def _heading(self, id_: str, fresh: list[Row] | None = None) -> Heading:
+        """`fresh` takes a row where it was read. Raises UnknownError where it has gone, RecordingError where it makes
+        no sense.
+        """
         with self._lock:
             read = self._read.get(id_)
         if read is None:
             read = self._read_heading(id_)
-            with self._lock:
-                self._read[id_] = read
+            if fresh is not None:  # else it is read again, and told then
+                fresh.append(_row(read))
+                with self._lock:
+                    self._read[id_] = read
         return read
 
     def _read_heading(self, id_: str) -> Heading:
@@ -197,6 +225,20 @@ class Diagnoses:
         if heading.id != id_:
             raise RecordingError(f"{path}: expected the heading of {id_}, it is that of {shown(heading.id)}")
         return heading
+
+
+def _row(one: Heading) -> Row:
+    """As the catalogue has it."""
+    told = {name: getattr(one, name) for name in _AS_THEY_ARE}
+    times = {name: None if (time_ := getattr(one, name)) is None else microseconds(time_) for name in _TIMES}
+    return told | times | {name: json.dumps(getattr(one, name)) for name in _TABLES}
+
+
+def _of_row(row: Row) -> Heading:
+    """Raises ValueError, LookupError, TypeError."""
+    told = {name: row[name] for name in _AS_THEY_ARE}
+    times: dict[str, Any] = {name: None if row[name] is None else time_at(row[name]) for name in _TIMES}
+    return Heading(**told, **times, **{name: json.loads(row[name]) for name in _TABLES})
 
 
 def _on_disk(name: str) -> str:

@@ -3,9 +3,10 @@ them. The files are the truth; what has been read of one is kept until it change
 """
 
 import contextlib
+import json
 import threading
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Container, Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -14,10 +15,18 @@ from bench.errors import RecordingError, UnknownError, shown
 from bench.recordings.table import check_undamaged, column_names, notes, row_count
 from bench.store.annotations import SUFFIX as ABOUT
 from bench.store.annotations import Annotations, Mark
+from bench.store.catalogue.database import microseconds, time_at
+from bench.store.catalogue.found import Row
 from bench.store.overview import beside
 from bench.store.segments import FoundSegments, ids_in
 
 PARQUET: Final = ".parquet"
+_AS_THEY_ARE: Final = (  # in a row of the catalogue
+    "id", "kind", "drive", "rows", "seconds", "bytes", "title", "note", "whole", "ended", "gaps", "rows_lost",
+    "continues", "problem",
+)  # fmt: skip
+
+OnRead = Callable[[list[Row], list[str]], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,20 +64,48 @@ class Checked:
 class Shelf:
     """The recordings of a folder; from any thread."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder.absolute()
+    def __init__(self, folder: Path, on_read: OnRead = lambda _read, _gone: None) -> None:
+        """`on_read` hears of rows of what was read anew, and of ids whose files have gone; it does not wait."""
+        self.folder, self._on_read = folder.absolute(), on_read
         self._lock = threading.Lock()
         self._read: dict[str, tuple[tuple[int, int], Recording]] = {}  # by id: time and size of the file, what it said
 
+    def recall(self, rows: Iterable[Row]) -> None:
+        """What files said when they were read by a service before this one, as `on_read` was told."""
+        with self._lock:
+            for row in rows:
+                with contextlib.suppress(ValueError, LookupError, TypeError):  # it is read anew
+                    one = _of_row(row, self.folder)
+                    self._read.setdefault(one.id, ((row["changed"], row["bytes"]), one))
+
+    def rows(self) -> list[Row]:
+        """Of all that is known of the files, without what is said of them."""
+        self.all()
+        with self._lock:
+            return [_row(read, changed) for (changed, _), read in self._read.values() if not read.problem]
+
     def all(self) -> list[Recording]:
         """Those that are closed, the newest first."""
-        found = [self._of(path) for path in self._paths()]
+        paths = self._paths()
+        there = {path.name.removesuffix(PARQUET) for path in paths}
+        with self._lock:
+            gone = [id_ for id_ in self._read if id_ not in there]
+            for id_ in gone:
+                del self._read[id_]
+        fresh: list[Row] = []
+        about = {path.name.removesuffix(ABOUT) for path in self.folder.glob(f"*{ABOUT}")} if paths else set[str]()
+        found = [self._of(path, fresh, about) for path in paths]
+        if fresh or gone:
+            self._on_read(fresh, gone)
         return sorted((one for one in found if one is not None), key=lambda one: one.begun, reverse=True)
 
     def one(self, id_: str) -> Recording:
         """A recording. Raises UnknownError."""
         path = self.folder / f"{id_}{PARQUET}"
-        found = self._of(path) if Path(id_).name == id_ and path in self._paths() else None
+        fresh: list[Row] = []
+        found = self._of(path, fresh) if Path(id_).name == id_ and path in self._paths() else None
+        if fresh:
+            self._on_read(fresh, [])
         if found is None:
             raise UnknownError(f"no recording {shown(id_)}")
         return found
@@ -130,8 +167,9 @@ class Shelf:
             return []
         return sorted(path for path in self.folder.glob(f"*{PARQUET}") if not path.name.startswith("."))
 
-    def _of(self, path: Path) -> Recording | None:
-        """None where it has gone meanwhile."""
+    def _of(self, path: Path, fresh: list[Row], about: Container[str] | None = None) -> Recording | None:
+        """None where it has gone meanwhile. `fresh` takes a row of what was read; `about`: those something is said of.
+        """
         id_ = path.name.removesuffix(PARQUET)
         try:
             stat = path.stat()
@@ -143,7 +181,27 @@ class Shelf:
             read = _recording(id_, path, stat.st_size, datetime.fromtimestamp(stat.st_mtime, UTC))
             with self._lock:
                 self._read[id_] = (stat.st_mtime_ns, stat.st_size), read
-        return _annotated(read, Annotations.read(self.folder, id_))
+            if not read.problem:  # which may pass
+                fresh.append(_row(read, stat.st_mtime_ns))
+        return read if about is not None and id_ not in about else _annotated(read, Annotations.read(self.folder, id_))
+
+
+def _row(one: Recording, changed: int) -> Row:
+    """As the catalogue has it; `changed`: ns since 1970, when its file was."""
+    told = {name: getattr(one, name) for name in _AS_THEY_ARE}
+    return told | {
+        "changed": changed, "begun": microseconds(one.begun), "columns": json.dumps(one.columns),
+        "marks": json.dumps([asdict(mark) for mark in one.marks]),
+    }  # fmt: skip
+
+
+def _of_row(row: Row, folder: Path) -> Recording:
+    """Raises ValueError, LookupError, TypeError."""
+    told = {name: row[name] for name in _AS_THEY_ARE}
+    return Recording(
+        **told, path=folder / f"{row['id']}{PARQUET}", begun=time_at(row["begun"]),
+        columns=tuple(json.loads(row["columns"])), marks=tuple(Mark(**mark) for mark in json.loads(row["marks"])),
+    )  # fmt: skip
 
 
 def _recording(id_: str, path: Path, size: int, changed: datetime) -> Recording:

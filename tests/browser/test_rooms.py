@@ -121,7 +121,7 @@ def test_a_recording_is_made_marked_found_plotted_and_deleted(page: Chrome, runn
     type_over(page.find_element(By.ID, "record-title-text"), "warm <b>")
     assert "room for" in operator.sees("#record-room")
     operator.click("#record-start")
-    assert "recording" in operator.sees("#bar-recording")
+    until(page, lambda: "recording" in text(page, "bar-recording"), "the bar to say so")
     type_over(page.find_element(By.ID, "record-mark-text"), "load on")
     operator.click("#record-mark")
     until(page, lambda: "1 marks" in text(page, "record-words"), "the mark")

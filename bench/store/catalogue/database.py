@@ -79,8 +79,8 @@ def insert_into(engine: Engine, table: Table) -> Any:
 
 
 def plain(text: str) -> str:
-    """As a PostgreSQL can keep it: without NUL."""
-    return text.replace("\0", "\\0")
+    """As any database can keep it: without NUL and halves of letters."""
+    return text.replace("\0", "\\0").encode(errors="backslashreplace").decode()
 
 
 def microseconds(time: datetime) -> int:

@@ -8,13 +8,15 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, Final
 
 from sqlalchemy import Connection, Engine, delete, func, insert, select
 
 from bench.store.catalogue.database import connected, insert_into
 from bench.store.catalogue.ended import EndedJobs
-from bench.store.catalogue.tables import POINTS, SERIES, SPANS, STATUSES, WINDOWS
+from bench.store.catalogue.found import FoundFiles
+from bench.store.catalogue.tables import DIAGNOSES, POINTS, RECORDINGS, SERIES, SPANS, STATUSES, WINDOWS
 
 _DAY: Final = 86_400  # s
 FEWEST: Final = 400  # points that a history shows, where there are as many
@@ -52,6 +54,14 @@ class Memory:
         self._engine, self._bench = engine, bench
         self.ended = EndedJobs(engine, bench)
         self._series: dict[tuple[str, str], int] = {}  # ids by drive and parameter
+
+    def recordings(self, folder: Path) -> FoundFiles:
+        """What the recordings of a folder say."""
+        return FoundFiles(self._engine, RECORDINGS, folder)
+
+    def diagnoses(self, folder: Path) -> FoundFiles:
+        """What the diagnoses of a folder say."""
+        return FoundFiles(self._engine, DIAGNOSES, folder)
 
     def close(self) -> None:
         """Close the catalogue's connections; one that is used again is opened anew."""

@@ -4,7 +4,19 @@ history, microseconds elsewhere.
 
 from typing import Final
 
-from sqlalchemy import BigInteger, Column, Double, ForeignKey, Integer, MetaData, SmallInteger, String, Table, Text
+from sqlalchemy import (
+    BigInteger,
+    Boolean,
+    Column,
+    Double,
+    ForeignKey,
+    Integer,
+    MetaData,
+    SmallInteger,
+    String,
+    Table,
+    Text,
+)
 from sqlalchemy import UniqueConstraint as Unique
 
 METADATA: Final = MetaData()
@@ -62,6 +74,47 @@ def _ended(name: str) -> Table:
 
 CAPTURES: Final = _ended("captures")
 EXPERIMENTS: Final = _ended("experiments")
+
+RECORDINGS: Final = Table(  # what the files of a folder say of themselves; the files are the truth
+    "recordings", METADATA,
+    Column("folder", String(1000), primary_key=True),  # host:path
+    Column("id", String(250), primary_key=True),
+    Column("changed", BigInteger, nullable=False),  # ns since 1970: the file's, by which it is known to be the same
+    Column("bytes", BigInteger, nullable=False),
+    Column("kind", String(20), nullable=False),
+    Column("drive", Text, nullable=False),
+    Column("begun", BigInteger, nullable=False),
+    Column("rows", BigInteger, nullable=False),
+    Column("seconds", Double),
+    Column("columns", Text, nullable=False),  # JSON: a list
+    Column("title", Text, nullable=False),
+    Column("note", Text, nullable=False),
+    Column("marks", Text, nullable=False),  # JSON: a list of objects
+    Column("whole", Boolean, nullable=False),
+    Column("ended", Text, nullable=False),
+    Column("gaps", Integer, nullable=False),
+    Column("rows_lost", BigInteger, nullable=False),
+    Column("continues", Text, nullable=False),
+    Column("problem", Text, nullable=False),
+)  # fmt: skip
+
+DIAGNOSES: Final = Table(  # likewise
+    "diagnoses", METADATA,
+    Column("folder", String(1000), primary_key=True),
+    Column("id", String(50), primary_key=True),
+    Column("recording", Text, nullable=False),
+    Column("drive", Text, nullable=False),
+    Column("asked", BigInteger, nullable=False),
+    Column("started", BigInteger),
+    Column("ended", BigInteger, nullable=False),
+    Column("state", String(20), nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("verdict", String(50)),
+    Column("sentence", Text),
+    Column("request", Text, nullable=False),  # JSON
+    Column("versions", Text, nullable=False),  # JSON
+    Column("sums", Text, nullable=False),  # JSON: SHA-256 of each file
+)  # fmt: skip
 
 STATUSES: Final[tuple[str, ...]] = ("held", "ok", "doubtful")
 SPANS: Final[tuple[int, ...]] = (1, 60, 3600)  # s

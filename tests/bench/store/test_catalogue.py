@@ -8,16 +8,23 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import cast
 
+import numpy as np
 import pytest
 from sqlalchemy import Engine, insert, inspect, text
 
+from bench.cli.commands.recordings import check_all
 from bench.errors import ConfigError, UnavailableError
+from bench.recordings.capture_file import write_columns
 from bench.store.catalogue import migrations
 from bench.store.catalogue.database import check_address, opened
 from bench.store.catalogue.ended import EndedJob, EndedJobs
+from bench.store.catalogue.found import Row
 from bench.store.catalogue.keeper import Keeper
 from bench.store.catalogue.memory import MOST, Memory, Point, point_of
 from bench.store.catalogue.tables import METADATA, POINTS
+from bench.store.diagnoses import Diagnoses
+from bench.store.shelf import Shelf
+from tests.bench.store.test_diagnoses import HEADING as DIAGNOSED
 from tests.conftest import free_port
 from tests.support.databases import postgresql
 from tests.support.served_drive import until
@@ -67,6 +74,51 @@ CAPTURE = EndedJob(
     "capture", "spindle-20260131-120000-000", "spindle", datetime(2026, 1, 31, 12, 0, 0, 1, UTC), "failed", 0.25, 250,
     "the drive was reset \0", ("it was off",), None, {"length": 1000},
 )  # fmt: skip
+
+
+def test_what_files_say_comes_back_each_folder_its_own_until_it_is_rebuilt(engine: Engine, tmp_path: Path) -> None:
+    write_columns(tmp_path / "a.parquet", {"t": np.array([0.0, 1e-4])}, {"capture": "a", "drive": "spindle \0"})
+    write_columns(tmp_path / "b.parquet", {"t": np.array([0.0])}, {})
+    memory, shelf, kept = Memory(engine, "here"), Shelf(tmp_path), Diagnoses(tmp_path)
+    kept.keep(DIAGNOSED, {"result.json": b"{}"})
+    recordings, diagnoses = memory.recordings(tmp_path), memory.diagnoses(tmp_path)
+    recordings.add(shelf.rows())
+    recordings.add(shelf.rows())
+    diagnoses.add(kept.rows())
+    again, again_kept = Shelf(tmp_path, unread), Diagnoses(tmp_path, unread)
+    again.recall(recordings.all())
+    again_kept.recall(diagnoses.all())
+    assert [replace(one, drive="") for one in again.all()] == [replace(one, drive="") for one in shelf.all()]
+    assert again_kept.all() == kept.all()
+    assert memory.recordings(tmp_path / "other").all() == []
+    recordings.drop(["a"])
+    assert [row["id"] for row in recordings.all()] == ["b"]
+    shelf.delete("b")
+    recordings.rebuild(shelf.rows())
+    assert [row["id"] for row in recordings.all()] == ["a"]
+
+
+def test_verify_has_the_catalogue_say_of_the_files_what_they_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, database = tmp_path / "captures", tmp_path / "catalogue.sqlite"
+    write_columns(folder / "a.parquet", {"t": np.array([0.0, 1e-4])}, {})
+    assert check_all(folder, str(database), as_json=False) == 0
+    assert not database.exists()  # none is made for that
+    memory = Memory(opened(str(database)), "here")
+    memory.recordings(folder).add([dict(row, id="b") for row in Shelf(folder).rows()])
+    assert check_all(folder, str(database), as_json=False) == 0
+    assert [row["id"] for row in memory.recordings(folder).all()] == ["a"]
+    memory.close()
+    database.write_bytes(b"something else, and long enough to be looked at" * 100)
+    assert check_all(folder, str(database), as_json=False) == 0
+    told = capsys.readouterr()
+    assert "a.parquet: whole" in told.out
+    assert "the files were read, and the catalogue cannot be opened: file is not a database" in told.err
+
+
+def unread(read: list[Row], gone: list[str]) -> None:
+    raise AssertionError(f"{read} was read, {gone} has gone")
 
 
 def test_what_has_ended_comes_back_the_newest_each_kind_and_each_bench_its_own(engine: Engine) -> None:

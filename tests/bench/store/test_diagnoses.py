@@ -44,6 +44,18 @@ def test_they_come_back_as_they_were_the_newest_first(kept: Diagnoses, tmp_path:
     assert (folder / "report.html.gz").stat().st_size < 1000
 
 
+def test_what_was_read_once_is_known_to_the_next(kept: Diagnoses, tmp_path: Path) -> None:
+    told: list[tuple[list[str], list[str]]] = []
+    rows = kept.rows()
+    again = Diagnoses(tmp_path, lambda read, gone: told.append(([row["id"] for row in read], gone)))
+    again.recall(rows)
+    assert again.all() == kept.all()
+    assert told == []
+    Diagnoses(tmp_path).delete(HEADING.id)
+    assert [one.id for one in again.all()] == ["20260130-120000-250"]
+    assert told == [([], [HEADING.id])]
+
+
 def test_one_is_whole_or_not_there_at_all(kept: Diagnoses, tmp_path: Path) -> None:
     folder = tmp_path / "diagnoses"
     with pytest.raises(OSError, match="File name too long"):

@@ -1,6 +1,7 @@
 """The shelf: what stands on it, what is said of it, and what is wrong with it."""
 
 import contextlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from bench.errors import RecordingError, UnknownError
 from bench.recordings.capture_file import write_columns
 from bench.recordings.table import pa, pq
 from bench.store.annotations import Annotations, Mark
+from bench.store.catalogue.found import Row
 from bench.store.closing import closed
 from bench.store.segments import FoundSegments, Segments
 from bench.store.shelf import Shelf
@@ -71,6 +73,32 @@ def test_what_is_deleted_is_gone_with_what_was_said_of_it(shelf: Shelf) -> None:
     assert {path.name for path in shelf.folder.iterdir()} == {"a.parquet", f"{HEADING.id}.parquet"}
     with pytest.raises(UnknownError, match="no recording 'mine'"):
         shelf.one("mine")
+
+
+def test_what_was_read_once_is_known_to_the_next_as_long_as_the_file_is_the_same(shelf: Shelf) -> None:
+    told: list[tuple[list[str], list[str]]] = []
+    rows: dict[str, Row] = {}
+
+    def hear(read: list[Row], gone: list[str]) -> None:
+        told.append((sorted(row["id"] for row in read), gone))
+        rows.update({row["id"]: row for row in read})
+
+    first = Shelf(shelf.folder, hear)
+    every = first.all()
+    assert first.all() == every
+    assert told == [(["a", "mine", HEADING.id], [])]
+    again = Shelf(shelf.folder, hear)
+    again.recall([*rows.values(), {**rows["a"], "id": "gone"}, {"id": "no row"}])
+    again.annotate("mine", "x", None)
+    assert [replace(one, title="") for one in again.all()] == [replace(one, title="") for one in every]
+    assert again.all()[0].title == "x"  # what is said of it is another file's
+    assert told[1:] == [([], ["gone"])]
+    pq.write_table(pa.table({"x": [1.0, 2.0, 3.0]}), shelf.folder / "mine.parquet")
+    assert again.one("mine").rows == 3
+    again.delete("a")
+    again.all()
+    assert told[2:] == [(["mine"], []), ([], ["a"])]
+    assert {row["id"] for row in again.rows()} == {"mine", HEADING.id}
 
 
 @pytest.mark.parametrize("name", ["../x", "..", "", "a/../a", "nobody's"])
