@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path as File
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, BinaryIO, Final, Literal
 from urllib.parse import quote
 
 from fastapi import FastAPI, Path, Query, Request, Response
@@ -43,9 +43,12 @@ from bench.jobs import LATEST
 from bench.recordings.table import ROWS, column_names, read_parts
 from bench.service.service import Service
 from bench.store.annotations import Annotations, Mark
+from bench.store.export import exported
 from bench.store.samples import MOST_POINTS, samples_of
 from bench.store.shelf import Shelf
 
+Form = Literal["parquet", "csv", "mat", "mf4"]
+FOREIGN: Final = {"mat": ("mat", "application/x-matlab-data"), "mf4": ("mdf", "application/x-mdf")}  # name, media
 _ROOT: Final = "/api/recordings/{id}"
 _WRONG: Answers = {422: {"description": "Not what can be asked for"} | PROBLEM}
 _ONE: Answers = {404: {"description": "No recording of that name"} | PROBLEM}
@@ -56,7 +59,8 @@ _ASKED: Answers = {
 }
 _NOT_NOW: Answers = {409: {"description": "The recording is in another state"} | PROBLEM}
 _FILES: Answers = {200: {"description": "The recording", "content": FILE[200]["content"] | {
-    "text/csv": {"schema": {"type": "string"}}}}}
+    "text/csv": {"schema": {"type": "string"}},
+    **{media: {"schema": {"type": "string", "format": "binary"}} for _, media in FOREIGN.values()}}}}
 _MARK: Final = TypeAdapter(Annotated[MarkRequestModel, Table("expected what to mark")])
 _ANNOTATION: Final = TypeAdapter(Annotated[AnnotationModel, Table("expected a title, or a note")])
 RecordingId = Annotated[str, Path(alias="id", description="id of a recording, or latest")]
@@ -224,11 +228,13 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
     @app.get(f"{_ROOT}/file", summary="Download a recording", response_class=FileResponse,
              responses=_FILES | _NOT_NOW | _ONE | _WRONG)
     def recording_file(
-        id_: RecordingId, format: Annotated[Literal["parquet", "csv"], Query()] = "parquet"  # noqa: A002
+        id_: RecordingId, format: Annotated[Form, Query()] = "parquet"  # noqa: A002
     ) -> Response:
-        """As Parquet, as it is on disk, or as CSV; SI."""
+        """As Parquet, as it is on disk, as CSV, as MATLAB's struct `recording`, or as ASAM MDF 4; SI."""
         id_ = found.one(id_).id
         path = _ended(found, shelf, id_)
+        if format in FOREIGN:
+            return _foreign(shelf, id_, format)
         if format == "parquet":
             return FileResponse(path, media_type=MEDIA, filename=path.name)
         headers = {"Content-Disposition": f'attachment; filename="{quote(id_)}.csv"'}
@@ -278,6 +284,23 @@ def _kept(do: Any) -> None:
         raise UnknownError(f"it is no longer there: {error.filename}") from None
     except OSError as error:
         raise UnavailableError(f"the folder of recordings cannot be written: {error.strerror or error}") from None
+
+
+def _foreign(shelf: Shelf, id_: str, ending: str) -> Response:
+    """A recording in another tool's form. Raises RecordingError, UnavailableError."""
+    form, media = FOREIGN[ending]
+    try:
+        file, size = exported(shelf.one(id_), form)
+    except OSError as error:
+        raise UnavailableError(f"it cannot be written: {error.strerror or error}") from None
+    headers = {"Content-Disposition": f'attachment; filename="{quote(id_)}.{ending}"', "Content-Length": str(size)}
+    return StreamingResponse(_pieces(file), media_type=media, headers=headers)
+
+
+def _pieces(file: BinaryIO) -> Iterator[bytes]:
+    with file:
+        while piece := file.read(1 << 20):
+            yield piece
 
 
 def _as_csv(path: File) -> Iterator[str]:

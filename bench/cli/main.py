@@ -38,7 +38,7 @@ Service = Annotated[
 Scenario = Annotated[str, Option(metavar="NAME|FILE.toml", help="what to emulate")]
 Drive = Argument(help="the drive, as the service calls it")
 Bus = Annotated[str | None, Option(metavar="URL", help="a drive by its bus, without a service")]
-Recording = Annotated[Path, Argument(help="recording: CSV, CSV.gz or Parquet")]
+Recording = Annotated[Path, Argument(help="recording: CSV, CSV.gz, Parquet, .mat or .mf4")]
 _COLUMNS = "columns called otherwise; also COLUMN[UNIT], COLUMN*NUMBER"
 Columns = Annotated[list[str] | None, Option("--map", metavar="NAME=COLUMN,...", help=_COLUMNS)]
 Constants = Annotated[list[str] | None, Option("--set", metavar="NAME=VALUE,...", help="values in place of columns")]

@@ -100,13 +100,16 @@ def annotate(
 @recordings.command()
 def export(
     id_: Id,
-    out: Annotated[Path, Option(metavar="FILE", help="a new file: .parquet or .csv")],
+    out: Annotated[Path, Option(metavar="FILE", help="a new file: .parquet, .csv, .mat or .mf4")],
+    form: Annotated[
+        str | None, Option("--format", metavar="parquet|csv|mat|mf4", help="whatever its name ends with")
+    ] = None,
     service: Service = None,
 ) -> None:
-    """Write a recording to a file of one's own."""
+    """Write a recording to a file of one's own: Parquet, CSV, a struct of MATLAB's, or ASAM MDF 4."""
     from bench.cli.commands.recordings import save
 
-    save(id_, out, service)
+    save(id_, out, form, service)
 
 
 @recordings.command()

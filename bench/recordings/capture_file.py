@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.files import write_new
+from bench.recordings.foreign.content import NOTES, pa, pq
 from bench.recordings.part_file import OnPartFile, PartFile, piece_size
 from bench.recordings.seal import sealed
-from bench.recordings.table import NOTES, pa, pq
 from drivers.capture import Capture, Setup, Upload, decoded
 from drivers.drive import Identity
 from drivers.wire.codec import FullScales, channel_signal, count_size

@@ -1,40 +1,36 @@
-"""Tables on disk, part by part: CSV, CSV.gz and Parquet to columns of float64. Knows nothing of drives.
+"""Tables on disk, part by part: CSV, CSV.gz, Parquet, .mat and MDF to columns of float64. Knows nothing of drives.
 
-How a CSV is written is told in `forms`. A part is as long as its caller asks or shorter, so that a file larger than
-memory can be read; an empty one stands for a line that cannot be read. Missing cells are NaN; rows count from 1, the
-header not counted. Whatever is wrong with a file is a RecordingError that says what was expected and what came.
+How a CSV is written is told in `forms`; `foreign` makes a Parquet of the last two, which stands for them. A part is as
+long as its caller asks or shorter, so that a file larger than memory can be read; an empty one stands for a line that
+cannot be read. Missing cells are NaN; rows count from 1, the header not counted. Whatever is wrong with a file is a
+RecordingError that says what was expected and what came.
 """
 
 import codecs
 import csv
-import json
 import re
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, NoReturn, cast
+from typing import Any, Final, NoReturn
 
 import numpy as np
-import pyarrow
-import pyarrow.parquet
 from numpy.typing import NDArray
 
 from bench.errors import RecordingError
 from bench.files import check_regular
+from bench.recordings.foreign.content import REMARK, is_number, notes_of, pa, pq, unit_of
+from bench.recordings.foreign.process import FORMS, plain
 from bench.recordings.forms.csv_form import CsvForm, form_of
 from bench.recordings.forms.csv_rows import Bytes, Lines, Part, parts_of, quoted
 from bench.recordings.seal import check_seal
 
-pa: Any = pyarrow  # comes without types
-pq: Any = pyarrow.parquet
-
-NOTES: Final = b"pmsm-bench"  # key of the notes that a Parquet file of the bench's carries, a JSON object
-UNIT: Final = b"unit"  # key of a column's unit
-
 HEAD = 1 << 16  # bytes in which a CSV's header must end
 ROWS = 1 << 16  # taken at a time where all are wanted
+
+_FORMS: Final = {"csv": "CSV", "gzip": "CSV.gz", "parquet": "Parquet"} | FORMS
 
 # What pyarrow raises over a damaged file, besides its own tree.
 FAILURES: tuple[type[Exception], ...] = (
@@ -66,8 +62,11 @@ def column_names(path: Path) -> tuple[str, ...]:
 def header_of(path: Path) -> Header:
     """What the file says of its columns."""
     with _as_sentences(path, "its header"):
-        if _kind(path) == "parquet":
-            return Header(tuple(pq.read_schema(path).names))
+        kind, path = _table(path)
+        if kind == "parquet":
+            schema = pq.read_schema(path)
+            metadata: dict[bytes, bytes] = schema.metadata or {}
+            return Header(tuple(schema.names), tuple(map(unit_of, schema)), metadata.get(REMARK, b"").decode())
         form = _csv_form(path)
         return Header(form.names, form.units, form.remark())
 
@@ -81,7 +80,8 @@ def read_parts(path: Path, columns: Sequence[str], rows: int, lines: Lines | Non
     for column in columns:
         if names.count(column) != 1:
             raise RecordingError(f"{path}: expected one column {quoted(column)}, found {names.count(column)}")
-    if _kind(path) == "parquet":
+    kind, path = _table(path)
+    if kind == "parquet":
         yield from _parquet_parts(path, list(columns), rows, slice(None))
     else:
         yield from _csv_parts(path, list(columns), rows, Lines() if lines is None else lines)
@@ -96,7 +96,7 @@ def numeric_columns(path: Path) -> dict[str, str]:
     """Columns of a Parquet that hold numbers, each with the unit that the file tells; empty where it tells none."""
     with _as_sentences(path, "its end"):
         fields = list(pq.read_schema(path))
-    return {field.name: _unit_of(field) for field in fields if _is_number(field.type)}
+    return {field.name: unit_of(field) for field in fields if is_number(field.type)}
 
 
 def read_whole(
@@ -120,7 +120,8 @@ def read_whole(
 
 def row_count(path: Path) -> int | None:
     """Rows of a file whose format says so at its start (Parquet); None otherwise."""
-    if _kind(path) != "parquet":
+    kind, path = _table(path)
+    if kind != "parquet":
         return None
     with _as_sentences(path, "its end"):
         return int(pq.read_metadata(path).num_rows)
@@ -128,19 +129,26 @@ def row_count(path: Path) -> int | None:
 
 def notes(path: Path) -> dict[str, Any]:
     """What the bench noted in a Parquet file when it wrote it; empty in any other file."""
-    if _kind(path) != "parquet":
+    kind, path = _table(path)
+    if kind != "parquet":
         return {}
     with _as_sentences(path, "its end"):
-        kept: Any = pq.read_schema(path).metadata or {}
-    try:
-        told = json.loads(kept.get(NOTES, b"{}"))
-    except (ValueError, RecursionError):
-        return {}
-    return cast(dict[str, Any], told) if isinstance(told, dict) else {}
+        return notes_of(pq.read_schema(path).metadata)
+
+
+def form(path: Path) -> str:
+    """How a file is written, in words. Raises RecordingError, OSError."""
+    return _FORMS[_kind(path)]
+
+
+def _table(path: Path) -> tuple[str, Path]:
+    """`csv`, `gzip` or `parquet`, and the file, or the Parquet that stands for it."""
+    kind = _kind(path)
+    return ("parquet", plain(path, kind)) if kind in FORMS else (kind, path)
 
 
 def _kind(path: Path) -> str:
-    """`csv`, `gzip` or `parquet`, by content."""
+    """`csv`, `gzip`, `parquet`, `mat` or `mdf`, by content; of MATLAB's level 4, which has no mark, by its name."""
     check_regular(path)
     with path.open("rb") as file:
         head = file.read(4096)
@@ -150,8 +158,12 @@ def _kind(path: Path) -> str:
         raise RecordingError(f"{path}: expected a Parquet file, begins with {head[:4]!r} in place of b'PAR1'")
     if head.startswith(b"\x1f\x8b"):
         return "gzip"
+    if head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (path.suffix.lower() == ".mat" and head):
+        return "mat"
+    if head.startswith((b"MDF     ", b"UnFinMF ")):
+        return "mdf"
     if b"\0" in head and not head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        raise RecordingError(f"{path}: expected CSV in UTF-8, CSV.gz or Parquet, came binary data")
+        raise RecordingError(f"{path}: expected CSV in UTF-8, CSV.gz, Parquet, .mat or MDF, came binary data")
     return "csv"
 
 
@@ -257,15 +269,6 @@ def _groups(told: Any, begin: int, end: int) -> tuple[list[int], int]:
     return groups, starts[groups[0]] if groups else 0
 
 
-def _unit_of(field: Any) -> str:
-    metadata: dict[bytes, bytes] = field.metadata or {}
-    return metadata.get(UNIT, b"").decode("utf-8", "replace")
-
-
-def _is_number(kind: Any) -> bool:
-    return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
-
-
 def _expect_numbers(path: Path, name: str, kind: Any) -> None:
-    if not _is_number(kind):
+    if not is_number(kind):
         raise RecordingError(f"{path}: column {quoted(name)}: expected numbers, it holds {quoted(str(kind))}")

@@ -14,8 +14,9 @@ from typing import Any, Final
 
 from bench.errors import RecordingError
 from bench.files import check_free, first_free, give_name, sync_folder
+from bench.recordings.foreign.content import NOTES, pa, pq
 from bench.recordings.seal import seal
-from bench.recordings.table import NOTES, notes, pa, pq
+from bench.recordings.table import notes
 from bench.store.overview import prepare
 from bench.store.rows import COLUMNS, Rows, table_columns
 from bench.store.segments import Event, FoundSegments

@@ -14,7 +14,7 @@ from rich.text import Text
 from bench.cli.rest import Rest, rest_at
 from bench.cli.terminal import Terminal
 from bench.config import usual_database
-from bench.errors import BenchError, ConfigError
+from bench.errors import BenchError, ConfigError, shown
 from bench.files import captures_folder, check_place
 from bench.store.catalogue.database import check_address, opened
 from bench.store.catalogue.memory import Memory
@@ -24,7 +24,8 @@ from bench.store.shelf import Shelf
 _TIMEOUT: Final = 30.0  # s for one answer
 _PERIOD: Final = 0.2  # s between two questions
 _LATEST: Final = "latest"
-_FORMATS: Final = {".parquet": "parquet", ".csv": "csv"}
+_FORMATS: Final = {".parquet": "parquet", ".csv": "csv", ".mat": "mat", ".mf4": "mf4"}
+_CONVERTED: Final = 300.0  # s for one in another tool's form
 _DAY: Final = 86_400.0  # s
 _console: Final = Terminal(soft_wrap=True)
 
@@ -110,14 +111,17 @@ def set_title(id_: str, title: str | None, note: str | None, service: str | None
     _console.print(Text(f"{said['id']}: {said['title']}"))
 
 
-def save(id_: str, out: Path, service: str | None) -> None:
-    """Write one to a new file. Raises BenchError."""
-    kind = _FORMATS.get(out.suffix.lower())
+def save(id_: str, out: Path, form: str | None, service: str | None) -> None:
+    """Write one to a new file, in the form that its name tells, or that is named. Raises BenchError."""
+    kind = _FORMATS.get(out.suffix.lower()) if form is None else form.lower()
     if kind is None:
-        raise ConfigError(f"{out}: expected a name that ends with {' or '.join(_FORMATS)}")
+        *most, last = _FORMATS
+        raise ConfigError(f"{out}: expected a name that ends with {', '.join(most)} or {last}, or --format")
+    if kind not in _FORMATS.values():
+        raise ConfigError(f"--format: expected one of {', '.join(_FORMATS.values())}, got {shown(form)}")
     try:
         check_place(out)
-        with rest_at(service, _TIMEOUT) as rest:
+        with rest_at(service, _CONVERTED) as rest:
             written = rest.save(out, _id(rest, id_), "file", query={"format": kind})
     except OSError as error:
         raise BenchError(f"{out}: cannot be written: {error.strerror or error}") from None

@@ -9,6 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
+from bench.recordings.table import notes
 from tests.bench.api.test_api import problem
 from tests.conftest import COMMAND, JSON, RunningBench
 from tests.support.recordings import read_recording
@@ -71,6 +72,13 @@ def test_a_recording_from_its_begin_to_its_end(client: httpx.Client, tmp_path: P
     text = client.get(f"{address}/file", params={"format": "csv"})
     assert text.headers["content-type"].startswith("text/csv")
     (tmp_path / "one.csv").write_bytes(text.content)
+    for ending in ("mat", "mf4"):
+        answer = client.get(f"{address}/file", params={"format": ending}, timeout=60.0)
+        assert answer.headers["content-length"] == str(len(answer.content))
+        (tmp_path / f"one.{ending}").write_bytes(answer.content)
+        assert notes(tmp_path / f"one.{ending}")["title"] == "cold"
+        (other,) = read_recording(tmp_path / f"one.{ending}").runs
+        assert (other.i_q == read_recording(tmp_path / "one.parquet").runs[0].i_q).all()
     (same,), (run,) = read_recording(tmp_path / "one.csv").runs, read_recording(tmp_path / "one.parquet").runs
     assert (same.i_q == run.i_q).all()
     plotted = client.get(f"{address}/samples", params={"signals": "i_q,u_d", "until": 0.1, "points": 20}).json()
@@ -141,8 +149,13 @@ def test_the_command_line_does_all_of_it(running_bench: RunningBench, client: ht
     assert "no gap" in shown
     assert "load on" in shown
     assert "by foot" in told("annotate", id_, "--title", "by foot", *at)
-    for name in ("one.parquet", "one.csv"):
+    for name in ("one.parquet", "one.csv", "one.mat"):
         told("export", id_, "--out", str(tmp_path / name), *at)
+    told("export", id_, "--out", str(tmp_path / "one.dat"), "--format", "mf4", *at)
+    assert (tmp_path / "one.dat").read_bytes().startswith(b"MDF ")
+    assert "--format: expected one of" in told(
+        "export", id_, "--out", str(tmp_path / "two.dat"), "--format", "xls", *at, code=2
+    )
     assert len(read_recording(tmp_path / "one.csv").runs) == len(read_recording(tmp_path / "one.parquet").runs) == 1
     assert "expected a name that ends with" in told("export", id_, "--out", str(tmp_path / "one.txt"), *at, code=2)
     assert "one.parquet: whole" in told("verify", str(tmp_path))

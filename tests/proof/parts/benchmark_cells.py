@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench.recordings.table import NOTES
+from bench.recordings.foreign.content import NOTES
 from drivers.wire.codec import channel_signal, count_size
 from emulator.conceal.chance import Chance
 from emulator.conceal.recording import full_scales, recorded
