@@ -28,7 +28,7 @@ from drivers.wire.lease import Record, packed
 from drivers.wire.modbus_url import ModbusUrl
 
 SILENCE: Final = 1.0  # s without a row after which a drive counts as lost
-POLL: Final = 0.005  # s, how often the stream looks for new rows
+POLL: Final = 0.01  # s, how often the stream looks for new rows
 _BURST: Final = 16  # requests, at most, between two looks at what else is to be done ...
 _BURST_TIME: Final = 0.05  # s ... and no more after this
 LAG: Final = 0.5  # s that a stream may be behind
