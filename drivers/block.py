@@ -1,11 +1,15 @@
 """A block: consecutive rows of a drive's stream in SI units, without a gap inside."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Column = NDArray[np.float64]
+
+COLUMNS: Final = ("tick", "theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean", "u_dc")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,3 +40,24 @@ class Block:
 
     def __len__(self) -> int:
         return len(self.tick)
+
+    @property
+    def end(self) -> int:
+        """Tick at the last row's end."""
+        return int(self.tick[-1]) + self.periods
+
+    def joins(self, before: "Block") -> bool:
+        """It goes on with the rows of another, of the same length and resolution, without a gap."""
+        same = (self.periods, self.T_s, self.i_step, self.u_step) == (
+            before.periods, before.T_s, before.i_step, before.u_step
+        )
+        return same and not self.lost_before and int(self.tick[0]) == before.end
+
+
+def one_of(blocks: Sequence[Block]) -> Block:
+    """Blocks of which each joins the one before, as one."""
+    if len(blocks) == 1:
+        return blocks[0]
+    last = blocks[-1]
+    columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in COLUMNS}
+    return replace(last, **columns, lost_before=blocks[0].lost_before)

@@ -6,7 +6,7 @@ line carries the rows that are asked for, or which row length it would carry.
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ SPAN: Final = 3.0  # s of the drive's time over which it is looked at
 _LOST: Final = 0.3  # of all rows: more is no fault of a line, it is too slow
 _SPARE: Final = 0.7  # of what it carries is asked for: the rest is for requests
 _MOST_PERIODS: Final = 1000  # control periods per row
+
+Number = TypeVar("Number", np.int16, np.int64)
 
 TICKS = 1 << 16
 TELLABLE = TICKS // 2  # control periods; a row's 16-bit tick tells no longer silence
@@ -51,12 +53,12 @@ class RowBlocks:
         self.temperatures = (float("nan"), float("nan"))  # degC, of winding and magnets, as last told
         self._T_s = T_s
         self._full = full
+        self._i_step, self._u_step = (count_size(signal_named(name), full) for name in ("i_d", "u_d"))
         self._last_tick = tick
         self._after = after
         self._first = True
-        self._ticks: list[int] = []
-        self._rows: list[tuple[int, ...]] = []
-        self._runs: list[NDArray[np.int16]] = []
+        self._ticks: list[NDArray[np.int64]] = []
+        self._rows: list[NDArray[np.int16]] = []
         self._lost_before = 0
         self._ready: list[Block] = []
 
@@ -80,9 +82,7 @@ class RowBlocks:
                 f"rows come every {self.periods} ticks, but tick {tick} came {ahead} after the one before"
             )
         self._advance(ahead)
-        self._ticks.append(self._last_tick)
-        self._rows.append(values)
-        self.counts.rows += 1
+        self._append(np.array([values]).astype(np.int16))
 
     def ahead(self, tick: int) -> int:
         """Control periods from the latest row, or before the first from the start, to this 32-bit tick; < 0: back."""
@@ -104,11 +104,15 @@ class RowBlocks:
                 f"rows come every {self.periods} ticks, but tick {tick} came {ahead} after the one before"
             )
         self._advance(ahead)
-        first, n = self._last_tick, len(counts)
-        self._ticks.extend(range(first, first + n * self.periods, self.periods))
-        self._runs.append(counts)
-        self._last_tick += (n - 1) * self.periods
-        self.counts.rows += n
+        self._append(counts)
+
+    def _append(self, counts: NDArray[np.int16]) -> None:
+        """Rows (n, len(STREAM_ROW)) from the latest tick on."""
+        ticks = self._last_tick + self.periods * np.arange(len(counts))
+        self._ticks.append(ticks)
+        self._rows.append(counts)
+        self._last_tick += (len(counts) - 1) * self.periods
+        self.counts.rows += len(counts)
 
     def _advance(self, ahead: int) -> None:
         """Go on to a row that begins so much later than the latest; what is missing between is a gap."""
@@ -132,15 +136,17 @@ class RowBlocks:
     def _close_block(self) -> None:
         if not self._ticks:
             return
-        counts = np.concatenate(self._runs) if self._runs else np.array(self._rows, dtype=np.int64)
-        columns = counts_to_si(counts, STREAM_ROW, self._full)
-        i_step, u_step = (count_size(signal_named(name), self._full) for name in ("i_d", "u_d"))
+        columns = counts_to_si(_one_of(self._rows), STREAM_ROW, self._full)
         self._ready.append(Block(
-            tick=np.array(self._ticks, dtype=np.int64), **dict(zip(STREAM_ROW, columns, strict=True)),
-            T_s=self._T_s, periods=self.periods, lost_before=self._lost_before, i_step=i_step, u_step=u_step,
-            temp_winding=self.temperatures[0], temp_magnet=self.temperatures[1],
+            tick=_one_of(self._ticks), **dict(zip(STREAM_ROW, columns, strict=True)),
+            T_s=self._T_s, periods=self.periods, lost_before=self._lost_before, i_step=self._i_step,
+            u_step=self._u_step, temp_winding=self.temperatures[0], temp_magnet=self.temperatures[1],
         ))
-        self._ticks, self._rows, self._runs, self._lost_before = [], [], [], 0
+        self._ticks, self._rows, self._lost_before = [], [], 0
+
+
+def _one_of(parts: "list[NDArray[Number]]") -> "NDArray[Number]":
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 class Carried:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from drivers.wire.dictionary import SET_POINTS
 from emulator.bounds import ScenarioError
-from emulator.clock import Pacer
+from emulator.clock import Pacer, Present
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.errors import BusError
 from emulator.input_file import one_line
@@ -26,7 +26,7 @@ from emulator.servers.faults import FORMS, Faults, parse_fault, script
 from emulator.servers.link import Link
 
 DEFAULT_URL = "canopen://socketcand/127.0.0.1:29536/can0/5"
-_STEP = 5e-3  # s, how often the virtual drive catches up with real time
+_STEP = 10e-3  # s, how often the virtual drive catches up with real time, where nobody asks it to
 _CATCH_UP = 0.05  # s, most that it runs at once
 
 
@@ -88,7 +88,8 @@ def run(
     drive = VirtualDrive(scenario, serial, on_links=True)
     drive.warm_up()
     with ExitStack() as opened:
-        links = [opened.enter_context(Link(url, drive, faults)) for url in urls]
+        present = opened.enter_context(Present())
+        links = [opened.enter_context(Link(url, drive, faults, present.awaited)) for url in urls]
         print(f"emulated drive {scenario.name!r} is at {' and '.join(urls)}", flush=True)
         if tell_set_points:
             print(*(f"{name}={getattr(scenario.excitation, name)!r}" for name in SET_POINTS), flush=True)
@@ -99,7 +100,8 @@ def run(
             rows = drive.run(pacer.due())
             for link in links:
                 link.publish(rows)
-            stop.wait(pacer.wait_time(round(_STEP / drive.T_s)))
+            present.reached()
+            present.wait(pacer.wait_time(round(_STEP / drive.T_s)))
 
 
 def _conceal(arguments: list[str]) -> int:

@@ -1,7 +1,14 @@
 """The clock: how many control periods are due. The only place of the emulator that knows wall time."""
 
+import math
+import threading
 import time
 from collections.abc import Callable
+from types import TracebackType
+from typing import Final, Self
+
+_PATIENCE: Final = 0.05  # s, for a drive that is held up
+_FRESH: Final = 1e-3  # s, since a step began that is as good as another
 
 
 class Pacer:
@@ -39,3 +46,46 @@ class Pacer:
     def wait_time(self, periods: int) -> float:
         """Time in s until so many periods are due; 0 when they are."""
         return max(0.0, periods * self._T_s - self.lag)
+
+
+class Present:
+    """Where a drive runs in steps, has it come up to now for whoever asks, from other threads."""
+
+    def __init__(self) -> None:
+        self._asked = threading.Event()
+        self._reached = threading.Condition()
+        self._steps = 0
+        self._begun = -math.inf  # s, monotonic, when the latest step began
+        self._over = False
+
+    def awaited(self) -> None:
+        """Wait for a step that begins after this, but for the blink of an eye before; not for long."""
+        if time.monotonic() - self._begun < _FRESH:
+            return
+        with self._reached:
+            steps = self._steps + 1
+            self._asked.set()
+            self._reached.wait_for(lambda: self._steps >= steps or self._over, _PATIENCE)
+
+    def reached(self) -> None:
+        """A step is over."""
+        with self._reached:
+            self._steps += 1
+            self._reached.notify_all()
+
+    def wait(self, seconds: float) -> None:
+        """Return when it is time for another step: after so many s, or when one is asked for."""
+        self._asked.wait(seconds)
+        self._asked.clear()
+        self._begun = time.monotonic()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nobody waits any more."""
+        with self._reached:
+            self._over = True
+            self._reached.notify_all()

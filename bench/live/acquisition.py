@@ -24,7 +24,8 @@ _CLOCK_DOUBT = 1.0  # s by which a drive's clock and ours may disagree over an o
 _LAG_DOUBT = 0.25  # s that rows seem to be late by, for which the drive is asked for its tick
 _LAG_ASKED = 1.0  # s between two such questions
 _LAG_MOST = (1.0, 2.0)  # s by which a stream may be late, and for how long: then it is begun anew
-_RATE_SPAN = 2.0  # s, over which the stream's rate is measured
+_RATE_SPAN = 2.0  # s, over which the stream's rate is measured,
+_RATE_STEP = 0.05  # s, by arrivals so far apart
 
 
 class LinkState(StrEnum):
@@ -168,8 +169,10 @@ class Acquisition:
             link = replace(link, state=LinkState.STREAMING, since=_now(), reconnects=link.reconnects + again)
             self._arrivals.clear()
             self._clock, self._lagging, self._frames = None, None, (0, 0)
-        self._next_tick = int(block.tick[-1]) + block.periods
+        self._next_tick = block.end
         rows = link.rows + len(block)
+        if len(self._arrivals) > 1 and now - self._arrivals[-2][0] < _RATE_STEP:
+            self._arrivals.pop()
         self._arrivals.append((now, rows))
         while now - self._arrivals[0][0] > _RATE_SPAN:
             self._arrivals.popleft()

@@ -1,13 +1,16 @@
 """Estimation: one worker thread for all drives, fed by a bounded queue, read by swapped snapshots.
 
-When it cannot keep up it drops blocks and counts them; what it drops is a gap to the estimator, never a false
-neighbour. Knows nothing of links or HTTP.
+It sleeps from one estimate to the next, and takes in then what has come: to wake up for every block would cost more
+than all that is done with it. When it cannot keep up it drops blocks and counts them; what it drops is a gap to the
+estimator, never a false neighbour. Knows nothing of links or HTTP.
 """
 
+import contextlib
+import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -23,7 +26,7 @@ from bench.live.method import Running
 from bench.live.watch import Mismatch, Watch
 from bench.live.window import Window
 from bench.machine_file import Nominal
-from drivers.block import Block
+from drivers.block import Block, one_of
 from estimator.diagnosis import watch as detect
 from estimator.online.estimate import WindowEstimate
 from estimator.samples import Resolution, Samples
@@ -31,11 +34,12 @@ from estimator.samples import Resolution, Samples
 P = ParamSpec("P")
 
 QUEUE = 1024  # blocks; four drives bring 800 a second, and a busy machine holds the worker up
-REFRESH = 0.1  # s, shortest time between two estimates of one drive
+REFRESH = 0.1  # s between two estimates of one drive
 REFRESH_CHOSEN = 0.2  # s, the same where the data choose the window, which takes more work
+TOGETHER = 0.05  # s by which an estimate comes early, for drives to be estimated at once
+CROWDED = QUEUE // 8  # blocks, from which on they are taken in at once
 WATCH = 1.0  # s between two windows in which a mismatch is looked for
 PAUSE = 1.0  # s, or the time that the window covers where that is longer: rows of before are too old to go on from
-LATE = 0.5  # s that an estimate waits for rows to be taken in first, where those come faster
 _VALUES = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "i_d_mean", "i_q_mean")  # of a row, all needed
 _CHANGE_TIMEOUT = 5.0  # s, for the worker to take up new settings
 
@@ -103,6 +107,7 @@ class Estimation:
         self._drives = {name: _new_drive(window, known.get(name, Nominal({}))) for name, window in windows.items()}
         self._queue: queue.Queue[tuple[str, Block, float] | Callable[[], None]] = queue.Queue(QUEUE)
         self._stop = threading.Event()
+        self._wanted = threading.Event()  # the worker, before an estimate is due
         self.thread = threading.Thread(target=self._run, name="estimation", daemon=True)
         self._failing: dict[tuple[str, str], str] = {}  # by drive and step
 
@@ -115,6 +120,7 @@ class Estimation:
     def stop(self) -> None:
         """End the worker and wait for it."""
         self._stop.set()
+        self._wanted.set()
         if self.thread.ident is not None:
             self.thread.join(timeout=10.0)
 
@@ -124,6 +130,8 @@ class Estimation:
             self._queue.put_nowait((name, block, time.monotonic() if made is None else made))
         except queue.Full:
             self._drives[name].rows_dropped += len(block)
+        if self._queue.qsize() > CROWDED:
+            self._wanted.set()
 
     def snapshot(self, name: str) -> Snapshot:
         """The latest estimates of a drive."""
@@ -145,6 +153,7 @@ class Estimation:
             raise UnavailableError("the estimation does not run, the window stays as it is")
         try:
             self._queue.put(apply, timeout=_CHANGE_TIMEOUT)
+            self._wanted.set()
             return answer.result(_CHANGE_TIMEOUT)
         except (queue.Full, TimeoutError):
             if not answer.cancel():  # taken up at the last moment
@@ -169,22 +178,39 @@ class Estimation:
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            try:
-                item = self._queue.get(timeout=REFRESH)
-            except queue.Empty:
-                item = None
-            if callable(item):
-                item()
-            elif item is not None:
-                name, block, received = item
-                self._guarded(name, self._take, self._drives[name], block, received)
-            late = LATE if self._queue.qsize() > QUEUE // 8 else 0.0
-            due = {name: drive.due + late for name, drive in self._drives.items() if drive.behind}
-            if due and time.monotonic() >= due[name := min(due, key=due.__getitem__)]:
-                drive = self._drives[name]
-                if not late and time.monotonic() >= drive.watched_at + WATCH:
+            due = min((drive.due for drive in self._drives.values()), default=math.inf)
+            self._wanted.wait(min(max(0.0, due - time.monotonic()), REFRESH))
+            self._wanted.clear()
+            now, crowded = time.monotonic(), self._queue.qsize() > CROWDED
+            self._take_in()
+            for name, drive in self._drives.items():
+                if drive.due > now + TOGETHER:
+                    continue
+                drive.estimated_at = now  # be there rows or not: this was its turn
+                if drive.behind and not crowded and now >= drive.watched_at + WATCH:
                     self._guarded(name, self._watch, drive)
-                self._guarded(name, self._estimate, drive)
+                if drive.behind:
+                    self._guarded(name, self._estimate, drive)
+
+    def _take_in(self) -> None:
+        """All that waits in the queue: blocks that follow each other as one, and what is asked for in its place."""
+        waiting: dict[str, list[tuple[Block, float]]] = {}
+        with contextlib.suppress(queue.Empty):
+            for _ in range(QUEUE):
+                item = self._queue.get_nowait()
+                if callable(item):
+                    self._take_blocks(waiting)
+                    item()
+                else:
+                    waiting.setdefault(item[0], []).append(item[1:])
+        self._take_blocks(waiting)
+
+    def _take_blocks(self, waiting: dict[str, list[tuple[Block, float]]]) -> None:
+        """Take in blocks by drive, and leave none."""
+        for name, blocks in waiting.items():
+            for block, received in joined(blocks):
+                self._guarded(name, self._take, self._drives[name], block, received)
+        waiting.clear()
 
     def _guarded(self, name: str, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """Take a step; a fault of ours is told by the health page and ends neither the worker nor other drives."""
@@ -222,7 +248,7 @@ class Estimation:
         drive.behind = True
 
     def _estimate(self, drive: _Drive) -> None:
-        drive.estimated_at, drive.behind = time.monotonic(), False
+        drive.behind = False
         drive.snapshot = Snapshot(
             drive.running.window, method.estimate(drive.running), drive.watch.said, drive.received, drive.t_drive,
             drive.rows_dropped, drive.lacking,
@@ -232,6 +258,17 @@ class Estimation:
         drive.watched_at = time.monotonic()
         snapshot = drive.snapshot
         watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, drive.machine.given, datetime.now(UTC))
+
+
+def joined(blocks: Sequence[tuple[Block, float]]) -> list[tuple[Block, float]]:
+    """The same rows in as few blocks as can be, each with the time at which its last row ended."""
+    stretches: list[list[tuple[Block, float]]] = []
+    for block, received in blocks:
+        if stretches and block.joins(stretches[-1][-1][0]):
+            stretches[-1].append((block, received))
+        else:
+            stretches.append([(block, received)])
+    return [(one_of([block for block, _ in stretch]), stretch[-1][1]) for stretch in stretches]
 
 
 def _whole(samples: Samples) -> dict[str, NDArray[np.bool_]]:

@@ -10,10 +10,12 @@ import errno
 import importlib
 import logging
 import random
+import select
 import socket
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections import deque
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any, cast
 
 import can
@@ -24,7 +26,7 @@ from canopen.network import MessageListener
 from canopen.sdo.client import SdoClient
 
 from drivers.canopen.answers import Answers
-from drivers.canopen.socketcand import check_served
+from drivers.canopen.socketcand import Frame, Frames, acknowledge, connected, send_command
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError
 from drivers.settled import settle
 from drivers.wire import canopen_od as od
@@ -55,8 +57,7 @@ _SEGMENT, _SEGMENT_TAKEN, _UPLOADED, _DOWNLOADED, _ABORTED, _BLOCK_DOWNLOAD, _BL
 _DOWNLOAD, _UPLOAD, _UPLOAD_BLOCK, _DOWNLOAD_BLOCK = 1, 2, 5, 6  # and what a request is
 _SPOILT = (od.Abort.TOGGLE, od.Abort.SEQUENCE, od.Abort.CRC)  # said of frames lost, late or twice: nothing is refused
 
-# python-can's socketcand client logs a line per partial frame; canopen logs what arrives here as exceptions.
-logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)
+# canopen logs what arrives here as exceptions
 logging.getLogger("canopen").setLevel(logging.CRITICAL)
 
 
@@ -103,6 +104,14 @@ class CanopenBus:
     def subscribe(self, cob_id: int, callback: Callable[[bytes], None]) -> None:
         """Have the payload of every frame with this identifier, from the reader thread."""
         self._network.subscribe(cob_id, lambda _cob_id, data, _time: callback(bytes(data)))
+
+    def hear_stream(self, numbers: Mapping[int, int], callback: Callable[[Sequence[Frame]], None]) -> None:
+        """Have frames of these identifiers, by the numbers they have here, from the reader thread: many at once."""
+        if isinstance(self._network.bus, _SocketcandBus):
+            self._network.bus.hear(numbers, callback)
+            return
+        for cob_id, number in numbers.items():
+            self.subscribe(cob_id, lambda data, number=number: callback([(number, data)]))
 
     def hear_answers(self, callback: Callable[[bytes], None]) -> None:
         """Have every answer to an SDO request, whoever's, from the reader thread; the data of blocks is left out."""
@@ -380,6 +389,54 @@ class _Listener(MessageListener):
         self._closed.wait()
 
 
+class _SocketcandBus(can.BusABC):
+    """A bus behind a socketcand server. What is heard from it directly does not pass through the library."""
+
+    def __init__(self, host: str, port: int, channel: str) -> None:
+        self._server = connected(host, port, channel)
+        self._frames = Frames()
+        self._waiting: deque[Frame] = deque()  # for the library
+        self._numbers: Mapping[int, int] = {}
+        self._heard: Callable[[Sequence[Frame]], None] = lambda _: None
+        super().__init__(channel=channel)
+        self.channel_info = f"socketcand on {channel}@{host}:{port}"
+
+    def hear(self, numbers: Mapping[int, int], callback: Callable[[Sequence[Frame]], None]) -> None:
+        """Have frames of these identifiers, by numbers."""
+        self._heard, self._numbers = callback, numbers
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        del timeout
+        self._server.sendall(send_command(msg.arbitration_id, bytes(msg.data)))
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if not self._waiting:
+            self._receive(timeout)
+        if not self._waiting:
+            return None, False
+        cob_id, data = self._waiting.popleft()
+        return can.Message(timestamp=time.time(), arbitration_id=cob_id, data=data, is_extended_id=False), False
+
+    def _receive(self, timeout: float | None) -> None:
+        """Take in what comes within so many s."""
+        if not select.select([self._server], [], [], timeout)[0]:
+            return
+        data = self._server.recv(1 << 16)
+        if not data:
+            raise can.CanOperationError("its server has ended the connection")
+        acknowledge(self._server)
+        numbers = self._numbers
+        frames = self._frames.feed(data)
+        direct = [(numbers[cob_id], data) for cob_id, data in frames if cob_id in numbers]
+        if direct:
+            self._heard(direct)
+        self._waiting.extend(frame for frame in frames if frame[0] not in numbers)
+
+    def shutdown(self) -> None:
+        super().shutdown()
+        self._server.close()
+
+
 def check_interface(name: str) -> None:
     """Raise ConnectError unless python-can has such an interface, and can load it. Opens nothing."""
     if name not in BACKENDS:
@@ -392,10 +449,7 @@ def check_interface(name: str) -> None:
 
 def _open(url: CanUrl, closed: threading.Event) -> canopen.Network:
     options: dict[str, Any] = {key: cast_from_string(text) for key, text in url.options.items()}
-    if url.host is not None:
-        check_served(url.host, url.port or 0, url.channel)
-        options |= {"host": url.host, "port": url.port, "tcp_tune": True}
-    network = canopen.Network()
+    network = canopen.Network(None if url.host is None else _SocketcandBus(url.host, url.port or 0, url.channel))
     network.NOTIFIER_CYCLE = 0.02  # s, for which `close` waits
     network.listeners[:] = [_Listener(network, closed)]
     try:

@@ -11,13 +11,14 @@ import itertools
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
 from typing import Self
 
 from drivers.block import Block
 from drivers.canopen.assembler import Assembler
 from drivers.canopen.bus import READ_ATTEMPTS, SDO_TIMEOUT, CanopenBus
+from drivers.canopen.socketcand import Frame
 from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
 from drivers.operation import Fault
@@ -31,7 +32,8 @@ from drivers.wire.dictionary import CAPTURE_CHANNELS, CAPTURE_DATA, CONTROL, lay
 from drivers.wire.lease import Record, packed
 
 SILENCE = 1.0  # s without a row after which a drive counts as lost, where the row's tick can tell so much
-POLL = 0.005  # s, how often the stream looks for new frames
+POLL = 0.005  # s, how often the stream looks for new frames at most
+LOOK = 0.02  # s, how often it looks at all else at least
 GLANCE = 0.05  # s, how often a stream looks at how the node is set up
 _CONFLICTS = 3  # frames that say otherwise of the same row, of two senders
 _TWO_SEQUENCES = 1.0  # s that they last, of two senders: late frames end
@@ -46,7 +48,9 @@ class CanopenDrive:
     """CANopen client of one node. Opens the bus, checks that the node is such a drive, and reads its identity."""
 
     def __init__(self, url: CanUrl) -> None:
-        self._frames: deque[tuple[float, int, bytes]] = deque()  # s, monotonic, when it came; TPDO; payload
+        self._frames: deque[tuple[float, Sequence[Frame]]] = deque()  # s, monotonic, when they came; TPDO and payload
+        self._came = threading.Event()  # frames of the stream, or what ends it
+        self._looked = 0.0  # s, monotonic, when the stream looked for them
         self._heard = 0.0  # s, monotonic, when the latest row was whole
         self._bench_node = od.BENCH_NODE if url.node_id != od.BENCH_NODE else od.BENCH_NODE - 1  # the heartbeats' node
         self._assembler: Assembler | None = None
@@ -74,8 +78,8 @@ class CanopenDrive:
             if isinstance(error, DriveError):
                 raise ConnectError(str(error)) from None
             raise
-        for number in range(len(od.TPDO_LAYOUT)):
-            self._bus.subscribe(od.tpdo_cob_id(number, url.node_id), self._queued(number))
+        tpdos = {od.tpdo_cob_id(number, url.node_id): number for number in range(len(od.TPDO_LAYOUT))}
+        self._bus.hear_stream(tpdos, self._queue)
         self._bus.subscribe(od.heartbeat_cob_id(url.node_id), self._on_heartbeat)
         self._bus.hear_answers(self._on_sdo_response)
 
@@ -172,6 +176,7 @@ class CanopenDrive:
     def close(self) -> None:
         """Stop the stream and close the bus."""
         self._bus.closed.set()
+        self._came.set()
         self._stop()
         self._bus.close()
 
@@ -260,7 +265,7 @@ class CanopenDrive:
 
     def _blocks(self) -> Iterator[Block]:
         """Blocks as they come, until the drive is closed."""
-        while not self._bus.closed.wait(POLL):
+        while self._waited():
             self._bus.beat(self._bench_node)
             self._glance()
             blocks = self._drain()
@@ -275,6 +280,15 @@ class CanopenDrive:
                     f"{self._bus.node} fell silent: no row for {silent:.1f} s, "
                     f"expected one every {self._row_time() * 1e3:g} ms"
                 )
+
+    def _waited(self) -> bool:
+        """Wait for what comes, and until it is time for another look; whether the drive is still open."""
+        self._came.wait(LOOK)
+        if (early := self._looked + POLL - time.monotonic()) > 0.0:
+            self._bus.closed.wait(early)
+        self._came.clear()
+        self._looked = time.monotonic()
+        return not self._bus.closed.is_set()
 
     def _start(self) -> None:
         """Pre-operational, read where the tick stands, operational: the first row's place in time is known."""
@@ -307,9 +321,9 @@ class CanopenDrive:
             if self._remapped:
                 raise FrameError(f"somebody else has set {self._remapped} of {self._bus.node}")
             while self._frames:
-                came, number, data = self._frames.popleft()
+                came, frames = self._frames.popleft()
                 rows = assembler.counts.rows
-                assembler.frame(number, data)
+                assembler.frames(frames)
                 if assembler.counts.rows != rows:
                     self._heard = came
             self._check_sender(assembler)
@@ -338,14 +352,11 @@ class CanopenDrive:
         """Silence in s after which the drive counts as lost."""
         return max(min(SILENCE, TELLABLE * self.identity.T_s), 3.0 * self._row_time())
 
-    def _queued(self, number: int) -> Callable[[bytes], None]:
-        """Puts payloads of TPDO `number` into the queue; those of another client's stream are heard and passed over."""
-
-        def put(data: bytes) -> None:
-            if self._streaming:
-                self._frames.append((time.monotonic(), number, data))
-
-        return put
+    def _queue(self, frames: Sequence[Frame]) -> None:
+        """Put frames into the queue; those of another client's stream are heard and passed over."""
+        if self._streaming:
+            self._frames.append((time.monotonic(), frames))
+            self._came.set()
 
     def _on_sdo_response(self, data: bytes) -> None:
         if data[:4] == _ROW_LENGTH_SET:
@@ -369,6 +380,7 @@ class CanopenDrive:
     def _on_heartbeat(self, data: bytes) -> None:
         if data == bytes([od.STATE_BOOT_UP]):
             self._rebooted.set()
+            self._came.set()
             self._fault = None
 
     def _on_emergency(self, data: bytes) -> None:

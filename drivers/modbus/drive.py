@@ -19,7 +19,7 @@ from drivers.drive import Identity
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, ResetError
 from drivers.modbus.line import ModbusLine
 from drivers.modbus.turns import Turns
-from drivers.rows import TELLABLE, TICKS, Carried, Counts, RowBlocks, note
+from drivers.rows import TELLABLE, Carried, Counts, RowBlocks, note
 from drivers.settled import REPEATABLE, settle
 from drivers.wire import modbus_map as registers
 from drivers.wire.codec import FULL_SCALES, FullScales, decode, encode
@@ -28,7 +28,7 @@ from drivers.wire.lease import Record, packed
 from drivers.wire.modbus_url import ModbusUrl
 
 SILENCE: Final = 1.0  # s without a row after which a drive counts as lost
-POLL: Final = 0.005  # s, how often the stream looks for new rows
+POLL: Final = 0.01  # s, how often the stream looks for new rows
 _BURST: Final = 16  # requests, at most, between two looks at what else is to be done ...
 _BURST_TIME: Final = 0.05  # s ... and no more after this
 LAG: Final = 0.5  # s that a stream may be behind
@@ -292,11 +292,11 @@ class ModbusDrive:
             made = part.made
             if _difference(part.made, self._next) < 0:
                 raise ResetError(f"{self._line.unit} has reset: it counts {part.made} rows, {self._next} were heard of")
-            if part.rows:
+            if len(part.rows):
                 self._take(part)
                 self._next = (part.first + len(part.rows)) % _NUMBERS
             self._weigh(part)
-            if not part.rows or self._next == part.made:
+            if not len(part.rows) or self._next == part.made:
                 self._lagging = None
                 return False
             if time.monotonic() - begun > _BURST_TIME:
@@ -358,7 +358,7 @@ class ModbusDrive:
         if not blocks.counts.rows:  # what is older than the stream is not of it
             older = -(min(0, tick - self._tick) // part.periods)
             rows, tick = rows[older:], tick + older * part.periods
-        if not rows:
+        if not len(rows):
             return
         if tick < self._tick:
             raise ResetError(f"{self._line.unit} has reset: tick {part.tick} came after {self._tick}")
@@ -372,8 +372,7 @@ class ModbusDrive:
             blocks.counts = counts
             self._carried = carried
         blocks.temperatures = part.temperatures
-        for k, row in enumerate(rows):
-            blocks.row((tick + k * part.periods) % TICKS, row)
+        blocks.run(tick % _NUMBERS, rows)
         self._tick = tick + len(rows) * part.periods
 
     def _row_time(self) -> float:

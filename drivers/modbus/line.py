@@ -21,8 +21,9 @@ from typing import Any, Final, TypeVar, cast
 
 import serial
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
-from pymodbus.exceptions import ConnectionException, ModbusException
+from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
 from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu.register_message import ReadWriteMultipleRegistersResponse
 
 from drivers import serial_port
 from drivers.errors import ConnectError, DriveError, FrameError, LostError, NoReplyError, RefusedError, held
@@ -265,11 +266,23 @@ class _NoLineError(Exception):
     """No line, and why."""
 
 
+class _Answer(ReadWriteMultipleRegistersResponse):
+    """The library's answer of the window, its registers taken apart at once."""
+
+    def decode(self, data: bytes) -> None:
+        """Raises ModbusIOException where there are fewer bytes than it says."""
+        size = data[0]
+        if size >= len(data):
+            raise ModbusIOException(f"expected {size} bytes, got {len(data) - 1}", function_code=self.function_code)
+        self.registers = registers(data[1 : 1 + size // 2 * 2])
+
+
 class _TcpClient(ModbusTcpClient):
     """The library's client, connected."""
 
     def __init__(self, place: TcpPlace, timeout: float, trace: Callable[[bool, bytes], bytes]) -> None:
         super().__init__(place.host, port=place.port, timeout=timeout, retries=0, trace_packet=trace)
+        self.register(_Answer)
         self.socket = socket.create_connection((place.host, place.port), timeout=_LINE_TIMEOUT)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -288,6 +301,7 @@ class _SerialClient(ModbusSerialClient):
 
         self._echo = b""  # what a line that hears itself begins its answer with
         super().__init__(place.device, baudrate=place.baudrate, timeout=timeout, retries=0, trace_packet=heard)
+        self.register(_Answer)
         self.socket: Any = serial.serial_for_url(
             place.device, baudrate=place.baudrate, parity=place.parity, stopbits=place.stopbits,
             timeout=timeout, exclusive=True,

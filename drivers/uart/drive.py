@@ -40,7 +40,8 @@ REPLY_TIMEOUT: Final = 0.3  # s
 ATTEMPTS: Final = 3  # for what may be asked twice
 WRITE_TIMEOUT: Final = 1.0  # s, after which a line that takes nothing counts as lost
 SILENCE: Final = 1.0  # s without a row after which a drive counts as lost
-POLL: Final = 0.005  # s, how often the stream looks for new frames
+POLL: Final = 0.005  # s, how often the stream looks for new frames at most
+LOOK: Final = 0.02  # s, how often it looks at all else at least
 PING: Final = 0.05  # s without a request after which a stream tells the drive that the bench is there
 _NEW_CLOCK: Final = (4, 0.1)  # frames that follow each other, and s that they last, that tell of an unheard reset
 _TICKS: Final = 1 << 32
@@ -66,6 +67,8 @@ class UartDrive:
         self._sent = time.monotonic()
         self._waiting: dict[int, Answers] = {}
         self._frames: deque[tuple[float, bytes]] = deque()  # s, monotonic, when it came; payload
+        self._came = threading.Event()  # a frame of the stream, or what ends it
+        self._looked = 0.0  # s, monotonic, when the stream looked for them
         self._heard = 0.0  # s, monotonic, when the latest row came
         self._rows: RowBlocks | None = None
         self._counts = Counts()
@@ -195,6 +198,7 @@ class UartDrive:
     def close(self) -> None:
         """Stop the stream and close the line."""
         self._closed.set()
+        self._came.set()
         self._stop()
         self._deaf.set()
         with self._close_lock:
@@ -332,7 +336,7 @@ class UartDrive:
 
     def _blocks(self) -> Iterator[Block]:
         """Blocks as they come, until the drive is closed."""
-        while not self._closed.wait(POLL):
+        while self._waited():
             blocks = self._drain()
             yield from blocks
             self._lengthen()
@@ -348,6 +352,15 @@ class UartDrive:
                     f"the drive at {self._url} fell silent: no row for {silent:.1f} s, "
                     f"expected one every {self._row_time() * 1e3:g} ms"
                 )
+
+    def _waited(self) -> bool:
+        """Wait for what comes, and until it is time for another look; whether the drive is still open."""
+        self._came.wait(LOOK)
+        if (early := self._looked + POLL - time.monotonic()) > 0.0:
+            self._closed.wait(early)
+        self._came.clear()
+        self._looked = time.monotonic()
+        return not self._closed.is_set()
 
     def _drain(self) -> list[Block]:
         with self._stream_lock:
@@ -411,14 +424,23 @@ class UartDrive:
         """What has come, waited for a little."""
         if self._selectable:
             ready, _, _ = select.select([self._port], [], [], _READER_POLL)
-            return self._port.read(65536) if ready else b""
+            return self._there() if ready else b""
         first: bytes = self._port.read(1)
         return first + self._port.read(self._port.in_waiting) if first else b""
+
+    def _there(self) -> bytes:
+        """What has come, at once; a line that has gone the library tells in its own words."""
+        if os.name == "posix":
+            with contextlib.suppress(OSError):
+                if data := os.read(self._port.fileno(), 65536):
+                    return data
+        return self._port.read(65536)
 
     def _hand_out(self, frame: Frame) -> None:
         if frame.kind == Kind.STREAM:
             if frame.sequence == self._stream_sequence:
                 self._frames.append((time.monotonic(), frame.payload))
+                self._came.set()
         elif frame.kind == Kind.EVENT:
             self._note(frame.payload)
         elif waiting := self._waiting.get(frame.sequence):
@@ -429,6 +451,7 @@ class UartDrive:
             what, code = uf.EVENT.unpack(event)
             if what == uf.EVENT_RESET:
                 self._rebooted.set()
+                self._came.set()
             elif what == uf.EVENT_FAULT:
                 self._fault_code = code
 
@@ -437,6 +460,7 @@ class UartDrive:
         with self._send_lock:
             self._failure = self._failure or why
             waiting = list(self._waiting.values())
+        self._came.set()
         for answers in waiting:
             answers.put(None)
 

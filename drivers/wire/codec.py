@@ -3,6 +3,7 @@
 import math
 import struct
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -82,24 +83,36 @@ def encode_held(signal: Signal, value: float, full: FullScales) -> bytes:
 
 def counts_to_si(counts: NDArray[np.integer[Any]], names: Sequence[str], full: FullScales) -> NDArray[np.float64]:
     """Counts (n, len(names)) of stream signals or channels to SI, one row a name: shape (len(names), n)."""
-    scales = [count_size(channel_signal(name), full) for name in names]
-    values = np.array(counts, np.float64).T
-    for k, (name, scale) in enumerate(zip(names, scales, strict=True)):
-        if channel_signal(name).full_scale:
-            values[k, values[k] == NOT_KNOWN] = np.nan
-        else:
-            values[k] %= 65536.0
-        values[k] *= scale
+    sizes, angles, low, _ = _columns(tuple(names), tuple(full.items()))
+    values = counts.T.astype(np.float64, order="C")
+    not_known = values < low
+    for k in angles:
+        values[k] %= 65536.0
+    values *= sizes
+    if not_known.any():
+        values[not_known] = np.nan
     return values
 
 
 def si_to_counts(columns: Sequence[NDArray[np.float64]], names: Sequence[str], full: FullScales) -> NDArray[np.int16]:
     """Columns in SI to counts (n, len(names)), as a drive sends them; an angle's unsigned count as its 16 bits."""
-    signals = [channel_signal(name) for name in names]
-    measured = np.array([signal.full_scale is not None for signal in signals])
-    whole = np.round(np.column_stack(columns) / [count_size(signal, full) for signal in signals])
-    held = np.where(np.isnan(whole), NOT_KNOWN, np.clip(whole, NOT_KNOWN + 1, 0x7FFF))
-    return np.where(measured, held, whole).astype(np.int64).astype(np.uint16).view(np.int16)
+    sizes, _, low, high = _columns(tuple(names), tuple(full.items()))
+    whole = np.clip(np.rint(np.array(columns) / sizes), low, high)
+    whole[np.isnan(whole)] = NOT_KNOWN
+    return np.ascontiguousarray(whole.T.astype(np.int64).astype(np.uint16).view(np.int16))
+
+
+@lru_cache(maxsize=64)
+def _columns(
+    names: tuple[str, ...], full: tuple[tuple[str, float], ...]
+) -> tuple[NDArray[np.float64], tuple[int, ...], NDArray[np.float64], NDArray[np.float64]]:
+    """Of each name (len(names), 1): SI value of a count, least and largest count; and which are unsigned angles."""
+    signals, scales = [channel_signal(name) for name in names], dict(full)
+    sizes = np.array([[count_size(signal, scales)] for signal in signals])
+    angles = tuple(k for k, signal in enumerate(signals) if not signal.full_scale)
+    low, high = np.full(sizes.shape, NOT_KNOWN + 1.0), np.full(sizes.shape, float(0x7FFF))
+    low[list(angles)], high[list(angles)] = -np.inf, np.inf
+    return sizes, angles, low, high
 
 
 def channel_signal(name: str) -> Signal:

@@ -30,6 +30,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.wire.canopen_od import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR_ID
 from drivers.wire.dictionary import SIGNALS, STREAM_ROW, Signal, WireType, signal_named
 
@@ -204,7 +207,7 @@ class Rows:
     tick: int  # at which the first began, 32 bits
     periods: int
     temperatures: tuple[float, float]  # degC, of winding and magnets
-    rows: list[tuple[int, ...]]  # counts in the order of STREAM_ROW
+    rows: NDArray[np.int16]  # (n, len(STREAM_ROW)), counts
 
     @classmethod
     def of(cls, window: Window) -> "Rows":
@@ -214,11 +217,10 @@ class Rows:
         room = (len(window.data) - size) // (2 * ROW_LENGTH)
         if window.count > room or (window.count and not periods):
             raise ValueError(f"expected {room} rows at most, of 1 period or more, got {window.count} of {periods}")
-        row = f">{len(STREAM_ROW)}h"
-        body = window.data[size : size + window.count * struct.calcsize(row)]
+        rows = np.frombuffer(window.data, ">i2", window.count * ROW_LENGTH, size).astype(np.int16)
         scale = signal_named("temp_winding").scale
         return cls(window.first, made, tick, periods, (winding * scale, magnets * scale),
-                   list(struct.iter_unpack(row, body)))
+                   rows.reshape(-1, ROW_LENGTH))
 
 
 @dataclass(frozen=True, slots=True)

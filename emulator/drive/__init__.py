@@ -1,7 +1,8 @@
 """The drive: plant and firmware stepped together, behind the drive's dictionary. No clock, no thread.
 
 * `stream` - the rows it sends; `recorder` - its recorder
-* `simulation` - plant, sensors, firmware and stream in one compiled loop; `assembly` - a scenario made ready for it
+* `simulation` - plant, sensors, firmware and stream in one compiled loop; `assembly` - a scenario made ready for it;
+  `in_place` - the same from step to step, without a state that is handed to and fro
 * `control_lease` - who controls the drive
 * `virtual_drive` - all of it behind the dictionary, advanced by control periods
 

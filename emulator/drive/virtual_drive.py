@@ -8,7 +8,7 @@ buses.
 
 import math
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
@@ -42,8 +42,9 @@ from drivers.wire.lease import Bridge, End, Record, holder_words, unpacked
 from emulator.drive import stream
 from emulator.drive.assembly import bench_of
 from emulator.drive.control_lease import ControlLease
+from emulator.drive.in_place import begun, now_of, set_bench, set_settings, set_state, state_of, stepped
 from emulator.drive.recorder import ARMED, TRIGGERED, Recorder, Setup
-from emulator.drive.simulation import RECORDED, machine_now, plant_of, simulated, started
+from emulator.drive.simulation import RECORDED, machine_now, plant_of, started
 from emulator.drive.simulation import State as SimulationState
 from emulator.firmware.control import (
     NO_TRIP,
@@ -59,7 +60,7 @@ from emulator.firmware.control import (
 )
 from emulator.firmware.excitation import FASTEST_SINE, KINDS, highest_sine
 from emulator.firmware.operation import Operation
-from emulator.plant.course import continued, row_at, rows_at
+from emulator.plant.course import continued, rows_at
 from emulator.plant.dynamics import Plant, PlantState
 from emulator.plant.machine import at_temperature
 from emulator.plant.physics.thermal import Temperatures
@@ -140,15 +141,16 @@ class VirtualDrive:
         self._settings = _first_settings(scenario, on_links)
         if control == "lease":
             self._settings = self._settings._replace(**dict.fromkeys(SET_POINTS, 0.0))
-        self._state: SimulationState = started(
-            self._bench, self._settings.n_p, self._settings.control_psi_f, self._runs, run.temperature
-        )
+        state = started(self._bench, self._settings.n_p, self._settings.control_psi_f, self._runs, run.temperature)
+        self._simulation = begun(self._bench, self._settings, state)
+        self._now = now_of(self._simulation)
         self._operation = self._switched_on()
         self._reset_at = 0  # tick since power-on of the latest reset
         self.resets = 0  # so many there have been
         self._resetting = False
         self._lock = threading.Lock()  # guards what follows
         self._lease = ControlLease(self._local)
+        self._holder: str | None = None  # whose name can be read
         self._recorder = Recorder({name: self._constants()[name] for name in FULL_SCALES})
         self._written: list[tuple[str, float]] = []
         self._heard = False
@@ -156,7 +158,8 @@ class VirtualDrive:
         self._readable = self._constants() | dict.fromkeys(stream.COLUMNS, 0.0) | {"row_tick": 0.0}
         self._readable |= {s.name: max(0.0, s.minimum or 0.0) for s in SIGNALS if s.access == "rw"}
         self._readable["watchdog_time"] = _LEASE_TIME if self._guarded else 0.0
-        self._publish(self._temperatures())
+        self._publish_settings()
+        self._publish()
         self._delivered = {name: self._readable[name] for name in _PARAMETERS}
         self._stored = dict(self._delivered)
 
@@ -168,18 +171,17 @@ class VirtualDrive:
     @property
     def tick(self) -> int:
         """Control periods since reset, all bits."""
-        return self._state.tick - self._reset_at
+        return self._now.tick - self._reset_at
 
     @property
     def rows_end(self) -> int:
         """Tick at which the latest complete stream row ended: the one under way began there."""
-        row = self._state.row
-        return row.tick + (row.periods if row.taken == row.periods else 0) - self._reset_at
+        return self._now.row_end - self._reset_at
 
     @property
     def elapsed(self) -> float:
         """Time since power-on in s, whatever resets there were."""
-        return self._state.tick * self.T_s
+        return self._now.tick * self.T_s
 
     @property
     def T_s(self) -> float:
@@ -190,6 +192,10 @@ class VirtualDrive:
     def row_periods(self) -> int:
         """Control periods of the rows that began in the latest run."""
         return self._settings.stream_periods
+
+    @property
+    def _state(self) -> SimulationState:
+        return state_of(self._simulation)
 
     @property
     def plant(self) -> PlantState:
@@ -203,20 +209,20 @@ class VirtualDrive:
 
     def plant_now(self) -> Plant:
         """What the plant is in the present control period."""
-        return plant_of(self._bench, self._state.machine, self._state.telegraph)
+        state = self._state
+        return plant_of(self._bench, state.machine, state.telegraph)
 
     @property
     def truth(self) -> Truth:
         """True parameters now; a temperature that was set counts from the next `run` on."""
-        m = machine_now(self._bench, self._state.tick * self.T_s, self._state.heat)
+        m = machine_now(self._bench, self.elapsed, self._state.heat)
         return Truth(m.R_s, m.L_d, m.L_q, m.psi_f, *self._temperatures())
 
     def _temperatures(self) -> tuple[float, float]:
         """Of winding and magnets, degC."""
         if self._bench.thermal.C_w > 0.0:
-            return self._state.heat.winding, self._state.heat.magnet
-        temperature = row_at(self._bench.course, self._state.tick * self.T_s)[0]
-        return temperature, temperature
+            return self._now.winding, self._now.magnet
+        return self._now.temperature, self._now.temperature
 
     def truth_at(self, t: NDArray[np.floating[Any]]) -> dict[str, Column]:
         """True parameters at times (s since reset), by the names of `Truth`; `truth_at(recording["t"])` fits its rows.
@@ -234,6 +240,9 @@ class VirtualDrive:
     def warm_up(self) -> None:
         """Compile, or load from the cache, all that `run` needs, without a period passing."""
         self._simulate(0, _NO_RECORDING)
+        set_bench(self._simulation, self._bench)
+        set_settings(self._simulation, self._settings)
+        set_state(self._simulation, self._state)
 
     def run(self, periods: int) -> StreamRows:
         """Advance by control periods; the stream rows that became complete on the way."""
@@ -245,7 +254,7 @@ class VirtualDrive:
         Row k: time, angle and currents at the start of period k, the voltage applied over it in the rotor
         frame at its middle. Stream rows that become complete meanwhile are lost to the stream.
         """
-        recording, tick = np.empty((max(periods, 0), len(RECORDED))), self._state.tick
+        recording, tick = np.empty((max(periods, 0), len(RECORDED))), self._now.tick
         for begin in range(0, max(periods, 1), _GUARDED):
             count = min(_GUARDED, periods - begin)
             self._advance(count, recording[begin : begin + count])
@@ -256,7 +265,7 @@ class VirtualDrive:
         """SI value of a signal: as last written, or of the latest row. Raises KeyError for an unknown one."""
         signal_named(name)
         with self._lock:
-            return self._present()[name]
+            return (self._present() if self._written else self._readable)[name]
 
     def values(self, names: Iterable[str]) -> dict[str, float]:
         """SI values of signals, all of one moment."""
@@ -367,18 +376,17 @@ class VirtualDrive:
         if periods < 0:
             raise ValueError(f"a drive runs 0 or more periods, got {periods}")
         self._take_written()
-        firmware = self._state.firmware
-        self._state = self._state._replace(
-            firmware=firmware._replace(powered=self._operation.powered, trip=NO_TRIP)
-        )
+        if self._now.powered != self._operation.powered or self._now.trip != NO_TRIP:
+            state = self._state
+            firmware = state.firmware._replace(powered=self._operation.powered, trip=NO_TRIP)
+            set_state(self._simulation, state._replace(firmware=firmware))
         recording = self._record_for_capture(periods, recording)
         tick = self.tick
         rows = self._simulate(periods, recording)
-        temperatures = self._temperatures()
-        self._protect(temperatures[0])
+        self._protect(self._temperatures()[0])
         with self._lock:
             self._recorder.take(tick, recording)
-        self._publish(temperatures, rows)
+        self._publish(rows)
         return rows
 
     def _record_for_capture(self, periods: int, recording: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -392,8 +400,8 @@ class VirtualDrive:
         was_powered, self._heard = operation.powered, False
         if heard or not operation.powered:
             operation.heard = self.tick
-        if self._state.firmware.trip != NO_TRIP:
-            operation.fault(_TRIPS[self._state.firmware.trip])
+        if self._now.trip != NO_TRIP:
+            operation.fault(_TRIPS[self._now.trip])
         if operation.powered and winding > self.scenario.drive.temperature_trip:
             operation.fault(OVERTEMPERATURE_MOTOR)
         if not self._guarded:
@@ -410,6 +418,7 @@ class VirtualDrive:
         """No set points: whoever switches the bridge on again says what it is to do."""
         still = dict.fromkeys(SET_POINTS, 0.0)
         self._settings = self._settings._replace(**still)
+        set_settings(self._simulation, self._settings)
         with self._lock:
             self._readable |= still
 
@@ -417,7 +426,7 @@ class VirtualDrive:
         # One row may end at once, the others take `stream_periods`
         room = 1 + periods // self._settings.stream_periods
         ticks, rows = np.empty(room, np.int64), np.empty((room, len(stream.COLUMNS)))
-        self._state, n = simulated(self._bench, self._settings, self._state, periods, ticks, rows, recording)
+        self._now, n = stepped(self._simulation, periods, ticks, rows, recording)
         whole = ticks[:n] >= self._reset_at  # a row that a reset cut is none
         return StreamRows(ticks[:n][whole] - self._reset_at, *np.ascontiguousarray(rows[:n][whole].T))
 
@@ -428,15 +437,19 @@ class VirtualDrive:
             for name, value in written:
                 self._take(name, value)
         if temperature is not None and self._bench.thermal.C_w > 0.0:
-            self._state = self._state._replace(heat=Temperatures(temperature, temperature, temperature))
+            heat = Temperatures(temperature, temperature, temperature)
+            set_state(self._simulation, self._state._replace(heat=heat))
         elif temperature is not None:
-            now, bench = self._state.tick * self.T_s, self._bench
-            self._bench = bench._replace(course=continued(bench.course, now, bench.plant.machine, temperature))
+            bench = self._bench
+            course = continued(bench.course, self.elapsed, bench.plant.machine, temperature)
+            self._bench = bench._replace(course=course)
+            set_bench(self._simulation, self._bench)
         if not written:
             return
         values: dict[str, Any] = {name: self._readable[name] for name in Settings._fields}
-        values |= {name: int(values[name]) for name in _WHOLE if name in values}
-        self._settings = Settings(**values)
+        self._settings = _typed(values)
+        set_settings(self._simulation, self._settings)
+        self._publish_settings()
 
     def _take(self, name: str, value: float) -> None:
         """What has been written, one by one."""
@@ -479,7 +492,7 @@ class VirtualDrive:
         self._readable |= self._stored
         if not self._runs:
             self._readable |= dict.fromkeys(SET_POINTS, 0.0)
-        self._reset_at = self._state.tick
+        self._reset_at = self._now.tick
         self._resetting = True
         self._operation = self._switched_on()
         self._lease = ControlLease(self._local)
@@ -499,18 +512,22 @@ class VirtualDrive:
         armed = {"capture_state": float(ARMED)} if ("capture_command", 1.0) in self._written else {}
         return self._readable | {name: value for name, value in self._written if name not in _NO_SIGNALS} | armed
 
-    def _publish(self, temperatures: tuple[float, float], rows: StreamRows | None = None) -> None:
-        """Make the present readable: settings, tick, temperature, the latest row."""
-        latest = {name: float(value) for name, value in self._settings._asdict().items()}
-        latest["tick"] = float(self.tick & 0xFFFF_FFFF)
+    def _publish_settings(self) -> None:
+        """Make the settings readable as they are."""
+        with self._lock:
+            self._readable |= {name: float(value) for name, value in self._settings._asdict().items()}
+
+    def _publish(self, rows: StreamRows | None = None) -> None:
+        """Make the present readable: tick, temperature, the latest row."""
+        latest = {"tick": float(self.tick & 0xFFFF_FFFF)}
         latest["status_word"] = float(self._operation.state.bits)
         latest["error_code"] = float(self._operation.error_code)
-        latest["speed_demand"] = self._state.firmware.ramp.omega_e
+        latest["speed_demand"] = self._now.omega_e_ref
         latest["capture_state"] = float(self._recorder.state)
         latest["capture_count"] = float(self._recorder.count)
         latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
         latest["capture_number"] = float(self._recorder.number)
-        latest["temp_winding"], latest["temp_magnet"] = temperatures
+        latest["temp_winding"], latest["temp_magnet"] = self._temperatures()
         if rows:
             latest |= {name: float(getattr(rows, name)[-1]) for name in stream.COLUMNS}
             latest["row_tick"] = float(rows.row_tick[-1] & 0xFFFF)
@@ -522,7 +539,9 @@ class VirtualDrive:
 
     def _publish_lease(self) -> None:
         lease = self._lease
-        self._readable |= {f"lease_holder_{k}": float(word) for k, word in enumerate(holder_words(lease.name), 1)}
+        if lease.name != self._holder:
+            self._holder = lease.name
+            self._readable |= {f"lease_holder_{k}": float(word) for k, word in enumerate(holder_words(lease.name), 1)}
         self._readable |= {"lease_left": lease.left(self.tick, self.T_s), "lease_end": float(lease.end)}
 
     def _constants(self) -> dict[str, float]:
@@ -545,7 +564,7 @@ def _first_settings(scenario: Scenario, on_links: bool) -> Settings:
     """The drive as commissioned: it takes the motor for what it is at 23.4 degC."""
     motor, drive, run, excitation = scenario.motor, scenario.drive, scenario.run, scenario.excitation
     follows = PROFILE if run.speed_reference == "profile" else REFERENCE
-    return Settings(
+    settings = Settings(
         stream_periods=drive.stream_periods,
         n_p=motor.n_p,
         control_R_s=motor.R_s,
@@ -554,24 +573,31 @@ def _first_settings(scenario: Scenario, on_links: bool) -> Settings:
         control_psi_f=motor.psi_f,
         bandwidth=drive.bandwidth,
         field_weakening=int(drive.field_weakening),
-        i_d_weakening=float(drive.i_d_weakening),  # a whole number would be compiled as another type
-        weakening_voltage=float(drive.weakening_voltage),
-        i_d_ref=float(excitation.i_d_ref),
-        i_q_ref=float(excitation.i_q_ref),
-        i_d_step=float(excitation.i_d_step),
-        i_q_step=float(excitation.i_q_step),
-        step_time=float(excitation.step_time),
+        i_d_weakening=drive.i_d_weakening,
+        weakening_voltage=drive.weakening_voltage,
+        i_d_ref=excitation.i_d_ref,
+        i_q_ref=excitation.i_q_ref,
+        i_d_step=excitation.i_d_step,
+        i_q_step=excitation.i_q_step,
+        step_time=excitation.step_time,
         speed_control=follows if run.speed_control else OFF,
-        speed_ref=float(excitation.speed_ref),
-        speed_ramp=float(excitation.speed_ramp),
-        speed_step=float(excitation.speed_step),
-        speed_hold=float(excitation.speed_hold),
+        speed_ref=excitation.speed_ref,
+        speed_ramp=excitation.speed_ramp,
+        speed_step=excitation.speed_step,
+        speed_hold=excitation.speed_hold,
         excitation_kind=KINDS.index(excitation.kind),
-        sine_frequency=float(excitation.sine_frequency),
+        sine_frequency=excitation.sine_frequency,
         sine_count=excitation.sine_count,
         i_d_levels=excitation.i_d_levels,
-        level_time=float(excitation.level_time),
-        speed_error_trip=float(drive.speed_error_trip),
-        speed_error_time=float(drive.speed_error_time),
+        level_time=excitation.level_time,
+        speed_error_trip=drive.speed_error_trip,
+        speed_error_time=drive.speed_error_time,
         overspeed_trip=overspeed_of(scenario) if on_links or drive.overspeed_trip > 0.0 else _NEVER,
     )
+    return _typed(settings._asdict())
+
+
+def _typed(values: Mapping[str, Any]) -> Settings:
+    """Settings as they are compiled: a whole number where the signal takes one, else a real one."""
+    typed: dict[str, Any] = {name: int(value) if name in _WHOLE else float(value) for name, value in values.items()}
+    return Settings(**typed)

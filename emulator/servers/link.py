@@ -1,6 +1,7 @@
 """The drive's end of a link, which may go and come back: where it ends, it is opened again until it is there."""
 
 import sys
+from collections.abc import Callable
 from types import TracebackType
 from typing import Final, Protocol, Self
 
@@ -35,13 +36,17 @@ class Link:
     `faults` may be changed at any time.
     """
 
-    def __init__(self, url: str, drive: VirtualDrive, faults: Faults) -> None:
+    def __init__(
+        self, url: str, drive: VirtualDrive, faults: Faults, up_to_now: Callable[[], None] = lambda: None
+    ) -> None:
+        """`up_to_now` has the drive come up to now, for who asks for the newest rows."""
         self._url = url
+        self._up_to_now = up_to_now
         self._drive = drive
         self.faults = faults
         self._trouble = ""  # that has been told
         self._again = 0.0  # s by the drive's clock, when to try again
-        self._server: Server | None = server_at(url, drive, faults)
+        self._server: Server | None = server_at(url, drive, faults, up_to_now)
 
     def publish(self, rows: StreamRows) -> None:
         """Send what has become due; where the link has gone, see whether it is back."""
@@ -53,7 +58,7 @@ class Link:
             return
         try:
             if self._server is None:
-                self._server = server_at(self._url, self._drive, self.faults)
+                self._server = server_at(self._url, self._drive, self.faults, self._up_to_now)
             self._server.publish(rows)
         except BusError as error:
             self.close()
@@ -85,13 +90,15 @@ class Link:
             self._trouble = trouble
 
 
-def server_at(url: str, drive: VirtualDrive, faults: Faults) -> Server:
-    """The drive's end of the link that a URL names. Raises ValueError, BusError."""
+def server_at(
+    url: str, drive: VirtualDrive, faults: Faults, up_to_now: Callable[[], None] = lambda: None
+) -> Server:
+    """The drive's end of the link that a URL names; `up_to_now` as of `Link`. Raises ValueError, BusError."""
     scheme = url.partition("://")[0]
     if scheme == "uart":
         return UartServer(drive, parse_uart_url(url), faults)
     if scheme in ("modbus+tcp", "modbus+rtu"):
-        return ModbusServer(drive, parse_modbus_url(url), faults)
+        return ModbusServer(drive, parse_modbus_url(url), faults, up_to_now=up_to_now)
     if scheme == "canopen":
         return CanopenNode(drive, parse_can_url(url), faults)
     raise ValueError(f"expected a URL that starts with {' or '.join(f'{s}://' for s in SCHEMES)}, got {url!r}")

@@ -8,6 +8,7 @@ import contextlib
 import math
 import queue
 import re
+import select
 import socket
 import threading
 import time
@@ -143,6 +144,7 @@ class _Client:
         self._read = ""
         self._unsent = bytearray()
         self._left = False
+        self._writing = False  # the writer is under way with what was put before
         self._change = threading.Condition()
 
     def next(self, patient: bool = True) -> str | None:
@@ -164,8 +166,14 @@ class _Client:
         return command.partition("<")[2].strip()
 
     def put(self, data: bytes) -> None:
-        """Have the writer send this; a client that is too far behind is dropped."""
+        """Send this as far as the client takes it at once, and have the writer send the rest; a client that is too far
+        behind is dropped.
+        """
         with self._change:
+            if not self._unsent and not self._writing:
+                data = data[self._sent_at_once(data) :]
+                if not data:
+                    return
             self._unsent += data
             self._change.notify()
             behind = len(self._unsent)
@@ -179,8 +187,16 @@ class _Client:
                 sent = 0
                 while sent < len(data):
                     sent += self.connection.send(memoryview(data)[sent:])
+                self._writing = False
         except OSError:
             self.leave()
+
+    def _sent_at_once(self, data: bytes) -> int:
+        """Send what can be sent without waiting; how many bytes that were."""
+        try:
+            return self.connection.send(data) if select.select([], [self.connection], [], 0.0)[1] else 0
+        except (OSError, ValueError):  # it has left, which the writer meets
+            return 0
 
     def leave(self) -> None:
         """End both directions; whoever waits on them wakes up."""
@@ -195,6 +211,7 @@ class _Client:
         with self._change:
             self._change.wait_for(lambda: self._unsent or self._left)
             data, self._unsent = bytes(self._unsent), bytearray()
+            self._writing = bool(data)
             return b"" if self._left else data
 
 

@@ -115,9 +115,13 @@ class UartServer:
                     line.rows(self._payloads(rows, line.begins))
                 elif line.stream is not None:  # what was written before it counts from the next run on
                     line.begins = tick
+                with contextlib.suppress(OSError):  # who has left, the server's thread meets as well
+                    line.send()
+            more = any(line.wants_to_send for line in self._lines.values())
         ends = [start for start, _ in self._lengths[1:]] + [math.inf]
         self._lengths = [length for length, end in zip(self._lengths, ends, strict=True) if end > last_row]
-        self._wake()
+        if more:
+            self._wake()
 
     def close(self) -> None:
         """Leave all lines."""

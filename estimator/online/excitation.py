@@ -45,14 +45,15 @@ def excitation(G: Array, N: Array) -> Excitation:
     energy_1 = np.where(strength > 0.0, 1.0 / np.sqrt(np.maximum(strength, 1e-300)), 0.0)
     V = v * np.where(strong, energy_1, 0.0)[:, None, :]
     inner = np.eye(G.shape[-1]) - V.transpose(0, 2, 1) @ (noise[:, :, None] * V)
+    back = scale[:, :, None] * scale[:, None, :]
+    told = V @ np.linalg.inv(inner) @ V.transpose(0, 2, 1) * back
+    if strong.all():
+        none = np.zeros(told.shape)
+        return Excitation(scale, told, none, none)
     size = np.linalg.norm(v, axis=1)  # a direction of length 1 has the energy strength / size^2
     some = ~strong & (strength > ARITHMETIC_ENERGY * size**2)
     W = v * np.where(some, energy_1, 0.0)[:, None, :]
-    back = scale[:, :, None] * scale[:, None, :]
-    return Excitation(
-        scale, V @ np.linalg.inv(inner) @ V.transpose(0, 2, 1) * back, W @ W.transpose(0, 2, 1) * back,
-        _basis(v * ~strong[:, None, :]),
-    )
+    return Excitation(scale, told, W @ W.transpose(0, 2, 1) * back, _basis(v * ~strong[:, None, :]))
 
 
 def condition(G: Array) -> Array:
@@ -87,7 +88,7 @@ def combinations(weak: Array, untold: Sequence[int]) -> list[tuple[int, ...]]:
 def _normalised(G: Array) -> tuple[Array, Array]:
     """One over the norm of each column, 0 for a column of zeros, and G in columns of norm 1."""
     norm = np.sqrt(np.diagonal(G, axis1=1, axis2=2))
-    scale = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0.0)
+    scale = np.divide(1.0, norm, out=np.zeros(norm.shape), where=norm > 0.0)
     return scale, G * scale[:, :, None] * scale[:, None, :]
 
 

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from estimator.arrays import Array
 from estimator.machine import PARAMETERS
 from estimator.online.excitation import Excitation, condition, excitation
-from estimator.online.sums import H, U, WindowSums
+from estimator.online.sums import SIZE, H, U, WindowSums
 
 NOISE_DOUBT: Final = 0.1  # the bias that current noise leaves is known to within this share of it, at best
 NOISE_ECHO: Final = 10.0  # and that share grows by so much times the bias over the value
@@ -146,7 +146,8 @@ def _task(
     free = [PARAMETERS.index(name) for name in PARAMETERS if name in estimated]
     enough = 2.0 * sums.rows > len(free)
     stand_in = np.array([held.get(name, 0.0) for name in PARAMETERS])
-    known = np.where(np.isin(np.arange(len(PARAMETERS)), free), 0.0, stand_in)
+    known = stand_in.copy()
+    known[free] = 0.0
     calm = np.where((enough & (sums.batches >= _BATCHES))[:, None, None, None], sums.batch, sums.lag0)
     both_axes = (S.sum(axis=1)[:, free][:, :, free] for S in (sums.lag0, calm))
     G, G_calm = (np.where(enough[:, None, None], S, 0.0) for S in both_axes)
@@ -159,10 +160,10 @@ def _task(
 def _round_solved(sums: WindowSums, task: _Task, small: Array) -> _Round:
     """A round, for given coefficients of the small terms (K, 3)."""
     free, c_0 = task.free, _axis_coefficients(task.known, small)
-    rest = np.sum(_times(sums.lag0, c_0), axis=1)[:, free]
+    rest = _times(sums.lag0, c_0).sum(axis=1)[:, free]
     by_rows, by_batches = task.known.copy(), task.known.copy()
     by_rows[:, free] = -_times(task.plain, rest)
-    by_batches[:, free] = -_times(task.plain_calm, np.sum(_times(task.calm, c_0), axis=1)[:, free])
+    by_batches[:, free] = -_times(task.plain_calm, _times(task.calm, c_0).sum(axis=1)[:, free])
     one, other = (
         _current_noise(sums, reference, _axis_coefficients(reference, small)) for reference in (by_rows, by_batches)
     )
@@ -179,7 +180,7 @@ def _round_solved(sums: WindowSums, task: _Task, small: Array) -> _Round:
     beta[:, free], doubt = _filled_by_prior(sums, ex, strong, full[:, free], free, task.stand_in)
     sure = np.zeros(beta.shape, dtype=np.bool_)
     sure[:, free] = doubt < PRIOR_SHARE * np.abs(beta[:, free])
-    apart = np.max(np.abs(one - other) / sigma2, axis=1)
+    apart = (np.abs(one - other) / sigma2).max(axis=1)
     return _Round(beta, full, sure, doubt, inverse, ex, sigma2, apart, noise)
 
 
@@ -199,6 +200,9 @@ def _filled_by_prior(
     to no less than its own size.
     """
     B, scale = ex.weak, ex.scale
+    norm = _quotient(np.ones(scale.shape), scale)
+    if not B.any():
+        return strong * norm * scale, np.zeros(scale.shape)
     share = np.sum(B**2, axis=2)
     u = np.sqrt(np.sum(sums.lag0[:, :, U, U], axis=1))[:, None]
     value = np.tile(stand_in[free], (len(B), 1))
@@ -209,7 +213,6 @@ def _filled_by_prior(
                 np.full(len(B), stand_in[PARAMETERS.index(other)])
             )
             value[:, j] = np.where(value[:, j] > 0.0, value[:, j], np.maximum(known, 0.0))
-    norm = _quotient(np.ones_like(scale), scale)
     b, prior = strong * norm, value * norm
     deviation = np.where(value > 0.0, np.minimum(prior, u), u)
     weight = np.sqrt(share) / np.maximum(deviation, np.maximum(_PRIOR_LEAST * u, 1e-100))
@@ -234,17 +237,17 @@ def _times(A: Array, x: Array) -> Array:
 
 def _form(c: Array, S: Array) -> Array:
     """c' S c for stacks."""
-    return np.sum(c * _times(S, c), axis=-1)
+    return (c * _times(S, c)).sum(axis=-1)
 
 
 def _axis_coefficients(beta: Array, small: Array) -> Array:
     """Coefficients c (K, 2, 6) of the d and the q axis, so that c' z is minus the residual of a row z."""
-    h, b_d, b_q = small.T
-    R_s, L_d, L_q, psi_f = beta.T
-    u = np.full_like(h, -1.0)
-    d = (R_s, L_d + b_d, L_q + b_d, psi_f, h, u)
-    q = (R_s, L_d + b_q, L_q + b_q, psi_f, h, u)
-    return np.stack((np.stack(d, axis=-1), np.stack(q, axis=-1)), axis=1)
+    c = np.empty((len(beta), 2, SIZE))
+    c[:, :, :H] = beta[:, None, :]
+    c[:, :, 1:3] += small[:, 1:, None]  # b_d on the d axis, b_q on the q axis
+    c[:, :, H] = small[:, :1]
+    c[:, :, U] = -1.0
+    return c
 
 
 def _known_parameters(beta: Array, told: NDArray[np.bool_], stand_in: Array) -> Array:
@@ -260,7 +263,7 @@ def _second_order(known: Array, T_s: float) -> Array:
     R_s, L_d, L_q, psi_f = known.T
     h = -_quotient(R_s * psi_f, L_d)
     b_d, b_q = (
-        np.divide((R_s * T_s) ** 2 / 12.0, L, out=np.zeros_like(L), where=np.abs(R_s) * T_s < 3.0 * L)
+        np.divide((R_s * T_s) ** 2 / 12.0, L, out=np.zeros(L.shape), where=np.abs(R_s) * T_s < 3.0 * L)
         for L in (L_d, L_q)
     )
     return np.stack((h, b_d, b_q), axis=-1)
@@ -285,7 +288,7 @@ def _doubt_of_h(sums: WindowSums, beta: Array, std: Array, told: NDArray[np.bool
 
 def _quotient(a: Array, b: Array) -> Array:
     """a / b, and 0 where b is not above 0."""
-    return np.divide(a, b, out=np.zeros_like(b), where=b > 0.0)
+    return np.divide(a, b, out=np.zeros(b.shape), where=b > 0.0)
 
 
 def _current_noise(sums: WindowSums, beta: Array, c: Array) -> Array:
@@ -298,7 +301,7 @@ def _current_noise(sums: WindowSums, beta: Array, c: Array) -> Array:
     n, pairs, T = sums.rows[:, None], np.maximum(sums.pairs, 1.0)[:, None], sums.T
     n_or_1 = np.maximum(n, 1.0)
     L2 = np.maximum(beta[:, 1:3] ** 2, 1e-18)  # L_d of the d axis, L_q of the q axis
-    S0, S1 = (np.stack((S[:, 0, 1, 1], S[:, 1, 2, 2]), axis=-1) for S in (sums.lag0, sums.lag1))  # of x
+    S0, S1 = (S[:, (0, 1), (1, 2), (1, 2)] for S in (sums.lag0, sums.lag1))  # of x
     gamma0 = np.maximum(0.0, _form(c, sums.lag0)) / n_or_1
     gamma1 = _form(c, sums.lag1) / (2.0 * pairs)
     by_residual = np.minimum(np.maximum(0.0, -gamma1) / L2, S0 / (2.0 * n_or_1))

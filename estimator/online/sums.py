@@ -16,6 +16,7 @@ SIZE: Final = 6  # of z
 H: Final = 4  # place of h, and
 U: Final = 5  # of u in it
 _PLACES: Final = (np.array([0, 1, 2, 4, 5]), np.array([0, 1, 2, 3, 5]))  # of a d-axis and a q-axis row in z
+_UPPER: Final = np.triu_indices(len(_PLACES[0]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,10 +46,9 @@ def sums_from(
 ) -> WindowSums:
     """Sums from upper triangles (K, 6, 15), d and q axis of lag0, lag1 and batch, then the five counts (K, 5)."""
     full = np.zeros((len(triangles), 6, SIZE, SIZE))
-    row, column = np.triu_indices(len(_PLACES[0]))
     for axis, places in enumerate(_PLACES):
-        full[:, axis::2, places[row], places[column]] = triangles[:, axis::2]
-        full[:, axis::2, places[column], places[row]] = triangles[:, axis::2]
+        row, column = places[_UPPER[0]], places[_UPPER[1]]
+        full[:, axis::2, row, column] = full[:, axis::2, column, row] = triangles[:, axis::2]
     rows, pairs, batches, w_w, w_next = counts.T
     return WindowSums(
         full[:, :2], full[:, 2:4], full[:, 4:], rows, pairs, batches, w_w, w_next, T_s, periods, resolution

@@ -23,6 +23,7 @@ from estimator.machine import PARAMETERS
 from estimator.online import window_ls
 from estimator.online.flux_balance import Balance, flux_balance
 from estimator.online.track import track
+from tests import support
 from tests.proof.results import record
 from tests.support.samples import streamed
 
@@ -58,7 +59,7 @@ def best(run: Callable[[], object], times: int = 5) -> float:
 
 def compiled(folder: Path) -> ctypes.CDLL:
     """The C loop, compiled on the spot."""
-    source, library = Path(__file__).with_name("rank_one.c"), folder / "rank_one.so"
+    source, library = Path(support.__file__).with_name("rank_one.c"), folder / "rank_one.so"
     flags = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC"]
     subprocess.run(["gcc", *flags, str(source), "-o", str(library)], check=True)
     return ctypes.CDLL(str(library))

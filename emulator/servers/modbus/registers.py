@@ -188,3 +188,11 @@ class Registers:
         data = self._drive.captured(first, (room - size) // channels) if channels and room > size else b""
         head = struct.pack(registers.SAMPLES_HEAD, int(self._drive.read("capture_number")), channels)
         return first, len(data) // (2 * channels) if channels else 0, head + registers.swapped(data)
+
+
+def asks_for_rows(pdu: bytes) -> bool:
+    """Whether a request is for rows of the stream, by the window."""
+    at = 1 + struct.calcsize(">HHHHB")
+    if pdu[0] != registers.READ_WRITE or len(pdu) != at + 2 * registers.REQUEST_LENGTH:
+        return False
+    return struct.unpack_from(registers.REQUEST_FORMAT, pdu, at)[1] == registers.ROWS

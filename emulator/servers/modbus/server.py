@@ -20,7 +20,7 @@ from emulator.drive.virtual_drive import StreamRows, VirtualDrive
 from emulator.errors import BusError
 from emulator.servers.faults import Faults, Passed
 from emulator.servers.modbus.frames import Framing, Request, RtuFraming, TcpFraming
-from emulator.servers.modbus.registers import Registers
+from emulator.servers.modbus.registers import Registers, asks_for_rows
 from emulator.servers.terminal import Terminal, at_another_speed
 
 _SILENCE: Final = 0.01  # s without a byte that ends a frame; 3.5 characters are 0.3 ms at 115200 bit/s
@@ -50,13 +50,16 @@ class ModbusServer:
     """
 
     def __init__(
-        self, drive: VirtualDrive, url: ModbusUrl, faults: Disturbance | None = None, paced: bool = False
+        self, drive: VirtualDrive, url: ModbusUrl, faults: Disturbance | None = None, paced: bool = False,
+        up_to_now: Callable[[], None] = lambda: None,
     ) -> None:
+        """`up_to_now` has the drive come up to now: rows that are asked for are the newest."""
         paced_by = url.place.baudrate if paced and isinstance(url.place, SerialPlace) else 0
         self._byte_time = _BITS_A_BYTE / paced_by if paced_by else 0.0  # s
         self.faults: Disturbance = faults or Faults()
         self._drive = drive
         self._unit = url.unit
+        self._up_to_now = up_to_now
         self._registers = Registers(drive, lambda index: self.faults.refuses(index, drive.elapsed))
         self._closing = threading.Event()
         self._lock = threading.Lock()  # guards what follows
@@ -119,6 +122,8 @@ class ModbusServer:
         if request.unit != self._unit:
             return
         self._drive.hear()
+        if asks_for_rows(request.pdu):
+            self._up_to_now()
         answer = framing.answer(request, self._registers.answer(request.pdu))
         self._wait(self._drive.elapsed + self._byte_time * (len(request.pdu) + _RTU_FRAME + len(answer)))
         for part in self._through(end, answer):

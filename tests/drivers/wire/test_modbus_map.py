@@ -136,7 +136,7 @@ def test_a_row_and_a_sample_are_taken_apart_as_by_hand() -> None:
     ]))
     assert (rows.first, rows.made, rows.tick, rows.periods) == (100, 101, 100_000, 10)
     assert rows.temperatures == pytest.approx((23.4, -0.01))
-    assert rows.rows == [(-0x8000, 1, 2, 3, 4, -1, 6, 7, 8)]
+    assert rows.rows.tolist() == [[-0x8000, 1, 2, 3, 4, -1, 6, 7, 8]]
     samples = registers.Samples.of(registers.Window.of([7, 3, 0, 5, 2, 3, 2, 0x0102, 0x0304, 0x0506, 0x0708, 0]))
     assert (samples.number, samples.channels) == (3, 2)
     assert samples.counts == bytes([2, 1, 4, 3, 6, 5, 8, 7])
