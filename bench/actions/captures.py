@@ -12,7 +12,7 @@ from typing import Any
 
 from bench.actions.capture import Run, State, Status, new_status
 from bench.actions.capture_request import Request
-from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended
+from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended, ended_words
 from bench.actions.lease import Leases, Part
 from bench.recordings.capture_file import CapturePart
 from bench.recordings.recording import off_remark
@@ -96,7 +96,7 @@ class Captures(DriveJobs[Status, Run]):
     def _run(self, status: Status, holder: str, interrupted: CapturePart | None = None) -> Run:
         def changed(status: Status) -> None:
             if status.state.ended:
-                self._leases.release(status.drive, holder)
+                self._leases.release(status.drive, holder, ended_words(status.state, status.reason))
             else:
                 self._leases.take(status.drive, holder, run.most_seconds, Part.RECORDER)
             self._know(status)

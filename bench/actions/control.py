@@ -62,8 +62,16 @@ class Controlled:
 class Control:
     """One drive's control; runs from `start` to `end`."""
 
-    def __init__(self, name: str, link: Link, leases: Leases, limits: Limits, origin: Callable[[str], Origin]) -> None:
-        """`origin` tells, for whom asks, where and as what to note that this drive is controlled."""
+    def __init__(
+        self, name: str, link: Link, leases: Leases, limits: Limits, origin: Callable[[str], Origin],
+        on_event: Callable[[str, str], None] = lambda _kind, _sentence: None,
+    ) -> None:
+        """`origin` tells, for whom asks, where and as what to note that this drive is controlled.
+
+        `on_event` hears of other states (`state`) and faults (`fault`), a sentence each; it does not wait.
+        """
+        self._on_event = on_event
+        self._told: tuple[State, int] | None = None  # state and fault that it heard of last
         self._looking = threading.Lock()  # one look at a time, each from beginning to end
         self._name, self._link, self._leases, self._limits, self._origin = name, link, leases, limits, origin
         self._lock = threading.RLock()  # guards what follows, and all that is written to the drive
@@ -97,7 +105,7 @@ class Control:
         self._ending.set()
         self.void()
         with self._lock, contextlib.suppress(DriveError):
-            self._give_up(self._link.drive())
+            self._give_up(self._link.drive(), how="the service ended")
             self._restore(self._link.drive())
 
     def join(self, timeout: float) -> None:
@@ -128,7 +136,7 @@ class Control:
             except (BenchError, DriveError):
                 if fresh or stops != self._stops or _off(drive):
                     with contextlib.suppress(DriveError):
-                        self._give_up(drive)
+                        self._give_up(drive, how="its start failed, or was stopped")
                 raise
             self.said = ""
         self._look(drive, who=True)
@@ -141,11 +149,12 @@ class Control:
         """Switch the bridge off, whoever controls the drive; nobody does then, nor renews. Raises DriveError."""
         self.void()
         self._stopping.add(mine := object())
+        said = f"stopped by {whom}" if whom else "stopped"
         try:
-            drive = self._stop_repeatedly()
+            drive = self._stop_repeatedly(said)
         finally:
             self._stopping.discard(mine)
-        self.said = f"stopped by {whom}" if whom else "stopped"
+        self.said = said
         self._look(drive, who=True)
 
     def reset(self) -> None:
@@ -154,7 +163,7 @@ class Control:
             drive = self._link.drive()
             if operation.fault(drive) is None:
                 raise ConflictError(f"drive {self._name} is in no fault: it is {operation.state(drive)}")
-            self._give_up(drive)
+            self._give_up(drive, how="a fault was reset")
             operation.reset_fault(drive)
         self._look(drive, who=True)
 
@@ -170,8 +179,9 @@ class Control:
             if self._controlled is not None:
                 self._controlled.lease.write(drive, values)
                 if off:
-                    self._give_up(drive)
-                    self.said = f"control_word = {values['control_word']:g} switched it off"
+                    said = f"control_word = {values['control_word']:g} switched it off"
+                    self._give_up(drive, how=said)
+                    self.said = said
                 return
             holder = None if off and len(values) == 1 else control.held(drive)  # what stops is anybody's
             if holder is not None and any(signal_named(name).is_guarded for name in values):
@@ -186,7 +196,7 @@ class Control:
                 raise ConflictError(f"a drive is started by who controls it then: `pmsm-bench start {self._name}`")
             write({name: value for name, value in values.items() if name not in given})
 
-    def _stop_repeatedly(self) -> Drive:
+    def _stop_repeatedly(self, how: str) -> Drive:
         """Switch off, again where it does not come to the drive, for some seconds; the drive it came to."""
         deadline = time.monotonic() + _STOPPING
         while True:
@@ -196,7 +206,7 @@ class Control:
                 with self._lock:
                     if not _off(drive):  # by a start that was under way
                         control.stop(drive)
-                    self._ended("")
+                    self._ended("", how=how)
                 return drive
             except DriveError:
                 if time.monotonic() > deadline or self._ending.is_set():
@@ -219,7 +229,7 @@ class Control:
             raise
         self._controlled = Controlled(lease, noted, holder, whom, before, Overload(self._limits))
 
-    def _give_up(self, drive: Drive, said: str = "") -> None:
+    def _give_up(self, drive: Drive, said: str = "", how: str = "") -> None:
         if (controlled := self._controlled) is None:
             return
         try:
@@ -227,14 +237,17 @@ class Control:
         except DriveError as error:
             self._ended(f"the drive could not be told that it is over ({error})", off=False)
             raise
-        self._ended(said)
+        self._ended(said, how=how)
 
-    def _ended(self, said: str, *, off: bool = True) -> None:
-        """Control is over: nothing is renewed. Where the drive may not be `off`, the note for a later start stays."""
+    def _ended(self, said: str, *, off: bool = True, how: str = "") -> None:
+        """Control is over: nothing is renewed. Where the drive may not be `off`, the note for a later start stays.
+
+        `how`: that it is over, where nothing is said of it.
+        """
         if (controlled := self._controlled) is None:
             return
         self.said, self._controlled = said, None
-        self._leases.release(self._name, controlled.holder)
+        self._leases.release(self._name, controlled.holder, said or how)
         if not off:
             controlled.noted.close()
         elif not controlled.before:
@@ -338,6 +351,7 @@ class Control:
             before = self.state
             now = operation.state(drive)
             fault = operation.fault(drive) if now is State.FAULT else None
+            self._tell(now, fault)
             if not who and before is not None and before.state is now:
                 self.state = replace(before, fault=fault, at=datetime.now(UTC))
                 return
@@ -346,6 +360,18 @@ class Control:
             self.state = DriveState(
                 now, fault, control.held(drive), has_lease, _SAFE_TORQUE_OFF.get(sto), datetime.now(UTC)
             )
+
+
+    def _tell(self, now: State, fault: Fault | None) -> None:
+        """Of a state, or a fault, that is another than before."""
+        told = now, 0 if fault is None else fault.code
+        if told == self._told:
+            return
+        self._told = told
+        if fault is None:
+            self._on_event("state", str(now))
+        else:
+            self._on_event("fault", f"{fault.text} (0x{fault.code:04X})")
 
 
 def _off(drive: Drive) -> bool:

@@ -4,7 +4,9 @@ Knows nothing of what they do, and of HTTP.
 """
 
 import contextlib
+import math
 import re
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -19,7 +21,11 @@ from bench.machine_file import Nominal
 from bench.store.catalogue.ended import EndedJob
 from bench.store.shelf import Recording
 from drivers.drive import Drive
+from drivers.errors import DriveError
+from drivers.wire.dictionary import CONTROL, signal_at
 
+_BETWEEN: Final = 2e-3  # s between two parameters that are read
+_CONTROL: Final = signal_at(*CONTROL)
 _WHEN: Final = r"-\d{8}-\d{6}-\d{3}"  # in an id, after what it is named after
 
 
@@ -78,6 +84,7 @@ class DriveJobs(Jobs[S, R]):
         """`kind`: in a word; `folder`: of their recordings."""
         super().__init__(kind)
         self._folder = folder.absolute()
+        self.on_begin: Callable[[str, str], None] = lambda _drive, _what: None  # hears of each; does not wait
         self._drives, self._leases = drives, leases
 
     def all(self, drive: str) -> list[S]:
@@ -135,6 +142,7 @@ class DriveJobs(Jobs[S, R]):
 
     def _put(self, status: S, run: R, work: Callable[[], None]) -> None:
         super()._put(status, run, work)
+        self.on_begin(status.drive, f"{self._kind} {status.id}")
         self._forget(self.remembered - len(self._runs))
 
     def _check_folder(self) -> None:
@@ -169,6 +177,28 @@ def sensible(make: Callable[[T], S], given: Iterable[T]) -> Iterator[S]:
     for one in given:
         with contextlib.suppress(BenchError, OSError, ValueError, LookupError, TypeError):
             yield make(one)
+
+
+def ended_words(state: str, reason: str) -> str:
+    """How a job ended."""
+    return f"{state}: {reason}" if reason else str(state)
+
+
+def parameters_of(drive: Drive, ended: Callable[[], bool]) -> dict[str, float | None]:
+    """The drive's own settings, SI, as far as they can be read, until it is to end; None where one is not finite.
+
+    On a line that it shares with the stream: this takes a while.
+    """
+    values: dict[str, float | None] = {}
+    for signal in drive.identity.signals:
+        if ended():
+            break
+        if signal.is_parameter and signal != _CONTROL:
+            time.sleep(_BETWEEN)
+            with contextlib.suppress(DriveError):
+                value = drive.read(signal.name)
+                values[signal.name] = value if math.isfinite(value) else None
+    return values
 
 
 def id_at(named: str, asked: datetime) -> str:

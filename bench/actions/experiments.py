@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.actions import experiment
-from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended, id_at
+from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended, ended_words, id_at
 from bench.actions.experiment import CancelledError, Plan, Progress, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
 from bench.actions.lease import Leases, Part
@@ -137,7 +137,7 @@ class Experiments(DriveJobs[Status, _Run]):
             except Exception as error:  # noqa: BLE001 - a fault of ours must not leave an experiment without an end
                 why = f"the bench failed on this experiment: {type(error).__name__}: {error}"
                 ended = {"state": State.FAILED, "reason": why}
-            self._leases.release(status.drive, run.holder)
+            self._leases.release(status.drive, run.holder, ended_words(ended["state"], ended["reason"]))
             with self._lock:  # who waits for its end finds it told
                 self._end(status.id, phase="", **ended)
                 self._on_end(as_ended(self._known[status.id]))

@@ -28,14 +28,31 @@ class Writer:
     holder: str  # as a sentence names it
     until: datetime  # it ends by itself then, unless renewed
     ends: float  # s, monotonic: the same
+    momentary: bool = False  # for one write
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Somebody has become the writer of a part of a drive, or is it no longer."""
+
+    drive: str
+    part: Part
+    holder: str
+    at: datetime
+    how: str  # it ended; empty: it began
 
 
 class Leases:
     """The leases of every drive, by its name."""
 
-    def __init__(self, device: Callable[[str], object] = lambda name: None) -> None:
-        """`device` tells which device has a name, None where that is not known: names of one device share a lease."""
-        self._device = device
+    def __init__(
+        self, device: Callable[[str], object] = lambda name: None, on_change: Callable[[Change], None] = lambda _: None
+    ) -> None:
+        """`device` tells which device has a name, None where that is not known: names of one device share a lease.
+
+        `on_change` hears who becomes a writer, but for a moment's; it does not wait.
+        """
+        self._device, self._on_change = device, on_change
         self._lock = threading.Lock()
         self._writers: dict[tuple[str, Part], Writer] = {}
 
@@ -44,8 +61,11 @@ class Leases:
         with self._lock:
             return self._present(drive, part)
 
-    def take(self, drive: str, holder: str, seconds: float, *parts: Part) -> None:
-        """Be the writer of these parts for so long; who is it already may be so for longer. Raises ConflictError."""
+    def take(self, drive: str, holder: str, seconds: float, *parts: Part, momentary: bool = False) -> None:
+        """Be the writer of these parts for so long; who is it already may be so for longer. Raises ConflictError.
+
+        `momentary`: for one write, which is told elsewhere.
+        """
         with self._lock:
             for part in parts:
                 writer = self._present(drive, part)
@@ -55,16 +75,25 @@ class Leases:
                         f"drive {drive}{what} takes one writer at a time, and {writer.holder} holds it "
                         f"until {writer.until:%H:%M:%S} UTC at the latest"
                     )
-            until = datetime.now(UTC) + timedelta(seconds=seconds)
-            self._writers |= dict.fromkeys(
-                ((drive, part) for part in parts), Writer(holder, until, time.monotonic() + seconds)
-            )
+            now = datetime.now(UTC)
+            writer = Writer(holder, now + timedelta(seconds=seconds), time.monotonic() + seconds, momentary)
+            for part in parts:
+                before = self._writers.get((drive, part))
+                self._writers[drive, part] = writer
+                if before is not None and before.holder == holder:
+                    continue
+                if before is not None and not before.momentary:
+                    self._on_change(Change(drive, part, before.holder, before.until, "it was not renewed"))
+                if not momentary:
+                    self._on_change(Change(drive, part, holder, now, ""))
 
-    def release(self, drive: str, holder: str) -> None:
-        """Write no longer; without effect for who does not."""
+    def release(self, drive: str, holder: str, how: str = "given up") -> None:
+        """Write no longer; without effect for who does not. `how` it ended, in words."""
         with self._lock:
             for key in [key for key, writer in self._writers.items() if key[0] == drive and writer.holder == holder]:
-                del self._writers[key]
+                writer = self._writers.pop(key)
+                if not writer.momentary:
+                    self._on_change(Change(*key, holder, datetime.now(UTC), how or "given up"))
 
     def _present(self, drive: str, part: Part) -> Writer | None:
         device, now = self._device(drive), time.monotonic()

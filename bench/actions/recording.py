@@ -9,7 +9,7 @@ import shutil
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench.actions.capture_request import EDGES, Level
-from bench.actions.drive_jobs import BenchDrive, id_at
+from bench.actions.drive_jobs import BenchDrive, id_at, parameters_of
 from bench.actions.recording_request import RecordingRequest
 from bench.errors import BenchError, ConflictError
 from bench.live.acquisition import Link
@@ -33,15 +33,12 @@ from bench.store.timeline import Gap, Timeline
 from drivers.block import Block
 from drivers.drive import Identity
 from drivers.errors import DriveError
-from drivers.wire.dictionary import CONTROL, signal_at
 
 _PERIOD: Final = 0.25  # s between two looks
 _PARAMETERS: Final = 2.0  # s that a recording which has ended waits for the drive's settings
 _BEHIND: Final = 200_000  # rows that wait for the disk at most: some minutes
-_BETWEEN: Final = 2e-3  # s between two of these, which share a line with the stream
 _ROOM_PERIOD: Final = 5.0  # s between two looks at a disk that is too full to close a recording
 _AT_ONCE: Final = 300_000  # rows, of which a recording is closed even as the service ends
-_CONTROL: Final = signal_at(*CONTROL)
 
 
 class State(StrEnum):
@@ -87,6 +84,8 @@ class Surroundings:
 
     state: Callable[[str], str]  # of the drive, in words
     window: Callable[[str], dict[str, Any]]  # of the estimation
+    # Hears a drive's own settings, by its name, and what they were read for; does not wait
+    parameters: Callable[[str, str, Identity, Mapping[str, float | None]], None]
 
 
 class Run:
@@ -374,19 +373,12 @@ class Run:
 
     def _read_parameters(self) -> None:
         """The drive's own settings, on whatever line, while the recording goes on."""
-        values: dict[str, float] = {}
         with contextlib.suppress(DriveError):
             drive = self._drive.link.drive()
-            for signal in drive.identity.signals:
-                if self._leaving or self._discarded:
-                    return
-                if signal.is_parameter and signal != _CONTROL:
-                    time.sleep(_BETWEEN)
-                    with contextlib.suppress(DriveError):
-                        values[signal.name] = drive.read(signal.name)
-        if values:
-            plain = {name: value if np.isfinite(value) else None for name, value in values.items()}
-            self._tell_event({"what": "parameters", "values": plain})
+            values = parameters_of(drive, lambda: self._leaving or self._discarded)
+            if values and not self._leaving and not self._discarded:
+                self._tell_event({"what": "parameters", "values": values})
+                self._around.parameters(self.status.drive, f"recording {self.status.id}", drive.identity, values)
 
     def _tell_event(self, event: Event) -> None:
         with self._lock:

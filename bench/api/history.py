@@ -1,14 +1,23 @@
-"""The route of the past: what a drive's estimates were, from the catalogue."""
+"""The routes of the past, from the catalogue: what a drive's estimates were, what happened to it, its parameters."""
 
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Final
 
 from fastapi import FastAPI, Query
 
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, of_known, time_of
-from bench.api.models.history import HistoryModel, course_model
+from bench.api.answers import DRIVE, PROBLEM, Answers, Before, DriveName, Limit, of_known, time_of
+from bench.api.models.history import (
+    EventKind,
+    EventsModel,
+    HistoryModel,
+    SnapshotsModel,
+    course_model,
+    event_model,
+    parameters_model,
+)
 from bench.errors import UnavailableError
 from bench.service.service import Service
+from bench.store.catalogue.memory import Memory
 
 _LONGEST: Final = 100.0 * 366.0 * 86_400.0  # s
 _ASKED: Answers = {
@@ -17,10 +26,12 @@ _ASKED: Answers = {
 
 
 def install(app: FastAPI, service: Service) -> None:
-    """Add the route to an application."""
+    """Add the routes to an application."""
+
+    known = of_known(service)
 
     @app.get("/api/drives/{name}/history", summary="Estimates in the past", responses=_ASKED | DRIVE,
-             dependencies=of_known(service))
+             dependencies=known)
     def history(
         name: DriveName,
         seconds: Annotated[float, Query(description="how far back, s", ge=1.0, le=_LONGEST)] = 3600.0,
@@ -30,12 +41,44 @@ def install(app: FastAPI, service: Service) -> None:
     ) -> HistoryModel:
         """Each second of the last day, each minute and each hour of all the time before; thinned, extremes kept."""
         end = datetime.now(UTC) if until is None else time_of(until, "until")
-        if service.history is None or (memory := service.history.open()) is None:
-            why = "the service has none" if service.history is None else service.history.failure
-            raise UnavailableError(f"the catalogue cannot be had: {why}")
         begin = end.timestamp() - seconds
-        span, courses = memory.history(name, begin, end.timestamp())
+        span, courses = _memory(service).history(name, begin, end.timestamp())
         return HistoryModel(
             drive=name, since=end - timedelta(seconds=seconds), until=end, span_s=span,
             parameters={one: course_model(one, course) for one, course in courses.items()},
         )
+
+    @app.get("/api/drives/{name}/events", summary="What happened to a drive", responses=_ASKED | DRIVE,
+             dependencies=known)
+    def events(
+        name: DriveName, kind: Annotated[EventKind | None, Query(description="these alone")] = None,
+        before: Before = None, limit: Limit = 50,
+    ) -> EventsModel:
+        """Links lost and back, states and faults, every write that reached it, and who controlled it; the newest first.
+        """
+        latest = None if before is None else time_of(before, "before")
+        page, total, more = _memory(service).chronicle.page(name, kind, latest, limit)
+        return EventsModel(
+            events=[event_model(one) for one in page], total=total, next=page[-1].at.isoformat() if more else None
+        )
+
+    @app.get("/api/drives/{name}/parameters", summary="A drive's parameters in the past", responses=_ASKED | DRIVE,
+             dependencies=known)
+    def parameters(name: DriveName, before: Before = None, limit: Limit = 50) -> SnapshotsModel:
+        """Read at each connect and when a recording, a capture or an experiment begins; kept where they have changed.
+        """
+        latest = None if before is None else time_of(before, "before")
+        found, total = _memory(service).chronicle.snapshots(name, latest, limit + 1)
+        pairs = [*zip(found, [*found[1:], None], strict=True)][:limit]
+        return SnapshotsModel(
+            snapshots=[parameters_model(one, earlier) for one, earlier in pairs], total=total,
+            next=pairs[-1][0].at.isoformat() if len(found) > limit else None,
+        )
+
+
+def _memory(service: Service) -> Memory:
+    """The catalogue. Raises UnavailableError."""
+    if service.history is None or (memory := service.history.open()) is None:
+        why = "the service has none" if service.history is None else service.history.failure
+        raise UnavailableError(f"the catalogue cannot be had: {why}")
+    return memory

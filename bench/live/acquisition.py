@@ -84,9 +84,15 @@ class Acquisition:
     """The pump of one drive; runs from `start` to `end`."""
 
     def __init__(
-        self, name: str, url: str, on_block: Callable[[Block], None], on_drive: Callable[[Drive], None] = lambda _: None
+        self, name: str, url: str, on_block: Callable[[Block], None],
+        on_drive: Callable[[Drive], None] = lambda _: None,
+        on_event: Callable[[str, str], None] = lambda _kind, _sentence: None,
     ) -> None:
-        """`on_drive` has each connection before its stream begins. It may raise DriveError."""
+        """`on_drive` has each connection before its stream begins. It may raise DriveError.
+
+        `on_event` hears of links lost and back (`link`) and clocks begun anew (`clock`), a sentence each.
+        """
+        self._on_event = on_event
         self._name = name
         self._url = url
         self._on_block, self._on_drive = on_block, on_drive
@@ -157,6 +163,8 @@ class Acquisition:
         link, now = self.status, _now()
         if link.state is LinkState.STREAMING:
             link = replace(link, state=LinkState.LOST, since=now)
+            if not self._stop.is_set():
+                self._on_event("link", f"lost: {sentence}")
         self.status = replace(link, last_error=Failure(sentence, now))
 
     def _take(self, block: Block, drive: Drive) -> None:
@@ -166,6 +174,7 @@ class Acquisition:
             if link.made is not None:  # rows between two sessions
                 gaps, (lost, resets) = 1, self._missed(block, now, link.made)
             again = link.state is LinkState.LOST
+            self._tell_begin(drive, link, lost, resets)
             link = replace(link, state=LinkState.STREAMING, since=_now(), reconnects=link.reconnects + again)
             self._arrivals.clear()
             self._clock, self._lagging, self._frames = None, None, (0, 0)
@@ -187,6 +196,15 @@ class Acquisition:
         )
         self._on_block(block)
         self._check_lag(now, now - made)
+
+    def _tell_begin(self, drive: Drive, before: Link, lost: int, resets: int) -> None:
+        if before.state is LinkState.LOST:
+            away = (_now() - before.since).total_seconds()
+            self._on_event("link", f"back after {away:.3g} s, in which {lost} rows were lost")
+        else:
+            self._on_event("link", f"there: {drive.identity.device_name}, serial {drive.identity.serial}")
+        if resets:
+            self._on_event("clock", "the drive's clock has begun anew, as by a reset")
 
     def _made(self, T_s: float, now: float, drive: Drive) -> float:
         """When the latest row ended in the drive."""

@@ -1,22 +1,26 @@
 """The service: pumps, worker and their state, as one context manager. Knows nothing of HTTP."""
 
 import contextlib
+import re
 import shutil
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
+from urllib.parse import unquote
 
 from bench.actions import captures, experiments
 from bench.actions.captures import Captures
 from bench.actions.control import Control
 from bench.actions.drive_jobs import sensible
 from bench.actions.experiments import Experiments, Status
-from bench.actions.lease import Leases, Part, Writer
+from bench.actions.lease import Change, Leases, Part, Writer
 from bench.actions.limits import Limits
 from bench.actions.recording import Surroundings
 from bench.actions.recordings import Recordings
@@ -30,7 +34,9 @@ from bench.live.recent import Recent
 from bench.live.trust import trusted
 from bench.live.window import Window
 from bench.machine_file import Nominal
+from bench.service.parameters import Snapshots
 from bench.service.signals import Reading, checked, read, read_back, values_of, write
+from bench.store.catalogue.chronicle import Happening, ParameterSet
 from bench.store.catalogue.ended import EndedJob
 from bench.store.catalogue.found import FoundFiles, Row
 from bench.store.catalogue.keeper import Keeper
@@ -38,7 +44,7 @@ from bench.store.catalogue.memory import Memory, Point, point_of
 from bench.store.diagnoses import Diagnoses
 from bench.store.rows import BYTES_PER_ROW
 from bench.store.shelf import Recording, Shelf
-from bench.store.write_log import to_standard_error
+from bench.store.write_log import Entry, to_standard_error
 from drivers.block import Block
 from drivers.drive import Drive
 from drivers.errors import DriveError
@@ -48,6 +54,7 @@ _WRITE = 30.0  # s that a write of signals may take, on the slowest line
 _STOP = 1.2  # s in which drives are stopped, and jobs on them end, while there are still links
 _LEAVE = 1.8  # s in which all must end; a pump that is held up in connecting is left behind
 _LAST = 0.3  # s more, for the estimation
+_OF_DRIVE: Final = re.compile("/api/drives/([^/]+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,26 +105,31 @@ class Service:
         )
         windows = {drive.name: self._remembered(drive) for drive in config.drives}
         self._estimation = Estimation(windows, machines)
-        self._leases = Leases(self._device)
+        self._leases = Leases(self._device, self._lease_changed)
         self.drives = {drive.name: self._made(drive) for drive in config.drives}  # as configured
+        self._snapshots = Snapshots(self.drives, self._parameters_changed)
         self.captures = Captures(config.captures, self.drives, self._leases, self._ended)
         self.experiments = Experiments(config.captures, self.drives, self._leases, self._ended)
         self._kept = Diagnoses(config.captures, self._diagnoses_read)
         self.diagnoses = DiagnosisJobs(config.captures, machines, kept=self._kept)
         self.recordings = Recordings(
             config.captures, self.drives, self._leases, config.keep_free_megabytes * 1e6,
-            Surroundings(self._state_words, lambda name: asdict(self.estimates(name).window)),
+            Surroundings(
+                self._state_words, lambda name: asdict(self.estimates(name).window), self._snapshots.read
+            ),
         )
+        self.captures.on_begin = self.experiments.on_begin = self._snapshots.ask
         self.shelf = Shelf(config.captures, self._recordings_read)
         self._writes = count(1)
         self._leaving: threading.Thread | None = None
-        self._started = time.monotonic()
+        self._started, self._begun = time.monotonic(), datetime.now(UTC)
 
     def __enter__(self) -> Self:
         self._estimation.start()
         if self.history is not None:
             self.history.read()
             self.history.start()
+            self._snapshots.start()
         for drive in self.drives.values():
             drive.link.start()
         for drive in self.drives.values():
@@ -237,7 +249,7 @@ class Service:
         drive = self.drives[name].link.drive()
         holder = f"a write {next(self._writes)}" + (f" (asked for from {whom})" if whom else "")
         if one.whom is None:
-            self._leases.take(name, holder, _WRITE, Part.CONTROL)
+            self._leases.take(name, holder, _WRITE, Part.CONTROL, momentary=True)
         try:
             if before is not None:
                 with contextlib.suppress(DriveError):
@@ -269,6 +281,7 @@ class Service:
         stops = [_begun(f"stop {name}", drive.control.end) for name, drive in self.drives.items()]
         for jobs in (self.experiments, self.captures, self.recordings, self.diagnoses):
             jobs.leave()
+        self._snapshots.end()
         for stop in stops:  # while there are links, by which drives and recorders are told to stop
             stop.join(left(_STOP))
         self.experiments.join(left(_STOP))
@@ -281,6 +294,7 @@ class Service:
             drive.link.join(left(_LEAVE))
         for jobs in (self.captures, self.recordings, self.diagnoses):
             jobs.join(left(_LEAVE))
+        self._snapshots.join(left(_LEAVE))
         if self.history is not None:  # when nobody tells it anything more
             self.history.end()
             self.history.join(max(left(_LEAVE), _LAST))
@@ -293,6 +307,7 @@ class Service:
             if said := undo(folder, drive):
                 self.drives[name].undone = said
                 to_standard_error(f"drive  {name}: {said}")
+            self._snapshots.ask(name, "connected")
 
         def take(block: Block) -> None:
             status = self.drives[name].link.status
@@ -300,8 +315,9 @@ class Service:
             self.recordings.put(name, block, status)
             self._estimation.put(name, block, status.made)
 
-        link = Acquisition(name, config.url, take, connected)
-        control = Control(name, link, self._leases, config.limits, lambda what: Origin(folder, name, what))
+        happened = partial(self._happened, name)
+        link = Acquisition(name, config.url, take, connected, happened)
+        control = Control(name, link, self._leases, config.limits, lambda what: Origin(folder, name, what), happened)
         return ServiceDrive(config.url, config.nominal, config.limits, link, control, recent)
 
     def _remembered(self, drive: DriveConfig) -> Window:
@@ -312,7 +328,10 @@ class Service:
         return drive.window
 
     def _recall(self, memory: Memory) -> None:
-        """What the catalogue remembers of files, captures and experiments. Raises UnavailableError."""
+        """What the catalogue remembers of files, captures, experiments and parameters. Raises UnavailableError."""
+        memory.chronicle.left(self._begun)
+        for name in self.drives:
+            self._snapshots.recall(memory.chronicle.snapshots(name, None, 1)[0])
         self.shelf.recall(memory.recordings(self.shelf.folder).all())
         self._kept.recall(memory.diagnoses(self._kept.folder).all())
         made = memory.ended.latest("capture", Captures.remembered)
@@ -339,13 +358,35 @@ class Service:
 
     def _found_files(self, of: Callable[[Memory], FoundFiles], read: list[Row], gone: list[str]) -> None:
         """Files have been read, have gone."""
-        if self.history is not None:
-            self.history.tell(lambda memory: (of(memory).drop(gone), of(memory).add(read)))
+        self._tell(lambda memory: (of(memory).drop(gone), of(memory).add(read)))
 
     def _ended(self, job: EndedJob) -> None:
         """A capture, or an experiment, has ended."""
+        self._tell(lambda memory: memory.ended.add(job))
+
+    def wrote(self, entry: Entry) -> None:
+        """A write has reached what it is about, see `WriteLog`."""
+        drive = unquote(found[1]) if (found := _OF_DRIVE.match(entry.path)) else ""
+        self._tell(lambda memory: memory.chronicle.wrote(drive, entry.time, asdict(entry)))
+
+    def _tell(self, write: Callable[[Memory], object]) -> None:
+        """Have the catalogue remember something, where there is one."""
         if self.history is not None:
-            self.history.tell(lambda memory: memory.ended.add(job))
+            self.history.tell(write)
+
+    def _happened(self, drive: str, kind: str, sentence: str) -> None:
+        one = Happening(drive, datetime.now(UTC), kind, sentence)
+        self._tell(lambda memory: memory.chronicle.happened(one))
+
+    def _lease_changed(self, change: Change) -> None:
+        one = change.drive, change.part.value, change.holder, change.at
+        if change.how:
+            self._tell(lambda memory: memory.chronicle.gave_up(*one, change.how))
+        else:
+            self._tell(lambda memory: memory.chronicle.took(*one))
+
+    def _parameters_changed(self, snapshot: ParameterSet) -> None:
+        self._tell(lambda memory: memory.chronicle.add_snapshot(snapshot))
 
     def _points(self) -> list[Point]:
         """Of the history, this second."""

@@ -98,6 +98,7 @@ class WriteLog:
         self, folder: Path, echo: Callable[[str], None] = lambda line: None, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._folder, self._echo = folder, echo
+        self.also: Callable[[Entry], None] = lambda entry: None  # hears each that was done; does not wait
         self._queue: queue.Queue[Entry | None] = queue.Queue(_WAITING)
         self._thread = threading.Thread(target=self._work, name="log of writes", daemon=True)
         self._lock = threading.Lock()  # guards what follows
@@ -131,6 +132,8 @@ class WriteLog:
             for each in (*self._told_late(), entry):
                 self._append(each)
                 self._echo(each.sentence())
+                if each.done:
+                    self.also(each)
         for each in self._told_late():
             self._append(each)
 

@@ -139,6 +139,7 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
         meanwhile(warm_up)
         meanwhile(watch.warm_up)  # which the estimation would compile otherwise, and hear no signal
     with WriteLog(config.log, to_standard_error) as log, Service(replace(config, port=port)) as service:
+        log.also = service.wrote
         root = access.address(host)
         _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
         for drive in config.drives:

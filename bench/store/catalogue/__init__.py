@@ -4,6 +4,7 @@ SQLite, or a PostgreSQL of several benches.
 * `tables` - what is kept; `database` - one that is open, brought up to date by `migrations`
 * `memory` - all that is remembered: settings, and points of the history; `ended` - captures and experiments
 * `found` - what files of recordings and diagnoses say of themselves, which are the truth
+* `chronicle` - what happened to drives: events, writes, who controlled them, their parameters
 * `keeper` - the thread that writes
 
 Knows nothing of drives, links and HTTP.

@@ -17,6 +17,7 @@ from bench.store.catalogue.memory import Memory, Point
 _PERIOD: Final = 1.0  # s
 _RETRY: Final = 10.0  # s, after a failure
 _CONDENSE: Final = 60.0  # s
+_PRUNE: Final = 3600.0  # s
 _WAITING: Final = 4 * 4 * 3600  # points
 _TOLD: Final = 20_000  # that wait besides
 
@@ -88,7 +89,7 @@ class Keeper:
             self.thread.join(timeout)
 
     def _run(self) -> None:
-        tried = condensed = 0.0
+        tried = condensed = pruned = 0.0
         while not self._ending.wait(_PERIOD - time.time() % _PERIOD):
             self._waiting.extend(self._points())
             now = time.monotonic()
@@ -98,6 +99,9 @@ class Keeper:
             if self._keep() and now - condensed > _CONDENSE:
                 condensed = now
                 self._guarded(self._condense)
+                if now - pruned > _PRUNE:
+                    pruned = now
+                    self._guarded(self._prune)
         self._keep()
         if self.memory is not None:
             self.memory.close()
@@ -120,6 +124,10 @@ class Keeper:
     def _condense(self) -> None:
         if self.memory is not None:
             self.memory.condense(time.time())
+
+    def _prune(self) -> None:
+        if self.memory is not None:
+            self.memory.chronicle.prune()
 
     def _guarded(self, step: Callable[[], object]) -> bool:
         try:

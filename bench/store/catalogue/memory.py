@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from sqlalchemy import Connection, Engine, delete, func, insert, select
 
+from bench.store.catalogue.chronicle import Chronicle
 from bench.store.catalogue.database import connected, insert_into
 from bench.store.catalogue.ended import EndedJobs
 from bench.store.catalogue.found import FoundFiles
@@ -52,7 +53,7 @@ class Memory:
 
     def __init__(self, engine: Engine, bench: str) -> None:
         self._engine, self._bench = engine, bench
-        self.ended = EndedJobs(engine, bench)
+        self.ended, self.chronicle = EndedJobs(engine, bench), Chronicle(engine, bench)
         self._series: dict[tuple[str, str], int] = {}  # ids by drive and parameter
 
     def recordings(self, folder: Path) -> FoundFiles:

@@ -2,7 +2,7 @@
 history, microseconds elsewhere.
 """
 
-from typing import Final
+from typing import Any, Final
 
 from sqlalchemy import (
     BigInteger,
@@ -10,6 +10,7 @@ from sqlalchemy import (
     Column,
     Double,
     ForeignKey,
+    Index,
     Integer,
     MetaData,
     SmallInteger,
@@ -114,6 +115,48 @@ DIAGNOSES: Final = Table(  # likewise
     Column("request", Text, nullable=False),  # JSON
     Column("versions", Text, nullable=False),  # JSON
     Column("sums", Text, nullable=False),  # JSON: SHA-256 of each file
+)  # fmt: skip
+
+def _happened(name: str, *columns: Column[Any]) -> Table:
+    """What happened to drives, each at a time."""
+    return Table(
+        name, METADATA,
+        Column("id", Integer, primary_key=True),
+        Column("bench", String(200), nullable=False),
+        Column("drive", String(200), nullable=False),  # empty: none
+        Column("at", BigInteger, nullable=False),
+        *columns,
+        Index(f"ix_{name}_drive", "bench", "drive", "at"),
+    )  # fmt: skip
+
+
+EVENTS: Final = _happened(  # links lost and back, clocks begun anew, states, faults
+    "events",
+    Column("kind", String(20), nullable=False),
+    Column("sentence", Text, nullable=False),
+)  # fmt: skip
+
+AUDIT: Final = _happened(  # every write that reached a drive or a setting
+    "audit",
+    *(Column(name, Text, nullable=False) for name in ("who", "by", "method", "path")),
+    Column("status", Integer, nullable=False),
+    *(Column(name, Text, nullable=False) for name in ("outcome", "body")),
+    *(Column(name, Text, nullable=False) for name in ("before", "after")),  # JSON
+)  # fmt: skip
+
+LEASES: Final = _happened(  # who controlled what of a drive, from `at` on
+    "leases",
+    Column("part", String(20), nullable=False),
+    Column("holder", Text, nullable=False),
+    Column("ended", BigInteger),  # null: it goes on, or when is not known
+    Column("how", Text, nullable=False, server_default=""),  # it ended; empty: it goes on
+)  # fmt: skip
+
+PARAMETERS: Final = _happened(  # a drive's parameters, whenever they were other than before
+    "parameters",
+    Column("why", Text, nullable=False),  # they were read
+    Column("device", Text, nullable=False),
+    Column("values", Text, nullable=False),  # JSON: by name, SI
 )  # fmt: skip
 
 STATUSES: Final[tuple[str, ...]] = ("held", "ok", "doubtful")

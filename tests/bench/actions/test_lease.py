@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from bench.actions.lease import Leases, Part
+from bench.actions.lease import Change, Leases, Part
 from bench.errors import ConflictError
 from tests.support.served_drive import until
 
@@ -39,6 +39,25 @@ def test_who_writes_may_do_so_for_longer_and_a_lease_that_is_not_renewed_ends_by
     leases.take("spindle", "b", 60.0, Part.CONTROL)
     with pytest.raises(ConflictError, match="and b holds it"):
         leases.take("spindle", "a", 60.0, Part.CONTROL)
+
+
+def test_who_begins_and_who_ends_is_told_but_for_a_moments() -> None:
+    told: list[Change] = []
+    leases = Leases(on_change=told.append)
+    leases.take("spindle", "a", 60.0, *Part)
+    leases.take("spindle", "a", 60.0, *Part)  # renewed
+    leases.release("spindle", "a", "done")
+    leases.take("spindle", "a write", 60.0, Part.CONTROL, momentary=True)
+    leases.release("spindle", "a write")
+    leases.take("spindle", "b", 0.0, Part.CONTROL)
+    leases.take("spindle", "c", 60.0, Part.CONTROL)
+    leases.release("spindle", "c")
+    assert [(one.part.value, one.holder, one.how) for one in told] == [
+        ("control", "a", ""), ("recorder", "a", ""), ("control", "a", "done"), ("recorder", "a", "done"),
+        ("control", "b", ""), ("control", "b", "it was not renewed"), ("control", "c", ""),
+        ("control", "c", "given up"),
+    ]  # fmt: skip
+    assert [one.at for one in told] == sorted(one.at for one in told)
 
 
 def test_two_names_of_one_device_share_its_lease_and_those_of_which_nothing_is_known_do_not() -> None:

@@ -12,8 +12,9 @@ import pytest
 from bench.config import Config, DriveConfig
 from bench.live.window import Window
 from bench.service.service import Service
+from bench.store.catalogue.chronicle import Chronicle, ParameterSet
 from tests.bench.api.test_api import problem
-from tests.conftest import RunningBench
+from tests.conftest import JSON, RunningBench
 from tests.support.served_drive import served, tcp_url, until
 
 pytestmark = pytest.mark.live
@@ -83,3 +84,73 @@ def test_a_bench_is_known_by_its_host_and_port(tmp_path: Path) -> None:
     with served(tcp_url()) as drive, running(drive.url, tmp_path, str(tmp_path / "c.sqlite")) as service:
         assert service.history is not None
         assert service.history.bench == f"{socket.gethostname()}:8080"
+
+
+def test_what_happens_to_a_drive_and_its_parameters_are_kept(tmp_path: Path) -> None:
+    database = str(tmp_path / "catalogue.sqlite")
+    with served(tcp_url(), control="lease") as drive:
+        with running(drive.url, tmp_path / "captures", database) as service:
+            until(lambda: len(parameters(service)) == 1, "parameters")
+            drive.drive.write("bandwidth", 1500.0)
+            service.start_drive("spindle", {"i_q_ref": 1.0}, "me")
+            service.stop_drive("spindle", "me")
+            capture = service.captures.ask("spindle", {"length": 500}).id
+            until(lambda: service.captures.one("spindle", capture).state == "done", "the capture")
+            until(lambda: len(parameters(service)) == 2, "parameters")
+        with running(drive.url, tmp_path / "captures", database) as service:
+            until(lambda: service.control("spindle").state is not None, "a look")
+        with running(drive.url, tmp_path / "captures", database) as service:
+            happened = chronicle(service).page("spindle", None, None, 100)[0]
+            later, first = parameters(service)  # which have not changed over the restarts
+    leases = [one for one in happened if one.kind == "lease"]
+    assert [one.told["how"] for one in leases] == ["done", "stopped by me"]
+    assert leases[0].told["holder"] == f"capture {capture}"
+    assert "started from me" in leases[1].told["holder"]
+    assert all(one.told["ended"] >= one.at for one in leases)
+    states = [one.sentence for one in reversed(happened) if one.kind == "state"]
+    assert "operation enabled" in states
+    links = [one.sentence for one in happened if one.kind == "link"]
+    assert len(links) >= 2  # the third may have come late
+    assert all(link.startswith("there: ") for link in links)
+    assert (first.why, later.why) == ("connected", f"capture {capture}")
+    assert first.values["bandwidth"] != later.values["bandwidth"] == 1500.0
+    assert later.values["capture_length"] == 500.0
+
+
+def chronicle(service: Service) -> Chronicle:
+    assert service.history is not None
+    memory = service.history.open()
+    assert memory is not None
+    return memory.chronicle
+
+
+def parameters(service: Service) -> list[ParameterSet]:
+    return chronicle(service).snapshots("spindle", None, 9)[0]
+
+
+def test_events_and_parameters_come_over_rest(running_bench: RunningBench) -> None:
+    drive = "/api/drives/emulated"
+    with httpx.Client(base_url=running_bench.url, headers=JSON) as client:
+        until(lambda: bool(client.get(f"{drive}/parameters").json()["snapshots"]), "parameters")
+        before = client.get(f"{drive}/signals", params={"names": "bandwidth"}).json()["signals"][0]["value"]
+        assert client.put(f"{drive}/signals", json={"bandwidth": 1234.0}).status_code == 200
+        asked = client.post(f"{drive}/captures", json={"length": 100}).json()["id"]
+        until(lambda: client.get(f"{drive}/parameters").json()["total"] > 1, "parameters")
+        client.put(f"{drive}/signals", json={"bandwidth": before})
+        newest = client.get(f"{drive}/parameters", params={"limit": 1}).json()
+        (one,) = newest["snapshots"]
+        assert one["why"] == f"capture {asked}"
+        assert {"name": "bandwidth", "unit": "rad/s", "from": before, "to": 1234.0} in one["changed"]
+        (first,) = client.get(f"{drive}/parameters", params={"before": newest["next"]}).json()["snapshots"]
+        assert (first["why"], first["changed"], first["values"]["bandwidth"]) == ("connected", [], before)
+        writes = {"kind": "write", "limit": 2}
+        until(lambda: client.get(f"{drive}/events", params=writes).json()["total"] > 2, "writes")
+        said = client.get(f"{drive}/events", params=writes).json()
+        write = said["events"][-1]["write"]
+        assert (write["method"], write["path"], write["by"]) == ("POST", f"{drive}/captures", "loopback")
+        assert said["events"][0]["write"]["before"] == {"bandwidth": 1234.0}
+        kinds = {event["kind"] for event in client.get(f"{drive}/events").json()["events"]}
+        assert {"link", "state", "write", "lease"} <= kinds
+        page = client.get(f"{drive}/events", params={"before": said["next"], "kind": "write"}).json()
+        assert (page["total"], page["next"]) == (1, None)
+        assert "before: expected a time" in problem(client.get(f"{drive}/events", params={"before": "x"}), 422)

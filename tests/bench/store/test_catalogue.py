@@ -16,6 +16,7 @@ from bench.cli.commands.recordings import check_all
 from bench.errors import ConfigError, UnavailableError
 from bench.recordings.capture_file import write_columns
 from bench.store.catalogue import migrations
+from bench.store.catalogue.chronicle import Chronicle, Happening, ParameterSet
 from bench.store.catalogue.database import check_address, opened
 from bench.store.catalogue.ended import EndedJob, EndedJobs
 from bench.store.catalogue.found import Row
@@ -115,6 +116,72 @@ def test_verify_has_the_catalogue_say_of_the_files_what_they_do(
     told = capsys.readouterr()
     assert "a.parquet: whole" in told.out
     assert "the files were read, and the catalogue cannot be opened: file is not a database" in told.err
+
+
+AT = datetime(2026, 1, 31, 12, 0, 0, 1, UTC)
+WROTE = {
+    "who": "127.0.0.1", "by": "loopback", "method": "POST", "path": "/api/drives/spindle/stop", "status": 200,
+    "outcome": "done", "body": "\0", "before": {"state": "on"}, "after": None,
+}  # fmt: skip
+
+
+def told(chronicle: Chronicle) -> None:
+    """One of each kind, a second apart."""
+    chronicle.happened(Happening("spindle", AT, "link", "lost: x"))
+    chronicle.wrote("spindle", AT + timedelta(seconds=1), WROTE)
+    chronicle.took("spindle", "control", "me", AT + timedelta(seconds=2))
+    chronicle.happened(Happening("spindle", AT + timedelta(seconds=3), "state", "operation enabled"))
+    chronicle.happened(Happening("another", AT, "link", "there"))
+
+
+def test_what_happened_to_a_drive_is_one_list_the_newest_first_in_pages(engine: Engine) -> None:
+    chronicle = Chronicle(engine, "here")
+    told(chronicle)
+    every, total, more = chronicle.page("spindle", None, None, 10)
+    assert [one.kind for one in every] == ["state", "lease", "write", "link"]
+    assert (total, more, every[3]) == (4, False, Happening("spindle", AT, "link", "lost: x"))
+    assert every[2].told == WROTE | {"body": "\\0"}
+    assert every[2].sentence == "POST /api/drives/spindle/stop from 127.0.0.1: 200 done"
+    assert every[1].told == {"part": "control", "holder": "me", "ended": None, "how": ""}
+    first, total, more = chronicle.page("spindle", None, None, 3)
+    assert (first, total, more) == (every[:3], 4, True)
+    assert chronicle.page("spindle", None, first[-1].at, 3) == (every[3:], 1, False)
+    for kind, count in (("state", 1), ("write", 1), ("lease", 1), ("fault", 0)):
+        assert chronicle.page("spindle", kind, None, 9)[1] == count
+    chronicle.happened(Happening("spindle", every[0].at, "fault", "of the same moment"))
+    assert len(chronicle.page("spindle", None, None, 1)[0]) == 2
+    assert Chronicle(engine, "there").page("spindle", None, None, 9) == ([], 0, False)
+
+
+def test_a_lease_ends_as_it_is_told_or_with_its_service(engine: Engine) -> None:
+    chronicle = Chronicle(engine, "here")
+    for k in range(3):
+        chronicle.took("spindle", "control", "me", AT + timedelta(seconds=2 * k))
+        if k < 2:
+            chronicle.gave_up("spindle", "control", "me", AT + timedelta(seconds=2 * k + 1), f"end {k}")
+    chronicle.left(AT + timedelta(seconds=1))
+    last, *others = (one.told for one in chronicle.page("spindle", "lease", None, 9)[0])
+    assert [(one["ended"], one["how"]) for one in others] == [
+        (AT + timedelta(seconds=3), "end 1"), (AT + timedelta(seconds=1), "end 0"),
+    ]  # fmt: skip
+    assert (last["ended"], last["how"]) == (None, "")
+    chronicle.left(AT + timedelta(seconds=9))
+    (last, *_), _, _ = chronicle.page("spindle", "lease", None, 1)
+    assert (last.told["ended"], last.told["how"].partition(" without")[0]) == (None, "the service ended")
+
+
+def test_parameters_come_back_and_of_each_kind_so_many_stay(engine: Engine) -> None:
+    chronicle = Chronicle(engine, "here")
+    for k in range(5):
+        values = {"bandwidth": 1000.0 + k, "trigger_level": None}
+        chronicle.add_snapshot(ParameterSet("spindle", AT + timedelta(seconds=k), "connected", "x, serial 1", values))
+    (newest, _), total = chronicle.snapshots("spindle", None, 2)
+    assert (newest.values, total) == ({"bandwidth": 1004.0, "trigger_level": None}, 5)
+    assert chronicle.snapshots("spindle", AT + timedelta(seconds=1), 9)[1] == 1
+    told(chronicle)
+    chronicle.prune(2)
+    assert chronicle.snapshots("spindle", None, 9)[1] == 2
+    assert chronicle.page("spindle", None, None, 9)[1] == 3  # of two events one is another drive's
 
 
 def unread(read: list[Row], gone: list[str]) -> None:

@@ -1,0 +1,167 @@
+"""What happened to drives, in the catalogue: events, writes that reached them, who controlled them, their parameters.
+
+Each kind is bounded in number; the oldest go. Raises UnavailableError where the catalogue cannot be had.
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Final
+
+from sqlalchemy import Engine, Table, delete, func, insert, select, update
+
+from bench.store.catalogue.database import connected, microseconds, plain, time_at
+from bench.store.catalogue.tables import AUDIT, EVENTS, LEASES, PARAMETERS
+
+WRITE, LEASE = "write", "lease"  # kinds of what happened, besides those of events
+_MOST: Final = 200_000  # rows of a table
+_LEFT: Final = "the service ended without giving it up; the drive's own lease runs out by itself"
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """Something that happened to a drive."""
+
+    drive: str
+    at: datetime
+    kind: str  # link, clock, state, fault, write, lease
+    sentence: str
+    told: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of a write, or a lease: all that is known
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSet:
+    """A drive's parameters at a moment; SI, None where one is not finite."""
+
+    drive: str
+    at: datetime
+    why: str  # it was read: what began
+    device: str  # in words
+    values: Mapping[str, float | None]
+
+
+class Chronicle:
+    """That of a bench; from any thread."""
+
+    def __init__(self, engine: Engine, bench: str) -> None:
+        self._engine, self._bench = engine, bench
+
+    def happened(self, one: Happening) -> None:
+        """Add an event."""
+        self._insert(EVENTS, {
+            "drive": one.drive, "at": microseconds(one.at), "kind": one.kind, "sentence": plain(one.sentence),
+        })  # fmt: skip
+
+    def wrote(self, drive: str, at: datetime, told: Mapping[str, Any]) -> None:
+        """Add a write, as the log of writes tells it; of no drive: an empty name."""
+        texts = {key: plain(str(told[key])) for key in ("who", "by", "method", "path", "outcome", "body")}
+        changes = {key: json.dumps(told.get(key), default=str) for key in ("before", "after")}
+        self._insert(AUDIT, {"drive": drive, "at": microseconds(at), "status": told["status"]} | texts | changes)
+
+    def took(self, drive: str, part: str, holder: str, at: datetime) -> None:
+        """Somebody controls a part of a drive from now on."""
+        self._insert(LEASES, {"drive": drive, "part": part, "holder": plain(holder), "at": microseconds(at)})
+
+    def gave_up(self, drive: str, part: str, holder: str, at: datetime, how: str) -> None:
+        """And does no longer."""
+        own = self._own(LEASES, drive)
+        with connected(self._engine) as connection:
+            connection.execute(
+                update(LEASES).where(*own, LEASES.c.part == part, LEASES.c.holder == plain(holder), LEASES.c.how == "")
+                .values(ended=microseconds(at), how=plain(how))
+            )
+
+    def left(self, before: datetime) -> None:
+        """Those that have controlled drives since before a service began did so under another one, which was killed."""
+        with connected(self._engine) as connection:
+            connection.execute(
+                update(LEASES).values(how=_LEFT)
+                .where(LEASES.c.bench == self._bench, LEASES.c.how == "", LEASES.c.at < microseconds(before))
+            )
+
+    def page(
+        self, drive: str, kind: str | None, before: datetime | None, limit: int
+    ) -> tuple[list[Happening], int, bool]:
+        """What happened to a drive before a time, the newest first; how many there are; whether there are more.
+
+        What is of one moment is on one page.
+        """
+        found: list[Happening] = []
+        total = 0
+        for table in _tables_of(kind):
+            of = [*self._own(table, drive), *([] if before is None else [table.c.at < microseconds(before)])]
+            if table is EVENTS and kind is not None:
+                of.append(table.c.kind == kind)
+            newest = select(table).where(*of).order_by(table.c.at.desc(), table.c.id.desc()).limit(limit + 1)
+            with connected(self._engine) as connection:
+                total += connection.execute(select(func.count()).select_from(table).where(*of)).scalar_one()
+                found += [_happening(table, row) for row in connection.execute(newest).mappings()]
+        found.sort(key=lambda one: one.at, reverse=True)
+        page = found[:limit]
+        page += [one for one in found[limit:] if one.at == page[-1].at]
+        return page, total, total > len(page)
+
+    def add_snapshot(self, one: ParameterSet) -> None:
+        """Add a drive's parameters."""
+        self._insert(PARAMETERS, {
+            "drive": one.drive, "at": microseconds(one.at), "why": plain(one.why), "device": plain(one.device),
+            "values": json.dumps(one.values, sort_keys=True),
+        })  # fmt: skip
+
+    def snapshots(self, drive: str, before: datetime | None, limit: int) -> tuple[list[ParameterSet], int]:
+        """A drive's parameters before a time, the newest first, and how many times they were kept."""
+        t = PARAMETERS.c
+        of = [*self._own(PARAMETERS, drive), *([] if before is None else [t.at < microseconds(before)])]
+        newest = select(PARAMETERS).where(*of).order_by(t.at.desc(), t.id.desc()).limit(limit)
+        with connected(self._engine) as connection:
+            total = connection.execute(select(func.count()).select_from(PARAMETERS).where(*of)).scalar_one()
+            rows = connection.execute(newest).mappings().all()
+        return [
+            ParameterSet(row["drive"], time_at(row["at"]), row["why"], row["device"], json.loads(row["values"]))
+            for row in rows
+        ], total
+
+    def prune(self, most: int = _MOST) -> None:
+        """Of each kind so many stay, the newest."""
+        for table in (EVENTS, AUDIT, LEASES, PARAMETERS):
+            own = table.c.bench == self._bench
+            with connected(self._engine) as connection:
+                oldest = connection.execute(
+                    select(table.c.id).where(own).order_by(table.c.id.desc()).offset(most - 1).limit(1)
+                ).scalar()
+                if oldest is not None:
+                    connection.execute(delete(table).where(own, table.c.id < oldest))
+
+    def _own(self, table: Table, drive: str) -> list[Any]:
+        return [table.c.bench == self._bench, table.c.drive == drive]
+
+    def _insert(self, table: Table, row: Mapping[str, Any]) -> None:
+        with connected(self._engine) as connection:
+            connection.execute(insert(table).values(bench=self._bench, **row))
+
+
+def _tables_of(kind: str | None) -> Sequence[Table]:
+    special = {WRITE: AUDIT, LEASE: LEASES}
+    return (EVENTS, AUDIT, LEASES) if kind is None else (special.get(kind, EVENTS),)
+
+
+def _happening(table: Table, row: Mapping[Any, Any]) -> Happening:
+    at = time_at(row["at"])
+    if table is AUDIT:
+        names = ("who", "by", "method", "path", "status", "outcome", "body")
+        changes = {key: json.loads(row[key]) for key in ("before", "after")}
+        sentence = f"{row['method']} {row['path']} from {row['who']}: {row['status']} {row['outcome']}"
+        return Happening(row["drive"], at, WRITE, sentence, _those(row, names) | changes)
+    if table is LEASES:
+        ended = None if row["ended"] is None else time_at(row["ended"])
+        what = "" if row["part"] == "control" else "'s recorder"
+        sentence = f"{row['holder']} has the drive{what}" if not row["how"] else (
+            f"{row['holder']} had the drive{what}, until it ended: {row['how']}"
+        )
+        return Happening(row["drive"], at, LEASE, sentence, _those(row, ("part", "holder", "how")) | {"ended": ended})
+    return Happening(row["drive"], at, row["kind"], row["sentence"])
+
+
+def _those(row: Mapping[Any, Any], names: Iterable[str]) -> dict[str, Any]:
+    return {name: row[name] for name in names}
