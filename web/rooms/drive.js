@@ -14,7 +14,7 @@ import { clock, plain } from "../format.js";
 
 const EVENTS_MS = 2000;
 const GROUPS = /** @type {const} */ ([["rw", "Settings"], ["ro", "What it tells"], ["const", "What it is"]]);
-const KINDS = [["", "everything"], ["event", "events"], ["write", "writes"], ["lease", "control"]];
+const KINDS = [["", "everything"], ["link", "link"], ["state", "states and faults"], ["write", "writes"], ["lease", "control"]];
 const UNITS = new Map([["ohm", "Ω"], ["degC", "°C"], ["1", ""]]);
 
 /** @returns {import("../main.js").RoomPart} */
@@ -100,8 +100,9 @@ export function driveRoom() {
       if (now === key) return;
       key = now;
       eventsNote.textContent = all.length === 0 ? "Nothing yet: what happens to the drive, and who writes to it, is told here." : `${page.total}, the newest first.`;
-      events.replaceChildren(...all.map(({ time, kind: what, sentence, whom }) => make("li", {},
-        make("time", { datetime: time }, clock(time)), make("span", { class: "chip" }, what), make("span", {}, sentence, whom !== "" && make("span", { class: "unit" }, ` · ${whom}`)))));
+      events.replaceChildren(...all.map(({ at, kind: what, sentence, lease }) => make("li", {},
+        make("time", { datetime: at }, clock(at)), make("span", { class: "chip" }, what),
+        make("span", {}, sentence, lease !== null && lease.ended !== null && make("span", { class: "unit" }, ` · until ${clock(lease.ended)}, ${lease.how}`)))));
       older.hidden = next === null;
     } catch (error) {
       if (asked === drive) eventsNote.textContent = /** @type {Error} */ (error).message;
