@@ -12,11 +12,12 @@ from typing import Annotated, Any, Final, TypeVar, cast
 from fastapi import Depends, Path, Query, Request
 from starlette.requests import ClientDisconnect
 
-from bench.api.guard.kinds import READS, is_stop
+from bench.api.guard.kinds import READS, is_stop, is_upload
 from bench.api.problems import MediaError, TooLargeError
 from bench.errors import LimitError, shown
 from bench.service.service import Service
 
+BYTES: Final = "application/octet-stream"
 _MAX_BODY: Final = 1 << 16  # bytes
 
 SHAPES: Final = "#/components/schemas/"
@@ -121,14 +122,17 @@ def _is_fastapis(answer: dict[str, Any]) -> bool:
 async def says_json(request: Request) -> None:
     """The dependency of every route: a PUT or POST says that it is JSON, which no form of another page can say.
 
-    What stops a motor needs not say it. Raises MediaError.
+    What stops a motor needs not say it, and a file that is brought says that it is bytes, which no form can say either.
+    Raises MediaError.
     """
     if request.method in (*READS, "DELETE") or is_stop(request.method, request.url.path):
         return
     said = request.headers.get("content-type", "")
-    if said.partition(";")[0].strip().lower() != "application/json":
+    kind = BYTES if is_upload(request.method, request.url.path) else "application/json"
+    if said.partition(";")[0].strip().lower() != kind:
         got = shown(said) if said else "none"
-        expected = "the header Content-Type: application/json, as of every PUT and POST but those that stop"
+        of = "a file that is brought" if kind == BYTES else "every PUT and POST but those that stop"
+        expected = f"the header Content-Type: {kind}, as of {of}"
         raise MediaError(f"expected {expected}, got {got}")
 
 

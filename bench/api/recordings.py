@@ -8,12 +8,14 @@ from pathlib import Path as File
 from typing import Annotated, Any, BinaryIO, Final, Literal
 from urllib.parse import quote
 
+from anyio import to_thread
 from fastapi import FastAPI, Path, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import TypeAdapter
 
 from bench.actions.recording import Status
 from bench.api.answers import (
+    BYTES,
     DRIVE,
     PROBLEM,
     Answers,
@@ -37,13 +39,16 @@ from bench.api.models.recordings import (
     samples_model,
     under_way,
 )
+from bench.api.upload import brought
 from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError
 from bench.expected import Table, taken
 from bench.jobs import LATEST
+from bench.recordings.column_options import columns_of
 from bench.recordings.table import ROWS, column_names, read_parts
 from bench.service.service import Service
 from bench.store.annotations import Annotations, Mark
 from bench.store.export import exported
+from bench.store.importing import Import
 from bench.store.samples import MOST_POINTS, samples_of
 from bench.store.shelf import Shelf
 
@@ -61,6 +66,10 @@ _NOT_NOW: Answers = {409: {"description": "The recording is in another state"} |
 _FILES: Answers = {200: {"description": "The recording", "content": FILE[200]["content"] | {
     "text/csv": {"schema": {"type": "string"}},
     **{media: {"schema": {"type": "string", "format": "binary"}} for _, media in FOREIGN.values()}}}}
+_BROUGHT: Answers = {
+    422: {"description": "Not a file that can be read, or not what can be said of one"} | PROBLEM,
+    503: {"description": "There is no room on the disk"} | PROBLEM,
+}
 _MARK: Final = TypeAdapter(Annotated[MarkRequestModel, Table("expected what to mark")])
 _ANNOTATION: Final = TypeAdapter(Annotated[AnnotationModel, Table("expected a title, or a note")])
 RecordingId = Annotated[str, Path(alias="id", description="id of a recording, or latest")]
@@ -72,6 +81,7 @@ def install(app: FastAPI, service: Service) -> None:
     found = _Found(service)
     _install_live(app, service, found)
     _install_shelf(app, service, found)
+    _install_files(app, service, found)
 
 
 class _Found:
@@ -199,6 +209,55 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
             _kept(lambda: shelf.mark(id_, one))
         return found.one(id_)
 
+    @app.delete(_ROOT, summary="Delete a recording", responses=_ONE | {
+        503: {"description": "It cannot be removed"} | PROBLEM})
+    def delete(id_: Annotated[str, Path(alias="id", description="id of a recording, which says which")]) -> (
+        StoredRecordingModel
+    ):
+        """From the disk, for good; one that is under way is ended and discarded. Tells what it was."""
+        if id_ == LATEST:
+            raise UnknownError("expected the id of the recording that is to be deleted, got latest")
+        one, status = found.one(id_), found.running(id_)
+        if status is not None:
+            recordings.discard(status)
+        else:
+            _kept(lambda: shelf.delete(id_))
+        return one
+
+
+def _ended(found: _Found, shelf: Shelf, id_: str) -> File:
+    """The file of a recording. Raises ConflictError while it is under way, UnknownError where there is none."""
+    if found.running(id_) is not None:
+        raise ConflictError(f"recording {id_} is under way: expected one that has ended")
+    return shelf.one(id_).path
+
+
+def _install_files(app: FastAPI, service: Service, found: _Found) -> None:
+    """Routes of what is in recordings: brought, plotted, handed out."""
+
+    shelf = service.shelf
+
+    @app.post("/api/recordings", summary="Bring a file of recorded rows", responses=_BROUGHT, openapi_extra={
+        "requestBody": {"required": True, "content": {BYTES: {"schema": {"type": "string", "format": "binary"}}}}})
+    async def bring_recording(
+        request: Request, response: Response,
+        name: Annotated[str, Query(description="the file's, without folders", examples=["run.csv"])],
+        title: Annotated[str, Query(max_length=200)] = "",
+        note: Annotated[str, Query(max_length=4000)] = "",
+        mapping: Annotated[str, Query(alias="map", description="NAME=COLUMN,...", max_length=4000)] = "",
+        constants: Annotated[str, Query(alias="set", description="NAME=VALUE,...", max_length=4000)] = "",
+        align: Annotated[str, Query(description="u=ROWS", max_length=100)] = "",
+    ) -> StoredRecordingModel:
+        """CSV, CSV.gz, Parquet, .mat or ASAM MDF becomes a recording of the service's own, of kind file, in SI.
+
+        Rows are taken as `pmsm-bench replay` takes them; columns beyond those are left out, which its notes tell.
+        """
+        columns = columns_of([mapping], [constants], [align], "")
+        said = Import(name, title, note, *columns, whom=_who(request))
+        id_ = await brought(service, request, said)
+        response.headers["Location"] = f"/api/recordings/{quote(id_)}"
+        return await to_thread.run_sync(found.one, id_)
+
     @app.get(f"{_ROOT}/samples", summary="A recording's columns for a plot", response_model=SamplesModel,
              responses=_NOT_NOW | _ONE | _WRONG)
     def recording_samples(
@@ -239,28 +298,6 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
             return FileResponse(path, media_type=MEDIA, filename=path.name)
         headers = {"Content-Disposition": f'attachment; filename="{quote(id_)}.csv"'}
         return StreamingResponse(_as_csv(path), media_type="text/csv", headers=headers)
-
-    @app.delete(_ROOT, summary="Delete a recording", responses=_ONE | {
-        503: {"description": "It cannot be removed"} | PROBLEM})
-    def delete(id_: Annotated[str, Path(alias="id", description="id of a recording, which says which")]) -> (
-        StoredRecordingModel
-    ):
-        """From the disk, for good; one that is under way is ended and discarded. Tells what it was."""
-        if id_ == LATEST:
-            raise UnknownError("expected the id of the recording that is to be deleted, got latest")
-        one, status = found.one(id_), found.running(id_)
-        if status is not None:
-            recordings.discard(status)
-        else:
-            _kept(lambda: shelf.delete(id_))
-        return one
-
-
-def _ended(found: _Found, shelf: Shelf, id_: str) -> File:
-    """The file of a recording. Raises ConflictError while it is under way, UnknownError where there is none."""
-    if found.running(id_) is not None:
-        raise ConflictError(f"recording {id_} is under way: expected one that has ended")
-    return shelf.one(id_).path
 
 
 def _who(request: Request) -> str:

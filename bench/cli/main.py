@@ -309,9 +309,9 @@ def diagnose(
     written; 3, the recording cannot tell. Of several files the worst, in the order 70, 2, 1, 3, 0.
     """
     from bench.cli.commands.diagnose import Options, run
-    from bench.cli.options import columns_of
     from bench.diagnoses.diagnosis_request import trust_of
     from bench.diagnoses.formats import checked_format
+    from bench.recordings.column_options import columns_of
 
     options = Options(
         trust_of(trust or ()), *columns_of(mapping, constants, align), checked_format(kind), jobs, force, fail_on,
@@ -331,7 +331,7 @@ def simulate(
 ) -> None:
     """Simulate a recording's currents by a machine with the effects of its file, and say how far off they are."""
     from bench.cli.commands.simulate import run
-    from bench.cli.options import columns_of
+    from bench.recordings.column_options import columns_of
 
     run(file, machine, *columns_of(mapping, constants, align), out, as_json=as_json)
 

@@ -112,6 +112,29 @@ def export(
     save(id_, out, form, service)
 
 
+@recordings.command("import")
+def import_(
+    file: Annotated[Path, Argument(help="CSV, CSV.gz, Parquet, .mat or .mf4")],
+    mapping: Annotated[
+        list[str] | None, Option("--map", metavar="NAME=COLUMN,...", help="columns called otherwise; COLUMN[UNIT], too")
+    ] = None,
+    constants: Annotated[
+        list[str] | None, Option("--set", metavar="NAME=VALUE,...", help="values in place of columns")
+    ] = None,
+    align: Annotated[
+        list[str] | None, Option(metavar="u=ROWS", help="the voltage in row k was applied ROWS later")
+    ] = None,
+    title: Annotated[str, Option(help="a few words")] = "",
+    note: Annotated[str, Option(help="whatever is to be known of it")] = "",
+    service: Service = None,
+) -> None:
+    """Bring a file to the service: it becomes a recording, in SI, that is listed, plotted and diagnosed."""
+    from bench.cli.commands.recordings import bring
+
+    said = {"map": mapping or [], "set": constants or [], "align": align or []}
+    bring(file, {key: ",".join(items) for key, items in said.items()} | {"title": title, "note": note}, service)
+
+
 @recordings.command()
 def delete(
     id_: Annotated[str, Argument(help="id of a recording")],

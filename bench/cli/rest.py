@@ -7,8 +7,9 @@ import socket
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, BinaryIO, Final, cast
 from urllib.parse import quote
 
 import httpx
@@ -21,6 +22,8 @@ TOKEN_VARIABLE: Final = "PMSM_BENCH_TOKEN"
 _PATIENCE: Final = 60.0  # s for a service that is started anew
 _PERIOD: Final = 0.1  # s between two questions
 _ENDS: Final = ("done", "failed", "cancelled")  # states of a capture, an experiment
+_PIECE: Final = 1 << 20  # bytes
+_BYTES: Final = {"Content-Type": "application/octet-stream"}  # of a file
 _JSON: Final = {"Content-Type": "application/json"}  # of every PUT and POST, also of one without a body
 
 
@@ -80,6 +83,22 @@ class Rest:
                 return write_new(path, lambda file: file.writelines(response.iter_bytes()))
         except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
             raise UnavailableError(f"the service at {self._service} did not hand out the file: {error}") from None
+
+    def send(self, content: BinaryIO, under: str, query: dict[str, str]) -> dict[str, Any]:
+        """What comes of a file that is sent to /api/UNDER. Raises BenchError."""
+        headers, size = self._headers() | _BYTES, os.fstat(content.fileno()).st_size
+        try:
+            response = self._client.post(
+                self._address(under, ()), params={key: value for key, value in query.items() if value},
+                content=iter(partial(content.read, _PIECE), b""), headers=headers | {"Content-Length": str(size)},
+            )  # fmt: skip
+            told: Any = response.json()
+        except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
+            raise UnavailableError(f"the service at {self._service} did not take the file: {error}") from None
+        answer = cast(dict[str, Any], told) if isinstance(told, dict) else {}
+        if response.is_success and "id" in answer:
+            return answer
+        raise BenchError(str(answer.get("detail", response.status_code)))
 
     def _address(self, under: str, path: tuple[str, ...]) -> str:
         return "/".join([f"{self._service.rstrip('/')}/api/{under}", *(quote(part, safe="") for part in path)])

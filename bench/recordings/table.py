@@ -133,7 +133,7 @@ def notes(path: Path) -> dict[str, Any]:
     if kind != "parquet":
         return {}
     with _as_sentences(path, "its end"):
-        return notes_of(pq.read_schema(path).metadata)
+        return notes_of(path)
 
 
 def form(path: Path) -> str:

@@ -5,20 +5,17 @@ at any instant: the Parquet is there before the first segment goes, and tells by
 """
 
 import contextlib
-import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from bench.errors import RecordingError
-from bench.files import check_free, first_free, give_name, sync_folder
-from bench.recordings.foreign.content import NOTES, pa, pq
-from bench.recordings.seal import seal
+from bench.files import check_free, sync_folder
 from bench.recordings.table import notes
 from bench.store.overview import prepare
 from bench.store.rows import COLUMNS, Rows, table_columns
+from bench.store.sealed_file import write_sealed
 from bench.store.segments import Event, FoundSegments
 from drivers.wire.dictionary import signal_named
 
@@ -98,19 +95,8 @@ def _timed(event: Event, T_s: float) -> Event:
 
 def _written(path: Path, part: Path, segments: FoundSegments, account: _Account, told: Mapping[str, Any]) -> Path:
     names = ["t", *COLUMNS, "periods", *(["temp_winding", "temp_magnet"] if account.temperatures else [])]
-    fields = [pa.field(name, pa.float64(), metadata={"unit": _unit(name)}) for name in names]
-    schema = pa.schema(fields, metadata={NOTES: json.dumps(dict(told)).encode()})
-    with pq.ParquetWriter(part, schema, compression="zstd", write_page_checksum=True) as writer:
-        for stretch in _groups(segments):
-            columns = table_columns(stretch, segments.heading.T_s)
-            writer.write_table(pa.table({name: columns[name] for name in names}, schema=schema))
-    with part.open("r+b") as written:
-        seal(written)
-        written.flush()
-        os.fsync(written.fileno())
-    path = first_free(path, lambda name: give_name(part, name))[0]
-    sync_folder(path.parent)
-    return path
+    groups = (table_columns(stretch, segments.heading.T_s) for stretch in _groups(segments))
+    return write_sealed(path, part, {name: _unit(name) for name in names}, groups, told)
 
 
 def _unfinished(path: Path) -> Path:

@@ -234,8 +234,8 @@ def _recording(id_: str, path: Path, size: int, changed: datetime) -> Recording:
 
 
 def _kind(told: dict[str, Any]) -> str:
-    if told.get("kind") == "stream":
-        return "stream"
+    if told.get("kind") in ("stream", "file"):
+        return str(told["kind"])
     return next((kind for kind in ("experiment", "capture") if kind in told), "file")
 
 

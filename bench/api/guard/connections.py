@@ -21,7 +21,7 @@ from uvicorn.config import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
-from bench.api.guard.kinds import READS, is_stop
+from bench.api.guard.kinds import READS, is_stop, is_upload
 from bench.store.write_log import Allowance
 
 _RETRY: Final = 1  # s
@@ -176,6 +176,8 @@ class Connection(H11Protocol):
         self._heard = True
         super().data_received(data)
         self._watch()
+        if self._awaited is h11.SEND_BODY and is_upload(self.scope["method"], self.scope["path"]):
+            self._be_patient(self._limits.body)  # for its next part
 
     def on_response_complete(self) -> None:
         """The next request may come; one that has come already is counted, too."""

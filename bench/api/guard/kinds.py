@@ -7,6 +7,11 @@ READS: Final = ("GET", "HEAD")
 _STOP: Final = re.compile(r"POST /api/drives/([^/]+)/stop|DELETE /api/drives/[^/]+/(?:experiments|captures)/[^/]+")
 
 
+def is_upload(method: str, path: str) -> bool:
+    """Whether a request brings a file, which is long."""
+    return (method, path) == ("POST", "/api/recordings")
+
+
 def stopped_drive(method: str, path: str) -> str | None:
     """The drive that a request stops; None where it stops none, or ends something else."""
     found = _STOP.fullmatch(f"{method} {path}")

@@ -8,7 +8,7 @@ from typing import Final
 from anyio import to_thread
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from bench.api.guard.kinds import READS, is_stop, stopped_drive
+from bench.api.guard.kinds import READS, is_stop, is_upload, stopped_drive
 from bench.api.problems import problem
 from bench.store.write_log import Entry, WriteLog
 
@@ -35,6 +35,7 @@ class Lanes:
     ends: Lane = field(default_factory=lambda: Lane("cancellations", 8))
     streams: Lane = field(default_factory=lambda: Lane("event streams", 32))
     links: Lane = field(default_factory=lambda: Lane("reads of signals", 4))  # a drive answers them one by one
+    uploads: Lane = field(default_factory=lambda: Lane("files that are brought", 2))
     others: Lane = field(default_factory=lambda: Lane("requests", 24))
 
     @classmethod
@@ -47,13 +48,15 @@ class Lanes:
         asked = f"{method} {path}"
         if is_stop(method, path):
             return self.stops.get(stopped_drive(method, path) or "", self.ends)
+        if is_upload(method, path):
+            return self.uploads
         return self.links if _LINK.fullmatch(asked) else self.streams if _STREAM.fullmatch(asked) else self.others
 
     @property
     def threads(self) -> int:
         """For all at once."""
         stops = sum(lane.most for lane in self.stops.values()) + self.ends.most
-        return stops + self.streams.most + self.links.most + self.others.most
+        return stops + self.streams.most + self.links.most + self.uploads.most + self.others.most
 
 
 class Load:

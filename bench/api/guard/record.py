@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from bench.api.guard.kinds import READS
+from bench.api.guard.kinds import READS, is_upload
 from bench.store.write_log import SHORT, Entry, WriteLog, short
 
 _LONGEST: Final = 1 << 16  # bytes of an answer that is looked into
@@ -25,11 +25,12 @@ class Record:
             await self._app(scope, receive, send)
             return
         status: int = 500
+        asked = scope["method"], scope["path"]
         body, answer = bytearray(), bytearray()
 
         async def received() -> Message:
             message = await receive()
-            if message["type"] == "http.request" and len(body) <= 4 * SHORT:
+            if message["type"] == "http.request" and len(body) <= 4 * SHORT and not is_upload(*asked):
                 body.extend(message.get("body", b""))
             return message
 

@@ -15,7 +15,7 @@ from bench.cli.rest import Rest, rest_at
 from bench.cli.terminal import Terminal
 from bench.config import usual_database
 from bench.errors import BenchError, ConfigError, shown
-from bench.files import captures_folder, check_place
+from bench.files import captures_folder, check_place, check_regular
 from bench.store.catalogue.database import check_address, opened
 from bench.store.catalogue.memory import Memory
 from bench.store.diagnoses import Diagnoses
@@ -126,6 +126,17 @@ def save(id_: str, out: Path, form: str | None, service: str | None) -> None:
     except OSError as error:
         raise BenchError(f"{out}: cannot be written: {error.strerror or error}") from None
     _console.print(f"{written}: {written.stat().st_size / 1e6:.3g} MB")
+
+
+def bring(file: Path, said: dict[str, str], service: str | None) -> None:
+    """Have a file become a recording of the service's. Raises BenchError."""
+    try:
+        check_regular(file)
+        with file.open("rb") as content, rest_at(service, _CONVERTED) as rest:
+            one = rest.send(content, "recordings", {"name": file.name} | said)
+    except OSError as error:
+        raise BenchError(f"{file}: cannot be read: {error.strerror or error}") from None
+    _console.print(Text(f"{one['id']}: {one['rows']} rows, {_seconds(one)}, of {file}"))
 
 
 def remove(id_: str, service: str | None, *, asked: bool) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 
 from bench.cli.exit_codes import DOES_NOT, code_of
-from bench.cli.options import columns_of
 from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, opened, print_json, write_whole
 from bench.cli.table import basis_of, estimates_table
 from bench.cli.terminal import Terminal, bar
@@ -19,6 +18,7 @@ from bench.errors import ConfigError
 from bench.live.watch import Explained
 from bench.live.window import AUTO, Window
 from bench.machine_file import Nominal, load_machine, load_toml
+from bench.recordings.column_options import columns_of
 from bench.recordings.recording import open_recording
 from bench.recordings.replay import OnEstimate, Replay, as_json, replay
 from estimator.machine import PARAMETERS

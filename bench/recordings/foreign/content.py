@@ -56,7 +56,7 @@ class Content:
             )
         units = {one.name: unit_of(one) for one in schema}
         columns = {one.name: _column(path, one.name) for one in schema if is_number(one.type)}
-        return cls(columns, units, notes_of(schema.metadata) | dict(said))
+        return cls(columns, units, notes_of(path) | dict(said))
 
 
 def _column(path: Path, name: str) -> Floats:
@@ -70,9 +70,10 @@ def is_number(kind: Any) -> bool:
     return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
 
 
-def notes_of(metadata: Mapping[bytes, bytes] | None) -> dict[str, Any]:
-    """The bench's notes in a Parquet's metadata; empty where there are none."""
-    return object_of((metadata or {}).get(NOTES, b"{}"))
+def notes_of(path: Path) -> dict[str, Any]:
+    """The bench's notes in a Parquet; empty where there are none. Raises pyarrow's errors, OSError."""
+    metadata: dict[bytes, bytes] = pq.read_metadata(path).metadata or {}
+    return object_of(metadata.get(NOTES, b"{}"))
 
 
 def object_of(text: str | bytes) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from bench.actions.capture_request import Request
+from bench.api.answers import BYTES
 from bench.api.experiments import ExperimentRunModel
 from bench.api.models.captures import CaptureModel, CapturesModel
 from bench.api.models.diagnoses import DiagnosisJobModel
@@ -49,7 +50,7 @@ ROUTES = {
     ("get", "/api/drives/{name}/recordings"),
     ("post", "/api/drives/{name}/recordings"), ("get", "/api/recordings"), ("get", "/api/recordings/{id}"),
     ("patch", "/api/recordings/{id}"), ("delete", "/api/recordings/{id}"), ("get", "/api/recordings/{id}/file"),
-    ("get", "/api/recordings/{id}/samples"),
+    ("get", "/api/recordings/{id}/samples"), ("post", "/api/recordings"),
     ("post", "/api/recordings/{id}/stop"), ("post", "/api/recordings/{id}/marks"),
     ("post", "/api/recordings/{id}/diagnosis"), ("get", "/api/recordings/{id}/diagnosis"),
     ("get", "/api/recordings/{id}/diagnosis/result"), ("get", "/api/recordings/{id}/diagnosis/report.html"),
@@ -191,6 +192,10 @@ def answered(client: httpx.Client, method: str, path: str, body: str | None) -> 
         method == "delete" and path.endswith("/diagnosis")
     ):
         until(lambda: client.get(DIAGNOSIS).json()["state"] == "done", "the diagnosis", READY)
+    if (method, path) == ("post", "/api/recordings"):  # whose example would be a recording
+        answer = client.post(path, params={"name": "x.csv"}, content=b"t\n1\n2\n", headers={"Content-Type": BYTES})
+        assert "missing columns: u_d" in answer.json()["detail"]
+        return
     if path.endswith("/stream"):
         with client.stream(method, path) as events:
             assert next(events.iter_lines()) == "event: snapshot"

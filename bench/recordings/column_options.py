@@ -1,4 +1,4 @@
-"""Options whose value is several."""
+"""Options whose value is several, as `NAME=VALUE,...`: what a recording's columns are."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -29,9 +29,13 @@ def pairs(option: str, items: Sequence[str], convert: Callable[[str], T]) -> dic
 
 
 def columns_of(
-    mapping: Sequence[str] | None, constants: Sequence[str] | None, align: Sequence[str] | None
+    mapping: Sequence[str] | None, constants: Sequence[str] | None, align: Sequence[str] | None, mark: str = "--"
 ) -> tuple[dict[str, str], dict[str, float], dict[str, float]]:
-    """What `--map`, `--set` and `--align` say of a recording's columns. Raises ConfigError."""
+    """What `--map`, `--set` and `--align` say of a recording's columns. Raises ConfigError.
+
+    `mark`: before the options' names, as a sentence shows them.
+    """
     return (
-        pairs("--map", mapping or (), str), pairs("--set", constants or (), float), pairs("--align", align or (), float)
-    )
+        pairs(f"{mark}map", mapping or (), str), pairs(f"{mark}set", constants or (), float),
+        pairs(f"{mark}align", align or (), float),
+    )  # fmt: skip

@@ -1,0 +1,160 @@
+"""A file of somebody's brought to the shelf: read by what is said of its columns, and written as a recording in SI.
+
+What the recording is of stands in its notes, `imported`: the file's name, form, size and checksum, what was said of its
+columns, and what was made of them. The file itself is not kept. Knows nothing of HTTP.
+"""
+
+import re
+import shutil
+import time
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, fields
+from datetime import UTC, datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import BenchError, LimitError, RecordingError, UnavailableError, shown
+from bench.files import check_free
+from bench.recordings.recording import RecordingReader, open_recording
+from bench.recordings.runs import Chunk
+from bench.recordings.table import form, notes
+from bench.store.sealed_file import Columns, write_sealed
+from drivers.wire.dictionary import signal_named
+from estimator.samples import Samples
+
+MOST: Final = 4_000_000_000  # bytes of a file
+_ROWS: Final = 1 << 18  # of a row group
+_LONGEST: Final = 80  # characters of an id
+_OLD: Final = 86_400.0  # s, after which a folder was left by a service that was killed
+_UNFINISHED: Final = ".unfinished"
+_ENDINGS: Final = re.compile(r"(\.(csv|txt|tsv|gz|parquet|pq|mat|mf4|mdf|dat))+$", re.IGNORECASE)
+_KEPT: Final = (  # of the notes of a recording of the bench's own, by which it is read and listed
+    "drive", "device", "url", "begun", "complete", "expected", "off_before", "off_after", "events", "machine", "window",
+    "versions", "lacking", "ended",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Import:
+    """What is said of a file."""
+
+    name: str  # as its owner calls it
+    title: str = ""
+    note: str = ""
+    mapping: Mapping[str, str] = field(default_factory=dict[str, str])  # see `recordings.sources`
+    constants: Mapping[str, float] = field(default_factory=dict[str, float])
+    align: Mapping[str, float] = field(default_factory=dict[str, float])
+    whom: str = ""  # who brings it
+
+    def __post_init__(self) -> None:
+        name = self.name
+        if not 0 < len(name) <= 200 or not name.isprintable() or re.search(r"[/\\]", name) or name.startswith("."):
+            raise LimitError(f"name: expected that of a file, without folders, got {shown(name)}")
+
+    @property
+    def id(self) -> str:
+        """Of the recording, if it is free."""
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "-", _ENDINGS.sub("", self.name)).strip("-")[:_LONGEST] or "file"
+        return f"{plain}-file" if plain == "latest" else plain
+
+
+@contextmanager
+def place_for(folder: Path, name: str) -> Generator[Path]:
+    """Where a file that comes can be put; gone afterwards, with all beside it. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for left in folder.glob(f".*{_UNFINISHED}"):
+        with suppress(OSError):
+            if left.is_dir() and time.time() - left.stat().st_mtime > _OLD:
+                shutil.rmtree(left)
+    with TemporaryDirectory(prefix=".", suffix=_UNFINISHED, dir=folder) as place:
+        yield Path(place) / f"file{Path(name).suffix.lower()[:8]}"
+
+
+def check_room(folder: Path, size: int, kept_free: float) -> None:
+    """Raise UnavailableError where there is no room for a file of so many bytes, and what others are left."""
+    try:
+        check_free(folder, int(size + kept_free), "the file, and what is left for others,")
+    except OSError as error:
+        raise UnavailableError(str(error.strerror)) from None
+
+
+def imported(folder: Path, source: Path, said: Import, sha256: str) -> Path:
+    """Make a recording of a file; where it is. Raises BenchError, OSError."""
+    part = source.with_name("part")
+    try:
+        with open_recording(
+            source, mapping=said.mapping, constants=said.constants, align=said.align
+        ) as reader:
+            groups = _groups(reader)
+            first = next(groups, None)
+            if first is None:
+                raise RecordingError(f"{said.name}: expected rows that can be used, came none")
+            units = {name: _unit(name) for name in first}
+            path = folder / f"{said.id}.parquet"
+            return write_sealed(
+                path, part, units, _all(first, groups), lambda: _told(source, said, sha256, reader)
+            )
+    except BenchError as error:
+        raise type(error)(str(error).replace(str(source), said.name)) from None
+
+
+def _all(first: Columns, others: Iterator[Columns]) -> Iterator[Columns]:
+    yield first
+    yield from others
+
+
+def _groups(reader: RecordingReader) -> Iterator[Columns]:
+    """Columns of so many rows together as make a row group, SI."""
+    waiting, rows = list[Chunk](), 0
+    for chunk in reader:
+        waiting.append(chunk)
+        rows += len(chunk.samples)
+        if rows >= _ROWS:
+            yield _columns(waiting)
+            waiting, rows = [], 0
+    if waiting:
+        yield _columns(waiting)
+
+
+def _columns(chunks: list[Chunk]) -> Columns:
+    samples = [chunk.samples for chunk in chunks]
+    names = [one.name for one in fields(Samples) if isinstance(getattr(samples[0], one.name), np.ndarray)]
+    times = [one.t0 + one.T * np.arange(len(one), dtype=np.float64) for one in samples]
+    columns: dict[str, NDArray[np.float64]] = {"t": np.concatenate(times)}
+    columns |= {name: np.concatenate([getattr(one, name) for one in samples]) for name in names}
+    if samples[0].periods > 1:
+        columns["periods"] = np.full(len(columns["t"]), float(samples[0].periods))
+    return columns
+
+
+def _told(source: Path, said: Import, sha256: str, reader: RecordingReader) -> dict[str, Any]:
+    """The notes of the recording."""
+    before, summary, now = notes(source), reader.summary, datetime.now(UTC).isoformat()
+    steps = before.get("steps")
+    known = cast(dict[str, Any], steps) if isinstance(steps, dict) else {}
+    plain = {name: column for name, column in reader.sources.columns.items() if name not in reader.sources.scales}
+    asked = before.get("request")
+    first = cast(dict[str, Any], asked) if isinstance(asked, dict) else {}
+    return {key: before[key] for key in _KEPT if key in before} | {
+        "kind": "file", "asked": now, "T_s": summary.T_s, "rows": summary.used, "duration": summary.duration,
+        "request": {
+            "title": said.title or before.get("title") or first.get("title") or "",
+            "note": said.note or before.get("note") or first.get("note") or "",
+        },
+        "steps": {name: known[column] for name, column in plain.items() if column in known},
+        "imported": {
+            "name": said.name, "form": form(source), "bytes": source.stat().st_size, "sha256": sha256,
+            "whom": said.whom, "at": now, "map": dict(said.mapping), "set": dict(said.constants),
+            "align": dict(said.align), "columns": dict(summary.sources), "unused": list(summary.unused),
+            "remarks": list(summary.remarks()), "notes": before,
+        },
+    }  # fmt: skip
+
+
+def _unit(name: str) -> str:
+    return {"t": "s", "periods": "1"}.get(name) or signal_named(name).unit
