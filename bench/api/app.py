@@ -114,7 +114,7 @@ def create_app(
     def estimates(name: DriveName) -> EstimatesModel:
         """Each parameter with standard error, unit and status, and what they rest on.
 
-        Renewed 20 times a second; 5 times where the data choose the window.
+        Renewed 10 times a second; 5 times where the data choose the window.
         """
         return estimates_model(service, name)
 

@@ -263,7 +263,7 @@ def _second_order(known: Array, T_s: float) -> Array:
     R_s, L_d, L_q, psi_f = known.T
     h = -_quotient(R_s * psi_f, L_d)
     b_d, b_q = (
-        np.divide((R_s * T_s) ** 2 / 12.0, L, out=np.zeros(L.shape), where=np.abs(R_s) * T_s < 3.0 * L)
+        np.divide((R_s * T_s) ** 2 / 12.0, L, out=np.zeros(len(L)), where=np.abs(R_s) * T_s < 3.0 * L)
         for L in (L_d, L_q)
     )
     return np.stack((h, b_d, b_q), axis=-1)
