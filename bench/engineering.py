@@ -4,6 +4,8 @@ import math
 import re
 from typing import Final
 
+from estimator.interval import half_width
+
 _PREFIXES: Final = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 PREFIXED: Final = ("ohm", "H", "Vs", "V", "A", "s", "Hz", "S", "W")
 _PLAIN: Final = ("", "1")
@@ -24,24 +26,28 @@ def scaled(value: float, unit: str) -> tuple[float, str]:
     return size, prefix + unit
 
 
-def number(value: float | None, std: float | None = None, digits: int = 3) -> str:
-    """A value to the second digit of its standard error, or to so many digits; a dash where there is none."""
+def number(value: float | None, half: float | None = None, digits: int = 3) -> str:
+    """A value to the second digit of half its interval, or to so many digits; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "–"
-    if std is None or not math.isfinite(std) or std <= 0:
+    if half is None or not math.isfinite(half) or half <= 0:
         return _significant(value, digits)
-    decimals = max(0, 1 - math.floor(math.log10(std)))
+    decimals = max(0, 1 - math.floor(math.log10(half)))
     return f"{value:.{decimals}f}" if decimals <= 12 else f"{value:.{digits}g}"
 
 
 def quantity(value: float | None, unit: str, std: float | None = None, like: float | None = None) -> str:
-    """A value with its unit, and its standard error where it has one: `2.00 ± 0.03 us`; scaled as `like` would be."""
+    """A value with its unit, and half its 95 % interval where it has a standard error: `2.000 ± 0.059 us`.
+
+    Scaled as `like` would be.
+    """
     if value is None or not math.isfinite(value):
         return "–"
     by, shown = scaled(value if like is None else like, unit)
-    text = number(value / by, None if std is None else std / by)
-    if std is not None and math.isfinite(std):
-        text += f" ± {_significant(std / by, 2)}"
+    half = half_width(None if std is None else std / by)
+    text = number(value / by, half)
+    if half is not None and math.isfinite(half):
+        text += f" ± {_significant(half, 2)}"
     return f"{text} {shown}".rstrip()
 
 

@@ -9,6 +9,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from estimator.interval import half_width
+
 _HELD = "held at"
 _SCALES = {
     "ohm": ((1.0, "ohm"), (1e-3, "mohm")),
@@ -66,7 +68,7 @@ def _row_cells(estimate: Mapping[str, Any]) -> list[str]:
     value, std = estimate["value"], estimate["std"]
     scales = _SCALES[estimate["unit"]]
     size, unit = next((scale for scale in scales if value is None or abs(value) >= scale[0]), scales[-1])
-    half = None if std is None else 1.96 * std / size
+    half = half_width(None if std is None else std / size)
     status = str(estimate["status"]).replace("_", " ")
     if since := estimate.get("since"):
         status += f" since {clock(since)}"

@@ -33,9 +33,10 @@ from typing import Final
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.interval import Z_95
 from estimator.machine import PARAMETERS, UNITS
 from estimator.online.estimate import Estimate, Status, WindowEstimate
-from estimator.online.fit import PRIOR_SHARE, Z_95, fit_windows
+from estimator.online.fit import PRIOR_SHARE, fit_windows
 from estimator.online.solve import check_held, plausible, solution_of
 from estimator.online.window_ls import WindowState, sums_of, waiting
 

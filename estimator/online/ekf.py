@@ -41,10 +41,10 @@ from typing import Final
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.interval import Z_95
 from estimator.machine import PARAMETERS, UNITS
 from estimator.online import rls
 from estimator.online.estimate import Estimate, Status, WindowEstimate
-from estimator.online.fit import Z_95
 from estimator.online.flux_balance import angle_turned, flux_balance
 from estimator.online.kalman import filtered
 from estimator.online.rls import RlsState

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array
+from estimator.interval import Z_95
 from estimator.machine import PARAMETERS
 from estimator.online.excitation import Excitation, condition, excitation
 from estimator.online.sums import SIZE, H, U, WindowSums
@@ -45,7 +46,6 @@ MODEL: Final = 1e-6  # share of the rms voltage that the flux balance, exact to 
 MODEL_MOVING: Final = 3e-5  # times the relative spread of speed^2, more where it changes within a row,
 MODEL_TURN: Final = 8e-4  # and, times D^3, more where the rotor turns far within a control period
 SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
-Z_95: Final = 1.96
 _PRIOR_LEAST: Final = 1e-5  # of the voltage, that a prior leaves open: with less, arithmetic loses what is wide
 _SMALL_TERM_ROUNDS: Final = 4  # of the iteration of the small terms; each gains three digits
 _FEWEST_FREEDOM: Final = 4.0  # of a variance: below, the correction knows no more than the error

@@ -10,10 +10,11 @@ from typing import Final
 
 import numpy as np
 
+from estimator.interval import Z_95
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
 from estimator.online.estimate import Combination, Estimate, Status
 from estimator.online.excitation import combinations
-from estimator.online.fit import FAINT_I, FAINT_SPEED, Z_95, WindowFit, fit_windows, spread_of_speed
+from estimator.online.fit import FAINT_I, FAINT_SPEED, WindowFit, fit_windows, spread_of_speed
 from estimator.online.sums import WindowSums
 
 _STEADY: Final = 0.02  # share of its mean by which a steady signal departs from it, or 3 times its noise

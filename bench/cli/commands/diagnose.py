@@ -308,7 +308,7 @@ class _Shown:
 
 
 def _findings(findings: Sequence[Mapping[str, Any]]) -> Table:
-    table = Table("what was left out", "size ± std", "odds", "where")
+    table = Table("what was left out", "size ± 95 %", "odds", "where")
     for finding in findings:
         sizes = [
             f"{words(name)} {quantity(size['value'], size['unit'], size['std'])}"
@@ -324,7 +324,7 @@ def _before_and_after(content: Mapping[str, Any]) -> Table:
     fit = content["fit"]
     loo = fit.get("leave_one_out")
     table = Table(caption=_caption(fit, loo))
-    for heading in ("", "before", "after", "noise floor"):
+    for heading in ("", "before ± 95 %", "after ± 95 %", "noise floor"):
         table.add_column(heading, justify="left" if not heading else "right")
     voltage, current = fit["one_step_rms_V"], fit["free_run_rms_A"]
     what = "u, one step" if loo is None else "u"

@@ -72,7 +72,7 @@ def _number_with_unit(value: float | None, unit: str, like: float | None = None)
 
 
 def _told(size: Quantity | None, like: float | None = None) -> str:
-    """With its standard error."""
+    """With half its 95 % interval."""
     return "–" if size is None else quantity(size.value, size.unit, size.std, like)
 
 

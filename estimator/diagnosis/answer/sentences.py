@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from estimator.diagnosis.verdict import Diagnosis, Finding, Fit, Quantity, Verdict
 from estimator.diagnosis.words import sentence_start
+from estimator.interval import half_width
 from estimator.machine import UNITS
 from estimator.physics import convention_error
 from estimator.physics.library import BY_NAME
@@ -134,14 +135,14 @@ def _signed(change: float, unit: str) -> str:
 
 
 def _size_in_words(name: str, told: Quantity) -> str:
-    """A size with its standard error: a count, a share or a quantity with a unit."""
+    """A size with half its 95 % interval: a count, a share or a quantity with a unit."""
     value, std = told.value or 0.0, told.std
     if told.unit != "1":
         said = quantity(value, told.unit, std)
     elif name in _UNITLESS:
-        said = _with_error(value, std, 4)
+        said = with_interval(value, std, 4)
     else:
-        said = f"{_with_error(100.0 * value, None if std is None else 100.0 * std)} %"
+        said = f"{with_interval(100.0 * value, None if std is None else 100.0 * std)} %"
     return f"{name.replace('_', ' ')} {said}"
 
 
@@ -173,11 +174,11 @@ def _limit_told(diagnosis: Diagnosis, name: str) -> float:
 
 
 def quantity(value: float | None, unit: str, std: float | None = None) -> str:
-    """A number with an engineering prefix, and its standard error: `2.000 ± 0.030 us`; shares in per cent."""
+    """A number with an engineering prefix, and half its 95 % interval: `2.000 ± 0.059 us`; shares in per cent."""
     if value is None or not math.isfinite(value):
         return "unknown"
-    scale, shown = _with_prefix(max(abs(value), std or 0.0), unit)
-    return f"{_with_error(value / scale, None if std is None else std / scale)} {shown}".rstrip()
+    scale, shown = _with_prefix(max(abs(value), half_width(std) or 0.0), unit)
+    return f"{with_interval(value / scale, None if std is None else std / scale)} {shown}".rstrip()
 
 
 def _with_prefix(size: float, unit: str) -> tuple[float, str]:
@@ -190,10 +191,11 @@ def _with_prefix(size: float, unit: str) -> tuple[float, str]:
     return scale, f"{prefix}{unit}"
 
 
-def _with_error(value: float, std: float | None, digits: int = 3) -> str:
-    """A number and its standard error to two digits of that; without one, to so many digits."""
-    if not std or not math.isfinite(std):
+def with_interval(value: float, std: float | None, digits: int = 3) -> str:
+    """A number and half its 95 % interval to two digits of that; without a standard error, to so many digits."""
+    half = half_width(std)
+    if not half or not math.isfinite(half):
         return f"{value:.{digits}g}"
-    places = 1 - math.floor(math.log10(std))
+    places = 1 - math.floor(math.log10(half))
     decimals = min(max(places, 0), _MOST_DECIMALS)
-    return f"{value:.{decimals}f} ± {round(std, places):.{decimals}f}"
+    return f"{value:.{decimals}f} ± {round(half, places):.{decimals}f}"

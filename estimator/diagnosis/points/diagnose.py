@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array
-from estimator.diagnosis.answer.sentences import quantity, with_sentence
+from estimator.diagnosis.answer.sentences import quantity, with_interval, with_sentence
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
 from estimator.diagnosis.points import judge, model
 from estimator.diagnosis.points.fit import PointsFit
@@ -253,10 +253,10 @@ def _drifts(points: Points, search: PointsSearch, choice: PointsChoice) -> list[
         fit = search.fit((*choice, name))
         moved = search.moves((*choice, name), halves)
         value, std = fit.value(*size.key), math.hypot(fit.std(*size.key), moved[size.key])
+        drift = f"{'+' if value > 0.0 else ''}{with_interval(100.0 * value, 100.0 * std)} %"
         limit = smallest[name].value if name in smallest else None
         told.append(
-            f"{BY_NAME[name].title} is not told from none: {100.0 * value:+.2g} % ± {100.0 * std:.2g} % from first to "
-            f"last of {number(length)} s"
+            f"{BY_NAME[name].title} is not told from none: {drift} from first to last of {number(length)} s"
             + ("" if limit is None else f"; one of {100.0 * limit:.2g} % would have been named")
         )
     return told

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.diagnosis.answer.sentences import quantity, with_sentence
+from estimator.diagnosis.answer.sentences import quantity, with_interval, with_sentence
 from estimator.diagnosis.standstill import pulse_fit as terms_of
 from estimator.diagnosis.standstill.pulse_fit import Pulses, PulseTerms, Train
 from estimator.diagnosis.standstill.sweep import LOSS_AT_STANDSTILL, jackknife, odds_told, record_instead, smallest_set
@@ -196,10 +196,10 @@ def _pulse_remarks(
     ]
     found = machine["R_s"]
     if R_s is not None and found.value and found.std:
-        gain, std = found.value / R_s, found.std / R_s
+        gain = with_interval(found.value / R_s, found.std / R_s)
         said[0] = (
             f"every volt is in proportion to the dc link's reading: were R_s {quantity(R_s, 'ohm')}, as the machine "
-            f"file has it, it would read {gain:.3g} ± {std:.2g} times too high"
+            f"file has it, it would read {gain} times too high"
         )
     values = tried[()].fit.values
     series, swing = 2.0 * values["L_0"], 2.0 * math.hypot(values["L_1"], values["L_2"])

@@ -131,9 +131,9 @@ def test_it_says_sentence_findings_and_figures_before_and_after(
     assert said.startswith(f"explained.csv: explained\n{EXPLAINED.sentence}\n")
     rows = [" ".join(line.replace("│", " ").split()) for line in said.splitlines()]
     for row in (
-        "inverter voltage error dead time 2.000 ± 0.030 us over 1e12 where a phase current changes sign",
-        "d-axis saturation L_d drop 12.00 ± 0.40 % 250 at high i_d", "u, one step 2.69 V 0.400 V 0.390 V",
-        "i, free run 310 mA 12.0 mA", "R_s 2430 ± 20 mohm 966.80 ± 0.40 mohm",
+        "inverter voltage error dead time 2.000 ± 0.059 us over 1e12 where a phase current changes sign",
+        "d-axis saturation L_d drop 12.00 ± 0.78 % 250 at high i_d", "u, one step 2.69 V 0.400 V 0.390 V",
+        "i, free run 310 mA 12.0 mA", "R_s 2430 ± 39 mohm 966.80 ± 0.78 mohm",
         "errors on stretches that took no part in the fit",
         "the currents' converter clips at 24 A in 12 rows", "trust {'R_s': 0.2, 'L_d': 0.05}",
     ):

@@ -99,9 +99,9 @@ def test_every_picture_is_on_the_page_in_two_widths_with_its_caption_and_the_pag
 def test_a_finding_tells_its_size_place_odds_and_what_it_was_read_as() -> None:
     words = page(EXPLAINED).words
     for said in (
-        "inverter voltage error", "2.000 ± 0.030 us", "where a phase current changes sign", "distance -0.4 to 0.4",
+        "inverter voltage error", "2.000 ± 0.059 us", "where a phase current changes sign", "distance -0.4 to 0.4",
         "92 % of the mismatch's energy in 12 % of the rows", "next over 1e12", "imbalance 3e11",
-        "970 mohm", "2430 ± 20 mohm", "966.80 ± 0.40 mohm", "+1460 mohm by inverter voltage error", "2.40 kohm",
+        "970 mohm", "2430 ± 39 mohm", "966.80 ± 0.78 mohm", "+1460 mohm by inverter voltage error", "2.40 kohm",
         "97.8 % of the mismatch's variance", "59990 of 60000 rows used, 6 s, control period 100 us",
     ):
         assert said in words, said

@@ -38,6 +38,7 @@ from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.thermal import REFERENCE
 from emulator.scenario.scenarios import Scenario
 from emulator.scenario.text import text_of
+from estimator.interval import Z_95
 from estimator.machine import PARAMETERS
 from estimator.online.estimate import Status, WindowEstimate
 from estimator.samples import Samples
@@ -308,7 +309,7 @@ def judged(after: str, said: Mapping[str, Any], case: Case, truth: Mapping[str, 
     for finding in said["findings"]:
         if finding["effect"] == case.kind.effect:
             quantity = finding["parameters"][case.kind.parameter]
-            size = f"{quantity['value']:.4g} ± {quantity['std'] or math.nan:.1g} {quantity['unit']}"
+            size = f"{quantity['value']:.4g} ± {Z_95 * (quantity['std'] or math.nan):.1g} {quantity['unit']}"
     wrong = [f"names {name}" for name in names if name != case.kind.effect]
     if said["verdict"] in _SETTLED:
         for name in PARAMETERS:

@@ -21,6 +21,7 @@ from estimator.diagnosis.diagnose import TOLERANCE, diagnose
 from estimator.diagnosis.intake.prepared import prepared
 from estimator.diagnosis.likelihood.evidence import Search
 from estimator.diagnosis.search.fitting import fitted, moved
+from estimator.interval import Z_95
 from estimator.machine import PARAMETERS, UNITS, Machine
 from estimator.samples import Samples
 from estimator.twin.model import residual
@@ -202,7 +203,7 @@ def _parameters(compared: Sequence[Compared]) -> list[Table]:
              *(_off(one.words[method], name, one.machine[name]) for method in methods))
             for one in compared
         )  # fmt: skip
-        title = f"Error of {name}, and the standard error that is told"
+        title = f"Error of {name}, and half the 95 % interval that is told"
         tables.append(Table(title, ("", "concealed", "true", *methods), rows))
     return tables
 
@@ -211,7 +212,7 @@ def _off(word: Word, name: str, true: float) -> str:
     value, std = word.values.get(name), word.stds.get(name)
     if value is None:
         return "not told"
-    told = f" ± {abs(std / true):.2%}" if std is not None and math.isfinite(std) else ""
+    told = f" ± {Z_95 * abs(std / true):.2%}" if std is not None and math.isfinite(std) else ""
     return f"{value / true - 1.0:+.2%}{told}"
 
 

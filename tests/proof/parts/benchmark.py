@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Final
 
 from estimator.diagnosis.verdict import Verdict
+from estimator.interval import Z_95
 from tests.proof.parts.benchmark_cells import CELLS, DIFFERENT, Cell, Made, Motor, made, motor_of
 from tests.proof.proof import Bar, Proof, Settings, Table
 from tests.score.diagnosed import Said, diagnosed
@@ -204,7 +205,7 @@ def _sizes(each: Commissioning) -> str:
     for finding in found:
         true = each.made.truth.effects.get(finding.effect, {})
         sizes = [
-            f"{name} {value.value:.4g} ± {value.std or 0.0:.1g} {value.unit} ({true[name].value:.4g})"
+            f"{name} {value.value:.4g} ± {Z_95 * (value.std or 0.0):.1g} {value.unit} ({true[name].value:.4g})"
             for name, value in finding.parameters.items()
             if name in true and value.value is not None
         ]
