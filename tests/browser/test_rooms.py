@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import httpx
 import pytest
+from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
@@ -22,6 +23,7 @@ from tests.support.relay import relayed
 
 __all__ = ["browser", "pytestmark"]
 
+T = TypeVar("T")
 DRIVE = "/api/drives/emulated"
 PATIENCE = 150.0  # s: a diagnosis beside others
 CANVAS = "document.getElementById('recording-canvas')"
@@ -35,23 +37,29 @@ class Operator:
         self._browser = browser
         self.clicks = 0
 
-    def click(self, what: str, patience: float = PATIENCE) -> None:
+    def click(self, what: str) -> None:
         """As soon as it can be seen and pressed."""
-        self._found(what, patience).click()
+        self._once_shown(what, WebElement.click)
         self.clicks += 1
 
-    def sees(self, what: str, patience: float = PATIENCE) -> str:
+    def sees(self, what: str) -> str:
         """Its words, as soon as it is shown."""
-        return self._found(what, patience).text
+        return self._once_shown(what, lambda one: one.text)
 
-    def _found(self, what: str, patience: float) -> WebElement:
-        def shown(chrome: Chrome) -> WebElement | None:
+    def _once_shown(self, what: str, done: Callable[[WebElement], T]) -> T:
+        """Also where the page puts another element in its place meanwhile."""
+        result: list[T] = []
+
+        def tried(chrome: Chrome) -> bool:
             found = chrome.find_elements(By.CSS_SELECTOR, what)
-            return next((one for one in found if one.is_displayed() and one.is_enabled()), None)
+            shown = next((one for one in found if one.is_displayed() and one.is_enabled()), None)
+            if shown is not None:
+                result.append(done(shown))
+            return bool(result)
 
-        found = WebDriverWait(self._browser, patience, poll_frequency=0.1).until(shown, f"waited for {what}")
-        assert found is not None
-        return found
+        waiting = WebDriverWait(self._browser, PATIENCE, 0.1, [StaleElementReferenceException])
+        waiting.until(tried, f"waited for {what}")
+        return result[0]
 
 
 @pytest.fixture

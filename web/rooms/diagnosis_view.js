@@ -205,7 +205,7 @@ export function diagnosisView(id, drive, narrow) {
 
 /** @param {string[]} head @param {(string | Node)[][]} rows @param {number} [numbers] columns from which on there are numbers */
 function table(head, rows, numbers = 1) {
-  return make("div", { class: "scroll" }, make("table", {},
+  return make("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": `Table: ${head.join(", ")}` }, make("table", {},
     make("thead", {}, make("tr", {}, head.map((text, k) => make("th", { class: k >= numbers && "n", scope: "col" }, text)))),
     make("tbody", {}, rows.map((row) => make("tr", {}, row.map((cell, k) => make("td", { class: k >= numbers && "n" }, cell)))))));
 }

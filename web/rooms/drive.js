@@ -14,7 +14,7 @@ import { clock, plain } from "../format.js";
 
 const EVENTS_MS = 2000;
 const GROUPS = /** @type {const} */ ([["rw", "Settings"], ["ro", "What it tells"], ["const", "What it is"]]);
-const KINDS = [["", "everything"], ["link", "link"], ["state", "states and faults"], ["write", "writes"], ["lease", "control"]];
+const KINDS = [["", "everything"], ["link", "link"], ["state", "states"], ["fault", "faults"], ["write", "writes"], ["lease", "control"]];
 const UNITS = new Map([["ohm", "Ω"], ["degC", "°C"], ["1", ""]]);
 
 /** @returns {import("../main.js").RoomPart} */
@@ -71,7 +71,7 @@ export function driveRoom() {
     const fits = signals.filter(({ name, summary }) => `${name} ${summary}`.toLowerCase().includes(text));
     tables.replaceChildren(...GROUPS.flatMap(([access, title]) => {
       const rows = fits.filter((signal) => signal.access === access);
-      return rows.length === 0 ? [] : [make("h3", {}, title), make("div", { class: "scroll" }, make("table", {},
+      return rows.length === 0 ? [] : [make("h3", {}, title), make("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": title }, make("table", {},
         make("thead", {}, make("tr", {}, ["signal", "value", "limits", "what it is"].map((head, k) => make("th", { class: k === 1 && "n", scope: "col" }, head)))),
         make("tbody", {}, rows.map(row))))];
     }), ...(fits.length === 0 && signals.length > 0 ? [make("p", { class: "empty" }, "No signal fits the search.")] : []));
