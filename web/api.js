@@ -65,7 +65,8 @@
  *   machine: {nominal: Record<string, number>, before: Record<string, Quantity>, after: Record<string, Quantity>},
  *   fit: {held_out: boolean, one_step_rms_V: {before: number, after: number, noise_floor: number | null},
  *     free_run_rms_A: {before: number, after: number}, explained: number | null, leave_one_out: object | null} | null}} Diagnosis
- * @typedef {{at: string, kind: string, sentence: string, lease: {ended: string | null, how: string} | null}} DriveEvent
+ * @typedef {{at: string, kind: string, sentence: string,
+ *   write: {before: Record<string, unknown> | null, after: Record<string, unknown> | null} | null, lease: {ended: string | null, how: string} | null}} DriveEvent
  * @typedef {{recordings: Recording[], total: number, next: string | null}} Recordings
  * @typedef {{unit: string, low: (number | null)[], mean: (number | null)[], high: (number | null)[]}} Spread
  * @typedef {{id: string, since: number, until: number, rows: number, thinned: boolean, t: number[],

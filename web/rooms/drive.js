@@ -100,9 +100,9 @@ export function driveRoom() {
       if (now === key) return;
       key = now;
       eventsNote.textContent = all.length === 0 ? "Nothing yet: what happens to the drive, and who writes to it, is told here." : `${page.total}, the newest first.`;
-      events.replaceChildren(...all.map(({ at, kind: what, sentence, lease }) => make("li", {},
+      events.replaceChildren(...all.map(({ at, kind: what, sentence, write, lease }) => make("li", {},
         make("time", { datetime: at }, clock(at)), make("span", { class: "chip" }, what),
-        make("span", {}, sentence, lease !== null && lease.ended !== null && make("span", { class: "unit" }, ` · until ${clock(lease.ended)}, ${lease.how}`)))));
+        make("span", {}, sentence, changes(write), lease !== null && lease.ended !== null && make("span", { class: "unit" }, ` · until ${clock(lease.ended)}, ${lease.how}`)))));
       older.hidden = next === null;
     } catch (error) {
       if (asked === drive) eventsNote.textContent = /** @type {Error} */ (error).message;
@@ -145,6 +145,19 @@ export function driveRoom() {
       try { localStorage.setItem(place(), JSON.stringify({ at: new Date().toISOString(), values })); } catch { /* no room for it */ }
     },
   };
+}
+
+/** What a write changed. @param {DriveEvent["write"]} write */
+function changes(write) {
+  const { before, after } = write ?? {};
+  if (!before || !after) return null;
+  const told = Object.keys(after).map((name) => `${name} ${shown(before[name])} → ${shown(after[name])}`);
+  return told.length === 0 ? null : make("span", { class: "unit" }, ` · ${told.join(", ")}`);
+}
+
+/** @param {unknown} value */
+function shown(value) {
+  return typeof value === "number" ? plain(value, 6) : typeof value === "object" ? JSON.stringify(value) : String(value ?? "–");
 }
 
 /** @param {string} place @returns {{at: string, values: Record<string, number | null>} | null} */
