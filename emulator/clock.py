@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Final, Self
 
 _PATIENCE: Final = 0.05  # s, for a drive that is held up
-_FRESH: Final = 1e-3  # s, since a step began that is as good as another
+_FRESH: Final = 5e-3  # s, since a step began that is as good as another: of many requests in a row the first has one
 
 
 class Pacer:
