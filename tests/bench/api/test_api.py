@@ -355,16 +355,15 @@ def rows_of(url: str, wanted: int, last: str | None = None) -> list[dict[str, An
     with httpx.Client(base_url=url) as client, client.stream(
         "GET", f"{DRIVE}/stream", params={"rows": True}, headers=headers
     ) as response:
-        kind = id_ = ""
+        event: dict[str, str] = {}
         for line in response.iter_lines():
             key, _, value = line.partition(": ")
-            kind, id_ = (value if key == "event" else kind), (value if key == "id" else id_)
-            if key == "data" and kind == "rows":
-                found.append({"id": id_} | json.loads(value))
-                if len(found) == wanted:
-                    return found
-            if not line:
-                kind = id_ = ""
+            event |= {key: value}
+            if not line and event.get("event") == "rows":
+                found.append({"id": event["id"]} | json.loads(event["data"]))
+            if len(found) == wanted:
+                break
+            event = event if line else {}
     return found
 
 
