@@ -9,8 +9,8 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import Depends, FastAPI, Header, Query, Request
-from fastapi.responses import FileResponse
+from fastapi import Depends, FastAPI, Header, Query, Request, Response
+from fastapi.responses import FileResponse, PlainTextResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from pydantic import TypeAdapter
@@ -50,6 +50,7 @@ from bench.api.models.drives import (
     link_model,
     window_model,
 )
+from bench.api.models.metrics import MEDIA, metrics_text
 from bench.api.models.recent import place_of, recent_model
 from bench.api.models.recordings import AnnotationModel, MarkRequestModel, RecordingRequestModel
 from bench.api.signals import SignalValuesModel
@@ -62,6 +63,8 @@ _CHANGE: Answers = {
     422: {"description": "Not a window that can work"} | PROBLEM,
     503: {"description": "The estimation is too far behind"} | PROBLEM,
 }
+_METRICS: Answers = {200: {"description": "The metrics", "content": {"text/plain": {"schema": {
+    "type": "string", "examples": ["pmsm_bench_link_up{drive=\"emulated\"} 1\n"]}}}}}
 _EVENTS: Answers = {
     200: {"description": "Events called snapshot, and rows where asked for, ten a second", "content": {
         "text/event-stream": {"itemSchema": {"properties": {"data": {
@@ -179,6 +182,14 @@ def create_app(
             links={name: link_model(service.link(name)) for name in service.drives},
             drives={name: state_model(service.control(name).state) for name in service.drives},
         )
+
+    @app.get("/metrics", summary="The service for Prometheus", response_class=PlainTextResponse, responses=_METRICS)
+    def metrics() -> Response:
+        """Links, streams, states and estimates of all drives, and the service itself: text format 0.0.4.
+
+        What is not known now, as an estimate that is stale or held, has no sample.
+        """
+        return Response(metrics_text(service, VERSION), media_type=MEDIA)
 
     docs.install(app)
     _serve_page(app)

@@ -37,7 +37,8 @@ validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]
 ROUTES = {
     ("get", "/api/drives"), ("get", "/api/drives/{name}"), ("get", "/api/drives/{name}/estimates"),
     ("get", "/api/drives/{name}/window"), ("put", "/api/drives/{name}/window"), ("get", "/api/drives/{name}/stream"),
-    ("get", "/api/health"), ("get", "/api/drives/{name}/captures"), ("post", "/api/drives/{name}/captures"),
+    ("get", "/metrics"), ("get", "/api/health"),
+    ("get", "/api/drives/{name}/captures"), ("post", "/api/drives/{name}/captures"),
     ("get", "/api/drives/{name}/captures/{id}"), ("get", "/api/drives/{name}/captures/{id}/file"),
     ("get", "/api/drives/{name}/signals"), ("get", "/api/drives/{name}/signals/recent"),
     ("put", "/api/drives/{name}/signals"),
