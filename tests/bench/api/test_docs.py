@@ -104,7 +104,7 @@ def test_the_document_has_every_route_and_refers_to_nothing_that_is_not_there(do
 
 def test_refusals_and_bodies_are_described(document: dict[str, Any]) -> None:
     change = document["paths"]["/api/drives/{name}/window"]["put"]
-    assert set(change["responses"]) == {"200", "404", "413", "415", "422", "502", *ANY}
+    assert set(change["responses"]) == {"200", "404", "412", "413", "415", "422", "502", *ANY}
     assert "application/problem+json" in change["responses"]["422"]["content"]
     shape = document["components"]["schemas"]["WindowChangeModel"]
     assert set(shape["properties"]) == {field.name for field in fields(Window)}
