@@ -30,6 +30,7 @@ from bench.api.answers import (
     page_of,
 )
 from bench.api.captures import FILE, MEDIA
+from bench.api.guard.idempotency import REPEATABLE
 from bench.api.guard.preconditions import TAGGED, IfMatch, check_match, tag_of
 from bench.api.models.recordings import (
     AnnotationModel,
@@ -133,7 +134,7 @@ def _install_live(app: FastAPI, service: Service, found: _Found) -> None:
         )
 
     @app.post("/api/drives/{name}/recordings", summary="Record a drive's stream", status_code=202,
-              responses=_ASKED | DRIVE, openapi_extra=body_of("RecordingRequestModel"), dependencies=known)
+              responses=_ASKED | DRIVE, openapi_extra=body_of("RecordingRequestModel") | REPEATABLE, dependencies=known)
     def ask_recording(
         name: DriveName, request: Request, response: Response,
         given: Annotated[dict[str, Any], json_object({"seconds": 60.0}, required=False)],
