@@ -4,6 +4,7 @@ Knows nothing of what they do, and of HTTP.
 """
 
 import threading
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final, Generic, Protocol, TypeVar
@@ -67,6 +68,11 @@ class Jobs(Generic[S, R]):
         """Wait for their end, at most so many seconds."""
         with self._lock:
             self._lock.wait_for(lambda: not self._runs, timeout)
+
+    def under_way_by_state(self) -> Counter[str]:
+        """How many are under way, by their state in a word."""
+        with self._lock:
+            return Counter(str(self._known[id_].state) for id_ in self._runs)
 
     # --- for the kinds of jobs
 

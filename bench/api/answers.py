@@ -27,6 +27,8 @@ DRIVE: Answers = {
     404: {"description": "No drive of that name"} | PROBLEM,
     502: {"description": "The drive answered what cannot be"} | PROBLEM,
 }
+CHANGED: Answers = {412: {"description": "Another state than If-Match says; nothing was changed"} | PROBLEM}
+SAME: Answers = {304: {"description": "The state is the one that If-None-Match says"}}
 _ANY: Final = {  # of every route
     "400": "Not HTTP", "403": "Asked for by a page of another origin", "408": "The request took too long to come",
     "421": "Another Host than the service's", "431": "A head that is too long",

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import asdict
@@ -9,16 +10,18 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import Depends, FastAPI, Header, Query, Request
-from fastapi.responses import FileResponse
+from fastapi import Depends, FastAPI, Header, Query, Request, Response
+from fastapi.responses import FileResponse, PlainTextResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from pydantic import TypeAdapter
 
 from bench.api import captures, control, diagnoses, docs, experiments, history, problems, recordings, signals
 from bench.api.answers import (
+    CHANGED,
     DRIVE,
     PROBLEM,
+    SAME,
     SHAPES,
     Answers,
     DriveName,
@@ -30,6 +33,7 @@ from bench.api.answers import (
 )
 from bench.api.experiments import ExperimentRequestModel
 from bench.api.guard.kinds import READS
+from bench.api.guard.preconditions import TAGGED, IfMatch, IfNoneMatch, check_match, is_known, tag_of
 from bench.api.guard.record import changes
 from bench.api.models.captures import CaptureRequestModel, capture_model
 from bench.api.models.control import SetPointsModel, state_model
@@ -50,6 +54,7 @@ from bench.api.models.drives import (
     link_model,
     window_model,
 )
+from bench.api.models.metrics import MEDIA, metrics_text
 from bench.api.models.recent import place_of, recent_model
 from bench.api.models.recordings import AnnotationModel, MarkRequestModel, RecordingRequestModel
 from bench.api.signals import SignalValuesModel
@@ -62,6 +67,9 @@ _CHANGE: Answers = {
     422: {"description": "Not a window that can work"} | PROBLEM,
     503: {"description": "The estimation is too far behind"} | PROBLEM,
 }
+_TAGGED: Answers = {200: {"description": "Successful Response", "headers": TAGGED}}
+_METRICS: Answers = {200: {"description": "The metrics", "content": {"text/plain": {"schema": {
+    "type": "string", "examples": ["pmsm_bench_link_up{drive=\"emulated\"} 1\n"]}}}}}
 _EVENTS: Answers = {
     200: {"description": "Events called snapshot, and rows where asked for, ten a second", "content": {
         "text/event-stream": {"itemSchema": {"properties": {"data": {
@@ -118,25 +126,7 @@ def create_app(
         """
         return estimates_model(service, name)
 
-    @app.get("/api/drives/{name}/window", summary="Settings of the estimation", responses=DRIVE)
-    def window(name: DriveName) -> WindowModel:
-        """Which method, how many samples it rests on, how they are summed, what is estimated and what is held."""
-        return window_model(service.estimates(name).window)
-
-    @app.put("/api/drives/{name}/window", summary="Change settings; the samples held stay",
-             responses=_CHANGE | DRIVE, openapi_extra=body_of("WindowChangeModel"), dependencies=known)
-    def put_window(
-        name: DriveName, request: Request, change: Annotated[dict[str, Any], json_object({"length": 2000})]
-    ) -> WindowModel:
-        """Takes effect at once, on the samples held and those to come. What the body leaves out stays as it is.
-
-        The window keeps its samples under every method. rls and ekf begin with the next sample after they are chosen;
-        rls again after a change of periods_per_row, ekf after one of estimated, held or ekf.
-        """
-        before = asdict(service.estimates(name).window)
-        window = service.change_window(name, change)
-        request.state.before, request.state.after = changes(before, asdict(window))
-        return window_model(window)
+    _install_settings(app, service)
 
     @app.get("/api/drives/{name}/stream", summary="Snapshots as server-sent events", responses=_EVENTS | DRIVE,
              response_class=EventSourceResponse, dependencies=known)
@@ -180,11 +170,61 @@ def create_app(
             drives={name: state_model(service.control(name).state) for name in service.drives},
         )
 
+    @app.get("/metrics", summary="The service for Prometheus", response_class=PlainTextResponse, responses=_METRICS)
+    def metrics() -> Response:
+        """Links, streams, states and estimates of all drives, and the service itself: text format 0.0.4.
+
+        What is not known now, as an estimate that is stale or held, has no sample.
+        """
+        return Response(metrics_text(service, VERSION), media_type=MEDIA)
+
     docs.install(app)
     _serve_page(app)
     _complete(app.openapi())
     complete(app.openapi(), with_token=with_token)
     return app
+
+
+def _install_settings(app: FastAPI, service: Service) -> None:
+    changing = threading.Lock()  # between what a client has seen and the change nothing else changes
+
+    @app.get("/api/drives/{name}/window", summary="Settings of the estimation", responses=_TAGGED | SAME | DRIVE,
+             response_model=WindowModel)
+    def window(
+        name: DriveName, response: Response, if_none_match: IfNoneMatch = None
+    ) -> WindowModel | Response:
+        """Which method, how many samples it rests on, how they are summed, what is estimated and what is held."""
+        told = window_model(service.estimates(name).window)
+        tag = _tag_of_settings(told)
+        if is_known(tag, if_none_match):
+            return Response(status_code=304, headers={"ETag": tag})
+        response.headers["ETag"] = tag
+        return told
+
+    @app.put("/api/drives/{name}/window", summary="Change settings; the samples held stay",
+             responses=_TAGGED | CHANGED | _CHANGE | DRIVE, openapi_extra=body_of("WindowChangeModel"),
+             dependencies=of_known(service))
+    def put_window(
+        name: DriveName, request: Request, response: Response,
+        change: Annotated[dict[str, Any], json_object({"length": 2000})], if_match: IfMatch = None,
+    ) -> WindowModel:
+        """Takes effect at once, on the samples held and those to come. What the body leaves out stays as it is.
+
+        The window keeps its samples under every method. rls and ekf begin with the next sample after they are chosen;
+        rls again after a change of periods_per_row, ekf after one of estimated, held or ekf.
+        """
+        with changing:
+            before = service.estimates(name).window
+            check_match(_tag_of_settings(window_model(before)), if_match)
+            window = service.change_window(name, change)
+        request.state.before, request.state.after = changes(asdict(before), asdict(window))
+        told = window_model(window)
+        response.headers["ETag"] = _tag_of_settings(told)
+        return told
+
+
+def _tag_of_settings(window: WindowModel) -> str:
+    return tag_of(window, exclude={"limits"})
 
 
 def _complete(document: dict[str, Any]) -> None:

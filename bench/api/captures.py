@@ -7,6 +7,7 @@ from fastapi import FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
+from bench.api.guard.idempotency import REPEATABLE
 from bench.api.models.captures import CaptureModel, CapturesModel, capture_model
 from bench.service.service import Service
 
@@ -34,7 +35,7 @@ def install(app: FastAPI, service: Service) -> None:
         return CapturesModel(captures=[capture_model(status) for status in captures.all(name)])
 
     @app.post("/api/drives/{name}/captures", summary="Record with the drive's recorder", status_code=202,
-              responses=_ASKED | DRIVE, openapi_extra=body_of("CaptureRequestModel"),
+              responses=_ASKED | DRIVE, openapi_extra=body_of("CaptureRequestModel") | REPEATABLE,
               dependencies=known)
     def ask(
         name: DriveName, request: Request, response: Response,

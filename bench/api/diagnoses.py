@@ -7,6 +7,7 @@ from fastapi import FastAPI, Path, Query, Response
 from fastapi.responses import HTMLResponse
 
 from bench.api.answers import PROBLEM, SHAPES, Answers, Before, Limit, body_of, json_object, page_of
+from bench.api.guard.idempotency import REPEATABLE
 from bench.api.models.diagnoses import DIAGNOSIS, DIAGNOSIS_FIGURES, DiagnosesModel, DiagnosisJobModel, job_model
 from bench.diagnoses.diagnosis_jobs import FIGURES, MACHINE, REPORT, RESULT, DiagnosisJobs, Job, JobState
 from bench.diagnoses.report.page import POLICY
@@ -56,7 +57,7 @@ def _install_of_recording(app: FastAPI, jobs: DiagnosisJobs) -> None:
     """Routes of a recording's latest."""
 
     @app.post(_OF, summary="Diagnose a recording", status_code=202, responses=_ASKED,
-              openapi_extra=body_of("DiagnosisRequestModel"))
+              openapi_extra=body_of("DiagnosisRequestModel") | REPEATABLE)
     def ask_diagnosis(
         id_: RecordingId, response: Response,
         given: Annotated[dict[str, Any], json_object({"trust": {"R_s": 0.2}}, required=False)],

@@ -13,6 +13,7 @@ from bench.actions.experiment import MOST_HOLDS, AskedHold, Motor, Step
 from bench.actions.experiments import as_json
 from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.captures import FILE, MEDIA
+from bench.api.guard.idempotency import REPEATABLE
 from bench.service.service import Service
 
 _ONE: Answers = DRIVE | {404: {"description": "No drive, or no experiment, of that name"} | PROBLEM}
@@ -75,7 +76,8 @@ def install(app: FastAPI, service: Service) -> None:
     experiments, known = service.experiments, of_known(service)
 
     @app.post("/api/drives/{name}/experiments", summary="Do what a diagnosis asks for", status_code=202,
-              responses=_ASKED | DRIVE, openapi_extra=body_of("ExperimentRequestModel"), dependencies=known)
+              responses=_ASKED | DRIVE, openapi_extra=body_of("ExperimentRequestModel") | REPEATABLE,
+              dependencies=known)
     def ask_experiment(
         name: DriveName, request: Request, response: Response,
         given: Annotated[dict[str, Any], json_object({"holds": [_HOLD]})],

@@ -13,6 +13,10 @@ from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
 from drivers.errors import ConnectError, DriveError, FaultError, LostError, NoReplyError, RefusedError
 
 
+class PreconditionError(LimitError):
+    """A change of another state than the one that a client has seen."""
+
+
 class MediaError(LimitError):
     """A write that does not say that it is JSON."""
 
@@ -24,6 +28,7 @@ class TooLargeError(LimitError):
 _STATUS: dict[type[Exception], int] = {
     UnknownError: 404,
     ConflictError: 409,
+    PreconditionError: 412,
     TooLargeError: 413,
     MediaError: 415,
     LimitError: 422,

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import threading
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path as File
@@ -16,6 +17,7 @@ from pydantic import TypeAdapter
 from bench.actions.recording import Status
 from bench.api.answers import (
     BYTES,
+    CHANGED,
     DRIVE,
     PROBLEM,
     Answers,
@@ -28,6 +30,8 @@ from bench.api.answers import (
     page_of,
 )
 from bench.api.captures import FILE, MEDIA
+from bench.api.guard.idempotency import REPEATABLE
+from bench.api.guard.preconditions import TAGGED, IfMatch, check_match, tag_of
 from bench.api.models.recordings import (
     AnnotationModel,
     MarkRequestModel,
@@ -63,6 +67,7 @@ _ASKED: Answers = {
     503: {"description": "There is no link to the drive, or no room on the disk"} | PROBLEM,
 }
 _NOT_NOW: Answers = {409: {"description": "The recording is in another state"} | PROBLEM}
+_TAGGED: Answers = {200: {"description": "Successful Response", "headers": TAGGED}}  # of title and note alone
 _FILES: Answers = {200: {"description": "The recording", "content": FILE[200]["content"] | {
     "text/csv": {"schema": {"type": "string"}},
     **{media: {"schema": {"type": "string", "format": "binary"}} for _, media in FOREIGN.values()}}}}
@@ -129,7 +134,7 @@ def _install_live(app: FastAPI, service: Service, found: _Found) -> None:
         )
 
     @app.post("/api/drives/{name}/recordings", summary="Record a drive's stream", status_code=202,
-              responses=_ASKED | DRIVE, openapi_extra=body_of("RecordingRequestModel"), dependencies=known)
+              responses=_ASKED | DRIVE, openapi_extra=body_of("RecordingRequestModel") | REPEATABLE, dependencies=known)
     def ask_recording(
         name: DriveName, request: Request, response: Response,
         given: Annotated[dict[str, Any], json_object({"seconds": 60.0}, required=False)],
@@ -174,20 +179,26 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         page, total, more = page_of(wanted, lambda one: one.begun, before, limit)
         return RecordingsModel(recordings=page, total=total, next=more)
 
-    @app.get(_ROOT, summary="A recording", responses=_ONE)
-    def one_recording(id_: RecordingId) -> StoredRecordingModel:
-        """What is known of it."""
-        return found.one(id_)
+    changing = threading.Lock()  # titles and notes: between what a client has seen and the change nothing else does
 
-    @app.patch(_ROOT, summary="Title and note of a recording", responses=_ONE,
+    @app.get(_ROOT, summary="A recording", responses=_TAGGED | _ONE)
+    def one_recording(id_: RecordingId, response: Response) -> StoredRecordingModel:
+        """What is known of it. The ETag is of title and note, which can be changed."""
+        return _tagged(found.one(id_), response)
+
+    @app.patch(_ROOT, summary="Title and note of a recording", responses=_TAGGED | CHANGED | _ONE,
                openapi_extra=body_of("AnnotationModel"))
     def annotate(
-        id_: RecordingId, given: Annotated[dict[str, Any], json_object({"title": "warm"})]
+        id_: RecordingId, response: Response, given: Annotated[dict[str, Any], json_object({"title": "warm"})],
+        if_match: IfMatch = None,
     ) -> StoredRecordingModel:
         """What the body leaves out stays as it is."""
-        said, id_ = taken(_ANNOTATION, given, "", LimitError), found.one(id_).id
-        _kept(lambda: shelf.annotate(id_, said.title, said.note))
-        return found.one(id_)
+        said = taken(_ANNOTATION, given, "", LimitError)
+        with changing:
+            before = found.one(id_)
+            check_match(_tag_of_words(before), if_match)
+            _kept(lambda: shelf.annotate(before.id, said.title, said.note))
+        return _tagged(found.one(before.id), response)
 
     @app.post(f"{_ROOT}/marks", summary="Mark a moment of a recording", responses=_NOT_NOW | _ONE,
               openapi_extra=body_of("MarkRequestModel"))
@@ -298,6 +309,15 @@ def _install_files(app: FastAPI, service: Service, found: _Found) -> None:
             return FileResponse(path, media_type=MEDIA, filename=path.name)
         headers = {"Content-Disposition": f'attachment; filename="{quote(id_)}.csv"'}
         return StreamingResponse(_as_csv(path), media_type="text/csv", headers=headers)
+
+
+def _tag_of_words(one: StoredRecordingModel) -> str:
+    return tag_of(one, include={"title", "note"})
+
+
+def _tagged(one: StoredRecordingModel, response: Response) -> StoredRecordingModel:
+    response.headers["ETag"] = _tag_of_words(one)
+    return one
 
 
 def _who(request: Request) -> str:

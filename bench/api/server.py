@@ -18,6 +18,7 @@ from bench.api.guard.access import Access
 from bench.api.guard.connections import Connection, Connections, Limits
 from bench.api.guard.door import Door
 from bench.api.guard.gate import Gate
+from bench.api.guard.idempotency import Idempotency
 from bench.api.guard.load import Lanes, Load
 from bench.api.guard.record import Record
 from bench.errors import ConfigError
@@ -58,7 +59,7 @@ def serve(service: Service, listener: socket.socket, access: Access, log: WriteL
 
     connections = Connections(limits, access.tls, tell)
     app = create_app(service, lambda: server.should_exit, with_token=access.token is not None)
-    loaded = Load(Record(app, log), log, Lanes.for_drives(service.drives))
+    loaded = Load(Idempotency(Record(app, log), log), log, Lanes.for_drives(service.drives))
     config = uvicorn.Config(
         _quiet(Gate(loaded, access, log)), http=cast(Any, connections.protocol), ws="none",
         log_level="warning", timeout_graceful_shutdown=_BROKEN_OFF, access_log=False, lifespan="off",

@@ -160,11 +160,16 @@ class Service:
         """Seconds since the start."""
         return time.monotonic() - self._started
 
+    @property
+    def free_bytes(self) -> float:
+        """Of the disk, for recordings: without what they leave for others."""
+        folder = self.config.captures
+        there = next(place for place in (folder, *folder.parents) if place.exists())
+        return max(0.0, shutil.disk_usage(there).free - self.config.keep_free_megabytes * 1e6)
+
     def room_for(self, name: str) -> Room:
         """What recording a drive takes, and for how long there is room. Raises UnknownError."""
-        link, folder = self.link(name), self.config.captures
-        there = next(place for place in (folder, *folder.parents) if place.exists())
-        free = max(0.0, shutil.disk_usage(there).free - self.config.keep_free_megabytes * 1e6)
+        link, free = self.link(name), self.free_bytes
         a_day = None if not link.row_time else 86_400.0 / link.row_time * BYTES_PER_ROW
         return Room(free, a_day, None if a_day is None else free / (2.0 * a_day))  # closing takes as much again
 

@@ -6,6 +6,13 @@ from typing import Final
 READS: Final = ("GET", "HEAD")
 _STOP: Final = re.compile(r"POST /api/drives/([^/]+)/stop|DELETE /api/drives/[^/]+/(?:experiments|captures)/[^/]+")
 
+_JOB: Final = re.compile(r"POST /api/(drives/[^/]+/(captures|recordings|experiments)|recordings/[^/]+/diagnosis)")
+
+
+def begins_job(method: str, path: str) -> bool:
+    """Whether a request begins what goes on after its answer."""
+    return _JOB.fullmatch(f"{method} {path}") is not None
+
 
 def is_upload(method: str, path: str) -> bool:
     """Whether a request brings a file, which is long."""

@@ -11,7 +11,7 @@ from bench.api.guard.kinds import READS, is_upload
 from bench.store.write_log import SHORT, Entry, WriteLog, short
 
 _LONGEST: Final = 1 << 16  # bytes of an answer that is looked into
-_REFUSED: Final = (401, 403, 404, 405, 413, 415, 421, 422)  # before anything was reached
+_REFUSED: Final = (401, 403, 404, 405, 412, 413, 415, 421, 422)  # before anything was reached
 
 
 class Record:

@@ -2,6 +2,7 @@
 
 * `drives` - drives, links, estimates, windows, health; `control` - a drive's state
 * `captures`, `recordings`, `diagnoses`, `history`
+* `metrics` - the service for Prometheus, which is text
 
 SI units. Knows nothing of routes.
 """

@@ -72,7 +72,9 @@ def test_the_start_says_to_whom_it_is_open(guarded: Guarded) -> None:
     assert guarded.token not in guarded.said
 
 
-@pytest.mark.parametrize("path", ["/api/drives", "/api/health", "/openapi.json", "/web/main.js", "/nothing"])
+@pytest.mark.parametrize(
+    "path", ["/api/drives", "/api/health", "/metrics", "/openapi.json", "/web/main.js", "/nothing"]
+)
 def test_nothing_is_told_without_the_token(guarded: Guarded, path: str) -> None:
     with guarded.client() as client:
         refused = client.get(path)

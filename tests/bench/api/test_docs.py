@@ -37,7 +37,8 @@ validate: Any = jsonschema.validate  # pyright: ignore[reportUnknownMemberType]
 ROUTES = {
     ("get", "/api/drives"), ("get", "/api/drives/{name}"), ("get", "/api/drives/{name}/estimates"),
     ("get", "/api/drives/{name}/window"), ("put", "/api/drives/{name}/window"), ("get", "/api/drives/{name}/stream"),
-    ("get", "/api/health"), ("get", "/api/drives/{name}/captures"), ("post", "/api/drives/{name}/captures"),
+    ("get", "/metrics"), ("get", "/api/health"),
+    ("get", "/api/drives/{name}/captures"), ("post", "/api/drives/{name}/captures"),
     ("get", "/api/drives/{name}/captures/{id}"), ("get", "/api/drives/{name}/captures/{id}/file"),
     ("get", "/api/drives/{name}/signals"), ("get", "/api/drives/{name}/signals/recent"),
     ("put", "/api/drives/{name}/signals"),
@@ -103,7 +104,7 @@ def test_the_document_has_every_route_and_refers_to_nothing_that_is_not_there(do
 
 def test_refusals_and_bodies_are_described(document: dict[str, Any]) -> None:
     change = document["paths"]["/api/drives/{name}/window"]["put"]
-    assert set(change["responses"]) == {"200", "404", "413", "415", "422", "502", *ANY}
+    assert set(change["responses"]) == {"200", "404", "412", "413", "415", "422", "502", *ANY}
     assert "application/problem+json" in change["responses"]["422"]["content"]
     shape = document["components"]["schemas"]["WindowChangeModel"]
     assert set(shape["properties"]) == {field.name for field in fields(Window)}
