@@ -91,7 +91,11 @@ export function recordingView() {
     const sure = await confirmed(`Delete ${gone.title || gone.id}?`,
       `${gone.id}: ${gone.kind} of ${clock(gone.begun)}, ${integer(gone.rows)} rows, ${bytes(gone.bytes)}. It goes from the disk for good.`, "Delete it");
     if (!sure) return;
-    await tried(async () => { await deleteRecording(gone.id); go("recordings", drive); });
+    await tried(async () => {
+      await deleteRecording(gone.id);
+      id = null; // there is nothing to look at again
+      go("recordings", drive);
+    });
   }
 
   async function refresh() {
