@@ -93,7 +93,7 @@ export function recordingView() {
     if (!sure) return;
     await tried(async () => {
       await deleteRecording(gone.id);
-      id = null; // there is nothing to look at again
+      id = one = null; // there is nothing to look at again
       go("recordings", drive);
     });
   }
