@@ -145,7 +145,7 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         """All that are under way, or have ended and not been deleted; the newest first."""
         with self._lock:
             here = dict(self._known)
-        every = here | {kept.id: Job.of(kept) for kept in self._kept.all()}
+        every = {kept.id: Job.of(kept) for kept in self._kept.all()} | here  # under way until its run has ended
         return _newest_first(every.values())
 
     def named(self, id_: str) -> Job:
@@ -221,7 +221,7 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         recording = self._file(recording).stem if recording == LATEST else recording
         with self._lock:
             here = {id_: job for id_, job in self._known.items() if job.recording == recording}
-        found = here | {kept.id: Job.of(kept) for kept in self._kept.all() if kept.recording == recording}
+        found = {kept.id: Job.of(kept) for kept in self._kept.all() if kept.recording == recording} | here
         if not found:
             raise UnknownError(f"no diagnosis of a recording {shown(recording)}")
         return _newest_first(found.values())
