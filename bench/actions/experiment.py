@@ -66,10 +66,12 @@ class AskedHold(Hold):
 
     __pydantic_config__: ClassVar = CLOSED
 
-    speed_rpm: Annotated[_Level, Field(description="mechanical; the drive holds it where it controls its speed")]
-    i_d: Annotated[_Level, Field(description="A")]
-    i_q: Annotated[_Level, Field(description="A; under speed control it follows from the load instead")]
-    seconds: Annotated[float, Number(0.01, LONGEST), Field(description="s")]
+    speed_rpm: Annotated[_Level, Field(
+        description="rpm, mechanical; the drive holds it where it controls its speed", examples=[1200.0]
+    )]
+    i_d: Annotated[_Level, Field(description="A", examples=[-1.8])]
+    i_q: Annotated[_Level, Field(description="A; under speed control it follows from the load instead", examples=[2.0])]
+    seconds: Annotated[float, Number(0.01, LONGEST), Field(description="s", examples=[0.5])]
 
 
 Step = Annotated[
@@ -79,7 +81,7 @@ Motor = Annotated[
     Mapping[str, float],
     Table(f"expected an object of {', '.join(_MOTOR)}", "expected {all}, got {key}",
           dict.fromkeys(_MOTOR, Annotated[float, Number(1e-9, 1e9)])),
-    Field(description=f"the motor it is meant for: any of {', '.join(_MOTOR)}; another one is refused"),
+    Field(description=f"the motor it is meant for: any of {', '.join(_MOTOR)}, SI; another one is refused"),
 ]
 _HOLD: Final = TypeAdapter(Annotated[AskedHold, Table("expected speed_rpm, i_d, i_q and seconds", whole=True)])
 _STEP: Final = TypeAdapter[float](Step)

@@ -31,12 +31,12 @@ class SignalModel(BaseModel):
     """A signal of the drive's dictionary."""
 
     name: str = Field(examples=["i_q_ref"])
-    value: float | None = Field(description="SI; null where the drive does not know it")
+    value: float | None = Field(description="SI; null where the drive does not know it", examples=[2.0])
     unit: str = Field(examples=["A"])
-    access: str = Field(description="const, ro or rw")
-    minimum: float | None = Field(description="of what may be written; null: as the type")
-    maximum: float | None
-    summary: str
+    access: str = Field(description="const, ro or rw", examples=["rw"])
+    minimum: float | None = Field(description="of what may be written; null: as the type", examples=[None])
+    maximum: float | None = Field(description="likewise", examples=[None])
+    summary: str = Field(description="what it is", examples=["q-axis current reference"])
 
 
 class SignalsModel(BaseModel):

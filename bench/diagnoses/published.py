@@ -40,6 +40,44 @@ _ALSO: Final[Mapping[str, Mapping[str, Any]]] = {  # by field: told, and not enf
     "parameters": {"propertyNames": {"examples": ["dead_time"]}}, "region": {"propertyNames": {"examples": ["i_q"]}},
     "psi_d": _TABLE, "psi_q": _TABLE, "psi_d_std": _TABLE, "psi_q_std": _TABLE,
 }  # fmt: skip
+_UNLIKE: Final = "in the unit of what it is of"
+_OF: Final[Mapping[str, Mapping[str, Any]]] = {  # by type and field: examples, and units that the name does not tell
+    "Diagnosis.sentence": {"examples": ["An inverter's voltage error was left out: 2.0 us of dead time."]},
+    "Diagnosis.remarks": {"examples": [[]]},
+    "Ambiguity.reason": {"examples": ["both act alike at one speed"]},
+    "Candidate.log10_odds_alone": {"examples": [512.0]}, "Candidate.log10_odds_after": {"examples": [498.0]},
+    "Candidate.chosen": {"examples": [True]},
+    "Change.before": {"description": _UNLIKE, "examples": [0.182]},
+    "Change.after": {"description": _UNLIKE, "examples": [0.0027]},
+    "ErrorChange.before": {"description": _UNLIKE, "examples": [0.261]},
+    "ErrorChange.after": {"description": _UNLIKE, "examples": [0.0472]},
+    "ErrorChange.noise_floor": {"description": _UNLIKE, "examples": [0.0469]},
+    "Experiment.sentence": {"examples": ["record 1200 rpm and 300 rpm at i_q = 2.7 A"]},
+    "Finding.odds_against_next": {"examples": [MOST_ODDS]}, "Finding.absorbed_as": {"examples": [{"R_s": 0.004}]},
+    "Fit.held_out": {"examples": [True]}, "Fit.explained": {"examples": [0.97]},
+    "FluxTable.i_d": {"examples": [[-2.0, 0.0]]}, "FluxTable.i_q": {"examples": [[0.0, 2.0]]},
+    "FluxTable.psi_d": {"description": "Vs", "examples": [[[0.111, None], [0.12, 0.119]]]},
+    "FluxTable.psi_q": {"description": "Vs", "examples": [[[0.0, None], [0.0, 0.012]]]},
+    "FluxTable.psi_d_std": {"description": "Vs", "examples": [[[1e-4, None], [1e-4, 1e-4]]]},
+    "FluxTable.psi_q_std": {"description": "Vs", "examples": [[[1e-4, None], [1e-4, 1e-4]]]},
+    "Hold.speed_rpm": {"examples": [1200.0]}, "Hold.i_d": {"examples": [-1.5]}, "Hold.i_q": {"examples": [2.7]},
+    "Hold.seconds": {"description": "s"},
+    "LeaveOneOut.left_out": {"examples": ["a frequency"]}, "LeaveOneOut.before": {"examples": [0.31]},
+    "LeaveOneOut.after": {"examples": [0.04]}, "LeaveOneOut.unit": {"examples": ["V"]},
+    "LeaveOneOut.alternatives": {"examples": [{"without iron_loss": 0.12}]},
+    "Motor.nominal": {"examples": [{"R_s": 0.97, "L_d": 4.2e-3, "L_q": 6.2e-3, "psi_f": 0.12, "n_p": 4}]},
+    "Place.sentence": {"examples": ["on q where a phase current changes sign"]},
+    "Place.region": {"examples": [{"axis": "q", "i_q": [1.5, 3.0]}]},
+    "Place.energy_share": {"examples": [0.74]}, "Place.samples_share": {"examples": [0.31]},
+    "Quantity.value": {"description": "in its unit", "examples": [2.0e-6]}, "Quantity.std": {"examples": [1.0e-8]},
+    "Quantity.unit": {"examples": ["s"]},
+    "Range.least": {"description": "a ratio", "examples": [0.95]},
+    "Range.most": {"description": "a ratio", "examples": [1.05]},
+    "Recording.path": {"examples": ["run.parquet"]}, "Recording.rows": {"examples": [60_000]},
+    "Recording.duration": {"examples": [6.0]}, "Rival.odds": {"examples": [MOST_ODDS]},
+    "Unexplained.rms_V": {"examples": [0.31]},
+    "Unexplained.description": {"examples": ["a 785 Hz voltage of 22.7 V, fixed in the stationary frame"]},
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +158,8 @@ class _Schema(GenerateJsonSchema):
         for name, hint in get_type_hints(schema["cls"], include_extras=True).items():
             if name in shape["properties"]:
                 texts = [text for text in getattr(hint, "__metadata__", ()) if isinstance(text, str)]
-                shape["properties"][name] |= _ALSO.get(name, {}) | dict(zip(("description",), texts, strict=False))
+                also = _ALSO.get(name, {}) | _OF.get(f"{schema['cls'].__name__}.{name}", {})
+                shape["properties"][name] |= also | dict(zip(("description",), texts, strict=False))
         return shape | {"required": [name for name in shape["properties"] if name != _AT_TIMES]}
 
 

@@ -22,6 +22,14 @@ _WRITABLE: Final = {  # with the least that the bench lets through
     signal.name: replace(signal, minimum=LEASE_TIMES[0]) if signal.name == "watchdog_time" else signal
     for signal in SIGNALS if signal.access == "rw" and signal.index != _RECORDER
 }  # fmt: skip
+_EXAMPLES: Final[Mapping[str, float]] = {  # SI, of a servo motor of 6 A
+    "stream_periods": 10, "n_p": 4, "control_R_s": 0.97, "control_L_d": 4.2e-3, "control_L_q": 6.2e-3,
+    "control_psi_f": 0.12, "bandwidth": 1250.0, "field_weakening": 0, "i_d_weakening": 3.0, "weakening_voltage": 0.95,
+    "i_d_ref": -1.0, "i_q_ref": 2.0, "i_d_step": 1.0, "i_q_step": 1.0, "step_time": 0.02, "watchdog_time": 2.0,
+    "speed_control": 0, "speed_ref": 500.0, "speed_ramp": 1000.0, "speed_step": 50.0, "speed_hold": 1.0,
+    "excitation_kind": 1, "sine_frequency": 10.0, "sine_count": 8, "i_d_levels": 11, "level_time": 0.5,
+    "speed_error_trip": 100.0, "speed_error_time": 0.5, "control_word": 0x0F, "overspeed_trip": 1500.0,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +97,9 @@ def _shape(signal: Signal) -> dict[str, Any]:
     kind = "number" if signal.type is WireType.F32 else "integer"
     bounds = {"minimum": signal.minimum, "maximum": signal.maximum}
     text = signal.summary if signal.unit == "1" else f"{signal.summary}, {signal.unit}"
-    return {"type": kind, "description": text} | {key: end for key, end in bounds.items() if end is not None}
+    example = _EXAMPLES.get(signal.name, signal.minimum)  # a command has one value
+    shape = {"type": kind, "description": text, "examples": [example]}
+    return shape | {key: end for key, end in bounds.items() if end is not None}
 
 
 def _checked(signal: Signal, value: object) -> float:

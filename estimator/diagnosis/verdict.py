@@ -48,7 +48,7 @@ class Place:
     sentence: str
     region: Annotated[
         Mapping[str, float | str | tuple[float, float]],  # e.g. {"i_q": (2.0, 5.1), "axis": "q"}; SI
-        "the smallest region that holds most of the mismatch: a value, or a range, by quantity",
+        "the smallest region that holds most of the mismatch: a value, or a range, by quantity, SI",
     ]
     energy_share: Annotated[float, "of the mismatch's energy"]  # 0 to 1
     samples_share: Annotated[float, "of the recording's rows"]  # 0 to 1

@@ -46,9 +46,11 @@ class ControlModel(StateModel):
     lease_left_s: float | None = Field(
         description="until the drive goes off unless its holder renews; null under local control", examples=[0.8]
     )
-    ours: bool = Field(description="this service controls it")
+    ours: bool = Field(description="this service controls it", examples=[True])
     whom: str | None = Field(description="who asked for that, or for which experiment", examples=["127.0.0.1"])
-    in_experiment: bool = Field(description="this service controls it for an experiment: `start` is refused")
+    in_experiment: bool = Field(
+        description="this service controls it for an experiment: `start` is refused", examples=[False]
+    )
     said: str = Field(description="why control ended, a clause; empty while it has not", examples=[""])
     undone: str = Field(
         description="what a bench that ended without notice had left, and this one has undone", examples=[""]

@@ -69,8 +69,8 @@ class DiagnosesModel(BaseModel):
     """Diagnoses, the newest first."""
 
     diagnoses: list[DiagnosisJobModel]
-    total: int = Field(description="that the filters let through")
-    next: str | None = Field(description="before which the next page begins; null on the last one")
+    total: int = Field(description="that the filters let through", examples=[1])
+    next: str | None = Field(description="before which the next page begins; null on the last one", examples=[None])
 
 
 def job_model(job: Job, *, recording_there: bool) -> DiagnosisJobModel:

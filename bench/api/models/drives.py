@@ -27,7 +27,7 @@ class IdentityModel(BaseModel):
     """Who the drive says it is."""
 
     device_name: str = Field(examples=["pmsm-bench virtual drive"])
-    vendor_id: int
+    vendor_id: int = Field(examples=[0])
     product_code: int = Field(examples=[1347244877])
     revision: int = Field(examples=[1])
     serial: int = Field(examples=[1])
@@ -52,7 +52,7 @@ class LinkModel(BaseModel):
         description="connecting: never had it; lost: had it, trying to get it back", examples=["streaming"]
     )
     since: datetime = Field(description="when the state was entered", examples=[_TIME])
-    reconnects: int = Field(description="times the link came back")
+    reconnects: int = Field(description="times the link came back", examples=[0])
     last_error: FailureModel | None = Field(description="also while all is well again", examples=[None])
 
 
@@ -62,13 +62,18 @@ class StreamModel(BaseModel):
     rate_hz: float = Field(description="rows per second over the last 2 s", examples=[1000.1])
     nominal_rate_hz: float | None = Field(description="rows per second by the drive's own clock", examples=[1000.0])
     rows: int = Field(description="rows received", examples=[251930])
-    gaps: int = Field(description="breaks between rows")
-    rows_lost: int = Field(description="rows the drive made and the bench never had, by the drive's clock")
-    clock_resets: int = Field(
-        description="times the drive's clock began anew: rows it made just before, if any, are not in rows_lost"
+    gaps: int = Field(description="breaks between rows", examples=[0])
+    rows_lost: int = Field(
+        description="rows the drive made and the bench never had, by the drive's clock", examples=[0]
     )
-    frames_late: int = Field(description="frames that came twice, or too late: passed over")
-    frames_foreign: int = Field(description="frames under the stream's identifiers that are not of it: passed over")
+    clock_resets: int = Field(
+        description="times the drive's clock began anew: rows it made just before, if any, are not in rows_lost",
+        examples=[0]
+    )
+    frames_late: int = Field(description="frames that came twice, or too late: passed over", examples=[0])
+    frames_foreign: int = Field(
+        description="frames under the stream's identifiers that are not of it: passed over", examples=[0]
+    )
     note: str = Field(description="what the bench changed of the stream by itself; empty: nothing", examples=[""])
     age_s: float | None = Field(description="since the end of the latest row, by the drive's tick", examples=[0.004])
     t_drive_s: float | None = Field(description="drive's clock at the end of the latest row", examples=[251.93])
@@ -128,7 +133,7 @@ class DrivesModel(BaseModel):
 class EstimateModel(BaseModel):
     """One parameter; null where there is nothing honest to say."""
 
-    value: float | None = Field(examples=[0.9665106])
+    value: float | None = Field(description="in its unit", examples=[0.9665106])
     std: float | None = Field(
         description="standard error; null unless status is ok, doubtful or stale", examples=[1.9e-4]
     )
@@ -171,7 +176,7 @@ class MismatchModel(BaseModel):
         description="of what is left, in standard deviations of noise; of the latest window that could say it, as the "
         "three below", examples=[41.7],
     )
-    ratio: float | None = Field(description="energy of what is left over that of noise", examples=[18.2])
+    ratio: float | None = Field(description="energy of what is left over that of noise, a ratio", examples=[18.2])
     rms_V: float | None = Field(description="of what stands above noise, V", examples=[0.31])
     least_V: float | None = Field(description="of that, from which it matters, V", examples=[0.06])
 
@@ -179,15 +184,15 @@ class MismatchModel(BaseModel):
 class Bounds(BaseModel):
     """Least and largest whole number."""
 
-    minimum: int
-    maximum: int
+    minimum: int = Field(description="least", examples=[4])
+    maximum: int = Field(description="largest", examples=[1_000_000])
 
 
 class Range(BaseModel):
     """Least and largest number."""
 
-    minimum: float
-    maximum: float
+    minimum: float = Field(description="least, a share", examples=[0.99])
+    maximum: float = Field(description="largest, a share", examples=[1.0])
 
 
 class WindowLimits(BaseModel):
@@ -246,12 +251,12 @@ class EstimatesModel(BaseModel):
     drive_state: StateModel
     window: WindowModel
     samples: int = Field(description="in the window; rls, ekf: since the method began", examples=[1000])
-    gaps: int = Field(description="breaks in the stream among these samples")
-    left_out: int = Field(description="rows with a value that is no number, since the estimation began")
-    rows_dropped: int = Field(description="rows that came too fast for the estimator, since the start")
+    gaps: int = Field(description="breaks in the stream among these samples", examples=[0])
+    left_out: int = Field(description="rows with a value that is no number, since the estimation began", examples=[0])
+    rows_dropped: int = Field(description="rows that came too fast for the estimator, since the start", examples=[0])
     age_s: float | None = Field(description="age of the newest row that these estimates rest on", examples=[0.021])
     t_drive_s: float | None = Field(description="drive's clock at the end of that row", examples=[251.93])
-    condition: float | None = Field(description="condition number of the column-scaled regressors", examples=[1.84])
+    condition: float | None = Field(description="of the column-scaled regressors, a ratio", examples=[1.84])
     residual_rms_V: float | None = Field(description="of the regression, V", examples=[0.064])
 
 
@@ -267,7 +272,7 @@ class ThreadModel(BaseModel):
     """One thread of the service."""
 
     name: str = Field(examples=["estimation"])
-    alive: bool
+    alive: bool = Field(examples=[True])
     failure: str | None = Field(description="its last unexpected failure", examples=[None])
 
 
@@ -276,7 +281,7 @@ class HealthModel(BaseModel):
 
     status: Literal["ok", "degraded"] = Field(description="ok: all threads run and all drives stream")
     version: str = Field(examples=["0.1.0"])
-    uptime_s: float = Field(examples=[251.4])
+    uptime_s: float = Field(description="s, since the start", examples=[251.4])
     threads: list[ThreadModel]
     links: dict[str, LinkModel] = Field(
         description="by drive", json_schema_extra={"propertyNames": {"examples": ["emulated"]}}

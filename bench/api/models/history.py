@@ -17,20 +17,26 @@ class CourseModel(BaseModel):
     """A parameter over time: lists of equal length."""
 
     unit: str = Field(examples=["ohm"])
-    t: list[float] = Field(description="s since 1970, UTC: where each span begins")
-    value: list[float] = Field(description="mean over the span")
-    std: list[float | None] = Field(description="mean standard error; null: a value that is held")
-    low: list[float] = Field(description="least value in the span")
-    high: list[float] = Field(description="largest value in the span")
-    status: list[Literal["held", "ok", "doubtful"]] = Field(description="the worst in the span")
+    t: list[float] = Field(
+        description="s since 1970, UTC: where each span begins", examples=[[1769860800.0, 1769860860.0]]
+    )
+    value: list[float] = Field(description="mean over the span", examples=[[0.9663, 0.9671]])
+    std: list[float | None] = Field(
+        description="mean standard error; null: a value that is held", examples=[[1.9e-4, 2.1e-4]]
+    )
+    low: list[float] = Field(description="least value in the span", examples=[[0.9659, 0.9668]])
+    high: list[float] = Field(description="largest value in the span", examples=[[0.9668, 0.9674]])
+    status: list[Literal["held", "ok", "doubtful"]] = Field(
+        description="the worst in the span", examples=[["ok", "ok"]]
+    )
 
 
 class HistoryModel(BaseModel):
     """A drive's estimates in the past; where there was none, and while they were stale, a span is missing."""
 
     drive: str = Field(examples=["emulated"])
-    since: datetime
-    until: datetime
+    since: datetime = Field(description="begin of the time asked for", examples=["2026-01-31T12:00:00Z"])
+    until: datetime = Field(description="its end", examples=["2026-01-31T13:00:00Z"])
     span_s: int = Field(description="of each point, s: as short as makes no more than 1,500 of them", examples=[60])
     parameters: dict[str, CourseModel] = Field(description="empty where nothing is remembered")
 
@@ -42,9 +48,9 @@ class WriteModel(BaseModel):
     by: str = Field(description="how it was let in: loopback, token, page", examples=["loopback"])
     method: str = Field(examples=["POST"])
     path: str = Field(examples=["/api/drives/emulated/stop"])
-    status: int = Field(examples=[200])
-    outcome: str = Field(examples=["done"])
-    body: str
+    status: int = Field(description="of the answer", examples=[200])
+    outcome: str = Field(description="done, or why not", examples=["done"])
+    body: str = Field(description="as it came, shortened", examples=['{"i_q_ref": 2.0}'])
     before: Any = Field(description="what it changed, as it was; null where it is not told", examples=[None])
     after: Any = Field(examples=[None])
 
@@ -54,7 +60,9 @@ class LeaseModel(BaseModel):
 
     part: Literal["control", "recorder"] = Field(description="of the drive")
     holder: str = Field(examples=["capture emulated-20260131-120000-000"])
-    ended: datetime | None = Field(description="null: it goes on, or when is not known")
+    ended: datetime | None = Field(
+        description="null: it goes on, or when is not known", examples=["2026-01-31T12:00:40Z"]
+    )
     how: str = Field(description="it ended; empty: it goes on", examples=["done"])
 
 
@@ -72,8 +80,8 @@ class EventsModel(BaseModel):
     """What happened to a drive, the newest first."""
 
     events: list[EventModel]
-    total: int = Field(description="before that time, of that kind")
-    next: str | None = Field(description="before which the next page begins; null on the last one")
+    total: int = Field(description="before that time, of that kind", examples=[1])
+    next: str | None = Field(description="before which the next page begins; null on the last one", examples=[None])
 
 
 class ParameterChangeModel(BaseModel):
@@ -86,7 +94,7 @@ class ParameterChangeModel(BaseModel):
     before: float | None = Field(
         serialization_alias="from", description="null: it was not read before, or is not finite", examples=[1000.0]
     )
-    after: float | None = Field(serialization_alias="to", examples=[1500.0])
+    after: float | None = Field(description="null: not finite", serialization_alias="to", examples=[1500.0])
 
 
 class ParametersModel(BaseModel):
@@ -94,7 +102,7 @@ class ParametersModel(BaseModel):
 
     at: datetime = Field(examples=["2026-01-31T12:00:00Z"])
     why: str = Field(description="they were read: what began", examples=["connected"])
-    device: str = Field(examples=["a drive, serial 1"])
+    device: str = Field(description="by which the drive is known again", examples=["a drive, serial 1"])
     values: dict[str, float | None] = Field(description="by signal, SI", examples=[{"bandwidth": 1500.0}])
     changed: list[ParameterChangeModel] = Field(
         description="what is not as in the one before; empty where there is none before"
@@ -105,8 +113,8 @@ class SnapshotsModel(BaseModel):
     """A drive's parameters, whenever they were other than before; the newest first."""
 
     snapshots: list[ParametersModel]
-    total: int = Field(description="before that time")
-    next: str | None = Field(description="before which the next page begins; null on the last one")
+    total: int = Field(description="before that time", examples=[1])
+    next: str | None = Field(description="before which the next page begins; null on the last one", examples=[None])
 
 
 def event_model(one: Happening) -> EventModel:

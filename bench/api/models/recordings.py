@@ -71,56 +71,72 @@ class StoredRecordingModel(BaseModel):
     state: Literal["armed", "recording", "closing", "done", "failed", "cancelled"] = Field(
         description="the last three are ends", examples=["done"]
     )
-    begun: datetime = Field(description="of a file that does not say: when it was written")
+    begun: datetime = Field(
+        description="of a file that does not say: when it was written", examples=["2026-01-31T12:00:00Z"]
+    )
     rows: int = Field(examples=[60_000])
-    seconds: float | None = Field(description="gaps included; null where the file does not say", examples=[60.0])
+    seconds: float | None = Field(description="s, gaps included; null where the file does not say", examples=[60.0])
     bytes: int = Field(description="on disk", examples=[1_400_000])
     columns: list[str] = Field(description="empty while it is under way", examples=[["t", "theta_e", "i_d", "i_q"]])
-    title: str
-    note: str
+    title: str = Field(examples=["warm, 1200 rpm"])
+    note: str = Field(examples=[""])
     marks: list[MarkModel]
-    gaps: int
-    rows_lost: int = Field(description="that the drive made in the gaps, as far as it is known")
-    whole: bool = Field(description="it has all that it was to have")
-    reason: str = Field(description="a sentence: why it ended, what it waits for, or what is wrong with its file")
-    continues: str = Field(description="id of the recording that it goes on with; empty: of none")
+    gaps: int = Field(description="breaks between rows", examples=[0])
+    rows_lost: int = Field(description="that the drive made in the gaps, as far as it is known", examples=[0])
+    whole: bool = Field(description="it has all that it was to have", examples=[True])
+    reason: str = Field(
+        description="a sentence: why it ended, what it waits for, or what is wrong with its file",
+        examples=["stopped by 127.0.0.1"]
+    )
+    continues: str = Field(description="id of the recording that it goes on with; empty: of none", examples=[""])
 
 
 class RecordingsModel(BaseModel):
     """Recordings, the newest first."""
 
     recordings: list[StoredRecordingModel]
-    total: int = Field(description="that the filters let through")
-    next: str | None = Field(description="before which the next page begins; null on the last one")
+    total: int = Field(description="that the filters let through", examples=[1])
+    next: str | None = Field(description="before which the next page begins; null on the last one", examples=[None])
 
 
 class RoomModel(BaseModel):
     """A drive's recording, and what there is room for."""
 
     recording: StoredRecordingModel | None = Field(description="under way; null: none")
-    bytes_per_day: float | None = Field(description="that a recording takes at most; null while no rows come")
-    free_bytes: float = Field(description="on the disk, without what recordings leave for others")
-    days: float | None = Field(description="of recording that there is room for, closing it included")
+    bytes_per_day: float | None = Field(
+        description="that a recording takes at most; null while no rows come", examples=[3.5e9]
+    )
+    free_bytes: float = Field(description="on the disk, without what recordings leave for others", examples=[8.4e10])
+    days: float | None = Field(description="of recording that there is room for, closing it included", examples=[12.0])
 
 
 class SpreadModel(BaseModel):
     """A signal at each of the times; null where it has no value, or the line is broken by a gap."""
 
     unit: str = Field(description="empty where nothing says it", examples=["A"])
-    low: list[float | None] = Field(description="lowest value of the rows that a point stands for")
-    mean: list[float | None]
-    high: list[float | None] = Field(description="highest value; of a row alone, low, mean and high are its value")
+    low: list[float | None] = Field(
+        description="lowest value of the rows that a point stands for", examples=[[1.92, 1.94]]
+    )
+    mean: list[float | None] = Field(description="mean of these rows", examples=[[2.0, 1.99]])
+    high: list[float | None] = Field(
+        description="highest value; of a row alone, low, mean and high are its value", examples=[[2.07, 2.05]]
+    )
 
 
 class SamplesModel(BaseModel):
     """A stretch of a recording for a plot. SI; times in s from the recording's begin."""
 
     id: str = Field(examples=[_ID])
-    since: float
-    until: float = Field(description="at most the recording's end")
+    since: float = Field(description="s from the recording's begin", examples=[0.0])
+    until: float = Field(description="s, at most the recording's end", examples=[2.5])
     rows: int = Field(description="in that time", examples=[2500])
-    thinned: bool = Field(description="points stand for several rows; they reach over the ends by a point at most")
-    t: list[float] = Field(description="of every signal: the middle of the rows that a point stands for, or of a gap")
+    thinned: bool = Field(
+        description="points stand for several rows; they reach over the ends by a point at most", examples=[True]
+    )
+    t: list[float] = Field(
+        description="s, of every signal: the middle of the rows that a point stands for, or of a gap",
+        examples=[[0.00125, 0.00375]]
+    )
     signals: dict[str, SpreadModel]
 
 

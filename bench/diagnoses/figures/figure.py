@@ -27,7 +27,7 @@ class Axis:
 
     label: Annotated[str, Field(description="what it is, in words or letters", examples=["time"])]
     unit: Annotated[str, Field(description="SI but for deg, rpm and %; empty where there is none", examples=["s"])]
-    low: Annotated[float, Field(description="left, or lower, end")]
+    low: Annotated[float, Field(description="left, or lower, end", examples=[0.0])]
     high: Annotated[float, Field(description="right, or upper, end", examples=[6.0])]
     scale: Annotated[Scale, Field(description="exponent: linear, of numbers that are exponents of ten")] = "linear"
     names: Annotated[tuple[str, ...], Field(description="of 0, 1, 2, ... on it, where bars have names")] = ()
@@ -42,10 +42,17 @@ class Trace:
     name: Annotated[str, Field(description="for a legend", examples=["before"])]
     role: Annotated[Role, Field(description="what it is; whoever draws it has a colour for each")]
     kind: Kind
-    x: Annotated[Numbers, Field(description="of points; of bars, which lie, how far they reach from 0; of a heatmap, "
-                                "its edges, one more than z has columns")]
-    y: Annotated[Numbers, Field(description="of points and bars; of a heatmap, its edges, one more than z has rows")]
-    z: Annotated[tuple[Numbers, ...], Field(description="of a heatmap: a row for each step of y")] = ()
+    x: Annotated[Numbers, Field(
+        description="in the axis's unit: of points; of bars, which lie, how far they reach from 0; of a heatmap, its "
+        "edges, one more than z has columns", examples=[[0.0, 3.0, 6.0]],
+    )]  # fmt: skip
+    y: Annotated[Numbers, Field(
+        description="in the axis's unit: of points and bars; of a heatmap, its edges, one more than z has rows",
+        examples=[[0.31, 0.28, None]],
+    )]  # fmt: skip
+    z: Annotated[
+        tuple[Numbers, ...], Field(description="in the unit of the figure's z: of a heatmap, a row for each step of y")
+    ] = ()
     level: Annotated[
         tuple[int, int] | None, Field(description="of the role level: the k-th of n, from 1", examples=[[1, 6]])
     ] = None
@@ -57,7 +64,7 @@ class Panel:
 
     __pydantic_config__ = _PUBLISHED
 
-    title: Annotated[str, Field(description="above it; empty where it needs none")]
+    title: Annotated[str, Field(description="above it; empty where it needs none", examples=["u_q"])]
     x: Axis
     y: Axis
     traces: tuple[Trace, ...]
@@ -72,7 +79,7 @@ class Figure:
     part: Annotated[str, Field(description="of the report", examples=["map"])]
     name: Annotated[str, Field(description="unlike all others", examples=["map-0"])]
     title: Annotated[str, Field(description="of its part, whose figures share it", examples=["Where it is"])]
-    caption: Annotated[str, Field(description="a sentence below it")]
+    caption: Annotated[str, Field(description="a sentence below it", examples=["What is left of the voltage, rms"])]
     panels: tuple[Panel, ...]
     beside: Annotated[bool, Field(description="one panel beside the other where there is room; else below")] = False
     z: Annotated[Axis | None, Field(description="what the colours of heatmaps stand for")] = None

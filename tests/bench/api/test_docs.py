@@ -102,6 +102,54 @@ def test_the_document_has_every_route_and_refers_to_nothing_that_is_not_there(do
     assert "HTTPValidationError" not in shapes  # refusals are problem documents
 
 
+def leaves(shapes: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
+    """Properties of all shapes that are no shapes themselves: where, the property, those beside it."""
+    for model, shape in shapes.items():
+        beside = shape.get("properties", {})
+        yield from ((f"{model}.{name}", field, beside) for name, field in beside.items() if kinds(field))
+
+
+def held(field: dict[str, Any]) -> list[dict[str, Any]]:
+    """What a property holds: one of several, items, values by name."""
+    inner = [*field.get("anyOf", ()), *field.get("properties", {}).values()]
+    return inner + [field[key] for key in ("items", "additionalProperties") if isinstance(field.get(key), dict)]
+
+
+def kinds(field: dict[str, Any]) -> set[str]:
+    """JSON's types of the values in a property, whatever holds them; none of other shapes."""
+    return {field.get("type", "null")}.union(*map(kinds, held(field))) - {"array", "object", "null"}
+
+
+def has_example(field: dict[str, Any]) -> bool:
+    """An example, or the only values that it takes, of the property or of what it holds."""
+    return any(key in field for key in ("examples", "enum", "const", "default")) or any(map(has_example, held(field)))
+
+
+OBVIOUS = {  # names of properties that say what they are
+    "alive", "at", "asked", "chosen", "description", "device_name", "drive", "effect", "effects", "groups", "holder",
+    "id", "method", "name", "note", "parameters", "path", "product_code", "reason", "revision", "rms_V", "rows",
+    "sentence", "serial", "text", "time", "title", "type", "unit", "vendor_id", "version",
+}  # fmt: skip
+UNIT_IN_NAME = re.compile(r"_(s|V|A|hz|rpm)$|bytes|odds|^days$")
+UNIT = re.compile(
+    r"\b(s|V|A|Vs|ohm|H|Hz|rad|rad/s|rad/s2|rpm|degC|SI|shares?|ratio|unit|weight|deviations?)\b|0 to 1"
+)  # or what says that it has none
+
+
+def test_every_property_has_an_example_a_meaning_and_its_unit(document: dict[str, Any]) -> None:
+    wanting = list[str]()
+    for where, field, beside in leaves(document["components"]["schemas"]):
+        name, said = where.partition(".")[2], field.get("description", "")
+        if not has_example(field):
+            wanting.append(f"{where}: an example")
+        if not said and name not in OBVIOUS and "enum" not in field:
+            wanting.append(f"{where}: a description")
+        has_unit = "unit" in beside or UNIT_IN_NAME.search(name) or UNIT.search(said)
+        if "number" in kinds(field) and not has_unit:
+            wanting.append(f"{where}: a unit, got {said!r}")
+    assert wanting == []
+
+
 def test_refusals_and_bodies_are_described(document: dict[str, Any]) -> None:
     change = document["paths"]["/api/drives/{name}/window"]["put"]
     assert set(change["responses"]) == {"200", "404", "412", "413", "415", "422", "502", *ANY}
