@@ -20,7 +20,7 @@ from tests.browser.chromium import chromium
 from tests.conftest import bench_up
 
 FILE: Final = Path(".readme") / "page.png"
-SIZE: Final = (1200, 760)  # px
+SIZE: Final = (1400, 900)  # px
 REPORT: Final = Path(".readme") / "report.png"
 REPORT_SIZE: Final = (760, 1500)
 SETTLED: Final = 60.0  # s of plots
