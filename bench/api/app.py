@@ -215,6 +215,7 @@ def _install_settings(app: FastAPI, service: Service) -> None:
         """
         with changing:
             before = service.estimates(name).window
+            before.changed(change)  # what cannot be is told so, whatever the client has seen (RFC 9110, 13.2.1)
             check_match(_tag_of_settings(window_model(before)), if_match)
             window = service.change_window(name, change)
         request.state.before, request.state.after = changes(asdict(before), asdict(window))

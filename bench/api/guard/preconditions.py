@@ -17,10 +17,18 @@ _TAG: Final = re.compile(r'(?:W/)?"[\x21\x23-\x7e\x80-\xff]*"')
 _EXAMPLE: Final = '"3f0a1c5e9b7d2468"'
 
 IfMatch = Annotated[
-    str | None, Header(description="ETag of the state that is to be changed; of another one: 412", examples=[_EXAMPLE])
+    str | None,
+    Header(
+        alias="If-Match", examples=[_EXAMPLE],
+        description="ETag of the state that is to be changed; of another one: 412",
+    ),
 ]
 IfNoneMatch = Annotated[
-    str | None, Header(description="ETag of a state that is known; while it is that: 304", examples=[_EXAMPLE])
+    str | None,
+    Header(
+        alias="If-None-Match", examples=[_EXAMPLE],
+        description="ETag of a state that is known; while it is that: 304",
+    ),
 ]
 TAGGED: Final = {"ETag": {"description": "of this state", "schema": {"type": "string", "examples": [_EXAMPLE]}}}
 """The description of an answer's header."""

@@ -52,6 +52,7 @@ def test_settings_that_somebody_else_has_changed_are_not_overwritten(client: htt
     refused = client.put(WINDOW, json={"length": 888}, headers={"If-Match": tag})
     said = f"expected If-Match: {mine.headers['etag']}, which is the state now, got '{tag}'; nothing was changed"
     assert problem(refused, 412) == said
+    assert "window length" in problem(client.put(WINDOW, json={"length": 1}, headers={"If-Match": tag}), 422)
     assert client.get(WINDOW, headers={"If-None-Match": tag}).json()["length"] == 777
     back = client.put(WINDOW, json={"length": seen.json()["length"]})  # without the header, as ever
     assert back.headers["etag"] == tag == client.get(WINDOW).headers["etag"]
