@@ -1,5 +1,6 @@
 /**
- * A question before what cannot be undone, or moves a motor: asked once, by name. Escape means no, and Stop.
+ * A question before what cannot be undone, or moves a motor: asked once, by name. The rooms wait for the answer, the bar
+ * does not: Stop can be pressed. Escape means no, and Stop; so does another room mean no.
  */
 
 import { make } from "./dom.js";
@@ -17,15 +18,21 @@ export function confirmed(question, more, yes) {
       make("h2", { id: "dialog-question" }, question), make("p", {}, more),
       make("div", { class: "actions" }, no,
         make("button", { type: "button", class: "danger", id: "dialog-yes", onclick: () => close(true) }, yes))));
+    const shade = make("div", { class: "shade" }, box);
+    const rooms = document.querySelectorAll("main");
+    const listening = new AbortController();
     /** @param {boolean} value */
     function close(value) {
-      box.close();
-      box.remove();
+      listening.abort();
+      shade.remove();
+      for (const room of rooms) room.inert = false;
       answer(value);
     }
-    box.addEventListener("cancel", (event) => { event.preventDefault(); close(false); });
-    document.body.append(box);
-    box.showModal();
+    document.addEventListener("keydown", ({ key }) => { if (key === "Escape") close(false); }, listening);
+    window.addEventListener("hashchange", () => close(false), listening);
+    for (const room of rooms) room.inert = true;
+    document.body.append(shade);
+    box.show();
     no.focus();
   });
 }

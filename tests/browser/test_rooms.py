@@ -26,6 +26,13 @@ __all__ = ["browser", "pytestmark"]
 T = TypeVar("T")
 DRIVE = "/api/drives/emulated"
 PATIENCE = 150.0  # s: a diagnosis beside others
+FILLED = {  # of each room: whether what it asks for has come
+    "live": "return document.getElementById('strips').data?.[1]?.x.length > 0",
+    "recordings": "return document.getElementById('recordings-count').textContent !== ''",
+    "diagnosis": "return document.getElementById('diagnoses-count').textContent !== ''",
+    "drive": "return document.querySelectorAll('#signals tr').length > 0 "
+             "&& document.querySelectorAll('#events li').length > 0",
+}
 CANVAS = "document.getElementById('recording-canvas')"
 ROOMS = ("live", "recordings", "diagnosis", "drive")
 
@@ -145,6 +152,8 @@ def test_a_recording_is_made_marked_found_plotted_and_deleted(page: Chrome, runn
     page.switch_to.active_element.send_keys(Keys.ESCAPE)
     assert len(httpx.get(f"{running_bench.url}/api/recordings").json()["recordings"]) >= 1
     operator.click("#recording-delete")
+    operator.click("#control-stop")  # which a question does not keep from
+    until(page, lambda: text(page, "control-state") == "switch on disabled", "the motor to be off")
     operator.click("#dialog-yes")
     until(page, lambda: text(page, "recordings-count") == "None that fits the search.", "it to be gone")
     assert errors(page) == []
@@ -193,11 +202,12 @@ def test_strips_and_dq_plane_show_the_last_seconds_and_can_be_held(page: Chrome)
     assert "along q" in label
     page.find_element(By.ID, "strips-hold").click()
     newest = "return document.getElementById('strips').data[1].y.at(-1)"
-    time.sleep(0.5)
-    seen = {run(page, newest) for _ in range(8) if time.sleep(0.25) is None}
-    assert len(seen) == 1
+    held = run(page, newest)
+    begun = time.monotonic()
+    while time.monotonic() - begun < 2.0:  # eight times that they would have been drawn
+        assert run(page, newest) == held
     page.find_element(By.ID, "strips-hold").click()
-    until(page, lambda: run(page, newest) not in seen, "them to go on")
+    until(page, lambda: run(page, newest) != held, "them to go on")
 
 
 def test_how_far_set_points_may_go_is_said_while_they_are_typed(page: Chrome) -> None:
@@ -230,7 +240,7 @@ def test_every_room_fits_and_keeps_the_rules_of_accessibility(page: Chrome, widt
     found: dict[str, Any] = {}
     for name in ROOMS:
         room(page, name)
-        time.sleep(1.0)  # what it asks for has come
+        until(page, lambda name=name: run(page, FILLED[name]), f"what {name} asks for")
         if told := violations(page):
             found[name] = told
         if (wide := run(page, "return document.documentElement.scrollWidth")) > width:
