@@ -87,11 +87,19 @@ def write_new(path: Path, write: Callable[[BinaryIO], object]) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     with unfinished(path.parent) as (part, file):
         write(file)
-        file.flush()
-        os.fsync(file.fileno())
-        path = first_free(path, lambda name: give_name(part, name))[0]
-        sync_folder(path.parent)
-        return path
+        return named(part, file, path)
+
+
+def named(part: Path, file: BinaryIO, path: Path) -> Path:
+    """Have what was written to `part`, open as `file`, on disk, and then under this name or the next that is free.
+
+    Tells which. Raises OSError.
+    """
+    file.flush()
+    os.fsync(file.fileno())
+    path = first_free(path, lambda name: give_name(part, name))[0]
+    sync_folder(path.parent)
+    return path
 
 
 def check_place(path: Path) -> None:

@@ -49,8 +49,7 @@ export function drawOn(canvas, traces, layout, config) {
   }
   if (canvas.clientWidth === 0) return; // in a room that is not shown
   // @ts-ignore the classic script's global
-  const { Plotly } = window;
-  Plotly.react(canvas, traces, { ...layout, width: canvas.clientWidth, height: canvas.clientHeight }, config);
+  window.Plotly.react(canvas, traces, { ...layout, width: canvas.clientWidth, height: canvas.clientHeight }, config);
 }
 
 /**

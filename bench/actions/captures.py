@@ -12,8 +12,8 @@ from typing import Any
 
 from bench.actions.capture import Run, State, Status, new_status
 from bench.actions.capture_request import Request
-from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended, ended_words
-from bench.actions.lease import Leases, Part
+from bench.actions.drive_jobs import DriveJobs, ended_words
+from bench.actions.lease import Part
 from bench.recordings.capture_file import CapturePart
 from bench.recordings.recording import off_remark
 from bench.recordings.table import notes
@@ -23,13 +23,7 @@ from bench.store.catalogue.ended import EndedJob
 class Captures(DriveJobs[Status, Run]):
     """Everything about captures; runs from `start` to `leave`."""
 
-    remembered = 200
-
-    def __init__(
-        self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, on_end: Ended = lambda _: None
-    ) -> None:
-        super().__init__("capture", folder, drives, leases)
-        self._on_end = on_end
+    kind, remembered = "capture", 200
 
     def start(self) -> None:
         """Go on with what was under way when a service before this one ended; say what cannot go on."""

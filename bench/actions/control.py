@@ -361,7 +361,6 @@ class Control:
                 now, fault, control.held(drive), has_lease, _SAFE_TORQUE_OFF.get(sto), datetime.now(UTC)
             )
 
-
     def _tell(self, now: State, fault: Fault | None) -> None:
         """Of a state, or a fault, that is another than before."""
         told = now, 0 if fault is None else fault.code

@@ -78,12 +78,15 @@ T = TypeVar("T")
 class DriveJobs(Jobs[S, R]):
     """The jobs of one kind, of all drives; what is known of the latest is kept."""
 
+    kind: str  # in a word
     remembered: int  # jobs, of all drives
 
-    def __init__(self, kind: str, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases) -> None:
-        """`kind`: in a word; `folder`: of their recordings."""
-        super().__init__(kind)
-        self._folder = folder.absolute()
+    def __init__(
+        self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, on_end: Ended = lambda _: None
+    ) -> None:
+        """`folder`: of their recordings; `on_end` hears of each that has ended."""
+        super().__init__(self.kind)
+        self._folder, self._on_end = folder.absolute(), on_end
         self.on_begin: Callable[[str, str], None] = lambda _drive, _what: None  # hears of each; does not wait
         self._drives, self._leases = drives, leases
 

@@ -75,13 +75,12 @@ class _Run:
 class Experiments(DriveJobs[Status, _Run]):
     """Everything about experiments, until `leave`."""
 
-    remembered = 50
+    kind, remembered = "experiment", 50
 
     def __init__(
         self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, on_end: Ended = lambda _: None
     ) -> None:
-        super().__init__("experiment", folder, drives, leases)
-        self._on_end = on_end
+        super().__init__(folder, drives, leases, on_end)
         self._stops = Counter[str]()  # under the lock: so often has somebody asked for a drive's Stop
 
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:

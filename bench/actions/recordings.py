@@ -28,13 +28,13 @@ _KILLED: Final = "the bench was killed, or the power failed"
 class Recordings(DriveJobs[Status, Run]):
     """Everything about recordings under way; runs from `start` to `leave`."""
 
-    remembered = 200
+    kind, remembered = "recording", 200
 
     def __init__(
         self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, kept_free: float, around: Surroundings
     ) -> None:
         """`kept_free`: bytes of the disk that recordings leave for others."""
-        super().__init__("recording", folder, drives, leases)
+        super().__init__(folder, drives, leases)
         self._kept_free, self._around = kept_free, around
         self._of_drive: dict[str, Run] = {}  # those under way, by drive
 

@@ -7,7 +7,7 @@ import math
 import threading
 from collections import deque
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, takewhile
 from typing import Final
 
 import numpy as np
@@ -99,13 +99,13 @@ class Recent:
     def course(self, since: Place | None = None) -> Course | None:
         """All bins, or from that one on; None before the first row."""
         with self._lock:
-            blocks, epoch = list(self._blocks), self._epoch
-        if not blocks:
-            return None
-        newest = blocks[-1]
-        ticks = max(newest.periods, round(_BIN / newest.T_s))
-        first = since.bin if since is not None and since.epoch == epoch else 0
-        blocks = [block for block in blocks if int(block.tick[-1]) // ticks >= first] or [newest]
+            if not self._blocks:
+                return None
+            newest, epoch = self._blocks[-1], self._epoch
+            ticks = max(newest.periods, round(_BIN / newest.T_s))
+            first = since.bin if since is not None and since.epoch == epoch else 0
+            later = takewhile(lambda block: int(block.tick[-1]) // ticks >= first, reversed(self._blocks))
+            blocks = list(later)[::-1] or [newest]
         bins = np.concatenate([block.tick for block in blocks]) // ticks
         kept = bins >= min(first, int(bins[-1]))
         bins = bins[kept]

@@ -1,7 +1,6 @@
 """A recording's Parquet: row groups as they come, sealed, on disk, then named; whole or not at all."""
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.files import first_free, give_name, sync_folder
+from bench.files import named
 from bench.recordings.foreign.content import NOTES, UNIT, pa, pq
 from bench.recordings.seal import seal
 
@@ -34,11 +33,7 @@ def write_sealed(
             writer.add_key_value_metadata(_metadata(told()))
     with part.open("r+b") as written:
         seal(written)
-        written.flush()
-        os.fsync(written.fileno())
-    path = first_free(path, lambda name: give_name(part, name))[0]
-    sync_folder(path.parent)
-    return path
+        return named(part, written, path)
 
 
 def _metadata(told: Mapping[str, Any]) -> dict[bytes, bytes]:

@@ -60,12 +60,8 @@ export class RecentRows {
 
   /** A copy that nothing is added to. */
   held() {
-    const copy = new RecentRows();
-    copy.take({ drive: "", first: `held.${this.first}`, last: "", bin_s: this.bin_s, t_drive_s: 0, age_s: 0,
-      signals: Object.fromEntries(SIGNALS.map((name) => [name, { unit: "", ...this.signals[name] ?? { low: [], high: [] } }])) });
-    copy.end = this.end;
-    copy.temperatures = [...this.temperatures];
-    return copy;
+    const { bin_s, end, first, signals, temperatures } = this;
+    return Object.assign(new RecentRows(), { bin_s, end, first, ...structuredClone({ signals, temperatures }) });
   }
 
   /**

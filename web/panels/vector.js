@@ -52,14 +52,21 @@ export function drawVector(latest, rows, i_max, old) {
     draw("circle", { r: RADIUS, class: "scale" }),
     draw("text", { x: RADIUS * 0.71 + 4, y: RADIUS * 0.71 + 8, class: "end" }, `${scale_A} A`),
     draw("text", { x: RADIUS * 0.71 + 4, y: RADIUS * 0.71 + 17, class: "end" }, `${scale_V} V`),
-    i_max !== null && draw("circle", { r: RADIUS * i_max / scale_A, class: "limit" }),
-    i_max !== null && draw("text", { x: -RADIUS * i_max / scale_A * 0.71 - 2, y: RADIUS * i_max / scale_A * 0.71 + 9, class: "end", "text-anchor": "end" }, `i_max ${i_max} A`),
+    ...limit(i_max),
     ...dots,
     ...arrow(u && at(u, scale_V), "u"),
     ...arrow(i && at(i, scale_A), "i"),
   );
   picture.setAttribute("aria-label", label(latest, i, u));
   values.replaceChildren(...numbers(latest, i, u).map(([name, text]) => make("div", {}, make("dt", {}, name), make("dd", {}, text))));
+}
+
+/** How far the current may go. @param {number | null} i_max in A */
+function limit(i_max) {
+  if (i_max === null) return [];
+  const r = RADIUS * i_max / scale_A;
+  return [draw("circle", { r, class: "limit" }),
+    draw("text", { x: -0.71 * r - 2, y: 0.71 * r + 9, class: "end", "text-anchor": "end" }, `i_max ${i_max} A`)];
 }
 
 /** @param {number | null | undefined} d @param {number | null | undefined} q @returns {[number, number] | null} */

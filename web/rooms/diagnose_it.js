@@ -5,6 +5,14 @@
 import { askDiagnosis, readLatestDiagnosis } from "../api.js";
 import { go } from "../router.js";
 
+/** The columns that a diagnosis needs. */
+const NEEDED = ["u_d", "u_q", "i_d", "i_q", "omega_e"];
+
+/** Those of them that a recording does not have. @param {import("../api.js").Recording} recording */
+export function lacking({ columns }) {
+  return NEEDED.filter((name) => !columns.includes(name));
+}
+
 /**
  * @param {string} recording
  * @param {string} drive

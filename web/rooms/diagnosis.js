@@ -10,11 +10,10 @@ import { element } from "../fields.js";
 import { clock, parseNumber } from "../format.js";
 import { words } from "./quantity.js";
 import { address, go } from "../router.js";
-import { diagnoseIt } from "./diagnose_it.js";
+import { diagnoseIt, lacking } from "./diagnose_it.js";
 import { diagnosisView } from "./diagnosis_view.js";
 
 const REFRESH_MS = 1500;
-const DIAGNOSED = ["u_d", "u_q", "i_d", "i_q", "omega_e"];
 const GOOD = ["no_mismatch", "explained"];
 
 /** @returns {import("../main.js").RoomPart} */
@@ -66,8 +65,7 @@ export function diagnosisRoom() {
     try {
       const [jobs, recordings] = await Promise.all([listDiagnoses({ drive: asked }), listRecordings({ drive: asked })]);
       if (asked !== drive) return;
-      const able = recordings.recordings.filter((one) => one.kind !== "stream" && one.state === "done"
-        && DIAGNOSED.every((name) => one.columns.includes(name)));
+      const able = recordings.recordings.filter((one) => one.kind !== "stream" && one.state === "done" && lacking(one).length === 0);
       const now = JSON.stringify([jobs, able.map(({ id, title }) => [id, title]), chosen]);
       if (now === key) return;
       key = now;

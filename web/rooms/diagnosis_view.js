@@ -87,7 +87,8 @@ export function diagnosisView(id, drive, narrow) {
 
   /** @param {DiagnosisJob} job */
   async function showResult(job) {
-    const [said, drawn] = await Promise.all([readDiagnosisResult(id), readDiagnosisFigures(id).catch(() => ({ figures: [] }))]);
+    const [said, drawn] = await Promise.all([readDiagnosisResult(id),
+      readDiagnosisFigures(id).catch((/** @type {Error} */ { message }) => ({ figures: [], message }))]);
     if (left) return;
     root.replaceChildren(
       heading(job),
@@ -96,7 +97,8 @@ export function diagnosisView(id, drive, narrow) {
       ...(job.remark === "" ? [] : [make("p", { class: "help warn" }, job.remark)]),
       ...experiments(said),
       ...fit(said), ...findings(said), ...unexplained(said), ...remarks(said),
-      ...pictures(drawn.figures), ...parameters(said), tail(job));
+      ...pictures(drawn.figures), ...("message" in drawn ? [make("p", { class: "help warn" }, drawn.message)] : []),
+      ...parameters(said), tail(job));
     for (const draw of drawing.splice(0)) draw();
   }
 

@@ -11,11 +11,11 @@ import { listEvents, readAllSignals } from "../api.js";
 import { make } from "../dom.js";
 import { element } from "../fields.js";
 import { clock, plain } from "../format.js";
+import { unitShown } from "./quantity.js";
 
 const EVENTS_MS = 2000;
 const GROUPS = /** @type {const} */ ([["rw", "Settings"], ["ro", "What it tells"], ["const", "What it is"]]);
 const KINDS = [["", "everything"], ["link", "link"], ["state", "states"], ["fault", "faults"], ["write", "writes"], ["lease", "control"]];
-const UNITS = new Map([["ohm", "Ω"], ["degC", "°C"], ["1", ""]]);
 
 /** @returns {import("../main.js").RoomPart} */
 export function driveRoom() {
@@ -81,7 +81,7 @@ export function driveRoom() {
   function row({ name, value, unit, access, minimum, maximum, summary }) {
     const was = access === "rw" ? before?.values[name] : undefined;
     const changed = was !== undefined && was !== value;
-    const shown = (/** @type {number | null} */ number) => (number === null ? "not known" : `${plain(number, 6).replace("-", "−")} ${UNITS.get(unit) ?? unit}`.trim());
+    const shown = (/** @type {number | null} */ number) => (number === null ? "not known" : `${plain(number, 6).replace("-", "−")} ${unitShown(unit)}`.trim());
     const limits = access !== "rw" || (minimum === null && maximum === null) ? ""
       : `${minimum === null ? "" : plain(minimum, 4)} … ${maximum === null ? "" : plain(maximum, 4)}`;
     return make("tr", { class: changed && "changed" }, make("td", {}, make("code", {}, name)),

@@ -10,6 +10,11 @@ import { Z_95, decimalsFor, engineeringExponent, fixed, plain, prefixed } from "
 const PREFIXED = ["ohm", "H", "Vs", "V", "A", "s", "Hz", "S", "W"];
 const SHOWN = new Map([["ohm", "Ω"], ["degC", "°C"], ["1", ""]]);
 
+/** A unit as printed. @param {string} unit */
+export function unitShown(unit) {
+  return SHOWN.get(unit) ?? unit;
+}
+
 /**
  * By what to divide, and the unit then.
  * @param {number} value
@@ -19,7 +24,7 @@ const SHOWN = new Map([["ohm", "Ω"], ["degC", "°C"], ["1", ""]]);
 function scaleOf(value, unit) {
   if (unit === "rad") return [Math.PI / 180, "deg"];
   if (unit === "1" && value !== 0 && Math.abs(value) < 1) return [0.01, "%"];
-  const shown = SHOWN.get(unit) ?? unit;
+  const shown = unitShown(unit);
   if (!PREFIXED.includes(unit) || value === 0) return [1, shown];
   const exponent = engineeringExponent(value, 0);
   return [10 ** exponent, prefixed(exponent, shown)];

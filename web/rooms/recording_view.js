@@ -9,12 +9,11 @@ import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
 import { bytes, clock, duration, integer, parseNumber } from "../format.js";
 import { go } from "../router.js";
-import { diagnoseIt } from "./diagnose_it.js";
+import { diagnoseIt, lacking } from "./diagnose_it.js";
 import { recordingPlot } from "./recording_plot.js";
 
 const FORMATS = [["parquet", "Parquet"], ["csv", "CSV"], ["mat", "MATLAB"], ["mf4", "MDF4"]];
 const UNDER_WAY = ["armed", "recording", "closing"];
-const DIAGNOSED = ["u_d", "u_q", "i_d", "i_q", "omega_e"];
 
 export function recordingView() {
   const root = make("section", { class: "card padded view", id: "recording-view", "aria-label": "The recording that is chosen" });
@@ -146,8 +145,8 @@ export function recordingView() {
   /** @param {Recording} told */
   function diagnoseLink(told) {
     if (told.kind === "stream") return [make("span", { class: "unit" }, "A stream's rows cover several control periods: capture to diagnose.")];
-    const lacking = DIAGNOSED.filter((name) => !told.columns.includes(name));
-    if (lacking.length > 0) return [make("span", { class: "unit" }, `It cannot be diagnosed: it lacks ${lacking.join(", ")}.`)];
+    const without = lacking(told);
+    if (without.length > 0) return [make("span", { class: "unit" }, `It cannot be diagnosed: it lacks ${without.join(", ")}.`)];
     return [make("button", { type: "button", class: "primary", id: "recording-diagnose", onclick: () => tried(() => diagnoseIt(told.id, drive)) }, "Diagnose it")];
   }
 
