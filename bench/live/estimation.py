@@ -239,7 +239,7 @@ class Estimation:
         drive.next_tick = None  # should the update fail, the next block begins a new run
         method.take(drive.running, samples, joined=joined)
         watch.take(drive.watch, samples, drive.running.window)
-        drive.next_tick = int(block.tick[-1]) + block.periods
+        drive.next_tick = block.end
         drive.lacking = tuple(name for name, finite in whole.items() if not finite[-1])
         if len(used):
             newest = int(used[-1])

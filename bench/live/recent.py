@@ -117,7 +117,7 @@ class Recent:
             for told, extreme in ((low, np.fmin), (high, np.fmax)):
                 told[name] = np.full(count, math.nan)
                 told[name][at] = extreme.reduceat(values, starts)
-        t_end = (int(newest.tick[-1]) + newest.periods) * newest.T_s
+        t_end = newest.end * newest.T_s
         return Course(ticks * newest.T_s, Place(epoch, int(bins[0])), t_end, low, high)
 
 

@@ -47,7 +47,7 @@ class Timeline:
             if missed or block.lost_before or reset:
                 gap = Gap(place, max(missed // block.periods, block.lost_before), reset)
         rows = Rows.of(block, place, gap.rows if gap else 0)
-        self._end, self._tick = rows.end, int(block.tick[-1]) + block.periods
+        self._end, self._tick = rows.end, block.end
         self._made, self._resets = link.made or self._made, link.clock_resets
         return rows, gap
 
