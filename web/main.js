@@ -136,7 +136,7 @@ function drawStripsNow() {
   const { snapshot, rows, connected } = state;
   if (!live()) return;
   const limits = snapshot?.drive.limits;
-  const old = !connected || snapshot?.drive.link.state !== "streaming";
+  const old = !connected || (snapshot?.drive.latest ?? null) === null;
   drawStrips(rows, limits?.n_p ?? null);
   drawVector(snapshot?.drive.latest ?? null, rows, limits?.i_max ?? null, old);
 }

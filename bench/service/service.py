@@ -30,8 +30,8 @@ from bench.diagnoses.diagnosis_jobs import DiagnosisJobs
 from bench.errors import LimitError, UnknownError, shown
 from bench.live.acquisition import Acquisition, Link, LinkState
 from bench.live.estimation import Estimation, Snapshot
-from bench.live.recent import Recent
-from bench.live.trust import trusted
+from bench.live.recent import Latest, Recent
+from bench.live.trust import STALE, trusted
 from bench.live.window import Window
 from bench.machine_file import Nominal
 from bench.service.parameters import Snapshots
@@ -182,6 +182,11 @@ class Service:
     def link(self, name: str) -> Link:
         """A drive's link and stream. Raises UnknownError."""
         return self.drive(name).link.status
+
+    def latest(self, name: str) -> Latest | None:
+        """What a drive does now; None where its newest row is too old for an estimate, too. Raises UnknownError."""
+        drive, age = self.drive(name), self.link(name).age
+        return None if age is None or age > STALE else drive.recent.latest()
 
     def estimates(self, name: str) -> Snapshot:
         """A drive's latest estimates, as far as they are to be believed now. Raises UnknownError."""

@@ -9,6 +9,7 @@ import { element, write } from "../fields.js";
 import { MOVING, STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
 
 const MOST = 700; // bins of a line: what a screen can show
+const BEHIND_S = 1; // from which on it is seen that no rows come
 const RPM = 60 / (2 * Math.PI);
 
 /** @typedef {{name: string, label: string, colour: string}} Line */
@@ -77,6 +78,12 @@ function strips() {
     : n_p > 0 ? { ...strip, scale: RPM / n_p } : { ...strip, unit: "rad/s", scale: 1 }));
 }
 
+/** How far before now the newest row is, in s; 0 while they come, so that nothing dances. @param {RecentRows} rows */
+function behind(rows) {
+  const age_s = (Date.now() - rows.end) / 1000;
+  return held === null && age_s > BEHIND_S ? age_s : 0;
+}
+
 /**
  * @param {RecentRows} rows
  * @param {Strip & {scale: number}} strip
@@ -86,9 +93,10 @@ function strips() {
  */
 function trace(rows, strip, line, place, colours) {
   const { t, low, high } = rows.latest(line.name, span_s, MOST);
+  const late_s = behind(rows);
   const scaled = (/** @type {number | null} */ value) => (value === null ? null : value * strip.scale);
   return {
-    x: t.flatMap((time) => [time, time]), y: t.flatMap((_, k) => [scaled(low[k]), scaled(high[k])]),
+    x: t.flatMap((time) => [time - late_s, time - late_s]), y: t.flatMap((_, k) => [scaled(low[k]), scaled(high[k])]),
     type: "scatter", mode: "lines", name: line.label, xaxis: "x", yaxis: `y${place === 0 ? "" : place + 1}`,
     line: { color: colours[line.colour], width: 1.3 },
     hovertemplate: `${line.label} %{y:.${strip.digits}f} ${strip.unit}, %{x:.2f} s<extra></extra>`,
@@ -102,10 +110,11 @@ function trace(rows, strip, line, place, colours) {
  */
 function temperatures(rows, place, colours) {
   const points = rows.temperatures;
+  const newest = rows.end + 1000 * behind(rows);
   return [["winding", "accent"], ["magnet", "second"]].flatMap(([name, colour]) => {
     const values = points.map((point) => point[/** @type {"winding" | "magnet"} */ (name)]);
     if (values.every((value) => value === null)) return [];
-    return [{ x: points.map(({ time }) => (time - rows.end) / 1000), y: values, type: "scatter", mode: "lines",
+    return [{ x: points.map(({ time }) => (time - newest) / 1000), y: values, type: "scatter", mode: "lines",
       name, xaxis: "x", yaxis: `y${place + 1}`, line: { color: colours[colour], width: 1.3 },
       hovertemplate: `${name} %{y:.1f} °C, %{x:.1f} s<extra></extra>` }];
   });

@@ -135,7 +135,7 @@ function numbers(latest, i, u) {
  * @param {[number, number] | null} u
  */
 function label(latest, i, u) {
-  if (latest === null) return "No rows of the stream have come yet.";
+  if (latest === null) return "No rows of the stream come.";
   const words = [
     i === null ? "no current is told" : `current ${fixed(i[0], 2)} A along d, ${fixed(i[1], 2)} A along q`,
     u === null ? "no voltage: the bridge is off" : `voltage ${fixed(u[0], 1)} V along d, ${fixed(u[1], 1)} V along q`,

@@ -118,7 +118,7 @@ class DriveModel(BaseModel):
     identity: IdentityModel | None = Field(description="null before the first connection")
     link: LinkModel
     stream: StreamModel
-    latest: LatestModel | None = Field(description="null before the first row")
+    latest: LatestModel | None = Field(description="null while no rows come")
     limits: LimitsModel
     writer: WriterModel | None = Field(description="null while nobody writes to it", examples=[None])
     control: ControlModel
@@ -327,8 +327,7 @@ def drive_model(service: Service, name: str) -> DriveModel:
 
 
 def _latest_model(service: Service, name: str) -> LatestModel | None:
-    drive = service.drive(name)
-    latest, n_p = drive.recent.latest(), drive.limits.n_p
+    latest, n_p = service.latest(name), service.drive(name).limits.n_p
     if latest is None:
         return None
     speed = math.nan if n_p is None else latest.values["omega_e"] / n_p / RPM

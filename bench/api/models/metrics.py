@@ -98,7 +98,7 @@ def _of_stream(service: Service, name: str) -> Iterator[Told]:
 
 
 def _of_drive(service: Service, name: str) -> Iterator[Told]:
-    now, latest = service.control(name).state, service.drive(name).recent.latest()
+    now, latest = service.control(name).state, service.latest(name)
     if service.link(name).state is not LinkState.STREAMING:
         return
     if now is not None:
