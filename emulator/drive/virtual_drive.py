@@ -436,6 +436,7 @@ class VirtualDrive:
             temperature, self._next_temperature = self._next_temperature, None
             for name, value in written:
                 self._take(name, value)
+            self._publish_state()  # who stops a drive that goes on just now is not told a state of before that
         if temperature is not None and self._bench.thermal.C_w > 0.0:
             heat = Temperatures(temperature, temperature, temperature)
             set_state(self._simulation, self._state._replace(heat=heat))
@@ -520,8 +521,6 @@ class VirtualDrive:
     def _publish(self, rows: StreamRows | None = None) -> None:
         """Make the present readable: tick, temperature, the latest row."""
         latest = {"tick": float(self.tick & 0xFFFF_FFFF)}
-        latest["status_word"] = float(self._operation.state.bits)
-        latest["error_code"] = float(self._operation.error_code)
         latest["speed_demand"] = self._now.omega_e_ref
         latest["capture_state"] = float(self._recorder.state)
         latest["capture_count"] = float(self._recorder.count)
@@ -533,9 +532,14 @@ class VirtualDrive:
             latest["row_tick"] = float(rows.row_tick[-1] & 0xFFFF)
         with self._lock:
             self._readable.update(latest)
+            self._publish_state()
             self._publish_lease()
             self.resets += self._resetting  # now that all of it can be read
             self._resetting = False
+
+    def _publish_state(self) -> None:
+        operation = self._operation
+        self._readable |= {"status_word": float(operation.state.bits), "error_code": float(operation.error_code)}
 
     def _publish_lease(self) -> None:
         lease = self._lease

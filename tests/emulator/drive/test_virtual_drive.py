@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from drivers.wire.cia402 import Command, State, state_of
 from drivers.wire.dictionary import SIGNALS, WireType
 from emulator.drive import stream
 from emulator.drive.simulation import RECORDED
@@ -202,6 +203,23 @@ def test_reads_and_writes_from_another_thread_do_not_disturb_a_run() -> None:
     thread.join()
     assert not failures
     assert np.array_equal(ticks, np.arange(0, 10000, 10))
+
+
+def test_a_drive_that_goes_on_says_so_before_its_step_is_over() -> None:
+    """Who stops it meanwhile would else be told that it is off, and see it on afterwards."""
+    drive = VirtualDrive(PAPER)
+    drive.write("control_word", 0.0)
+    drive.run(1)
+    assert state_of(int(drive.read("status_word"))) is State.SWITCH_ON_DISABLED
+    for command in (Command.SHUTDOWN, Command.SWITCH_ON, Command.ENABLE_OPERATION):
+        drive.write("control_word", float(command.bits))
+    thread = threading.Thread(target=drive.run, args=(300_000,))
+    thread.start()
+    while thread.is_alive() and state_of(int(drive.read("status_word"))) is not State.OPERATION_ENABLED:
+        pass
+    under_way = thread.is_alive()
+    thread.join()
+    assert under_way
 
 
 def test_warming_up_takes_no_time_of_the_drives() -> None:
