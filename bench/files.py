@@ -7,6 +7,7 @@ its configuration says otherwise. Knows nothing of what a file holds.
 
 import contextlib
 import errno
+import fcntl
 import json
 import os
 import secrets
@@ -126,14 +127,33 @@ def check_free(folder: Path, needed: int, what: str) -> None:
 
 @contextmanager
 def unfinished(folder: Path) -> Generator[tuple[Path, BinaryIO]]:
-    """A file of a name that nobody else has; that name is gone afterwards."""
-    name = folder / f".{secrets.token_hex(4)}.unfinished"
-    with name.open("xb") as file:
+    """A file of a name that nobody else has, locked; that name is gone afterwards."""
+    name, file = _unfinished(folder)
+    with file:
         try:
             yield name, file
         finally:
             with contextlib.suppress(OSError):
                 name.unlink(missing_ok=True)
+
+
+def _unfinished(folder: Path) -> tuple[Path, BinaryIO]:
+    while True:
+        name = folder / f".{secrets.token_hex(4)}.unfinished"
+        file = name.open("xb")
+        with contextlib.suppress(OSError):  # a file system without locks, where nobody sweeps; or swept just now
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.fstat(file.fileno()).st_nlink:
+            return name, file
+        file.close()
+
+
+def sweep(folder: Path) -> None:
+    """Remove what processes that were killed have left unfinished; what is being written stays."""
+    for path in folder.glob(f".{'[0-9a-f]' * 8}.unfinished"):
+        with contextlib.suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
 
 
 def give_name(part: Path, name: Path) -> None:

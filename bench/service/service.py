@@ -28,6 +28,7 @@ from bench.actions.unfinished import Origin, folder_beside, undo
 from bench.config import Config, DriveConfig
 from bench.diagnoses.diagnosis_jobs import DiagnosisJobs
 from bench.errors import LimitError, UnknownError, shown
+from bench.files import sweep
 from bench.live.acquisition import Acquisition, Link, LinkState
 from bench.live.estimation import Estimation, Snapshot
 from bench.live.recent import Latest, Recent
@@ -134,6 +135,7 @@ class Service:
             drive.link.start()
         for drive in self.drives.values():
             drive.control.begin()
+        sweep(self.config.captures)
         self.recordings.start()
         self.captures.start()
         self.experiments.start()
