@@ -32,6 +32,10 @@ _PERIOD: Final = 0.1  # s between two looks at a drive's state
 _WHO: Final = 5  # such looks between two at who controls it
 _HELD: Final = 30.0  # s that the bench's own lease is taken for, anew with every look
 _STOPPING: Final = 5.0  # s that a stop goes on trying while there is no link
+_OUT_OF_REACH: Final = (
+    "nothing has come to the drive for longer than it waits for its bench: it should have gone off, which is seen when "
+    "the link is back"
+)
 _SAFE_TORQUE_OFF: Final = {1: "torque allowed", 2: "torque off"}
 
 
@@ -86,9 +90,9 @@ class Control:
 
     @property
     def whom(self) -> str | None:
-        """Who has this service control the drive; None where it does not."""
+        """Who has this service control the drive; None where it does not, or has not been heard for too long."""
         controlled = self._controlled
-        return None if controlled is None else controlled.whom
+        return None if controlled is None or controlled.lease.lapsed else controlled.whom
 
     @property
     def off_words(self) -> str:
@@ -321,6 +325,9 @@ class Control:
             if controlled is None:
                 self._restore(drive)
                 return
+            if controlled.lease.lapsed:
+                self._give_up_late(drive)
+                return
             self._leases.take(self._name, controlled.holder, _HELD, Part.CONTROL)
             try:
                 controlled.lease.keep(drive)
@@ -338,12 +345,20 @@ class Control:
             except HeldError as error:
                 self._ended(str(error))
 
+    def _give_up_late(self, drive: Drive) -> None:
+        """The link is back, after the lease should have run out: see to it that the drive is off. Raises DriveError."""
+        on = operation.state(drive) is State.OPERATION_ENABLED
+        now = "it was still on, and has been switched off" if on else "it had gone off"
+        self._give_up(drive, f"nothing came to the drive for longer than it waits for its bench; {now}")
+
     def _out_of_reach(self) -> None:
-        """Without a link a lease runs out by itself."""
+        """Without a link a lease runs out by itself; whether it has is seen when the link is back."""
         with self._lock:
             controlled = self._controlled
-            if controlled is not None and controlled.lease.lapsed:
-                self._ended("nothing came to the drive for longer than it waits for its bench, so that it went off")
+            if controlled is None or not controlled.lease.lapsed or self.said == _OUT_OF_REACH:
+                return
+            self.said = _OUT_OF_REACH
+            to_standard_error(f"drive  {self._name}: {_OUT_OF_REACH}")
 
     def _look(self, drive: Drive, *, who: bool) -> None:
         """See the drive's state; who controls it as well, where that is asked for or the state is another."""
@@ -352,6 +367,8 @@ class Control:
             now = operation.state(drive)
             fault = operation.fault(drive) if now is State.FAULT else None
             self._tell(now, fault)
+            if now is State.OPERATION_ENABLED and self._controlled is None:  # by another, or by itself
+                self.said = ""
             if not who and before is not None and before.state is now:
                 self.state = replace(before, fault=fault, at=datetime.now(UTC))
                 return

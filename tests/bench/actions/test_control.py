@@ -21,6 +21,7 @@ from drivers.drive import Drive
 from drivers.errors import DriveError, LostError, NoReplyError, RefusedError
 from drivers.lease import Controlled, HeldError, Lease
 from drivers.wire.cia402 import Command, State
+from drivers.wire.lease import Action, Record
 from emulator.scenario.scenarios import PAPER, Scenario, parse
 from tests.support.served_drive import served, until, virtual_url
 
@@ -330,6 +331,25 @@ def test_control_lasts_while_another_client_uploads_recordings(tmp_path: Path) -
 
 
 # What bounds a motor besides its set points
+
+
+def test_a_drive_that_is_still_on_when_its_link_is_back_too_late_is_switched_off(tmp_path: Path) -> None:
+    """Its clock stood still, say: that its lease must have run out is what our clock says, and not what it is."""
+    with controlled("lease", tmp_path) as (control, drive, link):
+        control.start(SET_POINTS, "somebody")
+        token = control._controlled.lease.token  # pyright: ignore[reportOptionalMemberAccess]
+        link.there = False
+        deadline = time.monotonic() + 2.5
+        while time.monotonic() < deadline:
+            drive.control(Record(token, Action.RENEW, seconds=2.0))
+            time.sleep(0.1)
+        assert control.whom is None
+        assert control.said.startswith("nothing has come to the drive for longer than it waits for its bench")
+        assert list(tmp_path.rglob("*.control.json"))
+        link.there = True
+        until(lambda: operation.state(drive) is not State.OPERATION_ENABLED, "it to go off", 0.5)
+        until(lambda: "it was still on, and has been switched off" in control.said, "it to be said")
+        assert not list(tmp_path.rglob("*.control.json"))
 
 
 def test_field_weakening_counts_as_a_current(one: tuple[Control, Between, OneLink]) -> None:
