@@ -365,6 +365,20 @@ def experiment(
         directly(drive, diagnosis, ambiguity, out, i_max)
 
 
+@app.command("export-c")
+def export_c(
+    out: Annotated[Path, Option(metavar="DIR", help="a new folder")],
+    window: Annotated[int, Option(metavar="N", help="samples")] = 400,
+    parameters: Annotated[str, Option(metavar="R_s,L_q", help="what it estimates")] = "R_s,L_d,L_q",
+    kind: Annotated[str, Option("--type", metavar="float32|float64", help="what it computes in")] = "float32",
+    force: Annotated[bool, Option("--force", help="write over files that are there")] = False,
+) -> None:
+    """Write the windowed estimator as a C99 module for a drive's own processor, with test vectors."""
+    from bench.cli.commands.export_c import run
+
+    run(window, parameters, kind, out, force=force)
+
+
 @app.command()
 def registers(as_json: AsJson = False) -> None:
     """Print the Modbus registers of a drive."""
