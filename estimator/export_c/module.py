@@ -20,9 +20,10 @@ MOST_BYTES: Final = 2**20  # of static memory: more than a drive's processor has
 BLOCK: Final = 32  # rows, as in the header
 _HERE: Final = Path(__file__).parent
 _ROW: Final = 7  # numbers of a row in the ring,
-_SUMS: Final = {True: 45, False: 40}  # and of a block's sums, with psi_f among the estimated or without,
-_OTHER: Final = 26  # and of what else there is,
-_COUNTS: Final = 8  # and whole numbers of 4 bytes
+_SUMS: Final = {True: 50, False: 40}  # and of a block's sums, with psi_f among the estimated or without,
+_SETTINGS: Final = 8  # of the settings, beside a whole number,
+_OTHER: Final = 18  # and of what else there is,
+_COUNTS: Final = 7  # beside so many whole numbers of 4 bytes and those that hold a bit a row
 _QUANTILES: Final = 32  # steps of Student's table
 
 
@@ -42,8 +43,10 @@ class Module:
     @property
     def bytes(self) -> int:
         """Static memory of the window's state."""
-        numbers = _ROW * self.window + _SUMS["psi_f" in self.estimated] * (self.window // BLOCK + 1) + _OTHER
-        return numbers * TYPES[self.type] + 4 * (_COUNTS + -(-self.window // 32))
+        size = TYPES[self.type]
+        numbers = _ROW * self.window + _SUMS["psi_f" in self.estimated] * (self.window // BLOCK + 1) + _SETTINGS + _OTHER
+        whole = (4, 4 * (_COUNTS + -(-self.window // 32)))
+        return numbers * size + sum(-(-each // size) * size for each in whole)
 
 
 def module_of(window: int, estimated: Sequence[str], kind: str) -> Module:

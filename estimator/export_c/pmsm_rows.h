@@ -77,6 +77,9 @@ static inline void add_row(pmsm_sums *sums, pmsm_real z[2][Z], pmsm_real before[
         const pmsm_real a[Z] = {z[1][0], z[1][1], z[1][2], z[1][3], z[1][4]};
         pmsm_real *sum = sums->lag0_q;
         TRIANGLE(PRODUCT)
+#if PMSM_WITH_FLUX
+        LAST(PRODUCT)
+#endif
         if (joins) {
             const pmsm_real b[Z] = {before[1][0], before[1][1], before[1][2], before[1][3], before[1][4]};
             sum = sums->lag1_q;

@@ -42,7 +42,8 @@
 
 typedef struct {
     pmsm_real lag0[2][Z][Z], lag1[2][Z][Z], batch[2][Z][Z];
-    pmsm_real u2[2]; /* V^2 */
+    pmsm_real centre[2][Z]; /* coefficients about which those of batches are counted */
+    pmsm_real u2[2];        /* V^2 */
     pmsm_real rows, pairs, batches, w_w, w_next;
     uint32_t gaps;
 } totals;
@@ -129,28 +130,27 @@ static int begins(const pmsm_window *w, uint32_t k)
     return (int)(w->starts[place / 32u] >> (place % 32u) & 1u);
 }
 
-/* A symmetric matrix of its triangle. */
-static void unpack(const pmsm_real *triangle, pmsm_real S[Z][Z])
+/* A symmetric matrix of its triangle, and the fifth number's products where they are there. */
+static void unpack(const pmsm_real *triangle, int last, pmsm_real S[Z][Z])
 {
     int i, j;
     for (i = 0; i < 4; i++)
         for (j = i; j < 4; j++)
             S[i][j] = S[j][i] = *triangle++;
+    for (i = 0; i < Z && last; i++)
+        S[i][H] = S[H][i] = triangle[i];
 }
 
-/* Those of neighbouring rows. Their diagonal is kept once; h hardly changes from row to row, and neither does s. */
+/* Those of neighbouring rows, whose diagonal is kept once. h hardly changes from row to row, and neither does s. */
 static void unpack_neighbours(const totals *t, const pmsm_real *triangle, int axis, pmsm_real S[Z][Z])
 {
+    const int last = axis == 1 && PMSM_WITH_FLUX;
     int i;
-    unpack(triangle, S);
-    for (i = 0; i < 4; i++)
-        S[i][i] *= R(2);
+    unpack(triangle, last, S);
+    for (i = 0; i < Z && !last; i++)
+        S[i][H] = S[H][i] = t->lag0[axis][i][H] * t->pairs / t->rows * (i == H ? R(1) : R(2));
     for (i = 0; i < Z; i++)
-        S[i][H] = S[H][i] = R(2) * t->lag0[axis][i][H] * t->pairs / t->rows;
-#if PMSM_WITH_FLUX
-    for (i = 0; i < Z && axis == 1; i++)
-        S[i][H] = S[H][i] = triangle[PMSM_TRIANGLE + i] * (i == H ? R(2) : R(1));
-#endif
+        S[i][i] *= R(2);
 }
 
 static void add_block(pmsm_sums *sum, const pmsm_sums *block)
@@ -194,8 +194,9 @@ typedef struct {
     pmsm_real sum[2][Z], weighted[2][Z];
 } weighed;
 
-/* Sums of rows [k, k + n), the first ones of a batch of `length`, plain and weighted by sin^2(pi (row + 1/2)/length).
- * What h and s do in them, and the voltages, goes into the totals where they are not yet `counted`. */
+/* Sums of rows [k, k + n), the first ones of a batch of `length`, plain and weighted by sin^2(pi (row + 1/2)/length);
+ * voltages there are what the centre leaves of them. What h and s do in them, and the voltages, goes into the totals
+ * where they are not yet `counted`. */
 static void weigh(const pmsm_window *w, uint32_t k, uint32_t n, uint32_t length, int counted, totals *t, weighed *out)
 {
     const pmsm_real *turn = TURNS[length < SHORTEST_BATCH ? 0 : length - SHORTEST_BATCH];
@@ -211,13 +212,16 @@ static void weigh(const pmsm_window *w, uint32_t k, uint32_t n, uint32_t length,
         sine = sine * c_2 + cosine * s_2;
         cosine = turned;
         row_of(w, row, z);
-        for (axis = 0; axis < 2; axis++)
+        for (axis = 0; axis < 2; axis++) {
+            const pmsm_real *c = t->centre[axis];
+            for (i = 0; i < Z && !counted; i++)
+                t->lag0[axis][i][H] += z[axis][i] * z[axis][H];
+            z[axis][E] -= c[0] * z[axis][0] + c[1] * z[axis][1] + c[2] * z[axis][2] + c[H] * z[axis][H];
             for (i = 0; i < Z; i++) {
                 out->sum[axis][i] += z[axis][i];
                 out->weighted[axis][i] += weight * z[axis][i];
-                if (!counted)
-                    t->lag0[axis][i][H] += z[axis][i] * z[axis][H];
             }
+        }
         if (!counted) {
             t->u2[0] += row->u_d * row->u_d;
             t->u2[1] += row->u_q * row->u_q;
@@ -274,21 +278,29 @@ static void add_stretches(const pmsm_window *w, totals *t)
     }
 }
 
-static void total(const pmsm_window *w, totals *t)
+/* Sums over rows, but for what h and s do in them. */
+static void total_rows(const pmsm_window *w, pmsm_sums *sum, totals *t)
 {
-    pmsm_sums sum;
-    int axis, i;
     memset(t, 0, sizeof *t);
-    memset(&sum, 0, sizeof sum);
-    add_rows(w, &sum, t);
+    memset(sum, 0, sizeof *sum);
+    add_rows(w, sum, t);
+    unpack(sum->lag0_d, 0, t->lag0[0]);
+    unpack(sum->lag0_q, PMSM_WITH_FLUX, t->lag0[1]);
+}
+
+/* And those of batches, and all that is left. */
+static void total_rest(const pmsm_window *w, const pmsm_sums *sum, totals *t)
+{
+    int axis, i;
+    for (axis = 0; axis < 2; axis++)
+        for (i = 0; i < Z; i++)
+            t->lag0[axis][i][H] = R(0);
     add_stretches(w, t);
-    unpack(sum.lag0_d, t->lag0[0]);
-    unpack(sum.lag0_q, t->lag0[1]);
     for (axis = 0; axis < 2; axis++)
         for (i = 0; i < H; i++)
             t->lag0[axis][H][i] = t->lag0[axis][i][H];
-    unpack_neighbours(t, sum.lag1_d, 0, t->lag1[0]);
-    unpack_neighbours(t, sum.lag1_q, 1, t->lag1[1]);
+    unpack_neighbours(t, sum->lag1_d, 0, t->lag1[0]);
+    unpack_neighbours(t, sum->lag1_q, 1, t->lag1[1]);
 }
 
 /* A parameter's place in z. */
@@ -459,7 +471,8 @@ typedef struct {
     totals t;
     pmsm_real G[P][P], G_calm[P][P];
     excitation plain, plain_calm;
-    int enough, calm; /* more equations than parameters; batches enough */
+    pmsm_real centre[4]; /* parameters about which batches are counted */
+    int enough, calm;    /* more equations than parameters; batches enough */
 } task;
 
 /* Coefficients of both axes, for parameters and small terms (of h, b_d, b_q). */
@@ -573,18 +586,26 @@ static void whole_side(pmsm_real G[P][P], const pmsm_real right[P], const pmsm_r
     }
 }
 
-/* Plain least squares, as a correction of the known parameters where all directions are told. */
-static void reference(const task *k, pmsm_real G[P][P], excitation *x, pmsm_real right[P], pmsm_real beta[4])
+/* Plain least squares, as a correction of an origin where all directions are told. */
+static void reference(pmsm_real G[P][P], excitation *x, pmsm_real right[P], const pmsm_real origin[4], pmsm_real beta[4])
 {
-    const pmsm_real *known = k->w->settings.known;
     pmsm_real side[P], found[P];
     int i;
-    memcpy(beta, known, 4 * sizeof *beta);
+    memcpy(beta, origin, 4 * sizeof *beta);
     if (x->n_weak > 0)
-        whole_side(G, right, known, side);
+        whole_side(G, right, origin, side);
     times(x->inverse, x->n_weak > 0 ? side : right, found);
     for (i = 0; i < P; i++)
-        beta[PLACES[i]] = x->n_weak > 0 ? found[i] : known[PLACES[i]] + found[i];
+        beta[PLACES[i]] = x->n_weak > 0 ? found[i] : origin[PLACES[i]] + found[i];
+}
+
+/* Coefficients as batches have them: differences from the centre's. */
+static void about_centre(const task *k, pmsm_real c[2][Z], pmsm_real out[2][Z])
+{
+    int axis, i;
+    for (axis = 0; axis < 2; axis++)
+        for (i = 0; i < Z; i++)
+            out[axis][i] = i == E ? c[axis][E] : c[axis][i] - k->t.centre[axis][i];
 }
 
 static int estimated_place(int p)
@@ -686,10 +707,15 @@ static void solve_round(task *k, const pmsm_real small[3], solved *s)
     pmsm_real by_rows[4], by_batches[4], one[2], other[2];
     int i, j, axis;
     coefficients(k, known, small, c_0);
-    right_side(k->calm ? k->t.batch : k->t.lag0, c_0, right);
-    reference(k, k->G_calm, &k->plain_calm, right, by_batches);
     right_side(k->t.lag0, c_0, right);
-    reference(k, k->G, &k->plain, right, by_rows);
+    reference(k->G, &k->plain, right, known, by_rows);
+    memcpy(by_batches, by_rows, sizeof by_batches);
+    if (k->calm) {
+        coefficients(k, k->centre, small, c);
+        about_centre(k, c, c);
+        right_side(k->t.batch, c, side);
+        reference(k->G_calm, &k->plain_calm, side, k->centre, by_batches);
+    }
     coefficients(k, by_rows, small, c);
     current_noise(k, by_rows, c, one);
     coefficients(k, by_batches, small, c);
@@ -808,8 +834,9 @@ static pmsm_real variances(task *k, const solved *s, pmsm_real c[2][Z], pmsm_rea
 {
     totals *t = &k->t;
     const pmsm_real n = larger(t->rows, R(1)), own = larger(n - R(0.5) * R(P), R(0.5));
-    pmsm_real of_variance[P], squares[2], gamma0[2], lasting[2];
+    pmsm_real of_variance[P], squares[2], gamma0[2], lasting[2], c_batch[2][Z];
     int axis, i, j, l;
+    about_centre(k, c, c_batch);
     memset(variance, 0, P * sizeof *variance);
     memset(constant, 0, P * sizeof *constant);
     memset(of_variance, 0, sizeof of_variance);
@@ -820,7 +847,7 @@ static pmsm_real variances(task *k, const solved *s, pmsm_real c[2][Z], pmsm_rea
     constant_errors(k, s->full, gamma0, s->sigma2, lasting);
     for (axis = 0; axis < 2; axis++) {
         pmsm_real known[4];
-        colour(t, squares[axis], form(c[axis], t->lag1[axis]), form(c[axis], t->batch[axis]), known);
+        colour(t, squares[axis], form(c[axis], t->lag1[axis]), form(c_batch[axis], t->batch[axis]), known);
         for (i = 0; i < P; i++) {
             pmsm_real S0 = R(0), S1 = R(0), A, B;
             for (j = 0; j < P; j++)
@@ -850,15 +877,22 @@ static pmsm_real variances(task *k, const solved *s, pmsm_real c[2][Z], pmsm_rea
 
 static void prepare(const pmsm_window *w, task *k)
 {
-    pmsm_real none[P];
+    const pmsm_real at_known[3] = {w->known_h, R(0), R(0)};
+    pmsm_sums sum;
+    pmsm_real none[P], right[P], c[2][Z];
     memset(none, 0, sizeof none);
     k->w = w;
-    total(w, &k->t);
+    total_rows(w, &sum, &k->t);
     k->enough = 2u * w->samples > P;
-    k->calm = k->t.batches >= FEWEST_BATCHES;
     normal_matrix(k->t.lag0, k->G);
-    normal_matrix(k->calm ? k->t.batch : k->t.lag0, k->G_calm);
     judge(k->G, none, &k->plain);
+    coefficients(k, w->settings.known, at_known, c);
+    right_side(k->t.lag0, c, right);
+    reference(k->G, &k->plain, right, w->settings.known, k->centre);
+    coefficients(k, k->centre, at_known, k->t.centre);
+    total_rest(w, &sum, &k->t);
+    k->calm = k->t.batches >= FEWEST_BATCHES;
+    normal_matrix(k->t.batch, k->G_calm);
     judge(k->G_calm, none, &k->plain_calm);
 }
 

@@ -56,7 +56,8 @@ typedef struct {
 
 #define PMSM_BLOCK 32 /* rows */
 #define PMSM_BLOCKS (PMSM_WINDOW / PMSM_BLOCK + 1)
-#define PMSM_TRIANGLE 10 /* products of four numbers with each other */
+#define PMSM_TRIANGLE 10 /* products of four numbers with each other, */
+#define PMSM_LAST (PMSM_WITH_FLUX ? 5 : 0) /* and of a fifth with all */
 
 typedef struct {
     pmsm_real half_sine;            /* sin(D/2), D the angle turned in the period */
@@ -65,8 +66,8 @@ typedef struct {
 } pmsm_row;
 
 typedef struct { /* of rows with themselves, and with the row before; d and q axis */
-    pmsm_real lag0_d[PMSM_TRIANGLE], lag0_q[PMSM_TRIANGLE], lag1_d[PMSM_TRIANGLE];
-    pmsm_real lag1_q[PMSM_TRIANGLE + (PMSM_WITH_FLUX ? 5 : 0)];
+    pmsm_real lag0_d[PMSM_TRIANGLE], lag1_d[PMSM_TRIANGLE];
+    pmsm_real lag0_q[PMSM_TRIANGLE + PMSM_LAST], lag1_q[PMSM_TRIANGLE + PMSM_LAST];
 } pmsm_sums;
 
 typedef struct {

@@ -19,8 +19,8 @@ def run(window: int, parameters: str, kind: str, out: Path, *, force: bool) -> N
     for name, text in files.items():
         with as_refusal(out / name):
             write_whole(out / name, text, over=force)
-    told = f"{', '.join(module.estimated)} by the last {window} samples in {kind}, {module.bytes} bytes of static memory"
-    print(f"{out}: {told}; next: read {out / 'README.md'}")
+    what = f"{', '.join(module.estimated)} by the last {window} samples in {kind}"
+    print(f"{out}: {what}, {module.bytes} bytes of static memory; next: read {out / 'README.md'}")
 
 
 def _check_folder(out: Path, *, force: bool) -> None:

@@ -1,0 +1,1 @@
+"""The C module beside the Python core it is made of."""
