@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-http bench-links bench-faults bench-idle bench-kills bench-load bench-recordings bench-stale bench-plant bench-watch auto-window gallery results picture clean
+.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-idle bench-kills bench-load bench-recordings bench-stale bench-plant bench-watch auto-window gallery results picture clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them; PORT=8081 beside another one
 	@exec $(BIN)/pmsm-bench up $(PORT:%=--port %)
@@ -46,7 +46,7 @@ slow: $(VENV)/.dev ## tests that take long
 
 release: test thorough browser slow test-vcan paper peers prove score bars ## all of it: a night
 
-bars: bench-diagnose bench-estimator bench-http bench-links bench-faults bench-idle bench-kills bench-load bench-recordings bench-stale bench-plant bench-watch ## what is measured by name
+bars: bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-idle bench-kills bench-load bench-recordings bench-stale bench-plant bench-watch ## what is measured by name
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser
@@ -99,6 +99,9 @@ $(VENV)/.dev: $(VENV)/.run
 
 bench-estimator: $(VENV)/.dev ## the estimator's speed beside its peers and a C loop (needs gcc)
 	$(BIN)/python -m tests.bars.bench_estimator
+
+bench-export-c: $(VENV)/.dev ## the C module beside Python and the published window, its instructions: some minutes (gcc; clang, valgrind, qemu-user, gcc-arm-none-eabi)
+	$(BIN)/python -m tests.bars.bench_export_c
 
 bench-links: $(VENV)/.dev ## the links over loopback beside what their buses would allow: about nine minutes
 	$(BIN)/python -m tests.bars.bench_links

@@ -43,8 +43,8 @@ class Module:
     @property
     def bytes(self) -> int:
         """Static memory of the window's state."""
-        size = TYPES[self.type]
-        numbers = _ROW * self.window + _SUMS["psi_f" in self.estimated] * (self.window // BLOCK + 1) + _SETTINGS + _OTHER
+        size, blocks = TYPES[self.type], self.window // BLOCK + 1
+        numbers = _ROW * self.window + _SUMS["psi_f" in self.estimated] * blocks + _SETTINGS + _OTHER
         whole = (4, 4 * (_COUNTS + -(-self.window // 32)))
         return numbers * size + sum(-(-each // size) * size for each in whole)
 

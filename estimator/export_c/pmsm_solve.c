@@ -50,6 +50,7 @@ typedef struct {
 
 typedef struct {
     pmsm_real scale[P], inverse[P][P], plain[P][P];
+    pmsm_real told[P][P]; /* onto the directions that are told */
     pmsm_real weak[P][P]; /* by rows: orthonormal directions that are not told, */
     int n_weak;           /* so many */
 } excitation;
@@ -106,7 +107,7 @@ static pmsm_real form(pmsm_real c[Z], pmsm_real S[Z][Z])
     return sum;
 }
 
-static void times(pmsm_real A[P][P], pmsm_real x[P], pmsm_real out[P])
+static void times(pmsm_real A[P][P], const pmsm_real x[P], pmsm_real out[P])
 {
     int i, j;
     for (i = 0; i < P; i++) {
@@ -422,11 +423,16 @@ static void judge(pmsm_real G[P][P], pmsm_real N[P], excitation *x)
     eigen(A, v);
     memset(V, 0, sizeof V);
     memset(x->plain, 0, sizeof x->plain);
+    memset(x->told, 0, sizeof x->told);
     x->n_weak = 0;
     for (k = 0; k < P; k++) {
         const pmsm_real strength = A[k][k];
         pmsm_real size2 = R(0), largest = R(0);
         strong[k] = strength > R(1);
+        for (i = 0; i < P && strong[k]; i++)
+            for (j = 0; j < P; j++)
+                x->told[i][j] += v[i][k] * v[j][k] * x->scale[i] * whitening[i] *
+                                 quotient(R(1), x->scale[j] * whitening[j]);
         for (i = 0; i < P; i++) {
             v[i][k] *= whitening[i];
             size2 += square(v[i][k]);
@@ -575,28 +581,32 @@ static void right_side(pmsm_real S[2][Z][Z], pmsm_real c_0[2][Z], pmsm_real out[
     }
 }
 
-/* A' u of the estimated parameters, of which `right` holds what the known ones leave. */
-static void whole_side(pmsm_real G[P][P], const pmsm_real right[P], const pmsm_real known[4], pmsm_real out[P])
+/* Least squares over the directions that are told: their part of an origin, and its correction by what it leaves. */
+static void corrected(excitation *x, const pmsm_real N[P], const pmsm_real right[P], const pmsm_real origin[4],
+                      pmsm_real out[P])
 {
-    int i, j;
-    for (i = 0; i < P; i++) {
-        out[i] = right[i];
-        for (j = 0; j < P; j++)
-            out[i] += G[i][j] * known[PLACES[j]];
-    }
+    pmsm_real known[P], part[P], side[P];
+    int i;
+    for (i = 0; i < P; i++)
+        known[i] = origin[PLACES[i]];
+    times(x->told, known, part);
+    for (i = 0; i < P; i++)
+        side[i] = right[i] + N[i] * part[i];
+    times(x->inverse, side, out);
+    for (i = 0; i < P; i++)
+        out[i] += part[i];
 }
 
-/* Plain least squares, as a correction of an origin where all directions are told. */
-static void reference(pmsm_real G[P][P], excitation *x, pmsm_real right[P], const pmsm_real origin[4], pmsm_real beta[4])
+/* Plain least squares. */
+static void reference(excitation *x, const pmsm_real right[P], const pmsm_real origin[4], pmsm_real beta[4])
 {
-    pmsm_real side[P], found[P];
+    static const pmsm_real NONE[P];
+    pmsm_real found[P];
     int i;
+    corrected(x, NONE, right, origin, found);
     memcpy(beta, origin, 4 * sizeof *beta);
-    if (x->n_weak > 0)
-        whole_side(G, right, origin, side);
-    times(x->inverse, x->n_weak > 0 ? side : right, found);
     for (i = 0; i < P; i++)
-        beta[PLACES[i]] = x->n_weak > 0 ? found[i] : origin[PLACES[i]] + found[i];
+        beta[PLACES[i]] = found[i];
 }
 
 /* Coefficients as batches have them: differences from the centre's. */
@@ -703,18 +713,18 @@ static void filled_by_prior(task *k, solved *s, pmsm_real strong[P])
 static void solve_round(task *k, const pmsm_real small[3], solved *s)
 {
     const pmsm_real *known = k->w->settings.known;
-    pmsm_real c_0[2][Z], c[2][Z], right[P], side[P], strong[P], rest[P], correction[P];
+    pmsm_real c_0[2][Z], c[2][Z], right[P], side[P], strong[P], correction[P];
     pmsm_real by_rows[4], by_batches[4], one[2], other[2];
     int i, j, axis;
     coefficients(k, known, small, c_0);
     right_side(k->t.lag0, c_0, right);
-    reference(k->G, &k->plain, right, known, by_rows);
+    reference(&k->plain, right, known, by_rows);
     memcpy(by_batches, by_rows, sizeof by_batches);
     if (k->calm) {
         coefficients(k, k->centre, small, c);
         about_centre(k, c, c);
         right_side(k->t.batch, c, side);
-        reference(k->G_calm, &k->plain_calm, side, k->centre, by_batches);
+        reference(&k->plain_calm, side, k->centre, by_batches);
     }
     coefficients(k, by_rows, small, c);
     current_noise(k, by_rows, c, one);
@@ -729,24 +739,15 @@ static void solve_round(task *k, const pmsm_real small[3], solved *s)
     judge(k->G, s->noise, &s->x);
     memcpy(s->full, known, sizeof s->full);
     memcpy(s->beta, known, sizeof s->beta);
-    if (s->x.n_weak == 0) { /* (G - N)^-1 A' u less the known ones is (G - N)^-1 (A' e + N known) */
-        for (i = 0; i < P; i++)
-            side[i] = right[i] + s->noise[i] * known[PLACES[i]];
-        times(s->x.inverse, side, strong);
-        for (i = 0; i < P; i++)
-            s->full[PLACES[i]] = strong[i] += known[PLACES[i]];
-    } else {
-        whole_side(k->G, right, known, side);
-        times(s->x.inverse, side, strong);
-        for (i = 0; i < P; i++) {
-            rest[i] = side[i];
-            for (j = 0; j < P; j++)
-                rest[i] -= k->G[i][j] * strong[j];
-        }
-        times(s->x.plain, rest, correction);
-        for (i = 0; i < P; i++)
-            s->full[PLACES[i]] = strong[i] + correction[i];
+    corrected(&s->x, s->noise, right, known, strong);
+    for (i = 0; i < P; i++) {
+        side[i] = right[i];
+        for (j = 0; j < P; j++)
+            side[i] += k->G[i][j] * (known[PLACES[j]] - strong[j]);
     }
+    times(s->x.plain, side, correction);
+    for (i = 0; i < P; i++)
+        s->full[PLACES[i]] = strong[i] + correction[i];
     filled_by_prior(k, s, strong);
     memset(s->sure, 0, sizeof s->sure);
     for (i = 0; i < P; i++)
@@ -888,7 +889,7 @@ static void prepare(const pmsm_window *w, task *k)
     judge(k->G, none, &k->plain);
     coefficients(k, w->settings.known, at_known, c);
     right_side(k->t.lag0, c, right);
-    reference(k->G, &k->plain, right, w->settings.known, k->centre);
+    reference(&k->plain, right, w->settings.known, k->centre);
     coefficients(k, k->centre, at_known, k->t.centre);
     total_rest(w, &sum, &k->t);
     k->calm = k->t.batches >= FEWEST_BATCHES;
