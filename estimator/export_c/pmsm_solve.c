@@ -163,7 +163,8 @@ static void add_block(pmsm_sums *sum, const pmsm_sums *block)
         to[k] += of[k];
 }
 
-/* Add rows with themselves and with the row before; those of whole blocks at once. */
+/* Add rows with themselves and with the row before; those of whole blocks at once. Where the window begins with a whole
+ * chunk, the chunk's pair with the row before it counts. */
 static void add_rows(const pmsm_window *w, pmsm_sums *sum, totals *t)
 {
     const uint32_t first = w->number - w->samples;

@@ -101,12 +101,16 @@ class CWindow:
             self._window, ctypes.c_uint32(first), ctypes.c_uint32(len(rows)), ctypes.c_void_p(rows.ctypes.data)
         )
 
+    def count_from(self, number: int) -> None:
+        """Have the empty window count rows from there."""
+        self._library.count_from(self._window, ctypes.c_uint32(number))
+
     def solve(self, *, later: int = 0) -> Estimates:
         """What the window says, so many ticks after its newest sample."""
-        found = self._Found()
+        found: Any = self._Found()
         self._library.pmsm_window_solve(self._window, ctypes.c_uint32(self.tick + later), ctypes.byref(found))
         of = {
-            name: Said(float(found.value[j]), float(found.std[j]), STATUSES[found.status[j]])
+            name: Said(float(found.value[j]), float(found.std[j]), STATUSES[int(found.status[j])])
             for j, name in enumerate(PARAMETERS)
         }
         return Estimates(of, float(found.residual_rms), int(found.samples), int(found.gaps))
