@@ -337,11 +337,12 @@ def test_a_drive_that_is_still_on_when_its_link_is_back_too_late_is_switched_off
     """Its clock stood still, say: that its lease must have run out is what our clock says, and not what it is."""
     with controlled("lease", tmp_path) as (control, drive, link):
         control.start(SET_POINTS, "somebody")
-        assert (controlled_ := control._controlled) is not None
+        ours = control._controlled
+        assert ours is not None
         link.there = False
         deadline = time.monotonic() + 2.5
         while time.monotonic() < deadline:
-            drive.control(Record(controlled_.lease.token, Action.RENEW, seconds=2.0))
+            drive.control(Record(ours.lease.token, Action.RENEW, seconds=2.0))
             time.sleep(0.1)
         assert control.whom is None
         assert control.said.startswith("nothing has come to the drive for longer than it waits for its bench")
