@@ -4,15 +4,19 @@
     kind (1 byte), length (4), checksum (4: CRC-32 of all records so far), the record; and again
 
 A record whose checksum is not right, and what follows it, is not there: what a power cut leaves - an end cut off, or
-of zeros - is found. On disk at least twice a second. Knows nothing of what records mean.
+of zeros - is found. `salvaged` goes on behind damage: a record is vouched for by the checksum that is written before
+it. On disk at least twice a second. Knows nothing of what records mean.
 """
 
 import contextlib
 import fcntl
 import os
+import re
 import struct
 import time
 import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from typing import ClassVar, Final, Self
@@ -20,15 +24,25 @@ from typing import ClassVar, Final, Self
 from bench.errors import RecordingError
 from bench.files import first_free, give_name, sync_folder
 
+DAMAGED: Final = ".damaged"  # ends the names of those that are kept for what they are
 _MAGIC: Final = b"pmsm-bench part 2\n"
 _EARLIER: Final = b"{"  # with which those begin that have no checksums
 _FRAME: Final = struct.Struct("<cI")
 _CHECK: Final = struct.Struct("<I")
+_HEAD: Final = _FRAME.size + _CHECK.size  # bytes before a record's content
 _SYNC: Final = 0.5  # s after which records are on disk, whatever befalls the machine
 _PIECE: Final = 8192  # bytes
 _LARGEST: Final = 1 << 31  # bytes, of one that is taken up
 
 Record = tuple[bytes, bytes]  # kind, content
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """Bytes of a part file that make no record."""
+
+    size: int
+    cut: bool  # the file ends within a record, as a kill leaves it
 
 
 class PartFile:
@@ -63,6 +77,17 @@ class PartFile:
     @classmethod
     def found(cls, path: Path) -> Self | None:
         """One that was left, with its records; None where it is being worked at. Raises RecordingError, OSError."""
+        if (part := cls.locked(path)) is None:
+            return None
+        with contextlib.ExitStack() as otherwise:
+            otherwise.callback(part.close)
+            part._read()
+            otherwise.pop_all()
+        return part
+
+    @classmethod
+    def locked(cls, path: Path) -> Self | None:
+        """One that was left, unread; None where it is being worked at. Raises RecordingError, OSError."""
         if not path.is_file():
             raise RecordingError(f"{path.name}: expected a file, this is none")
         with contextlib.ExitStack() as otherwise:
@@ -73,18 +98,8 @@ class PartFile:
                 return None
             if not os.fstat(file.fileno()).st_nlink:  # it has ended since
                 return None
-            part = cls(path, file)
-            part._read()
             otherwise.pop_all()
-        return part
-
-    @classmethod
-    def contents(cls, path: Path) -> tuple[list[Record], int]:
-        """The records of one, and the bytes after them that make none, whoever works at it. Raises as `found`."""
-        with path.open("rb", buffering=0) as file:
-            part = cls(path, file)
-            part._read()
-            return part.records, part.damaged
+        return cls(path, file)
 
     @property
     def size(self) -> int:
@@ -121,7 +136,7 @@ class PartFile:
         """It is needed no longer; one with damaged records is kept, as `NAME.damaged`."""
         try:
             if self.damaged:
-                first_free(self.path.with_suffix(".damaged"), lambda name: give_name(self.path, name))
+                keep_damaged(self.path)
             self.path.unlink(missing_ok=True)
         finally:
             self.close()
@@ -133,9 +148,7 @@ class PartFile:
 
     def _read(self) -> None:
         """The records up to the first that is damaged. Raises RecordingError where there is none."""
-        size = os.fstat(self._file.fileno()).st_size
-        if size > _LARGEST:
-            raise RecordingError(f"{self.path.name}: expected at most {_LARGEST} bytes, it has {size}")
+        size = _size(self.path, self._file)
         begin = self._file.read(len(_MAGIC))
         if begin.startswith(_EARLIER):
             raise RecordingError(
@@ -144,7 +157,7 @@ class PartFile:
             )
         if begin != _MAGIC:
             raise RecordingError(f"{self.path.name} is damaged at its beginning, and is left as it is")
-        while len(head := self._file.read(_FRAME.size + _CHECK.size)) == _FRAME.size + _CHECK.size:
+        while len(head := self._file.read(_HEAD)) == _HEAD:
             kind, length = _FRAME.unpack_from(head)
             (told,) = _CHECK.unpack_from(head, _FRAME.size)
             if length > size - self._end:
@@ -198,6 +211,100 @@ class OnPartFile:
         with contextlib.suppress(OSError, ValueError):
             self._file.sync()
         self._file.close()
+
+
+def salvaged(path: Path, kinds: bytes) -> Iterator[Record | Damage]:
+    """Every record of these kinds that is whole, and the damage between them, whoever works at it.
+
+    Raises RecordingError, OSError.
+    """
+    with path.open("rb", buffering=0) as file:
+        _size(path, file)
+        content = memoryview(file.read())
+    at, before = len(_MAGIC), zlib.crc32(_MAGIC)
+    if (begin := bytes(content[:at])) != _MAGIC:
+        yield Damage(len(begin), cut=_MAGIC.startswith(begin))
+    while at < len(content):
+        frame = _Frame.at(content, at)
+        if frame is not None and frame.follows(before):
+            yield bytes(frame.kind), bytes(frame.content)
+            at, before = frame.end, frame.told
+            continue
+        damaged, (at, before) = at, _next_whole(content, at, before, kinds)
+        yield Damage(at - damaged, cut=frame is None and at == len(content))
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """What may be a record."""
+
+    head: memoryview
+    told: int  # its checksum
+    content: memoryview
+    end: int  # its place in the file
+
+    @classmethod
+    def at(cls, content: memoryview, place: int) -> Self | None:
+        """None where the file ends before it does."""
+        if place + _HEAD > len(content):
+            return None
+        _, length = _FRAME.unpack_from(content, place)
+        (told,) = _CHECK.unpack_from(content, place + _FRAME.size)
+        begin, end = place + _HEAD, place + _HEAD + length
+        return None if end > len(content) else cls(content[place : place + _FRAME.size], told, content[begin:end], end)
+
+    @property
+    def kind(self) -> memoryview:
+        return self.head[:1]
+
+    def checksum(self, before: int) -> int:
+        """That it is to have after records of a checksum."""
+        return zlib.crc32(self.content, zlib.crc32(self.head, before))
+
+    def follows(self, before: int) -> bool:
+        """It is whole, after records of a checksum."""
+        return self.checksum(before) == self.told
+
+
+def _next_whole(content: memoryview, at: int, before: int, kinds: bytes) -> tuple[int, int]:
+    """Where the next whole record is after a damaged one at a place, and the checksum before it; else the file's end.
+
+    That is the damaged record's, as it is written there or as it should be; or one that a frame has right before it.
+    """
+    befores = {_CHECK.unpack_from(content, at + _FRAME.size)[0]} if at + _HEAD <= len(content) else set[int]()
+    if (damaged := _Frame.at(content, at)) is not None:
+        befores.add(damaged.checksum(before))
+    for found in re.compile(b"[" + re.escape(kinds) + b"]").finditer(content, at):
+        place = found.start()
+        if (frame := _Frame.at(content, place)) is None:
+            continue
+        after = _Frame.at(content, frame.end)
+        if after is None and frame.end != len(content):
+            continue
+        if place > at and (vouched := next((crc for crc in befores if frame.follows(crc)), None)) is not None:
+            return place, vouched
+        if after is not None and bytes(after.kind) in kinds and after.follows(frame.told):
+            return frame.end, frame.told
+    return len(content), 0
+
+
+def keep_damaged(path: Path) -> None:
+    """Give a file that is damaged the name under which it stays, `NAME.damaged`. Raises OSError."""
+    first_free(damaged_name(path), lambda name: give_name(path, name))
+    path.unlink(missing_ok=True)
+
+
+def damaged_name(path: Path) -> Path:
+    """Of a file that is damaged."""
+    return path.with_suffix(DAMAGED)
+
+
+def _size(path: Path, file: FileIO) -> int:
+    """In bytes. Raises RecordingError for one that is too large to be read."""
+    size = os.fstat(file.fileno()).st_size
+    if size > _LARGEST:
+        raise RecordingError(f"{path.name}: expected at most {_LARGEST} bytes, it has {size}")
+    return size
 
 
 def piece_size(sample: int) -> int:

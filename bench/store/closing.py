@@ -1,11 +1,12 @@
 """What becomes of a recording of the stream: one Parquet, sealed, written whole or not at all; then its segments go.
 
 Its notes tell what the columns do not: where it is from, gaps, events, why it ended. It may be begun anew after a kill
-at any instant: the Parquet is there before the first segment goes, and tells by its id that it is.
+at any instant: the Parquet is there before the first segment goes, and tells by its id that it is. Damaged segments
+stay.
 """
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +17,7 @@ from bench.recordings.table import notes
 from bench.store.overview import prepare
 from bench.store.rows import COLUMNS, Rows, table_columns
 from bench.store.sealed_file import write_sealed
-from bench.store.segments import Event, FoundSegments
+from bench.store.segments import Event, FoundSegments, Hole
 from drivers.wire.dictionary import signal_named
 
 _ROWS: Final = 1 << 18  # of a row group
@@ -35,14 +36,16 @@ class _Account:
 def closed(segments: FoundSegments, why: str = "") -> Path | None:
     """Make a Parquet of segments, and remove them; None where they hold no row. Raises OSError, RecordingError.
 
+    Those that are damaged are kept, see `FoundSegments.remove`.
+
     `why`: why it ended, where the segments do not say.
     """
     folder, heading = segments.paths[0].parent, segments.heading
     path = folder / f"{heading.id}.parquet"
     part = _unfinished(path)
     try:
+        account, told = _account(segments, why)
         if notes_of(path).get("recording") != heading.id:
-            account, told = _account(segments, why)
             if not account.rows:
                 segments.remove()
                 return None
@@ -78,6 +81,10 @@ def _account(segments: FoundSegments, why: str) -> tuple[_Account, dict[str, Any
         else:
             events.append(record)
     ended: Event = next((event for event in reversed(events) if event["what"] == "ended"), Event())
+    for hole in segments.holes:
+        events.append(_gap(hole, events, heading.periods))
+        account.end = max(account.end, hole.end)
+    events.sort(key=lambda event: event["place"])
     told = asdict(heading) | {
         "recording": heading.id, "kind": "stream", "rows": account.rows, "duration": account.end * heading.T_s,
         "events": [_timed(event, heading.T_s) for event in events if event is not ended],
@@ -86,6 +93,16 @@ def _account(segments: FoundSegments, why: str) -> tuple[_Account, dict[str, Any
     for key in ("segment", "id"):
         del told[key]
     return account, told
+
+
+def _gap(hole: Hole, events: Iterable[Event], periods: int) -> Event:
+    """What a hole is in a recording's events: its rows but for those that other gaps within it tell of."""
+    told = sum(
+        event["rows"] for event in events
+        if event["what"] in ("gap", "clock reset") and hole.begin < event["place"] <= hole.end
+    )
+    rows = max((hole.end - hole.begin) // periods - told, 0)
+    return {"place": hole.end, "what": "gap", "rows": rows, "why": "what was written of them is damaged, or missing"}
 
 
 def _timed(event: Event, T_s: float) -> Event:

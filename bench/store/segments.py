@@ -5,24 +5,28 @@
     R   rows, see `rows`
     E   an event, as JSON: {"place": ..., "what": ..., ...}
 
-What is appended outlives the process at once, and a power cut half a second later. What a segment's end lacks is told.
+What is appended outlives the process at once, and a power cut half a second later. Of a damaged segment all records
+are read that are whole, and it stays, as ID.0001.damaged; what is missing is told.
 """
 
 import contextlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from glob import escape
 from pathlib import Path
 from typing import Any, Final, Self
 
 from bench.errors import RecordingError
-from bench.recordings.part_file import PartFile
+from bench.recordings.part_file import DAMAGED, Damage, PartFile, Record, damaged_name, keep_damaged, salvaged
 from bench.store.rows import Rows, packed, unpacked
 
 SUFFIX: Final = ".stream"
 _HEADING: Final = b"H"
 _ROWS: Final = b"R"
 _EVENT: Final = b"E"
+_NUMBERED: Final = ".[0-9][0-9][0-9][0-9]"
+_KINDS: Final = _HEADING + _ROWS + _EVENT
 _SEGMENT: Final = 1 << 26  # bytes of a segment, from which on another one begins
 
 Event = dict[str, Any]
@@ -49,6 +53,14 @@ class Heading:
     versions: dict[str, str]
     continues: str = ""  # id of the recording that it goes on with
     segment: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """Where segments are damaged, or missing: control periods from the recording's begin."""
+
+    begin: int
+    end: int  # the begin, where it is not known how much is missing
 
 
 class Segments:
@@ -106,53 +118,81 @@ class FoundSegments:
     def __init__(self, heading: Heading, paths: list[Path], locks: contextlib.ExitStack) -> None:
         """Use `found`."""
         self.heading, self.paths = heading, paths
-        self.lacking: list[str] = []  # of the reading before: what is damaged or missing, a sentence each
+        # Of the reading before:
+        self.lacking: list[str] = []  # what is damaged or missing, a sentence each
+        self.holes: list[Hole] = []  # where rows are missing for that
+        self._damaged: list[Path] = []
         self._locks = locks
 
     @classmethod
     def found(cls, folder: Path, id_: str) -> Self | None:
         """Those of a recording; None where it is still under way. Raises RecordingError, OSError."""
-        paths = sorted(folder.glob(f"{id_}.[0-9][0-9][0-9][0-9]{SUFFIX}"))
+        paths = sorted(folder.glob(f"{id_}{_NUMBERED}{SUFFIX}"))
         heading: Heading | None = None
         with contextlib.ExitStack() as locks:
             for path in paths:
                 with contextlib.suppress(RecordingError):  # told when it is read
-                    file = PartFile.found(path)
+                    file = PartFile.locked(path)
                     if file is None:
                         return None
                     locks.callback(file.close)
-                    heading = heading or _heading_of(file)
-                    file.records.clear()
+                    heading = heading or _heading_of(path)
             if heading is None:
                 raise RecordingError(f"{id_}: expected segments of a recording, none of {len(paths)} can be read")
             return cls(heading, paths, locks.pop_all())
         raise AssertionError
 
     def records(self) -> Iterator[Rows | Event]:
-        """Rows and events in their order; `lacking` tells afterwards what was not there."""
-        self.lacking = []
-        expected = 1
+        """Rows and events in their order; `lacking` and `holes` tell afterwards what was not there."""
+        self.lacking, self.holes, self._damaged = [], [], []
+        end = latest = 0  # places: of the end of the rows so far, of what is known of
+        hole, expected = False, 1
         for path in self.paths:
-            try:
-                records, damaged = PartFile.contents(path)
-                heading = Heading(**json.loads(records[0][1]))
-            except (RecordingError, OSError, ValueError, TypeError, LookupError) as error:
-                self.lacking.append(str(error))
-                continue
-            if heading.segment != expected:
-                self.lacking.append(f"segments {expected} to {heading.segment - 1} are not there")
-            expected = heading.segment + 1
-            if damaged:
-                self.lacking.append(f"the last {damaged} bytes of {path.name} are not whole, and are left out")
-            for kind, content in records[1:]:
-                if kind == _ROWS:
-                    yield unpacked(content)
-                elif kind == _EVENT:
-                    yield json.loads(content)
+            if (number := _number_of(path)) != expected:
+                self.lacking.append(f"segments {expected} to {number - 1} are not there")
+                hole = True
+            expected = number + 1
+            for one in self._salvaged(path):
+                if one is None:
+                    hole = True
+                elif isinstance(one, Rows):
+                    if hole and one.place > end:
+                        self.holes.append(Hole(end, one.place))
+                    hole, end = False, one.end
+                    yield one
+                else:
+                    latest = max(latest, one["place"])
+                    yield one
+        if hole:
+            self.holes.append(Hole(end, max(end, latest)))
+
+    def _salvaged(self, path: Path) -> Iterator[Rows | Event | None]:
+        """Rows and events of a segment; None where something is damaged."""
+        damaged = 0  # bytes
+        try:
+            for one in salvaged(path, _KINDS):
+                if not isinstance(one, Damage):
+                    yield from _content_of(one)
+                elif one.cut and path == self.paths[-1]:
+                    self.lacking.append(f"the last {one.size} bytes of {path.name} are not whole, and are left out")
+                else:
+                    damaged += one.size
+                    yield None
+        except (RecordingError, OSError, ValueError, TypeError, LookupError) as error:
+            self._tell_damaged(path, str(error))
+            yield None
+        if damaged:
+            self._tell_damaged(path, f"{damaged} bytes of {path.name} are damaged, and are left out")
+
+    def _tell_damaged(self, path: Path, said: str) -> None:
+        self.lacking.append(f"{said}; it is kept as {damaged_name(path).name}")
+        self._damaged.append(path)
 
     def remove(self) -> None:
-        """They are needed no longer. Raises OSError."""
+        """They are needed no longer, but for those that the reading before has found damaged. Raises OSError."""
         for path in self.paths:
+            if path in self._damaged:
+                keep_damaged(path)
             path.unlink(missing_ok=True)
 
     def close(self) -> None:
@@ -167,11 +207,30 @@ def path_of(folder: Path, id_: str, segment: int) -> Path:
 
 def ids_in(folder: Path) -> list[str]:
     """Of recordings that are under way, or were left, by name."""
-    return sorted({path.name.rsplit(".", 2)[0] for path in folder.glob(f"*.[0-9][0-9][0-9][0-9]{SUFFIX}")})
+    return sorted({path.name.rsplit(".", 2)[0] for path in folder.glob(f"*{_NUMBERED}{SUFFIX}")})
 
 
-def _heading_of(file: PartFile) -> Heading:
-    try:
-        return Heading(**json.loads(file.records[0][1]))
-    except (ValueError, TypeError, LookupError):
-        raise RecordingError(f"{file.path.name}: expected a recording of the stream, it is something else") from None
+def damaged_in(folder: Path, id_: str = "") -> list[Path]:
+    """Damaged segments that were kept, of a recording or of all."""
+    return sorted(folder.glob(f"{escape(id_) or '*'}{_NUMBERED}{DAMAGED}"))
+
+
+def _number_of(path: Path) -> int:
+    return int(path.name.rsplit(".", 2)[1])
+
+
+def _content_of(record: Record) -> Iterator[Rows | Event]:
+    kind, content = record
+    if kind == _ROWS:
+        yield unpacked(content)
+    elif kind == _EVENT:
+        yield json.loads(content)
+
+
+def _heading_of(path: Path) -> Heading | None:
+    """None where it is damaged, or something else."""
+    with contextlib.suppress(RecordingError, OSError, ValueError, TypeError):
+        for one in salvaged(path, _KINDS):
+            if not isinstance(one, Damage) and one[0] == _HEADING:
+                return Heading(**json.loads(one[1]))
+    return None

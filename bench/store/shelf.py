@@ -18,7 +18,7 @@ from bench.store.annotations import Annotations, Mark
 from bench.store.catalogue.database import microseconds, time_at
 from bench.store.catalogue.found import Row
 from bench.store.overview import beside
-from bench.store.segments import FoundSegments, ids_in
+from bench.store.segments import FoundSegments, damaged_in, ids_in
 
 PARQUET: Final = ".parquet"
 _AS_THEY_ARE: Final = (  # in a row of the catalogue
@@ -129,11 +129,13 @@ class Shelf:
             said.write(self.folder, id_)
 
     def delete(self, id_: str) -> None:
-        """Remove it from the disk, with what is said of it. Raises UnknownError, OSError."""
+        """Remove it from the disk, with what is said of it, and its damaged segments. Raises UnknownError, OSError."""
         path = self.one(id_).path
         path.unlink()
         path.with_name(f"{id_}{ABOUT}").unlink(missing_ok=True)
         beside(path).unlink(missing_ok=True)
+        for damaged in damaged_in(self.folder, id_):
+            damaged.unlink(missing_ok=True)
 
     def verify(self) -> Iterator[Checked]:
         """Every file of the folder that is, or was to be, a recording: read whole against its checksums."""
@@ -147,6 +149,8 @@ class Shelf:
                 yield Checked(path.name, "")
         for id_ in ids_in(self.folder):
             yield Checked(id_, self._left(id_))
+        for path in damaged_in(self.folder):
+            yield Checked(path.name, f"{path.name}: a damaged segment, of which its recording has what could be read")
 
     def _left(self, id_: str) -> str:
         """What is to be said of segments without a Parquet; empty where they are being written."""

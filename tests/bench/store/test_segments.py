@@ -13,7 +13,8 @@ from bench.recordings.table import check_undamaged, notes
 from bench.store import segments as segments_of
 from bench.store.closing import closed
 from bench.store.rows import COLUMNS, Rows, joined, packed, unpacked
-from bench.store.segments import Event, FoundSegments, Heading, Segments, ids_in, path_of
+from bench.store.segments import Event, FoundSegments, Heading, Hole, Segments, ids_in, path_of
+from bench.store.shelf import Shelf
 from tests.support.recordings import read_recording
 
 T_S = 1e-4
@@ -123,8 +124,86 @@ def test_a_segment_that_is_missing_or_damaged_costs_itself_alone(
     with contextlib.closing(found(tmp_path)) as left:
         places = [one.place for one in left.records() if isinstance(one, Rows)]
         assert places == [0, 4000, 8000, 10_000]
-        assert left.lacking[0] == "segments 2 to 2 are not there"
-        assert "damaged" in left.lacking[1]
+        assert left.lacking == [
+            "segments 2 to 2 are not there",
+            f"1000 bytes of {paths[3].name} are damaged, and are left out; it is kept as {HEADING.id}.0004.damaged",
+        ]
+        assert left.holes == [Hole(2000, 4000), Hole(6000, 8000)]
+        closed(left)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{HEADING.id}.0004.damaged", f"{HEADING.id}.parquet"]
+    assert (tmp_path / f"{HEADING.id}.0004.damaged").read_bytes() == b"\0" * 1000
+    one = Shelf(tmp_path).one(HEADING.id)
+    assert (one.rows, one.gaps, one.rows_lost, one.whole) == (800, 2, 400, False)
+
+
+@pytest.mark.parametrize("damage", ["beginning", "heading", "length", "checksum", "rows", "stretch", "last"])
+def test_rows_after_damage_within_a_segment_are_kept_and_the_hole_is_a_gap(tmp_path: Path, damage: str) -> None:
+    writing, ends = Segments(tmp_path, HEADING), list[int]()
+    for k in range(6):
+        ends.append(writing.size)
+        writing.rows(some(2000 * k, 200))
+        writing.event({"place": 2000 * (k + 1), "what": "drive", "state": f"state {k}"})
+    writing.close()
+    (second, third), path = ends[1:3], path_of(tmp_path, HEADING.id, 1)
+    content = bytearray(path.read_bytes())
+    at = {"beginning": 3, "heading": 60, "length": second + 1, "checksum": second + 5, "rows": second + 400,
+          "stretch": second + 30, "last": ends[5] + 300}[damage]  # fmt: skip
+    for k in range(at, third + 50 if damage == "stretch" else at + 1):
+        content[k] ^= 0x41
+    path.write_bytes(content)
+    if damage == "heading":
+        beside = Segments(tmp_path, replace(HEADING, segment=2))
+        beside.close()
+    with contextlib.closing(found(tmp_path)) as left:
+        recording = closed(left, "killed")
+    assert recording is not None
+    missing = {"beginning": [], "heading": [], "stretch": [1, 2], "last": [5]}.get(damage, [1])
+    kept = np.concatenate([some(2000 * k, 200).columns for k in range(6) if k not in missing], axis=1)
+    runs = read_recording(recording).runs
+    np.testing.assert_array_equal(np.concatenate([run.i_q for run in runs]), kept[COLUMNS.index("i_q")])
+    one = Shelf(tmp_path).one(HEADING.id)
+    assert (one.gaps, one.rows_lost) == (bool(missing), 200 * len(missing))
+    assert (one.seconds, one.whole) == (pytest.approx(1.2), False)
+    assert one.ended.startswith("killed. ")
+    assert one.ended.endswith(f"are damaged, and are left out; it is kept as {HEADING.id}.0001.damaged")
+    assert (tmp_path / f"{HEADING.id}.0001.damaged").read_bytes() == content
+    said = {checked.name: checked.problem for checked in Shelf(tmp_path).verify()}
+    assert set(said) == {f"{HEADING.id}.parquet", f"{HEADING.id}.0001.damaged"}
+    assert "a damaged segment" in said[f"{HEADING.id}.0001.damaged"]
+    Shelf(tmp_path).delete(HEADING.id)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rows_that_never_came_are_not_counted_again_where_their_record_is_damaged(tmp_path: Path) -> None:
+    writing = Segments(tmp_path, HEADING)
+    writing.rows(some(0, 200))
+    at = writing.size
+    writing.rows(some(3000, 200, lost_before=100))
+    writing.event({"place": 3000, "what": "gap", "rows": 100})
+    writing.rows(some(5000, 200))
+    writing.close()
+    path = path_of(tmp_path, HEADING.id, 1)
+    content = bytearray(path.read_bytes())
+    content[at + 400] ^= 1
+    path.write_bytes(content)
+    with contextlib.closing(found(tmp_path)) as left:
+        closed(left)
+    one = Shelf(tmp_path).one(HEADING.id)
+    assert (one.rows, one.gaps, one.rows_lost) == (400, 2, 300)
+
+
+def test_a_kill_while_damaged_segments_are_put_aside_loses_none(tmp_path: Path) -> None:
+    path = three(tmp_path)
+    content = bytearray(path.read_bytes())
+    content[4000] ^= 1
+    path.write_bytes(content)
+    with contextlib.closing(found(tmp_path)) as left:
+        closed(left)
+    (tmp_path / f"{HEADING.id}.0001.damaged").rename(path)
+    with contextlib.closing(found(tmp_path)) as left:
+        closed(left)
+    assert (tmp_path / f"{HEADING.id}.0001.damaged").read_bytes() == content
+    assert not path.exists()
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
