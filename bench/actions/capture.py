@@ -19,6 +19,7 @@ from bench.actions.capture_request import COMMAND, Level, Request
 from bench.actions.drive_jobs import Link, id_at
 from bench.errors import BenchError, ConflictError, UnavailableError
 from bench.files import check_room
+from bench.live.drive_clock import ticks_between
 from bench.recordings.capture_file import CapturePart, Heading, write_recording
 from bench.recordings.recording import off_remark
 from drivers import capture, operation
@@ -97,12 +98,10 @@ class Run:
         self._part = interrupted
         self._progressed = time.monotonic()
         self._refusals = 0
-        self._waited = 0.0  # s, for the trigger, before this run
         if interrupted is not None:
             heading = interrupted.heading
             self._number, self._T_s = heading.number, heading.T_s
             self._armed = self._tick = heading.armed
-            self._waited = max(0.0, (datetime.now(UTC) - status.asked).total_seconds())
             if heading.count is not None:
                 setup = status.request.setup
                 self._upload = Upload(setup, heading.number, heading.tick, heading.count, interrupted.data)
@@ -189,11 +188,13 @@ class Run:
     def _await_recording(self) -> None:
         request = self.status.request
         patience = request.timeout_s + request.setup.pre * request.decimation * self._T_s
-        grown = time.monotonic()
-        begun, count = grown - self._waited, -1
+        grown, count = time.monotonic(), -1
+        begun: float | None = None  # the recorder has been armed for some time where a run before this one did it
         while True:
             seen = self._with_drive(self._seen)
             now = time.monotonic()
+            if begun is None:
+                begun = now - max(0, ticks_between(self._armed, self._tick)) * self._T_s
             if seen.state == DONE:
                 self._tell(samples=seen.count)
                 return

@@ -110,6 +110,7 @@ class Run:
         self._why = ""
         self._leaving = self._discarded = False
         # Of the thread alone
+        self._asked = time.monotonic()
         self._timeline = Timeline()
         self._before: deque[Rows] = deque()  # the trigger
         self._last: float | None = None  # value that the trigger's signal had in the latest row
@@ -288,7 +289,7 @@ class Run:
 
     def _wait_for_trigger(self) -> None:
         request = self.status.request
-        waited = (datetime.now(UTC) - self.status.asked).total_seconds()
+        waited = time.monotonic() - self._asked
         if request.timeout_s is not None and waited > request.timeout_s:
             self.stop(f"the trigger, {request.trigger}, has not come within {request.timeout_s:g} s")
         elif isinstance(request.trigger, Level):

@@ -102,6 +102,7 @@ class Acquisition:
         self._next_tick: int | None = None  # None: the drive's clock has begun anew
         self._clock: DriveClock | None = None
         self._asked = 0.0  # s, monotonic, when the drive was asked for its tick
+        self._lost = 0.0  # s, monotonic, when the latest stream was
         self._lagging: float | None = None  # s, monotonic, since when the stream is too late
         self._frames = (0, 0)  # late and foreign ones of the present stream
         self._arrivals: deque[tuple[float, int]] = deque()
@@ -162,7 +163,7 @@ class Acquisition:
     def _failed(self, sentence: str) -> None:
         link, now = self.status, _now()
         if link.state is LinkState.STREAMING:
-            link = replace(link, state=LinkState.LOST, since=now)
+            link, self._lost = replace(link, state=LinkState.LOST, since=now), time.monotonic()
             if not self._stop.is_set():
                 self._on_event("link", f"lost: {sentence}")
         self.status = replace(link, last_error=Failure(sentence, now))
@@ -199,8 +200,7 @@ class Acquisition:
 
     def _tell_begin(self, drive: Drive, before: Link, lost: int, resets: int) -> None:
         if before.state is LinkState.LOST:
-            away = (_now() - before.since).total_seconds()
-            self._on_event("link", f"back after {away:.3g} s, in which {lost} rows were lost")
+            self._on_event("link", f"back after {time.monotonic() - self._lost:.3g} s, in which {lost} rows were lost")
         else:
             self._on_event("link", f"there: {drive.identity.device_name}, serial {drive.identity.serial}")
         if resets:

@@ -627,6 +627,22 @@ def test_a_capture_that_a_killed_service_left_and_the_drive_no_longer_has_is_sai
     assert list(tmp_path.iterdir()) == []
 
 
+def test_how_long_the_trigger_of_a_capture_that_was_left_is_waited_for_goes_by_the_drives_clock(
+    drive: Served, tmp_path: Path
+) -> None:
+    with contextlib.ExitStack() as after, running(drive.url, tmp_path) as service:
+        id_ = ask(service, **NEVER, timeout_s=100.0).id
+        after.enter_context(killed(service))
+    part = CapturePart.found(tmp_path / f"{id_}.part")
+    assert part is not None
+    with contextlib.closing(part):
+        part.change(replace(part.heading, asked="2001-01-01T00:00:00+00:00"))  # as where the bench's clock has been set
+    with running(drive.url, tmp_path) as service:
+        until(lambda: "waiting for" in service.captures.one("spindle", id_).reason, "waiting")
+        assert service.captures.one("spindle", id_).state is State.ARMED
+        service.captures.cancel("spindle", id_)
+
+
 def test_a_capture_whose_recorder_was_never_armed_is_said(drive: Served, tmp_path: Path) -> None:
     left(tmp_path, replace(heading("spindle-1", "spindle", drive.url), number=0, count=None), b"")
     with running(drive.url, tmp_path) as service:

@@ -10,12 +10,14 @@ import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pytest
 
+from bench.actions import recording
 from bench.actions.recording import State, Status
 from bench.config import Config, DriveConfig
 from bench.errors import ConflictError, LimitError, UnavailableError
@@ -154,6 +156,22 @@ def test_a_trigger_that_does_not_come_is_given_up(service: Service, tmp_path: Pa
     assert status.state is State.FAILED
     assert status.reason == "the trigger, i_q rising through 20, has not come within 0.3 s"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("hours", [-1, 1])
+def test_a_clock_that_is_set_does_not_change_how_long_a_trigger_is_waited_for(
+    service: Service, monkeypatch: pytest.MonkeyPatch, hours: int
+) -> None:
+    class Set(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> Self:
+            return super().now(tz) + timedelta(hours=hours)
+
+    id_ = ask(service, trigger="i_q > 20", timeout_s=1.5).id
+    monkeypatch.setattr(recording, "datetime", Set)
+    time.sleep(0.6)
+    assert now(service, id_).state is State.ARMED
+    assert ended(service, id_).reason == "the trigger, i_q rising through 20, has not come within 1.5 s"
 
 
 def test_what_is_discarded_leaves_nothing(service: Service, tmp_path: Path) -> None:
