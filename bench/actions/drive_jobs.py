@@ -111,16 +111,19 @@ class DriveJobs(Jobs[S, R]):
         return [one for one in made[: self.remembered] if one.path not in files]
 
     def latest(self, drive: str) -> S | None:
-        """A drive's newest job; None where there was none."""
-        return next(iter(self.all(drive)), None)
+        """A drive's newest job, one under way before those that have ended; None where there was none."""
+        with self._lock:
+            live = set(self._runs)
+        return min(self.all(drive), key=lambda status: status.id not in live, default=None)
 
     def one(self, drive: str, id_: str) -> S:
         """A job by its id, or `latest`. Raises UnknownError."""
-        found = self.all(drive)
-        for status in found:
-            if id_ in (status.id, LATEST):
-                return status
-        there = f"the latest is {found[0].id}" if found else "there is none"
+        latest = self.latest(drive)
+        if id_ == LATEST and latest is not None:
+            return latest
+        if (found := next((status for status in self.all(drive) if status.id == id_), None)) is not None:
+            return found
+        there = f"the latest is {latest.id}" if latest is not None else "there is none"
         raise UnknownError(f"drive {drive} has no {self._kind} {shown(id_)}; {there}")
 
     def cancel(self, drive: str, id_: str) -> S:

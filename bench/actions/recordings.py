@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from bench.actions.drive_jobs import BenchDrive, DriveJobs
 from bench.actions.lease import Leases
-from bench.actions.recording import Run, Status, Surroundings, new_status
+from bench.actions.recording import Run, State, Status, Surroundings, new_status
 from bench.actions.recording_request import RecordingRequest
 from bench.errors import BenchError, ConflictError, UnavailableError
 from bench.live.acquisition import Link
@@ -68,6 +68,11 @@ class Recordings(DriveJobs[Status, Run]):
         """The recording that a drive is in."""
         run = self._of_drive.get(drive)
         return None if run is None else run.status
+
+    def newest_under_way(self) -> Status | None:
+        """Of all drives; one that is being closed only where there is no other."""
+        live = [status for status in self.known() if not status.state.ended]
+        return min(live, key=lambda status: status.state is State.CLOSING, default=None)
 
     def find(self, id_: str) -> Status | None:
         """One that is known, whatever its drive."""

@@ -96,8 +96,10 @@ class _Found:
         self._recordings, self._shelf = service.recordings, service.shelf
 
     def one(self, id_: str) -> StoredRecordingModel:
-        """By its id, or `latest`. Raises UnknownError."""
-        if id_ == LATEST and (every := self.all()):
+        """By its id, or `latest`: one under way goes before those that have ended. Raises UnknownError."""
+        if id_ == LATEST and (live := self._recordings.newest_under_way()) is not None:
+            id_ = live.id
+        elif id_ == LATEST and (every := self.all()):
             return every[0]
         status = self._recordings.find(id_)
         if status is not None and status.file is None:

@@ -6,7 +6,7 @@ Of one recording there may be several. Knows nothing of HTTP.
 """
 
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
@@ -151,19 +151,19 @@ class DiagnosisJobs(Jobs[Job, _Run]):
     def named(self, id_: str) -> Job:
         """A diagnosis by its id, or `latest`. Raises UnknownError."""
         if id_ == LATEST and (every := self.all()):
-            return every[0]
+            return _latest(every)
         with self._lock:
             job = self._known.get(id_)
         return Job.of(self._kept.one(id_)) if job is None else job
 
     def one(self, recording: str) -> Job:
         """The latest diagnosis of a recording. Raises UnknownError."""
-        return self._of(recording)[0]
+        return _latest(self._of(recording))
 
     def done(self, recording: str) -> Job:
         """A recording's latest diagnosis that was done. Raises UnknownError; ConflictError while none is."""
         every = self._of(recording)
-        return next((job for job in every if job.state is JobState.DONE), None) or self._without_result(every[0])
+        return next((job for job in every if job.state is JobState.DONE), None) or self._without_result(_latest(every))
 
     def file(self, job: Job, name: str) -> bytes:
         """A file of a diagnosis, `RESULT`, `FIGURES`, `REPORT` or `MACHINE`.
@@ -328,6 +328,11 @@ def _files(result: Result) -> dict[str, bytes]:
 
 def _newest_first(jobs: Iterable[Job]) -> list[Job]:
     return sorted(jobs, key=lambda job: (job.asked, job.id), reverse=True)
+
+
+def _latest(newest_first: Sequence[Job]) -> Job:
+    """One that has not ended goes before those that have."""
+    return min(newest_first, key=lambda job: job.state.ended)
 
 
 def _named(job: Job) -> str:

@@ -189,15 +189,15 @@ def _rebuilt(address: str, shelf: Shelf, kept: Diagnoses) -> str:
 
 
 def _id(rest: Rest, id_: str, *, running: bool = False) -> str:
-    """The id that `latest` stands for: of the newest recording, or of the newest that is under way."""
+    """The id that `latest` stands for; `running`: it is to be under way."""
     if id_ != _LATEST:
         return id_
-    found = rest.call("GET", key="recordings", under="recordings")["recordings"]
-    live = [one for one in found if one["state"] in ("armed", "recording")]
-    found = live if running else found
-    if not found:
+    if not rest.call("GET", key="recordings", under="recordings")["recordings"]:
         raise BenchError("no recording is under way" if running else "there is no recording")
-    return str(found[0]["id"])
+    one = rest.call("GET", _LATEST, key="state", under="recordings")
+    if running and one["state"] not in ("armed", "recording"):
+        raise BenchError("no recording is under way")
+    return str(one["id"])
 
 
 def _takes(room: dict[str, Any]) -> str:

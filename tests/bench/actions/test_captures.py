@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -663,6 +664,16 @@ def test_without_room_for_the_recording_nothing_is_armed(
     assert drive.drive.read("capture_number") == number
     assert list(tmp_path.iterdir()) == []
     assert service.writer("spindle") is None
+
+
+def test_one_under_way_is_the_latest_though_the_clock_has_been_set_back_since_others(service: Service) -> None:
+    ahead = Status("ahead", "spindle", Request(), datetime(2099, 1, 31, tzinfo=UTC), State.DONE)
+    one = ask(service, **NEVER)
+    service.captures.remember([ahead])
+    assert service.captures.latest("spindle") == service.captures.one("spindle", "latest")
+    assert service.captures.one("spindle", "latest").id == one.id
+    service.captures.cancel("spindle", "latest")
+    assert service.captures.one("spindle", "latest") == ahead
 
 
 def test_only_so_many_captures_are_remembered(service: Service) -> None:

@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
+from bench.api.answers import BYTES
+from bench.recordings.capture_file import write_columns
 from bench.recordings.table import notes
 from tests.bench.api.test_api import problem
 from tests.conftest import COMMAND, JSON, RunningBench
@@ -91,6 +94,36 @@ def test_a_recording_from_its_begin_to_its_end(client: httpx.Client, tmp_path: P
     assert "there is nothing to stop" in problem(client.post(f"{address}/stop"), 409)
     assert client.delete(address).json()["id"] == id_
     assert problem(client.get(address), 404) == f"no recording '{id_}'"
+
+
+def test_one_under_way_is_the_latest_though_the_clock_has_been_set_back_since_others(
+    running_bench: RunningBench, client: httpx.Client, tmp_path: Path
+) -> None:
+    path = tmp_path / "ahead.parquet"
+    columns = np.sin(np.arange(600.0)).reshape(6, 100)
+    columns[0] = 1e-4 * np.arange(100)
+    write_columns(path, dict(zip(("t", "u_d", "u_q", "i_d", "i_q", "omega_e"), columns, strict=True)), {
+        "begun": "2099-01-31T12:00:00+00:00", "capture": "ahead", "drive": "emulated",
+    })  # fmt: skip
+    brought = client.post(f"{ALL}?name=ahead.parquet", content=path.read_bytes(), headers={"Content-Type": BYTES})
+    assert brought.json()["begun"].startswith("2099"), brought.text
+    latest, at = f"{ALL}/latest", ("--service", running_bench.url)
+    try:
+        address = begun(client)
+        rows(client, latest, 10)
+        assert address.endswith(client.get(latest).json()["id"])
+        assert client.post(f"{latest}/marks", json={"text": "here"}).status_code == 200
+        run = subprocess.run([*COMMAND, "recordings", "mark", "latest", "there", *at], timeout=60.0, check=False)
+        assert run.returncode == 0
+        assert client.post(f"{latest}/stop").status_code == 200
+        assert [mark["text"] for mark in done(client, address)["marks"]] == ["here", "there"]
+        assert client.get(latest).json()["id"] == brought.json()["id"]
+        run = subprocess.run(
+            [*COMMAND, "recordings", "stop", *at], capture_output=True, text=True, timeout=60.0, check=False
+        )
+        assert "no recording is under way" in run.stderr
+    finally:
+        client.delete(brought.headers["location"])
 
 
 def test_the_list_is_filtered_and_comes_in_pages(client: httpx.Client) -> None:

@@ -6,8 +6,9 @@ import os
 import re
 import signal
 from collections.abc import Iterator
+from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import httpx
 import jsonschema
@@ -15,6 +16,7 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
+from bench.diagnoses import diagnosis_jobs
 from bench.diagnoses.diagnosis_jobs import MACHINE, REPORT, RESULT, WAITING, DiagnosisJobs, JobState
 from bench.diagnoses.figures.figure import schema as figures_schema
 from bench.diagnoses.published import schema
@@ -141,6 +143,23 @@ def test_a_diagnosis_that_fails_says_why_and_stops_none_after_it(jobs: Diagnosis
         jobs.done("refused")
     with pytest.raises(ConflictError, match=r"has no machine\.toml: nothing could be fitted"):
         jobs.file(jobs.done("nothing_told"), MACHINE)
+
+
+def test_one_under_way_is_the_latest_though_the_clock_has_been_set_back_since_others(
+    jobs: DiagnosisJobs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Back(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> Self:
+            return super().now(tz) - timedelta(hours=1)
+
+    before = jobs.ask("endless", {})
+    jobs.cancel("endless")
+    monkeypatch.setattr(diagnosis_jobs, "datetime", Back)
+    again = jobs.ask("endless", {})
+    assert again.asked < before.asked
+    assert jobs.one("endless").id == jobs.named("latest").id == again.id
+    assert jobs.cancel("endless").id == again.id
 
 
 def test_so_many_may_wait_and_no_more_and_none_is_left_at_the_end(tmp_path: Path) -> None:
