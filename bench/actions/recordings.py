@@ -22,6 +22,7 @@ from bench.store.closing import closed
 from bench.store.segments import FoundSegments, ids_in
 from drivers.block import Block
 
+_LEAST: Final = 1e6  # bytes of the disk, of the shortest recording
 _KILLED: Final = "the bench was killed, or the power failed"
 
 
@@ -54,9 +55,9 @@ class Recordings(DriveJobs[Status, Run]):
         self._drives[drive].link.drive()
         self._check_folder()
         free = shutil.disk_usage(self._folder).free
-        if free < self._kept_free:
+        if free < (needed := self._kept_free + _LEAST):
             raise UnavailableError(
-                f"the disk is nearly full: expected {self._kept_free / 1e6:g} MB free in {self._folder}, "
+                f"the disk is nearly full: expected {needed / 1e6:g} MB free in {self._folder}, "
                 f"{free / 1e6:.4g} MB are"
             )
         with self._lock:

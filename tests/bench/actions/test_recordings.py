@@ -331,8 +331,14 @@ def test_a_full_disk_ends_it_and_what_was_there_is_closed_when_there_is_room(dri
 
 
 def test_a_disk_without_room_is_told_before_anything_is_recorded(drive: Served, small: Path) -> None:
+    with running(drive.url, small, keep_free_megabytes=0.0) as service:
+        (small / "ballast").write_bytes(bytes(1_900_000))
+        with pytest.raises(UnavailableError, match="the disk is nearly full: expected 1 MB free"):
+            ask(service)
+        assert service.recordings.known() == []
+        (small / "ballast").unlink()
     with running(drive.url, small, keep_free_megabytes=100.0) as service:
-        with pytest.raises(UnavailableError, match="the disk is nearly full: expected 100 MB free"):
+        with pytest.raises(UnavailableError, match="the disk is nearly full: expected 101 MB free"):
             ask(service)
         room = service.room_for("spindle")
         assert (room.free_bytes, room.days) == (0.0, 0.0)
