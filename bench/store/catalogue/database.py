@@ -1,6 +1,7 @@
 """A catalogue that is open: SQLite beside the recordings, or a PostgreSQL, brought up to its newest form."""
 
 import contextlib
+import sqlite3
 from collections.abc import Generator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -47,7 +48,7 @@ def opened(address: str) -> Engine:
             command.upgrade(config, "head")
     except (SQLAlchemyError, OSError) as error:
         engine.dispose()
-        raise UnavailableError(f"the catalogue cannot be opened: {said_of(error)}") from None
+        raise UnavailableError(f"the catalogue cannot be opened: {said_of(error)}{_advice(engine, error)}") from None
     return engine
 
 
@@ -61,7 +62,7 @@ def connected(engine: Engine) -> Generator[Connection]:
     except (DataError, IntegrityError) as error:
         raise InternalError(f"the catalogue refuses what is to be remembered: {said_of(error)}") from None
     except (SQLAlchemyError, OSError) as error:
-        raise UnavailableError(f"the catalogue cannot be used: {said_of(error)}") from None
+        raise UnavailableError(f"the catalogue cannot be used: {said_of(error)}{_advice(engine, error)}") from None
 
 
 def put(engine: Engine, table: Table) -> Any:
@@ -99,10 +100,22 @@ def said_of(error: Exception) -> str:
     return " ".join(str(cause).split())[:200] or type(error).__name__
 
 
+def _advice(engine: Engine, error: Exception) -> str:
+    """What to do where a file is damaged, or is no catalogue; empty where it is something else."""
+    code = getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) & 0xFF
+    if code not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+        return ""
+    return (
+        f"; move {engine.url.database} away and start the service again: lists come back from the files of recordings "
+        "and diagnoses; the history of estimates, chosen windows and what happened to drives begin anew"
+    )
+
+
 def _engine(address: str) -> Engine:
     if "://" in address:
         url = make_url(address).set(drivername="postgresql+psycopg")
-        return create_engine(url, pool_pre_ping=True, connect_args={"connect_timeout": _TIMEOUT})
+        patience = {"connect_timeout": _TIMEOUT, "tcp_user_timeout": 1000 * _TIMEOUT}  # s, ms
+        return create_engine(url, pool_pre_ping=True, connect_args=patience)
     path = Path(address)
     with contextlib.suppress(OSError):  # told when it is opened
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,5 @@
 """The thread that writes to the catalogue: once a second it asks for points of the history, and writes them and what it
-was told.
+was told; where there is nothing to write, it looks whether the catalogue is still there.
 
 What cannot be written waits, an hour's at most, and is tried again: the service lives without its catalogue.
 """
@@ -19,6 +19,7 @@ _RETRY: Final = 10.0  # s, after a failure
 _CONDENSE: Final = 60.0  # s
 _PRUNE: Final = 3600.0  # s
 _WAITING: Final = 4 * 4 * 3600  # points
+_SLOW: Final = 10.0  # s, within which a catalogue answers
 _TOLD: Final = 20_000  # that wait besides
 
 Write = Callable[[Memory], object]
@@ -38,20 +39,28 @@ class Keeper:
         self._told: deque[Write] = deque()
         self._opening = threading.Lock()
         self._ending = threading.Event()
-        self.failure: str | None = None
+        self._failure: str | None = None
+        self._asked: float | None = None  # s, monotonic, since when an answer of the catalogue is waited for
         self._away = False  # the latest failure was that the catalogue cannot be had
         self.memory: Memory | None = None  # as soon as the catalogue is open
         self._heard = False  # whether `on_open` has been
         self.thread = threading.Thread(target=self._run, name="history", daemon=True)
+
+    @property
+    def failure(self) -> str | None:
+        """What is wrong; None where nothing is."""
+        asked = self._asked
+        waited = 0.0 if asked is None else time.monotonic() - asked
+        return self._failure if waited < _SLOW else f"the catalogue has not answered for {waited:.0f} s"
 
     def open(self) -> Memory | None:
         """The catalogue, once; None where it cannot be had now."""
         with self._opening:
             if self.memory is None:
                 try:
-                    self.memory, self.failure = Memory(opened(self._address), self.bench), None
+                    self.memory, self._failure = Memory(opened(self._address), self.bench), None
                 except BenchError as error:
-                    self.failure = str(error)
+                    self._failure = str(error)
             return self.memory
 
     def tell(self, write: Write) -> None:
@@ -93,7 +102,7 @@ class Keeper:
         while not self._ending.wait(_PERIOD - time.time() % _PERIOD):
             self._waiting.extend(self._points())
             now = time.monotonic()
-            if self.failure is not None and now - tried < _RETRY:
+            if self._failure is not None and now - tried < _RETRY:
                 continue
             tried = now
             if self._keep() and now - condensed > _CONDENSE:
@@ -109,7 +118,7 @@ class Keeper:
     def _keep(self) -> bool:
         """Everything that waits into the catalogue; whether that went well."""
         memory, points = self.open(), list(self._waiting)
-        if memory is None or not self._guarded(lambda: memory.add(points)):
+        if memory is None or not self._guarded(lambda: memory.add(points) if points else memory.look()):
             return False
         for _ in points:
             self._waiting.popleft()
@@ -130,12 +139,15 @@ class Keeper:
             self.memory.chronicle.prune()
 
     def _guarded(self, step: Callable[[], object]) -> bool:
+        self._asked = time.monotonic()
         try:
             step()
         except Exception as error:  # noqa: BLE001 - a fault of ours must not end the history in silence
             known = isinstance(error, BenchError)
-            self.failure = str(error) if known else f"{type(error).__name__}: {error}"
+            self._failure = str(error) if known else f"{type(error).__name__}: {error}"
             self._away = isinstance(error, UnavailableError)  # else it is no use to try the same again
             return False
-        self.failure = None
+        finally:
+            self._asked = None
+        self._failure = None
         return True

@@ -68,6 +68,11 @@ class Memory:
         """Close the catalogue's connections; one that is used again is opened anew."""
         self._engine.dispose()
 
+    def look(self) -> None:
+        """Nothing but to see that the catalogue is there."""
+        with connected(self._engine) as connection:
+            connection.execute(select(SERIES.c.id).limit(1))
+
     def remember_window(self, drive: str, configured: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
         """Settings that somebody has chosen; `configured`: what the configuration says."""
         with connected(self._engine) as connection:

@@ -1,6 +1,7 @@
 """The catalogue: what a bench remembers, in SQLite and in a PostgreSQL, over restarts and beside other benches."""
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -11,6 +12,7 @@ from typing import cast
 import numpy as np
 import pytest
 from sqlalchemy import Engine, insert, inspect, text
+from sqlalchemy.engine import make_url
 
 from bench.cli.commands.recordings import check_all
 from bench.errors import ConfigError, UnavailableError
@@ -28,6 +30,7 @@ from bench.store.shelf import Shelf
 from tests.bench.store.test_diagnoses import HEADING as DIAGNOSED
 from tests.conftest import free_port
 from tests.support.databases import postgresql
+from tests.support.relay import relayed
 from tests.support.served_drive import until
 
 VERSIONS = Path(migrations.__file__).with_name("versions")
@@ -305,8 +308,55 @@ def test_a_server_that_is_not_there_is_told_without_a_password() -> None:
 def test_a_file_that_is_no_catalogue_is_told(tmp_path: Path) -> None:
     path = tmp_path / "catalogue.sqlite"
     path.write_bytes(b"something else, and long enough to be looked at" * 100)
-    with pytest.raises(UnavailableError, match="the catalogue cannot be opened: file is not a database"):
+    with pytest.raises(UnavailableError, match="the catalogue cannot be opened: file is not a database") as refused:
         opened(str(path))
+    assert f"; move {path} away and start the service again: lists come back from the files" in str(refused.value)
+    path.rename(tmp_path / "away")
+    opened(str(path)).dispose()
+
+
+def test_one_that_is_damaged_while_it_is_used_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "catalogue.sqlite"
+    memory = Memory(opened(str(path)), "here")
+    memory.add(seconds("spindle", NOW, 100))
+    memory.close()
+    content = bytearray(path.read_bytes())
+    content[100:] = b"x" * (len(content) - 100)
+    path.write_bytes(content)
+    with pytest.raises(UnavailableError, match=f"malformed; move {path} away and start the service again"):
+        memory.look()
+    memory.close()
+
+
+def test_one_that_is_gone_is_noticed_with_nothing_to_write_and_so_is_its_return(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.store.catalogue.keeper._RETRY", 0.5)
+    with postgresql(tmp_path) as address, relayed(make_url(address).port or 0) as relay:
+        through = make_url(address).set(port=relay.port).render_as_string(hide_password=False)
+        keeper = Keeper(through, "here", lambda: [])
+        keeper.start()
+        until(lambda: keeper.memory is not None and keeper.failure is None, "the catalogue")
+        relay.cut()
+        until(lambda: keeper.failure is not None, "the failure")
+        assert "the catalogue cannot be used" in str(keeper.failure)
+        relay.mend()
+        until(lambda: keeper.failure is None, "its return")
+        keeper.end()
+        keeper.join(5.0)
+
+
+def test_one_that_does_not_answer_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bench.store.catalogue.keeper._SLOW", 0.2)
+    keeper, answers = Keeper(str(tmp_path / "catalogue.sqlite"), "here", lambda: []), threading.Event()
+    keeper.tell(lambda _: answers.wait(10.0))
+    keeper.start()
+    until(lambda: keeper.failure is not None, "the failure")
+    assert "the catalogue has not answered for " in str(keeper.failure)
+    answers.set()
+    until(lambda: keeper.failure is None, "the answer")
+    keeper.end()
+    keeper.join(5.0)
 
 
 def test_what_cannot_be_written_waits_until_it_can(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
