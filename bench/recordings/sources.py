@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from bench.errors import ConfigError, RecordingError
+from bench.recordings.foreign.content import LEFT_OUT
 from bench.recordings.forms.rotor_frame import RotorFrame, stationary
 from bench.recordings.forms.units import UNCHANGED, Scale, name_and_unit, same_micro, scale_of, units_of
 from bench.recordings.table import Header, quoted
@@ -324,7 +325,8 @@ def _missing(path: Path, header: Header, missing: Sequence[str], made: Mapping[s
         remedy += f"; i_d and i_q are made {made['i_d']}" if "i_d" in made else ""
     elif (bare := bare_names(header.names) & {*PHASES, *STATIONARY}) and "theta_e" not in bare_names(header.names):
         remedy = f"to make them of {', '.join(sorted(bare))}, theta_e is needed; else " + remedy
-    return f"{path}: missing columns: {', '.join(missing)}; present: {listed(header.names)}; {remedy}"
+    left_out = f"; {header.remark}" if header.remark.startswith(LEFT_OUT) else ""
+    return f"{path}: missing columns: {', '.join(missing)}; present: {listed(header.names)}{left_out}; {remedy}"
 
 
 def listed(names: Sequence[str]) -> str:

@@ -20,6 +20,7 @@ pq: Any = pyarrow.parquet
 NOTES: Final = b"pmsm-bench"  # key of the notes that a Parquet file of the bench's carries, a JSON object
 UNIT: Final = b"unit"  # key of a column's unit
 REMARK: Final = b"pmsm-bench remark"  # key of what is to be said of a file that stands for a foreign one
+LEFT_OUT: Final = "left out"  # begins what is said of columns that are not taken
 MOST_COLUMNS: Final = 2000
 MOST_BYTES: Final = 2_000_000_000  # of numbers
 
@@ -93,11 +94,22 @@ def numbers(values: object) -> Floats | None:
     return found.astype(np.float64) if found.dtype.kind in "biuf" else None
 
 
-def of_one_length(found: Sequence[tuple[str, Floats]], units: Mapping[str, str]) -> Content:
-    """Columns of those that are as long as most of them; the longest, of as many. Raises RecordingError."""
+def is_complex(values: object) -> bool:
+    """Whether they are complex numbers, which no column is of."""
+    return isinstance(values, np.ndarray) and cast(NDArray[Any], values).dtype.kind == "c"
+
+
+def of_one_length(
+    found: Sequence[tuple[str, Floats]], units: Mapping[str, str], complexes: Sequence[str] = ()
+) -> Content:
+    """Columns of those that are as long as most of them; the longest, of as many. Raises RecordingError.
+
+    `complexes`: names of those that are left out for being complex, which is told.
+    """
+    remarks = (f"{LEFT_OUT}, complex: {_few(complexes)}",) if complexes else ()
     lengths = Counter(len(column) for _, column in found if len(column) > 1)
     if not lengths:
-        raise RecordingError("expected columns of numbers, found none")
+        raise RecordingError("; ".join(("expected columns of numbers, found none", *remarks)))
     rows = max(lengths, key=lambda one: (lengths[one], one))
     taken = [(name, column) for name, column in found if len(column) == rows]
     if len(taken) > MOST_COLUMNS:
@@ -105,8 +117,9 @@ def of_one_length(found: Sequence[tuple[str, Floats]], units: Mapping[str, str])
     if twice := [name for name, count in Counter(name for name, _ in taken).items() if count > 1]:
         raise RecordingError(f"expected columns of different names, {twice[0]!r} is there more than once")
     others = [name for name, column in found if len(column) != rows]
-    said = (f"left out, not of {rows} rows: {_few(others)}",) if others else ()
-    return Content(dict(taken), {name: units[name] for name, _ in taken if name in units}, remarks=said)
+    said = (f"{LEFT_OUT}, not of {rows} rows: {_few(others)}",) if others else ()
+    units = {name: units[name] for name, _ in taken if name in units}
+    return Content(dict(taken), units, remarks=(*remarks, *said))
 
 
 def _few(names: Sequence[str]) -> str:

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.io
 
 from bench.errors import RecordingError
-from bench.recordings.foreign.content import Content, Floats, numbers, object_of, of_one_length
+from bench.recordings.foreign.content import Content, Floats, is_complex, numbers, object_of, of_one_length
 
 _io: Any = scipy.io  # comes with types that say little
 
@@ -61,13 +61,14 @@ def read(path: Path) -> Content:
     root = found.get(ROOT)
     if isinstance(root, dict) and isinstance(cast(dict[str, Any], root).get("signals"), dict):
         return _own(cast(dict[str, Any], root))
-    named, units = list[Named](), dict[str, str]()
+    named, units, complexes = list[Named](), dict[str, str](), list[str]()
     for name, value in found.items():
         if not name.startswith("_"):
             named += _vectors(name, name, value, units, _DEPTH)
+            complexes += _complexes(name, value, _DEPTH)
     bare = Counter(own for _, own, _ in named)
     columns = [(own if bare[own] == 1 else where, column) for where, own, column in named]
-    return of_one_length(columns, units)
+    return of_one_length(columns, units, complexes)
 
 
 def _loaded(file: Any) -> dict[str, Any]:
@@ -118,6 +119,15 @@ def _vectors(where: str, own: str, value: Any, units: dict[str, str], depth: int
     elif column is not None and column.ndim == 2 and column.shape[1] <= _WIDEST:
         for k in range(column.shape[1]):
             yield f"{where}_{k + 1}", f"{own}_{k + 1}", column[:, k]
+
+
+def _complexes(where: str, value: Any, depth: int) -> Iterator[str]:
+    """Where complex numbers stand in a value."""
+    if is_complex(value):
+        yield where
+    elif isinstance(value, dict) and depth:
+        for name, inner in cast(dict[str, Any], value).items():
+            yield from _complexes(f"{where}.{name}", inner, depth - 1)
 
 
 def _of_simulink(fields: Mapping[str, Any]) -> list[tuple[str, Floats]]:
@@ -183,6 +193,8 @@ def _group(h5py: Any, group: Any, depth: int) -> dict[str, Any]:
         one = group[name]
         if isinstance(one, h5py.Group) and depth:
             found[name] = _group(h5py, one, depth - 1)
+        elif isinstance(one, h5py.Dataset) and one.external is None and one.dtype.names == ("real", "imag"):
+            found[name] = np.squeeze(one["real"] + 1j * one["imag"]).T
         elif isinstance(one, h5py.Dataset) and one.external is None and one.dtype.kind in "biuf":
             found[name] = np.squeeze(one[()]).T  # in MATLAB's order
             if one.attrs.get("MATLAB_class") == b"char":

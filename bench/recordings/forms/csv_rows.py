@@ -6,8 +6,9 @@ rows: a part without columns, `{}`, stands in its place. Where many lines are li
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -53,6 +54,7 @@ class Lines:
     bad: int = 0  # that cannot be read
     first: str = ""  # what is wrong with the first of them
     wide: int = 0  # of them, that have more cells than the header has, in a file with commas between columns
+    cells: Counter[int] = field(default_factory=Counter[int])  # those that have another number of them, by that
     headers: int = 0  # that repeat the header
     cut: str = ""  # what is wrong with a last line that does not end
 
@@ -61,12 +63,16 @@ class Lines:
         self.bad += 1
         self.first = self.first or said
 
-    def check(self, share: float) -> None:
-        """Raise RecordingError where more than that share of the lines cannot be read."""
+    def check(self, share: float, names: int) -> None:
+        """Raise RecordingError where more than that share of the lines cannot be read; `names`: in the header."""
         if self.bad > share * self.rows:
             many = f"; {self.bad} of {self.rows} rows cannot be read" if self.bad > 1 else ""
             commas = ": are there commas in numbers beside commas between columns?" if self.wide == self.bad else ""
-            raise RecordingError(f"{self.first}{many}{commas}")
+            alike = [f"the header has {names} names, every row {n} cells: " for n in self.cells if self._all_have(n)]
+            raise RecordingError(f"{''.join(alike)}{self.first}{many}{commas}")
+
+    def _all_have(self, cells: int) -> bool:
+        return self.cells[cells] == self.rows
 
     def remarks(self) -> tuple[str, ...]:
         """A sentence for each kind of line that was left out."""
@@ -87,7 +93,7 @@ def parts_of(file: Bytes, form: CsvForm, columns: Sequence[str], rows: int, line
     for block, open_ended in _blocks(file):
         for stretch in _stretches(block, form, columns, reading, lines, open_ended=open_ended):
             yield from _divided(stretch, rows)
-    lines.check(MANY)
+    lines.check(MANY, len(form.names))
 
 
 def _stretches(
@@ -103,7 +109,7 @@ def _stretches(
             lines.rows += len(whole[columns[0]])
             return [whole]
     stretches = list(_line_by_line(block, form, columns, lines, open_ended=open_ended))
-    lines.check(HOPELESS)
+    lines.check(HOPELESS, len(form.names))
     return stretches
 
 
@@ -204,6 +210,7 @@ def _row(line: str, form: CsvForm, places: Sequence[int], lines: Lines, *, cut: 
     said = ""
     if len(cells) < len(names) - (not names[-1]) or len(cells) > len(names):
         said = f"row {lines.rows}: expected {len(names)} cells, came {len(cells)}: {quoted(line)}"
+        lines.cells[len(cells)] += 1
         lines.wide += len(cells) > len(names) and form.separator == ","
     elif cut:
         said = f"row {lines.rows}: expected as many decimals as above it, came {quoted(cells[-1])}"

@@ -80,6 +80,7 @@ def test_micro_signs_of_any_kind_are_one(write: Write, micro: bytes, column: dic
     ("t,u_d,u_q,i_d,i_q,omega_e", '{},1,2,3,4,"1,234"', "expected a number, came '1,234': thousands are to stand"),
     ("u_d;u_q;i_d;i_q;omega_e", "1;2;3;4;1,234", "'1,234': is it a decimal comma or one between thousands?"),
     ("t,u_d,u_q,i_d,i_q,omega_e", "{},1,2,3,4,5,5", "came 7: '0.0000,1,2,3,4,5,5'; 500 of 500 rows cannot be read"),
+    ("t,u_d,u_q,i_d,i_q,omega_e,x,x", "{},1,2,3,4,5,6", "the header has 8 names, every row 7 cells: row 1: expected 8"),
     ("t,u_d,u_q,i_d,i_q,omega_e", "{},1,2,3,4,1,234", "are there commas in numbers beside commas between columns?"),
 ])  # fmt: skip
 def test_numbers_that_can_be_read_in_two_ways_are_refused(write: Write, header: str, row: str, said: str):

@@ -17,6 +17,7 @@ from bench.recordings.foreign import process
 from bench.recordings.foreign.content import Content
 from bench.recordings.foreign.mat import write as write_mat
 from bench.recordings.table import column_names, header_of, notes, read_whole
+from tests.support.recordings import read_recording
 
 _io: Any = scipy.io
 T = np.linspace(0.0, 0.0499, 500)
@@ -83,7 +84,7 @@ def other(name: str) -> dict[str, Any]:
     ("struct", ("time_s", "log.motor.i_d", "flag", "other.i_d"), ""),
     ("simulink", ("t", "i_d", "signal_2_1", "signal_2_2"), ""),
     ("control desk", ("t", "i_d", "u_d"), ""),
-    ("matrix", ("t", "x_1", "x_2", "x_3", "x_4"), ""),
+    ("matrix", ("t", "x_1", "x_2", "x_3", "x_4"), "left out, complex: z"),
 ])  # fmt: skip
 def test_what_other_tools_save_is_taken_apart(tmp_path: Path, name: str, found: tuple[str, ...], said: str) -> None:
     path = tmp_path / "a.mat"
@@ -92,6 +93,17 @@ def test_what_other_tools_save_is_taken_apart(tmp_path: Path, name: str, found: 
     assert (header.names, header.remark) == (found, said)
     assert header.units[1] == ("mA" if name == "control desk" else "")
     assert np.array_equal(columns(path)[found[1]], X[0])
+
+
+def test_a_column_that_is_missing_for_being_complex_is_told_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    there = {"t": T, **dict.fromkeys(("u_d", "u_q", "i_q", "omega_e"), X[0])}
+    _io.savemat(path, there | {"i_d": X[0] + 1j})
+    with pytest.raises(RecordingError, match=r"missing columns: i_d; present: .*; left out, complex: i_d; map a col"):
+        read_recording(path)
+    _io.savemat(path, {"log": {"i_d": X[0] + 1j}})
+    with pytest.raises(RecordingError, match=r"expected columns of numbers, found none; left out, complex: log.i_d"):
+        column_names(path)
 
 
 def test_a_file_of_level_4_is_known_by_its_name(tmp_path: Path) -> None:
@@ -165,6 +177,8 @@ def test_a_file_of_level_7_3_is_read_by_h5py_or_refused_with_what_helps(tmp_path
         return
     with h5py.File(path, "w", userblock_size=512) as file:
         file["t"], file["log/i_d"], file["log/elsewhere"] = T[None], X[0][None], h5py.ExternalLink("/etc/x", "/y")
+        file["z"] = X[0][None] + 1j
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file".ljust(128))
     assert column_names(path) == ("i_d", "t")
+    assert header_of(path).remark == "left out, complex: z"
