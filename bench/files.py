@@ -137,9 +137,14 @@ def unfinished(folder: Path) -> Generator[tuple[Path, BinaryIO]]:
                 name.unlink(missing_ok=True)
 
 
+def free_name(folder: Path) -> Path:
+    """Of something unfinished, which `sweep` removes."""
+    return folder / f".{secrets.token_hex(4)}.unfinished"
+
+
 def _unfinished(folder: Path) -> tuple[Path, BinaryIO]:
     while True:
-        name = folder / f".{secrets.token_hex(4)}.unfinished"
+        name = free_name(folder)
         file = name.open("xb")
         with contextlib.suppress(OSError):  # a file system without locks, where nobody sweeps; or swept just now
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -148,12 +153,46 @@ def _unfinished(folder: Path) -> tuple[Path, BinaryIO]:
         file.close()
 
 
+@contextmanager
+def unfinished_folder(folder: Path) -> Generator[Path]:
+    """A folder in another, of a name that nobody else has, locked; that name is gone afterwards, with all in it.
+
+    The other is made where it is not there. Raises OSError.
+    """
+    name, lock = _unfinished_folder(folder)
+    try:
+        yield name
+    finally:
+        shutil.rmtree(name, ignore_errors=True)
+        os.close(lock)
+
+
+def _unfinished_folder(folder: Path) -> tuple[Path, int]:
+    while True:
+        name = free_name(folder)
+        name.mkdir(parents=True)
+        with contextlib.suppress(FileNotFoundError):  # swept just now
+            lock = os.open(name, os.O_RDONLY)
+            with contextlib.suppress(OSError):  # a file system without locks, where nobody sweeps
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if name.is_dir():
+                return name, lock
+            os.close(lock)
+
+
 def sweep(folder: Path) -> None:
     """Remove what processes that were killed have left unfinished; what is being written stays."""
     for path in folder.glob(f".{'[0-9a-f]' * 8}.unfinished"):
-        with contextlib.suppress(OSError), path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink()
+        with contextlib.suppress(OSError):
+            file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if path.is_dir():
+                    shutil.rmtree(path)
+                else:
+                    path.unlink()
+            finally:
+                os.close(file)
 
 
 def give_name(part: Path, name: Path) -> None:

@@ -17,10 +17,8 @@ import hashlib
 import json
 import os
 import re
-import secrets
 import shutil
 import threading
-import time
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -31,7 +29,7 @@ from typing import Any, Final
 from pydantic import TypeAdapter, ValidationError
 
 from bench.errors import RecordingError, UnknownError, shown
-from bench.files import read_bytes, sync_folder
+from bench.files import free_name, read_bytes, sweep, sync_folder, unfinished_folder
 from bench.store.catalogue.database import microseconds, time_at
 from bench.store.catalogue.found import Row
 from bench.store.shelf import Checked, OnRead
@@ -40,8 +38,6 @@ FOLDER: Final = "diagnoses"  # in that of the recordings
 _HEADING: Final = "heading.json"
 _PLAIN: Final = ("result.json", "machine.toml")  # which other tools read as they are
 _ID: Final = re.compile(r"[0-9]{8}-[0-9]{6}-[0-9]{3}")
-_LEFT: Final = ".{}.unfinished"
-_OLD: Final = 3600.0  # s after which what is unfinished is nobody's any more
 _MOST: Final = 1 << 30  # bytes of a file
 
 
@@ -122,18 +118,13 @@ class Diagnoses:
     def keep(self, heading: Heading, files: Mapping[str, bytes]) -> Heading:
         """Put one on disk, whole or not at all; as it is kept then. Raises OSError."""
         heading = replace(heading, sums={name: _sum(content) for name, content in files.items()})
-        part = self.folder / _LEFT.format(secrets.token_hex(4))
-        try:
-            part.mkdir(parents=True)
+        with unfinished_folder(self.folder) as part:
             for name, content in files.items():
                 _write(part / _on_disk(name), content if name in _PLAIN else gzip.compress(content, 6, mtime=0))
             _write(part / _HEADING, _KIND.dump_json(heading, indent=1))
             sync_folder(part)
             part.rename(self.folder / heading.id)
             sync_folder(self.folder)
-        except OSError:
-            shutil.rmtree(part, ignore_errors=True)
-            raise
         return heading
 
     def file(self, id_: str, name: str) -> bytes | None:
@@ -158,7 +149,7 @@ class Diagnoses:
         """Remove one from the disk. Raises UnknownError, OSError."""
         if not self.has(id_):
             raise UnknownError(f"no diagnosis {shown(id_)}")
-        part = self.folder / _LEFT.format(secrets.token_hex(4))  # gone whole or not at all, as well
+        part = free_name(self.folder)  # gone whole or not at all, as well
         try:
             (self.folder / id_).rename(part)
         except FileNotFoundError:
@@ -170,13 +161,7 @@ class Diagnoses:
 
     def tidy(self) -> None:
         """Remove what a killed process has left half written."""
-        for path in self.folder.glob(_LEFT.format("*")):
-            try:
-                old = time.time() - path.stat().st_mtime > _OLD  # else another bench may be at it
-            except OSError:
-                continue
-            if old:
-                shutil.rmtree(path, ignore_errors=True)
+        sweep(self.folder)
 
     def verify(self) -> Iterator[Checked]:
         """Every diagnosis, each of its files read against its checksum."""

@@ -5,21 +5,18 @@ columns, and what was made of them. The file itself is not kept. Knows nothing o
 """
 
 import re
-import shutil
-import time
 from collections.abc import Generator, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import BenchError, LimitError, RecordingError, UnavailableError, shown
-from bench.files import check_free
+from bench.files import check_free, unfinished_folder
 from bench.recordings.recording import RecordingReader, open_recording
 from bench.recordings.runs import Chunk
 from bench.recordings.table import form, notes
@@ -30,8 +27,6 @@ from estimator.samples import Samples
 MOST: Final = 4_000_000_000  # bytes of a file
 _ROWS: Final = 1 << 18  # of a row group
 _LONGEST: Final = 80  # characters of an id
-_OLD: Final = 86_400.0  # s, after which a folder was left by a service that was killed
-_UNFINISHED: Final = ".unfinished"
 _ENDINGS: Final = re.compile(r"(\.(csv|txt|tsv|gz|parquet|pq|mat|mf4|mdf|dat))+$", re.IGNORECASE)
 _KEPT: Final = (  # of the notes of a recording of the bench's own, by which it is read and listed
     "drive", "device", "url", "begun", "complete", "expected", "off_before", "off_after", "events", "machine", "window",
@@ -66,13 +61,8 @@ class Import:
 @contextmanager
 def place_for(folder: Path, name: str) -> Generator[Path]:
     """Where a file that comes can be put; gone afterwards, with all beside it. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for left in folder.glob(f".*{_UNFINISHED}"):
-        with suppress(OSError):
-            if left.is_dir() and time.time() - left.stat().st_mtime > _OLD:
-                shutil.rmtree(left)
-    with TemporaryDirectory(prefix=".", suffix=_UNFINISHED, dir=folder) as place:
-        yield Path(place) / f"file{Path(name).suffix.lower()[:8]}"
+    with unfinished_folder(folder) as place:
+        yield place / f"file{Path(name).suffix.lower()[:8]}"
 
 
 def check_room(folder: Path, size: int, kept_free: float) -> None:

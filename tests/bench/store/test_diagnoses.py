@@ -1,7 +1,6 @@
 """Diagnoses on disk: written whole or not at all, read back against their checksums, deleted."""
 
 import os
-import time
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -10,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from bench.errors import RecordingError, UnknownError
+from bench.files import unfinished_folder
 from bench.store.diagnoses import Diagnoses, Heading
 
 ASKED = datetime(2026, 1, 31, 12, 0, 0, 250_000, UTC)
@@ -63,13 +63,12 @@ def test_one_is_whole_or_not_there_at_all(kept: Diagnoses, tmp_path: Path) -> No
     with pytest.raises(OSError, match="not empty"):  # another bench has that id
         kept.keep(HEADING, FILES)
     assert {path.name for path in folder.iterdir()} == {HEADING.id, "20260130-120000-250"}
-    for name, age in ((".new.unfinished", 0.0), (".old.unfinished", 7200.0)):
-        (folder / name).mkdir()
-        then = time.time() - age
-        os.utime(folder / name, (then, then))
-    kept.tidy()
-    assert len(kept.all()) == 2
-    assert {path.name for path in folder.glob(".*")} == {".new.unfinished"}
+    (folder / ".0123abcd.unfinished").mkdir()
+    with unfinished_folder(folder) as another:  # another bench is at it, whatever the time of its files
+        os.utime(another, (0.0, 0.0))
+        kept.tidy()
+        assert len(kept.all()) == 2
+        assert list(folder.glob(".*")) == [another]
 
 
 def test_what_is_damaged_is_told_and_hides_no_other(kept: Diagnoses, tmp_path: Path) -> None:

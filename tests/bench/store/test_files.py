@@ -4,16 +4,18 @@ import subprocess
 import sys
 from pathlib import Path
 
-from bench.files import sweep, unfinished
+from bench.files import sweep, unfinished, unfinished_folder
 
 _WRITING = """
 import sys, time
 from pathlib import Path
-from bench.files import unfinished
-with unfinished(Path(sys.argv[1])) as (name, file):
+from bench.files import unfinished, unfinished_folder
+folder = Path(sys.argv[1])
+with unfinished(folder) as (name, file), unfinished_folder(folder) as place:
     file.write(b"half")
     file.flush()
-    print(name.name, flush=True)
+    (place / "half").write_bytes(b"half")
+    print(name.name, place.name, flush=True)
     time.sleep(60)
 """
 
@@ -22,11 +24,13 @@ def test_what_a_killed_process_left_is_swept_and_what_is_being_written_stays(tmp
     (tmp_path / ".another.unfinished").touch()
     with subprocess.Popen([sys.executable, "-c", _WRITING, tmp_path], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        left = tmp_path / process.stdout.readline().strip()
+        file, place = (tmp_path / name for name in process.stdout.readline().split())
         sweep(tmp_path)
-        assert left.read_bytes() == b"half"
+        assert file.read_bytes() == (place / "half").read_bytes() == b"half"
         process.kill()
-    with unfinished(tmp_path) as (mine, _):
+    with unfinished(tmp_path) as (mine, _), unfinished_folder(tmp_path) as folder:
+        (folder / "half").write_bytes(b"half")
         sweep(tmp_path)
-        assert {path.name for path in tmp_path.iterdir()} == {mine.name, ".another.unfinished"}
+        assert {path.name for path in tmp_path.iterdir()} == {mine.name, folder.name, ".another.unfinished"}
+    assert [path.name for path in tmp_path.iterdir()] == [".another.unfinished"]
     sweep(tmp_path / "nowhere")
