@@ -30,7 +30,7 @@ from bench.recordings.forms.times import LARGEST, Column, Counter, Even, Part, g
 from bench.recordings.forms.units import UNCHANGED
 from bench.recordings.runs import PROBE, Chunk, RunSplitter, find_clock
 from bench.recordings.sources import MAX_PERIODS, OPTIONAL, STATIONARY, Sources, check_options, find_sources
-from bench.recordings.table import check_undamaged, header_of, notes, read_parts, row_count
+from bench.recordings.table import check_undamaged, column_names, header_of, notes, read_parts, row_count
 from estimator.samples import Resolution, Samples
 
 CHUNK_ROWS = 65_536
@@ -223,6 +223,22 @@ def one_of(stretches: Sequence[Samples]) -> Samples:
     first = stretches[0]
     names = [one.name for one in fields(Samples) if isinstance(getattr(first, one.name), np.ndarray)]
     return replace(first, **{name: np.concatenate([getattr(part, name) for part in stretches]) for name in names})
+
+
+def check_every_period(path: Path, periods: float) -> None:
+    """Raise RecordingError where rows cover several control periods, of which physics cannot be told."""
+    if periods > 1:
+        raise RecordingError(
+            f"{path}: a stream's rows cover several control periods, here {periods:g} each: capture to diagnose"
+        )
+
+
+def periods_said(path: Path) -> float:
+    """Control periods that a row covers, as a file's first row says; 1 where it does not. Raises RecordingError."""
+    if "periods" not in column_names(path):
+        return 1.0
+    with closing(read_parts(path, ("periods",), 1)) as parts:
+        return float(next(parts, {"periods": [1.0]})["periods"][0])
 
 
 def off_remark(before: str, after: str) -> str:

@@ -187,6 +187,16 @@ def test_what_cannot_be_is_refused_and_nothing_is_begun(jobs: DiagnosisJobs, giv
         jobs.one("explained")
 
 
+def test_a_streams_rows_are_refused_and_are_not_the_latest(jobs: DiagnosisJobs, tmp_path: Path) -> None:
+    pq.write_table(pa.table({"t": [0.0, 1e-3], "periods": [10.0, 10.0]}), tmp_path / "brought.parquet")
+    with pytest.raises(LimitError) as caught:
+        jobs.ask("brought", {})
+    assert str(caught.value) == (
+        "brought: a stream's rows cover several control periods, here 10 each: capture to diagnose"
+    )
+    assert jobs.ask("latest", {}).recording != "brought"
+
+
 def test_the_nominal_machine_is_that_of_the_drive_unless_told(tmp_path: Path) -> None:
     recorded(tmp_path, "explained", drive="bare")
     recorded(tmp_path, "explained2", drive="elsewhere")
