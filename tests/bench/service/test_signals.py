@@ -165,11 +165,13 @@ def command(running_bench: RunningBench, *given: str) -> subprocess.CompletedPro
 def test_the_command_line_writes_and_reads_and_says_what_it_expected(
     client: httpx.Client, running_bench: RunningBench
 ) -> None:
-    done = command(running_bench, "i_q_ref=1.25", "T_s")
+    done = command(running_bench, "i_q_ref=1.25", "T_s", "layout_id")
     assert done.returncode == 0, done.stderr
     assert values(client, "i_q_ref") == {"i_q_ref": 1.25}
     assert [line for line in done.stdout.splitlines() if "i_q_ref" in line and "1.25" in line]
     assert [line for line in done.stdout.splitlines() if "T_s" in line and "0.0001" in line]
+    layout = int(values(client, "layout_id")["layout_id"])
+    assert [line for line in done.stdout.splitlines() if "layout_id" in line and f" {layout} " in line]
     for given, sentence in (
         ("i_q_ref=fast", "expected SIGNAL=NUMBER, got 'i_q_ref=fast'"),
         ("i_q_ref=nan", "'i_q_ref': expected a finite number, got nan"),
