@@ -331,7 +331,7 @@ def test_the_latest_values_are_what_the_drive_does(client: httpx.Client) -> None
     assert told["latest"]["omega_e"] == pytest.approx(502.65, rel=1e-3)
     assert told["latest"]["u_dc"] == pytest.approx(310.0, rel=0.01)
     assert abs(told["latest"]["i_q"] - 2.0) < 3.5
-    assert told["limits"] == {"i_max": 6.0, "speed_max_rpm": 3000.0, "n_p": 4}
+    assert told["limits"] == {"i_max": 6.0, "speed_max_rpm": 2920.0, "n_p": 4}
 
 
 def test_signals_of_the_last_seconds_go_on_where_they_were_asked_for(client: httpx.Client) -> None:

@@ -96,7 +96,7 @@ def test_set_points_go_up_to_the_machines_rated_current_and_largest_speed(client
     told = problem(client.put(SIGNALS, json={"i_q_ref": 9.0}), 422)
     assert told.startswith("set points: currents go up to 6 A, the machine's rated one unless the configuration's ")
     told = problem(client.put(SIGNALS, json={"speed_ref": 2000.0}), 422)
-    assert told.startswith("set points: speeds go up to 3000 rpm, the machine's largest unless ")
+    assert told.startswith("set points: speeds go up to 2920 rpm, the machine's largest unless ")
     assert problem(client.put(SIGNALS, json={"watchdog_time": 0.0}), 422).endswith("takes at least 0.05 s, got 0.0")
     assert values(client, "i_q_ref") == before
 
