@@ -12,7 +12,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from bench.cli.rest import Rest, rest_at
-from bench.cli.terminal import Terminal
+from bench.cli.terminal import Terminal, one_line
 from bench.config import usual_database
 from bench.errors import BenchError, ConfigError, shown
 from bench.files import captures_folder, check_place, check_regular
@@ -136,7 +136,8 @@ def bring(file: Path, said: dict[str, str], service: str | None) -> None:
             one = rest.send(content, "recordings", {"name": file.name} | said)
     except OSError as error:
         raise BenchError(f"{file}: cannot be read: {error.strerror or error}") from None
-    _console.print(Text(f"{one['id']}: {one['rows']} rows, {_seconds(one)}, of {file}"))
+    for line in (f"{one['id']}: {one['rows']} rows, {_seconds(one)}, of {file}", *one["remarks"]):
+        _console.print(Text(one_line(line)))
 
 
 def remove(id_: str, service: str | None, *, asked: bool) -> None:
