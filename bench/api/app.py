@@ -28,6 +28,7 @@ from bench.api.answers import (
     body_of,
     complete,
     json_object,
+    knows_query,
     of_known,
     says_json,
 )
@@ -90,7 +91,8 @@ def create_app(
     app = FastAPI(
         title="pmsm-bench", version=VERSION, docs_url=None, redoc_url=None,
         description="Live parameters of permanent-magnet synchronous motor drives. SI units, peak dq quantities, "
-        "electrical angles. Errors are RFC 9457 problem documents.", dependencies=[Depends(says_json)],
+        "electrical angles. Errors are RFC 9457 problem documents.",
+        dependencies=[Depends(says_json), Depends(knows_query)],
     )
     problems.install(app)
 

@@ -127,7 +127,7 @@ def _install_all(app: FastAPI, jobs: DiagnosisJobs) -> None:
         wanted = [job for job in jobs.all() if (not drive or job.drive == drive)
                   and (not recording or job.recording == recording) and verdict in (None, job.verdict)
                   and state in (None, job.state) and _mentions(job, text)]
-        page, total, more = page_of(wanted, lambda job: job.asked, before, limit)
+        page, total, more = page_of(wanted, lambda job: (job.asked, job.id), before, limit)
         return DiagnosesModel(diagnoses=[_model(jobs, job) for job in page], total=total, next=more)
 
     @app.get(_ROOT, summary="State of a diagnosis", responses=_ONE)

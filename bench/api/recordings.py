@@ -24,6 +24,7 @@ from bench.api.answers import (
     Before,
     DriveName,
     Limit,
+    Place,
     body_of,
     json_object,
     of_known,
@@ -115,7 +116,7 @@ class _Found:
         live = [self.one(one.id) for one in self._recordings.known() if one.file is None and not _is_cancelled(one)]
         there = {one.id for one in live}
         every = live + [of_shelf(one) for one in self._shelf.all() if one.id not in there]
-        return sorted(every, key=lambda one: one.begun, reverse=True)
+        return sorted(every, key=_place, reverse=True)
 
 
 def _install_live(app: FastAPI, service: Service, found: _Found) -> None:
@@ -177,7 +178,7 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         """Of streams, captures, experiments, and files in the service's folder; the newest first."""
         wanted = [one for one in found.all() if (not drive or one.drive == drive) and kind in (None, one.kind)
                   and _mentions(one, text)]
-        page, total, more = page_of(wanted, lambda one: one.begun, before, limit)
+        page, total, more = page_of(wanted, _place, before, limit)
         return RecordingsModel(recordings=page, total=total, next=more)
 
     changing = threading.Lock()  # titles and notes: between what a client has seen and the change nothing else does
@@ -329,6 +330,10 @@ def _who(request: Request) -> str:
 
 def _is_cancelled(status: Status) -> bool:
     return status.state.value == "cancelled"
+
+
+def _place(one: StoredRecordingModel) -> Place:
+    return one.begun, one.id
 
 
 def _mentions(one: StoredRecordingModel, text: str) -> bool:

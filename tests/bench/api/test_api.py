@@ -419,3 +419,16 @@ def test_small_answers_come_within_milliseconds(client: httpx.Client) -> None:
         return time.monotonic() - began
 
     assert sorted(took() for _ in range(15))[7] < 0.03
+
+
+@pytest.mark.parametrize(("path", "known"), [
+    ("/api/drives", "none"), ("/api/drives/emulated/stream", "rows"), ("/api/drives/emulated/signals", "names"),
+    ("/api/recordings", "drive, kind, text, before, limit"), ("/api/health", "none"),
+])
+def test_a_query_key_that_a_route_does_not_take_is_refused(client: httpx.Client, path: str, known: str) -> None:
+    said = problem(client.get(path, params={"colour": "red"}), 422)
+    assert said == f"unknown query key 'colour', expected {known}"
+
+
+def test_the_page_itself_may_be_asked_for_with_any_query(client: httpx.Client) -> None:
+    assert client.get("/", params={"colour": "red"}).status_code == 200

@@ -3,12 +3,14 @@
 import json
 import subprocess
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
+from bench.api.answers import page_of
 from bench.recordings.table import notes
 from tests.bench.api.test_api import problem
 from tests.conftest import COMMAND, JSON, RunningBench
@@ -19,6 +21,8 @@ pytestmark = pytest.mark.live
 
 OF_DRIVE = "/api/drives/emulated/recordings"
 ALL = "/api/recordings"
+AT = datetime(2026, 1, 31, 12, tzinfo=UTC)
+ITEMS = [(AT, "a"), (AT, "b"), (AT + timedelta(seconds=1), "c"), (AT, "d")]  # when, and which
 
 
 @pytest.fixture
@@ -106,6 +110,9 @@ def test_the_list_is_filtered_and_comes_in_pages(client: httpx.Client) -> None:
     assert [one["title"] for one in client.get(ALL, params={"text": "TWO"}).json()["recordings"]] == ["two"]
     assert client.get(ALL, params={"drive": "nobody"}).json() == {"recordings": [], "total": 0, "next": None}
     assert "before: expected a time such as" in problem(client.get(ALL, params={"before": "0.5"}), 422)
+    begin = found["recordings"][1]["begun"].replace("Z", "+00:00")
+    for said in (begin, begin.replace("+", "%2B"), begin.replace("+", " ")):  # as it may come in a query
+        assert client.get(f"{ALL}?kind=stream&before={said}").json()["recordings"][0]["title"] == "one"
     for address in addresses:
         client.delete(address)
 
@@ -165,3 +172,17 @@ def test_the_command_line_does_all_of_it(running_bench: RunningBench, client: ht
     assert "another checksum" in told("verify", str(tmp_path), code=1)
     assert "deleted" in told("delete", id_, "--yes", *at)
     assert "no recording" in told("show", id_, *at, code=2)
+
+
+@pytest.mark.parametrize("limit", [1, 2, 3, 4])
+def test_a_page_has_as_many_as_were_asked_for_also_of_one_moment(limit: int) -> None:
+    found, before = list[str](), None
+    for left in range(len(ITEMS), 0, -limit):
+        page, total, before = page_of(ITEMS, lambda one: one, before, limit)
+        assert (len(page), total) == (min(limit, left), left)
+        found += [id_ for _, id_ in page]
+    assert (found, before) == (["c", "d", "b", "a"], None)
+
+
+def test_the_next_page_is_told_without_what_a_query_would_change() -> None:
+    assert page_of(ITEMS, lambda one: one, None, 2)[2] == "2026-01-31T12:00:00Z~d"
