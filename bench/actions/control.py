@@ -32,6 +32,7 @@ _PERIOD: Final = 0.1  # s between two looks at a drive's state
 _WHO: Final = 5  # such looks between two at who controls it
 _HELD: Final = 30.0  # s that the bench's own lease is taken for, anew with every look
 _STOPPING: Final = 5.0  # s that a stop goes on trying while there is no link
+_UNTOLD: Final = "it could not be told to stop: its bridge goes off when its control lease runs out"
 _SAFE_TORQUE_OFF: Final = {1: "torque allowed", 2: "torque off"}
 
 
@@ -83,6 +84,7 @@ class Control:
         self.thread = threading.Thread(target=self._watch, name=f"control {name}", daemon=True)
         self.state: DriveState | None = None  # None while there is no link
         self.said = ""  # why the latest control of it ended
+        self.farewell = ""  # what became of the drive when the service ended, a clause; empty where it was not ours
 
     @property
     def whom(self) -> str | None:
@@ -104,9 +106,13 @@ class Control:
         """Give up control, also that of a start under way; the drive is off then, and nobody starts it here."""
         self._ending.set()
         self.void()
+        if self._controlled is not None:
+            self.farewell = _UNTOLD
         with self._lock, contextlib.suppress(DriveError):
-            self._give_up(self._link.drive(), how="the service ended")
-            self._restore(self._link.drive())
+            drive, ours = self._link.drive(), self._controlled is not None
+            self._give_up(drive, how="the service ended")
+            self.farewell = "stopped, its bridge is off" if ours else ""
+            self._restore(drive)
 
     def join(self, timeout: float) -> None:
         """Wait for the thread's end, at most so many seconds."""

@@ -72,6 +72,7 @@ def test_up_tells_the_truth_within_ten_seconds_and_ends_both_when_told(number: s
     assert took < 5.0
     assert errors == ""
     assert "Ctrl-C ends it" in out
+    assert out.endswith("emulated: stopped, its bridge is off\nended\n")
     assert f"{url}/docs" in out
     assert emulators(bus) == []
     with socket.create_server(("127.0.0.1", port)):

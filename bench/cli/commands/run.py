@@ -18,7 +18,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
 from bench.cli.output import in_thread
-from bench.cli.terminal import Terminal
+from bench.cli.terminal import Terminal, one_line
 from bench.config import PORT, Config, drive_of, emulated, usual_port
 from bench.errors import ConfigError
 from bench.machine_file import nominal_of
@@ -140,7 +140,11 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
     with _console.status("preparing the estimator (compiles at the first start)"):
         meanwhile(warm_up)
         meanwhile(watch.warm_up)  # which the estimation would compile otherwise, and hear no signal
-    with WriteLog(config.log, to_standard_error) as log, Service(replace(config, port=port)) as service:
+    with (
+        contextlib.ExitStack() as ended, WriteLog(config.log, to_standard_error) as log,
+        Service(replace(config, port=port)) as service,
+    ):
+        ended.callback(_tell_end, service)
         log.also = service.wrote
         root = access.address(host)
         _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
@@ -150,6 +154,11 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
                 meanwhile(partial(_started, service, drive.name, set_points))  # whole, or undone by the service's end
         _console.print(f"open   to {access.told()}\nCtrl-C ends it")
         serve(service, listener, access, log)
+
+
+def _tell_end(service: "Service") -> None:
+    with contextlib.suppress(OSError):  # nobody reads it
+        print(*map(one_line, service.farewell()), "ended", sep="\n", flush=True)
 
 
 def _started(service: "Service", name: str, set_points: Mapping[str, float]) -> None:
