@@ -335,12 +335,13 @@ class Control:
                     return
                 now = operation.state(drive)
                 if now is not State.OPERATION_ENABLED:
-                    fault = operation.fault(drive)
-                    why = f": {fault.text} (0x{fault.code:04X})" if fault else f": it is {now}"
+                    fault, at = operation.fault(drive), f"{datetime.now(UTC):%Y-%m-%d %H:%M:%SZ}"
+                    went = "went off by itself" if fault else "was stopped by another client, or went off by itself"
+                    why = f"{fault.text} (0x{fault.code:04X})" if fault else f"it is {now}"
                     if drive.identity.has_lease:
                         with contextlib.suppress(HeldError):
                             controlled.lease.release(drive)
-                    self._ended(f"the drive was stopped by another client, or went off by itself{why}")
+                    self._ended(f"the drive {went} at {at}: {why}")
             except HeldError as error:
                 self._ended(str(error))
 

@@ -87,7 +87,10 @@ def test_what_the_drive_refuses_is_told_and_nothing_of_it_is_written(client: htt
     before = values(client, "i_q_ref", "sine_count")
     asked = {"i_q_ref": 0.5, "sine_count": 16, "sine_frequency": 1000.0}  # harmonics that its control is too slow for
     told = problem(client.put(SIGNALS, json=asked), 409)
-    assert told.endswith("; nothing was written of i_q_ref, sine_count, sine_frequency")
+    assert told == (
+        "the drive refused (0x6090030): outside its own range; nothing was written of i_q_ref = 0.5 A, "
+        "sine_count = 16, sine_frequency = 1000 Hz"
+    )
     assert values(client, "i_q_ref", "sine_count") == before
 
 
