@@ -133,6 +133,6 @@ class Recordings(DriveJobs[Status, Run]):
                 found = FoundSegments.found(self._folder, id_)
                 if found is not None and found.heading.id == id_:
                     with contextlib.closing(found):
-                        path = closed(found, _KILLED)
+                        path = closed(found, _KILLED, cut=True)
                     what = "it held no row" if path is None else "it is closed, as far as it came"
                     to_standard_error(f"recording {id_}: cut, {_KILLED}; {what}")

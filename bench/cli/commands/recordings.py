@@ -61,12 +61,12 @@ def show_all(filters: dict[str, str], service: str | None, *, as_json: bool) -> 
     if not said["recordings"]:
         _console.print("no recording; begin one by: pmsm-bench recordings start DRIVE")
         return
-    table = Table(Column("recording", no_wrap=True), "begun", "length", "MB", "", box=None, pad_edge=False)
+    table = Table(Column("recording", no_wrap=True), "begun", "length", "MB", "kind", "", box=None, pad_edge=False)
     for one in said["recordings"]:
-        state = "" if one["state"] == "done" and one["whole"] else f"{_state(one)}; "
+        state = "" if one["state"] == "done" and one["whole"] else _state(one)
         table.add_row(
-            one["id"], f"{_local(one['begun']):%d %b %H:%M}", _seconds(one), f"{one['bytes'] / 1e6:.3g}",
-            Text(f"{state}{one['title'] or one['kind']}"),
+            one["id"], f"{_local(one['begun']):%Y-%m-%d %H:%M}", _seconds(one), f"{one['bytes'] / 1e6:.3g}",
+            one["kind"], Text("; ".join(filter(None, (state, one["title"])))),
         )  # fmt: skip
     _console.print(table)
     if said["next"] is not None:

@@ -149,7 +149,9 @@ def test_the_command_line_does_all_of_it(running_bench: RunningBench, client: ht
     rows(client, f"{ALL}/{id_}", 300)
     assert "load on" in told("mark", "latest", "load on", *at)
     assert f"{id_}: done, " in told("stop", *at)
-    assert "by hand" in told("list", *at)
+    (line,) = (line for line in told("list", *at).splitlines() if line.startswith(id_))
+    assert line.split()[1].startswith("20")
+    assert line.split()[-3:] == ["stream", "by", "hand"]
     listed = json.loads(told("list", "--json", "--kind", "stream", *at))
     assert listed["recordings"][0]["id"] == id_
     shown = told("show", id_, *at)
