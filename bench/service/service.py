@@ -217,7 +217,7 @@ class Service:
 
     def start_drive(self, name: str, values: Mapping[str, Any], whom: str = "") -> None:
         """Start a drive with set points for `whom`. Raises UnknownError, LimitError, ConflictError, DriveError."""
-        wanted = checked(values) if values else {}
+        wanted = checked(values, SET_POINTS) if values else {}
         for signal in wanted:
             if signal not in SET_POINTS:
                 raise LimitError(f"a drive is started with set points ({', '.join(SET_POINTS)}), got {signal}")

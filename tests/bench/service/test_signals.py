@@ -77,6 +77,19 @@ def test_a_value_that_cannot_be_is_refused_before_anything_is_written(
     assert values(client, "i_q_ref") == before
 
 
+@pytest.mark.parametrize(("path", "name", "instead"), [
+    ("signals", "iq", "no signal 'iq'; there is i_q_ref, i_q_step"),
+    ("signals", "i_q", "0x2100:4 (i_q) cannot be written; there is i_q_ref, i_q_step"),
+    ("start", "iq", "no signal 'iq'; there is i_q_ref, i_q_step"),
+    ("start", "i_q_reff", "no signal 'i_q_reff'; there is i_q_ref, i_d_ref, i_q_step"),
+])
+def test_what_can_be_written_is_named_in_place_of_what_cannot(
+    client: httpx.Client, path: str, name: str, instead: str
+) -> None:
+    method = "PUT" if path == "signals" else "POST"
+    assert problem(client.request(method, f"{DRIVE}/{path}", json={name: 2.0}), 422) == instead
+
+
 @pytest.mark.parametrize("number", ["NaN", "1e999", "1" + 400 * "0"], ids=["NaN", "infinite", "endless"])
 def test_a_number_that_is_none_is_refused(client: httpx.Client, number: str) -> None:
     body = f'{{"i_q_ref": {number}}}'.encode()
