@@ -67,7 +67,7 @@ def _install_of_recording(app: FastAPI, jobs: DiagnosisJobs) -> None:
         It is worked on in a process of its own; drives, streams and estimates go on meanwhile. Those before it stay.
         """
         job = jobs.ask(id_, given)
-        response.headers["Location"] = f"/api/recordings/{quote(job.recording)}/diagnosis"
+        response.headers["Location"] = f"{_ALL}/{quote(job.id)}"
         return _model(jobs, job)
 
     @app.get(_OF, summary="State of a recording's latest diagnosis", responses=_LATEST)

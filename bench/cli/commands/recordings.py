@@ -11,6 +11,7 @@ from typing import Any, Final
 from rich.table import Column, Table
 from rich.text import Text
 
+from bench.cli.output import check_new
 from bench.cli.rest import Rest, rest_at
 from bench.cli.terminal import Terminal, one_line
 from bench.config import usual_database
@@ -119,6 +120,7 @@ def save(id_: str, out: Path, form: str | None, service: str | None) -> None:
         raise ConfigError(f"{out}: expected a name that ends with {', '.join(most)} or {last}, or --format")
     if kind not in _FORMATS.values():
         raise ConfigError(f"--format: expected one of {', '.join(_FORMATS.values())}, got {shown(form)}")
+    check_new("--out", out)
     try:
         check_place(out)
         with rest_at(service, _CONVERTED) as rest:

@@ -306,7 +306,7 @@ def test_a_recording_is_diagnosed_over_rest_from_its_location_to_its_results(
     client, address = recording
     assert problem(client.get(address), 404).startswith("no diagnosis of a recording 'emulated-")
     answer = client.post(address, json={"trust": {"R_s": 0.2}})
-    assert (answer.status_code, answer.headers["location"]) == (202, address)
+    assert (answer.status_code, answer.headers["location"]) == (202, f"/api/diagnoses/{answer.json()['id']}")
     assert answer.json()["state"] in ("queued", "running")
     until(lambda: client.get(address).json()["state"] in ("done", "failed"), "its end")
     job = client.get(address).json()
