@@ -367,6 +367,19 @@ def rows_of(url: str, wanted: int, last: str | None = None) -> list[dict[str, An
     return found
 
 
+def test_every_event_has_an_id_from_which_rows_go_on(client: httpx.Client, running_bench: RunningBench) -> None:
+    for rows in (False, True):
+        lines = list[str]()
+        with client.stream("GET", f"{DRIVE}/stream", params={"rows": rows}) as response:
+            for line in response.iter_lines():
+                lines.append(line)
+                if lines.count("") == 6:
+                    break
+        ids = [line.removeprefix("id: ") for line in lines if line.startswith("id: ")]
+        assert len(ids) == 6
+        assert rows_of(running_bench.url, 1, ids[-1])[0]["first"] == ids[-1]
+
+
 def test_rows_in_the_stream_miss_no_bin_also_over_a_break(client: httpx.Client, running_bench: RunningBench) -> None:
     before = rows_of(running_bench.url, 3)
     time.sleep(0.5)

@@ -350,6 +350,31 @@ def test_a_recording_is_diagnosed_over_rest_from_its_location_to_its_results(
     assert problem(client.get(own), 404) == f"no diagnosis '{job['id']}'"
 
 
+def events_of(client: httpx.Client, path: str, last: str | None = None) -> list[tuple[str, dict[str, Any]]]:
+    """Id and content of all events, until the stream ends."""
+    headers = {} if last is None else {"Last-Event-ID": last}
+    with client.stream("GET", path, headers=headers, timeout=60.0) as response:
+        lines = list(response.iter_lines())
+    ids = [line.removeprefix("id: ") for line in lines if line.startswith("id: ")]
+    told = [json.loads(line.removeprefix("data: ")) for line in lines if line.startswith("data: ")]
+    assert lines.count("event: progress") == len(ids) == len(told)
+    return list(zip(ids, told, strict=True))
+
+
+def test_a_diagnosis_is_followed_to_its_end_also_over_a_break(recording: tuple[httpx.Client, str]) -> None:
+    client, address = recording
+    path = f"{client.post(address, json={}).headers['location']}/stream"
+    events = events_of(client, path)
+    assert len({id_ for id_, _ in events}) == len(events)
+    shares = [told["progress"] for _, told in events]
+    assert shares == sorted(shares)
+    assert len({told["phase"] for _, told in events}) > 2
+    assert (events[-1][1]["state"], events[-1][1]) == ("done", client.get(path.removesuffix("/stream")).json())
+    assert events_of(client, path) == events[-1:]
+    assert events_of(client, path, events[-1][0]) == []
+    assert problem(client.get("/api/diagnoses/nothing/stream"), 404)
+
+
 def test_a_diagnosis_is_cancelled_over_rest_and_the_drive_streams_on(
     recording: tuple[httpx.Client, str], running_bench: RunningBench
 ) -> None:
