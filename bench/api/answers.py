@@ -32,7 +32,7 @@ CHANGED: Answers = {412: {"description": "Another state than If-Match says; noth
 SAME: Answers = {304: {"description": "The state is the one that If-None-Match says"}}
 _ANY: Final = {  # of every route
     "400": "Not HTTP", "403": "Asked for by a page of another origin", "408": "The request took too long to come",
-    "421": "Another Host than the service's", "431": "A head that is too long",
+    "421": "Another Host than the service's", "422": "Not what can be asked for", "431": "A head that is too long",
     "500": "A fault of the service's own; its log says more",
     "503": "Too much at once, or no answer from the drive, or the service is ending",
 }
