@@ -165,16 +165,14 @@ _PORT: Final = TypeAdapter[int](_Port)
 _DATABASE: Final = TypeAdapter[str](Annotated[str, BeforeValidator(_database)])
 
 
-def emulated(url: str, *, bounded: bool = True) -> Config:
-    """The built-in configuration: one drive called `emulated`, with the nameplate of the emulated motor.
+def emulated(url: str) -> Config:
+    """The built-in configuration: one drive called `emulated`, of which nothing is known yet."""
+    return Config((drive_of("emulated", url, Nominal({}), {}),), port=usual_port(), database=_database_of(""))
 
-    `bounded`: its set points are, by that; the drive's own limits hold in any case.
-    """
-    held = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}  # ohm, H, H, Vs
-    nominal = Nominal(held, n_p=4, i_rated=6.0, speed_max_rpm=3000.0)
-    limits = Limits(nominal.i_rated, nominal.speed_max_rpm, n_p=nominal.n_p) if bounded else Limits()
-    drive = DriveConfig("emulated", url, Window(held=held), nominal, limits)
-    return Config((drive,), port=usual_port(), database=_database_of(""))
+
+def drive_of(name: str, url: str, nominal: Nominal, limits: Mapping[str, float]) -> DriveConfig:
+    """A drive by its machine's data: they are held, and bound its set points where `limits` say nothing else."""
+    return DriveConfig(name, url, Window(held=nominal.given), nominal, _limits(name, nominal, limits))
 
 
 def usual_database() -> str:
@@ -216,15 +214,18 @@ def _drive(name: str, given: object, path: Path) -> DriveConfig:
     kind = TypeAdapter(Annotated[_DriveTable, Table(f"expected a table {name}", _UNKNOWN)])
     table = taken(kind, given, where, ConfigError, path.parent)
     nominal = Nominal({}) if table.machine is None else load_machine(table.machine)
+    drive = drive_of(name, table.url, nominal, table.limits)
     try:
-        window = Window(held=nominal.given).changed(table.window)
+        return replace(drive, window=drive.window.changed(table.window))
     except LimitError as error:
         raise ConfigError(f"{where} window: {error}") from None
-    limits = Limits(
-        table.limits.get("i_max", nominal.i_rated), table.limits.get("speed_max_rpm", nominal.speed_max_rpm),
+
+
+def _limits(name: str, nominal: Nominal, given: Mapping[str, float]) -> Limits:
+    return Limits(
+        given.get("i_max", nominal.i_rated), given.get("speed_max_rpm", nominal.speed_max_rpm),
         raised_by=f"the configuration's [drives.{name}.limits]", n_p=nominal.n_p,
     )
-    return DriveConfig(name, table.url, window, nominal, limits)
 
 
 def _database_of(configured: str) -> str:

@@ -18,13 +18,16 @@ from typing import Final, Self
 from drivers import operation
 from drivers.drive import Drive
 from drivers.errors import DriveError, NoReplyError, RefusedError
+from drivers.wire.canopen_od import Abort
 from drivers.wire.cia402 import Command, State
 from drivers.wire.codec import encode
 from drivers.wire.dictionary import SET_POINTS, signal_named
 from drivers.wire.lease import HOLDER, Action, Bridge, End, Record, holder_name
+from drivers.wire.modbus_map import ILLEGAL_VALUE
 
 SECONDS: Final = 2.0  # that a lease lasts from its latest renewal; a drive whose `watchdog_time` is shorter: that
 _RENEWED: Final = 0.1  # of that time, after which `keep` renews
+_RANGE: Final = (Abort.VALUE_RANGE, 0x06090031, 0x06090032, ILLEGAL_VALUE)  # reasons: out of range, too high, too low
 _HOLDERS: Final = tuple(f"lease_holder_{k}" for k in range(1, 5))
 
 
@@ -164,8 +167,9 @@ class Lease:
             drive.control(Record(self.token, action, bridge, self.seconds, self.holder, tuple(encoded)))
         except RefusedError as error:
             told = self._told(drive, action, error)
-            if encoded:
-                told.args = (f"{told}; nothing was written of {', '.join(values or {})}",)
+            if values:
+                why = f"the drive refused ({told.code:#x}): outside its own range" if told.code in _RANGE else str(told)
+                told.args = (f"{why}; nothing was written of {_words(values)}",)
             raise told from None
         self._renewed = begun
 
@@ -180,6 +184,11 @@ class Lease:
         if now is not None and (action is Action.TAKE or now.holder != self.holder):
             return HeldError(now.words, error.code)
         return error
+
+
+def _words(values: Mapping[str, float]) -> str:
+    units = {name: unit if (unit := signal_named(name).unit) != "1" else "" for name in values}
+    return ", ".join(f"{name} = {value:g} {units[name]}".rstrip() for name, value in values.items())
 
 
 class Controlled:

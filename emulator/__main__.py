@@ -5,6 +5,7 @@
 
 import argparse
 import errno
+import json
 import os
 import signal
 import sys
@@ -15,12 +16,12 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.wire.dictionary import SET_POINTS
 from emulator.bounds import ScenarioError
 from emulator.clock import Pacer, Present
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.errors import BusError
 from emulator.input_file import one_line
+from emulator.scenario.data_sheet import data_sheet
 from emulator.scenario.scenarios import BUILT_IN, CONTROLS, Scenario, load
 from emulator.servers.faults import FORMS, Faults, parse_fault, script
 from emulator.servers.link import Link
@@ -60,7 +61,7 @@ def main(arguments: list[str] | None = None) -> int:
         scenario = scenario_named(options.scenario)
         if options.control is not None:
             scenario = replace(scenario, drive=replace(scenario.drive, control=options.control))
-        run(scenario, urls, stop, faults, tell_set_points=options.with_input)
+        run(scenario, urls, stop, faults, tell_data=options.with_input)
     except (ScenarioError, BusError, ValueError) as error:
         print(f"pmsm-bench emulate: {one_line(error)}", file=sys.stderr)
         return 2
@@ -78,11 +79,11 @@ def scenario_named(name: str) -> Scenario:
 
 
 def run(
-    scenario: Scenario, urls: Sequence[str], stop: threading.Event, faults: Faults, *, tell_set_points: bool = False
+    scenario: Scenario, urls: Sequence[str], stop: threading.Event, faults: Faults, *, tell_data: bool = False
 ) -> None:
     """Be the scenario's drive at some URLs, in real time, until told to stop.
 
-    `tell_set_points`: those of its excitation, for the parent, whose bench starts it.
+    `tell_data`: its data sheet as JSON, in the line after the first, for the parent, whose bench starts it.
     """
     serial = zlib.crc32(urls[0].encode()) or 1  # the same whenever it is started there
     drive = VirtualDrive(scenario, serial, on_links=True)
@@ -91,8 +92,8 @@ def run(
         present = opened.enter_context(Present())
         links = [opened.enter_context(Link(url, drive, faults, present.awaited)) for url in urls]
         print(f"emulated drive {scenario.name!r} is at {' and '.join(urls)}", flush=True)
-        if tell_set_points:
-            print(*(f"{name}={getattr(scenario.excitation, name)!r}" for name in SET_POINTS), flush=True)
+        if tell_data:
+            print(json.dumps(data_sheet(scenario)), flush=True)
         pacer = Pacer(drive.T_s, most=round(_CATCH_UP / drive.T_s))
         while not stop.is_set():
             if faults.reset_due(drive.elapsed):

@@ -9,12 +9,13 @@ import hashlib
 import os
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
 
 import numba
 from numba.core import config as numba_config
+from numba.core import event
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -50,6 +51,21 @@ _FOLDER = _cache_folder()
 def kept() -> tuple[str | None, int]:
     """The folder of what is compiled, None where none can be written, and how many kernels are there."""
     return _FOLDER, 0 if _FOLDER is None else sum(1 for _ in Path(_FOLDER).rglob("*.nbi"))
+
+
+@contextlib.contextmanager
+def on_compile(hear: Callable[[], object]) -> Generator[None]:
+    """Hear of each kernel, before it is compiled, that is not on disk."""
+
+    class Listener(event.Listener):
+        def on_start(self, event: object) -> None:
+            hear()
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:

@@ -36,6 +36,7 @@ _OUT_OF_REACH: Final = (
     "nothing has come to the drive for longer than it waits for its bench: it should have gone off, which is seen when "
     "the link is back"
 )
+_UNTOLD: Final = "it could not be told to stop: its bridge goes off when its control lease runs out"
 _SAFE_TORQUE_OFF: Final = {1: "torque allowed", 2: "torque off"}
 
 
@@ -87,6 +88,7 @@ class Control:
         self.thread = threading.Thread(target=self._watch, name=f"control {name}", daemon=True)
         self.state: DriveState | None = None  # None while there is no link
         self.said = ""  # why the latest control of it ended
+        self.farewell = ""  # what became of the drive when the service ended, a clause; empty where it was not ours
 
     @property
     def whom(self) -> str | None:
@@ -108,9 +110,13 @@ class Control:
         """Give up control, also that of a start under way; the drive is off then, and nobody starts it here."""
         self._ending.set()
         self.void()
+        if self._controlled is not None:
+            self.farewell = _UNTOLD
         with self._lock, contextlib.suppress(DriveError):
-            self._give_up(self._link.drive(), how="the service ended")
-            self._restore(self._link.drive())
+            drive, ours = self._link.drive(), self._controlled is not None
+            self._give_up(drive, how="the service ended")
+            self.farewell = "stopped, its bridge is off" if ours else ""
+            self._restore(drive)
 
     def join(self, timeout: float) -> None:
         """Wait for the thread's end, at most so many seconds."""
@@ -336,12 +342,13 @@ class Control:
                     return
                 now = operation.state(drive)
                 if now is not State.OPERATION_ENABLED:
-                    fault = operation.fault(drive)
-                    why = f": {fault.text} (0x{fault.code:04X})" if fault else f": it is {now}"
+                    fault, at = operation.fault(drive), f"{datetime.now(UTC):%Y-%m-%d %H:%M:%SZ}"
+                    went = "went off by itself" if fault else "was stopped by another client, or went off by itself"
+                    why = f"{fault.text} (0x{fault.code:04X})" if fault else f"it is {now}"
                     if drive.identity.has_lease:
                         with contextlib.suppress(HeldError):
                             controlled.lease.release(drive)
-                    self._ended(f"the drive was stopped by another client, or went off by itself{why}")
+                    self._ended(f"the drive {went} at {at}: {why}")
             except HeldError as error:
                 self._ended(str(error))
 

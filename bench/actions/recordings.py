@@ -20,6 +20,7 @@ from bench.errors import BenchError, ConflictError, UnavailableError
 from bench.live.acquisition import Link
 from bench.store.closing import closed
 from bench.store.segments import FoundSegments, ids_in
+from bench.store.write_log import to_standard_error
 from drivers.block import Block
 
 _LEAST: Final = 1e6  # bytes of the disk, of the shortest recording
@@ -138,4 +139,6 @@ class Recordings(DriveJobs[Status, Run]):
                 found = FoundSegments.found(self._folder, id_)
                 if found is not None and found.heading.id == id_:
                     with contextlib.closing(found):
-                        closed(found, _KILLED)
+                        path = closed(found, _KILLED, cut=True)
+                    what = "it held no row" if path is None else "it is closed, as far as it came"
+                    to_standard_error(f"recording {id_}: cut, {_KILLED}; {what}")

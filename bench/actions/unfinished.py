@@ -136,16 +136,17 @@ def undo(folder: Path, drive: Drive) -> str:
             who = control.held(drive)
             path.unlink(missing_ok=True)
             by = who.holder if who else "another client"
-            return f"{note.what} ended with its bench; {by} controls the drive since, so its settings stay as they are"
+            return f"{_began(note)}; {by} controls the drive since, so its settings stay as they are"
         restored, refused = _restored(drive, note)
         path.unlink(missing_ok=True)
-    words = [
-        f"{note.what} (since {note.since[:19]}Z) ended with its bench",
-        "the drive was on and has been stopped" if stopped else "the drive was off already",
-        f"restored as before: {', '.join(restored)}" if restored else "its settings were as before",
-        *([f"not restored: {refused}"] if refused else []),
-    ]
-    return "; ".join(words)
+    was = "was on and has been stopped" if stopped else "was off already"
+    settings = f"{', '.join(restored)} restored as before" if restored else "its settings as before"
+    return f"{_began(note)}: the drive {was}, {settings}" + (f", but not {refused}" if refused else "")
+
+
+def _began(note: Note) -> str:
+    """Whose end it was that nobody told, the beginning of a sentence."""
+    return f"a bench ended without notice in {note.what.partition(' (')[0]}, since {note.since[:19].replace('T', ' ')}Z"
 
 
 def _stopped(drive: Drive, note: Note) -> bool | None:

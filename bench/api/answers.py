@@ -4,9 +4,9 @@ tell.
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Annotated, Any, Final, TypeVar, cast
 
 from fastapi import Depends, Path, Query, Request
@@ -16,6 +16,7 @@ from bench.api.guard.kinds import READS, is_stop, is_upload
 from bench.api.problems import MediaError, TooLargeError
 from bench.errors import LimitError, shown
 from bench.service.service import Service
+from bench.store.catalogue.chronicle import Place
 
 BYTES: Final = "application/octet-stream"
 _MAX_BODY: Final = 1 << 16  # bytes
@@ -31,7 +32,7 @@ CHANGED: Answers = {412: {"description": "Another state than If-Match says; noth
 SAME: Answers = {304: {"description": "The state is the one that If-None-Match says"}}
 _ANY: Final = {  # of every route
     "400": "Not HTTP", "403": "Asked for by a page of another origin", "408": "The request took too long to come",
-    "421": "Another Host than the service's", "431": "A head that is too long",
+    "421": "Another Host than the service's", "422": "Not what can be asked for", "431": "A head that is too long",
     "500": "A fault of the service's own; its log says more",
     "503": "Too much at once, or no answer from the drive, or the service is ending",
 }
@@ -44,11 +45,14 @@ _TOKEN: Final = {"401": "The token is missing"}
 T = TypeVar("T")
 
 DriveName = Annotated[str, Path(description="name of a drive")]
-Before = Annotated[
-    str | None, Query(description="RFC 3339: of before that; see next", json_schema_extra={"format": "date-time"})
-]
-Limit = Annotated[int, Query(description="how many, a few more where they are of one moment", ge=1, le=1000)]
-_RFC_3339: Final = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
+_DAY: Final = r"(19|20)\d\d-(0[1-9]|1[0-2])-(0[1-9]|1\d|2[0-8])"
+_PLACE: Final = rf"^{_DAY}T([01]\d|2[0-3]):[0-5]\d:[0-5]\d(\.\d{{1,6}})?Z(~[A-Za-z0-9_-]{{1,200}})?$"
+Before = Annotated[str | None, Query(
+    description="what `next` says, or a time (RFC 3339): of before that",
+    json_schema_extra={"pattern": _PLACE, "examples": ["2026-01-31T12:00:00Z"]},
+)]  # fmt: skip
+Limit = Annotated[int, Query(description="how many", ge=1, le=1000)]
+_RFC_3339: Final = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+ -]\d\d:\d\d)")
 
 
 def of_known(service: Service) -> list[Any]:
@@ -80,24 +84,37 @@ def json_object(example: Mapping[str, Any], *, required: bool = True) -> Any:
 
 
 def time_of(text: str, what: str) -> datetime:
-    """A time with its zone. Raises LimitError."""
+    """A time with its zone, whose + may have come as a space, as queries have it. Raises LimitError."""
     with suppress(ValueError):
         if _RFC_3339.fullmatch(text):
-            return datetime.fromisoformat(text.upper())
+            return datetime.fromisoformat(text.upper().replace(" ", "+"))
     raise LimitError(f"{what}: expected a time such as 2026-01-31T12:00:00Z, got {shown(text)}")
 
 
+def place_before(text: str | None) -> Place | None:
+    """Where a page begins; None for the first one. Raises LimitError."""
+    if text is None:
+        return None
+    at, _, id_ = text.partition("~")
+    return time_of(at, "before"), id_
+
+
+def told_place(place: Place) -> str:
+    """As `next` tells the last of a page."""
+    at, id_ = place
+    return f"{at.astimezone(UTC).isoformat().replace('+00:00', 'Z')}~{id_}"
+
+
 def page_of(
-    items: Sequence[T], when: Callable[[T], datetime], before: str | None, limit: int
+    items: Iterable[T], place: Callable[[T], Place], before: str | None, limit: int
 ) -> tuple[list[T], int, str | None]:
-    """Of items, the newest first: the first page before a time; how many there are from there on; before which the
-    next page begins, None on the last one. What is of one moment is on one page. Raises LimitError.
+    """The first page before a place, the newest first; how many there are from there on; before which the next page
+    begins, None on the last one. Raises LimitError.
     """
-    latest = None if before is None else time_of(before, "before")
-    there = [item for item in items if latest is None or when(item) < latest]
+    begin = place_before(before)
+    there = sorted((one for one in items if begin is None or place(one) < begin), key=place, reverse=True)
     page = there[:limit]
-    page += [item for item in there[limit:] if when(item) == when(page[-1])]
-    return page, len(there), when(page[-1]).isoformat() if len(there) > len(page) else None
+    return page, len(there), told_place(place(page[-1])) if len(there) > limit else None
 
 
 def complete(document: dict[str, Any], *, with_token: bool) -> None:
@@ -136,6 +153,18 @@ async def says_json(request: Request) -> None:
         of = "a file that is brought" if kind == BYTES else "every PUT and POST but those that stop"
         expected = f"the header Content-Type: {kind}, as of {of}"
         raise MediaError(f"expected {expected}, got {got}")
+
+
+async def knows_query(request: Request) -> None:
+    """The dependency of every route: a query says what the route's description has. Raises LimitError."""
+    path, method = getattr(request.scope.get("route"), "path", ""), request.method.lower()
+    routes = request.app.openapi()["paths"].get(path)
+    if routes is None or not request.query_params:
+        return
+    told = routes.get("get" if method == "head" else method, {}).get("parameters", [])
+    known = [parameter["name"] for parameter in told if parameter["in"] == "query"]
+    if (key := next((key for key in request.query_params if key not in known), None)) is not None:
+        raise LimitError(f"unknown query key {shown(key)}, expected {', '.join(known) or 'none'}")
 
 
 async def _body(request: Request) -> bytes:

@@ -28,6 +28,7 @@ from bench.api.answers import (
     body_of,
     complete,
     json_object,
+    knows_query,
     of_known,
     says_json,
 )
@@ -58,8 +59,10 @@ from bench.api.models.metrics import MEDIA, metrics_text
 from bench.api.models.recent import place_of, recent_model
 from bench.api.models.recordings import AnnotationModel, MarkRequestModel, RecordingRequestModel
 from bench.api.signals import SignalValuesModel
+from bench.live.recent import Place
 from bench.service.service import Service
 
+_FIRST = Place(0, 0)  # of no rows yet: all that are kept come after it
 DISPLAY_PERIOD = 0.1  # s between two events of the live stream
 VERSION = metadata.version("pmsm-bench")
 
@@ -90,7 +93,8 @@ def create_app(
     app = FastAPI(
         title="pmsm-bench", version=VERSION, docs_url=None, redoc_url=None,
         description="Live parameters of permanent-magnet synchronous motor drives. SI units, peak dq quantities, "
-        "electrical angles. Errors are RFC 9457 problem documents.", dependencies=[Depends(says_json)],
+        "electrical angles. Errors are RFC 9457 problem documents.",
+        dependencies=[Depends(says_json), Depends(knows_query)],
     )
     problems.install(app)
 
@@ -140,11 +144,14 @@ def create_app(
         """The drive, its estimates and its latest capture at display rate, until the client leaves.
 
         With `rows`, each event of that name has the bins since the one before, and as its id the last one's name.
+        A snapshot is all that is known then; its id goes on after the last rows that came, or, without `rows`, from
+        the newest bin, by which `rows` may begin.
         """
-        since = None if last_event_id is None else place_of(last_event_id)
+        since, recent = None if last_event_id is None else place_of(last_event_id), service.drive(name).recent
         while not ending():
-            yield ServerSentEvent(event="snapshot", raw_data=snapshot(name))
-            if rows and (course := service.drive(name).recent.course(since)) is not None:
+            at = (since or _FIRST) if rows else recent.newest()
+            yield ServerSentEvent(event="snapshot", id=str(at), raw_data=snapshot(name))
+            if rows and (course := recent.course(since)) is not None:
                 since = course.last
                 told = recent_model(name, course, service.link(name).age or 0.0)
                 yield ServerSentEvent(event="rows", id=str(since), raw_data=told.model_dump_json())
@@ -156,7 +163,7 @@ def create_app(
     experiments.install(app, service)
     recordings.install(app, service)
     history.install(app, service)
-    diagnoses.install(app, service)
+    diagnoses.install(app, service, ending)
 
     @app.get("/api/health", summary="State of every thread and link")
     def health() -> HealthModel:

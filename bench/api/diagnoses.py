@@ -1,16 +1,22 @@
 """The routes of diagnoses, over a running service."""
 
+import asyncio
+from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any, Final
 from urllib.parse import quote
 
-from fastapi import FastAPI, Path, Query, Response
+from anyio import to_thread
+from fastapi import Depends, FastAPI, Header, Path, Query, Response
 from fastapi.responses import HTMLResponse
+from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from bench.api.answers import PROBLEM, SHAPES, Answers, Before, Limit, body_of, json_object, page_of
 from bench.api.guard.idempotency import REPEATABLE
+from bench.api.guard.preconditions import tag_of
 from bench.api.models.diagnoses import DIAGNOSIS, DIAGNOSIS_FIGURES, DiagnosesModel, DiagnosisJobModel, job_model
 from bench.diagnoses.diagnosis_jobs import FIGURES, MACHINE, REPORT, RESULT, DiagnosisJobs, Job, JobState
 from bench.diagnoses.report.page import POLICY
+from bench.errors import UnknownError
 from bench.service.service import Service
 from estimator.diagnosis.verdict import Verdict
 
@@ -23,7 +29,7 @@ _WRONG: Answers = {422: {"description": "Not what can be asked for"} | PROBLEM}
 _ASKED: Answers = {
     404: {"description": "No recording of that name"} | PROBLEM,
     409: {"description": "It is being diagnosed"} | PROBLEM,
-    422: {"description": "Not a nominal machine that is whole, or a trust that cannot be"} | PROBLEM,
+    422: {"description": "Not a nominal machine that is whole, or a trust that cannot be; a stream's rows"} | PROBLEM,
     503: {"description": "Too many are waiting"} | PROBLEM,
 }
 _NOT_NOW: Answers = {409: {"description": "The diagnosis is in another state"} | PROBLEM}
@@ -31,6 +37,10 @@ _RESULT: Answers = {200: {"description": "The diagnosis", "content": {"applicati
     "$ref": f"{SHAPES}{DIAGNOSIS}"}}}}}
 _FIGURES: Answers = {200: {"description": "The figures", "content": {"application/json": {"schema": {
     "$ref": f"{SHAPES}{DIAGNOSIS_FIGURES}"}}}}}
+_EVENTS: Answers = {200: {"description": "Events called progress", "content": {
+    "text/event-stream": {"itemSchema": {"properties": {"data": {
+        "contentMediaType": "application/json", "contentSchema": {"$ref": f"{SHAPES}DiagnosisJobModel"}}}}}}}}
+_PERIOD: Final = 0.1  # s between two looks at one that is followed
 RecordingId = Annotated[str, Path(alias="id", description="name of a recording of the service's, or latest")]
 DiagnosisId = Annotated[str, Path(alias="id", description="id of a diagnosis, or latest")]
 
@@ -46,11 +56,12 @@ _PAGE: Final = _file(_MEDIA[REPORT], "The page")
 _MACHINE: Final = _file(_MEDIA[MACHINE], "The machine file")
 
 
-def install(app: FastAPI, service: Service) -> None:
-    """Add the routes to an application."""
+def install(app: FastAPI, service: Service, ending: Callable[[], bool]) -> None:
+    """Add the routes to an application; event streams end where `ending` says so."""
 
     _install_of_recording(app, service.diagnoses)
     _install_all(app, service.diagnoses)
+    _install_progress(app, service.diagnoses, ending)
 
 
 def _install_of_recording(app: FastAPI, jobs: DiagnosisJobs) -> None:
@@ -67,7 +78,7 @@ def _install_of_recording(app: FastAPI, jobs: DiagnosisJobs) -> None:
         It is worked on in a process of its own; drives, streams and estimates go on meanwhile. Those before it stay.
         """
         job = jobs.ask(id_, given)
-        response.headers["Location"] = f"/api/recordings/{quote(job.recording)}/diagnosis"
+        response.headers["Location"] = f"{_ALL}/{quote(job.id)}"
         return _model(jobs, job)
 
     @app.get(_OF, summary="State of a recording's latest diagnosis", responses=_LATEST)
@@ -127,7 +138,7 @@ def _install_all(app: FastAPI, jobs: DiagnosisJobs) -> None:
         wanted = [job for job in jobs.all() if (not drive or job.drive == drive)
                   and (not recording or job.recording == recording) and verdict in (None, job.verdict)
                   and state in (None, job.state) and _mentions(job, text)]
-        page, total, more = page_of(wanted, lambda job: job.asked, before, limit)
+        page, total, more = page_of(wanted, lambda job: (job.asked, job.id), before, limit)
         return DiagnosesModel(diagnoses=[_model(jobs, job) for job in page], total=total, next=more)
 
     @app.get(_ROOT, summary="State of a diagnosis", responses=_ONE)
@@ -163,6 +174,35 @@ def _install_all(app: FastAPI, jobs: DiagnosisJobs) -> None:
     ) -> DiagnosisJobModel:
         """From the disk, for good; one that is under way is cancelled, and stays as that. Tells what it is, or was."""
         return _model(jobs, jobs.remove(id_))
+
+
+def _install_progress(app: FastAPI, jobs: DiagnosisJobs, ending: Callable[[], bool]) -> None:
+    """The route by which one is followed."""
+
+    def known(id_: DiagnosisId) -> None:
+        jobs.named(id_)
+
+    @app.get(f"{_ROOT}/stream", summary="Progress of a diagnosis as server-sent events", responses=_EVENTS | _ONE,
+             response_class=EventSourceResponse, dependencies=[Depends(known)])
+    async def progress(
+        id_: DiagnosisId,
+        last_event_id: Annotated[str | None, Header(description="of the last event that came: it is not sent again")]
+        = None,
+    ) -> AsyncIterator[ServerSentEvent]:
+        """Its state whenever that has changed, until it has ended: the last event tells verdict and sentence."""
+        one, sent = await to_thread.run_sync(jobs.named, id_), last_event_id
+        while not ending():
+            told = _model(jobs, one)
+            if (tag := tag_of(told).strip('"')) != sent:
+                sent = tag
+                yield ServerSentEvent(event="progress", id=tag, raw_data=told.model_dump_json())
+            if one.state.ended:
+                return
+            await asyncio.sleep(_PERIOD)
+            try:
+                one = await to_thread.run_sync(jobs.named, one.id)
+            except UnknownError:  # it was deleted
+                return
 
 
 def _model(jobs: DiagnosisJobs, job: Job) -> DiagnosisJobModel:

@@ -5,7 +5,18 @@ from typing import Annotated, Final
 
 from fastapi import FastAPI, Query
 
-from bench.api.answers import DRIVE, PROBLEM, Answers, Before, DriveName, Limit, of_known, time_of
+from bench.api.answers import (
+    DRIVE,
+    PROBLEM,
+    Answers,
+    Before,
+    DriveName,
+    Limit,
+    of_known,
+    place_before,
+    time_of,
+    told_place,
+)
 from bench.api.models.history import (
     EventKind,
     EventsModel,
@@ -56,10 +67,11 @@ def install(app: FastAPI, service: Service) -> None:
     ) -> EventsModel:
         """Links lost and back, states and faults, every write that reached it, and who controlled it; the newest first.
         """
-        latest = None if before is None else time_of(before, "before")
-        page, total, more = _memory(service).chronicle.page(name, kind, latest, limit)
+        begin = place_before(before)
+        page, total = _memory(service).chronicle.page(name, kind, begin, limit)
         return EventsModel(
-            events=[event_model(one) for one in page], total=total, next=page[-1].at.isoformat() if more else None
+            events=[event_model(one) for one in page], total=total,
+            next=told_place(page[-1].place) if total > limit else None,
         )
 
     @app.get("/api/drives/{name}/parameters", summary="A drive's parameters in the past", responses=_ASKED | DRIVE,
@@ -67,12 +79,12 @@ def install(app: FastAPI, service: Service) -> None:
     def parameters(name: DriveName, before: Before = None, limit: Limit = 50) -> SnapshotsModel:
         """Read at each connect and when a recording, a capture or an experiment begins; kept where they have changed.
         """
-        latest = None if before is None else time_of(before, "before")
-        found, total = _memory(service).chronicle.snapshots(name, latest, limit + 1)
+        begin = place_before(before)
+        found, total = _memory(service).chronicle.snapshots(name, begin, limit + 1)
         pairs = [*zip(found, [*found[1:], None], strict=True)][:limit]
         return SnapshotsModel(
             snapshots=[parameters_model(one, earlier) for one, earlier in pairs], total=total,
-            next=pairs[-1][0].at.isoformat() if len(found) > limit else None,
+            next=told_place(pairs[-1][0].place) if len(found) > limit else None,
         )
 
 

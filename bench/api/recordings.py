@@ -24,6 +24,7 @@ from bench.api.answers import (
     Before,
     DriveName,
     Limit,
+    Place,
     body_of,
     json_object,
     of_known,
@@ -34,6 +35,7 @@ from bench.api.guard.idempotency import REPEATABLE
 from bench.api.guard.preconditions import TAGGED, IfMatch, check_match, tag_of
 from bench.api.models.recordings import (
     AnnotationModel,
+    BroughtModel,
     MarkRequestModel,
     RecordingsModel,
     RoomModel,
@@ -52,7 +54,7 @@ from bench.recordings.table import ROWS, column_names, read_parts
 from bench.service.service import Service
 from bench.store.annotations import Annotations, Mark
 from bench.store.export import exported
-from bench.store.importing import Import
+from bench.store.importing import Import, remarks_of
 from bench.store.samples import MOST_POINTS, samples_of
 from bench.store.shelf import Shelf
 
@@ -116,7 +118,7 @@ class _Found:
         live = [self.one(one.id) for one in self._recordings.known() if one.file is None and not _is_cancelled(one)]
         there = {one.id for one in live}
         every = live + [of_shelf(one) for one in self._shelf.all() if one.id not in there]
-        return sorted(every, key=lambda one: one.begun, reverse=True)
+        return sorted(every, key=_place, reverse=True)
 
 
 def _install_live(app: FastAPI, service: Service, found: _Found) -> None:
@@ -178,7 +180,7 @@ def _install_shelf(app: FastAPI, service: Service, found: _Found) -> None:
         """Of streams, captures, experiments, and files in the service's folder; the newest first."""
         wanted = [one for one in found.all() if (not drive or one.drive == drive) and kind in (None, one.kind)
                   and _mentions(one, text)]
-        page, total, more = page_of(wanted, lambda one: one.begun, before, limit)
+        page, total, more = page_of(wanted, _place, before, limit)
         return RecordingsModel(recordings=page, total=total, next=more)
 
     changing = threading.Lock()  # titles and notes: between what a client has seen and the change nothing else does
@@ -260,16 +262,18 @@ def _install_files(app: FastAPI, service: Service, found: _Found) -> None:
         mapping: Annotated[str, Query(alias="map", description="NAME=COLUMN,...", max_length=4000)] = "",
         constants: Annotated[str, Query(alias="set", description="NAME=VALUE,...", max_length=4000)] = "",
         align: Annotated[str, Query(description="u=ROWS", max_length=100)] = "",
-    ) -> StoredRecordingModel:
+    ) -> BroughtModel:
         """CSV, CSV.gz, Parquet, .mat or ASAM MDF becomes a recording of the service's own, of kind file, in SI.
 
-        Rows are taken as `pmsm-bench replay` takes them; columns beyond those are left out, which its notes tell.
+        Rows are taken as `pmsm-bench replay` takes them, with their temperatures; what is left out is told.
         """
         columns = columns_of([mapping], [constants], [align], "")
         said = Import(name, title, note, *columns, whom=_who(request))
         id_ = await brought(service, request, said)
         response.headers["Location"] = f"/api/recordings/{quote(id_)}"
-        return await to_thread.run_sync(found.one, id_)
+        one = await to_thread.run_sync(found.one, id_)
+        remarks = await to_thread.run_sync(remarks_of, shelf.one(id_).path)
+        return BroughtModel(**one.model_dump(), remarks=remarks)
 
     @app.get(f"{_ROOT}/samples", summary="A recording's columns for a plot", response_model=SamplesModel,
              responses=_NOT_NOW | _ONE | _WRONG)
@@ -328,6 +332,10 @@ def _who(request: Request) -> str:
 
 def _is_cancelled(status: Status) -> bool:
     return status.state.value == "cancelled"
+
+
+def _place(one: StoredRecordingModel) -> Place:
+    return one.begun, one.id
 
 
 def _mentions(one: StoredRecordingModel, text: str) -> bool:

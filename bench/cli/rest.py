@@ -49,7 +49,7 @@ class Rest:
             response = self._client.request(method, address, content=text, params=query, headers=headers)
             content = response.json()
         except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
-            raise UnavailableError(f"no bench service answers at {self._service}: {error}") from None
+            raise self._unanswered(error, "does not answer") from None
         if response.is_success and isinstance(content, dict) and key in content:
             return cast(dict[str, Any], content)
         if isinstance(content, dict) and "detail" in content:
@@ -62,7 +62,7 @@ class Rest:
         try:
             return self._client.get(self._address("drives", path), headers=self._headers()).raise_for_status().content
         except (httpx.HTTPError, httpx.InvalidURL) as error:
-            raise UnavailableError(f"the service at {self._service} did not hand out the file: {error}") from None
+            raise self._unanswered(error, "did not hand out the file") from None
 
     def _headers(self) -> dict[str, str]:
         """With the token that the user gives; that of this machine's file goes to no other machine."""
@@ -82,7 +82,7 @@ class Rest:
                     raise BenchError(str(json.loads(response.read()).get("detail", response.status_code)))
                 return write_new(path, lambda file: file.writelines(response.iter_bytes()))
         except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
-            raise UnavailableError(f"the service at {self._service} did not hand out the file: {error}") from None
+            raise self._unanswered(error, "did not hand out the file") from None
 
     def send(self, content: BinaryIO, under: str, query: dict[str, str]) -> dict[str, Any]:
         """What comes of a file that is sent to /api/UNDER. Raises BenchError."""
@@ -94,11 +94,19 @@ class Rest:
             )  # fmt: skip
             told: Any = response.json()
         except (httpx.HTTPError, httpx.InvalidURL, ValueError) as error:
-            raise UnavailableError(f"the service at {self._service} did not take the file: {error}") from None
+            raise self._unanswered(error, "did not take the file") from None
         answer = cast(dict[str, Any], told) if isinstance(told, dict) else {}
         if response.is_success and "id" in answer:
             return answer
         raise BenchError(str(answer.get("detail", response.status_code)))
+
+    def _unanswered(self, error: Exception, what: str) -> UnavailableError:
+        """A service that is not there, or that did not do `what`; where nobody listens, what to do."""
+        if not isinstance(error, httpx.ConnectError | httpx.UnsupportedProtocol | httpx.InvalidURL):
+            return UnavailableError(f"the service at {self._service} {what}: {error}")
+        nobody = isinstance(error, httpx.ConnectError) and "refused" in str(error)
+        why = "start one by `make run` or `pmsm-bench serve --config FILE`" if nobody else error
+        return UnavailableError(f"no bench service answers at {self._service}: {why}")
 
     def _address(self, under: str, path: tuple[str, ...]) -> str:
         return "/".join([f"{self._service.rstrip('/')}/api/{under}", *(quote(part, safe="") for part in path)])

@@ -16,6 +16,8 @@ from rich.text import Text
 # Control characters, those that turn the direction of writing, and bytes of names that are no text
 _HIDDEN: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
+_WHOLE: Final = 1e15  # up to which a float tells each whole number
+
 
 def visible(text: object) -> str:
     """A text in which nothing is hidden; its lines and tabs stay."""
@@ -25,6 +27,11 @@ def visible(text: object) -> str:
 def one_line(text: object) -> str:
     """A name, or a sentence with names in it: visible, on one line."""
     return visible(text).replace("\n", "\\n").replace("\t", "\\t")
+
+
+def plain(value: float) -> str:
+    """A number as it is: a whole one to its last digit, any other to six."""
+    return f"{value:.0f}" if value.is_integer() and abs(value) < _WHOLE else f"{value:.6g}"
 
 
 class Terminal(Console):

@@ -4,13 +4,14 @@
 from dataclasses import replace
 
 from bench.diagnoses.diagnosed_machine import machine_text
-from bench.diagnoses.diagnosis_request import Request, Result, Tell
+from bench.diagnoses.diagnosis_request import COMPILING, Request, Result, Tell
 from bench.diagnoses.figures.figure import figures_text
 from bench.diagnoses.figures.pictures import pictures
 from bench.diagnoses.formats import format_of
 from bench.diagnoses.formats.format import Diagnosed
 from bench.diagnoses.published import as_json
 from bench.diagnoses.report.page import report
+from estimator.kernel import on_compile
 
 
 def diagnose_recording(request: Request, tell: Tell = lambda share, phase: None) -> Diagnosed:
@@ -37,7 +38,15 @@ def onwards(tell: Tell) -> Tell:
 
 def work(request: Request, tell: Tell) -> Result:
     """A diagnosis in texts, as a process for such work makes it."""
-    diagnosed = diagnose_recording(request, tell)
+    share = 0.0
+
+    def on(done: float, phase: str) -> None:
+        nonlocal share
+        share = done
+        tell(done, phase)
+
+    with on_compile(lambda: on(share, COMPILING)):
+        diagnosed = diagnose_recording(request, on)
     diagnosis = diagnosed.diagnosis
     tell(1.0, "writing")
     fitted, figures = bool(diagnosis.machine_after), pictures(diagnosis)

@@ -19,6 +19,7 @@ from bench.diagnoses.worker import Failed, Progress, Worker
 from bench.errors import ConfigError, ConflictError, LimitError, RecordingError, UnavailableError, UnknownError, shown
 from bench.jobs import LATEST, Jobs
 from bench.machine_file import Nominal, nominal_of
+from bench.recordings.recording import check_every_period, periods_said
 from bench.recordings.table import notes
 from bench.store.closing import notes_of
 from bench.store.diagnoses import Diagnoses, Heading
@@ -243,8 +244,8 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         there = {path.stem: path for path in self._folder.glob("*.parquet")}
         if id_ == LATEST:
             newest_first = sorted(there.values(), key=lambda path: (path.stat().st_mtime, path.name), reverse=True)
-            for path in newest_first:  # a stream's rows cover several control periods
-                if notes_of(path).get("kind") != "stream":
+            for path in newest_first:
+                if _periods(path) <= 1:
                     return path
         if id_ not in there:
             raise UnknownError(f"no recording {shown(id_)} among the service's captures")
@@ -257,10 +258,11 @@ class DiagnosisJobs(Jobs[Job, _Run]):
                 raise LimitError(f"a diagnosis takes trust and nominal, got {shown(key)}")
         trust, nominal = _object(given, "trust") or {}, _object(given, "nominal")
         try:
+            check_every_period(Path(file.stem), _periods(file))
             known = self._nominal(file) if nominal is None else nominal_of(nominal, "nominal")
             check_whole(known)
             return Request(file, known, checked_trust(trust), report=True)
-        except ConfigError as error:
+        except (ConfigError, RecordingError) as error:
             raise LimitError(str(error)) from None
 
     def _nominal(self, file: Path) -> Nominal:
@@ -316,6 +318,14 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         result: Result = heard.result
         said = {key: result.content.get(key) for key in ("verdict", "sentence")}
         return {"state": JobState.DONE, "progress": 1.0, **said}, _files(result)
+
+
+def _periods(file: Path) -> float:
+    """Control periods that a row covers; 1 where the file cannot be read, which a diagnosis of it says."""
+    try:
+        return periods_said(file)
+    except (RecordingError, OSError):
+        return 1.0
 
 
 def _files(result: Result) -> dict[str, bytes]:

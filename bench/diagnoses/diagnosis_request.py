@@ -15,6 +15,7 @@ from bench.machine_file import Nominal
 from estimator.machine import PARAMETERS, Machine
 
 WORK: Final = "bench.diagnoses.diagnose:work"  # takes a Request and a Tell, gives a Result
+COMPILING: Final = "compiling, once"  # a phase: kernels that are not on disk yet
 MOST_TRUST: Final = 10.0  # share
 SETTLED: Final = ("no_mismatch", "explained")  # verdicts that leave nothing open
 _Share = Annotated[float, Field(strict=True, gt=0, le=MOST_TRUST), Else(

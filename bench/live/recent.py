@@ -96,13 +96,21 @@ class Recent:
         values = {name: _mean(np.concatenate([getattr(block, name) for block in blocks])) for name in SIGNALS}
         return Latest(values, newest.temp_winding, newest.temp_magnet)
 
+    def newest(self) -> Place:
+        """The bin that the newest row is in; the first one before there is a row."""
+        with self._lock:
+            if not self._blocks:
+                return Place(self._epoch, 0)
+            block = self._blocks[-1]
+            return Place(self._epoch, int(block.tick[-1]) // _ticks(block))
+
     def course(self, since: Place | None = None) -> Course | None:
         """All bins, or from that one on; None before the first row."""
         with self._lock:
             if not self._blocks:
                 return None
             newest, epoch = self._blocks[-1], self._epoch
-            ticks = max(newest.periods, round(_BIN / newest.T_s))
+            ticks = _ticks(newest)
             first = since.bin if since is not None and since.epoch == epoch else 0
             later = takewhile(lambda block: int(block.tick[-1]) // ticks >= first, reversed(self._blocks))
             blocks = list(later)[::-1] or [newest]
@@ -119,6 +127,11 @@ class Recent:
                 told[name][at] = extreme.reduceat(values, starts)
         t_end = newest.end * newest.T_s
         return Course(ticks * newest.T_s, Place(epoch, int(bins[0])), t_end, low, high)
+
+
+def _ticks(block: Block) -> int:
+    """Of a bin."""
+    return max(block.periods, round(_BIN / block.T_s))
 
 
 def _follows(block: Block, before: Block) -> bool:

@@ -29,8 +29,16 @@ from bench.recordings.forms.csv_rows import Lines
 from bench.recordings.forms.times import LARGEST, Column, Counter, Even, Part, grain_of, numbered
 from bench.recordings.forms.units import UNCHANGED
 from bench.recordings.runs import PROBE, Chunk, RunSplitter, find_clock
-from bench.recordings.sources import MAX_PERIODS, OPTIONAL, STATIONARY, Sources, check_options, find_sources
-from bench.recordings.table import check_undamaged, header_of, notes, read_parts, row_count
+from bench.recordings.sources import (
+    MAX_PERIODS,
+    OPTIONAL,
+    STATIONARY,
+    TEMPERATURES,
+    Sources,
+    check_options,
+    find_sources,
+)
+from bench.recordings.table import check_undamaged, column_names, header_of, notes, read_parts, row_count
 from estimator.samples import Resolution, Samples
 
 CHUNK_ROWS = 65_536
@@ -112,7 +120,7 @@ class RecordingReader:
         self._parts = ({name: column for name, column in part.items() if name not in empty} for part in parts)
         self._noted = noted
         constants = {name: value for name, value in used.constants.items() if name not in STATIONARY}
-        self._splitter = RunSplitter(self.clock, constants, shift, noted.resolution)
+        self._splitter = RunSplitter(self.clock, constants, shift, noted.resolution, TEMPERATURES)
         self._chunks = self._read()
 
     @property
@@ -155,6 +163,7 @@ def open_recording(
     u_dc: float | None = None,
     n_p: int | None = None,
     optional: bool = True,
+    temperatures: bool = False,
     chunk_rows: int = CHUNK_ROWS,
 ) -> Generator[RecordingReader]:
     """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
@@ -163,13 +172,13 @@ def open_recording(
     the arguments. `T_s`: control period in s, which the file's times must meet within 1 %. `align`: `{"u": rows}`, see
     the module. `theta_step`: resolution of `theta_e` in rad, 0 where it is not known. `u_dc`: V, where the recording
     does not say. `n_p`: pole pairs, for units that are mechanical. `optional`: whether to read dc link and phase
-    currents.
+    currents. `temperatures`: whether to have them beside the samples.
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
     check_undamaged(path)
     header = header_of(path)
-    sources = find_sources(path, header, mapping, constants, optional=optional, n_p=n_p)
+    sources = find_sources(path, header, mapping, constants, optional=optional, temperatures=temperatures, n_p=n_p)
     columns = tuple(dict.fromkeys(sources.columns.values()))
     T_s, told = constants.get("T_s", T_s), _Told(header.remark)
     with closing(read_parts(path, columns, chunk_rows, told.lines)) as parts:
@@ -223,6 +232,22 @@ def one_of(stretches: Sequence[Samples]) -> Samples:
     first = stretches[0]
     names = [one.name for one in fields(Samples) if isinstance(getattr(first, one.name), np.ndarray)]
     return replace(first, **{name: np.concatenate([getattr(part, name) for part in stretches]) for name in names})
+
+
+def check_every_period(path: Path, periods: float) -> None:
+    """Raise RecordingError where rows cover several control periods, of which physics cannot be told."""
+    if periods > 1:
+        raise RecordingError(
+            f"{path}: a stream's rows cover several control periods, here {periods:g} each: capture to diagnose"
+        )
+
+
+def periods_said(path: Path) -> float:
+    """Control periods that a row covers, as a file's first row says; 1 where it does not. Raises RecordingError."""
+    if "periods" not in column_names(path):
+        return 1.0
+    with closing(read_parts(path, ("periods",), 1)) as parts:
+        return float(next(parts, {"periods": [1.0]})["periods"][0])
 
 
 def off_remark(before: str, after: str) -> str:

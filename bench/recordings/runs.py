@@ -6,7 +6,7 @@ the rows are divided into parts.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -52,6 +52,7 @@ class Chunk:
     samples: Samples
     run: int  # from 1
     joined: bool  # follows the chunk before by exactly one row
+    beside: Mapping[str, Column] = field(default_factory=dict[str, Column])  # of the same rows, as they are
 
 
 def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
@@ -104,9 +105,13 @@ class RunSplitter:
     a row is the mean of the two recorded ones weighted by the time each was applied in it.
     """
 
-    def __init__(self, clock: Clock, constants: Mapping[str, float], shift: float, resolution: Resolution) -> None:
+    def __init__(
+        self, clock: Clock, constants: Mapping[str, float], shift: float, resolution: Resolution,
+        beside: Sequence[str] = (),
+    ) -> None:
+        """`beside`: columns that go along with the samples; a row may do without a value of them."""
         self.clock = clock
-        self._resolution = resolution
+        self._resolution, self._beside = resolution, beside
         self.tally = Tally()
         self._constants = {name: value for name, value in constants.items() if name != "periods"}
         self._late, self._later = math.floor(shift), math.ceil(shift)
@@ -180,6 +185,7 @@ class RunSplitter:
                 k = int(np.argmax(changed))
                 came = f"{self.clock.periods} before, {part['periods'][k]:g} in row {rows[k]}"
                 raise RecordingError(f"expected rows of equally many control periods, came {came}")
+        usable = {name: ok for name, ok in usable.items() if name not in self._beside}
         good = np.logical_and.reduce(list(usable.values()))
         for name, ok in usable.items():
             if not ok.all():
@@ -240,6 +246,7 @@ class RunSplitter:
             self.tally.runs += 1
         taken: dict[str, Any] = {name: column[rows] for name, column in columns.items() if name != "t"}
         taken |= {name: self._aligned(columns[name], rows) for name in ("u_d", "u_q")}
+        beside = {name: taken.pop(name) for name in self._beside if name in taken}
         samples = Samples(
             **taken, T_s=self.clock.T_s, periods=self.clock.periods, t0=float(columns["t"][front]),
             resolution=self._resolution,
@@ -248,7 +255,7 @@ class RunSplitter:
         run.handed_on += len(samples)
         self.tally.used += len(samples)
         self._longest = max(self._longest, run.handed_on)
-        yield Chunk(samples, self.tally.runs, joined)
+        yield Chunk(samples, self.tally.runs, joined, beside)
 
     def _aligned(self, u: Column, rows: slice) -> Column:
         early = u[rows.start - self._late : rows.stop - self._late]

@@ -22,11 +22,9 @@ NEEDED: tuple[str, ...] = ("t", "u_d", "u_q", "i_d", "i_q", "omega_e")  # s, V, 
 MEANS: tuple[str, ...] = ("i_d_mean", "i_q_mean")  # A, needed where a row covers several control periods
 PHASES: tuple[str, ...] = ("i_a", "i_b", "i_c")  # A, read where all three are there
 OPTIONAL: tuple[str, ...] = ("u_dc", *PHASES)  # V, A
+TEMPERATURES: tuple[str, ...] = ("temp_winding", "temp_magnet")  # degC; no estimate rests on them
 STATIONARY: tuple[str, ...] = ("i_alpha", "i_beta", "u_alpha", "u_beta", "u_a", "u_b", "u_c")  # A, V, where dq are not
-KNOWN: tuple[str, ...] = (
-    *NEEDED, "theta_e", *MEANS, "periods", *OPTIONAL, *STATIONARY,
-    "temp_winding", "temp_magnet",  # may be there, are not read
-)
+KNOWN: tuple[str, ...] = (*NEEDED, "theta_e", *MEANS, "periods", *OPTIONAL, *STATIONARY, *TEMPERATURES)
 SETTINGS: tuple[str, ...] = ("T_s", "n_p")  # constants that are no column: s, pole pairs
 MAX_PERIODS = 1_000_000  # control periods a row covers
 ALIGNABLE: tuple[str, ...] = ("u",)
@@ -226,7 +224,7 @@ def _unit_of(path: Path, quantity: str, unit: str, n_p: float | None, *, where: 
 
 def find_sources(
     path: Path, header: Header, mapping: Mapping[str, str], constants: Mapping[str, float], *, optional: bool,
-    n_p: float | None = None,
+    temperatures: bool = False, n_p: float | None = None,
 ) -> Sources:
     """Match what a recording needs, and may have, with what is there. A constant wins over a column of its name."""
     given, n_p = {k: float(v) for k, v in constants.items() if k not in SETTINGS}, constants.get("n_p", n_p)
@@ -246,6 +244,8 @@ def find_sources(
     if optional:
         wanted += ["u_dc"] if found.is_there("u_dc") else []
         wanted += PHASES if all(map(found.is_there, PHASES)) else ()
+    if temperatures:
+        wanted += [name for name in TEMPERATURES if found.is_there(name)]
     wanted = [name for name in wanted if name not in made]
     if frame is not None:
         frame = replace(frame, keep=("t", *wanted, *made))

@@ -123,6 +123,7 @@ class Service:
         self.shelf = Shelf(config.captures, self._recordings_read)
         self._writes = count(1)
         self._leaving: threading.Thread | None = None
+        self._experiments_on, self._recorded = list[str](), list[str]()  # drives, recordings, when it was to end
         self._started, self._begun = time.monotonic(), datetime.now(UTC)
 
     def __enter__(self) -> Self:
@@ -156,6 +157,10 @@ class Service:
         if self._leaving is None:
             self._leaving = threading.Thread(target=self._end, name="end", daemon=True)
             self._leaving.start()
+
+    def farewell(self) -> list[str]:
+        """What became of drives and recordings when it ended, a sentence each."""
+        return [*map(self._left, self.drives), *map(self._closed, self._recorded)]
 
     @property
     def uptime(self) -> float:
@@ -212,7 +217,7 @@ class Service:
 
     def start_drive(self, name: str, values: Mapping[str, Any], whom: str = "") -> None:
         """Start a drive with set points for `whom`. Raises UnknownError, LimitError, ConflictError, DriveError."""
-        wanted = checked(values) if values else {}
+        wanted = checked(values, SET_POINTS) if values else {}
         for signal in wanted:
             if signal not in SET_POINTS:
                 raise LimitError(f"a drive is started with set points ({', '.join(SET_POINTS)}), got {signal}")
@@ -286,6 +291,8 @@ class Service:
 
     def _end(self) -> None:
         begun, drives = time.monotonic(), self.drives.values()
+        self._experiments_on = [name for name in self.drives if self.experiment_on(name) is not None]
+        self._recorded = [one.id for one in self.recordings.known() if not one.state.ended]
 
         def left(of: float) -> float:
             return max(0.0, begun + of - time.monotonic())
@@ -311,6 +318,20 @@ class Service:
             self.history.end()
             self.history.join(max(left(_LEAVE), _LAST))
         self._estimation.stop()  # last: nobody waits for it longer than that
+
+    def _left(self, name: str) -> str:
+        """What became of a drive."""
+        if name in self._experiments_on:
+            over = self.experiment_on(name) is None
+            return f"{name}: its experiment has {'ended, and stopped it' if over else 'not ended: its lease runs out'}"
+        return f"{name}: {self.control(name).farewell or 'left as it was, this service did not control it'}"
+
+    def _closed(self, id_: str) -> str:
+        """What became of a recording that was under way."""
+        now = self.recordings.find(id_)
+        if now is None or not now.state.ended:
+            return f"recording {id_}: not closed yet, the next service does so"
+        return f"recording {id_}: " + (f"closed, {now.rows} rows" if now.file else f"{now.state}, {now.reason}")
 
     def _made(self, config: DriveConfig) -> ServiceDrive:
         name, folder, recent = config.name, folder_beside(self.config.captures), Recent()

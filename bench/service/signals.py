@@ -5,7 +5,7 @@ says which were written before it.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any, Final
@@ -46,11 +46,14 @@ def read(drive: Drive, names: Iterable[str] = ()) -> list[Reading]:
     return [Reading(signal, drive.read(signal.name)) for signal in wanted]
 
 
-def checked(values: Mapping[str, Any]) -> dict[str, float]:
-    """Values (SI) that may be written, by name. Raises LimitError for the first that may not."""
+def checked(values: Mapping[str, Any], among: Sequence[str] = tuple(_WRITABLE)) -> dict[str, float]:
+    """Values (SI) that may be written, by name. Raises LimitError for the first that may not.
+
+    `among`: the names that are told instead of one that is none.
+    """
     if not values:
         raise LimitError('expected values by the names of signals, such as {"i_q_ref": 2.0}, got none')
-    return {name: _checked(_known(name), value) for name, value in values.items()}
+    return {name: _checked(_known(name, among), value, among) for name, value in values.items()}
 
 
 def shapes() -> dict[str, Any]:
@@ -84,13 +87,18 @@ def values_of(drive: Drive, names: Iterable[str]) -> dict[str, float]:
     return {name: drive.read(name) for name in names if _BY_NAME[name].is_parameter}
 
 
-def _known(name: str) -> Signal:
+def _known(name: str, among: Sequence[str] = tuple(_BY_NAME)) -> Signal:
     signal = _BY_NAME.get(name)
     if signal is None:
-        near = get_close_matches(name[:64], _BY_NAME, 3)
-        there = f"there is {', '.join(near)}" if near else f"`pmsm-bench signals DRIVE` lists all {len(SIGNALS)}"
+        alike = get_close_matches(name[:64], among, 3) or _made_of(get_close_matches(name[:64], _BY_NAME, 3), among)
+        there = f"there is {', '.join(alike)}" if alike else f"`pmsm-bench signals DRIVE` lists all {len(SIGNALS)}"
         raise LimitError(f"no signal {shown(name)}; {there}")
     return signal
+
+
+def _made_of(names: Sequence[str], among: Sequence[str]) -> list[str]:
+    """Signals whose names begin with one of these: what is written of what is read."""
+    return [one for one in among if any(one.startswith(f"{name}_") for name in names)]
 
 
 def _shape(signal: Signal) -> dict[str, Any]:
@@ -102,9 +110,10 @@ def _shape(signal: Signal) -> dict[str, Any]:
     return shape | {key: end for key, end in bounds.items() if end is not None}
 
 
-def _checked(signal: Signal, value: object) -> float:
+def _checked(signal: Signal, value: object, among: Sequence[str]) -> float:
     if signal.access != "rw":
-        raise LimitError(f"{signal} cannot be written")
+        instead = _made_of([signal.name], among)
+        raise LimitError(f"{signal} cannot be written" + (f"; there is {', '.join(instead)}" if instead else ""))
     if signal.index == _RECORDER:
         raise LimitError(f"{signal} is the recorder's, which captures write")
     if isinstance(value, bool) or not isinstance(value, int | float):

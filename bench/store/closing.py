@@ -33,18 +33,18 @@ class _Account:
     temperatures: bool = False  # the drive has told one
 
 
-def closed(segments: FoundSegments, why: str = "") -> Path | None:
+def closed(segments: FoundSegments, why: str = "", *, cut: bool = False) -> Path | None:
     """Make a Parquet of segments, and remove them; None where they hold no row. Raises OSError, RecordingError.
 
     Those that are damaged are kept, see `FoundSegments.remove`.
 
-    `why`: why it ended, where the segments do not say.
+    `why`: why it ended, where the segments do not say; `cut`: then it was not to.
     """
     folder, heading = segments.paths[0].parent, segments.heading
     path = folder / f"{heading.id}.parquet"
     part = _unfinished(path)
     try:
-        account, told = _account(segments, why)
+        account, told = _account(segments, why, cut)
         if notes_of(path).get("recording") != heading.id:
             if not account.rows:
                 segments.remove()
@@ -68,7 +68,7 @@ def notes_of(path: Path) -> dict[str, Any]:
         return {}
 
 
-def _account(segments: FoundSegments, why: str) -> tuple[_Account, dict[str, Any]]:
+def _account(segments: FoundSegments, why: str, cut: bool) -> tuple[_Account, dict[str, Any]]:
     """What there is, and the notes of it."""
     heading, account = segments.heading, _Account()
     events: list[Event] = []
@@ -89,6 +89,7 @@ def _account(segments: FoundSegments, why: str) -> tuple[_Account, dict[str, Any
         "recording": heading.id, "kind": "stream", "rows": account.rows, "duration": account.end * heading.T_s,
         "events": [_timed(event, heading.T_s) for event in events if event is not ended],
         "ended": ended.get("why", why), "at": ended.get("at"), "lacking": segments.lacking,
+        "complete": bool(ended) or not cut,
     }
     for key in ("segment", "id"):
         del told[key]

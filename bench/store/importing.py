@@ -5,7 +5,7 @@ columns, and what was made of them. The file itself is not kept. Knows nothing o
 """
 
 import re
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
@@ -19,6 +19,7 @@ from bench.errors import BenchError, LimitError, RecordingError, UnavailableErro
 from bench.files import check_free, unfinished_folder
 from bench.recordings.recording import RecordingReader, open_recording
 from bench.recordings.runs import Chunk
+from bench.recordings.sources import listed
 from bench.recordings.table import form, notes
 from bench.store.sealed_file import Columns, write_sealed
 from drivers.wire.dictionary import signal_named
@@ -78,7 +79,7 @@ def imported(folder: Path, source: Path, said: Import, sha256: str) -> Path:
     part = source.with_name("part")
     try:
         with open_recording(
-            source, mapping=said.mapping, constants=said.constants, align=said.align
+            source, mapping=said.mapping, constants=said.constants, align=said.align, temperatures=True
         ) as reader:
             groups = _groups(reader)
             first = next(groups, None)
@@ -117,6 +118,7 @@ def _columns(chunks: list[Chunk]) -> Columns:
     times = [one.t0 + one.T * np.arange(len(one), dtype=np.float64) for one in samples]
     columns: dict[str, NDArray[np.float64]] = {"t": np.concatenate(times)}
     columns |= {name: np.concatenate([getattr(one, name) for one in samples]) for name in names}
+    columns |= {name: np.concatenate([chunk.beside[name] for chunk in chunks]) for name in chunks[0].beside}
     if samples[0].periods > 1:
         columns["periods"] = np.full(len(columns["t"]), float(samples[0].periods))
     return columns
@@ -141,9 +143,21 @@ def _told(source: Path, said: Import, sha256: str, reader: RecordingReader) -> d
             "name": said.name, "form": form(source), "bytes": source.stat().st_size, "sha256": sha256,
             "whom": said.whom, "at": now, "map": dict(said.mapping), "set": dict(said.constants),
             "align": dict(said.align), "columns": dict(summary.sources), "unused": list(summary.unused),
-            "remarks": list(summary.remarks()), "notes": before,
+            "remarks": [*summary.remarks(), *_left_out(summary.unused)], "notes": before,
         },
     }  # fmt: skip
+
+
+def _left_out(columns: Sequence[str]) -> Iterator[str]:
+    """A sentence where columns of the file are not in the recording."""
+    if columns:
+        yield f"columns left out: {listed(columns)}"
+
+
+def remarks_of(path: Path) -> list[str]:
+    """What was made of a file that was brought, and what was left out of it, a sentence each."""
+    told = notes(path).get("imported")
+    return cast(list[str], cast(dict[str, Any], told)["remarks"]) if isinstance(told, dict) else []
 
 
 def _unit(name: str) -> str:

@@ -72,10 +72,21 @@ def test_up_tells_the_truth_within_ten_seconds_and_ends_both_when_told(number: s
     assert took < 5.0
     assert errors == ""
     assert "Ctrl-C ends it" in out
+    assert out.endswith("emulated: stopped, its bridge is off\nended\n")
     assert f"{url}/docs" in out
     assert emulators(bus) == []
     with socket.create_server(("127.0.0.1", port)):
         pass
+
+
+def test_another_motor_is_held_and_bounded_by_its_own_data(tmp_path: Path) -> None:
+    scenario = tmp_path / "small.toml"
+    scenario.write_text('[motor]\nname = "teknic_m2310p"\n[excitation]\ni_q_ref = 2.0\n', encoding="utf-8")
+    with bench_up("--scenario", str(scenario)) as bench, httpx.Client(base_url=bench.url) as client:
+        assert client.get(DRIVE).json()["limits"] == {"i_max": 7.1, "speed_max_rpm": 7060.0, "n_p": 4}
+        assert client.get(f"{DRIVE}/window").json()["held"]["R_s"] == 0.36
+        answer = client.post(f"{DRIVE}/start", json={"i_q_ref": 9.0})
+        assert (answer.status_code, "currents go up to 7.1 A" in answer.json()["detail"]) == (422, True)
 
 
 def test_up_outlives_its_terminal_under_nohup() -> None:

@@ -58,12 +58,14 @@ class Serving:
             with contextlib.suppress(ProcessLookupError):
                 self.process.send_signal(number)
             time.sleep(0.03 if len(numbers) > 1 else 0.0)
-        _, errors = self.process.communicate(timeout=30.0)
+        out, errors = self.process.communicate(timeout=30.0)
         took = time.monotonic() - begun
         assert self.process.returncode == 0, errors
         assert took < MOST, errors
         assert "Traceback" not in errors
         assert "ERROR" not in errors
+        assert all(f"\nd{k}: " in out for k in range(len(self.drives))), out  # what became of each
+        assert out.endswith("ended\n")
         return errors
 
 

@@ -15,7 +15,7 @@ from bench.store.write_log import Entry, WriteLog
 RETRY: Final = 1  # s
 _STOPS: Final = 4
 _LINK: Final = re.compile(r"GET /api/drives/[^/]+/signals")
-_STREAM: Final = re.compile(r"GET /api/drives/[^/]+/stream")
+_STREAM: Final = re.compile(r"GET /api/(drives|diagnoses)/[^/]+/stream")
 
 
 @dataclass(slots=True)

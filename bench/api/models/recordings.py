@@ -91,6 +91,15 @@ class StoredRecordingModel(BaseModel):
     continues: str = Field(description="id of the recording that it goes on with; empty: of none", examples=[""])
 
 
+class BroughtModel(StoredRecordingModel):
+    """A recording that was made of a file."""
+
+    remarks: list[str] = Field(
+        description="what was made of the file, and what was left out of it, a sentence each",
+        examples=[["columns left out: torque"]],
+    )
+
+
 class RecordingsModel(BaseModel):
     """Recordings, the newest first."""
 

@@ -5,7 +5,7 @@ from typing import Any
 from bench.cli.commands.signals import pairs_of, read_from
 from bench.cli.output import print_json
 from bench.cli.rest import rest_at
-from bench.cli.terminal import Terminal
+from bench.cli.terminal import Terminal, plain
 from bench.errors import BenchError
 from drivers.wire.dictionary import SET_POINTS
 
@@ -21,7 +21,7 @@ def start(name: str, given: list[str], service: str | None, *, as_json: bool) ->
     if as_json:
         print_json({"drive": name, **said, "set_points": told})
         return
-    has = ", ".join(f"{one['name']} = {one['value']:g} {one['unit']}" for one in told if one["value"])
+    has = ", ".join(f"{one['name']} = {plain(float(one['value']))} {one['unit']}" for one in told if one["value"])
     _console.print(f"set points: {has or 'none, no current flows'}")
 
 

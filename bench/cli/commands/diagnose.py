@@ -16,7 +16,7 @@ from rich.table import Table
 from bench.cli.exit_codes import DOES_NOT, FAULT, HOLDS, NOT_TOLD, REFUSED, details_kept, worst
 from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, check_output, print_json, takes_all, write_whole
 from bench.cli.terminal import Terminal, bar
-from bench.diagnoses.diagnosis_request import WORK, Request, Result, json_text
+from bench.diagnoses.diagnosis_request import COMPILING, WORK, Request, Result, json_text
 from bench.diagnoses.worker import Failed, each
 from bench.diagnoses.worker import Progress as Under
 from bench.engineering import odds, quantity, words
@@ -89,11 +89,12 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str |
                 file, machine, options.trust, options.mapping, options.constants, options.align, wanted, options.format
             ))  # fmt: skip
             told.append(k)
-    shares = [0.0] * len(requests)
+    shares, compiling = [0.0] * len(requests), False
     with _bar(len(files)) as progress, contextlib.closing(each(WORK, requests, options.jobs or _cores())) as heard:
         for k, said in heard:
             if isinstance(said, Under):
                 shares[k] = said.share
+                compiling = compiling or (said.phase == COMPILING and progress.compiling())
                 progress.at(len(outcomes) + sum(s for n, s in enumerate(shares) if told[n] not in outcomes), said.phase)
                 continue
             place = told[k]
@@ -216,6 +217,12 @@ class _Bar:
 
     def at(self, done: float, phase: str) -> None:
         self.update(completed=done, description=phase or "diagnosing")
+
+    def compiling(self) -> bool:
+        """Say so where no bar does; that it is said."""
+        if not self.errors.is_terminal:
+            self.errors.print("pmsm-bench: compiling, once: most of a minute", soft_wrap=True)
+        return True
 
     def refuse(self, sentence: str) -> None:
         """A sentence on standard error, above the bar."""

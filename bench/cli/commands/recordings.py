@@ -11,8 +11,9 @@ from typing import Any, Final
 from rich.table import Column, Table
 from rich.text import Text
 
+from bench.cli.output import check_new
 from bench.cli.rest import Rest, rest_at
-from bench.cli.terminal import Terminal
+from bench.cli.terminal import Terminal, one_line
 from bench.config import usual_database
 from bench.errors import BenchError, ConfigError, shown
 from bench.files import captures_folder, check_place, check_regular
@@ -61,12 +62,12 @@ def show_all(filters: dict[str, str], service: str | None, *, as_json: bool) -> 
     if not said["recordings"]:
         _console.print("no recording; begin one by: pmsm-bench recordings start DRIVE")
         return
-    table = Table(Column("recording", no_wrap=True), "begun", "length", "MB", "", box=None, pad_edge=False)
+    table = Table(Column("recording", no_wrap=True), "begun", "length", "MB", "kind", "", box=None, pad_edge=False)
     for one in said["recordings"]:
-        state = "" if one["state"] == "done" and one["whole"] else f"{_state(one)}; "
+        state = "" if one["state"] == "done" and one["whole"] else _state(one)
         table.add_row(
-            one["id"], f"{_local(one['begun']):%d %b %H:%M}", _seconds(one), f"{one['bytes'] / 1e6:.3g}",
-            Text(f"{state}{one['title'] or one['kind']}"),
+            one["id"], f"{_local(one['begun']):%Y-%m-%d %H:%M}", _seconds(one), f"{one['bytes'] / 1e6:.3g}",
+            one["kind"], Text("; ".join(filter(None, (state, one["title"])))),
         )  # fmt: skip
     _console.print(table)
     if said["next"] is not None:
@@ -119,6 +120,7 @@ def save(id_: str, out: Path, form: str | None, service: str | None) -> None:
         raise ConfigError(f"{out}: expected a name that ends with {', '.join(most)} or {last}, or --format")
     if kind not in _FORMATS.values():
         raise ConfigError(f"--format: expected one of {', '.join(_FORMATS.values())}, got {shown(form)}")
+    check_new("--out", out)
     try:
         check_place(out)
         with rest_at(service, _CONVERTED) as rest:
@@ -136,7 +138,8 @@ def bring(file: Path, said: dict[str, str], service: str | None) -> None:
             one = rest.send(content, "recordings", {"name": file.name} | said)
     except OSError as error:
         raise BenchError(f"{file}: cannot be read: {error.strerror or error}") from None
-    _console.print(Text(f"{one['id']}: {one['rows']} rows, {_seconds(one)}, of {file}"))
+    for line in (f"{one['id']}: {one['rows']} rows, {_seconds(one)}, of {file}", *one["remarks"]):
+        _console.print(Text(one_line(line)))
 
 
 def remove(id_: str, service: str | None, *, asked: bool) -> None:

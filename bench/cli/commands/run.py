@@ -1,6 +1,7 @@
 """Running things: the service, the emulated drive, both. The emulated drive is a process of its own, behind a bus."""
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -16,11 +17,11 @@ from functools import partial
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
-from bench.cli.commands.signals import pairs_of
 from bench.cli.output import in_thread
-from bench.cli.terminal import Terminal
-from bench.config import PORT, Config, emulated, usual_port
+from bench.cli.terminal import Terminal, one_line
+from bench.config import PORT, Config, drive_of, emulated, usual_port
 from bench.errors import ConfigError
+from bench.machine_file import nominal_of
 from drivers.errors import LostError
 from drivers.lease import HeldError
 
@@ -50,13 +51,14 @@ def run_emulator(urls: list[str], scenario: str, faults: list[str]) -> int:
 
 def run_both(url: str | None, scenario: str, port: int | None) -> None:
     """An emulated drive in a process of its own, and the service over it, which starts it with its set points."""
-    bounded = scenario.startswith("paper")
-    config = emulated(url or _bus(usual_port() if port is None else port), bounded=bounded)
+    config = emulated(url or _bus(usual_port() if port is None else port))
     with _until_told(), _listening(config, port) as listener, contextlib.ExitStack() as opened:
-        url = config.drives[0].url
+        (drive,) = config.drives
         with _console.status("preparing the emulated drive (compiles at the first start)"):
-            set_points = opened.enter_context(_emulator(url, scenario))
-        _serve(config, listener, set_points)
+            sheet = opened.enter_context(_emulator(drive.url, scenario))
+        nominal = nominal_of({"machine": sheet["machine"], "drive": sheet["drive"]}, f"scenario {scenario}")
+        known = drive_of(drive.name, drive.url, nominal, sheet["limits"])
+        _serve(replace(config, drives=(known,)), listener, sheet["set_points"])
 
 
 def _bus(port: int) -> str:
@@ -138,7 +140,11 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
     with _console.status("preparing the estimator (compiles at the first start)"):
         meanwhile(warm_up)
         meanwhile(watch.warm_up)  # which the estimation would compile otherwise, and hear no signal
-    with WriteLog(config.log, to_standard_error) as log, Service(replace(config, port=port)) as service:
+    with (
+        contextlib.ExitStack() as ended, WriteLog(config.log, to_standard_error) as log,
+        Service(replace(config, port=port)) as service,
+    ):
+        ended.callback(_tell_end, service)
         log.also = service.wrote
         root = access.address(host)
         _console.print(f"page   {root}/\nREST   {root}/api/drives   documentation {root}/docs")
@@ -148,6 +154,11 @@ def _serve(config: Config, listener: socket.socket, set_points: Mapping[str, flo
                 meanwhile(partial(_started, service, drive.name, set_points))  # whole, or undone by the service's end
         _console.print(f"open   to {access.told()}\nCtrl-C ends it")
         serve(service, listener, access, log)
+
+
+def _tell_end(service: "Service") -> None:
+    with contextlib.suppress(OSError):  # nobody reads it
+        print(*map(one_line, service.farewell()), "ended", sep="\n", flush=True)
 
 
 def _started(service: "Service", name: str, set_points: Mapping[str, float]) -> None:
@@ -182,8 +193,8 @@ def _emulator_command(urls: list[str], scenario: str) -> list[str]:
 
 
 @contextlib.contextmanager
-def _emulator(url: str, scenario: str) -> Generator[dict[str, float]]:
-    """The emulated drive's process, once it says that it is on its bus; its scenario's set points.
+def _emulator(url: str, scenario: str) -> Generator[Mapping[str, Mapping[str, float]]]:
+    """The emulated drive's process, once it says that it is on its bus; its data sheet, by kind and name.
 
     Raises ConfigError when it cannot be.
     """
@@ -194,16 +205,16 @@ def _emulator(url: str, scenario: str) -> Generator[dict[str, float]]:
     ) as process:
         try:
             with _console.status("preparing the emulated drive (compiles at the first start)"):
-                line = _first_line(process)
-            if line is None:
+                place, sheet = _next_line(process), _next_line(process)
+            if place is None or sheet is None:
                 process.kill()
                 process.wait()
                 errors.seek(0)
                 said = errors.read().strip().removeprefix("pmsm-bench emulate: ")
                 busy = "; `pmsm-bench up --at URL` puts it elsewhere" if said.endswith("in use") else ""
                 raise ConfigError(said + busy if said else "the emulated drive did not start")
-            _console.print(line)
-            yield pairs_of((_first_line(process) or "").split())
+            _console.print(place)
+            yield json.loads(sheet)
         finally:
             process.terminate()
             try:
@@ -212,8 +223,8 @@ def _emulator(url: str, scenario: str) -> Generator[dict[str, float]]:
                 process.kill()
 
 
-def _first_line(process: "subprocess.Popen[str]") -> str | None:
-    """What the process says first; None when it ends, or is silent for too long, before it says anything."""
+def _next_line(process: "subprocess.Popen[str]") -> str | None:
+    """What the process says next; None when it ends, or is silent for too long, before it says anything."""
     assert process.stdout is not None
     line = in_thread(process.stdout.readline)
     return line.result().strip() or None if wait((line,), _READY_TIMEOUT).done else None

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from bench.cli.output import print_json
 from bench.cli.rest import Rest, rest_at
-from bench.cli.terminal import Terminal
+from bench.cli.terminal import Terminal, plain
 from bench.errors import ConfigError, shown
 
 _TIMEOUT = 30.0  # s; a slow line takes long for all of them
@@ -53,6 +53,6 @@ def pairs_of(given: list[str]) -> dict[str, float]:
 def _table(name: str, signals: list[dict[str, Any]]) -> Table:
     table = Table("signal", "value", "unit", "", "what", title=name)
     for signal in signals:
-        value = "not known" if signal["value"] is None else f"{signal['value']:.6g}"
+        value = "not known" if signal["value"] is None else plain(float(signal["value"]))
         table.add_row(signal["name"], value, signal["unit"], signal["access"], signal["summary"])
     return table

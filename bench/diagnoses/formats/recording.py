@@ -1,7 +1,7 @@
 """Recordings of every control period: `bench.recordings.recording`."""
 
 from collections.abc import Generator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -12,7 +12,7 @@ from bench.diagnoses.diagnosis_request import Request, Tell, check_whole
 from bench.diagnoses.formats.format import Diagnosed, Format
 from bench.errors import ConfigError, RecordingError
 from bench.recordings.long_recording import read_in_stretches
-from bench.recordings.recording import Recording, RecordingReader, open_recording, whole
+from bench.recordings.recording import Recording, RecordingReader, check_every_period, open_recording, whole
 from bench.recordings.sources import bare_names
 from bench.recordings.table import column_names
 from estimator.diagnosis.diagnose import diagnose
@@ -44,13 +44,16 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
     return Diagnosed(recording.summary, nominal, replace(diagnosis, remarks=remarks))
 
 
-def opened(request: Request) -> AbstractContextManager[RecordingReader]:
-    """The recording that a request asks of, chunk by chunk. Raises RecordingError."""
+@contextmanager
+def opened(request: Request) -> Generator[RecordingReader]:
+    """The recording that a request asks of, chunk by chunk. Raises RecordingError, also for a stream's rows."""
     nominal = request.nominal
-    return open_recording(
+    with open_recording(
         request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
         theta_step=nominal.theta_step, u_dc=nominal.u_dc, n_p=nominal.n_p,
-    )
+    ) as reader:
+        check_every_period(request.file, reader.clock.periods)
+        yield reader
 
 
 def read(request: Request) -> Recording:

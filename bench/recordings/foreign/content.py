@@ -1,6 +1,7 @@
 """What a recording in a foreign form holds, and the plain Parquet that stands for it meanwhile."""
 
 import json
+import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -125,6 +126,11 @@ def of_one_length(
 def _few(names: Sequence[str]) -> str:
     more = f" and {len(names) - 5} more" if len(names) > 5 else ""
     return ", ".join(name[:40] for name in names[:5]) + more
+
+
+def install(what: str) -> str:
+    """The command that installs a package for the Python that runs."""
+    return f"{sys.executable} -m pip install '{what}'"
 
 
 def unit_of(one: Any) -> str:

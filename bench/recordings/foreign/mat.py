@@ -23,7 +23,15 @@ import numpy as np
 import scipy.io
 
 from bench.errors import RecordingError
-from bench.recordings.foreign.content import Content, Floats, is_complex, numbers, object_of, of_one_length
+from bench.recordings.foreign.content import (
+    Content,
+    Floats,
+    install,
+    is_complex,
+    numbers,
+    object_of,
+    of_one_length,
+)
 
 _io: Any = scipy.io  # comes with types that say little
 
@@ -174,7 +182,7 @@ def _of_hdf5(path: Path) -> dict[str, Any]:
         h5py: Any = importlib.import_module("h5py")
     except ImportError:
         raise RecordingError(
-            "a file of MATLAB's of level 7.3 needs h5py (pip install h5py); or save it by save(FILE, ..., '-v7')"
+            f"a file of MATLAB's of level 7.3 needs h5py: {install('h5py')}; or save it by save(FILE, ..., '-v7')"
         ) from None
     try:
         with h5py.File(path, "r") as file:

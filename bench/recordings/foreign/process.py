@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.errors import RecordingError, UnavailableError
+from bench.recordings.foreign.content import install
 
 FORMS: Final = {"mat": "MATLAB's .mat", "mdf": "ASAM MDF"}
 DONE: Final = {"read": "read", "write": "written"}
@@ -71,7 +72,7 @@ def write(source: Path, form: str, out: Path, said: Mapping[str, Any]) -> None:
 def check_there(name: str, form: str) -> None:
     """Raise RecordingError where what reads and writes a form is not installed."""
     if form == "mdf" and importlib.util.find_spec("asammdf") is None:
-        raise RecordingError(f"{name}: ASAM MDF needs asammdf, which is not installed: pip install 'pmsm-bench[mdf]'")
+        raise RecordingError(f"{name}: ASAM MDF needs asammdf, which is not installed: {install('pmsm-bench[mdf]')}")
 
 
 def _run(what: str, form: str, source: Path, out: Path, said: str = "") -> None:

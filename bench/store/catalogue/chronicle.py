@@ -4,12 +4,13 @@ Each kind is bounded in number; the oldest go. Raises UnavailableError where the
 """
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Final
 
-from sqlalchemy import Engine, Table, delete, func, insert, select, update
+from sqlalchemy import Engine, Table, and_, delete, func, insert, or_, select, update
 
 from bench.store.catalogue.database import connected, microseconds, plain, time_at
 from bench.store.catalogue.tables import AUDIT, EVENTS, LEASES, PARAMETERS
@@ -17,6 +18,12 @@ from bench.store.catalogue.tables import AUDIT, EVENTS, LEASES, PARAMETERS
 WRITE, LEASE = "write", "lease"  # kinds of what happened, besides those of events
 _MOST: Final = 200_000  # rows of a table
 _LEFT: Final = "the service ended without giving it up; the drive's own lease runs out by itself"
+_ORDER: Final = (EVENTS, AUDIT, LEASES, PARAMETERS)  # of what is of one moment
+_ID: Final = re.compile("([0-9])-([0-9]{1,18})")
+_ALL: Final = 2**31 - 1  # ids
+
+Place = tuple[datetime, str]
+"""In a list: the moment, and the id among those of that moment; an empty one is before all of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +35,12 @@ class Happening:
     kind: str  # link, clock, state, fault, write, lease
     sentence: str
     told: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of a write, or a lease: all that is known
+    id: str = field(default="", compare=False)  # among those of a moment, the later the larger
+
+    @property
+    def place(self) -> Place:
+        """In the list of all."""
+        return self.at, self.id
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +52,12 @@ class ParameterSet:
     why: str  # it was read: what began
     device: str  # in words
     values: Mapping[str, float | None]
+    id: str = field(default="", compare=False)
+
+    @property
+    def place(self) -> Place:
+        """In the list of all."""
+        return self.at, self.id
 
 
 class Chronicle:
@@ -81,26 +100,20 @@ class Chronicle:
             )
 
     def page(
-        self, drive: str, kind: str | None, before: datetime | None, limit: int
-    ) -> tuple[list[Happening], int, bool]:
-        """What happened to a drive before a time, the newest first; how many there are; whether there are more.
-
-        What is of one moment is on one page.
-        """
+        self, drive: str, kind: str | None, before: Place | None, limit: int
+    ) -> tuple[list[Happening], int]:
+        """What happened to a drive before a place, the newest first; how many there are."""
         found: list[Happening] = []
         total = 0
         for table in _tables_of(kind):
-            of = [*self._own(table, drive), *([] if before is None else [table.c.at < microseconds(before)])]
+            of = [*self._own(table, drive), *_before(table, before)]
             if table is EVENTS and kind is not None:
                 of.append(table.c.kind == kind)
-            newest = select(table).where(*of).order_by(table.c.at.desc(), table.c.id.desc()).limit(limit + 1)
+            newest = select(table).where(*of).order_by(table.c.at.desc(), table.c.id.desc()).limit(limit)
             with connected(self._engine) as connection:
                 total += connection.execute(select(func.count()).select_from(table).where(*of)).scalar_one()
                 found += [_happening(table, row) for row in connection.execute(newest).mappings()]
-        found.sort(key=lambda one: one.at, reverse=True)
-        page = found[:limit]
-        page += [one for one in found[limit:] if one.at == page[-1].at]
-        return page, total, total > len(page)
+        return sorted(found, key=lambda one: one.place, reverse=True)[:limit], total
 
     def add_snapshot(self, one: ParameterSet) -> None:
         """Add a drive's parameters."""
@@ -109,16 +122,19 @@ class Chronicle:
             "values": json.dumps(one.values, sort_keys=True),
         })  # fmt: skip
 
-    def snapshots(self, drive: str, before: datetime | None, limit: int) -> tuple[list[ParameterSet], int]:
-        """A drive's parameters before a time, the newest first, and how many times they were kept."""
+    def snapshots(self, drive: str, before: Place | None, limit: int) -> tuple[list[ParameterSet], int]:
+        """A drive's parameters before a place, the newest first, and how many times they were kept."""
         t = PARAMETERS.c
-        of = [*self._own(PARAMETERS, drive), *([] if before is None else [t.at < microseconds(before)])]
+        of = [*self._own(PARAMETERS, drive), *_before(PARAMETERS, before)]
         newest = select(PARAMETERS).where(*of).order_by(t.at.desc(), t.id.desc()).limit(limit)
         with connected(self._engine) as connection:
             total = connection.execute(select(func.count()).select_from(PARAMETERS).where(*of)).scalar_one()
             rows = connection.execute(newest).mappings().all()
         return [
-            ParameterSet(row["drive"], time_at(row["at"]), row["why"], row["device"], json.loads(row["values"]))
+            ParameterSet(
+                row["drive"], time_at(row["at"]), row["why"], row["device"], json.loads(row["values"]),
+                _id(PARAMETERS, row["id"]),
+            )
             for row in rows
         ], total
 
@@ -146,21 +162,38 @@ def _tables_of(kind: str | None) -> Sequence[Table]:
     return (EVENTS, AUDIT, LEASES) if kind is None else (special.get(kind, EVENTS),)
 
 
+def _id(table: Table, number: int) -> str:
+    """Of a row, among those of a moment in any table."""
+    return f"{_ORDER.index(table)}-{number:010d}"
+
+
+def _before(table: Table, place: Place | None) -> list[Any]:
+    """The condition on a table's rows that they are before a place."""
+    if place is None:
+        return []
+    at, id_ = microseconds(place[0]), _ID.fullmatch(place[1])
+    order, number = (int(id_[1]), int(id_[2])) if id_ else (-1, 0)
+    ours = _ORDER.index(table)
+    most = min(number, _ALL) if ours == order else _ALL if ours < order else 0
+    return [or_(table.c.at < at, and_(table.c.at == at, table.c.id < most))]
+
+
 def _happening(table: Table, row: Mapping[Any, Any]) -> Happening:
-    at = time_at(row["at"])
+    at, id_ = time_at(row["at"]), _id(table, row["id"])
     if table is AUDIT:
         names = ("who", "by", "method", "path", "status", "outcome", "body")
         changes = {key: json.loads(row[key]) for key in ("before", "after")}
         sentence = f"{row['method']} {row['path']} from {row['who']}: {row['status']} {row['outcome']}"
-        return Happening(row["drive"], at, WRITE, sentence, _those(row, names) | changes)
+        return Happening(row["drive"], at, WRITE, sentence, _those(row, names) | changes, id_)
     if table is LEASES:
         ended = None if row["ended"] is None else time_at(row["ended"])
         what = "" if row["part"] == "control" else "'s recorder"
         sentence = f"{row['holder']} has the drive{what}" if not row["how"] else (
             f"{row['holder']} had the drive{what}, until it ended: {row['how']}"
         )
-        return Happening(row["drive"], at, LEASE, sentence, _those(row, ("part", "holder", "how")) | {"ended": ended})
-    return Happening(row["drive"], at, row["kind"], row["sentence"])
+        told = _those(row, ("part", "holder", "how")) | {"ended": ended}
+        return Happening(row["drive"], at, LEASE, sentence, told, id_)
+    return Happening(row["drive"], at, row["kind"], row["sentence"], id=id_)
 
 
 def _those(row: Mapping[Any, Any], names: Iterable[str]) -> dict[str, Any]:

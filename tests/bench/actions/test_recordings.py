@@ -264,6 +264,7 @@ def test_it_is_closed_when_the_service_ends(drive: Served, tmp_path: Path) -> No
         recorded(service, id_, 300)
     assert now(service, id_).state is State.DONE
     assert service.shelf.one(id_).ended == "the service ended"
+    assert service.shelf.one(id_).whole
 
 
 def test_what_a_service_left_the_next_one_closes(drive: Served, tmp_path: Path) -> None:
@@ -278,6 +279,7 @@ def test_what_a_service_left_the_next_one_closes(drive: Served, tmp_path: Path) 
         until(lambda: any(one.id == id_ for one in service.shelf.all()), "the recording")
         one = service.shelf.one(id_)
         assert one.ended.startswith("the bench was killed, or the power failed. the last ")
+        assert not one.whole
         assert one.rows > 0
         check_as_made(one.path, drive)
         assert not path_of(tmp_path, id_, 1).exists()

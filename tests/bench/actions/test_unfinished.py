@@ -36,7 +36,7 @@ def test_what_was_before_a_bench_that_died_is_before_the_next_as_well(tmp_path: 
     noted(tmp_path, drive, step_time=before).close()  # as at its death
     drive.write("step_time", 2.0 * before)
     noted(tmp_path, drive, step_time=2.0 * before, field_weakening=0.0).close()
-    assert "restored as before: step_time" in undo(tmp_path, drive)
+    assert "step_time restored as before" in undo(tmp_path, drive)
     assert drive.read("step_time") == before
     assert undo(tmp_path, drive) == ""
 
@@ -46,7 +46,7 @@ def test_what_a_bench_that_died_has_left_is_restored_though_another_ended_well(t
     noted(tmp_path, drive, step_time=before).close()
     drive.write("step_time", 2.0 * before)
     noted(tmp_path, drive).undone()
-    assert "restored as before: step_time" in undo(tmp_path, drive)
+    assert "step_time restored as before" in undo(tmp_path, drive)
     assert (drive.read("step_time"), list(tmp_path.iterdir())) == (before, [])
 
 

@@ -331,7 +331,7 @@ def test_the_latest_values_are_what_the_drive_does(client: httpx.Client) -> None
     assert told["latest"]["omega_e"] == pytest.approx(502.65, rel=1e-3)
     assert told["latest"]["u_dc"] == pytest.approx(310.0, rel=0.01)
     assert abs(told["latest"]["i_q"] - 2.0) < 3.5
-    assert told["limits"] == {"i_max": 6.0, "speed_max_rpm": 3000.0, "n_p": 4}
+    assert told["limits"] == {"i_max": 6.0, "speed_max_rpm": 2920.0, "n_p": 4}
 
 
 def test_signals_of_the_last_seconds_go_on_where_they_were_asked_for(client: httpx.Client) -> None:
@@ -365,6 +365,19 @@ def rows_of(url: str, wanted: int, last: str | None = None) -> list[dict[str, An
                 break
             event = event if line else {}
     return found
+
+
+def test_every_event_has_an_id_from_which_rows_go_on(client: httpx.Client, running_bench: RunningBench) -> None:
+    for rows in (False, True):
+        lines = list[str]()
+        with client.stream("GET", f"{DRIVE}/stream", params={"rows": rows}) as response:
+            for line in response.iter_lines():
+                lines.append(line)
+                if lines.count("") == 6:
+                    break
+        ids = [line.removeprefix("id: ") for line in lines if line.startswith("id: ")]
+        assert len(ids) == 6
+        assert rows_of(running_bench.url, 1, ids[-1])[0]["first"] == ids[-1]
 
 
 def test_rows_in_the_stream_miss_no_bin_also_over_a_break(client: httpx.Client, running_bench: RunningBench) -> None:
@@ -419,3 +432,16 @@ def test_small_answers_come_within_milliseconds(client: httpx.Client) -> None:
         return time.monotonic() - began
 
     assert sorted(took() for _ in range(15))[7] < 0.03
+
+
+@pytest.mark.parametrize(("path", "known"), [
+    ("/api/drives", "none"), ("/api/drives/emulated/stream", "rows"), ("/api/drives/emulated/signals", "names"),
+    ("/api/recordings", "drive, kind, text, before, limit"), ("/api/health", "none"),
+])
+def test_a_query_key_that_a_route_does_not_take_is_refused(client: httpx.Client, path: str, known: str) -> None:
+    said = problem(client.get(path, params={"colour": "red"}), 422)
+    assert said == f"unknown query key 'colour', expected {known}"
+
+
+def test_the_page_itself_may_be_asked_for_with_any_query(client: httpx.Client) -> None:
+    assert client.get("/", params={"colour": "red"}).status_code == 200

@@ -58,9 +58,9 @@ ROUTES = {
     ("get", "/api/recordings/{id}/diagnosis/machine.toml"), ("delete", "/api/recordings/{id}/diagnosis"),
     ("get", "/api/diagnoses"), ("get", "/api/diagnoses/{id}"), ("delete", "/api/diagnoses/{id}"),
     *(("get", f"/api/diagnoses/{{id}}/{what}") for what in ("result", "figures", "report.html", "machine.toml")),
-    ("get", "/api/recordings/{id}/diagnosis/figures"),
+    ("get", "/api/diagnoses/{id}/stream"), ("get", "/api/recordings/{id}/diagnosis/figures"),
 }
-ANY = ("400", "403", "408", "421", "431", "500", "503")  # of every route
+ANY = ("400", "403", "408", "421", "422", "431", "500", "503")  # of every route
 CAPTURES = "/api/drives/emulated/captures"
 EXPERIMENTS = "/api/drives/emulated/experiments"
 RECORDING = "/api/recordings/latest"
@@ -247,7 +247,7 @@ def answered(client: httpx.Client, method: str, path: str, body: str | None) -> 
         return
     if path.endswith("/stream"):
         with client.stream(method, path) as events:
-            assert next(events.iter_lines()) == "event: snapshot"
+            assert next(events.iter_lines()) == f"event: {'progress' if 'diagnoses' in path else 'snapshot'}"
         return
     answer = client.request(method, path, content=body)
     if method == "delete" or path.endswith(("/trigger", "/reset")):  # of what is done, of no fault

@@ -147,6 +147,34 @@ def test_a_capture_goes_out_in_every_form_and_comes_in_again_as_it_was(client: h
             assert notes(back)["imported"]["notes"]["capture"] == asked
 
 
+def test_a_stream_goes_out_in_every_form_and_comes_in_again_with_every_column(
+    client: httpx.Client, tmp_path: Path
+) -> None:
+    until(lambda: client.get("/api/drives/emulated").json()["link"]["state"] == "streaming", "the stream")
+    json_ = {"Content-Type": "application/json"}
+    asked = client.post("/api/drives/emulated/recordings", json={"seconds": 0.5}, headers=json_).json()["id"]
+    until(lambda: client.get(f"{ALL}/{asked}").json()["state"] == "done", "the recording")
+    before = client.get(f"{ALL}/{asked}").json()
+    assert {"temp_winding", "temp_magnet", "periods", "u_dc"} <= set(before["columns"])
+    course = client.get(f"{ALL}/{asked}/samples", params={"signals": "temp_winding"}).json()["signals"]
+    for ending in ("parquet", "csv", "mat", "mf4"):
+        content = client.get(f"{ALL}/{asked}/file", params={"format": ending}).content
+        one = client.post(ALL, params={"name": f"again.{ending}"}, content=content).json()
+        assert set(one["columns"]) == set(before["columns"])
+        assert (one["rows"], one["remarks"]) == (before["rows"], [])
+        again = client.get(f"{ALL}/{one['id']}/samples", params={"signals": "temp_winding"}).json()["signals"]
+        assert again == course
+
+
+def test_columns_that_are_left_out_are_told(client: httpx.Client) -> None:
+    rows = "t,u_d,u_q,i_d,i_q,omega_e,torque,temp_winding\n" + "".join(
+        f"{1e-4 * k:.4f},1,2,0.1,0.2,300,5,{20 if k else ''}\n" for k in range(100)
+    )
+    one = client.post(ALL, params={"name": "torque.csv"}, content=rows).json()
+    assert one["remarks"] == ["columns left out: torque"]
+    assert (one["rows"], "temp_winding" in one["columns"]) == (100, True)  # a row without a temperature is one
+
+
 @pytest.mark.thorough
 def test_the_command_line_brings_one(running_bench: RunningBench, client: httpx.Client, tmp_path: Path) -> None:
     path = tmp_path / "run.mat"

@@ -3,6 +3,7 @@
 import json
 import subprocess
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
-from bench.api.answers import BYTES
+from bench.api.answers import BYTES, page_of
 from bench.recordings.capture_file import write_columns
 from bench.recordings.table import notes
 from tests.bench.api.test_api import problem
@@ -22,6 +23,8 @@ pytestmark = pytest.mark.live
 
 OF_DRIVE = "/api/drives/emulated/recordings"
 ALL = "/api/recordings"
+AT = datetime(2026, 1, 31, 12, tzinfo=UTC)
+ITEMS = [(AT, "a"), (AT, "b"), (AT + timedelta(seconds=1), "c"), (AT, "d")]  # when, and which
 
 
 @pytest.fixture
@@ -139,6 +142,9 @@ def test_the_list_is_filtered_and_comes_in_pages(client: httpx.Client) -> None:
     assert [one["title"] for one in client.get(ALL, params={"text": "TWO"}).json()["recordings"]] == ["two"]
     assert client.get(ALL, params={"drive": "nobody"}).json() == {"recordings": [], "total": 0, "next": None}
     assert "before: expected a time such as" in problem(client.get(ALL, params={"before": "0.5"}), 422)
+    begin = found["recordings"][1]["begun"].replace("Z", "+00:00")
+    for said in (begin, begin.replace("+", "%2B"), begin.replace("+", " ")):  # as it may come in a query
+        assert client.get(f"{ALL}?kind=stream&before={said}").json()["recordings"][0]["title"] == "one"
     for address in addresses:
         client.delete(address)
 
@@ -175,7 +181,9 @@ def test_the_command_line_does_all_of_it(running_bench: RunningBench, client: ht
     rows(client, f"{ALL}/{id_}", 300)
     assert "load on" in told("mark", "latest", "load on", *at)
     assert f"{id_}: done, " in told("stop", *at)
-    assert "by hand" in told("list", *at)
+    (line,) = (line for line in told("list", *at).splitlines() if line.startswith(id_))
+    assert line.split()[1].startswith("20")
+    assert line.split()[-3:] == ["stream", "by", "hand"]
     listed = json.loads(told("list", "--json", "--kind", "stream", *at))
     assert listed["recordings"][0]["id"] == id_
     shown = told("show", id_, *at)
@@ -184,6 +192,8 @@ def test_the_command_line_does_all_of_it(running_bench: RunningBench, client: ht
     assert "by foot" in told("annotate", id_, "--title", "by foot", *at)
     for name in ("one.parquet", "one.csv", "one.mat"):
         told("export", id_, "--out", str(tmp_path / name), *at)
+    there = tmp_path / "one.csv"
+    assert f"--out: {there} exists already" in told("export", id_, "--out", str(there), *at, code=2)
     told("export", id_, "--out", str(tmp_path / "one.dat"), "--format", "mf4", *at)
     assert (tmp_path / "one.dat").read_bytes().startswith(b"MDF ")
     assert "--format: expected one of" in told(
@@ -198,3 +208,17 @@ def test_the_command_line_does_all_of_it(running_bench: RunningBench, client: ht
     assert "another checksum" in told("verify", str(tmp_path), code=1)
     assert "deleted" in told("delete", id_, "--yes", *at)
     assert "no recording" in told("show", id_, *at, code=2)
+
+
+@pytest.mark.parametrize("limit", [1, 2, 3, 4])
+def test_a_page_has_as_many_as_were_asked_for_also_of_one_moment(limit: int) -> None:
+    found, before = list[str](), None
+    for left in range(len(ITEMS), 0, -limit):
+        page, total, before = page_of(ITEMS, lambda one: one, before, limit)
+        assert (len(page), total) == (min(limit, left), left)
+        found += [id_ for _, id_ in page]
+    assert (found, before) == (["c", "d", "b", "a"], None)
+
+
+def test_the_next_page_is_told_without_what_a_query_would_change() -> None:
+    assert page_of(ITEMS, lambda one: one, None, 2)[2] == "2026-01-31T12:00:00Z~d"

@@ -26,5 +26,5 @@ def test_every_answer_to_generated_requests_is_as_the_document_says(tmp_path: Pa
             capture_output=True, text=True, timeout=1800.0, check=False, cwd=tmp_path,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout[-6000:]
-        assert "53 selected / 53 total" in done.stdout
+        assert "54 selected / 54 total" in done.stdout
         assert httpx.get(f"{bench.url}/api/health").json()["status"] == "ok"

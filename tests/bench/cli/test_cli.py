@@ -253,7 +253,9 @@ def test_no_service_or_another_one_is_said(
 ) -> None:
     url = f"http://127.0.0.1:{free_port()}"
     said = refused(["estimates", "x", "--once", "--service", url], monkeypatch, capsys)
-    assert said.startswith(f"no bench service answers at {url}: ")
+    assert said == (
+        f"no bench service answers at {url}: start one by `make run` or `pmsm-bench serve --config FILE`"
+    )
     for body, status in ((b"[1]", 200), (b"{}", 200), (b"{}", 500), (b"<html>", 200)):
         with some_web_server(body, status) as url:
             said = refused(["estimates", "x", "--once", "--service", url], monkeypatch, capsys)

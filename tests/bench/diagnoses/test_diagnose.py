@@ -18,7 +18,7 @@ from bench.diagnoses.diagnosed_machine import machine_text
 from bench.diagnoses.diagnosis_request import Request, json_text, trust_of
 from bench.diagnoses.published import schema
 from bench.engineering import odds, quantity, words
-from bench.errors import ConfigError
+from bench.errors import ConfigError, RecordingError
 from bench.machine_file import Nominal, load_machine
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
@@ -145,6 +145,17 @@ def test_the_same_recording_gives_the_same_bytes_and_tells_how_far_it_is(recordi
     assert phases[1] == "fitting"
     assert phases[2].startswith("fitting, effects so far: ")
     assert phases[-2:] == ["simulating before and after", "weighing the answer"]
+
+
+def test_rows_of_several_control_periods_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    rows = VirtualDrive(PAPER).record(100)
+    whole = dict(rows) | {"i_d_mean": rows["i_d"], "i_q_mean": rows["i_q"], "periods": [10.0] * 100}
+    pq.write_table(pa.table(whole), path := tmp_path / "run.parquet")
+    with pytest.raises(RecordingError) as caught:
+        diagnose_recording(Request(path, replace(NOMINAL, T_s=None)))
+    assert str(caught.value) == (
+        f"{path}: a stream's rows cover several control periods, here 10 each: capture to diagnose"
+    )
 
 
 def test_a_share_that_was_told_is_not_taken_back() -> None:

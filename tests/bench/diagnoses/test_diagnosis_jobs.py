@@ -206,6 +206,16 @@ def test_what_cannot_be_is_refused_and_nothing_is_begun(jobs: DiagnosisJobs, giv
         jobs.one("explained")
 
 
+def test_a_streams_rows_are_refused_and_are_not_the_latest(jobs: DiagnosisJobs, tmp_path: Path) -> None:
+    pq.write_table(pa.table({"t": [0.0, 1e-3], "periods": [10.0, 10.0]}), tmp_path / "brought.parquet")
+    with pytest.raises(LimitError) as caught:
+        jobs.ask("brought", {})
+    assert str(caught.value) == (
+        "brought: a stream's rows cover several control periods, here 10 each: capture to diagnose"
+    )
+    assert jobs.ask("latest", {}).recording != "brought"
+
+
 def test_the_nominal_machine_is_that_of_the_drive_unless_told(tmp_path: Path) -> None:
     recorded(tmp_path, "explained", drive="bare")
     recorded(tmp_path, "explained2", drive="elsewhere")
@@ -315,7 +325,7 @@ def test_a_recording_is_diagnosed_over_rest_from_its_location_to_its_results(
     client, address = recording
     assert problem(client.get(address), 404).startswith("no diagnosis of a recording 'emulated-")
     answer = client.post(address, json={"trust": {"R_s": 0.2}})
-    assert (answer.status_code, answer.headers["location"]) == (202, address)
+    assert (answer.status_code, answer.headers["location"]) == (202, f"/api/diagnoses/{answer.json()['id']}")
     assert answer.json()["state"] in ("queued", "running")
     until(lambda: client.get(address).json()["state"] in ("done", "failed"), "its end")
     job = client.get(address).json()
@@ -349,7 +359,7 @@ def test_a_recording_is_diagnosed_over_rest_from_its_location_to_its_results(
     assert (first, second["request"]) == (job, job["request"])
     assert client.get(f"/api/diagnoses/{second['id']}/result").json() == content
     page = client.get("/api/diagnoses", params=of_it | {"limit": 1}).json()
-    assert (page["diagnoses"], page["total"], page["next"]) == ([second], 2, second["asked"].replace("Z", "+00:00"))
+    assert (page["diagnoses"], page["total"], page["next"]) == ([second], 2, f"{second['asked']}~{second['id']}")
     page = client.get("/api/diagnoses", params=of_it | {"before": page["next"]}).json()
     assert (page["diagnoses"], page["total"], page["next"]) == ([first], 1, None)
     assert client.get("/api/diagnoses", params={"text": "nowhere"}).json()["total"] == 0
@@ -357,6 +367,31 @@ def test_a_recording_is_diagnosed_over_rest_from_its_location_to_its_results(
     assert client.get(own).json() == job | {"recording_there": False}
     assert client.delete(own).json()["id"] == job["id"]
     assert problem(client.get(own), 404) == f"no diagnosis '{job['id']}'"
+
+
+def events_of(client: httpx.Client, path: str, last: str | None = None) -> list[tuple[str, dict[str, Any]]]:
+    """Id and content of all events, until the stream ends."""
+    headers = {} if last is None else {"Last-Event-ID": last}
+    with client.stream("GET", path, headers=headers, timeout=60.0) as response:
+        lines = list(response.iter_lines())
+    ids = [line.removeprefix("id: ") for line in lines if line.startswith("id: ")]
+    told = [json.loads(line.removeprefix("data: ")) for line in lines if line.startswith("data: ")]
+    assert lines.count("event: progress") == len(ids) == len(told)
+    return list(zip(ids, told, strict=True))
+
+
+def test_a_diagnosis_is_followed_to_its_end_also_over_a_break(recording: tuple[httpx.Client, str]) -> None:
+    client, address = recording
+    path = f"{client.post(address, json={}).headers['location']}/stream"
+    events = events_of(client, path)
+    assert len({id_ for id_, _ in events}) == len(events)
+    shares = [told["progress"] for _, told in events]
+    assert shares == sorted(shares)
+    assert len({told["phase"] for _, told in events}) > 2
+    assert (events[-1][1]["state"], events[-1][1]) == ("done", client.get(path.removesuffix("/stream")).json())
+    assert events_of(client, path) == events[-1:]
+    assert events_of(client, path, events[-1][0]) == []
+    assert problem(client.get("/api/diagnoses/nothing/stream"), 404)
 
 
 def test_a_diagnosis_is_cancelled_over_rest_and_the_drive_streams_on(

@@ -77,6 +77,19 @@ def test_a_value_that_cannot_be_is_refused_before_anything_is_written(
     assert values(client, "i_q_ref") == before
 
 
+@pytest.mark.parametrize(("path", "name", "instead"), [
+    ("signals", "iq", "no signal 'iq'; there is i_q_ref, i_q_step"),
+    ("signals", "i_q", "0x2100:4 (i_q) cannot be written; there is i_q_ref, i_q_step"),
+    ("start", "iq", "no signal 'iq'; there is i_q_ref, i_q_step"),
+    ("start", "i_q_reff", "no signal 'i_q_reff'; there is i_q_ref, i_d_ref, i_q_step"),
+])
+def test_what_can_be_written_is_named_in_place_of_what_cannot(
+    client: httpx.Client, path: str, name: str, instead: str
+) -> None:
+    method = "PUT" if path == "signals" else "POST"
+    assert problem(client.request(method, f"{DRIVE}/{path}", json={name: 2.0}), 422) == instead
+
+
 @pytest.mark.parametrize("number", ["NaN", "1e999", "1" + 400 * "0"], ids=["NaN", "infinite", "endless"])
 def test_a_number_that_is_none_is_refused(client: httpx.Client, number: str) -> None:
     body = f'{{"i_q_ref": {number}}}'.encode()
@@ -87,7 +100,10 @@ def test_what_the_drive_refuses_is_told_and_nothing_of_it_is_written(client: htt
     before = values(client, "i_q_ref", "sine_count")
     asked = {"i_q_ref": 0.5, "sine_count": 16, "sine_frequency": 1000.0}  # harmonics that its control is too slow for
     told = problem(client.put(SIGNALS, json=asked), 409)
-    assert told.endswith("; nothing was written of i_q_ref, sine_count, sine_frequency")
+    assert told == (
+        "the drive refused (0x6090030): outside its own range; nothing was written of i_q_ref = 0.5 A, "
+        "sine_count = 16, sine_frequency = 1000 Hz"
+    )
     assert values(client, "i_q_ref", "sine_count") == before
 
 
@@ -96,7 +112,7 @@ def test_set_points_go_up_to_the_machines_rated_current_and_largest_speed(client
     told = problem(client.put(SIGNALS, json={"i_q_ref": 9.0}), 422)
     assert told.startswith("set points: currents go up to 6 A, the machine's rated one unless the configuration's ")
     told = problem(client.put(SIGNALS, json={"speed_ref": 2000.0}), 422)
-    assert told.startswith("set points: speeds go up to 3000 rpm, the machine's largest unless ")
+    assert told.startswith("set points: speeds go up to 2920 rpm, the machine's largest unless ")
     assert problem(client.put(SIGNALS, json={"watchdog_time": 0.0}), 422).endswith("takes at least 0.05 s, got 0.0")
     assert values(client, "i_q_ref") == before
 
@@ -165,11 +181,13 @@ def command(running_bench: RunningBench, *given: str) -> subprocess.CompletedPro
 def test_the_command_line_writes_and_reads_and_says_what_it_expected(
     client: httpx.Client, running_bench: RunningBench
 ) -> None:
-    done = command(running_bench, "i_q_ref=1.25", "T_s")
+    done = command(running_bench, "i_q_ref=1.25", "T_s", "layout_id")
     assert done.returncode == 0, done.stderr
     assert values(client, "i_q_ref") == {"i_q_ref": 1.25}
     assert [line for line in done.stdout.splitlines() if "i_q_ref" in line and "1.25" in line]
     assert [line for line in done.stdout.splitlines() if "T_s" in line and "0.0001" in line]
+    layout = int(values(client, "layout_id")["layout_id"])
+    assert [line for line in done.stdout.splitlines() if "layout_id" in line and f" {layout} " in line]
     for given, sentence in (
         ("i_q_ref=fast", "expected SIGNAL=NUMBER, got 'i_q_ref=fast'"),
         ("i_q_ref=nan", "'i_q_ref': expected a finite number, got nan"),

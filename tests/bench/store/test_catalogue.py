@@ -140,20 +140,38 @@ def told(chronicle: Chronicle) -> None:
 def test_what_happened_to_a_drive_is_one_list_the_newest_first_in_pages(engine: Engine) -> None:
     chronicle = Chronicle(engine, "here")
     told(chronicle)
-    every, total, more = chronicle.page("spindle", None, None, 10)
+    every, total = chronicle.page("spindle", None, None, 10)
     assert [one.kind for one in every] == ["state", "lease", "write", "link"]
-    assert (total, more, every[3]) == (4, False, Happening("spindle", AT, "link", "lost: x"))
+    assert (total, every[3]) == (4, Happening("spindle", AT, "link", "lost: x"))
     assert every[2].told == WROTE | {"body": "\\0"}
     assert every[2].sentence == "POST /api/drives/spindle/stop from 127.0.0.1: 200 done"
     assert every[1].told == {"part": "control", "holder": "me", "ended": None, "how": ""}
-    first, total, more = chronicle.page("spindle", None, None, 3)
-    assert (first, total, more) == (every[:3], 4, True)
-    assert chronicle.page("spindle", None, first[-1].at, 3) == (every[3:], 1, False)
+    first, total = chronicle.page("spindle", None, None, 3)
+    assert (first, total) == (every[:3], 4)
+    assert chronicle.page("spindle", None, first[-1].place, 3) == (every[3:], 1)
+    assert chronicle.page("spindle", None, (first[-1].at, ""), 3) == (every[3:], 1)
     for kind, count in (("state", 1), ("write", 1), ("lease", 1), ("fault", 0)):
         assert chronicle.page("spindle", kind, None, 9)[1] == count
-    chronicle.happened(Happening("spindle", every[0].at, "fault", "of the same moment"))
-    assert len(chronicle.page("spindle", None, None, 1)[0]) == 2
-    assert Chronicle(engine, "there").page("spindle", None, None, 9) == ([], 0, False)
+    assert Chronicle(engine, "there").page("spindle", None, None, 9) == ([], 0)
+
+
+def test_what_is_of_one_moment_comes_once_each_however_it_is_paged(engine: Engine) -> None:
+    chronicle = Chronicle(engine, "here")
+    for k in range(2):
+        chronicle.happened(Happening("spindle", AT, "state", f"{k}"))
+        chronicle.wrote("spindle", AT, WROTE)
+        chronicle.took("spindle", "control", f"{k}", AT)
+        chronicle.add_snapshot(ParameterSet("spindle", AT, f"{k}", "", {"R_s": k}))
+    every = chronicle.page("spindle", None, None, 9)[0]
+    found, place = list[Happening](), None
+    while page := chronicle.page("spindle", None, place, 1)[0]:
+        found += page
+        place = page[-1].place
+    assert [one.id for one in found] == [one.id for one in every]
+    assert len({one.id for one in found}) == 6
+    (newest,), total = chronicle.snapshots("spindle", None, 1)
+    (oldest,), left = chronicle.snapshots("spindle", newest.place, 9)
+    assert (newest.why, total, oldest.why, left) == ("1", 2, "0", 1)
 
 
 def test_a_lease_ends_as_it_is_told_or_with_its_service(engine: Engine) -> None:
@@ -169,7 +187,7 @@ def test_a_lease_ends_as_it_is_told_or_with_its_service(engine: Engine) -> None:
     ]  # fmt: skip
     assert (last["ended"], last["how"]) == (None, "")
     chronicle.left(AT + timedelta(seconds=9))
-    (last, *_), _, _ = chronicle.page("spindle", "lease", None, 1)
+    (last, *_), _ = chronicle.page("spindle", "lease", None, 1)
     assert (last.told["ended"], last.told["how"].partition(" without")[0]) == (None, "the service ended")
 
 
@@ -180,7 +198,7 @@ def test_parameters_come_back_and_of_each_kind_so_many_stay(engine: Engine) -> N
         chronicle.add_snapshot(ParameterSet("spindle", AT + timedelta(seconds=k), "connected", "x, serial 1", values))
     (newest, _), total = chronicle.snapshots("spindle", None, 2)
     assert (newest.values, total) == ({"bandwidth": 1004.0, "trigger_level": None}, 5)
-    assert chronicle.snapshots("spindle", AT + timedelta(seconds=1), 9)[1] == 1
+    assert chronicle.snapshots("spindle", (AT + timedelta(seconds=1), ""), 9)[1] == 1
     told(chronicle)
     chronicle.prune(2)
     assert chronicle.snapshots("spindle", None, 9)[1] == 2
