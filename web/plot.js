@@ -5,11 +5,14 @@
 
 /** @typedef {Record<string, string>} Palette */
 
-/** A plot that stands still: zoomed by drag and wheel, put back by a double click. */
-export const STILL = { displayModeBar: false, scrollZoom: true, doubleClick: "reset" };
+/** A plot that stands still: zoomed by drag, put back by a double click; the wheel scrolls the page. */
+export const STILL = { displayModeBar: false, showTips: false, scrollZoom: false, doubleClick: "reset" };
+
+/** How one is zoomed, for its caption. */
+export const HOW_ZOOMED = "Drag to zoom, double-click for all.";
 
 /** One that moves on with time. */
-export const MOVING = { displayModeBar: false, scrollZoom: false, doubleClick: false };
+export const MOVING = { displayModeBar: false, showTips: false, scrollZoom: false, doubleClick: false };
 
 /** The page's colours, so that plots follow light, dark and print as everything else does. @returns {Palette} */
 export function palette() {

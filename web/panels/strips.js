@@ -6,9 +6,9 @@
  */
 
 import { element, write } from "../fields.js";
-import { MOVING, STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
+import { HOW_ZOOMED, MOVING, STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
 
-const MOST = 700; // bins of a line: what a screen can show
+const MOST = 700; // bins of a line that moves: what a screen can show; one that is held can be zoomed to each
 const BEHIND_S = 1; // from which on it is seen that no rows come
 const RPM = 60 / (2 * Math.PI);
 
@@ -92,7 +92,7 @@ function behind(rows) {
  * @param {Record<string, string>} colours
  */
 function trace(rows, strip, line, place, colours) {
-  const { t, low, high } = rows.latest(line.name, span_s, MOST);
+  const { t, low, high } = rows.latest(line.name, span_s, held === null ? MOST : Infinity);
   const late_s = behind(rows);
   const scaled = (/** @type {number | null} */ value) => (value === null ? null : value * strip.scale);
   return {
@@ -145,7 +145,7 @@ function layout(scaled, warm, colours) {
     hovermode: "x", dragmode: held === null ? false : "zoom",
     uirevision: held === null ? String(span_s) : "held",
     xaxis: { ...axis, range: [-span_s, 0], anchor: `y${titles.length}`, ticksuffix: " s", nticks: 6,
-      title: { text: held === null ? "" : "before it was held", standoff: 4, font: { size: 11 } } },
+      title: { text: held === null ? "" : `before it was held; ${HOW_ZOOMED.toLowerCase()}`, standoff: 4, font: { size: 11 } } },
   };
 }
 

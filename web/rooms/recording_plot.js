@@ -9,7 +9,7 @@
 
 import { readSamples } from "../api.js";
 import { make } from "../dom.js";
-import { STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
+import { HOW_ZOOMED, STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
 
 const POINTS = 1500;
 const USUAL = ["i_d", "i_q", "u_d", "u_q", "omega_e"];
@@ -52,7 +52,7 @@ export function recordingPlot() {
       const got = await Promise.all(wanted.map((id) => readSamples(id, signals, range, POINTS)));
       if (mine !== asked) return;
       told = got;
-      words.textContent = got.map(thinnedWords).join(" ");
+      words.textContent = [...got.map(thinnedWords), HOW_ZOOMED].join(" ");
       draw();
     } catch (error) {
       if (mine === asked) { words.textContent = /** @type {Error} */ (error).message; told = []; draw(); }
@@ -67,7 +67,8 @@ export function recordingPlot() {
     canvas.style.height = `${60 + PANEL_PX * units.length}px`;
     const colours = palette();
     drawOn(canvas, told.flatMap((samples, k) => traces(samples, signals, units, colours, DASHES[k], k === 0 ? "" : "over it: ")),
-      layout(units, marks, range ?? [told[0].since, told[0].until], colours), STILL);
+      layout(units, marks, range === null ? [told[0].since, told[0].until] : [...range], colours), // its own: plotly changes it
+      { ...STILL, doubleClick: "autosize" });
     canvas.setAttribute("aria-label", `${signals.join(", ")} from ${told[0].since} s to ${told[0].until} s`);
     listen();
   }
@@ -77,11 +78,9 @@ export function recordingPlot() {
     listening = true;
     const plotted = /** @type {any} */ (canvas);
     plotted.on("plotly_relayout", (/** @type {Record<string, any>} */ change) => {
-      const [from, to] = [change["xaxis.range[0]"], change["xaxis.range[1]"]];
-      if (typeof from === "number" && typeof to === "number") zoom([Math.max(0, from), to]);
-      else if (change["xaxis.autorange"]) zoom(null);
+      const [from, to] = plotted.layout.xaxis.range;
+      zoom(change["xaxis.autorange"] ? null : [Math.max(0, from), Math.max(0, to)]);
     });
-    plotted.on("plotly_doubleclick", () => zoom(null));
     plotted.on("plotly_click", (/** @type {{points: {x: number}[]}} */ { points }) => listener(points[0].x));
   }
 
@@ -127,6 +126,10 @@ export function recordingPlot() {
       if (id === second) return;
       second = id;
       if (one !== null) ask();
+    },
+    /** Reads what could not be read. */
+    again() {
+      if (told.length === 0) ask();
     },
     /** @param {Mark[]} now */
     marks(now) {
