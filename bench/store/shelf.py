@@ -226,7 +226,7 @@ def _recording(id_: str, path: Path, size: int, changed: datetime) -> Recording:
     return Recording(
         id_, path, kind, str(told.get("drive", "")), _time_of(told, changed), rows, seconds, size, columns,
         str(request.get("title", "")), str(request.get("note", "")), marks,
-        whole=told.get("complete", True) is not False and not told.get("lacking"),
+        whole=told.get("complete", True) is not False and not told.get("lacking") and told.get("at", "") is not None,
         ended=". ".join([str(told.get("ended", "")), *map(str, told.get("lacking", ()))]).strip(". "),
         gaps=len(lost), rows_lost=sum(int(event.get("rows", 0)) for event in lost),
         continues=str(told.get("continues", "")),
