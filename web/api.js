@@ -17,7 +17,7 @@
  * @typedef {{code: string, name: string, advice: string}} Fault
  * @typedef {{state: string | null, fault: Fault | null, holder: string | null, lease_left_s: number | null,
  *   ours: boolean, whom: string | null, in_experiment: boolean, said: string, undone: string, guarded: boolean | null,
- *   safe_torque_off: string | null}} Control
+ *   safe_torque_off: string | null, seen: string | null}} Control
  * @typedef {{value: number | null, std: number | null, unit: string,
  *   status: "ok" | "doubtful" | "stale" | "held" | "not_told" | "no_data", since: string | null, reason: string,
  *   window: number | null}} Estimate
@@ -124,7 +124,7 @@ export async function readSignals(drive, names) {
   return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals?names=${names.join(",")}`)).signals;
 }
 
-/** @param {string} drive @returns {Promise<import("./rooms/drive.js").Signal[]>} */
+/** @param {string} drive @returns {Promise<import("./rooms/signals_view.js").Signal[]>} */
 export async function readAllSignals(drive) {
   return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals`, undefined, PATIENCE_READING_MS)).signals;
 }
@@ -143,6 +143,7 @@ export function listEvents(drive, kind, before = "") {
 /**
  * @param {string} drive
  * @param {Record<string, number>} values SI
+ * @returns {Promise<{signals: import("./rooms/signals_view.js").Signal[]}>} as they were read back
  */
 export function writeSignals(drive, values) {
   return call("PUT", `/api/drives/${encodeURIComponent(drive)}/signals`, values);

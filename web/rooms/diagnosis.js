@@ -5,9 +5,10 @@
  */
 
 import { listDiagnoses, listRecordings } from "../api.js";
+import { onHeardAgain } from "../connection.js";
 import { make } from "../dom.js";
 import { element } from "../fields.js";
-import { clock, parseNumber } from "../format.js";
+import { clock, counted, parseNumber } from "../format.js";
 import { words } from "./quantity.js";
 import { address, go } from "../router.js";
 import { diagnoseIt, lacking } from "./diagnose_it.js";
@@ -73,9 +74,10 @@ export function diagnosisRoom() {
       recording.replaceChildren(...able.map((one) => make("option", { value: one.id }, `${one.title || one.id} (${one.kind})`)));
       if (able.some(({ id }) => id === before)) recording.value = before;
       recording.disabled = able.length === 0;
-      count.textContent = jobs.total === 0 ? "None yet. Choose a recording and press Diagnose." : `${jobs.total} ${jobs.total === 1 ? "diagnosis" : "diagnoses"}, the newest first.`;
+      count.textContent = jobs.total === 0 ? "None yet. Choose a recording and press Diagnose." : `${counted(jobs.total, "diagnosis", "diagnoses")}, the newest first.`;
       list.replaceChildren(...jobs.diagnoses.map(row));
     } catch (error) {
+      key = "";
       count.textContent = /** @type {Error} */ (error).message;
     }
   }
@@ -90,6 +92,8 @@ export function diagnosisRoom() {
         make("span", { class: "row-facts" }, job.recording)),
       alone && make("button", { type: "button", class: "small beside", onclick: () => go("diagnosis", drive, `${chosen[0]}+${job.id}`) }, "lay beside"));
   }
+
+  onHeardAgain(() => { message.textContent = ""; });
 
   return {
     enter(name, id) {

@@ -7,7 +7,7 @@
  * @typedef {import("../api.js").Experiment} Experiment
  */
 
-import { askExperiment, cancelExperiment, diagnosisFile, readDiagnosis, readDiagnosisFigures, readDiagnosisResult, readExperiment,
+import { NoAnswerError, askExperiment, cancelExperiment, diagnosisFile, readDiagnosis, readDiagnosisFigures, readDiagnosisResult, readExperiment,
   removeDiagnosis, stopDrive } from "../api.js";
 import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
@@ -16,6 +16,7 @@ import { oddsText, quantityText, sentenceCase, words } from "./quantity.js";
 import { address, go } from "../router.js";
 import { diagnoseIt } from "./diagnose_it.js";
 import { figureElement } from "./figures.js";
+import { HOW_ZOOMED } from "../plot.js";
 
 const POLL_MS = 500;
 const UNDER_WAY = ["queued", "running"];
@@ -52,7 +53,9 @@ export function diagnosisView(id, drive, narrow) {
       } else if (job.state === "done") await showResult(job);
       else showEnd(job);
     } catch (error) {
-      if (!left) root.replaceChildren(make("p", { class: "form-message", "data-mood": "bad" }, /** @type {Error} */ (error).message));
+      if (left) return;
+      root.replaceChildren(make("p", { class: "form-message", "data-mood": "bad" }, /** @type {Error} */ (error).message));
+      if (error instanceof NoAnswerError) timer = setTimeout(look, POLL_MS);
     }
   }
 
@@ -108,12 +111,12 @@ export function diagnosisView(id, drive, narrow) {
   /** @param {import("./figures.js").Figure[]} figures */
   function pictures(figures) {
     let title = "";
-    return figures.flatMap((figure) => {
+    return figures.flatMap((figure, k) => {
       const [picture, draw] = figureElement(figure, narrow);
       drawing.push(draw);
       const again = figure.title === title;
       title = figure.title;
-      return again ? [picture] : [make("h3", {}, figure.title), picture];
+      return again ? [picture] : [make("h3", {}, figure.title), ...(k === 0 ? [make("p", { class: "help" }, HOW_ZOOMED)] : []), picture];
     });
   }
 
@@ -141,7 +144,7 @@ export function diagnosisView(id, drive, narrow) {
       const most = Math.max(...experiment.holds.map((hold) => Math.hypot(Math.abs(hold.i_d) + experiment.step, Math.abs(hold.i_q) + experiment.step)));
       const sure = await confirmed(`Run it on ${drive}? The motor will move.`,
         `${experiment.holds.length} levels, ${duration(seconds)} in all, up to ${plain(fastest, 4)} rpm and ${plain(most, 3)} A. `
-        + "The drive is stopped first, and at the end, its settings as they were. Stop and Escape end it at any time.", "Run it");
+        + "The drive is stopped first, and at the end, its settings as they were. Stop ends it at any time.", "Run it");
       if (!sure) return;
       await stopDrive(drive);
       const status = await askExperiment(drive, { holds: experiment.holds, step: experiment.step, machine: said.machine.nominal });

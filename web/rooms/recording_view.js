@@ -5,6 +5,7 @@
  */
 
 import { annotateRecording, deleteRecording, endRecording, markRecording, readRecording, recordingFile } from "../api.js";
+import { onHeardAgain } from "../connection.js";
 import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
 import { bytes, clock, duration, integer, parseNumber } from "../format.js";
@@ -157,6 +158,12 @@ export function recordingView() {
       ...wanted.map((other) => make("option", { value: other.id }, `${other.title || other.id} (${other.kind})`)));
     over.value = wanted.some((other) => other.id === before) ? before : "";
   }
+
+  onHeardAgain(() => {
+    say("");
+    refresh();
+    plot.again();
+  });
 
   return {
     root,
