@@ -81,6 +81,7 @@
 const PATIENCE_MS = 5000;
 /** Of a long recording, what is asked for first is worked on for some seconds. */
 const PATIENCE_READING_MS = 60_000;
+const PATIENCE_BRINGING_MS = 600_000;
 
 /** @returns {Promise<DriveState[]>} */
 export async function listDrives() {
@@ -226,6 +227,16 @@ export function listRecordings(wanted) {
   return call("GET", `/api/recordings?${new URLSearchParams(Object.entries(wanted).filter(([, value]) => value !== ""))}`);
 }
 
+/**
+ * @param {File} file
+ * @param {Record<string, string>} said of its columns
+ * @returns {Promise<Recording>}
+ */
+export function bringRecording(file, said) {
+  const wanted = Object.entries({ name: file.name, ...said }).filter(([, value]) => value !== "");
+  return call("POST", `/api/recordings?${new URLSearchParams(wanted)}`, file, PATIENCE_BRINGING_MS);
+}
+
 /** @param {string} id @returns {Promise<Recording>} */
 export function readRecording(id) {
   return call("GET", recordingAddress(id));
@@ -350,8 +361,8 @@ async function send(method, address, body, patience_ms) {
   try {
     return await fetch(address, {
       method,
-      headers: method === "GET" ? {} : { "Content-Type": "application/json" }, // also of what has no body
-      body: body === undefined ? undefined : JSON.stringify(body),
+      headers: method === "GET" ? {} : { "Content-Type": body instanceof Blob ? "application/octet-stream" : "application/json" }, // also of what has no body
+      body: body === undefined || body instanceof Blob ? body : JSON.stringify(body),
       cache: "no-store",
       signal: AbortSignal.timeout(patience_ms),
     });

@@ -17,7 +17,8 @@ export const MOVING = { displayModeBar: false, showTips: false, scrollZoom: fals
 /** The page's colours, so that plots follow light, dark and print as everything else does. @returns {Palette} */
 export function palette() {
   const style = getComputedStyle(document.documentElement);
-  const names = ["accent", "second", "third", "band", "ink", "line", "muted", "surface"];
+  const names = ["accent", "second", "third", "band", "ink", "line", "muted", "surface",
+    "over-1", "over-2", "over-3", "over-4"];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 

@@ -34,7 +34,9 @@ class SignalModel(BaseModel):
     value: float | None = Field(description="SI; null where the drive does not know it", examples=[2.0])
     unit: str = Field(examples=["A"])
     access: str = Field(description="const, ro or rw", examples=["rw"])
-    writable: bool = Field(description="PUT takes it; the recorder's signals are written by captures alone")
+    writable: bool = Field(
+        description="PUT takes it; the recorder's signals are written by captures alone", examples=[True]
+    )
     minimum: float | None = Field(description="of what may be written; null: as the type", examples=[None])
     maximum: float | None = Field(description="likewise", examples=[None])
     summary: str = Field(description="what it is", examples=["q-axis current reference"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -142,6 +143,14 @@ def test_capture_diagnosis_experiment_and_second_diagnosis_by_the_page_alone(bro
         assert errors(browser) == []
         operator.click(".list .beside")
         until(browser, lambda: len(browser.find_elements(By.CLASS_NAME, "verdict")) == 2, "both side by side")
+        scales = """return [...document.querySelectorAll(".figure .canvas")]
+            .flatMap((one) => one.layout?.coloraxis?.cmax ?? [])"""
+        until(browser, lambda: len(run(browser, scales)) >= 2, "colours")
+        assert len(set(run(browser, scales))) < len(run(browser, scales))
+        for wide in browser.find_elements(By.CSS_SELECTOR, ".narrow .scroll"):
+            assert run(browser, "return arguments[0].scrollWidth <= arguments[0].clientWidth", wide), wide.text
+        operator.click(".diagnosis .close")
+        until(browser, lambda: len(browser.find_elements(By.CLASS_NAME, "verdict")) == 1, "one alone")
         browser.get("about:blank")
 
 
@@ -198,6 +207,10 @@ def test_two_recordings_lie_over_each_other_and_zooming_asks_for_every_row(
     until(page, lambda: len(over.options) > 1, "another recording")
     over.select_by_index(1)
     until(page, lambda: run(page, f"return {CANVAS}.data.length") == 10, "both")
+    names = run(page, f"return {CANVAS}.data.map((one) => one.name)")
+    colours = run(page, f"return {CANVAS}.data.map((one) => one.line.color)")
+    assert all(re.match(r"\w+ · capture of \d\d:", name) for name in names)
+    assert not set(colours[:5]) & set(colours[5:])
     run(page, "Plotly.relayout('recording-canvas', {'xaxis.range[0]': 0.1, 'xaxis.range[1]': 0.15})")
     until(page, lambda: text(page, "recording-thinned").startswith("Every row is shown."), "every row")
     Operator(page).click("#recording-all-of-it")
@@ -222,6 +235,26 @@ def test_every_change_of_what_is_shown_of_a_recording_asks_for_it(page: Chrome, 
     until(page, lambda: run(page, "return scrollY") > before, "the page to scroll")
     assert text(page, "recording-thinned").startswith("10\u202f000 rows as")
     assert errors(page) == []
+
+
+def test_a_file_is_brought_and_what_was_made_of_it_is_said(page: Chrome, tmp_path: Path) -> None:
+    rows = "".join(f"{k * 1e-4:.4f},1,2,0.1,0.2,100\n" for k in range(500))
+    good = f"t,u_d,u_q,i_d,i_q,speed\n{rows}"
+    told = {"bad.csv": ("a,b\n1,2\n", "bad.csv: "), "good.csv": (good, "good.csv: 500 rows, 50 ms")}
+    room(page, "recordings")
+    operator = Operator(page)
+    operator.click("#bring summary")
+    type_over(page.find_element(By.ID, "bring-map"), "omega_e=speed")
+    for name, (content, words) in told.items():
+        (tmp_path / name).write_text(content, encoding="utf-8")
+        page.find_element(By.ID, "bring-file").send_keys(str(tmp_path / name))
+        operator.click("#bring-start")
+        until(page, lambda words=words: words in text(page, "bring-message"), words)
+    until(page, lambda: text(page, "recording-heading") == "good", "its room")
+    until(page, lambda: text(page, "recording-thinned").startswith("Every row is shown."), "its plot")
+    type_over(page.find_element(By.ID, "recording-title"), "brought")
+    page.find_element(By.CSS_SELECTOR, "#annotation-form button").click()
+    until(page, lambda: text(page, "recording-message") == "Saved.", "the title")
 
 
 def test_a_setting_is_written_within_its_limits(page: Chrome, running_bench: RunningBench) -> None:

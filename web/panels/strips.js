@@ -98,7 +98,7 @@ function trace(rows, strip, line, place, colours) {
   return {
     x: t.flatMap((time) => [time - late_s, time - late_s]), y: t.flatMap((_, k) => [scaled(low[k]), scaled(high[k])]),
     type: "scatter", mode: "lines", name: line.label, xaxis: "x", yaxis: `y${place === 0 ? "" : place + 1}`,
-    line: { color: colours[line.colour], width: 1.3 },
+    line: { color: colours[line.colour], width: line === strip.lines.at(-1) ? 1.3 : 2.6 }, // seen where the next one lies over it
     hovertemplate: `${line.label} %{y:.${strip.digits}f} ${strip.unit}, %{x:.2f} s<extra></extra>`,
   };
 }

@@ -5,6 +5,7 @@
  * @typedef {import("../api.js").DiagnosisJob} DiagnosisJob
  * @typedef {import("../api.js").Diagnosis} Diagnosis
  * @typedef {import("../api.js").Experiment} Experiment
+ * @typedef {import("./figures.js").Scales} Scales
  */
 
 import { NoAnswerError, askExperiment, cancelExperiment, diagnosisFile, readDiagnosis, readDiagnosisFigures, readDiagnosisResult, readExperiment,
@@ -26,11 +27,13 @@ const EACH = { R_s: "ohm", L_d: "H", L_q: "H", psi_f: "Vs" };
 /**
  * @param {string} id
  * @param {string} drive
- * @param {boolean} narrow whether another one is beside it
+ * @param {string | null} beside another one that is beside it
+ * @param {() => void} settled is called once it is known what there is to draw
  */
-export function diagnosisView(id, drive, narrow) {
-  const root = make("section", { class: "card padded view diagnosis", "aria-label": `Diagnosis ${id}` });
+export function diagnosisView(id, drive, beside, settled) {
+  const root = make("section", { class: `card padded view diagnosis${beside === null ? "" : " narrow"}`, "aria-label": `Diagnosis ${id}` });
   let left = false;
+  let isSettled = false;
   let timer = 0;
 
   /** @param {() => Promise<unknown>} what */
@@ -78,6 +81,7 @@ export function diagnosisView(id, drive, narrow) {
   /** @param {DiagnosisJob} job */
   function heading(job) {
     return make("header", {},
+      beside !== null && make("a", { class: "small close", href: address("diagnosis", drive, beside) }, "Close this one"),
       make("p", { class: "section-note" }, `Asked for ${clock(job.asked)}, of `,
         job.recording_there ? make("a", { href: address("recordings", drive, job.recording) }, job.recording) : `${job.recording}, which has been deleted`));
   }
@@ -86,6 +90,7 @@ export function diagnosisView(id, drive, narrow) {
   function showEnd(job) {
     root.replaceChildren(heading(job), make("p", {}, make("span", { class: "chip warn" }, job.state)),
       make("p", {}, job.reason), tail(job));
+    settle();
   }
 
   /** @param {DiagnosisJob} job */
@@ -102,17 +107,26 @@ export function diagnosisView(id, drive, narrow) {
       ...fit(said), ...findings(said), ...unexplained(said), ...remarks(said),
       ...pictures(drawn.figures), ...("message" in drawn ? [make("p", { class: "help warn" }, drawn.message)] : []),
       ...parameters(said), tail(job));
-    for (const draw of drawing.splice(0)) draw();
+    figures = drawn.figures;
+    settle();
   }
 
-  /** Draws what has a place on the page now. @type {(() => void)[]} */
-  const drawing = [];
+  /** Draws what has a place on the page now. @type {((scales: Scales) => void)[]} */
+  let drawing = [];
+  /** @type {import("./figures.js").Figure[]} */
+  let figures = [];
+
+  function settle() {
+    isSettled = true;
+    settled();
+  }
 
   /** @param {import("./figures.js").Figure[]} figures */
   function pictures(figures) {
     let title = "";
+    drawing = [];
     return figures.flatMap((figure, k) => {
-      const [picture, draw] = figureElement(figure, narrow);
+      const [picture, draw] = figureElement(figure, beside !== null);
       drawing.push(draw);
       const again = figure.title === title;
       title = figure.title;
@@ -201,6 +215,12 @@ export function diagnosisView(id, drive, narrow) {
   look();
   return {
     root,
+    isSettled: () => isSettled,
+    figures: () => figures,
+    /** @param {Scales} scales of colours, by the names of figures */
+    draw(scales) {
+      for (const draw of drawing) draw(scales);
+    },
     leave() {
       left = true;
       clearTimeout(timer);

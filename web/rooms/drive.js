@@ -49,7 +49,7 @@ export function driveRoom() {
       eventsNote.textContent = all.length === 0 ? "Nothing yet: what happens to the drive, and who writes to it, is told here." : `${page.total}, the newest first.`;
       events.replaceChildren(...all.map(({ at, kind: what, sentence, write, lease }) => make("li", {},
         make("time", { datetime: at }, clock(at)), make("span", { class: "chip" }, what),
-        make("span", {}, sentence, changes(write), lease !== null && lease.ended !== null && make("span", { class: "unit" }, ` · until ${clock(lease.ended)}, ${lease.how}`)))));
+        make("span", {}, sentence, changes(write), lease !== null && lease.ended !== null && make("span", { class: "unit" }, ` · until ${clock(lease.ended)}`)))));
       older.hidden = next === null;
     } catch (error) {
       key = "";
@@ -98,5 +98,5 @@ function changes(write) {
 
 /** @param {unknown} value */
 function shown(value) {
-  return typeof value === "number" ? exact(value, 6) : typeof value === "object" ? JSON.stringify(value) : String(value ?? "–");
+  return typeof value === "number" ? exact(value, 6) : value === null || value === undefined ? "none" : typeof value === "object" ? JSON.stringify(value) : String(value);
 }

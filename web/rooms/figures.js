@@ -5,6 +5,7 @@
  * @typedef {{name: string, role: string, kind: "line" | "markers" | "bars" | "heatmap", x: (number | null)[], y: (number | null)[],
  *   z: (number | null)[][], level: [number, number] | null}} Trace
  * @typedef {{title: string, x: Axis, y: Axis, traces: Trace[]}} Panel
+ * @typedef {Map<string, {low: number, high: number}>} Scales
  * @typedef {{part: string, name: string, title: string, caption: string, panels: Panel[], beside: boolean, z: Axis | null}} Figure
  */
 
@@ -16,7 +17,7 @@ const PANEL_PX = 200;
 /**
  * @param {Figure} figure
  * @param {boolean} narrow
- * @returns {[HTMLElement, () => void]} it, and what draws it once it is on the page
+ * @returns {[HTMLElement, (scales: Scales) => void]} it, and what draws it once it is on the page
  */
 export function figureElement(figure, narrow) {
   const canvas = make("div", { class: "canvas", role: "img", "aria-label": figure.caption });
@@ -26,8 +27,9 @@ export function figureElement(figure, narrow) {
   const rows = beside ? 1 : figure.panels.length;
   canvas.style.height = `${bars > 0 ? rows * (70 + 20 * bars) : 60 + PANEL_PX * rows}px`;
   copiesCsv(csv, figure.name, () => columns(figure));
-  const draw = () => drawOn(canvas, figure.panels.flatMap((panel, k) => panel.traces.map((trace) => traceOf(trace, k, figure, palette()))),
-    layoutOf(figure, beside, palette()), STILL);
+  /** @param {Scales} scales */
+  const draw = (scales) => drawOn(canvas, figure.panels.flatMap((panel, k) => panel.traces.map((trace) => traceOf(trace, k, figure, palette()))),
+    layoutOf(figure, beside, palette(), scales.get(figure.name) ?? figure.z), STILL);
   return [make("figure", { class: "figure" }, canvas, make("figcaption", {}, figure.caption, csv)), draw];
 }
 
@@ -60,8 +62,13 @@ function traceOf(trace, k, figure, colours) {
     hovertemplate: `${trace.name} %{y:.4g} ${y.unit}, %{x:.5g} ${x.unit}<extra></extra>` };
 }
 
-/** @param {Figure} figure @param {boolean} beside @param {Record<string, string>} colours */
-function layoutOf(figure, beside, colours) {
+/**
+ * @param {Figure} figure
+ * @param {boolean} beside
+ * @param {Record<string, string>} colours
+ * @param {{low: number, high: number} | null} scale ends of the colours
+ */
+function layoutOf(figure, beside, colours, scale) {
   const axis = axisOf(colours);
   const share = 1 / figure.panels.length;
   const names = figure.panels.some(({ y }) => y.names.length > 0);
@@ -81,7 +88,7 @@ function layoutOf(figure, beside, colours) {
     ...baseLayout(colours), ...axes,
     margin: { l: names ? 190 : 70, r: heat ? 70 : 16, t: 30, b: 44 }, hovermode: "closest", dragmode: "zoom", bargap: 0.3, barmode: "overlay",
     legend: { orientation: "h", x: 1, xanchor: "right", y: 1, yanchor: "bottom" },
-    ...(heat && figure.z !== null ? { coloraxis: { cmin: figure.z.low, cmax: figure.z.high,
+    ...(heat && figure.z !== null ? { coloraxis: { cmin: scale?.low, cmax: scale?.high,
       colorscale: [[0, colours.surface], [0.5, colours.third], [1, colours.ink]],
       colorbar: { title: { text: titleOf(figure.z), side: "right" }, thickness: 10, outlinewidth: 0 } } } : {}),
     annotations: figure.panels.flatMap(({ title }, k) => (title === "" ? [] : [{ text: `<b>${title}</b>`, showarrow: false,

@@ -8,7 +8,8 @@ import { listRecordings } from "../api.js";
 import { make } from "../dom.js";
 import { element } from "../fields.js";
 import { bytes, clock, counted, duration } from "../format.js";
-import { address } from "../router.js";
+import { address, go } from "../router.js";
+import { bringFile } from "./bring_file.js";
 import { recordingView } from "./recording_view.js";
 
 const REFRESH_MS = 3000;
@@ -32,6 +33,11 @@ export function recordingsRoom() {
       make("section", { class: "card side", "aria-label": "List of recordings" },
         make("div", { class: "filters" }, search, kind,
           make("label", { class: "switch" }, all, make("span", {}, "of all drives"))),
+        bringFile((one) => {
+          all.checked = true; // a file is of no drive
+          again();
+          go("recordings", drive, one.id);
+        }),
         count, list, more),
       view.root));
 
