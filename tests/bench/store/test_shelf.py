@@ -61,6 +61,13 @@ def test_a_recording_whose_end_nobody_has_noted_is_not_whole(tmp_path: Path) -> 
     assert (one.rows, one.whole, one.ended) == (1000, False, "the power failed")
 
 
+def test_an_experiment_is_as_long_as_from_its_first_row_to_its_last(tmp_path: Path) -> None:
+    t = np.array([5.0, 5.0001, 8.0])  # with a break between its levels
+    write_columns(tmp_path / "e.parquet", {"t": t, "i_q": np.zeros(3)}, {"experiment": {}, "T_s": 1e-4})
+    (one,) = Shelf(tmp_path).all()
+    assert (one.kind, one.seconds) == ("experiment", pytest.approx(3.0001))
+
+
 def test_what_is_said_of_a_recording_stays_beside_it(shelf: Shelf) -> None:
     content = (shelf.folder / f"{HEADING.id}.parquet").read_bytes()
     shelf.annotate(HEADING.id, None, "after lunch")
