@@ -9,7 +9,7 @@
  */
 
 import { NoAnswerError, askExperiment, cancelExperiment, diagnosisFile, readDiagnosis, readDiagnosisFigures, readDiagnosisResult, readExperiment,
-  removeDiagnosis, stopDrive } from "../api.js";
+  readRecording, removeDiagnosis, stopDrive } from "../api.js";
 import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
 import { clock, duration, plain } from "../format.js";
@@ -18,6 +18,7 @@ import { address, go } from "../router.js";
 import { diagnoseIt } from "./diagnose_it.js";
 import { figureElement } from "./figures.js";
 import { HOW_ZOOMED } from "../plot.js";
+import { nameOf } from "./recording_name.js";
 
 const POLL_MS = 500;
 const UNDER_WAY = ["queued", "running"];
@@ -34,6 +35,8 @@ export function diagnosisView(id, drive, beside, settled) {
   const root = make("section", { class: `card padded view diagnosis${beside === null ? "" : " narrow"}`, "aria-label": `Diagnosis ${id}` });
   let left = false;
   let isSettled = false;
+  /** What its recording is called. */
+  let called = "";
   let timer = 0;
 
   /** @param {() => Promise<unknown>} what */
@@ -49,6 +52,7 @@ export function diagnosisView(id, drive, beside, settled) {
   async function look() {
     try {
       const job = await readDiagnosis(id);
+      called ||= job.recording_there ? nameOf(await readRecording(job.recording)) : job.recording;
       if (left) return;
       if (UNDER_WAY.includes(job.state)) {
         showProgress(job);
@@ -83,7 +87,7 @@ export function diagnosisView(id, drive, beside, settled) {
     return make("header", {},
       beside !== null && make("a", { class: "small close", href: address("diagnosis", drive, beside) }, "Close this one"),
       make("p", { class: "section-note" }, `Asked for ${clock(job.asked)}, of `,
-        job.recording_there ? make("a", { href: address("recordings", drive, job.recording) }, job.recording) : `${job.recording}, which has been deleted`));
+        job.recording_there ? make("a", { href: address("recordings", drive, job.recording) }, called) : `${called}, which has been deleted`));
   }
 
   /** @param {DiagnosisJob} job */
@@ -130,7 +134,7 @@ export function diagnosisView(id, drive, beside, settled) {
       drawing.push(draw);
       const again = figure.title === title;
       title = figure.title;
-      return again ? [picture] : [make("h3", {}, figure.title), ...(k === 0 ? [make("p", { class: "help" }, HOW_ZOOMED)] : []), picture];
+      return again ? [picture] : [make("h3", {}, figure.title), ...(k === 0 ? [make("p", { class: "help" }, `${HOW_ZOOMED} Times are those of the recording's column t.`)] : []), picture];
     });
   }
 
@@ -207,7 +211,7 @@ export function diagnosisView(id, drive, beside, settled) {
       done && make("a", { class: "small", href: diagnosisFile(id, "result"), target: "_blank" }, "JSON"),
       job.recording_there && make("button", { type: "button", onclick: () => tried(() => diagnoseIt(job.recording, drive, job.request)) }, "Diagnose again"),
       make("button", { type: "button", class: "danger", onclick: () => tried(async () => {
-        const sure = await confirmed("Delete this diagnosis?", `${words(job.verdict ?? job.state)}, of ${job.recording}. Its report goes, too; the recording stays.`, "Delete it");
+        const sure = await confirmed("Delete this diagnosis?", `${words(job.verdict ?? job.state)}, of ${called}. Its report goes, too; the recording stays.`, "Delete it");
         if (sure) { await removeDiagnosis(id); go("diagnosis", drive); }
       }) }, "Delete …"));
   }

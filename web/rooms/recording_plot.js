@@ -181,7 +181,7 @@ function traces(samples, signals, units, colours, of) {
       x: both ? samples.t.flatMap((t) => [t, t]) : samples.t,
       y: both ? samples.t.flatMap((_, k) => [spread.low[k], spread.high[k]]) : spread.mean,
       type: "scatter", mode: "lines", name: `${name}${of}`, xaxis: "x", yaxis: `y${place === 0 ? "" : place + 1}`,
-      line: { color: colours[nth % colours.length], width: 1.2 },
+      line: { color: colours[nth % colours.length], width: nth === 0 ? 2 : 1.2 }, // seen where another lies over it
       hovertemplate: `${name}${of} %{y:.5g} ${spread.unit}, %{x:.5g} s<extra></extra>`,
     }];
   });
