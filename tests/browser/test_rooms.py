@@ -22,8 +22,9 @@ from selenium.webdriver.support.ui import Select, WebDriverWait
 
 from tests.browser.axe import violations
 from tests.browser.test_page import browser, forget_logs, log, pytestmark, run, text, type_over, until
-from tests.conftest import RunningBench, bench_up
+from tests.conftest import RunningBench, bench_up, command, free_port, wait_for_answer
 from tests.support.relay import relayed
+from tests.support.served_drive import emulator, ready, tcp_url
 
 __all__ = ["browser", "pytestmark"]
 
@@ -235,6 +236,24 @@ def test_every_change_of_what_is_shown_of_a_recording_asks_for_it(page: Chrome, 
     until(page, lambda: run(page, "return scrollY") > before, "the page to scroll")
     assert text(page, "recording-thinned").startswith("10\u202f000 rows as")
     assert errors(page) == []
+
+
+def test_a_drive_whose_rows_are_lost_and_that_has_no_limits_says_so(browser: Chrome, tmp_path: Path) -> None:
+    url, port, config = tcp_url(), free_port(), tmp_path / "bench.toml"
+    config.write_text(f'[service]\nport = {port}\n[drives.spindle]\nurl = "{url}"\n', encoding="utf-8")
+    with (
+        emulator("--at", url, "--fault", "lose=0.04", control="lease") as drive,
+        command("serve", "--config", str(config)) as process,
+    ):
+        ready(drive)
+        wait_for_answer(f"http://127.0.0.1:{port}/api/health", process)
+        browser.get(f"http://127.0.0.1:{port}/#drive")
+        until(browser, lambda: text(browser, "bar-slow").startswith("Slow: "), "the rate to be too low")
+        assert "warn" in (browser.find_element(By.ID, "fact-rate").get_attribute("class") or "")
+        assert text(browser, "fact-rate").endswith("of 1000 Hz: too slow")
+        browser.find_element(By.ID, "control-start").click()
+        until(browser, lambda: "switches itself off beyond 15 A" in text(browser, "start-limits"), "the drive's own")
+        browser.get("about:blank")
 
 
 def test_a_file_is_brought_and_what_was_made_of_it_is_said(page: Chrome, tmp_path: Path) -> None:

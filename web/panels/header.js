@@ -43,7 +43,8 @@ export function showDrive(drive, sinceSnapshot_s, connected) {
   write("identity", identityLine(drive));
   const { stream } = drive;
   const nominal = stream.nominal_rate_hz;
-  const slow = connected && drive.link.state === "streaming" && nominal !== null && stream.rate_hz < LEAST * nominal;
+  const counted = connected && drive.link.state === "streaming" && nominal !== null && stream.rate_hz > 0;
+  const slow = counted && stream.rate_hz < LEAST * nominal;
   const of = nominal === null ? "" : `of ${rate(nominal)}`;
   write("fact-rate", rate(stream.rate_hz), slow ? `${of}: too slow` : of);
   element("fact-rate").classList.toggle("warn", slow);
