@@ -108,7 +108,7 @@ def captured(browser: Chrome, bench: RunningBench, length: int) -> str:
 def drag(browser: Chrome, begin: float, end: float) -> None:
     """Over the recording's plot, from and to so much of its width."""
     plane = browser.find_element(By.CSS_SELECTOR, PLANE)
-    width = plane.rect["width"]
+    width = float(run(browser, "return arguments[0].getBoundingClientRect().width", plane))
     move = ActionChains(browser).move_to_element_with_offset(plane, round((begin - 0.5) * width), 0).click_and_hold()
     for _ in range(2):
         move.move_by_offset(round((end - begin) * width / 2), 0)
