@@ -17,7 +17,7 @@
  * @typedef {{code: string, name: string, advice: string}} Fault
  * @typedef {{state: string | null, fault: Fault | null, holder: string | null, lease_left_s: number | null,
  *   ours: boolean, whom: string | null, in_experiment: boolean, said: string, undone: string, guarded: boolean | null,
- *   safe_torque_off: string | null}} Control
+ *   safe_torque_off: string | null, seen: string | null}} Control
  * @typedef {{value: number | null, std: number | null, unit: string,
  *   status: "ok" | "doubtful" | "stale" | "held" | "not_told" | "no_data", since: string | null, reason: string,
  *   window: number | null}} Estimate
@@ -81,6 +81,7 @@
 const PATIENCE_MS = 5000;
 /** Of a long recording, what is asked for first is worked on for some seconds. */
 const PATIENCE_READING_MS = 60_000;
+const PATIENCE_BRINGING_MS = 600_000;
 
 /** @returns {Promise<DriveState[]>} */
 export async function listDrives() {
@@ -124,7 +125,7 @@ export async function readSignals(drive, names) {
   return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals?names=${names.join(",")}`)).signals;
 }
 
-/** @param {string} drive @returns {Promise<import("./rooms/drive.js").Signal[]>} */
+/** @param {string} drive @returns {Promise<import("./rooms/signals_view.js").Signal[]>} */
 export async function readAllSignals(drive) {
   return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals`, undefined, PATIENCE_READING_MS)).signals;
 }
@@ -143,6 +144,7 @@ export function listEvents(drive, kind, before = "") {
 /**
  * @param {string} drive
  * @param {Record<string, number>} values SI
+ * @returns {Promise<{signals: import("./rooms/signals_view.js").Signal[]}>} as they were read back
  */
 export function writeSignals(drive, values) {
   return call("PUT", `/api/drives/${encodeURIComponent(drive)}/signals`, values);
@@ -223,6 +225,16 @@ export function markRecording(id, text, t) {
 /** @param {{drive?: string, kind?: string, text?: string, before?: string}} wanted @returns {Promise<Recordings>} */
 export function listRecordings(wanted) {
   return call("GET", `/api/recordings?${new URLSearchParams(Object.entries(wanted).filter(([, value]) => value !== ""))}`);
+}
+
+/**
+ * @param {File} file
+ * @param {Record<string, string>} said of its columns
+ * @returns {Promise<Recording>}
+ */
+export function bringRecording(file, said) {
+  const wanted = Object.entries({ name: file.name, ...said }).filter(([, value]) => value !== "");
+  return call("POST", `/api/recordings?${new URLSearchParams(wanted)}`, file, PATIENCE_BRINGING_MS);
 }
 
 /** @param {string} id @returns {Promise<Recording>} */
@@ -349,8 +361,8 @@ async function send(method, address, body, patience_ms) {
   try {
     return await fetch(address, {
       method,
-      headers: method === "GET" ? {} : { "Content-Type": "application/json" }, // also of what has no body
-      body: body === undefined ? undefined : JSON.stringify(body),
+      headers: method === "GET" ? {} : { "Content-Type": body instanceof Blob ? "application/octet-stream" : "application/json" }, // also of what has no body
+      body: body === undefined || body instanceof Blob ? body : JSON.stringify(body),
       cache: "no-store",
       signal: AbortSignal.timeout(patience_ms),
     });

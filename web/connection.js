@@ -16,6 +16,14 @@ import { listDrives, streamAddress } from "./api.js";
 const RETRY_MS = 1000;
 const SILENCE_MS = 1500;
 
+/** @type {(() => void)[]} */
+const listeners = [];
+
+/** @param {() => void} listener is told that the service is heard again: what was not answered before is over */
+export function onHeardAgain(listener) {
+  listeners.push(listener);
+}
+
 /**
  * Opens the connection and keeps it. Calling the returned function starts again, as after the choice of another drive.
  * @param {Listener} listener
@@ -28,6 +36,7 @@ export function keepConnected(listener) {
   let timer = 0;
   let opened = Date.now();
   let heard = Date.now();
+  let silent = false;
 
   function close() {
     source?.close();
@@ -38,6 +47,7 @@ export function keepConnected(listener) {
   /** @param {string} sentence */
   function lose(sentence) {
     close();
+    silent = true;
     listener.lost(new Date(heard), sentence);
     timer = setTimeout(open, RETRY_MS);
   }
@@ -63,6 +73,8 @@ export function keepConnected(listener) {
     source.addEventListener("snapshot", (event) => {
       heard = Date.now();
       listener.snapshot(JSON.parse(event.data));
+      if (silent) for (const again of listeners) again();
+      silent = false;
     });
     source.addEventListener("rows", (event) => listener.rows(JSON.parse(event.data)));
     source.addEventListener("error", () => lose("The stream of measurements broke off."));

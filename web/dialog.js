@@ -1,6 +1,6 @@
 /**
  * A question before what cannot be undone, or moves a motor: asked once, by name. The rooms wait for the answer, the bar
- * does not: Stop can be pressed. Escape means no, and Stop; so does another room mean no.
+ * does not: Stop can be pressed. Escape means no, and Stop, as everywhere, and each question says so; another room means no.
  */
 
 import { make } from "./dom.js";
@@ -13,9 +13,10 @@ import { make } from "./dom.js";
  */
 export function confirmed(question, more, yes) {
   return new Promise((answer) => {
-    const no = make("button", { type: "button", onclick: () => close(false) }, "Leave it");
+    const no = make("button", { type: "button", onclick: () => close(false) }, "Cancel");
     const box = /** @type {HTMLDialogElement} */ (make("dialog", { class: "dialog", "aria-labelledby": "dialog-question" },
       make("h2", { id: "dialog-question" }, question), make("p", {}, more),
+      make("p", { class: "help" }, "Escape stops the motor, too. Cancel only closes this."),
       make("div", { class: "actions" }, no,
         make("button", { type: "button", class: "danger", id: "dialog-yes", onclick: () => close(true) }, yes))));
     const shade = make("div", { class: "shade" }, box);

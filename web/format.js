@@ -62,6 +62,16 @@ export function integer(count) {
   return grouped(String(Math.round(count)));
 }
 
+/**
+ * How many of something: 1 mark, 2 marks.
+ * @param {number} count
+ * @param {string} one
+ * @param {string} [more]
+ */
+export function counted(count, one, more = `${one}s`) {
+  return `${integer(count)} ${count === 1 ? one : more}`;
+}
+
 /** @param {string} digits */
 function grouped(digits) {
   return digits.length < 5 ? digits : digits.replace(/\B(?=(\d{3})+$)/g, THIN_SPACE);
@@ -84,6 +94,15 @@ export function bytes(count) {
  */
 export function plain(value, digits) {
   return String(Number(value.toPrecision(digits)));
+}
+
+/**
+ * A value as it was told: a whole number to its last digit, another one with so many significant digits.
+ * @param {number} value
+ * @param {number} digits
+ */
+export function exact(value, digits) {
+  return (Number.isSafeInteger(value) ? String(value) : plain(value, digits)).replace("-", MINUS);
 }
 
 /**

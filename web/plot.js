@@ -5,16 +5,20 @@
 
 /** @typedef {Record<string, string>} Palette */
 
-/** A plot that stands still: zoomed by drag and wheel, put back by a double click. */
-export const STILL = { displayModeBar: false, scrollZoom: true, doubleClick: "reset" };
+/** A plot that stands still: zoomed by drag, put back by a double click; the wheel scrolls the page. */
+export const STILL = { displayModeBar: false, showTips: false, scrollZoom: false, doubleClick: "reset" };
+
+/** How one is zoomed, for its caption. */
+export const HOW_ZOOMED = "Drag to zoom, double-click for all.";
 
 /** One that moves on with time. */
-export const MOVING = { displayModeBar: false, scrollZoom: false, doubleClick: false };
+export const MOVING = { displayModeBar: false, showTips: false, scrollZoom: false, doubleClick: false };
 
 /** The page's colours, so that plots follow light, dark and print as everything else does. @returns {Palette} */
 export function palette() {
   const style = getComputedStyle(document.documentElement);
-  const names = ["accent", "second", "third", "band", "ink", "line", "muted", "surface"];
+  const names = ["accent", "second", "third", "band", "ink", "line", "muted", "surface",
+    "over-1", "over-2", "over-3", "over-4"];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 

@@ -10,7 +10,7 @@ from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_
 from bench.api.models.recent import PLACE, RecentModel, place_of, recent_model
 from bench.errors import UnavailableError
 from bench.service.service import Service
-from bench.service.signals import Reading, shapes
+from bench.service.signals import Reading, is_writable, shapes
 
 _READ: Answers = {
     409: {"description": "The drive refused"} | PROBLEM,
@@ -34,6 +34,9 @@ class SignalModel(BaseModel):
     value: float | None = Field(description="SI; null where the drive does not know it", examples=[2.0])
     unit: str = Field(examples=["A"])
     access: str = Field(description="const, ro or rw", examples=["rw"])
+    writable: bool = Field(
+        description="PUT takes it; the recorder's signals are written by captures alone", examples=[True]
+    )
     minimum: float | None = Field(description="of what may be written; null: as the type", examples=[None])
     maximum: float | None = Field(description="likewise", examples=[None])
     summary: str = Field(description="what it is", examples=["q-axis current reference"])
@@ -105,7 +108,8 @@ def _model(readings: list[Reading]) -> SignalsModel:
     return SignalsModel(signals=[
         SignalModel(
             name=r.signal.name, value=None if math.isnan(r.value) else r.value, unit=r.signal.unit,
-            access=r.signal.access, minimum=r.signal.minimum, maximum=r.signal.maximum, summary=r.signal.summary,
+            access=r.signal.access, writable=is_writable(r.signal), minimum=r.signal.minimum,
+            maximum=r.signal.maximum, summary=r.signal.summary,
         )
         for r in readings
     ])  # fmt: skip

@@ -127,6 +127,20 @@ def row_count(path: Path) -> int | None:
         return int(pq.read_metadata(path).num_rows)
 
 
+def extent(path: Path, name: str) -> float | None:
+    """From the least to the largest value of a column, where a Parquet's own statistics say so; None otherwise."""
+    kind, path = _table(path)
+    if kind != "parquet":
+        return None
+    with _as_sentences(path, "its end"):
+        file = pq.read_metadata(path)
+        place = file.schema.names.index(name) if name in file.schema.names else -1
+        told = [file.row_group(k).column(place).statistics for k in range(file.num_row_groups)] if place >= 0 else []
+    if not told or any(one is None or not one.has_min_max for one in told):
+        return None
+    return float(max(one.max for one in told) - min(one.min for one in told))
+
+
 def notes(path: Path) -> dict[str, Any]:
     """What the bench noted in a Parquet file when it wrote it; empty in any other file."""
     kind, path = _table(path)

@@ -56,6 +56,11 @@ def checked(values: Mapping[str, Any], among: Sequence[str] = tuple(_WRITABLE)) 
     return {name: _checked(_known(name, among), value, among) for name, value in values.items()}
 
 
+def is_writable(signal: Signal) -> bool:
+    """Whether `checked` takes values of it; the recorder's are written by captures alone."""
+    return signal.name in _WRITABLE
+
+
 def shapes() -> dict[str, Any]:
     """What `checked` takes, by name, as JSON schemas; SI."""
     return {name: _shape(signal) for name, signal in _WRITABLE.items()}

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.errors import RecordingError, UnknownError, shown
-from bench.recordings.table import check_undamaged, column_names, notes, row_count
+from bench.recordings.table import check_undamaged, column_names, extent, notes, row_count
 from bench.store.annotations import SUFFIX as ABOUT
 from bench.store.annotations import Annotations, Mark
 from bench.store.catalogue.database import microseconds, time_at
@@ -210,7 +210,7 @@ def _of_row(row: Row, folder: Path) -> Recording:
 
 def _recording(id_: str, path: Path, size: int, changed: datetime) -> Recording:
     try:
-        told, rows, columns = notes(path), row_count(path) or 0, column_names(path)
+        told, rows, columns, span = notes(path), row_count(path) or 0, column_names(path), extent(path, "t")
     except (RecordingError, OSError) as error:
         return Recording(
             id_, path, "file", "", changed, 0, None, size, (), "", "", (), whole=False, ended="", gaps=0, rows_lost=0,
@@ -227,10 +227,12 @@ def _recording(id_: str, path: Path, size: int, changed: datetime) -> Recording:
     seconds = told.get("duration")
     if kind == "capture" and isinstance(told.get("T_s"), float):
         seconds = rows * told["T_s"] * told.get("decimation", 1)
+    elif kind == "experiment" and isinstance(told.get("T_s"), float) and span is not None:
+        seconds = span + told["T_s"]
     return Recording(
         id_, path, kind, str(told.get("drive", "")), _time_of(told, changed), rows, seconds, size, columns,
         str(request.get("title", "")), str(request.get("note", "")), marks,
-        whole=told.get("complete", True) is not False and not told.get("lacking"),
+        whole=told.get("complete", True) is not False and not told.get("lacking") and told.get("at", "") is not None,
         ended=". ".join([str(told.get("ended", "")), *map(str, told.get("lacking", ()))]).strip(". "),
         gaps=len(lost), rows_lost=sum(int(event.get("rows", 0)) for event in lost),
         continues=str(told.get("continues", "")),

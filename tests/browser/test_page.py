@@ -346,7 +346,7 @@ def test_what_several_parameters_cannot_be_told_for_is_said_once(browser: Chrome
         until(browser, lambda: text(browser, "untold") == told, f"the sentence {told!r}")
         for name in SANE:
             assert tile(browser, name).get_attribute("data-status") == "not_told"
-            assert tile(browser, name).find_element(By.CLASS_NAME, "reason").text == ""
+            assert tile(browser, name).find_element(By.CLASS_NAME, "reason").text == "as said below"
             until(browser, lambda plot=f"plot-{name}": nothing_new(browser, plot), "a plot without a new value")
         browser.get("about:blank")
 

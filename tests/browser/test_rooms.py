@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -11,6 +13,8 @@ import httpx
 import pytest
 from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver import Chrome
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
@@ -18,8 +22,9 @@ from selenium.webdriver.support.ui import Select, WebDriverWait
 
 from tests.browser.axe import violations
 from tests.browser.test_page import browser, forget_logs, log, pytestmark, run, text, type_over, until
-from tests.conftest import RunningBench, bench_up
+from tests.conftest import RunningBench, bench_up, command, free_port, wait_for_answer
 from tests.support.relay import relayed
+from tests.support.served_drive import emulator, ready, tcp_url
 
 __all__ = ["browser", "pytestmark"]
 
@@ -34,6 +39,7 @@ FILLED = {  # of each room: whether what it asks for has come
              "&& document.querySelectorAll('#events li').length > 0",
 }
 CANVAS = "document.getElementById('recording-canvas')"
+PLANE = "#recording-canvas .nsewdrag"
 ROOMS = ("live", "recordings", "diagnosis", "drive")
 
 
@@ -89,6 +95,26 @@ def room(browser: Chrome, name: str) -> None:
     until(browser, lambda: browser.find_element(By.ID, f"room-{name}").is_displayed(), f"the room {name}")
 
 
+def captured(browser: Chrome, bench: RunningBench, length: int) -> str:
+    """The id of a capture that is made and then shown in Recordings."""
+    with httpx.Client(base_url=bench.url) as client:
+        id_ = client.post(f"{DRIVE}/captures", json={"length": length}).raise_for_status().json()["id"]
+        until(browser, lambda: client.get(f"{DRIVE}/captures/{id_}").json()["state"] == "done", "a capture")
+    browser.get(f"{bench.url}/#recordings/emulated/{id_}")
+    until(browser, lambda: "rows as" in text(browser, "recording-thinned"), "a thinned plot")
+    return id_
+
+
+def drag(browser: Chrome, begin: float, end: float) -> None:
+    """Over the recording's plot, from and to so much of its width."""
+    plane = browser.find_element(By.CSS_SELECTOR, PLANE)
+    width = float(run(browser, "return arguments[0].getBoundingClientRect().width", plane))
+    move = ActionChains(browser).move_to_element_with_offset(plane, round((begin - 0.5) * width), 0).click_and_hold()
+    for _ in range(2):
+        move.move_by_offset(round((end - begin) * width / 2), 0)
+    move.release().perform()
+
+
 def test_capture_diagnosis_experiment_and_second_diagnosis_by_the_page_alone(browser: Chrome) -> None:
     """From what `make run` brings up, whose currents then no longer step: one recording of it cannot tell."""
     with bench_up() as bench:
@@ -118,6 +144,14 @@ def test_capture_diagnosis_experiment_and_second_diagnosis_by_the_page_alone(bro
         assert errors(browser) == []
         operator.click(".list .beside")
         until(browser, lambda: len(browser.find_elements(By.CLASS_NAME, "verdict")) == 2, "both side by side")
+        scales = """return [...document.querySelectorAll(".figure .canvas")]
+            .flatMap((one) => one.layout?.coloraxis?.cmax ?? [])"""
+        until(browser, lambda: len(run(browser, scales)) >= 2, "colours")
+        assert len(set(run(browser, scales))) < len(run(browser, scales))
+        for wide in browser.find_elements(By.CSS_SELECTOR, ".narrow .scroll"):
+            assert run(browser, "return arguments[0].scrollWidth <= arguments[0].clientWidth", wide), wide.text
+        operator.click(".diagnosis .close")
+        until(browser, lambda: len(browser.find_elements(By.CLASS_NAME, "verdict")) == 1, "one alone")
         browser.get("about:blank")
 
 
@@ -129,7 +163,7 @@ def test_a_recording_is_made_marked_found_plotted_and_deleted(page: Chrome, runn
     until(page, lambda: "recording" in text(page, "bar-recording"), "the bar to say so")
     type_over(page.find_element(By.ID, "record-mark-text"), "load on")
     operator.click("#record-mark")
-    until(page, lambda: "1 marks" in text(page, "record-words"), "the mark")
+    until(page, lambda: "1 mark" in text(page, "record-words"), "the mark")
     room(page, "drive")
     assert "recording" in operator.sees("#bar-recording")  # in every room
     room(page, "live")
@@ -149,11 +183,12 @@ def test_a_recording_is_made_marked_found_plotted_and_deleted(page: Chrome, runn
     until(page, lambda: text(page, "recordings-count") == "One recording.", "the one that has the mark")
     operator.click("#recording-delete")
     assert "warm <b>" in operator.sees("#dialog-question")
+    assert "Escape stops the motor" in operator.sees(".dialog .help")
     page.switch_to.active_element.send_keys(Keys.ESCAPE)
     assert len(httpx.get(f"{running_bench.url}/api/recordings").json()["recordings"]) >= 1
     operator.click("#recording-delete")
     operator.click("#control-stop")  # which a question does not keep from
-    until(page, lambda: text(page, "control-state") == "switch on disabled", "the motor to be off")
+    until(page, lambda: text(page, "control-state").startswith("off: the motor is not powered"), "the motor to be off")
     operator.click("#dialog-yes")
     until(page, lambda: text(page, "recordings-count") == "None that fits the search.", "it to be gone")
     assert errors(page) == []
@@ -173,11 +208,92 @@ def test_two_recordings_lie_over_each_other_and_zooming_asks_for_every_row(
     until(page, lambda: len(over.options) > 1, "another recording")
     over.select_by_index(1)
     until(page, lambda: run(page, f"return {CANVAS}.data.length") == 10, "both")
+    names = run(page, f"return {CANVAS}.data.map((one) => one.name)")
+    colours = run(page, f"return {CANVAS}.data.map((one) => one.line.color)")
+    assert all(re.match(r"\w+ · capture of \d\d:", name) for name in names)
+    assert not set(colours[:5]) & set(colours[5:])
     run(page, "Plotly.relayout('recording-canvas', {'xaxis.range[0]': 0.1, 'xaxis.range[1]': 0.15})")
     until(page, lambda: text(page, "recording-thinned").startswith("Every row is shown."), "every row")
     Operator(page).click("#recording-all-of-it")
     until(page, lambda: "8\u202f000 rows as" in text(page, "recording-thinned"), "all of it again")
     assert errors(page) == []
+
+
+def test_every_change_of_what_is_shown_of_a_recording_asks_for_it(page: Chrome, running_bench: RunningBench) -> None:
+    captured(page, running_bench, 10_000)
+    points = f"return {CANVAS}.data[0].x.length"
+    drag(page, 0.3, 0.7)
+    until(page, lambda: re.match("[34].{4} rows as", text(page, "recording-thinned")), "what it then shows")
+    for most in (1000, 200):
+        drag(page, 0.4, 0.6)
+        until(page, lambda: text(page, "recording-thinned").startswith("Every row is shown."), "every row")
+        until(page, lambda most=most: run(page, points) < most, "no others")
+    ActionChains(page).double_click(page.find_element(By.CSS_SELECTOR, PLANE)).perform()
+    until(page, lambda: text(page, "recording-thinned").startswith("10\u202f000 rows as"), "all of it")
+    plane = page.find_element(By.CSS_SELECTOR, PLANE)
+    before = run(page, "return scrollY")
+    ActionChains(page).scroll_from_origin(ScrollOrigin.from_element(plane), 0, 120).perform()
+    until(page, lambda: run(page, "return scrollY") > before, "the page to scroll")
+    assert text(page, "recording-thinned").startswith("10\u202f000 rows as")
+    assert errors(page) == []
+
+
+def test_a_drive_whose_rows_are_lost_and_that_has_no_limits_says_so(browser: Chrome, tmp_path: Path) -> None:
+    url, port, config = tcp_url(), free_port(), tmp_path / "bench.toml"
+    config.write_text(f'[service]\nport = {port}\n[drives.spindle]\nurl = "{url}"\n', encoding="utf-8")
+    with (
+        emulator("--at", url, "--fault", "lose=0.04", control="lease") as drive,
+        command("serve", "--config", str(config)) as process,
+    ):
+        ready(drive)
+        wait_for_answer(f"http://127.0.0.1:{port}/api/health", process)
+        browser.get(f"http://127.0.0.1:{port}/#drive")
+        until(browser, lambda: text(browser, "bar-slow").startswith("Slow: "), "the rate to be too low")
+        assert "warn" in (browser.find_element(By.ID, "fact-rate").get_attribute("class") or "")
+        assert text(browser, "fact-rate").endswith("of 1000 Hz: too slow")
+        browser.find_element(By.ID, "control-start").click()
+        until(browser, lambda: "switches itself off beyond 15 A" in text(browser, "start-limits"), "the drive's own")
+        browser.get("about:blank")
+
+
+def test_a_file_is_brought_and_what_was_made_of_it_is_said(page: Chrome, tmp_path: Path) -> None:
+    rows = "".join(f"{k * 1e-4:.4f},1,2,0.1,0.2,100\n" for k in range(500))
+    good = f"t,u_d,u_q,i_d,i_q,speed\n{rows}"
+    told = {"bad.csv": ("a,b\n1,2\n", "bad.csv: "), "good.csv": (good, "good.csv: 500 rows, 50 ms")}
+    room(page, "recordings")
+    operator = Operator(page)
+    operator.click("#bring summary")
+    type_over(page.find_element(By.ID, "bring-map"), "omega_e=speed")
+    for name, (content, words) in told.items():
+        (tmp_path / name).write_text(content, encoding="utf-8")
+        page.find_element(By.ID, "bring-file").send_keys(str(tmp_path / name))
+        operator.click("#bring-start")
+        until(page, lambda words=words: words in text(page, "bring-message"), words)
+    until(page, lambda: text(page, "recording-heading") == "good", "its room")
+    until(page, lambda: text(page, "recording-thinned").startswith("Every row is shown."), "its plot")
+    type_over(page.find_element(By.ID, "recording-title"), "brought")
+    page.find_element(By.CSS_SELECTOR, "#annotation-form button").click()
+    until(page, lambda: text(page, "recording-message") == "Saved.", "the title")
+
+
+def test_a_setting_is_written_within_its_limits(page: Chrome, running_bench: RunningBench) -> None:
+    room(page, "drive")
+    type_over(page.find_element(By.ID, "signals-filter"), "bandwidth")
+    operator = Operator(page)
+    for value, told in (("1", "takes at least 10.0 rad/s"), ("1300", "bandwidth was written.")):
+        if value == "1":
+            operator.click("#signals .edit")
+        type_over(page.find_element(By.CSS_SELECTOR, "#signals .entry input"), value)
+        operator.click("#signals .entry .primary")
+        until(page, lambda told=told: told in text(page, "signals-message"), told)
+    assert "1300 rad/s" in text(page, "signals")
+    signals = f"{running_bench.url}{DRIVE}/signals"
+    assert httpx.get(signals, params={"names": "bandwidth"}).json()["signals"][0]["value"] == 1300.0
+    httpx.put(signals, json={"bandwidth": 1250.0}).raise_for_status()
+    type_over(page.find_element(By.ID, "signals-filter"), "layout_id")
+    assert re.search(r"0x[0-9A-F]{8}\b", text(page, "signals"))
+    type_over(page.find_element(By.ID, "signals-filter"), "capture_length")
+    assert page.find_elements(By.CSS_SELECTOR, "#signals .edit") == []
 
 
 def test_signals_that_changed_since_the_last_look_are_told(page: Chrome, running_bench: RunningBench) -> None:

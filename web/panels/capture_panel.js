@@ -6,6 +6,7 @@
  */
 
 import { askCapture, cancelCapture, captureFile, NoAnswerError, triggerCapture } from "../api.js";
+import { onHeardAgain } from "../connection.js";
 import { element, input, number, wholeNumber, write } from "../fields.js";
 import { clock, duration, integer, parseNumber } from "../format.js";
 import { diagnoseIt } from "../rooms/diagnose_it.js";
@@ -37,6 +38,7 @@ let latest = null;
 let T_s = 0;
 /** What the operator asked for and was refused; until the next thing they ask for. */
 let refusal = "";
+let unanswered = false;
 
 /** @param {string} id */
 function select(id) {
@@ -53,6 +55,7 @@ export function buildCapturePanel() {
     return of;
   }));
   cancel.addEventListener("click", () => ask((name) => cancelCapture(name, latest?.id ?? "")));
+  onHeardAgain(() => { if (unanswered) refusal = ""; });
   fillFields();
 }
 
@@ -140,7 +143,8 @@ async function ask(request) {
     if (asked === drive) latest = answer;
   } catch (error) {
     const { message: sentence } = /** @type {Error} */ (error);
-    const after = error instanceof NoAnswerError ? " Whether it was taken is not known." : "";
+    unanswered = error instanceof NoAnswerError;
+    const after = unanswered ? " Whether it was taken is not known." : "";
     if (asked === drive) refusal = `${sentence}${after}`;
   } finally {
     for (const button of buttons) button.disabled = false;

@@ -1,36 +1,33 @@
 /**
  * The bar that never scrolls away: the drive's state in words, who controls it, Stop, Start and Reset. Stop is never
- * disabled, by mouse and by the Escape key, whether or not the service is heard.
+ * disabled, by mouse and by the Escape key, whether or not the service is heard, and never moves.
  *
  * @typedef {import("../api.js").Control} Control
  */
 
-import { NoAnswerError, readSignals, resetDrive, startDrive, stopDrive, writeSignals } from "../api.js";
-import { element, input, number, write } from "../fields.js";
-import { clock, parseNumber, plain } from "../format.js";
+import { NoAnswerError, resetDrive, startDrive, stopDrive, writeSignals } from "../api.js";
+import { element, write } from "../fields.js";
+import { clock } from "../format.js";
+import { buildSetPoints, openSetPoints, showSetPoints, startSetPoints, tellSetPoints, wantedSetPoints } from "./set_points.js";
 
-const SET_POINTS = ["i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "speed_ref", "speed_step"];
-const KIND = "excitation_kind";
 const ON = "operation enabled";
+const NOTHING = { text: "", bad: false, of: /** @type {Control | null} */ (null), unheard: "" };
 
 const bar = element("control-bar");
 const stop = button("control-stop");
 const begin = button("control-start");
 const reset = button("control-reset");
-const form = /** @type {HTMLFormElement} */ (element("start-form"));
-const submit = button("start-submit");
+const form = element("start-form");
 
 /** @type {string | null} */
 let drive = null;
-/** What was asked for by a button here, and how it went; until the next one. */
-let answer = "";
-let bad = false;
-/** Whether the form shows what the drive has told, and which set points it has. */
-let filled = false;
-/** How the drive excites, by its dictionary; null where it has not told. @type {number | null} */
-let kind = null;
-/** @type {import("../api.js").SetPointLimits | null} */
-let limits = null;
+/** @type {Control | null} */
+let latest = null;
+/**
+ * What became of what was asked for by a button here: until the drive's state is another than that `of` which it was told.
+ * `unheard`: what was asked for, where no answer came.
+ */
+let answer = NOTHING;
 
 /** @param {string} id */
 function button(id) {
@@ -42,45 +39,75 @@ export function buildControlBar() {
   document.addEventListener("keydown", (event) => {
     if (event.key === "Escape" && !event.repeat) askStop();
   });
-  begin.addEventListener("click", () => {
-    form.hidden = !form.hidden;
-    begin.setAttribute("aria-expanded", String(!form.hidden));
-    if (form.hidden) return;
-    fill();
-    input("start-i_q_ref").focus();
-  });
-  form.addEventListener("submit", (event) => { event.preventDefault(); askStart(); });
-  form.addEventListener("input", sayLimits);
-  reset.addEventListener("click", () => ask("Reset", (name) => resetDrive(name)));
+  begin.addEventListener("click", () => showForm(form.hidden));
+  element("start-close").addEventListener("click", () => { showForm(false); begin.focus(); });
+  buildSetPoints(askStart);
+  reset.addEventListener("click", () => ask("Reset", resetDrive, async (control) => (
+    { text: `Reset at ${clock(Date.now())}: ${stateWords(control)}`, bad: control.fault !== null })));
+}
+
+/** @param {boolean} wanted */
+function showForm(wanted) {
+  begin.setAttribute("aria-expanded", String(wanted));
+  if (wanted) openSetPoints();
+  else form.hidden = true;
 }
 
 /** Forgets a drive, as when another is chosen. @param {string | null} name */
 export function startControlBar(name) {
   drive = name;
-  answer = "";
-  form.hidden = true;
-  write(submit, `Start ${name ?? ""}`.trim());
+  latest = null;
+  answer = NOTHING;
+  startSetPoints(name);
+  begin.setAttribute("aria-expanded", "false");
 }
 
 /**
  * @param {Control} control
  * @param {boolean} connected whether the service is there
- * @param {import("../api.js").SetPointLimits} told how far set points may go
+ * @param {import("../api.js").SetPointLimits} limits how far set points may go
  */
-export function showControl(control, connected, told) {
-  limits = told;
-  const state = connected ? control.state ?? "no link to the drive" : "not known: the service is not heard";
-  const kind = !connected || control.state === null ? "unknown" : control.fault ? "fault" : control.state === ON ? "on" : "off";
-  bar.dataset.state = kind;
-  write(element("control-state"), kind === "on" ? `${state}: the motor is powered` : state);
-  write(element("control-holder"), connected ? holderWords(control) : "");
-  write(element("control-fault"), connected ? faultWords(control) : "");
+export function showControl(control, connected, limits) {
+  if (connected) overtake(control);
+  latest = control;
   const known = connected && control.state !== null;
+  bar.dataset.state = !known ? "unknown" : control.fault ? "fault" : control.state === ON ? "on" : "off";
+  write(element("control-state"), connected ? stateWords(control) : "not known: the service is not heard");
+  const holder = connected ? holderWords(control) : "";
+  write(element("control-holder"), holder);
+  element("control-holder").title = holder;
+  write(element("control-fault"), connected ? faultWords(control) : "");
   begin.disabled = !known || control.fault !== null || control.in_experiment || (control.holder !== null && !control.ours);
   write(element("control-why"), begin.disabled && connected ? `Start: ${whyNot(control, known)}` : "");
-  write(begin, control.state === ON && control.ours && !control.in_experiment ? "Set points" : "Start");
+  const goes = known && goesBySetPoints(control);
+  write(begin, goes ? "Set points" : "Start");
+  showSetPoints(goes, begin.disabled, limits);
   reset.hidden = !known || control.fault === null;
-  show(answer !== "" ? answer : "", bad);
+  show();
+}
+
+/** Whether it is on, and goes by the set points given here. @param {Control} control */
+function goesBySetPoints(control) {
+  return control.state === ON && control.ours && !control.in_experiment;
+}
+
+/** What the drive does, and what that is in CiA 402's words. @param {Control} control */
+function stateWords({ state, fault }) {
+  if (state === null) return "no link to the drive";
+  if (state === ON) return `on: the motor is powered (${state})`;
+  return fault === null ? `off: the motor is not powered (${state})` : `${state}: the motor is not powered`;
+}
+
+/** What an answer told is over where the drive's state is another by now. @param {Control} now */
+function overtake(now) {
+  const { of, unheard } = answer;
+  if (of === null || Date.parse(now.seen ?? "") <= Date.parse(of.seen ?? "")) return;
+  const other = now.state !== of.state || now.fault?.code !== of.fault?.code;
+  if (other || (unheard === "Stop" && now.state !== ON)) answer = NOTHING;
+  else if (unheard !== "") {
+    const still = unheard === "Stop" ? "the motor is still powered: press Stop again" : "the drive is as it was: ask again";
+    answer = { text: `${unheard} was not answered, and ${still}.`, bad: true, of: now, unheard: "" };
+  }
 }
 
 /** @param {Control} control */
@@ -113,97 +140,64 @@ function whyNot(control, known) {
   return `${holder} controls the drive: stop it first.`;
 }
 
-/** Set points as the drive has them, zero until it has told them; what is typed meanwhile stays. */
-async function fill() {
-  for (const name of SET_POINTS) input(`start-${name}`).value = "0";
-  const asked = drive;
-  if (asked === null) return;
-  filled = false;
-  sayLimits();
-  const told = await readSignals(asked, [...SET_POINTS, "speed_control", KIND]).catch(() => []);
-  if (drive !== asked) return;
-  filled = told.length > 0;
-  kind = told.find(({ name }) => name === KIND)?.value ?? null;
-  if (kind !== null) input(`start-${KIND}`).value = String(kind);
-  const ofSpeed = told.some(({ name, value }) => name === "speed_control" && value !== 0);
-  for (const label of form.querySelectorAll("[data-of=speed]")) /** @type {HTMLElement} */ (label).hidden = !ofSpeed;
-  for (const { name, value } of told.filter(({ name }) => SET_POINTS.includes(name))) {
-    const field = input(`start-${name}`);
-    if (field.value === "0") field.value = String(Number(value.toPrecision(4)));
-  }
-  sayLimits();
-}
-
-/** How far set points may go, and how far these do. */
-function sayLimits() {
-  const [i_d, i_q, di_d, di_q] = SET_POINTS.slice(0, 4).map((name) => parseNumber(input(`start-${name}`).value) ?? NaN);
-  const i = Math.hypot(Math.abs(i_d) + di_d, Math.abs(i_q) + di_q);
-  const { i_max = null, speed_max_rpm = null } = limits ?? {};
-  const words = [
-    i_max === null ? "No current limit is configured: the drive's own holds." : `Currents go up to ${i_max} A`
-      + (Number.isNaN(i) ? "." : `; these, with their steps, to ${plain(i, 3)} A${i > i_max ? ", too far" : ""}.`),
-    speed_max_rpm === null ? "" : `Speeds go up to ${speed_max_rpm} rpm.`,
-  ];
-  const target = element("start-limits");
-  write(target, words.join(" ").trim());
-  target.classList.toggle("warn", i_max !== null && i > i_max);
-}
-
 function askStop() {
-  ask("Stop", (name) => stopDrive(name), "If the motor still turns, use its emergency stop.");
+  ask("Stop", stopDrive, async ({ state }) => (
+    state === null ? { text: "Stop: there is no link to the drive. If the motor still turns, use its emergency stop.", bad: true }
+    : state === ON ? { text: "Stop was taken, but the motor is still powered: use its emergency stop.", bad: true }
+    : { text: `Stopped at ${clock(Date.now())}: the motor is not powered`, bad: false }), "If the motor still turns, use its emergency stop.");
 }
 
 async function askStart() {
-  if (!filled) {
-    say("The drive's set points have not been read: close the form and open it again.", true);
-    return;
-  }
-  /** @type {Record<string, number>} */
-  const values = {};
+  /** @type {ReturnType<typeof wantedSetPoints>} */
+  let wanted;
   try {
-    for (const name of SET_POINTS) values[name] = number(input(`start-${name}`), name);
+    wanted = wantedSetPoints();
   } catch (error) {
-    say(/** @type {Error} */ (error).message, true);
-    return;
+    return say({ ...NOTHING, text: /** @type {Error} */ (error).message, bad: true });
   }
-  const wanted = Number(input(`start-${KIND}`).value);
+  const { values, kind } = wanted;
+  const applies = latest !== null && goesBySetPoints(latest);
   const start = async (/** @type {string} */ name) => {
-    if (kind !== null && wanted !== kind) await writeSignals(name, { [KIND]: wanted });
+    if (kind !== null) await writeSignals(name, { excitation_kind: kind });
     return startDrive(name, values);
   };
-  if (await ask("Start", start)) form.hidden = true;
+  await ask(applies ? "Set points" : "Start", start, async (control) => {
+    showForm(false);
+    await tellSetPoints();
+    const at = `${applies ? "Set points applied" : "Started"} at ${clock(Date.now())}`;
+    return control.state === ON ? { text: at, bad: false } : { text: `${at}: ${stateWords(control)}`, bad: true };
+  });
 }
 
 /**
  * @param {string} what
  * @param {(name: string) => Promise<Control>} request
+ * @param {(control: Control) => Promise<{text: string, bad: boolean}>} done what became of it
  * @param {string} [otherwise] what to do where no answer comes
  */
-async function ask(what, request, otherwise = "") {
+async function ask(what, request, done, otherwise = "") {
   const asked = drive;
-  if (asked === null) return say("No drive to control.", true);
-  say(`${what} of ${asked} is asked for …`, false);
+  if (asked === null) return say({ ...NOTHING, text: "No drive to control.", bad: true });
+  say({ ...NOTHING, text: `${what} of ${asked} is asked for …` });
   try {
-    const control = await request(asked);
-    return say(`${what} of ${asked}, ${clock(new Date().toISOString())}: ${control.state ?? "no link"}.`, control.state === null);
+    const of = await request(asked);
+    say({ ...NOTHING, ...await done(of), of });
   } catch (error) {
     const { message } = /** @type {Error} */ (error);
-    const after = error instanceof NoAnswerError ? " Whether it was taken is not known." : "";
-    return say(`${what}: ${message}${after} ${otherwise}`.trim(), true);
+    const lost = error instanceof NoAnswerError;
+    const text = `${what}: ${message}${lost ? " Whether it was taken is not known." : ""} ${otherwise}`.trim();
+    say({ text, bad: true, of: latest, unheard: lost ? what : "" });
   }
 }
 
-/** @param {string} text @param {boolean} mood @returns {boolean} whether all is well */
-function say(text, mood) {
-  answer = text;
-  bad = mood;
-  show(text, mood);
-  return !mood;
+/** @param {typeof NOTHING} said */
+function say(said) {
+  answer = said;
+  show();
 }
 
-/** @param {string} text @param {boolean} mood */
-function show(text, mood) {
+function show() {
   const target = element("control-answer");
-  target.dataset.mood = mood ? "bad" : "";
-  write(target, text);
+  target.dataset.mood = answer.bad ? "bad" : "";
+  write(target, answer.text);
 }

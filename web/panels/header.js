@@ -7,6 +7,9 @@
 
 import { age, clock, duration, fixed, integer } from "../format.js";
 
+/** The share of the drive's rows that have to come. */
+const LEAST = 0.95;
+
 /** How long an error that is over stands in the bar, which is narrow. */
 const PAST_ERROR_MS = 60_000;
 
@@ -40,7 +43,13 @@ export function showDrive(drive, sinceSnapshot_s, connected) {
   write("identity", identityLine(drive));
   const { stream } = drive;
   const nominal = stream.nominal_rate_hz;
-  write("fact-rate", rate(stream.rate_hz), nominal === null ? "" : `of ${rate(nominal)}`);
+  const counted = connected && drive.link.state === "streaming" && nominal !== null && stream.rate_hz > 0;
+  const slow = counted && stream.rate_hz < LEAST * nominal;
+  const of = nominal === null ? "" : `of ${rate(nominal)}`;
+  write("fact-rate", rate(stream.rate_hz), slow ? `${of}: too slow` : of);
+  element("fact-rate").classList.toggle("warn", slow);
+  element("bar-slow").hidden = !slow;
+  write("bar-slow", slow ? `Slow: ${rate(stream.rate_hz)} ${of} come` : "");
   const age_s = stream.age_s === null ? null : stream.age_s + sinceSnapshot_s;
   write("fact-age", age_s === null ? "no data" : age(age_s));
   element("fact-age").classList.toggle("warn", age_s === null || age_s > 1);

@@ -7,9 +7,10 @@
  */
 
 import { askRecording, endRecording, markRecording, NoAnswerError, readRecordingRoom } from "../api.js";
+import { onHeardAgain } from "../connection.js";
 import { make } from "../dom.js";
 import { element, input, number, write } from "../fields.js";
-import { bytes, duration, integer } from "../format.js";
+import { bytes, counted, duration, integer } from "../format.js";
 import { address } from "../router.js";
 
 const form = /** @type {HTMLFormElement} */ (element("record-form"));
@@ -24,6 +25,7 @@ let running = null;
 /** The one that ended last while this page was open. @type {Recording | null} */
 let ended = null;
 let refusal = "";
+let unanswered = false;
 
 export function buildRecordPanel() {
   form.addEventListener("submit", (event) => {
@@ -39,6 +41,7 @@ export function buildRecordPanel() {
   input("record-mark-text").addEventListener("keydown", (event) => {
     if (event.key === "Enter") { event.preventDefault(); mark.click(); }
   });
+  onHeardAgain(() => { if (unanswered) refusal = ""; });
 }
 
 /** Forgets a drive, as when another is chosen. @param {string | null} name */
@@ -76,7 +79,7 @@ function show() {
       make("a", { href: address("recordings", drive, ended.id) }, "Look at it")]));
   } else {
     const told = `${stateWords(running)}: ${duration(running.seconds ?? 0)}, ${integer(running.rows)} rows, ${bytes(running.bytes)}`
-      + (running.marks.length > 0 ? `, ${running.marks.length} marks` : "") + (running.gaps > 0 ? `, ${running.gaps} gaps` : "");
+      + (running.marks.length > 0 ? `, ${counted(running.marks.length, "mark")}` : "") + (running.gaps > 0 ? `, ${counted(running.gaps, "gap")}` : "");
     write(words, told);
     write(bar, `● ${state} ${duration(running.seconds ?? 0)}`);
   }
@@ -106,7 +109,8 @@ async function ask(request) {
     await request(drive);
   } catch (error) {
     const { message } = /** @type {Error} */ (error);
-    refusal = error instanceof NoAnswerError ? `${message} Whether it was taken is not known.` : message;
+    unanswered = error instanceof NoAnswerError;
+    refusal = unanswered ? `${message} Whether it was taken is not known.` : message;
   }
   await lookForRecording();
 }

@@ -6,9 +6,10 @@
  */
 
 import { element, write } from "../fields.js";
-import { MOVING, STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
+import { HOW_ZOOMED, MOVING, STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
 
-const MOST = 700; // bins of a line: what a screen can show
+const MOST = 700; // bins of a line that moves: what a screen can show; one that is held can be zoomed to each
+const [WIDE, NARROW] = [2.6, 1.3]; // lines of a strip: seen where the next one lies over it
 const BEHIND_S = 1; // from which on it is seen that no rows come
 const RPM = 60 / (2 * Math.PI);
 
@@ -92,13 +93,13 @@ function behind(rows) {
  * @param {Record<string, string>} colours
  */
 function trace(rows, strip, line, place, colours) {
-  const { t, low, high } = rows.latest(line.name, span_s, MOST);
+  const { t, low, high } = rows.latest(line.name, span_s, held === null ? MOST : Infinity);
   const late_s = behind(rows);
   const scaled = (/** @type {number | null} */ value) => (value === null ? null : value * strip.scale);
   return {
     x: t.flatMap((time) => [time - late_s, time - late_s]), y: t.flatMap((_, k) => [scaled(low[k]), scaled(high[k])]),
     type: "scatter", mode: "lines", name: line.label, xaxis: "x", yaxis: `y${place === 0 ? "" : place + 1}`,
-    line: { color: colours[line.colour], width: 1.3 },
+    line: { color: colours[line.colour], width: line === strip.lines.at(-1) ? NARROW : WIDE },
     hovertemplate: `${line.label} %{y:.${strip.digits}f} ${strip.unit}, %{x:.2f} s<extra></extra>`,
   };
 }
@@ -111,11 +112,11 @@ function trace(rows, strip, line, place, colours) {
 function temperatures(rows, place, colours) {
   const points = rows.temperatures;
   const newest = rows.end + 1000 * behind(rows);
-  return [["winding", "accent"], ["magnet", "second"]].flatMap(([name, colour]) => {
+  return [["winding", "accent", WIDE], ["magnet", "second", NARROW]].flatMap(([name, colour, width]) => {
     const values = points.map((point) => point[/** @type {"winding" | "magnet"} */ (name)]);
     if (values.every((value) => value === null)) return [];
     return [{ x: points.map(({ time }) => (time - newest) / 1000), y: values, type: "scatter", mode: "lines",
-      name, xaxis: "x", yaxis: `y${place + 1}`, line: { color: colours[colour], width: 1.3 },
+      name, xaxis: "x", yaxis: `y${place + 1}`, line: { color: colours[colour], width },
       hovertemplate: `${name} %{y:.1f} °C, %{x:.1f} s<extra></extra>` }];
   });
 }
@@ -145,7 +146,7 @@ function layout(scaled, warm, colours) {
     hovermode: "x", dragmode: held === null ? false : "zoom",
     uirevision: held === null ? String(span_s) : "held",
     xaxis: { ...axis, range: [-span_s, 0], anchor: `y${titles.length}`, ticksuffix: " s", nticks: 6,
-      title: { text: held === null ? "" : "before it was held", standoff: 4, font: { size: 11 } } },
+      title: { text: held === null ? "" : `before it was held; ${HOW_ZOOMED.toLowerCase()}`, standoff: 4, font: { size: 11 } } },
   };
 }
 

@@ -45,7 +45,7 @@ export function clearTiles() {
   for (const tile of tiles) {
     tile.exponent = tile.parameter.exponent;
     tile.decimals = null;
-    showTile(tile, undefined, false, "", true);
+    showTile(tile, undefined, false, "", "");
   }
   showMismatch(null, false);
   writeById("estimates-status", "No data yet.");
@@ -65,7 +65,8 @@ export function showEstimates(estimates, rate_hz, connected) {
   for (const tile of tiles) {
     const { name } = tile.parameter;
     const estimate = estimates.estimates[name];
-    showTile(tile, estimate, old, basis(estimate, rate_hz), !several.includes(estimate?.reason));
+    const reason = estimate?.reason ?? "";
+    showTile(tile, estimate, old, basis(estimate, rate_hz), several.includes(reason) ? "as said below" : reason);
   }
   showMismatch(estimates.mismatch, old);
   writeById("untold", several.map(sentence).join(" "));
@@ -101,16 +102,16 @@ function sentence(reason) {
  * @param {Estimate | undefined} estimate
  * @param {boolean} old
  * @param {string} from what the value rests on, where it is its own
- * @param {boolean} alone whether its reason is told here, and not once for several
+ * @param {string} reason what keeps it from being told, or where that is said
  */
-function showTile(tile, estimate, old, from, alone) {
+function showTile(tile, estimate, old, from, reason) {
   const { root, parameter } = tile;
   const status = estimate?.status ?? "no_data";
   root.dataset.status = status;
   root.classList.toggle("old", old);
   write(root, "chip", chip(estimate, old));
   write(root, "basis", from);
-  write(root, "reason", alone ? estimate?.reason ?? "" : "");
+  write(root, "reason", reason);
   const value = TOLD.includes(status) ? estimate?.value ?? null : null;
   if (value === null) {
     write(root, "value", "—");

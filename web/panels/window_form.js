@@ -8,6 +8,7 @@
  */
 
 import { NoAnswerError, putWindow } from "../api.js";
+import { onHeardAgain } from "../connection.js";
 import { chosen, content, element, input, number, wholeNumber, write } from "../fields.js";
 import { clock, duration, engineeringExponent, integer, parseNumber, plain, prefixed } from "../format.js";
 import { HELD_BY_FILTER, PARAMETERS, writeSymbol } from "../parameters.js";
@@ -52,6 +53,8 @@ const touched = new Set();
 let drive = null;
 /** @type {Window | null} */
 let current = null;
+/** Whether what is said is that no answer came. */
+let unanswered = false;
 /** The window just applied: until a snapshot shows it, snapshots are older than the answer. */
 let settling = { wanted: "", until: 0 };
 let rate_hz = 0;
@@ -64,6 +67,7 @@ export function buildWindowForm() {
     form.addEventListener(event, ({ target }) => touch(/** @type {HTMLInputElement} */ (target)));
   }
   form.addEventListener("submit", (event) => { event.preventDefault(); apply(); });
+  onHeardAgain(() => { if (unanswered) say("", ""); });
   element("window-discard").addEventListener("click", () => { forget(); say("", ""); chosen("method")?.focus(); });
 }
 
@@ -218,8 +222,10 @@ async function apply() {
     say(`Applied at ${clock(new Date())}. ${after}`, "good");
   } catch (error) {
     const { message: sentence } = /** @type {Error} */ (error);
-    const after = error instanceof NoAnswerError ? " Whether the change was taken is not known." : "";
-    if (asked === drive) say(`${sentence}${after}`, "bad");
+    const lost = error instanceof NoAnswerError;
+    if (asked !== drive) return;
+    say(`${sentence}${lost ? " Whether the change was taken is not known." : ""}`, "bad");
+    unanswered = lost;
   } finally {
     button.disabled = false;
   }
@@ -263,6 +269,7 @@ function heldValue(row) {
  * @param {"good" | "bad" | ""} mood
  */
 function say(text, mood) {
+  unanswered = false;
   message.dataset.mood = mood;
   message.textContent = text;
   if (text !== "") message.scrollIntoView({ block: "nearest" });

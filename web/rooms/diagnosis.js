@@ -5,13 +5,15 @@
  */
 
 import { listDiagnoses, listRecordings } from "../api.js";
+import { onHeardAgain } from "../connection.js";
 import { make } from "../dom.js";
 import { element } from "../fields.js";
-import { clock, parseNumber } from "../format.js";
+import { clock, counted, parseNumber } from "../format.js";
 import { words } from "./quantity.js";
 import { address, go } from "../router.js";
 import { diagnoseIt, lacking } from "./diagnose_it.js";
 import { diagnosisView } from "./diagnosis_view.js";
+import { nameOf } from "./recording_name.js";
 
 const REFRESH_MS = 1500;
 const GOOD = ["no_mismatch", "explained"];
@@ -40,6 +42,8 @@ export function diagnosisRoom() {
   let drive = "";
   let timer = 0;
   let key = "";
+  /** What recordings are called, by their ids. @type {Map<string, string>} */
+  let names = new Map();
   /** Ids shown. @type {string[]} */
   let chosen = [];
   /** @type {ReturnType<typeof diagnosisView>[]} */
@@ -60,22 +64,36 @@ export function diagnosisRoom() {
     }
   }
 
+  /** Figures of one kind have one scale of colours, where two diagnoses are side by side. */
+  function drawTogether() {
+    if (!shown.every((view) => view.isSettled())) return;
+    const most = new Map();
+    for (const { name, z } of shown.flatMap((view) => view.figures())) {
+      if (z !== null) most.set(name, { low: Math.min(z.low, most.get(name)?.low ?? z.low), high: Math.max(z.high, most.get(name)?.high ?? z.high) });
+    }
+    for (const view of shown) view.draw(most);
+  }
+
   async function refresh() {
     const asked = drive;
     try {
-      const [jobs, recordings] = await Promise.all([listDiagnoses({ drive: asked }), listRecordings({ drive: asked })]);
+      const [jobs, ofDrive, files] = await Promise.all([
+        listDiagnoses({ drive: asked }), listRecordings({ drive: asked }), listRecordings({ kind: "file" })]);
       if (asked !== drive) return;
-      const able = recordings.recordings.filter((one) => one.kind !== "stream" && one.state === "done" && lacking(one).length === 0);
-      const now = JSON.stringify([jobs, able.map(({ id, title }) => [id, title]), chosen]);
+      const recordings = [...ofDrive.recordings, ...files.recordings.filter((one) => one.drive !== asked)];
+      names = new Map(recordings.map((one) => [one.id, nameOf(one)]));
+      const able = recordings.filter((one) => one.kind !== "stream" && one.state === "done" && lacking(one).length === 0);
+      const now = JSON.stringify([jobs, [...names], chosen]);
       if (now === key) return;
       key = now;
       const before = recording.value;
-      recording.replaceChildren(...able.map((one) => make("option", { value: one.id }, `${one.title || one.id} (${one.kind})`)));
+      recording.replaceChildren(...able.map((one) => make("option", { value: one.id }, nameOf(one))));
       if (able.some(({ id }) => id === before)) recording.value = before;
       recording.disabled = able.length === 0;
-      count.textContent = jobs.total === 0 ? "None yet. Choose a recording and press Diagnose." : `${jobs.total} ${jobs.total === 1 ? "diagnosis" : "diagnoses"}, the newest first.`;
+      count.textContent = jobs.total === 0 ? "None yet. Choose a recording and press Diagnose." : `${counted(jobs.total, "diagnosis", "diagnoses")}, the newest first.`;
       list.replaceChildren(...jobs.diagnoses.map(row));
     } catch (error) {
+      key = "";
       count.textContent = /** @type {Error} */ (error).message;
     }
   }
@@ -87,16 +105,18 @@ export function diagnosisRoom() {
       make("a", { href: address("diagnosis", drive, job.id), "aria-current": chosen.includes(job.id) && "true" },
         make("span", { class: "row-head" }, make("strong", {}, clock(job.asked)),
           make("span", { class: `chip ${job.verdict !== null && GOOD.includes(job.verdict) ? "good" : "warn"}` }, words(job.verdict ?? job.state))),
-        make("span", { class: "row-facts" }, job.recording)),
+        make("span", { class: "row-facts" }, names.get(job.recording) ?? job.recording)),
       alone && make("button", { type: "button", class: "small beside", onclick: () => go("diagnosis", drive, `${chosen[0]}+${job.id}`) }, "lay beside"));
   }
+
+  onHeardAgain(() => { message.textContent = ""; });
 
   return {
     enter(name, id) {
       drive = name;
       chosen = id === null ? [] : id.split("+").slice(0, 2);
       shown.forEach((view) => view.leave());
-      shown = chosen.map((one) => diagnosisView(one, drive, chosen.length > 1));
+      shown = chosen.map((one) => diagnosisView(one, drive, chosen.find((other) => other !== one) ?? null, drawTogether));
       views.replaceChildren(...(shown.length > 0 ? shown.map(({ root }) => root)
         : [make("section", { class: "card padded" }, make("p", { class: "empty" },
           "A diagnosis says which physics a recording shows that the machine's data leave out, where it acts, and how large it is. Choose one, or a recording to diagnose."))]));

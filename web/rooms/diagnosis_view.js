@@ -5,10 +5,11 @@
  * @typedef {import("../api.js").DiagnosisJob} DiagnosisJob
  * @typedef {import("../api.js").Diagnosis} Diagnosis
  * @typedef {import("../api.js").Experiment} Experiment
+ * @typedef {import("./figures.js").Scales} Scales
  */
 
-import { askExperiment, cancelExperiment, diagnosisFile, readDiagnosis, readDiagnosisFigures, readDiagnosisResult, readExperiment,
-  removeDiagnosis, stopDrive } from "../api.js";
+import { NoAnswerError, askExperiment, cancelExperiment, diagnosisFile, readDiagnosis, readDiagnosisFigures, readDiagnosisResult, readExperiment,
+  readRecording, removeDiagnosis, stopDrive } from "../api.js";
 import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
 import { clock, duration, plain } from "../format.js";
@@ -16,6 +17,8 @@ import { oddsText, quantityText, sentenceCase, words } from "./quantity.js";
 import { address, go } from "../router.js";
 import { diagnoseIt } from "./diagnose_it.js";
 import { figureElement } from "./figures.js";
+import { HOW_ZOOMED } from "../plot.js";
+import { nameOf } from "./recording_name.js";
 
 const POLL_MS = 500;
 const UNDER_WAY = ["queued", "running"];
@@ -25,11 +28,15 @@ const EACH = { R_s: "ohm", L_d: "H", L_q: "H", psi_f: "Vs" };
 /**
  * @param {string} id
  * @param {string} drive
- * @param {boolean} narrow whether another one is beside it
+ * @param {string | null} beside another one that is beside it
+ * @param {() => void} settled is called once it is known what there is to draw
  */
-export function diagnosisView(id, drive, narrow) {
-  const root = make("section", { class: "card padded view diagnosis", "aria-label": `Diagnosis ${id}` });
+export function diagnosisView(id, drive, beside, settled) {
+  const root = make("section", { class: `card padded view diagnosis${beside === null ? "" : " narrow"}`, "aria-label": `Diagnosis ${id}` });
   let left = false;
+  let isSettled = false;
+  /** What its recording is called. */
+  let called = "";
   let timer = 0;
 
   /** @param {() => Promise<unknown>} what */
@@ -45,6 +52,7 @@ export function diagnosisView(id, drive, narrow) {
   async function look() {
     try {
       const job = await readDiagnosis(id);
+      called ||= job.recording_there ? nameOf(await readRecording(job.recording)) : job.recording;
       if (left) return;
       if (UNDER_WAY.includes(job.state)) {
         showProgress(job);
@@ -52,7 +60,9 @@ export function diagnosisView(id, drive, narrow) {
       } else if (job.state === "done") await showResult(job);
       else showEnd(job);
     } catch (error) {
-      if (!left) root.replaceChildren(make("p", { class: "form-message", "data-mood": "bad" }, /** @type {Error} */ (error).message));
+      if (left) return;
+      root.replaceChildren(make("p", { class: "form-message", "data-mood": "bad" }, /** @type {Error} */ (error).message));
+      if (error instanceof NoAnswerError) timer = setTimeout(look, POLL_MS);
     }
   }
 
@@ -75,14 +85,16 @@ export function diagnosisView(id, drive, narrow) {
   /** @param {DiagnosisJob} job */
   function heading(job) {
     return make("header", {},
+      beside !== null && make("a", { class: "small close", href: address("diagnosis", drive, beside) }, "Close this one"),
       make("p", { class: "section-note" }, `Asked for ${clock(job.asked)}, of `,
-        job.recording_there ? make("a", { href: address("recordings", drive, job.recording) }, job.recording) : `${job.recording}, which has been deleted`));
+        job.recording_there ? make("a", { href: address("recordings", drive, job.recording) }, called) : `${called}, which has been deleted`));
   }
 
   /** @param {DiagnosisJob} job */
   function showEnd(job) {
     root.replaceChildren(heading(job), make("p", {}, make("span", { class: "chip warn" }, job.state)),
       make("p", {}, job.reason), tail(job));
+    settle();
   }
 
   /** @param {DiagnosisJob} job */
@@ -99,21 +111,30 @@ export function diagnosisView(id, drive, narrow) {
       ...fit(said), ...findings(said), ...unexplained(said), ...remarks(said),
       ...pictures(drawn.figures), ...("message" in drawn ? [make("p", { class: "help warn" }, drawn.message)] : []),
       ...parameters(said), tail(job));
-    for (const draw of drawing.splice(0)) draw();
+    figures = drawn.figures;
+    settle();
   }
 
-  /** Draws what has a place on the page now. @type {(() => void)[]} */
-  const drawing = [];
+  /** Draws what has a place on the page now. @type {((scales: Scales) => void)[]} */
+  let drawing = [];
+  /** @type {import("./figures.js").Figure[]} */
+  let figures = [];
+
+  function settle() {
+    isSettled = true;
+    settled();
+  }
 
   /** @param {import("./figures.js").Figure[]} figures */
   function pictures(figures) {
     let title = "";
-    return figures.flatMap((figure) => {
-      const [picture, draw] = figureElement(figure, narrow);
+    drawing = [];
+    return figures.flatMap((figure, k) => {
+      const [picture, draw] = figureElement(figure, beside !== null);
       drawing.push(draw);
       const again = figure.title === title;
       title = figure.title;
-      return again ? [picture] : [make("h3", {}, figure.title), picture];
+      return again ? [picture] : [make("h3", {}, figure.title), ...(k === 0 ? [make("p", { class: "help" }, `${HOW_ZOOMED} Times are those of the recording's column t.`)] : []), picture];
     });
   }
 
@@ -141,7 +162,7 @@ export function diagnosisView(id, drive, narrow) {
       const most = Math.max(...experiment.holds.map((hold) => Math.hypot(Math.abs(hold.i_d) + experiment.step, Math.abs(hold.i_q) + experiment.step)));
       const sure = await confirmed(`Run it on ${drive}? The motor will move.`,
         `${experiment.holds.length} levels, ${duration(seconds)} in all, up to ${plain(fastest, 4)} rpm and ${plain(most, 3)} A. `
-        + "The drive is stopped first, and at the end, its settings as they were. Stop and Escape end it at any time.", "Run it");
+        + "The drive is stopped first, and at the end, its settings as they were. Stop ends it at any time.", "Run it");
       if (!sure) return;
       await stopDrive(drive);
       const status = await askExperiment(drive, { holds: experiment.holds, step: experiment.step, machine: said.machine.nominal });
@@ -190,7 +211,7 @@ export function diagnosisView(id, drive, narrow) {
       done && make("a", { class: "small", href: diagnosisFile(id, "result"), target: "_blank" }, "JSON"),
       job.recording_there && make("button", { type: "button", onclick: () => tried(() => diagnoseIt(job.recording, drive, job.request)) }, "Diagnose again"),
       make("button", { type: "button", class: "danger", onclick: () => tried(async () => {
-        const sure = await confirmed("Delete this diagnosis?", `${words(job.verdict ?? job.state)}, of ${job.recording}. Its report goes, too; the recording stays.`, "Delete it");
+        const sure = await confirmed("Delete this diagnosis?", `${words(job.verdict ?? job.state)}, of ${called}. Its report goes, too; the recording stays.`, "Delete it");
         if (sure) { await removeDiagnosis(id); go("diagnosis", drive); }
       }) }, "Delete …"));
   }
@@ -198,6 +219,12 @@ export function diagnosisView(id, drive, narrow) {
   look();
   return {
     root,
+    isSettled: () => isSettled,
+    figures: () => figures,
+    /** @param {Scales} scales of colours, by the names of figures */
+    draw(scales) {
+      for (const draw of drawing) draw(scales);
+    },
     leave() {
       left = true;
       clearTimeout(timer);

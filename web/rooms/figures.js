@@ -5,18 +5,22 @@
  * @typedef {{name: string, role: string, kind: "line" | "markers" | "bars" | "heatmap", x: (number | null)[], y: (number | null)[],
  *   z: (number | null)[][], level: [number, number] | null}} Trace
  * @typedef {{title: string, x: Axis, y: Axis, traces: Trace[]}} Panel
+ * @typedef {Map<string, {low: number, high: number}>} Scales
  * @typedef {{part: string, name: string, title: string, caption: string, panels: Panel[], beside: boolean, z: Axis | null}} Figure
  */
 
 import { make } from "../dom.js";
 import { STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
 
+const [TOP_PX, BOTTOM_PX] = [30, 44];
 const PANEL_PX = 200;
+/** Between panels: an axis with its title, and the title of the next panel. */
+const [BELOW_PX, BESIDE] = [76, 0.1];
 
 /**
  * @param {Figure} figure
  * @param {boolean} narrow
- * @returns {[HTMLElement, () => void]} it, and what draws it once it is on the page
+ * @returns {[HTMLElement, (scales: Scales) => void]} it, and what draws it once it is on the page
  */
 export function figureElement(figure, narrow) {
   const canvas = make("div", { class: "canvas", role: "img", "aria-label": figure.caption });
@@ -24,10 +28,11 @@ export function figureElement(figure, narrow) {
   const beside = figure.beside && !narrow && figure.panels.length > 1 && window.innerWidth > 700;
   const bars = Math.max(0, ...figure.panels.map(({ y }) => y.names.length));
   const rows = beside ? 1 : figure.panels.length;
-  canvas.style.height = `${bars > 0 ? rows * (70 + 20 * bars) : 60 + PANEL_PX * rows}px`;
+  canvas.style.height = `${bars > 0 ? rows * (70 + 20 * bars) : TOP_PX + BOTTOM_PX + PANEL_PX * rows}px`;
   copiesCsv(csv, figure.name, () => columns(figure));
-  const draw = () => drawOn(canvas, figure.panels.flatMap((panel, k) => panel.traces.map((trace) => traceOf(trace, k, figure, palette()))),
-    layoutOf(figure, beside, palette()), STILL);
+  /** @param {Scales} scales */
+  const draw = (scales) => drawOn(canvas, figure.panels.flatMap((panel, k) => panel.traces.map((trace) => traceOf(trace, k, figure, palette()))),
+    layoutOf(figure, beside, parseFloat(canvas.style.height), palette(), scales.get(figure.name) ?? figure.z), STILL);
   return [make("figure", { class: "figure" }, canvas, make("figcaption", {}, figure.caption, csv)), draw];
 }
 
@@ -60,28 +65,36 @@ function traceOf(trace, k, figure, colours) {
     hovertemplate: `${trace.name} %{y:.4g} ${y.unit}, %{x:.5g} ${x.unit}<extra></extra>` };
 }
 
-/** @param {Figure} figure @param {boolean} beside @param {Record<string, string>} colours */
-function layoutOf(figure, beside, colours) {
+/**
+ * @param {Figure} figure
+ * @param {boolean} beside
+ * @param {number} height in px
+ * @param {Record<string, string>} colours
+ * @param {{low: number, high: number} | null} scale ends of the colours
+ */
+function layoutOf(figure, beside, height, colours, scale) {
   const axis = axisOf(colours);
-  const share = 1 / figure.panels.length;
+  const n = figure.panels.length;
+  const gap = beside ? BESIDE : BELOW_PX / (height - TOP_PX - BOTTOM_PX);
+  const size = (1 - (n - 1) * gap) / n;
   const names = figure.panels.some(({ y }) => y.names.length > 0);
   const heat = figure.panels.some(({ traces }) => traces.some(({ kind }) => kind === "heatmap"));
   /** @type {Record<string, any>} */
   const axes = {};
   figure.panels.forEach(({ x, y }, k) => {
     const number = k === 0 ? "" : k + 1;
-    const [from, to] = [k * share + (k > 0 ? 0.07 : 0), (k + 1) * share - (k + 1 < figure.panels.length ? 0.03 : 0)];
-    const [low, high] = [1 - (k + 1) * share + (k + 1 < figure.panels.length ? 0.08 : 0), 1 - k * share - (k > 0 ? 0.04 : 0)];
-    axes[`xaxis${number}`] = { ...axis, ...rangeOf(x), anchor: `y${number}`, ...(beside ? { domain: [from, to] } : {}),
+    const from = k * (size + gap);
+    const domain = (beside ? [from, from + size] : [1 - from - size, 1 - from]).map((end) => Math.min(1, Math.max(0, end)));
+    axes[`xaxis${number}`] = { ...axis, ...rangeOf(x), anchor: `y${number}`, ...(beside ? { domain } : {}),
       title: { text: titleOf(x), standoff: 6 } };
-    axes[`yaxis${number}`] = { ...axis, ...rangeOf(y), anchor: `x${number}`, ...(beside ? {} : { domain: [low, high] }),
+    axes[`yaxis${number}`] = { ...axis, ...rangeOf(y), anchor: `x${number}`, ...(beside ? {} : { domain }),
       title: { text: titleOf(y), standoff: 4 }, ...(y.names.length > 0 && k > 0 && beside ? { showticklabels: false } : {}) };
   });
   return {
     ...baseLayout(colours), ...axes,
-    margin: { l: names ? 190 : 70, r: heat ? 70 : 16, t: 30, b: 44 }, hovermode: "closest", dragmode: "zoom", bargap: 0.3, barmode: "overlay",
+    margin: { l: names ? 190 : 70, r: heat ? 70 : 16, t: TOP_PX, b: BOTTOM_PX }, hovermode: "closest", dragmode: "zoom", bargap: 0.3, barmode: "overlay",
     legend: { orientation: "h", x: 1, xanchor: "right", y: 1, yanchor: "bottom" },
-    ...(heat && figure.z !== null ? { coloraxis: { cmin: figure.z.low, cmax: figure.z.high,
+    ...(heat && figure.z !== null ? { coloraxis: { cmin: scale?.low, cmax: scale?.high,
       colorscale: [[0, colours.surface], [0.5, colours.third], [1, colours.ink]],
       colorbar: { title: { text: titleOf(figure.z), side: "right" }, thickness: 10, outlinewidth: 0 } } } : {}),
     annotations: figure.panels.flatMap(({ title }, k) => (title === "" ? [] : [{ text: `<b>${title}</b>`, showarrow: false,

@@ -7,7 +7,7 @@
 
 import { Z_95, decimalsFor, engineeringExponent, fixed, plain, prefixed } from "../format.js";
 
-const PREFIXED = ["ohm", "H", "Vs", "V", "A", "s", "Hz", "S", "W"];
+const PREFIXED = ["ohm", "H", "Vs", "V", "A", "s", "Hz", "S", "W", "rad"];
 const SHOWN = new Map([["ohm", "Ω"], ["degC", "°C"], ["1", ""]]);
 
 /** A unit as printed. @param {string} unit */
@@ -22,7 +22,6 @@ export function unitShown(unit) {
  * @returns {[number, string]}
  */
 function scaleOf(value, unit) {
-  if (unit === "rad") return [Math.PI / 180, "deg"];
   if (unit === "1" && value !== 0 && Math.abs(value) < 1) return [0.01, "%"];
   const shown = unitShown(unit);
   if (!PREFIXED.includes(unit) || value === 0) return [1, shown];

@@ -9,13 +9,13 @@
 
 import { readSamples } from "../api.js";
 import { make } from "../dom.js";
-import { STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
+import { HOW_ZOOMED, STILL, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
+import { nameOf } from "./recording_name.js";
 
 const POINTS = 1500;
 const USUAL = ["i_d", "i_q", "u_d", "u_q", "omega_e"];
 const NOT_PLOTTED = ["t"];
 const PANEL_PX = 150;
-const DASHES = ["solid", "dot"];
 
 export function recordingPlot() {
   const canvas = make("div", { id: "recording-canvas", class: "canvas", role: "img" });
@@ -23,11 +23,11 @@ export function recordingPlot() {
   const csv = make("button", { type: "button", class: "small", id: "recording-csv" }, "Copy CSV");
   const back = make("button", { type: "button", class: "small", id: "recording-all-of-it", hidden: true }, "All of it");
   const words = make("p", { class: "section-note", id: "recording-thinned", role: "status" });
-  const root = make("figure", { class: "recording-plot" }, make("div", { class: "entry" }, choices, back, csv), canvas, words);
+  const root = make("figure", { class: "recording-plot" }, make("div", { class: "entry" }, choices, back, csv), words, canvas);
 
   /** @type {Recording | null} */
   let one = null;
-  /** @type {string | null} */
+  /** The one over it. @type {Recording | null} */
   let second = null;
   /** @type {Mark[]} */
   let marks = [];
@@ -48,15 +48,19 @@ export function recordingPlot() {
     if (signals.length === 0) { told = []; words.textContent = "Choose what to plot."; return draw(); }
     words.textContent = "Reading …";
     try {
-      const wanted = [one.id, second].filter((id) => id !== null);
-      const got = await Promise.all(wanted.map((id) => readSamples(id, signals, range, POINTS)));
+      const got = await Promise.all(shown().map(({ id }) => readSamples(id, signals, range, POINTS)));
       if (mine !== asked) return;
       told = got;
-      words.textContent = got.map(thinnedWords).join(" ");
+      words.textContent = [...new Set(got.map(thinnedWords)), HOW_ZOOMED].join(" ");
       draw();
     } catch (error) {
       if (mine === asked) { words.textContent = /** @type {Error} */ (error).message; told = []; draw(); }
     }
+  }
+
+  /** What is shown, the one over it last. */
+  function shown() {
+    return [one, second].filter((recording) => recording !== null);
   }
 
   function draw() {
@@ -66,8 +70,11 @@ export function recordingPlot() {
     const units = [...new Set(signals.map((name) => told[0].signals[name]?.unit ?? ""))];
     canvas.style.height = `${60 + PANEL_PX * units.length}px`;
     const colours = palette();
-    drawOn(canvas, told.flatMap((samples, k) => traces(samples, signals, units, colours, DASHES[k], k === 0 ? "" : "over it: ")),
-      layout(units, marks, range ?? [told[0].since, told[0].until], colours), STILL);
+    const names = told.length < 2 ? [""] : shown().map((recording) => ` · ${nameOf(recording).replace(/[<>%]/g, " ")}`);
+    const lines = [["second", "accent", "third", "ink"], ["over-1", "over-2", "over-3", "over-4"]];
+    drawOn(canvas, told.flatMap((samples, k) => traces(samples, signals, units, lines[k].map((name) => colours[name]), names[k])),
+      layout(units, marks, range === null ? [told[0].since, told[0].until] : [...range], colours), // its own: plotly changes it
+      { ...STILL, doubleClick: "autosize" });
     canvas.setAttribute("aria-label", `${signals.join(", ")} from ${told[0].since} s to ${told[0].until} s`);
     listen();
   }
@@ -77,11 +84,9 @@ export function recordingPlot() {
     listening = true;
     const plotted = /** @type {any} */ (canvas);
     plotted.on("plotly_relayout", (/** @type {Record<string, any>} */ change) => {
-      const [from, to] = [change["xaxis.range[0]"], change["xaxis.range[1]"]];
-      if (typeof from === "number" && typeof to === "number") zoom([Math.max(0, from), to]);
-      else if (change["xaxis.autorange"]) zoom(null);
+      const [from, to] = plotted.layout.xaxis.range;
+      zoom(change["xaxis.autorange"] ? null : [Math.max(0, from), Math.max(0, to)]);
     });
-    plotted.on("plotly_doubleclick", () => zoom(null));
     plotted.on("plotly_click", (/** @type {{points: {x: number}[]}} */ { points }) => listener(points[0].x));
   }
 
@@ -122,11 +127,15 @@ export function recordingPlot() {
       choose();
       return ask();
     },
-    /** @param {string | null} id */
-    over(id) {
-      if (id === second) return;
-      second = id;
+    /** @param {Recording | null} recording */
+    over(recording) {
+      if (recording?.id === second?.id) return;
+      second = recording;
       if (one !== null) ask();
+    },
+    /** Reads what could not be read. */
+    again() {
+      if (told.length === 0) ask();
     },
     /** @param {Mark[]} now */
     marks(now) {
@@ -154,11 +163,10 @@ function thinnedWords({ rows, thinned, t }) {
  * @param {Samples} samples
  * @param {string[]} signals
  * @param {string[]} units
- * @param {Record<string, string>} colours
- * @param {string} dash
- * @param {string} prefix
+ * @param {string[]} colours of the signals of a unit
+ * @param {string} of what follows each name
  */
-function traces(samples, signals, units, colours, dash, prefix) {
+function traces(samples, signals, units, colours, of) {
   /** @type {Map<string, number>} */
   const used = new Map();
   return signals.flatMap((name) => {
@@ -168,14 +176,13 @@ function traces(samples, signals, units, colours, dash, prefix) {
     if (place < 0) return [];
     const nth = used.get(spread.unit) ?? 0;
     used.set(spread.unit, nth + 1);
-    const colour = [colours.second, colours.accent, colours.third, colours.ink][nth % 4];
     const both = samples.thinned;
     return [{
       x: both ? samples.t.flatMap((t) => [t, t]) : samples.t,
       y: both ? samples.t.flatMap((_, k) => [spread.low[k], spread.high[k]]) : spread.mean,
-      type: "scatter", mode: "lines", name: `${prefix}${name}`, xaxis: "x", yaxis: `y${place === 0 ? "" : place + 1}`,
-      line: { color: colour, width: dash === "solid" ? 1.2 : 1.6, dash }, opacity: dash === "solid" ? 1 : 0.75,
-      hovertemplate: `${prefix}${name} %{y:.5g} ${spread.unit}, %{x:.5g} s<extra></extra>`,
+      type: "scatter", mode: "lines", name: `${name}${of}`, xaxis: "x", yaxis: `y${place === 0 ? "" : place + 1}`,
+      line: { color: colours[nth % colours.length], width: nth === 0 ? 2 : 1.2 }, // seen where another lies over it
+      hovertemplate: `${name}${of} %{y:.5g} ${spread.unit}, %{x:.5g} s<extra></extra>`,
     }];
   });
 }
@@ -201,7 +208,7 @@ function layout(units, marks, range, colours) {
     shapes: marks.map(({ t }) => ({ type: "line", xref: "x", yref: "paper", x0: t, x1: t, y0: 0, y1: 1,
       line: { color: colours.ink, width: 1, dash: "dash" } })),
     annotations: marks.map(({ t, text }) => ({ x: t, y: 1, xref: "x", yref: "paper", yanchor: "top", xanchor: "left",
-      text: text.replace(/</g, "&lt;"), showarrow: false, font: { color: colours.ink, size: 11 } })),
+      text: text.replace(/</g, "&lt;"), showarrow: false, bgcolor: colours.surface, font: { color: colours.ink, size: 11 } })),
   };
 }
 

@@ -5,11 +5,13 @@
  */
 
 import { annotateRecording, deleteRecording, endRecording, markRecording, readRecording, recordingFile } from "../api.js";
+import { onHeardAgain } from "../connection.js";
 import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
 import { bytes, clock, duration, integer, parseNumber } from "../format.js";
 import { go } from "../router.js";
 import { diagnoseIt, lacking } from "./diagnose_it.js";
+import { nameOf } from "./recording_name.js";
 import { recordingPlot } from "./recording_plot.js";
 
 const FORMATS = [["parquet", "Parquet"], ["csv", "CSV"], ["mat", "MATLAB"], ["mf4", "MDF4"]];
@@ -38,20 +40,20 @@ export function recordingView() {
   const title = /** @type {HTMLInputElement} */ (make("input", { id: "recording-title", class: "text", maxlength: 200, "aria-label": "Title" }));
   const note = /** @type {HTMLTextAreaElement} */ (make("textarea", { id: "recording-note", rows: 2, maxlength: 4000, "aria-label": "Note" }));
   const over = /** @type {HTMLSelectElement} */ (make("select", { id: "recording-over", "aria-label": "Another recording over this one" }));
-  over.addEventListener("change", () => plot.over(over.value || null));
+  over.addEventListener("change", () => plot.over(others.find((other) => other.id === over.value) ?? null));
   plot.onTime((t) => { markAt.value = t.toFixed(4); });
 
   const whole = make("div", { hidden: true },
     heading, facts, reason, actions, message,
+    make("p", { class: "entry" }, make("label", { for: "recording-over" }, "Over it"), over),
     plot.root,
-    make("p", { class: "entry" }, make("label", { for: "recording-over" }, "over it"), over),
     make("h3", {}, "Marks"), marks,
     make("form", { class: "entry", id: "mark-form", onsubmit: (/** @type {Event} */ event) => { event.preventDefault(); mark(); } },
       make("span", { class: "unit" }, "at"), markAt, make("span", { class: "unit" }, "s"), markText,
       make("button", { type: "submit" }, "Mark")),
     make("h3", {}, "Title and note"),
     make("form", { class: "annotation", id: "annotation-form", onsubmit: (/** @type {Event} */ event) => { event.preventDefault(); annotate(); } },
-      title, note, make("div", { class: "actions" }, make("button", { type: "submit" }, "Keep"))));
+      title, note, make("div", { class: "actions" }, make("button", { type: "submit" }, "Save"))));
   const nothing = make("p", { class: "empty" }, "Choose a recording in the list: its signals are plotted here.");
   root.append(nothing, whole);
 
@@ -81,7 +83,7 @@ export function recordingView() {
 
   function annotate() {
     const name = id ?? "";
-    tried(async () => { await annotateRecording(name, { title: title.value.trim(), note: note.value.trim() }); say("Kept.", false); });
+    tried(async () => { await annotateRecording(name, { title: title.value.trim(), note: note.value.trim() }); say("Saved.", false); });
   }
 
   async function remove() {
@@ -117,7 +119,7 @@ export function recordingView() {
     one = told;
     whole.hidden = false;
     nothing.hidden = true;
-    heading.textContent = told.title || told.id;
+    heading.textContent = nameOf(told);
     const running = UNDER_WAY.includes(told.state);
     facts.replaceChildren(...factsOf(told).map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
     reason.textContent = told.reason === "" ? "" : `${told.reason.charAt(0).toUpperCase()}${told.reason.slice(1)}${told.reason.endsWith(".") ? "" : "."}`;
@@ -154,9 +156,15 @@ export function recordingView() {
     const wanted = others.filter((other) => other.id !== id && other.state === "done");
     const before = over.value;
     over.replaceChildren(make("option", { value: "" }, "nothing"),
-      ...wanted.map((other) => make("option", { value: other.id }, `${other.title || other.id} (${other.kind})`)));
+      ...wanted.map((other) => make("option", { value: other.id }, nameOf(other))));
     over.value = wanted.some((other) => other.id === before) ? before : "";
   }
+
+  onHeardAgain(() => {
+    say("");
+    refresh();
+    plot.again();
+  });
 
   return {
     root,
@@ -189,6 +197,7 @@ export function recordingView() {
 /** @param {Recording} told @returns {[string, string][]} */
 function factsOf(told) {
   return [
+    ["Name", told.id],
     ["Kind", told.kind + (told.drive === "" ? "" : ` of ${told.drive}`)],
     ["Begun", clock(told.begun)],
     ["Length", told.seconds === null ? "–" : duration(told.seconds)],

@@ -7,8 +7,9 @@
 import { listRecordings } from "../api.js";
 import { make } from "../dom.js";
 import { element } from "../fields.js";
-import { bytes, clock, duration } from "../format.js";
-import { address } from "../router.js";
+import { bytes, clock, counted, duration } from "../format.js";
+import { address, go } from "../router.js";
+import { bringFile } from "./bring_file.js";
 import { recordingView } from "./recording_view.js";
 
 const REFRESH_MS = 3000;
@@ -32,6 +33,11 @@ export function recordingsRoom() {
       make("section", { class: "card side", "aria-label": "List of recordings" },
         make("div", { class: "filters" }, search, kind,
           make("label", { class: "switch" }, all, make("span", {}, "of all drives"))),
+        bringFile((one) => {
+          all.checked = true; // a file is of no drive
+          again();
+          go("recordings", drive, one.id);
+        }),
         count, list, more),
       view.root));
 
@@ -107,10 +113,11 @@ export function recordingsRoom() {
 /** @param {Recording} one @param {string | null} chosen @param {string} drive */
 function row(one, chosen, drive) {
   const facts = [clock(one.begun), one.seconds === null ? "" : duration(one.seconds), bytes(one.bytes)];
-  const state = one.state === "done" ? (one.whole ? "" : "not whole") : one.state;
+  const state = one.state === "done" ? (one.whole ? "" : one.rows > 0 ? "cut" : "damaged") : one.state;
   return make("li", {}, make("a", { href: address("recordings", drive, one.id), "aria-current": one.id === chosen && "true" },
     make("span", { class: "row-head" }, make("strong", {}, one.title || one.id),
       state !== "" && make("span", { class: `chip ${state === "recording" ? "bad" : "warn"}` }, state)),
     make("span", { class: "row-facts" }, `${one.kind}${one.drive === "" || one.drive === drive ? "" : ` of ${one.drive}`} · ${facts.filter((fact) => fact !== "").join(" · ")}`
-      + (one.marks.length > 0 ? ` · ${one.marks.length} ${one.marks.length === 1 ? "mark" : "marks"}` : ""))));
+      + (one.marks.length > 0 ? ` · ${counted(one.marks.length, "mark")}` : "")),
+    !one.whole && one.reason !== "" && make("span", { class: "row-facts" }, `${state}: ${one.reason}`)));
 }

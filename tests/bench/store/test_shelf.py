@@ -24,11 +24,12 @@ def shelf(tmp_path: Path) -> Shelf:
     writing = Segments(tmp_path, HEADING)
     writing.rows(some(0, 1000))
     writing.event({"place": 5000, "what": "mark", "text": "load on", "whom": "me", "at": ""})
+    writing.event({"place": 10_000, "what": "ended", "why": "stopped", "at": "2026-01-31T12:00:01+00:00"})
     writing.close()
     left = FoundSegments.found(tmp_path, HEADING.id)
     assert left is not None
     with contextlib.closing(left):
-        closed(left, "stopped")
+        closed(left)
     write_columns(tmp_path / "a.parquet", {"t": np.array([0.0, 1e-4, 2e-4]), "i_q": np.zeros(3)}, {
         "capture": "a", "drive": "spindle", "asked": "2026-01-31T13:00:00+00:00", "T_s": 1e-4, "complete": False,
         "request": {"length": 4},
@@ -46,6 +47,25 @@ def test_all_recordings_are_there_the_newest_first(shelf: Shelf) -> None:
     assert not capture.whole
     assert (capture.rows, capture.seconds, capture.drive) == (3, pytest.approx(3e-4), "spindle")
     assert (mine.rows, mine.seconds, mine.columns) == (2, None, ("x",))
+
+
+def test_a_recording_whose_end_nobody_has_noted_is_not_whole(tmp_path: Path) -> None:
+    writing = Segments(tmp_path, HEADING)
+    writing.rows(some(0, 1000))
+    writing.close()
+    left = FoundSegments.found(tmp_path, HEADING.id)
+    assert left is not None
+    with contextlib.closing(left):
+        closed(left, "the power failed")
+    (one,) = Shelf(tmp_path).all()
+    assert (one.rows, one.whole, one.ended) == (1000, False, "the power failed")
+
+
+def test_an_experiment_is_as_long_as_from_its_first_row_to_its_last(tmp_path: Path) -> None:
+    t = np.array([5.0, 5.0001, 8.0])  # with a break between its levels
+    write_columns(tmp_path / "e.parquet", {"t": t, "i_q": np.zeros(3)}, {"experiment": {}, "T_s": 1e-4})
+    (one,) = Shelf(tmp_path).all()
+    assert (one.kind, one.seconds) == ("experiment", pytest.approx(3.0001))
 
 
 def test_what_is_said_of_a_recording_stays_beside_it(shelf: Shelf) -> None:
