@@ -1,7 +1,8 @@
 """Replay: the streaming core over a recording, chunk by chunk in constant memory. Knows nothing of terminals."""
 
+import math
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
@@ -13,6 +14,7 @@ from bench.recordings.recording import RecordingReader, Summary
 from bench.recordings.runs import Chunk
 from bench.recordings.screen import Screen
 from bench.recordings.turned import Turned
+from estimator.diagnosis.intake.speed_factor import speed_factor
 from estimator.online.estimate import WindowEstimate
 from estimator.online.window_ls import MAX_LENGTH
 from estimator.samples import Samples
@@ -87,7 +89,7 @@ def replay(
     mismatch = doubt(rows)
     changes = judgement.changes() if rests_on is None and window.method != "ekf" else {}
     result = replace(result, estimates=doubted(result, mismatch, changes))
-    remarks = (*reader.summary.remarks(), *screen.remarks(), *turned.remarks())
+    remarks = (*reader.summary.remarks(), *screen.remarks(), *turned.remarks(), *_speed(judgement.worst, n_p))
     return Replay(reader.summary, window, result, verdict, remarks)
 
 
@@ -125,6 +127,19 @@ def as_json(replayed: Replay) -> dict[str, Any]:
         "remarks": list(replayed.remarks),
         "recording": asdict(replayed.recording),
     }
+
+
+def _speed(worst: Sequence[Samples], n_p: int | None) -> Sequence[str]:
+    """What the voltages ask for in place of a speed that the angle is the integral of, a sentence where they do."""
+    found = speed_factor(worst, n_p)
+    if found is None:
+        return ()
+    pairs = "" if found.n_p is None or n_p is not None else f", of {found.n_p} pole pairs"
+    unit = f": is omega_e {found.unit}{pairs}?" if found.unit else ":"
+    return (
+        f"the voltages ask for another speed, with which {math.sqrt(found.left):.2g} of what they leave unexplained is "
+        f"left{unit} --map omega_e=COLUMN*{1.0 / found.factor:.6g}",
+    )
 
 
 def _pieces(chunk: Chunk, due: int, every: int) -> Iterator[tuple[Samples, bool]]:

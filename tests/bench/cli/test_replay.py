@@ -351,6 +351,26 @@ def test_a_speed_in_step_with_the_angle_at_another_rate_leaves_no_estimate_sure_
     assert said in " ".join(capsys.readouterr().out.split())
 
 
+def test_a_speed_in_another_unit_without_an_angle_is_asked_for_and_read_right_as_the_remark_says(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = pq.read_table(recordings / "run.parquet").drop_columns(["theta_e"])
+    of_speed = table.column_names.index("omega_e")
+    rpm = table["omega_e"].to_numpy() * 60.0 / (2.0 * math.pi * 4)
+    file = tmp_path / "rpm.parquet"
+    pq.write_table(table.set_column(of_speed, "omega_e", pa.array(rpm)), file)
+    assert pmsm_bench("replay", file, monkeypatch=monkeypatch) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert "is omega_e mechanical and in rpm, of 4 pole pairs? --map omega_e=COLUMN*0.418879" in said
+    assert pmsm_bench("replay", file, "--set", "n_p=4", monkeypatch=monkeypatch) == 1
+    assert "is omega_e mechanical and in rpm? --map" in " ".join(capsys.readouterr().out.split())
+    out = tmp_path / "result.json"
+    right = ["--map", "omega_e=omega_e*0.418879", "--json", out]
+    assert pmsm_bench("replay", file, *right, monkeypatch=monkeypatch) == 0
+    assert "another speed" not in capsys.readouterr().out
+    expect_truth(json.loads(out.read_text(encoding="utf-8")))
+
+
 def test_a_window_as_short_as_its_parameters_is_taken_and_tells_nothing(
     recordings: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
