@@ -4,7 +4,8 @@
 * `sources` - where each quantity comes from; `runs` - time base and gaps
 * `recording` - a file to samples; `long_recording` - what of a long one is diagnosed
 * `part_file` - work on disk that outlives its process; `seal` - a Parquet file's checksum; `capture_file` - a capture
-* `screen` - rows that no machine makes; `judgement` - whether constant parameters explain a recording
+* `screen` - rows that no machine makes; `judgement` - whether constant parameters explain a recording;
+  `turned` - whether angle and speed tell the same
 * `replay` - the streaming core over a recording
 
 Knows nothing of drives and services.

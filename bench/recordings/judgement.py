@@ -60,6 +60,7 @@ class Judgement:
     nominal: Mapping[str, float]  # SI, those that are known
     _waiting: list[Samples] = field(default_factory=list[Samples])
     _rows: int = 0  # of those
+    worst: tuple[Samples, ...] = ()  # the window that is least explained
     done: int = 0  # rows judged
     _said: Verdict = Verdict()
     _denied: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # rows that are not explained
@@ -134,6 +135,7 @@ class Judgement:
         said = replace(said, windows=said.windows + 1, reason="")
         if denied and (not said.unexplained or left.rms_V > (said.rms_V or 0.0)):
             said = replace(said, where=where_of(left, strange), **figures_of(left))
+            self.worst = tuple(runs)
         elif said.significance is None:
             said = replace(said, **figures_of(left))
         if denied:

@@ -2,11 +2,9 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
-
-import numpy as np
 
 from bench.live import method
 from bench.live.doubts import doubted
@@ -15,6 +13,8 @@ from bench.recordings.judgement import Judgement, Verdict
 from bench.recordings.recording import RecordingReader, Summary
 from bench.recordings.runs import Chunk
 from bench.recordings.screen import Screen
+from bench.recordings.turned import Turned
+from estimator.diagnosis.intake.speed_factor import speed_factor
 from estimator.online.estimate import WindowEstimate
 from estimator.online.window_ls import MAX_LENGTH
 from estimator.samples import Samples
@@ -40,13 +40,15 @@ OnEstimate = Callable[[float, WindowEstimate], None]
 
 def replay(
     reader: RecordingReader, window: Window, every: int = 0, on_estimate: OnEstimate | None = None,
-    on_rows: Callable[[int], None] | None = None, nominal: Mapping[str, float] | None = None,
+    on_rows: Callable[[int], None] | None = None, nominal: Mapping[str, float] | None = None, n_p: int | None = None,
 ) -> Replay:
     """Stream a recording through the estimator; with `every`, report each time so many more rows have come.
 
-    `on_rows` hears the number of rows done, now and then. `nominal`: values (SI) that the machine should have.
+    `on_rows` hears the number of rows done, now and then. `nominal`: values (SI) that the machine should have;
+    `n_p`: its pole pairs, where they are known.
     """
-    running, turned, screen = method.start(window), _Turned(), Screen()
+    running, screen = method.start(window), Screen()
+    turned = Turned(n_p, nominal or {}, set_speed="omega_e" in reader.sources.constants)
     judgement, rests_on, due, rows = Judgement(window, nominal or {}), _rests_on(window), every, 0
     reports: deque[_Report] = deque()  # that wait until their rows have been judged
 
@@ -65,9 +67,13 @@ def replay(
     def report() -> None:
         while reports and reports[0].rows <= judgement.done:
             one = reports.popleft()
-            mismatch = _NOT_EXPLAINED if judgement.concerns(one.rows, rests_on) else ""
+            mismatch = doubt(one.rows)
             if on_estimate is not None:
                 on_estimate(one.t, replace(one.result, estimates=doubted(one.result, mismatch)))
+
+    def doubt(newest: int) -> str:
+        said = _NOT_EXPLAINED if judgement.concerns(newest, rests_on) else ""
+        return "; ".join(filter(None, (turned.doubt(), said)))
 
     for chunk in reader:
         turned.take(chunk.samples)
@@ -80,10 +86,10 @@ def replay(
     verdict = judgement.verdict()
     report()
     result = method.estimate(running)
-    mismatch = _NOT_EXPLAINED if judgement.concerns(rows, rests_on) else ""
+    mismatch = doubt(rows)
     changes = judgement.changes() if rests_on is None and window.method != "ekf" else {}
     result = replace(result, estimates=doubted(result, mismatch, changes))
-    remarks = (*reader.summary.remarks(), *screen.remarks(), *turned.remarks())
+    remarks = (*reader.summary.remarks(), *screen.remarks(), *turned.remarks(), *_speed(judgement.worst, n_p))
     return Replay(reader.summary, window, result, verdict, remarks)
 
 
@@ -123,31 +129,17 @@ def as_json(replayed: Replay) -> dict[str, Any]:
     }
 
 
-@dataclass(slots=True)
-class _Turned:
-    """Whether speed and angle of a recording tell the same; the estimator rests on the angle."""
-
-    time: float = 0.0  # s
-    by_angle: float = 0.0  # rad
-    by_speed: float = 0.0  # rad
-    path: float = 0.0  # rad, without sign
-
-    def take(self, samples: Samples) -> None:
-        by_speed = 0.5 * (samples.omega_e[:-1] + samples.omega_e[1:]) * samples.T
-        off = np.diff(samples.theta_e) - by_speed
-        off -= 2.0 * math.pi * np.round(off / (2.0 * math.pi))
-        self.time += len(off) * samples.T
-        self.by_speed += float(by_speed.sum())
-        self.by_angle += float((by_speed + off).sum())
-        self.path += float(np.abs(by_speed).sum())
-
-    def remarks(self) -> tuple[str, ...]:
-        if abs(self.by_angle - self.by_speed) <= 0.02 * self.path + 1.0:
-            return ()
-        return (
-            f"theta_e turns at {self.by_angle / self.time:.4g} rad/s on average, but omega_e says "
-            f"{self.by_speed / self.time:.4g} rad/s; the estimates rest on theta_e",
-        )
+def _speed(worst: Sequence[Samples], n_p: int | None) -> Sequence[str]:
+    """What the voltages ask for in place of a speed that the angle is the integral of, a sentence where they do."""
+    found = speed_factor(worst, n_p)
+    if found is None:
+        return ()
+    pairs = "" if found.n_p is None or n_p is not None else f", of {found.n_p} pole pairs"
+    unit = f": is omega_e {found.unit}{pairs}?" if found.unit else ":"
+    return (
+        f"the voltages ask for another speed, with which {math.sqrt(found.left):.2g} of what they leave unexplained is "
+        f"left{unit} --map omega_e=COLUMN*{1.0 / found.factor:.6g}",
+    )
 
 
 def _pieces(chunk: Chunk, due: int, every: int) -> Iterator[tuple[Samples, bool]]:

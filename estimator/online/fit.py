@@ -48,6 +48,7 @@ MODEL_TURN: Final = 8e-4  # and, times D^3, more where the rotor turns far withi
 SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
 _PRIOR_LEAST: Final = 1e-5  # of the voltage, that a prior leaves open: with less, arithmetic loses what is wide
 _SMALL_TERM_ROUNDS: Final = 4  # of the iteration of the small terms; each gains three digits
+_OPEN_COLOUR: Final = 48.0  # pairs, that tell as much as is known before: from 0 to -1/2, with a variance of 1/48
 _FEWEST_FREEDOM: Final = 4.0  # of a variance: below, the correction knows no more than the error
 _BATCHES: Final = 8.0  # that a reference takes at least
 
@@ -223,10 +224,10 @@ def _filled_by_prior(
 def _share_of_bias(sums: WindowSums, bias: Array, value: Array, apart: Array) -> Array:
     """Share of what noise does to a value that stays doubtful when it is taken out (K, p).
 
-    What so few rows tell of the noise, and what two estimates of it disagree about; and the more it is, the more: the
-    control answers to noise, so that what seems excited is in part its echo.
+    What so few rows that follow each other tell of the noise, and what two estimates of it disagree about; and the more
+    it is, the more: the control answers to noise, so that what seems excited is in part its echo.
     """
-    known = np.maximum(NOISE_DOUBT, 3.0 / np.sqrt(np.maximum(sums.rows, 1.0)))
+    known = np.maximum(NOISE_DOUBT, 3.0 / np.sqrt(np.maximum(np.minimum(sums.rows, sums.pairs + 1.0), 1.0)))
     return np.minimum(1.0, (known + apart)[:, None] + NOISE_ECHO * _quotient(np.abs(bias), np.abs(value)))
 
 
@@ -297,13 +298,18 @@ def _current_noise(sums: WindowSums, beta: Array, c: Array) -> Array:
     White noise of variance sigma2 in the sampled current leaves a residual whose lag-1 covariance is
     -(L sigma/T)^2, however the machine is excited. Where the window does not tell L, the flux difference x itself
     has one of -sigma2/T^2; so has a signal that steps from row to row, but not without a residual to match.
+
+    It shows in rows that follow each other. As far as gaps leave none that do, the covariance may be anything between
+    none and that of a residual all of which is current noise, half its variance: the middle of it is taken, and
+    `_share_of_bias` takes it to be off by as much.
     """
     n, pairs, T = sums.rows[:, None], np.maximum(sums.pairs, 1.0)[:, None], sums.T
     n_or_1 = np.maximum(n, 1.0)
     L2 = np.maximum(beta[:, 1:3] ** 2, 1e-18)  # L_d of the d axis, L_q of the q axis
     S0, S1 = (S[:, (0, 1), (1, 2), (1, 2)] for S in (sums.lag0, sums.lag1))  # of x
     gamma0 = np.maximum(0.0, _form(c, sums.lag0)) / n_or_1
-    gamma1 = _form(c, sums.lag1) / (2.0 * pairs)
+    alone = _OPEN_COLOUR * np.clip(1.0 - sums.pairs[:, None] / np.maximum(n - 1.0, 1.0), 0.0, 1.0)
+    gamma1 = (0.5 * _form(c, sums.lag1) - 0.25 * alone * gamma0) / np.maximum(sums.pairs[:, None] + alone, 1.0)
     by_residual = np.minimum(np.maximum(0.0, -gamma1) / L2, S0 / (2.0 * n_or_1))
     by_signal = np.minimum(np.maximum(0.0, -S1 / (2.0 * pairs)), gamma0 / (2.0 * L2))
     return FAINT_I**2 + sums.resolution.i**2 / 12.0 + T**2 * np.maximum(by_residual, by_signal)

@@ -87,8 +87,10 @@ def run(
         _track(csv_out) as on_estimate,
         bar("rows", reader.rows_expected, MofNCompleteColumn(), TimeRemainingColumn()) as update,
     ):
+        n_p = held.get("n_p", machine.n_p)
         replayed = replay(
-            reader, settings, hop if csv_out else 0, on_estimate, lambda done: update(completed=done), machine.given
+            reader, settings, hop if csv_out else 0, on_estimate, lambda done: update(completed=done), machine.given,
+            None if n_p is None else int(n_p),
         )
     replayed = replace(replayed, remarks=(*replayed.remarks, *options.remarks(settings)))
     if shown:

@@ -4,7 +4,8 @@
 * `correction`, `causes` - columns of another convention, and what each convention does to them
 * `rough_fit` - the four parameters, whatever was done to the columns
 * `data_sheet`, `drive_data` - nominal values and data of the drive that contradict the recording
-* `input_check` - columns that hold nothing, are cut off, contradict each other; `convention` - which one was followed
+* `input_check` - columns that hold nothing, are cut off, contradict each other; `convention` - which one was followed;
+  `speed_factor` - what a speed was multiplied by, with no nominal machine
 * `prepared` - rows and what is given, as every fit has them
 
 Knows nothing of effects.

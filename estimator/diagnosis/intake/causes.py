@@ -4,6 +4,7 @@ Scales leave the flux balance as closed as it was; forms do not. Knows not which
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -45,6 +46,16 @@ NO_FORM: Final = Cause("", "", Correction(), prior=0.0)
 DELAYS: Final = tuple(Cause("voltage_delay", "", Correction(u_shift=k), prior=0.0) for k in (1, -1))
 """Of one row: the library's `voltage_delay`, no convention."""
 
+_SPEED_UNITS: Final = (
+    (1.0, "rad/s", ""),
+    (60.0 / TURN, "rpm", "2 pi/60"),
+    (TURNS, "turns/s", "2 pi"),
+    (TURNS_TO_DEGREES, "degrees/s", "pi/180"),
+)
+"""Units of a speed: what it is times in them, their names, and what makes rad/s of them."""
+_TURNS_OF: Final = ((False, "electrical", ""), (True, "mechanical", "n_p "))
+"""Whose turns: whether they are of the shaft, and what makes electrical ones of them."""
+
 _FACTORS: Final = (
     (_SQRT3, "line_to_line", "line-to-line values, expected phase values"),
     (1.0 / _SQRT3, "over_sqrt_3", "1/sqrt(3) of the phase values, as line-to-line values converted twice"),
@@ -70,10 +81,13 @@ SCALES: Final = (
 )  # fmt: skip
 
 
-def forms(n_p: int, *, per_unit: bool) -> tuple[Cause, ...]:
-    """All forms that a recording of a machine with n_p pole pairs may have. `per_unit`: voltages may be."""
-    always = (NO_FORM, *DELAYS, *_SIGNS, *_AXES, *_PHASE_ORDERS, *_LINE_QUANTITIES, *_ROWS, *_ANGLES, *_pole_pairs(n_p))
-    return (*always, *_PER_UNIT) if per_unit else always
+def forms(n_p: int, *, per_unit: bool, by_speed: bool = False) -> tuple[Cause, ...]:
+    """All forms that a recording of a machine with n_p pole pairs may have. `per_unit`: voltages may be. `by_speed`:
+    the angle is the integral of the speed, and turns as that says.
+    """
+    always = (NO_FORM, *DELAYS, *_SIGNS, *_AXES, *_PHASE_ORDERS, *_LINE_QUANTITIES, *_ROWS)
+    turning = _speeds(n_p) if by_speed else (*_ANGLES, *_pole_pairs(n_p))
+    return (*always, *turning, *_PER_UNIT) if per_unit else (*always, *turning)
 
 
 def _turn_by(degrees: float) -> complex:
@@ -154,20 +168,42 @@ def _pole_pairs(n_p: int) -> tuple[Cause, ...]:
         found.append(Cause("mechanical_angle", says, Correction(theta=1.0 / n_p)))
         says = f"the angle was multiplied by the {n_p} pole pairs twice"
         found.append(Cause("angle_times_pole_pairs_twice", says, Correction(theta=n_p)))
-    likely = {*range(2, MOST_POLE_PAIRS + 1), n_p // 2, n_p - 1, n_p + 1}
-    for right in sorted(k for k in likely if k > 1 and k not in (n_p, n_p * n_p)):
-        what = "poles instead of pole pairs" if n_p == 2 * right else f"{n_p} pole pairs, the machine has {right}"
+    for right, what in _other_pole_pairs(n_p):
         says = f"the electrical angle was made with {what}"
         found.append(Cause(f"pole_pairs_{right}", says, Correction(theta=n_p / right), prior=5.0, pole_pairs=right))
     return tuple(found)
 
 
+def _speeds(n_p: int) -> tuple[Cause, ...]:
+    """Speeds in other units, and the angles that are their integrals."""
+    found: dict[float, Cause] = {}
+    for factor, unit, times in _SPEED_UNITS:
+        for mechanical, turn, by in _TURNS_OF[: 2 if n_p > 1 else 1]:
+            exact, makes = factor / n_p if mechanical else factor, f"{by}{times}".strip()
+            says = f"omega_e is the {turn} speed in {unit}, expected the electrical one in rad/s, {makes} times that"
+            name = f"speed_{turn}_{unit.replace('/', '_per_')}"
+            if exact != 1.0:
+                found.setdefault(round(exact, 9), Cause(name, says, Correction(theta=exact, omega=exact, whole=True)))
+    for right, what in _other_pole_pairs(n_p):
+        exact, says = n_p / right, f"the electrical speed was made with {what}"
+        made = Correction(theta=exact, omega=exact, whole=True)
+        found.setdefault(round(exact, 9), Cause(f"pole_pairs_{right}", says, made, prior=5.0, pole_pairs=right))
+    return tuple(found.values())
+
+
+def _other_pole_pairs(n_p: int) -> Iterator[tuple[int, str]]:
+    """Pole pairs that a machine may have in place of n_p, and what was taken for them then."""
+    likely = {*range(2, MOST_POLE_PAIRS + 1), n_p // 2, n_p - 1, n_p + 1}
+    for right in sorted(k for k in likely if k > 1 and k not in (n_p, n_p * n_p)):
+        yield right, "poles instead of pole pairs" if n_p == 2 * right else f"{n_p} pole pairs, the machine has {right}"
+
+
 def speed_as(ratio: float, n_p: int, within: float) -> tuple[float, str] | None:
     """What a speed column holds that is `ratio` times the electrical speed in rad/s: the exact factor, and its name."""
-    for factor, unit in ((1.0, "rad/s"), (60.0 / TURN, "rpm"), (TURNS, "turns/s"), (TURNS_TO_DEGREES, "degrees/s")):
-        for per_turn, turn in ((1.0, "electrical"), (1.0 / n_p, "mechanical")):
+    for factor, unit, _ in _SPEED_UNITS:
+        for mechanical, turn, _ in _TURNS_OF:
             for sign, says in ((1.0, ""), (-1.0, ", with the wrong sign")):
-                exact = sign * factor * per_turn
+                exact = sign * (factor / n_p if mechanical else factor)
                 if ratio * sign > 0.0 and abs(math.log(ratio / exact)) < within:
                     return exact, f"{turn} and in {unit}{says}"
     return None

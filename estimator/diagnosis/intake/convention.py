@@ -30,6 +30,7 @@ from estimator.diagnosis.intake.correction import Correction
 from estimator.diagnosis.intake.rough_fit import (
     RoughFit,
     RoughStretches,
+    angle_by_speed,
     rough_fit,
     rows_of_angle,
     speed_over_rate,
@@ -149,7 +150,8 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
     rows = rows_of_angle(stretches) if best is stands else 0
     if best is stands and speed is None and not rows:
         return None
-    correction = replace(best.correction, omega=1.0 if speed is None else speed[0], theta_shift=rows)
+    made = best.correction
+    correction = replace(made, omega=made.omega if speed is None else made.omega * speed[0], theta_shift=rows)
     n_p = best.form.pole_pairs
     alike = _as_good(best, stands, hypotheses, speed, _closed(best, stretches, nominal))
     return Suspicion(
@@ -165,7 +167,9 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
 def _hypotheses(stretches: RoughStretches, nominal: Machine, tolerance: Mapping[str, float]) -> list[_Hypothesis]:
     expected, spread = _expected(nominal, tolerance)
     per_unit = float(np.max(np.abs(stretches.u))) < PER_UNIT
-    known = forms(nominal.n_p, per_unit=per_unit and stretches.u_dc is not None)
+    known = forms(
+        nominal.n_p, per_unit=per_unit and stretches.u_dc is not None, by_speed=angle_by_speed(stretches)
+    )  # fmt: skip
     fits = {form: rough_fit(stretches, form.correction, nominal) for form in known}
     least = max(min(f.left for f in fits.values()), 1e-30)
     scales = (*SCALES, *_base(fits[NO_FORM], nominal)) if per_unit and stretches.u_dc is None else SCALES
@@ -356,7 +360,7 @@ def _undone(correction: Correction, nominal: Machine, n_p: int | None) -> dict[s
         if not straight:
             found[f"{name}_angle"] = angle
     c = correction
-    scales = {"T_s_scale": c.T_s, "theta_scale": c.theta, "omega_scale": c.omega}
+    scales = {"T_s_scale": c.T_s, "theta_scale": 1.0 if c.whole else c.theta, "omega_scale": c.omega}
     found |= {name: value for name, value in scales.items() if value != 1.0}
     others = {
         "u_shift": c.u_shift, "theta_shift": c.theta_shift, "u_base": c.per_unit, "u_mirrored": c.u_mirrored,

@@ -33,9 +33,12 @@ class Correction:
     u_shift: int = 0  # rows by which the column is late
     theta_shift: int = 0
     per_unit: float = 0.0  # base of voltages over the dc link; 0: they are in V
+    whole: bool = False  # the angle is the integral of the speed, and no turn of it is hidden
 
     def angle(self, theta: Array) -> Array:
         """Expected angle, unwrapped along the last axis, from the recorded one."""
+        if self.whole:
+            return theta / self.theta
         unit = self.theta if self.theta in (TURNS_TO_DEGREES, TURNS) else 1.0
         theta = theta / unit
         turned = np.diff(theta)

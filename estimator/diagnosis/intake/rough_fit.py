@@ -22,6 +22,7 @@ from estimator.samples import Samples
 MOST_ROWS: Final = 6000  # rows
 PADDING: Final = 2  # rows by which columns may be shifted
 TURNED: Final = 0.3  # rad in a stretch: the least that speed and angle are compared at
+_LAST_DIGITS: Final = 1e-12  # of an angle
 _STRETCH_LENGTHS: Final = (256, 64, 16)  # rows of a stretch, the first that the runs are long enough for
 
 
@@ -74,7 +75,7 @@ def speed_over_rate(stretches: RoughStretches, correction: Correction) -> float:
     """Speed column over the rate of the corrected angle; NaN where the two cannot be compared."""
     theta = correction.angle(stretches.theta_e)
     by_angle = theta[:, -1] - theta[:, 0]
-    omega = stretches.omega_e
+    omega = stretches.omega_e / correction.omega
     by_speed = stretches.T_s / correction.T_s * (omega.sum(axis=1) - 0.5 * (omega[:, 0] + omega[:, -1]))
     turned = float(by_angle @ by_angle)
     if turned < TURNED**2 * len(theta):
@@ -82,6 +83,13 @@ def speed_over_rate(stretches: RoughStretches, correction: Correction) -> float:
     ratio = float(by_speed @ by_angle) / turned
     left = by_speed - ratio * by_angle
     return ratio if ratio != 0.0 and left @ left < 0.01 * (by_speed @ by_speed) else math.nan
+
+
+def angle_by_speed(stretches: RoughStretches) -> bool:
+    """Whether the angle is the integral of the speed column by the trapezoidal rule, to its last digits."""
+    theta, omega = stretches.theta_e, stretches.omega_e
+    off = np.diff(theta) - 0.5 * stretches.T_s * (omega[:, 1:] + omega[:, :-1])
+    return bool(np.any(omega)) and float(np.max(np.abs(off))) < _LAST_DIGITS * (1.0 + float(np.max(np.abs(theta))))
 
 
 def rows_of_angle(stretches: RoughStretches) -> int:

@@ -319,6 +319,58 @@ def test_a_speed_that_contradicts_the_angle_is_told(
     assert "omega_e says" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--map", "t=t*0.5"], 1, "control periods of 0.0001 s, or another angle or speed would be right"),
+        (["--map", "t=t*0.001"], 1, "control periods of 0.0001 s, or another angle or speed would be right"),
+        (["--map", "omega_e=omega_e*9.5493"], 0, "seems to be electrical and in rpm; the estimates rest on theta_e"),
+        (["--map", "omega_e=omega_e*0.25"], 1, "control periods of 0.0004 s, or another angle or speed would be right"),
+        (["--map", "omega_e=omega_e*0.25", "--set", "n_p=4"], 1, "control periods of 0.0004 s, or"),
+        (["--map", "omega_e=omega_e*0.25", "--set", "n_p=4", "--nominal", "{folder}/machine.toml"], 0,
+         "seems to be mechanical and in rad/s; the estimates rest on theta_e"),
+        (["--map", "omega_e=elsewhere"], 0, "but omega_e says"),
+    ],
+    ids=["half the period", "a thousandth", "rpm", "a quarter", "pole pairs", "a nominal machine", "no speed at all"],
+)  # fmt: skip
+@pytest.mark.parametrize("method", ["wls", "rls"])
+def test_a_speed_in_step_with_the_angle_at_another_rate_leaves_no_estimate_sure_unless_it_is_a_unit(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str], code: int, said: str, method: str,
+) -> None:
+    table = pq.read_table(recordings / "run.parquet")
+    elsewhere = table["omega_e"].to_numpy() * (0.5 + 0.3 * np.sin(40.0 * table["t"].to_numpy()))
+    pq.write_table(table.append_column("elsewhere", pa.array(elsewhere)), tmp_path / "run.parquet")
+    filled = [argument.format(folder=recordings) for argument in arguments]
+    out = tmp_path / "result.json"
+    found = pmsm_bench(
+        "replay", tmp_path / "run.parquet", *filled, "--method", method, "--json", out, monkeypatch=monkeypatch
+    )
+    statuses = {estimate["status"] for estimate in json.loads(out.read_text(encoding="utf-8"))["estimates"].values()}
+    assert (found, statuses) == (code, {"doubtful"} if code else {"ok"})
+    assert said in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_speed_in_another_unit_without_an_angle_is_asked_for_and_read_right_as_the_remark_says(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = pq.read_table(recordings / "run.parquet").drop_columns(["theta_e"])
+    of_speed = table.column_names.index("omega_e")
+    rpm = table["omega_e"].to_numpy() * 60.0 / (2.0 * math.pi * 4)
+    file = tmp_path / "rpm.parquet"
+    pq.write_table(table.set_column(of_speed, "omega_e", pa.array(rpm)), file)
+    assert pmsm_bench("replay", file, monkeypatch=monkeypatch) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert "is omega_e mechanical and in rpm, of 4 pole pairs? --map omega_e=COLUMN*0.418879" in said
+    assert pmsm_bench("replay", file, "--set", "n_p=4", monkeypatch=monkeypatch) == 1
+    assert "is omega_e mechanical and in rpm? --map" in " ".join(capsys.readouterr().out.split())
+    out = tmp_path / "result.json"
+    right = ["--map", "omega_e=omega_e*0.418879", "--json", out]
+    assert pmsm_bench("replay", file, *right, monkeypatch=monkeypatch) == 0
+    assert "another speed" not in capsys.readouterr().out
+    expect_truth(json.loads(out.read_text(encoding="utf-8")))
+
+
 def test_a_window_as_short_as_its_parameters_is_taken_and_tells_nothing(
     recordings: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -100,6 +100,17 @@ def speed(of: Callable[[Machine], float]) -> Error:
     return lambda run, nominal: (replace(run, omega_e=run.omega_e * of(nominal)), nominal)
 
 
+def by_speed(of: Callable[[Machine], float]) -> Error:
+    """A speed in another unit, and no angle but its integral."""
+
+    def error(run: Samples, nominal: Machine) -> tuple[Samples, Machine]:
+        omega_e = run.omega_e * of(nominal)
+        turned = 0.5 * run.T_s * (omega_e[1:] + omega_e[:-1])
+        return replace(run, omega_e=omega_e, theta_e=np.cumsum(np.r_[0.0, turned])), nominal
+
+    return error
+
+
 def poles_for_pole_pairs(run: Samples, nominal: Machine) -> tuple[Samples, Machine]:
     """Angle and speed made with twice the pole pairs, which the data sheet says too."""
     twice = np.mod(2.0 * np.unwrap(run.theta_e), TURN)

@@ -8,9 +8,10 @@ import pytest
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.machine import Machine
 from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, drive_for
+from estimator.arrays import stretches
 from estimator.machine import PARAMETERS
 from estimator.online import window_ls
-from estimator.online.estimate import WindowEstimate
+from estimator.online.estimate import Status, WindowEstimate
 from estimator.samples import Samples
 from tests.conftest import Figures
 from tests.support.samples import noiseless, recorded, streamed, truth_of
@@ -115,6 +116,27 @@ def test_intervals_are_honest_over_a_thousand_windows(name: str, figure: Figures
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("lost", [3, 4, 0], ids=["every third row", "every fourth row", "nine rows in ten"])
+@pytest.mark.parametrize("by_stream", [False, True], ids=["periods", "stream"])
+def test_intervals_hold_the_truth_where_rows_are_lost_in_a_pattern(lost: int, by_stream: bool) -> None:
+    far, said, biased = 0, 0, 0
+    for seed in range(25):
+        drive = VirtualDrive(replace(PAPER, run=replace(PAPER.run, seed=seed)))
+        samples = streamed(drive, 3000) if by_stream else recorded(drive, 3000)
+        row = np.arange(len(samples))
+        kept = row % lost != seed % lost if lost else np.random.default_rng(seed).random(len(row)) < 0.1
+        state = window_ls.init(len(samples))
+        for a, b in stretches(kept):
+            state = window_ls.update(state, samples[a:b], joined=False)
+        for name, e in window_ls.estimate(state).estimates.items():
+            if e.status is Status.OK and e.value is not None and e.std is not None:
+                off = (e.value - truth_of(drive)[name]) / e.std
+                far, said, biased = far + (abs(off) > 1.96), said + 1, biased + (abs(off) > 4.0)
+    assert said >= 50
+    assert far <= 0.1 * said
+    assert biased == 0
+
+
 def test_the_spread_falls_as_one_over_the_root_of_the_window_length() -> None:
     drive = VirtualDrive(PAPER)
     spread: dict[int, np.ndarray] = {}

@@ -1,6 +1,7 @@
 """Conventions: a recording that follows another one is told from one that lacks physics, and brought in order."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,15 +10,17 @@ import pytest
 from emulator.conceal.populations import STRANGERS
 from estimator.diagnosis.diagnose import diagnose
 from estimator.diagnosis.intake.convention import AS_GOOD, Suspicion, suspected
+from estimator.diagnosis.intake.speed_factor import speed_factor
 from estimator.diagnosis.verdict import Verdict
 from estimator.diagnosis.words import sentence_start
-from estimator.machine import PARAMETERS
+from estimator.machine import PARAMETERS, Machine
 from estimator.physics.convention_error import UNIT
 from tests.estimator.diagnosis.convention_runs import (
     TURN,
     Error,
     angle,
     axes_swapped,
+    by_speed,
     in_per_unit,
     made,
     period,
@@ -120,6 +123,50 @@ def test_the_verdict_names_the_cause_and_not_only_a_scale() -> None:
     assert [finding.effect for finding in said.findings] == ["convention_error"], cause
     assert ": the angle is in degrees, expected rad" in said.sentence
     assert "theta scale" not in said.sentence
+
+
+SPEEDS: dict[str, tuple[Callable[[Machine], float], str]] = {
+    "rpm": (lambda m: 60.0 / TURN / m.n_p, "speed_mechanical_rpm"),
+    "electrical rpm": (lambda _: 60.0 / TURN, "speed_electrical_rpm"),
+    "Hz": (lambda _: 1.0 / TURN, "speed_electrical_turns/s"),
+    "degrees/s": (lambda _: 360.0 / TURN, "speed_electrical_degrees/s"),
+    "mechanical rad/s": (lambda m: 1.0 / m.n_p, "speed_mechanical_rad/s"),
+}
+
+
+@pytest.mark.parametrize("unit", SPEEDS)
+def test_the_unit_of_a_speed_that_the_angle_is_the_integral_of_is_told_by_the_voltages(unit: str) -> None:
+    of, cause = SPEEDS[unit]
+    for number in NUMBERS:
+        runs, nominal = made(by_speed(of), recording("none", number))
+        runs = tuple(replace(run, i_a=None, i_b=None, i_c=None) for run in runs)
+        suspicion = suspected(runs, nominal, TOLERANCE)
+        assert suspicion is not None, number
+        _, turn, in_unit = cause.split("_")
+        assert suspicion.cause == cause.replace("/", "_per_")
+        assert suspicion.says.startswith(f"omega_e is the {turn} speed in {in_unit}, expected")
+        assert not suspicion.ambiguous
+        assert list(suspicion.parameters) == ["omega_scale"]
+        assert suspicion.parameters["omega_scale"].value == pytest.approx(of(nominal))
+        for run, true in zip(suspicion.runs, made(by_speed(lambda _: 1.0), recording("none", number))[0], strict=True):
+            np.testing.assert_allclose(run.omega_e, true.omega_e, rtol=1e-9)
+            np.testing.assert_allclose(run.theta_e, true.theta_e, rtol=1e-9, atol=1e-9)
+        found = speed_factor(runs, nominal.n_p)
+        assert found is not None
+        assert found.factor == pytest.approx(of(nominal))
+        told = speed_factor(runs, None)
+        assert told is not None
+        assert told.factor == pytest.approx(of(nominal), rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["none", "one", "two", *STRANGERS])
+def test_missing_physics_is_not_taken_for_the_unit_of_a_speed_that_the_angle_is_the_integral_of(kind: str) -> None:
+    for number in range(1, 7):
+        runs, nominal = made(by_speed(lambda _: 1.0), recording(kind, number, seed=31, length=1.0))
+        runs = tuple(replace(run, i_a=None, i_b=None, i_c=None) for run in runs)
+        suspicion = suspected(runs, nominal, TOLERANCE)
+        assert suspicion is None or "omega_scale" not in suspicion.parameters, (kind, number, suspicion.sentence)
+        assert speed_factor(runs, None) is None, (kind, number)
 
 
 def test_poles_given_for_pole_pairs_are_told_with_the_right_number() -> None:
