@@ -3,6 +3,7 @@
 CiA 402. Knows nothing of buses.
 """
 
+import contextlib
 import time
 from dataclasses import dataclass
 from typing import Final
@@ -10,9 +11,10 @@ from typing import Final
 from drivers.drive import Drive
 from drivers.errors import FaultError, FrameError, NoReplyError
 from drivers.wire.cia402 import Command, State, error_text, state_of
-from drivers.wire.dictionary import RESTORE_WORD, STORE_WORD
+from drivers.wire.dictionary import RESET_WORD, RESTORE_WORD, STORE_WORD
 
 PATIENCE: Final = 2.0  # s, for a state to be reached
+BOOT: Final = 10.0  # s, for a drive to be there again after a reset
 _POLL: Final = 0.005  # s
 
 _TO_ENABLE: Final = {
@@ -98,13 +100,42 @@ def reset_fault(drive: Drive) -> None:
 
 
 def store(drive: Drive) -> None:
-    """Keep all parameters over a power cycle."""
-    drive.write("store", STORE_WORD)
+    """Keep all parameters over a power cycle; a drive that tells of its memory says then that it has.
+
+    Raises NoReplyError where it does not.
+    """
+    _kept(drive, "store", STORE_WORD)
 
 
 def restore(drive: Drive) -> None:
-    """Parameters as delivered, from the next reset on."""
-    drive.write("restore", RESTORE_WORD)
+    """Parameters as delivered, from the next reset on; as `store`."""
+    _kept(drive, "restore", RESTORE_WORD)
+
+
+def _kept(drive: Drive, command: str, word: int) -> None:
+    if not drive.identity.has_memory:
+        drive.write(command, word)
+        return
+    before, deadline = drive.read("memory_count"), time.monotonic() + PATIENCE
+    drive.write(command, word)
+    while drive.read("memory_count") == before:
+        if time.monotonic() > deadline:
+            raise NoReplyError(f"the drive has not written its memory {PATIENCE:g} s after `{command}`")
+        time.sleep(_POLL)
+
+
+def reset(drive: Drive) -> None:
+    """Have it start anew, and wait until it has. Raises RefusedError where its bridge is on, NoReplyError."""
+    before, deadline = drive.read("tick"), time.monotonic() + BOOT
+    with contextlib.suppress(NoReplyError):  # it may be gone before it answers
+        drive.write("reset", RESET_WORD)
+    while True:
+        with contextlib.suppress(NoReplyError):
+            if drive.read("tick") < before:
+                return
+        if time.monotonic() > deadline:
+            raise NoReplyError(f"the drive has not started anew {BOOT:g} s after `reset`")
+        time.sleep(_POLL)
 
 
 def check_fault(drive: Drive) -> None:
