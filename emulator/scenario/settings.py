@@ -7,7 +7,7 @@
 """
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, cast
 
 from drivers.wire.codec import check_range
 from drivers.wire.dictionary import SIGNALS, TABLE_SIZE, TABLES, signal_named
@@ -22,9 +22,10 @@ def settings_from_table(table: Mapping[str, object], where: str) -> dict[str, fl
     found: dict[str, float] = {}
     for name, value in table.items():
         if name in TABLES:
-            if not isinstance(value, list) or len(value) != TABLE_SIZE:
+            entries = cast(list[object], value) if isinstance(value, list) else []
+            if len(entries) != TABLE_SIZE:
                 raise ScenarioError(f"{where}{name} takes a list of {TABLE_SIZE} numbers, got {shown(value)}")
-            found |= {f"{name}_{k}": _number(f"{name}_{k}", one, where) for k, one in enumerate(value, start=1)}
+            found |= {f"{name}_{k}": _number(f"{name}_{k}", one, where) for k, one in enumerate(entries, start=1)}
         else:
             found[name] = _number(name, value, where)
     return found

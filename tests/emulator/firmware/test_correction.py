@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from drivers.wire.dictionary import TABLE_SIDE, TABLE_SIZE
 from emulator.drive.virtual_drive import VirtualDrive
@@ -22,11 +23,11 @@ IDEAL = replace(PAPER, drive=replace(PAPER.drive, noise_i=0.0, adc_bits=0))
 SWITCHED = replace(IDEAL, drive=replace(IDEAL.drive, bridge="switched", timer_counts=0))
 
 
-def table(name: str, values: np.ndarray) -> dict[str, float]:
+def table(name: str, values: NDArray[np.float64]) -> dict[str, float]:
     return {f"{name}_{k}": float(value) for k, value in enumerate(values, start=1)}
 
 
-def course(scenario: Scenario, effects: dict[str, Any], settings: dict[str, float], **drive: Any) -> np.ndarray:
+def course(scenario: Scenario, effects: dict[str, Any], settings: dict[str, float], **drive: Any) -> NDArray[np.complex128]:
     """What the machine then does: true flux linkage and angle, every 10 periods of 0.2 s."""
     given = replace(
         scenario, effects=NONE._replace(**effects), settings=settings, drive=replace(scenario.drive, **drive)
@@ -43,7 +44,7 @@ def once(angle: float) -> float:
     return 0.05 * math.sin(angle + 0.4)
 
 
-def reads(count: int) -> np.ndarray:
+def reads(count: int) -> NDArray[np.float64]:
     """That error by what such an encoder reads, over a turn of readings."""
     angles = np.arange(count) * TURN / count
     for _ in range(20):
@@ -100,7 +101,7 @@ def test_phases_and_encoder_may_be_connected_in_any_way(crossed: bool, reversed_
     assert found == pytest.approx(as_ordered, abs=1e-6)
 
 
-def step_of(settings: dict[str, float], axis: str = "q", periods: int = 400, **scenario: Any) -> np.ndarray:
+def step_of(settings: dict[str, float], axis: str = "q", periods: int = 400, **scenario: Any) -> NDArray[np.complex128]:
     """Both currents after a step of one reference to 3 A."""
     still = replace(IDEAL.excitation, i_d_ref=0.0, i_q_ref=0.0, i_d_step=0.0, i_q_step=0.0)
     drive = VirtualDrive(replace(IDEAL, settings=settings, **{"excitation": still, **scenario}))
@@ -110,7 +111,7 @@ def step_of(settings: dict[str, float], axis: str = "q", periods: int = 400, **s
     return recording["i_d"] + 1j * recording["i_q"]
 
 
-def rise(i: np.ndarray) -> int:
+def rise(i: NDArray[np.float64]) -> int:
     """Control periods until a step is at 90 %."""
     return int(np.argmax(i >= 2.7))
 
