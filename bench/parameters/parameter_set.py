@@ -156,17 +156,20 @@ def _entries_of(table: str, entries: Mapping[str, Entry]) -> list[float]:
 
 def _line(signal: Signal, entry: Entry) -> str:
     value = repr(entry.value) if signal.type is WireType.F32 else str(int(entry.value))
-    limits = "" if signal.minimum is None and signal.maximum is None else (
-        f", {'' if signal.minimum is None else f'{signal.minimum:g}'} to "
-        f"{'' if signal.maximum is None else f'{signal.maximum:g}'}"
-    )
     unit = "" if signal.unit == "1" else f" {signal.unit}"
     told = {"low": entry.low, "high": entry.high, "status": entry.status, "source": entry.source}
     more = {key: one for key, one in told.items() if one not in (None, "") and (key, one) != ("status", OK)}
     if more:
         parts = (f"{key} = {_text(one) if isinstance(one, str) else repr(one)}" for key, one in more.items())
         value = f"{{ value = {value}, {', '.join(parts)} }}"
-    return f"{signal.name} = {value}  #{unit} {signal.summary}{limits}"
+    return f"{signal.name} = {value}  #{unit} {signal.summary}{_limits(signal)}"
+
+
+def _limits(signal: Signal) -> str:
+    low, high = signal.minimum, signal.maximum
+    if low is None:
+        return "" if high is None else f"; up to {high:g}"
+    return f"; from {low:g}" if high is None else f"; {low:g} to {high:g}"
 
 
 def _text(text: str) -> str:

@@ -26,10 +26,10 @@ from typing import Any
 
 from bench.errors import BenchError
 from bench.parameters.flash import Around, End, cut, flash, parameters, resume
+from bench.parameters.link import OwnLink
 from bench.parameters.parameter_set import FLASHED, ParameterSet, as_toml, read, set_of
 from bench.parameters.plan import different
 from drivers.connect import connect
-from drivers.drive import Drive
 from drivers.errors import DriveError
 from tests.bars.bench_kills import LINKS
 from tests.support.forked import Forked
@@ -193,19 +193,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _flash(url: str, folder: str, path: str) -> int:
     """By a process of its own, which reaches the drive anew where its link ends; how it ended."""
-    held = list[Drive]()
-
-    def link() -> Drive:
-        try:
-            held[-1].read("tick")
-        except (DriveError, IndexError):
-            for drive in held:
-                drive.close()
-            held[:] = [connect(url)]
-        return held[-1]
-
     try:
-        done = flash(link, read(Path(path)), Around(Path(folder), url, tell=lambda said: print(said, flush=True)))
+        with OwnLink(url) as link:
+            done = flash(link, read(Path(path)), Around(Path(folder), url, tell=lambda said: print(said, flush=True)))
     except (BenchError, DriveError):
         return 3
     return {ended: code for code, ended in ENDS.items()}[str(done.end)]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from bench.errors import ConfigError
 from bench.parameters.parameter_set import FLASHED, Entry, ParameterSet, as_toml, parse, problem_of, set_of
 from drivers.wire.codec import decode, encode
-from drivers.wire.dictionary import TABLES
+from drivers.wire.dictionary import TABLES, Signal
 
 SCALARS = [signal.name for signal in FLASHED if not signal.table]
 
@@ -82,11 +82,9 @@ def test_no_values_make_a_traceback(values: dict[str, object]) -> None:
 
 
 @given(st.sampled_from(FLASHED), st.floats(-1e30, 1e30))
-def test_a_value_that_is_taken_can_be_sent(signal: object, value: float) -> None:
-    name = signal.name  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType, reportUnknownVariableType]
-    if problem_of(str(name), value) == "":  # pyright: ignore[reportUnknownArgumentType]
-        data = encode(signal, value, {})  # pyright: ignore[reportArgumentType]
-        assert math.isfinite(decode(signal, data, {}))  # pyright: ignore[reportArgumentType]
+def test_a_value_that_is_taken_can_be_sent(signal: Signal, value: float) -> None:
+    if problem_of(signal.name, value) == "":
+        assert math.isfinite(decode(signal, encode(signal, value, {}), {}))
 
 
 def test_set_points_and_the_stream_are_no_part_of_a_set() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bench.errors import LimitError
 from bench.parameters.tuning import current_loop, speed_loop
@@ -15,7 +16,7 @@ IDEAL = replace(PAPER, drive=replace(PAPER.drive, noise_i=0.0, adc_bits=0))
 M, T_S = PAPER.motor, PAPER.drive.T_s
 
 
-def current_step(settings: dict[str, float]) -> np.ndarray:  # pyright: ignore[reportUnknownParameterType, reportMissingTypeArgument]
+def current_step(settings: dict[str, float]) -> NDArray[np.float64]:
     still = replace(IDEAL.excitation, i_d_ref=0.0, i_q_ref=0.0, i_d_step=0.0, i_q_step=0.0)
     drive = VirtualDrive(replace(IDEAL, settings=settings, excitation=still))
     drive.record(500)

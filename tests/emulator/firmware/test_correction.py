@@ -27,7 +27,9 @@ def table(name: str, values: NDArray[np.float64]) -> dict[str, float]:
     return {f"{name}_{k}": float(value) for k, value in enumerate(values, start=1)}
 
 
-def course(scenario: Scenario, effects: dict[str, Any], settings: dict[str, float], **drive: Any) -> NDArray[np.complex128]:
+def course(
+    scenario: Scenario, effects: dict[str, Any], settings: dict[str, float], **drive: Any
+) -> NDArray[np.complex128]:
     """What the machine then does: true flux linkage and angle, every 10 periods of 0.2 s."""
     given = replace(
         scenario, effects=NONE._replace(**effects), settings=settings, drive=replace(scenario.drive, **drive)
