@@ -38,6 +38,11 @@ class Identity:
         return self.layout_id != WATCHDOG_LAYOUT
 
     @property
+    def has_memory(self) -> bool:
+        """Its layout tells of its memory, and has control loops and corrections that can be set."""
+        return any(signal.name == "memory_count" for signal in self.signals)
+
+    @property
     def signals(self) -> tuple[Signal, ...]:
         """What it has."""
         return signals_of(self.layout_id)

@@ -6,6 +6,7 @@ to it. Knows nothing of buses.
 """
 
 import getpass
+import math
 import os
 import secrets
 import socket
@@ -96,7 +97,7 @@ class Lease:
                 drive.write("watchdog_time", self.seconds)
             self._watchdog, self._renewed = before, time.monotonic()
             return
-        self.seconds = min(self.seconds, drive.read("watchdog_time"))
+        self._allowed(drive.read("watchdog_time"))
         self._send(drive, Action.TAKE)
 
     def keep(self, drive: Drive) -> None:
@@ -113,6 +114,8 @@ class Lease:
     def write(self, drive: Drive, values: Mapping[str, float]) -> None:
         """Write signals (SI) in one piece. Raises HeldError, RefusedError, DriveError."""
         self._send(drive, Action.RENEW, values=values)
+        if drive.identity.has_lease:  # no record asks for more than the drive then allows
+            self._allowed(values.get("watchdog_time", self.seconds))
 
     def start(self, drive: Drive, values: Mapping[str, float] | None = None) -> None:
         """Write signals and switch the bridge on, in one piece. Raises HeldError, FaultError, DriveError."""
@@ -148,6 +151,10 @@ class Lease:
         finally:
             if self._watchdog:  # one that never bites is not given back
                 drive.write("watchdog_time", self._watchdog)
+
+    def _allowed(self, longest: float) -> None:
+        """No longer than the drive allows, in whole ms as it travels."""
+        self.seconds = min(self.seconds, math.floor(longest * 1e3 + 1e-6) * 1e-3)
 
     def _send(
         self, drive: Drive, action: Action, bridge: Bridge = Bridge.AS_IT_IS, values: Mapping[str, float] | None = None

@@ -3,16 +3,21 @@
 CiA 402. Knows nothing of buses.
 """
 
+import contextlib
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 from drivers.drive import Drive
-from drivers.errors import FaultError, FrameError, NoReplyError
+from drivers.errors import FaultError, FrameError, LostError, NoReplyError, RefusedError
 from drivers.wire.cia402 import Command, State, error_text, state_of
-from drivers.wire.dictionary import RESTORE_WORD, STORE_WORD
+from drivers.wire.dictionary import RESET_WORD, RESTORE_WORD, STORE_WORD
 
+Write = Callable[[str, float], None]
+DELIVERED, NEWEST, OLDER, WRITING = range(4)  # memory_state
 PATIENCE: Final = 2.0  # s, for a state to be reached
+BOOT: Final = 10.0  # s, for a drive to be there again after a reset
 _POLL: Final = 0.005  # s
 
 _TO_ENABLE: Final = {
@@ -97,14 +102,54 @@ def reset_fault(drive: Drive) -> None:
     drive.write("control_word", 0.0)
 
 
-def store(drive: Drive) -> None:
-    """Keep all parameters over a power cycle."""
-    drive.write("store", STORE_WORD)
+def store(drive: Drive, write: Write | None = None) -> None:
+    """Keep all parameters over a power cycle; a drive that tells of its memory says then that it has.
+
+    `write`: by whom, where not by anybody. Raises NoReplyError where it has not.
+    """
+    _kept(drive, "store", STORE_WORD, write or drive.write)
 
 
-def restore(drive: Drive) -> None:
-    """Parameters as delivered, from the next reset on."""
-    drive.write("restore", RESTORE_WORD)
+def restore(drive: Drive, write: Write | None = None) -> None:
+    """Parameters as delivered, from the next reset on; as `store`."""
+    _kept(drive, "restore", RESTORE_WORD, write or drive.write)
+
+
+def _kept(drive: Drive, command: str, word: int, write: Write) -> None:
+    if not drive.identity.has_memory:
+        write(command, word)
+        return
+    before, deadline = drive.read("memory_count"), time.monotonic() + PATIENCE
+    try:
+        write(command, word)
+    except RefusedError:  # of a repetition, since the first is under way
+        if drive.read("memory_state") != WRITING and drive.read("memory_count") == before:
+            raise
+    while (count := drive.read("memory_count")) == before:
+        if time.monotonic() > deadline:
+            raise NoReplyError(f"the drive has not written its memory {PATIENCE:g} s after `{command}`")
+        time.sleep(_POLL)
+    if count != before + 1:
+        raise FrameError(f"the drive counts {count:g} writes of its memory, {before + 1:g} were to be")
+
+
+def reset(link: Callable[[], Drive], write: Write | None = None) -> Drive:
+    """Have a drive start anew, and wait until it has; the drive as it is then to be had.
+
+    `link` tells it each time: its link may end with the reset. Raises RefusedError where it is on, NoReplyError.
+    """
+    drive = link()
+    before, deadline = drive.read("tick"), time.monotonic() + BOOT
+    with contextlib.suppress(NoReplyError, LostError):  # it may be gone before it answers
+        (write or drive.write)("reset", RESET_WORD)
+    while True:
+        with contextlib.suppress(NoReplyError, LostError):
+            drive = link()
+            if drive.read("tick") < before:
+                return drive
+        if time.monotonic() > deadline:
+            raise NoReplyError(f"the drive has not started anew {BOOT:g} s after `reset`")
+        time.sleep(_POLL)
 
 
 def check_fault(drive: Drive) -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from emulator.bounds import ScenarioError
 from emulator.clock import Pacer, Present
+from emulator.drive.memory import Memory
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.errors import BusError
 from emulator.input_file import one_line
@@ -46,6 +47,9 @@ def main(arguments: list[str] | None = None) -> int:
         "--control", choices=CONTROLS, help="who starts it, in place of the scenario's drive.control: "
         "a client with its lease, a master inside it, or anybody, as before there were leases"
     )
+    parser.add_argument(
+        "--memory", metavar="FILE", help="where it keeps what it stores, also over its own end (default: in memory)"
+    )
     parser.add_argument("--with-input", action="store_true", help="end when standard input does, as with its parent")
     options = parser.parse_args(arguments)
     stop = threading.Event()
@@ -61,7 +65,8 @@ def main(arguments: list[str] | None = None) -> int:
         scenario = scenario_named(options.scenario)
         if options.control is not None:
             scenario = replace(scenario, drive=replace(scenario.drive, control=options.control))
-        run(scenario, urls, stop, faults, tell_data=options.with_input)
+        memory = _memory(options.memory)
+        run(scenario, urls, stop, faults, memory, tell_data=options.with_input)
     except (ScenarioError, BusError, ValueError) as error:
         print(f"pmsm-bench emulate: {one_line(error)}", file=sys.stderr)
         return 2
@@ -78,15 +83,24 @@ def scenario_named(name: str) -> Scenario:
     return BUILT_IN[name] if name in BUILT_IN else load(Path(name))
 
 
+def _memory(path: str | None) -> Memory:
+    """Raises ValueError, in a sentence."""
+    try:
+        return Memory(None if path is None else Path(path))
+    except OSError as error:
+        raise ValueError(f"the drive's memory cannot be kept in {path}: {error.strerror}") from None
+
+
 def run(
-    scenario: Scenario, urls: Sequence[str], stop: threading.Event, faults: Faults, *, tell_data: bool = False
-) -> None:
+    scenario: Scenario, urls: Sequence[str], stop: threading.Event, faults: Faults, memory: Memory,
+    *, tell_data: bool = False,
+) -> None:  # fmt: skip
     """Be the scenario's drive at some URLs, in real time, until told to stop.
 
     `tell_data`: its data sheet as JSON, in the line after the first, for the parent, whose bench starts it.
     """
     serial = zlib.crc32(urls[0].encode()) or 1  # the same whenever it is started there
-    drive = VirtualDrive(scenario, serial, on_links=True)
+    drive = VirtualDrive(scenario, serial, on_links=True, memory=memory)
     drive.warm_up()
     with ExitStack() as opened:
         present = opened.enter_context(Present())

@@ -191,7 +191,7 @@ def ended_words(state: str, reason: str) -> str:
 
 
 def parameters_of(drive: Drive, ended: Callable[[], bool]) -> dict[str, float | None]:
-    """The drive's own settings, SI, as far as they can be read, until it is to end; None where one is not finite.
+    """The drive's own settings but its tables, SI, as far as they can be read, until it is to end; None: not finite.
 
     On a line that it shares with the stream: this takes a while.
     """
@@ -199,7 +199,7 @@ def parameters_of(drive: Drive, ended: Callable[[], bool]) -> dict[str, float | 
     for signal in drive.identity.signals:
         if ended():
             break
-        if signal.is_parameter and signal != _CONTROL:
+        if signal.is_parameter and not signal.table and signal != _CONTROL:
             time.sleep(_BETWEEN)
             with contextlib.suppress(DriveError):
                 value = drive.read(signal.name)

@@ -10,7 +10,7 @@ from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_
 from bench.api.models.recent import PLACE, RecentModel, place_of, recent_model
 from bench.errors import UnavailableError
 from bench.service.service import Service
-from bench.service.signals import Reading, is_writable, shapes
+from bench.service.signals import TABLE_ENTRY, Reading, is_writable, shapes
 
 _READ: Answers = {
     409: {"description": "The drive refused"} | PROBLEM,
@@ -53,7 +53,7 @@ class SignalValuesModel(BaseModel):
 
     model_config = {"extra": "allow", "json_schema_extra": {
         "examples": [{"i_q_ref": 2.0, "bandwidth": 1250.0}], "minProperties": 1,
-        "properties": shapes(), "additionalProperties": False,
+        "properties": shapes(), "patternProperties": {TABLE_ENTRY: {"type": "number"}}, "additionalProperties": False,
     }}
 
 

@@ -13,6 +13,7 @@ import typer
 from typer import Argument, Option
 
 from bench.cli.exit_codes import EPILOG, FAULT, INTERRUPTED, REFUSED, details_kept
+from bench.cli.params import params
 from bench.cli.recordings import recordings
 from bench.errors import BenchError, ConfigError, InternalError
 from drivers.errors import DriveError
@@ -23,6 +24,7 @@ app = typer.Typer(
 )
 
 app.add_typer(recordings, name="recordings")
+app.add_typer(params, name="params")
 
 DEFAULT_BUS = "canopen://socketcand/127.0.0.1:29536/can0/5"
 _NO_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final
 
-from drivers.wire.dictionary import CAPTURE_DATA, CONTROL, SIGNALS, Signal, WireType, signal_at, signal_named
+from drivers.wire.dictionary import CAPTURE_DATA, CONTROL, SIGNALS, TABLES, Signal, WireType, signal_at, signal_named
 
 DEVICE_NAME: Final = "pmsm-bench virtual drive"
 DEVICE_TYPE: Final = 0x0002_0192  # CiA 402, servo drive
@@ -263,6 +263,8 @@ _NAMES: Final = {
     0x1010: "Store parameters", 0x1011: "Restore default parameters", 0x2000: "Drive", 0x2010: "Full scales",
     0x2100: "Stream", 0x2200: "Control", 0x2300: "References", 0x2310: "Protections",
     0x2320: "Safety", 0x2400: "Recorder", 0x2500: "Control lease",
+    0x2210: "Current control", 0x2220: "Speed control", 0x2230: "Sensing", 0x2240: "Inverter", 0x2250: "Saturation",
+    0x2510: "Memory", **{index: name for name, (index, _, _) in TABLES.items()},
 }
 
 

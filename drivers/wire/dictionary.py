@@ -81,6 +81,11 @@ class Signal:
         """Only the holder of the control lease writes it while there is one."""
         return self.access == "rw" and self.index in _GUARDED
 
+    @property
+    def table(self) -> str:
+        """The table that it is an entry of, the sub-index tells which; empty for all others."""
+        return _TABLE_AT.get(self.index, "")
+
     def __str__(self) -> str:
         return f"0x{self.index:04X}:{self.subindex} ({self.name})"
 
@@ -102,6 +107,7 @@ def _setting(
 
 STORE_WORD = int.from_bytes(b"save", "little")  # CiA 301, object 0x1010
 RESTORE_WORD = int.from_bytes(b"load", "little")  # CiA 301, object 0x1011
+RESET_WORD = int.from_bytes(b"rset", "little")
 
 
 def _command(
@@ -137,7 +143,21 @@ STREAM_ROW = ("theta_e", "i_d", "i_q", "omega_e", "u_d", "u_q", "u_dc", "i_d_mea
 SET_POINTS = ("i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "speed_ref", "speed_step")
 """What is zero while nobody controls the drive, and after its bridge went off, whatever switched it off."""
 
-_GUARDED = frozenset({0x2200, 0x2300, 0x2310, 0x6040, 0x1010, 0x1011})
+TABLE_SIZE = 64  # entries of each table
+TABLE_SIDE = 8  # of a table over two quantities: 8 x 8, row by row
+TABLES = {
+    "psi_d_table": (0x2600, "Vs", "d-axis flux linkage: i_d by rows, from table_i_d_min; i_q by columns, from 0"),
+    "psi_q_table": (0x2610, "Vs", "q-axis flux linkage on the same grid; odd in i_q"),
+    "angle_table": (0x2620, "rad", "what the encoder reads too much, mechanical, over a turn that it reads"),
+    "inverter_table": (0x2630, "V", "voltage that a leg loses, from phase current 0 to inverter_table_current; odd"),
+}
+"""Tables that a drive keeps: object, unit, meaning. An entry each is a signal, sub-index 1 to `TABLE_SIZE`."""
+_TABLE_AT = {index: name for name, (index, _, _) in TABLES.items()}
+
+_GUARDED = frozenset({
+    0x2200, 0x2210, 0x2220, 0x2230, 0x2240, 0x2250, 0x2300, 0x2310, 0x2510, 0x6040, 0x1010, 0x1011,
+    *(index for index, _, _ in TABLES.values()),
+})
 """Objects that act on the motor; the stream's and the recorder's do not."""
 
 LEASE_TIMES = (0.05, 10.0)  # s, shortest and longest that a control lease may last without being renewed
@@ -231,6 +251,44 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("lease_left", 0x2500, 5, _F, "s", "ro", "until the control lease ends; 0: there is none, -1: local control"),
     Signal("lease_end", 0x2500, 6, WireType.U16, "1", "ro",
            "how the latest ended; 0: none has, 1: given up, 2: not renewed, 3: stopped by another client"),
+    # What layout 0x8B680B3C does not have: its control loops, what they make up for, and what its memory is like
+    _whole(0x2210, 1, "own_gains", 0, 1, "current control: 0: gains of the bandwidth, 1: those below"),
+    _setting(0x2210, 2, "k_p_d", "V/A", 0.0, 1e4, "proportional gain, d axis"),
+    _setting(0x2210, 3, "k_i_d", "V/(A s)", 0.0, 1e7, "integral gain, d axis"),
+    _setting(0x2210, 4, "k_p_q", "V/A", 0.0, 1e4, "proportional gain, q axis"),
+    _setting(0x2210, 5, "k_i_q", "V/(A s)", 0.0, 1e7, "integral gain, q axis"),
+    _whole(0x2210, 6, "decoupling", 0, 1, "1: cross-coupling and back-EMF are fed forward"),
+    _setting(0x2220, 1, "k_p_speed", "A s/rad", 0.0, 1e3, "proportional gain of the speed control, electrical speed"),
+    _setting(0x2220, 2, "k_i_speed", "A/rad", 0.0, 1e5, "integral gain of the speed control"),
+    _setting(0x2220, 3, "speed_filter", "s", 0.0, 1.0, "time constant of the speed that it controls by"),
+    _setting(0x2220, 4, "current_limit", "A", 0.0, None, "longest current reference; the drive's own limit bounds it"),
+    *(_setting(0x2230, k, f"i_{phase}_gain", "1", 0.5, 2.0, f"phase {phase}: times its reading is the current")
+      for k, phase in enumerate("abc", start=1)),
+    *(_setting(0x2230, k, f"i_{phase}_offset", "A", None, None, f"phase {phase}: taken off its reading before that")
+      for k, phase in enumerate("abc", start=4)),
+    _setting(0x2230, 7, "u_dc_gain", "1", 0.5, 2.0, "times its reading is the dc link's voltage"),
+    _setting(0x2230, 8, "angle_offset", "rad", -3.2, 3.2, "electrical: added to the angle that is read"),
+    _setting(0x2230, 9, "angle_latency", "s", -1e-3, 1e-3, "age of the angle that is read"),
+    _whole(0x2230, 10, "angle_reversed", 0, 1, "1: the encoder counts against the phases' order"),
+    _whole(0x2230, 11, "phases_swapped", 0, 1, "1: phases b and c are connected the other way round"),
+    _whole(0x2230, 12, "angle_correction", 0, 1, "1: angle_table is taken off the angle that is read"),
+    _whole(0x2240, 1, "inverter_correction", 0, 2, "of lost voltage; 0: none, 1: dead time and drop, 2: a table"),
+    _setting(0x2240, 2, "dead_time", "s", 0.0, 2e-5, "for which both transistors of a leg are off"),
+    _setting(0x2240, 3, "inverter_width", "A", 0.0, None, "phase current from which a leg loses all of that"),
+    _setting(0x2240, 4, "inverter_drop", "V", 0.0, 10.0, "voltage across a leg's device"),
+    _setting(0x2240, 5, "inverter_table_current", "A", 0.0, None, "phase current of the last entry of inverter_table"),
+    _whole(0x2250, 1, "saturation_correction", 0, 1, "1: flux linkages of the tables, not of control_L_d and so on"),
+    _setting(0x2250, 2, "table_i_d_min", "A", None, 0.0, "i_d of the tables' first row"),
+    _setting(0x2250, 3, "table_i_d_max", "A", 0.0, None, "i_d of their last row"),
+    _setting(0x2250, 4, "table_i_q_max", "A", 0.0, None, "i_q of their last column"),
+    Signal("memory_state", 0x2510, 1, WireType.U16, "1", "ro",
+           "parameters after the latest reset: 0: as delivered, 1: the newest that were stored, 2: those before, since "
+           "the newest were cut; 3: being stored"),
+    Signal("memory_count", 0x2510, 2, WireType.U32, "1", "ro", "so often have parameters been stored"),
+    Signal("memory_checksum", 0x2510, 3, WireType.U32, "1", "ro", "CRC-32 of what is stored; 0: nothing"),
+    _command(0x2510, 4, "reset", WireType.U32, RESET_WORD, RESET_WORD, "start anew, with the bridge off"),
+    *(_setting(index, k, f"{name}_{k}", unit, None, None, meaning)
+      for name, (index, unit, meaning) in TABLES.items() for k in range(1, TABLE_SIZE + 1)),
 )
 
 CAPTURE_DATA = (0x2410, 1)
@@ -248,7 +306,9 @@ def signal_named(name: str) -> Signal:
     try:
         return _BY_NAME[name]
     except KeyError:
-        raise KeyError(f"the drive has no signal {name!r}; it has {', '.join(sorted(_BY_NAME))}") from None
+        entries = (f"{table}_1 to _{TABLE_SIZE}" for table in TABLES)
+        there = sorted((*(signal.name for signal in SIGNALS if not signal.table), *entries))
+        raise KeyError(f"the drive has no signal {name!r}; it has {', '.join(there)}") from None
 
 
 def signal_at(index: int, subindex: int) -> Signal | None:
@@ -265,16 +325,24 @@ def layout_id(signals: Iterable[Signal] = SIGNALS) -> int:
     return zlib.crc32(text.encode("ascii"))
 
 
-_WATCHDOG_SIGNALS = 76  # of the layout before the control lease
+_WATCHDOG_SIGNALS, _LEASE_SIGNALS = 76, 84  # of the layouts before the control lease, and before control loops
 WATCHDOG_LAYOUT = layout_id(SIGNALS[:_WATCHDOG_SIGNALS])
 """A drive without a control lease: anybody's request feeds its watchdog, and anybody may start it."""
+LEASE_LAYOUT = layout_id(SIGNALS[:_LEASE_SIGNALS])
+"""A drive with a control lease whose control loops and corrections are fixed, and which tells nothing of its memory."""
+
+
+_LAYOUTS = {
+    layout_id(): SIGNALS, LEASE_LAYOUT: SIGNALS[:_LEASE_SIGNALS], WATCHDOG_LAYOUT: SIGNALS[:_WATCHDOG_SIGNALS],
+}
 
 
 def signals_of(layout: int) -> tuple[Signal, ...]:
     """What a drive of this layout has; nothing where the layout is not known."""
-    return {layout_id(): SIGNALS, WATCHDOG_LAYOUT: SIGNALS[:_WATCHDOG_SIGNALS]}.get(layout, ())
+    return _LAYOUTS.get(layout, ())
 
 
 def layout_text() -> str:
     """The layouts that are known, in words."""
-    return f"0x{layout_id():08X} or 0x{WATCHDOG_LAYOUT:08X}"
+    *others, last = (f"0x{layout:08X}" for layout in _LAYOUTS)
+    return f"{', '.join(others)} or {last}"

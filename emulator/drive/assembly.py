@@ -36,6 +36,8 @@ def bench_of(scenario: Scenario) -> Bench:
             run.seed,
             effects.current_sensing,
             effects.angle_sensing,
+            drive.encoder_offset,
+            drive.encoder_reversed,
         ),
         voltage=effects.voltage_sensing,
         timing=effects.timing,
@@ -51,6 +53,7 @@ def bench_of(scenario: Scenario) -> Bench:
         ),
         sub_steps=drive.sub_steps,
         moves=moves,
+        crossed=drive.phases_crossed,
     )
 
 
@@ -96,10 +99,7 @@ def _mapped(motor: Machine, flux_map: FluxMap) -> Machine:
 
 
 def _commissioned(scenario: Scenario) -> Commissioning:
-    """The speed loop is set for a shaft of inertia J: bandwidth alpha_s, integral time 4 / alpha_s."""
-    motor, drive, run = scenario.motor, scenario.drive, scenario.run
-    alpha_s = run.speed_bandwidth
-    k_p = alpha_s * motor.J / (1.5 * motor.n_p**2 * motor.psi_f)
+    drive = scenario.drive
     return Commissioning(
         drive.T_s,
         drive.u_dc,
@@ -108,9 +108,6 @@ def _commissioned(scenario: Scenario) -> Commissioning:
         float(drive.overvoltage_trip),
         float(drive.undervoltage_trip),
         scenario.profile,
-        k_p,
-        k_p * alpha_s / 4.0,
-        drive.speed_filter,
         drive.overmodulation,
-        run.seed,
+        scenario.run.seed,
     )

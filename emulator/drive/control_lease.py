@@ -18,6 +18,7 @@ class Denial(Enum):
     HOLDERS_ALONE = "only the holder of the control lease writes it, in a control record"
     HELD = "another client holds the control lease"
     NOT_HELD = "the control lease is not this client's, or no longer"
+    BUSY = "not while the bridge is on, or parameters are being stored"
 
 
 class DeniedError(Exception):

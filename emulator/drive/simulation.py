@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from emulator.drive.stream import NO_ROW, Period, Row, extended, write_row
 from emulator.firmware.control import Commissioning, FirmwareState, Settings, computed, switched_on
+from emulator.firmware.correction import corrected, lost
 from emulator.frames import nearest, turned, wrapped
 from emulator.kernel import kernel
-from emulator.plant.bridge import Bridge, BridgeState, scratch, switched
+from emulator.plant.bridge import Bridge, BridgeState, Scratch, scratch, switched
 from emulator.plant.course import Course, machine_at
 from emulator.plant.dynamics import Plant, PlantState, advanced, bridge_current, field, settled, stepped
 from emulator.plant.dynamics import started as plant_started
@@ -57,6 +58,7 @@ class Bench(NamedTuple):
     bridge: Bridge
     sub_steps: int  # integration steps per control period
     moves: bool  # magnets or inductances move, which takes energy
+    crossed: bool  # the motor's phases b and c are connected the other way round
 
 
 class State(NamedTuple):
@@ -110,21 +112,26 @@ def _sampled(bench: Bench, plant: Plant, state: PlantState, u: complex, powered:
         supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
         later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
         slope = (bridge_current(plant, later) - i) / skew
-    return sampled(bench.sensors, i, state.theta_m, tick, slope)
+    return sampled(bench.sensors, crossed(bench.crossed, i), state.theta_m, tick, crossed(bench.crossed, slope))
 
 
-def started(bench: Bench, n_p: int, psi_f: float, powered: bool, temperature: float) -> State:
-    """The state at tick 0: no current, angle zero, speed as the profile says, all at a temperature (degC).
+@kernel
+def crossed(exchanged: bool, x: complex) -> complex:
+    """A stationary vector with phases b and c exchanged, where they are."""
+    return x.conjugate() if exchanged else x
 
-    `n_p` and `psi_f` (Vs) are what the drive takes the machine for.
-    """
+
+def started(bench: Bench, settings: Settings, powered: bool, temperature: float) -> State:
+    """The state at tick 0: no current, angle zero, speed as the profile says, all at a temperature (degC)."""
     omega_m = profile_speed(bench.plant.shaft.profile, 0.0)
     heat = Temperatures(temperature, temperature, temperature)
     machine = machine_now(bench, 0.0, heat)
     plant = plant_of(bench, machine, False)
     state = plant_started(plant, 0.0, omega_m)
     back_emf = 1j * machine.n_p * omega_m * machine.psi_f  # at angle zero
-    sample = _sampled(bench, plant, state, back_emf, powered, 0)
+    raw = _sampled(bench, plant, state, back_emf, powered, 0)
+    n_p, psi_f = settings.n_p, settings.control_psi_f  # what the drive takes the machine for
+    sample = corrected(settings.sensing, settings.tables.angle_table, n_p, raw, n_p * omega_m)
     firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s, powered)
     bridge = BridgeState(bench.bridge.E, False, False, False, 0.0, 0.0, 0.0)
     return State(0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, firmware, NO_ROW)
@@ -154,6 +161,27 @@ def _write_line(line: NDArray[np.float64], t: float, T_s: float, period: Period,
 
 
 @kernel
+def _driven(
+    bench: Bench, now: Plant, u: complex, added: complex, exchanged: bool, known: bool, u_dc: float, t: float,
+    bridge: BridgeState, plant: PlantState, room: Scratch,
+) -> tuple[complex, BridgeState, PlantState]:
+    """A control period from t (s) on, of a voltage (V, stationary) and what is added to it for the bridge's sake.
+
+    The voltage that the drive takes for applied, and bridge and plant afterwards.
+    """
+    T_s, set_ = bench.fixed.T_s, crossed(exchanged, u + added)
+    if bench.bridge.switched:
+        duties = _duties(bench, set_, u_dc) if known else Duties(0.0, 0.0, 0.0)
+        bridge, plant = switched(bench.bridge, now, duties, known, t, T_s, bench.sub_steps, bridge, plant, room)
+        set_ = voltage_of(duties, u_dc)
+    else:
+        set_ = limited(set_, u_dc)
+        supply = vector(set_ * (bridge.u_dc / u_dc), bridge.u_dc)
+        plant = advanced(now, supply, t, T_s, bench.sub_steps, plant)
+    return crossed(exchanged, set_) - added, bridge, plant
+
+
+@kernel
 def simulated(
     bench: Bench,
     settings: Settings,
@@ -168,17 +196,19 @@ def simulated(
     Those are written to `ticks` (m) and `rows` (m x stream.COLUMNS); every period to a line of `recording`
     (periods x RECORDED) unless that is empty.
     """
-    T_s, n_p, edges = bench.fixed.T_s, settings.n_p, bench.bridge.switched
+    T_s, n_p, sensing, tables = bench.fixed.T_s, settings.n_p, settings.sensing, settings.tables
+    exchanged = bench.crossed != (sensing.phases_swapped != 0)
     tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, firmware, row = state
     room = scratch()
     complete = 0
     for n in range(periods):
         t = tick * T_s
-        u_dc = max(read_voltage(bench.voltage, bridge.u_dc), _LEAST_READ * bench.fixed.u_dc)
+        u_dc = max(sensing.u_dc_gain * read_voltage(bench.voltage, bridge.u_dc), _LEAST_READ * bench.fixed.u_dc)
         # The period: the voltage computed one period ago is applied while the next is computed
         u, known = firmware.u_next, firmware.powered
         if bench.timing.delay > 0:
             u, u_waiting = u_waiting, u
+        added = lost(settings.inverter, tables.inverter_table, firmware.i_next, u_dc, T_s) if known else 0j
         firmware = computed(bench.fixed, settings, firmware, sample, u_dc, t)
         if bench.telegraph.amplitude > 0.0:
             telegraph = keyed(bench.telegraph, telegraph, T_s, bench.fixed.seed, tick)
@@ -187,20 +217,15 @@ def simulated(
         if bench.moves:
             W_given += field(now, plant) - field(plant_of(bench, was, telegraph), plant)
         W_copper, W_iron = plant.W_copper, plant.W_iron
-        if edges:
-            duties = _duties(bench, u, u_dc) if known else Duties(0.0, 0.0, 0.0)
-            bridge, plant = switched(bench.bridge, now, duties, known, t, T_s, bench.sub_steps, bridge, plant, room)
-            u = voltage_of(duties, u_dc)
-        else:
-            u = limited(u, u_dc)
-            plant = advanced(now, vector(u * (bridge.u_dc / u_dc), bridge.u_dc), t, T_s, bench.sub_steps, plant)
+        u, bridge, plant = _driven(bench, now, u, added, exchanged, known, u_dc, t, bridge, plant, room)
         plant = settled(now, t + T_s, plant)
         if bench.thermal.C_w > 0.0:
             heat = warmed(bench.thermal, heat, plant.W_copper - W_copper, plant.W_iron - W_iron, T_s)
         then = plant_of(bench, machine_now(bench, (tick + 1) * T_s, heat), telegraph)
         u_next = u_waiting if bench.timing.delay > 0 else firmware.u_next
-        u_held = limited(u_next, u_dc) * (bridge.u_dc / u_dc)
-        before, sample = sample, _sampled(bench, then, plant, u_held, firmware.powered, tick + 1)
+        u_held = limited(crossed(exchanged, u_next), u_dc) * (bridge.u_dc / u_dc)
+        raw = _sampled(bench, then, plant, u_held, firmware.powered, tick + 1)
+        before, sample = sample, corrected(sensing, tables.angle_table, n_p, raw, firmware.omega_e)
 
         # What the drive knows of it
         theta_e = wrapped(n_p * before.theta_m)

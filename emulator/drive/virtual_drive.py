@@ -7,6 +7,7 @@ buses.
 """
 
 import math
+import struct
 import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
@@ -26,11 +27,13 @@ from drivers.wire.cia402 import (
     Command,
     State,
 )
-from drivers.wire.codec import FULL_SCALES, check_range, decode
+from drivers.wire.codec import FULL_SCALES, check_range, decode, encode_held
 from drivers.wire.dictionary import (
     LEASE_TIMES,
     SET_POINTS,
     SIGNALS,
+    TABLE_SIZE,
+    TABLES,
     WATCHDOG_LAYOUT,
     Signal,
     WireType,
@@ -41,8 +44,9 @@ from drivers.wire.dictionary import (
 from drivers.wire.lease import Bridge, End, Record, holder_words, unpacked
 from emulator.drive import stream
 from emulator.drive.assembly import bench_of
-from emulator.drive.control_lease import ControlLease
+from emulator.drive.control_lease import ControlLease, Denial, DeniedError
 from emulator.drive.in_place import begun, now_of, set_bench, set_settings, set_state, state_of, stepped
+from emulator.drive.memory import WRITING, Memory
 from emulator.drive.recorder import ARMED, TRIGGERED, Recorder, Setup
 from emulator.drive.simulation import RECORDED, machine_now, plant_of, started
 from emulator.drive.simulation import State as SimulationState
@@ -58,6 +62,7 @@ from emulator.firmware.control import (
     TRIP_SPEED,
     Settings,
 )
+from emulator.firmware.correction import Inverter, Saturation, Sensing, Tables
 from emulator.firmware.excitation import FASTEST_SINE, KINDS, highest_sine
 from emulator.firmware.operation import Operation
 from emulator.plant.course import continued, rows_at
@@ -70,13 +75,16 @@ from emulator.scenario.scenarios import SAFE_TORQUE_OFF, Scenario, check, oversp
 Column = NDArray[np.float64]
 
 _WHOLE: Final = frozenset(s.name for s in SIGNALS if s.access == "rw" and s.type is not WireType.F32)
-_PARAMETERS: Final = tuple(s.name for s in SIGNALS if s.is_parameter)
+_PARAMETERS: Final = tuple(s for s in SIGNALS if s.is_parameter)
+_PARTS: Final = {"sensing": Sensing, "inverter": Inverter, "saturation": Saturation}  # of the settings
 _RESET, _BRIDGE = "reset", "bridge"  # stand among what is written
 _NO_SIGNALS: Final = frozenset({_RESET, _BRIDGE})
 _SWITCHING_ON: Final = (Command.SHUTDOWN, Command.SWITCH_ON, Command.ENABLE_OPERATION)
 _LEASE_TIME: Final = 2.0  # s, `watchdog_time` as delivered
 _NEVER: Final = 1e9  # rad/s
-_CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "i_d_weakening"})
+_CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "i_d_weakening", "current_limit"})
+_NOT_WHILE_ON: Final = frozenset({"reset"})
+_NOT_WHILE_STORING: Final = frozenset({"store", "restore", "reset"})
 _TRIPS: Final = {
     TRIP_CURRENT: OVERCURRENT, TRIP_HIGH_VOLTAGE: OVERVOLTAGE, TRIP_LOW_VOLTAGE: UNDERVOLTAGE, TRIP_SPEED: SPEED_ERROR,
     TRIP_OVERSPEED: OVERSPEED,
@@ -125,13 +133,16 @@ class VirtualDrive:
     It runs by itself, and anybody may write to it, unless it is `on_links`: then `scenario.drive.control` says who may.
     """
 
-    def __init__(self, scenario: Scenario, serial: int = 1, *, on_links: bool = False) -> None:
+    def __init__(
+        self, scenario: Scenario, serial: int = 1, *, on_links: bool = False, memory: Memory | None = None
+    ) -> None:
         check(scenario)
         control = scenario.drive.control if on_links else "watchdog"
         self._local = control == "local"
         self._guarded = control != "watchdog"  # it has a control lease, and no other watchdog
         self.layout_id: Final = layout_id() if self._guarded else WATCHDOG_LAYOUT
         self.names: Final = frozenset(signal.name for signal in signals_of(self.layout_id))
+        self._parameters: Final = tuple(signal for signal in _PARAMETERS if signal.name in self.names)
         self.serial: Final = serial
         self.scenario: Final = scenario
         drive, run = scenario.drive, scenario.run
@@ -141,7 +152,7 @@ class VirtualDrive:
         self._settings = _first_settings(scenario, on_links)
         if control == "lease":
             self._settings = self._settings._replace(**dict.fromkeys(SET_POINTS, 0.0))
-        state = started(self._bench, self._settings.n_p, self._settings.control_psi_f, self._runs, run.temperature)
+        state = started(self._bench, self._settings, self._runs, run.temperature)
         self._simulation = begun(self._bench, self._settings, state)
         self._now = now_of(self._simulation)
         self._operation = self._switched_on()
@@ -158,10 +169,13 @@ class VirtualDrive:
         self._readable = self._constants() | dict.fromkeys(stream.COLUMNS, 0.0) | {"row_tick": 0.0}
         self._readable |= {s.name: max(0.0, s.minimum or 0.0) for s in SIGNALS if s.access == "rw"}
         self._readable["watchdog_time"] = _LEASE_TIME if self._guarded else 0.0
-        self._publish_settings()
+        self._memory = memory or Memory()
+        self._readable |= _flat(self._settings)
+        self._delivered = {signal.name: self._readable[signal.name] for signal in _PARAMETERS}
+        if self._memory.values:
+            self._recall()
+            self._apply_settings()
         self._publish()
-        self._delivered = {name: self._readable[name] for name in _PARAMETERS}
-        self._stored = dict(self._delivered)
 
     @property
     def has_lease(self) -> bool:
@@ -321,7 +335,10 @@ class VirtualDrive:
             self._publish_lease()
 
     def reset(self) -> None:
-        """Start anew at the next `run`, as after a power cycle: stored parameters, tick 0, state as at the start."""
+        """Start anew at the next `run`, as after a power cycle: stored parameters, tick 0, state as at the start.
+
+        What is being stored is cut.
+        """
         with self._lock:
             self._written.append((_RESET, 0.0))
 
@@ -351,6 +368,10 @@ class VirtualDrive:
         check_range(signal, value)
         if signal.name == "watchdog_time" and self._guarded and value < LEASE_TIMES[0]:
             raise ValueError(f"{signal} takes at least {LEASE_TIMES[0]:g} s, got {value:g}")
+        if signal.name in _NOT_WHILE_ON and self._operation.powered:
+            raise DeniedError(Denial.BUSY)
+        if signal.name in _NOT_WHILE_STORING and present["memory_state"] == WRITING:
+            raise DeniedError(Denial.BUSY)
         if signal.name in _WHOLE and value != int(value):
             raise ValueError(f"{signal} takes a whole number, got {value}")
         if signal.name == "capture_command" and value == 1.0:
@@ -384,6 +405,7 @@ class VirtualDrive:
         tick = self.tick
         rows = self._simulate(periods, recording)
         self._protect(self._temperatures()[0])
+        self._memory.pass_(periods * self.T_s)
         with self._lock:
             self._recorder.take(tick, recording)
         self._publish(rows)
@@ -445,16 +467,19 @@ class VirtualDrive:
             course = continued(bench.course, self.elapsed, bench.plant.machine, temperature)
             self._bench = bench._replace(course=course)
             set_bench(self._simulation, self._bench)
-        if not written:
-            return
-        values: dict[str, Any] = {name: self._readable[name] for name in Settings._fields}
-        self._settings = _typed(values)
+        if written:
+            self._apply_settings()
+
+    def _apply_settings(self) -> None:
+        """Go on with the parameters as they are, as readable as they act."""
+        with self._lock:
+            self._settings = _typed(self._readable)
+            self._readable |= _flat(self._settings)
         set_settings(self._simulation, self._settings)
-        self._publish_settings()
 
     def _take(self, name: str, value: float) -> None:
         """What has been written, one by one."""
-        if name == _RESET:
+        if name in (_RESET, "reset"):
             self._restart()
             return
         if name in (_BRIDGE, "control_word"):
@@ -462,10 +487,10 @@ class VirtualDrive:
         if name == _BRIDGE:
             return
         self._readable[name] = value
-        if name == "store":
-            self._stored = {key: self._readable[key] for key in _PARAMETERS}
-        elif name == "restore":
-            self._stored = dict(self._delivered)
+        if name in ("store", "restore"):
+            self._memory.store(self._image() if name == "store" else b"")
+            if "memory_state" not in self.names:  # nobody could be told that it takes time
+                self._memory.pass_(math.inf)
         elif name == "capture_command":
             self._command_recorder(int(value))
 
@@ -489,8 +514,25 @@ class VirtualDrive:
     def _switched_on(self) -> Operation:
         return Operation(State.OPERATION_ENABLED if self._runs else State.SWITCH_ON_DISABLED)
 
+    def _image(self) -> bytes:
+        """All parameters, as they are stored: the layout, then one after the other."""
+        parts = [encode_held(signal, self._readable[signal.name], {}) for signal in self._parameters]
+        return struct.pack("<I", self.layout_id) + b"".join(parts)
+
+    def _recall(self) -> None:
+        """Parameters as delivered, or as they were stored by a drive of this layout."""
+        self._readable |= self._delivered
+        if self._memory.values[:4] != struct.pack("<I", self.layout_id):
+            return
+        at = 4
+        for signal in self._parameters:
+            size = signal.type.bits // 8
+            self._readable[signal.name] = decode(signal, self._memory.values[at : at + size], {})
+            at += size
+
     def _restart(self) -> None:
-        self._readable |= self._stored
+        self._memory.restart()
+        self._recall()
         if not self._runs:
             self._readable |= dict.fromkeys(SET_POINTS, 0.0)
         self._reset_at = self._now.tick
@@ -510,13 +552,13 @@ class VirtualDrive:
 
     def _present(self) -> dict[str, float]:
         """Values as they will be when all that is written has been taken."""
-        armed = {"capture_state": float(ARMED)} if ("capture_command", 1.0) in self._written else {}
-        return self._readable | {name: value for name, value in self._written if name not in _NO_SIGNALS} | armed
-
-    def _publish_settings(self) -> None:
-        """Make the settings readable as they are."""
-        with self._lock:
-            self._readable |= {name: float(value) for name, value in self._settings._asdict().items()}
+        present = self._readable | {name: value for name, value in self._written if name not in _NO_SIGNALS}
+        for name, value in self._written:
+            if (name, value) == ("capture_command", 1.0):
+                present["capture_state"] = float(ARMED)
+            elif name in ("store", "restore") and "memory_state" in self.names:
+                present["memory_state"] = float(WRITING)
+        return present
 
     def _publish(self, rows: StreamRows | None = None) -> None:
         """Make the present readable: tick, temperature, the latest row."""
@@ -526,6 +568,9 @@ class VirtualDrive:
         latest["capture_count"] = float(self._recorder.count)
         latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
         latest["capture_number"] = float(self._recorder.number)
+        memory = self._memory
+        latest["memory_state"] = float(WRITING if memory.writing else memory.state)
+        latest["memory_count"], latest["memory_checksum"] = float(memory.count), float(memory.checksum)
         latest["temp_winding"], latest["temp_magnet"] = self._temperatures()
         if rows:
             latest |= {name: float(getattr(rows, name)[-1]) for name in stream.COLUMNS}
@@ -565,8 +610,12 @@ class VirtualDrive:
 
 
 def _first_settings(scenario: Scenario, on_links: bool) -> Settings:
-    """The drive as commissioned: it takes the motor for what it is at 23.4 degC."""
+    """The drive as delivered: it takes the motor for what it is at 23.4 degC, unless its settings say otherwise.
+
+    The speed loop is set for a shaft of inertia J: bandwidth alpha_s, integral time 4 / alpha_s.
+    """
     motor, drive, run, excitation = scenario.motor, scenario.drive, scenario.run, scenario.excitation
+    k_p_speed = run.speed_bandwidth * motor.J / (1.5 * motor.n_p**2 * motor.psi_f)
     follows = PROFILE if run.speed_reference == "profile" else REFERENCE
     settings = Settings(
         stream_periods=drive.stream_periods,
@@ -597,11 +646,42 @@ def _first_settings(scenario: Scenario, on_links: bool) -> Settings:
         speed_error_trip=drive.speed_error_trip,
         speed_error_time=drive.speed_error_time,
         overspeed_trip=overspeed_of(scenario) if on_links or drive.overspeed_trip > 0.0 else _NEVER,
+        own_gains=0,
+        k_p_d=drive.bandwidth * motor.L_d,
+        k_i_d=drive.bandwidth * motor.R_s,
+        k_p_q=drive.bandwidth * motor.L_q,
+        k_i_q=drive.bandwidth * motor.R_s,
+        decoupling=1,
+        k_p_speed=k_p_speed,
+        k_i_speed=k_p_speed * run.speed_bandwidth / 4.0,
+        speed_filter=drive.speed_filter,
+        current_limit=drive.i_max,
+        sensing=Sensing(),
+        inverter=Inverter(),
+        saturation=Saturation(),
+        tables=Tables(*np.zeros((len(TABLES), TABLE_SIZE))),
     )
-    return _typed(settings._asdict())
+    return _typed(_flat(settings) | scenario.settings)
 
 
-def _typed(values: Mapping[str, Any]) -> Settings:
+def _flat(settings: Settings) -> dict[str, float]:
+    """Every setting by its signal's name."""
+    values: dict[str, Any] = settings._asdict()
+    tables = values.pop("tables")._asdict()
+    for part in _PARTS:
+        values |= values.pop(part)._asdict()
+    for name, table in tables.items():
+        values |= {f"{name}_{k}": value for k, value in enumerate(table, start=1)}
+    return {name: float(value) for name, value in values.items()}
+
+
+def _typed(values: Mapping[str, float]) -> Settings:
     """Settings as they are compiled: a whole number where the signal takes one, else a real one."""
-    typed: dict[str, Any] = {name: int(value) if name in _WHOLE else float(value) for name, value in values.items()}
-    return Settings(**typed)
+
+    def taken(names: Iterable[str]) -> dict[str, Any]:
+        return {name: int(values[name]) if name in _WHOLE else float(values[name]) for name in names}
+
+    parts: dict[str, Any] = {name: part(**taken(part._fields)) for name, part in _PARTS.items()}
+    tables = Tables(**{name: np.array([values[f"{name}_{k}"] for k in range(1, TABLE_SIZE + 1)]) for name in TABLES})
+    scalars = [name for name in Settings._fields if name not in (*_PARTS, "tables")]
+    return Settings(**taken(scalars), **parts, tables=tables)

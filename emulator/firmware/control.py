@@ -7,6 +7,7 @@ its settings say, and of the world only its samples.
 import math
 from typing import NamedTuple
 
+from emulator.firmware.correction import Inverter, Saturation, Sensing, Tables, flux
 from emulator.firmware.excitation import AT_REST, Excited, excited
 from emulator.firmware.reference import Ramp, ramped
 from emulator.firmware.weakening import NOT_WEAKENED, Weakening, d_first, room, weakened
@@ -52,6 +53,20 @@ class Settings(NamedTuple):
     speed_error_trip: float  # rad/s; 0: never
     speed_error_time: float  # s
     overspeed_trip: float  # rad/s
+    own_gains: int  # 0: those of the bandwidth
+    k_p_d: float  # V/A
+    k_i_d: float  # V/(A s)
+    k_p_q: float
+    k_i_q: float
+    decoupling: int  # 1: cross-coupling and back-EMF are fed forward
+    k_p_speed: float  # A s/rad, of the speed loop, electrical speed
+    k_i_speed: float  # A/rad
+    speed_filter: float  # s, time constant of the speed that it controls by
+    current_limit: float  # A, longest current reference
+    sensing: Sensing
+    inverter: Inverter
+    saturation: Saturation
+    tables: Tables
 
 
 class Commissioning(NamedTuple):
@@ -59,14 +74,11 @@ class Commissioning(NamedTuple):
 
     T_s: float  # s, control period
     u_dc: float  # V
-    i_max: float  # A, longest current reference
+    i_max: float  # A, longest current reference of all
     i_trip: float  # A, a sampled current beyond it switches the bridge off
     overvoltage_trip: float  # V, and so does a dc link above this; 0: never
     undervoltage_trip: float  # V, or below this
     profile: Profile
-    k_p_speed: float  # A s/rad, proportional gain of the speed loop, electrical speed
-    k_i_speed: float  # A/rad, integral gain
-    T_speed: float  # s, time constant of the speed filter
     overmodulates: bool  # voltages beyond the linear range are tried
     seed: int
 
@@ -77,6 +89,7 @@ class FirmwareState(NamedTuple):
     powered: bool  # the bridge is on
     trip: int  # and was switched off by this
     u_next: complex  # V, stationary frame: to be applied over the next period
+    i_next: complex  # A, stationary frame: current in that period
     integral: complex  # V, rotor frame: of the current control
     theta_m: float  # rad, of the sample before
     omega_e: float  # rad/s, filtered
@@ -93,8 +106,9 @@ def switched_on(
     """State at the first sample; the first voltage is the back-EMF, so that no current rushes in."""
     omega_e = n_p * omega_m
     u = turned(n_p * theta_m + 0.5 * omega_e * T_s) * (1j * omega_e * psi_f)
+    ramp = Ramp(omega_e, 1, 0)
     return FirmwareState(
-        powered, NO_TRIP, u, 0j, theta_m - omega_m * T_s, omega_e, 0.0, Ramp(omega_e, 1, 0), 0, NOT_WEAKENED, AT_REST
+        powered, NO_TRIP, u, 0j, 0j, theta_m - omega_m * T_s, omega_e, 0.0, ramp, 0, NOT_WEAKENED, AT_REST
     )
 
 
@@ -139,6 +153,19 @@ def speed_reference(
 
 
 @kernel
+def gains(settings: Settings, L_d: float, L_q: float) -> tuple[float, float, float, float]:
+    """Of the current control, k_p_d, k_i_d, k_p_q, k_i_q, where the inductances are L_d and L_q (H).
+
+    Those of the bandwidth alpha cancel the machine's pole: alpha L and alpha R_s. L. Harnefors, H.-P. Nee, "Model-based
+    current control of AC machines using the internal model control method", IEEE Trans. Industry Applications, 1998.
+    """
+    if settings.own_gains != 0:
+        return settings.k_p_d, settings.k_i_d, settings.k_p_q, settings.k_i_q
+    alpha, k_i = settings.bandwidth, settings.bandwidth * settings.control_R_s
+    return alpha * L_d, k_i, alpha * L_q, k_i
+
+
+@kernel
 def weaker(
     settings: Settings, before: Weakening, u: complex, omega_e: float, most: float, i_max: float, T_s: float
 ) -> Weakening:
@@ -159,13 +186,11 @@ def computed(
     With the bridge off, `u_next` is what the machine's terminals then have, near enough: the current decays, and with
     no current the back-EMF is left. The drive does not know that voltage.
     """
-    T_s, i_max = fixed.T_s, fixed.i_max
-    R_s, L_d, L_q, psi_f = (settings.control_R_s, settings.control_L_d, settings.control_L_q, settings.control_psi_f)
-    alpha = settings.bandwidth
+    T_s, i_max = fixed.T_s, min(fixed.i_max, settings.current_limit)
 
     theta_e = settings.n_p * sample.theta_m
     raw_speed = settings.n_p * nearest(sample.theta_m - state.theta_m) / T_s
-    omega_e = state.omega_e + (raw_speed - state.omega_e) * T_s / (fixed.T_speed + T_s)
+    omega_e = state.omega_e + (raw_speed - state.omega_e) * T_s / (settings.speed_filter + T_s)
     i = measured_current(sample) * turned(-theta_e)
 
     trip = tripped(fixed, settings, state, abs(i), u_dc, omega_e)
@@ -190,8 +215,8 @@ def computed(
     if settings.speed_control != OFF:
         error = ramp.omega_e - omega_e
         late = state.late + 1 if 0.0 < settings.speed_error_trip < abs(error) else 0
-        i_q_wanted = fixed.k_p_speed * error + state.i_q_integral
-        i_q_integral = state.i_q_integral + fixed.k_i_speed * T_s * error
+        i_q_wanted = settings.k_p_speed * error + state.i_q_integral
+        i_q_integral = state.i_q_integral + settings.k_i_speed * T_s * error
         i_q_integral = min(max(i_q_integral, -i_q_most), i_q_most)
     i_ref = complex(i_d_ref, i_q_wanted + settings.i_q_step * x_q)
     if weakening:
@@ -203,15 +228,21 @@ def computed(
 
     # Current control: PI, cross-coupling and back-EMF fed forward
     e = i_ref - i
-    back_emf = omega_e * complex(-L_q * i.imag, L_d * i.real + psi_f)
-    u = complex(alpha * L_d * e.real, alpha * L_q * e.imag) + state.integral + back_emf
+    L_d, L_q = settings.control_L_d, settings.control_L_q
+    psi = complex(L_d * i.real + settings.control_psi_f, L_q * i.imag)
+    if settings.saturation.saturation_correction != 0:
+        psi, L_d, L_q = flux(settings.saturation, settings.tables, i.real, i.imag)
+    k_p_d, k_i_d, k_p_q, k_i_q = gains(settings, L_d, L_q)
+    back_emf = omega_e * complex(-psi.imag, psi.real) if settings.decoupling != 0 or not powered else 0j
+    u = complex(k_p_d * e.real, k_p_q * e.imag) + state.integral + back_emf
     linear = longest(u_dc)
     most = corner(u_dc) if fixed.overmodulates else linear
     u_limited = d_first(u, most) if weakening else shortened(u, most)
     # Anti-windup: the integral takes in the error that the limited voltage answers to
     short = u_limited - u
-    integral = state.integral + alpha * R_s * T_s * (
-        e + complex(short.real / (alpha * L_d), short.imag / (alpha * L_q))
+    integral = state.integral + complex(
+        k_i_d * T_s * (e.real + (short.real / k_p_d if k_p_d > 0.0 else 0.0)),
+        k_i_q * T_s * (e.imag + (short.imag / k_p_q if k_p_q > 0.0 else 0.0)),
     )
     if not powered:
         integral = 0j
@@ -220,7 +251,9 @@ def computed(
 
     weakened_next = weaker(settings, state.weakening, u, omega_e, linear, i_max, T_s) if weakening else NOT_WEAKENED
 
-    u_next = u_limited * turned(theta_e + _DELAY * omega_e * T_s)
+    next_frame = turned(theta_e + _DELAY * omega_e * T_s)
+    u_next, i_next = u_limited * next_frame, i * next_frame
     return FirmwareState(
-        powered, trip, u_next, integral, sample.theta_m, omega_e, i_q_integral, ramp, late, weakened_next, excitation
-    )
+        powered, trip, u_next, i_next, integral, sample.theta_m, omega_e, i_q_integral, ramp, late, weakened_next,
+        excitation,
+    )  # fmt: skip

@@ -21,6 +21,8 @@ class Sensors(NamedTuple):
     seed: int
     current: CurrentSensing = CurrentSensing()
     angle: AngleSensing = AngleSensing()
+    mounted: float = 0.0  # rad, mechanical: that the encoder reads with the magnets on phase a
+    reversed: bool = False  # it counts down as the motor turns forwards
 
 
 class Sample(NamedTuple):
@@ -58,6 +60,9 @@ def sampled(sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: c
         i_b += sigma * gauss(sensors.seed, _PHASE_B, tick)
         i_c += sigma * gauss(sensors.seed, _PHASE_C, tick)
     theta_m = read_angle(sensors.angle, theta_m)
+    if sensors.reversed:
+        theta_m = -theta_m
+    theta_m += sensors.mounted
     if sensors.encoder_counts > 0:
         count = TURN / sensors.encoder_counts
         theta_m = math.floor(theta_m / count) * count

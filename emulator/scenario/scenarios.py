@@ -5,6 +5,7 @@
     [run]         see `Run`
     [excitation]  see `Excitation`
     [effects.*]   physics beyond the textbook, see `effects`
+    [settings]    parameters that the drive is delivered with, where they are other than the motor's, see `settings`
 
 Keys are the fields below; what has a default may be left out. A scenario that cannot be is refused with one
 sentence that names file, key, bound and what came. A winding that warms up within a run, and a bridge with edges:
@@ -31,7 +32,7 @@ A speed above the base speed that a bench commands, and another excitation; both
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -43,6 +44,7 @@ from emulator.plant.machine import COLDEST, HOTTEST, TABLE_TEMPERATURES, Machine
 from emulator.plant.mechanics import Profile
 from emulator.scenario.effects import NONE, Effects, check_effects, effects_from_table
 from emulator.scenario.motors import drive_table, motor_from_table
+from emulator.scenario.settings import settings_from_table
 
 SHAFTS = ("dynamometer", "free")
 BRIDGES = ("averaged", "switched")
@@ -74,6 +76,10 @@ class Drive:
     noise_i: Annotated[float, Bound("A", low=0.0)] = 0.01  # standard deviation, each phase current
     adc_bits: Annotated[int, Bound(low=0, high=24)] = 12  # 0: ideal
     encoder_counts: Annotated[int, Bound(low=0, high=2**30)] = 0  # per mechanical turn; 0: ideal
+    encoder_offset: Annotated[float, Bound("rad", low=-math.pi, high=math.pi)] = 0.0  # mechanical, that it reads when
+    # the magnets lie on phase a
+    encoder_reversed: bool = False  # it counts down as the motor turns forwards
+    phases_crossed: bool = False  # the motor's phases b and c are connected the other way round
     stream_periods: Annotated[int, Bound(low=1, high=1000)] = 10  # control periods per stream row
     sub_steps: Annotated[int, Bound(low=1, high=1000)] = 10  # integration steps per control period, at least
     bridge: str = "averaged"  # the mean voltage over a control period; or "switched": edges
@@ -150,6 +156,7 @@ class Scenario:
     run: Run = Run()
     excitation: Excitation = Excitation()
     effects: Effects = NONE
+    settings: dict[str, float] = field(default_factory=dict[str, float])  # by signal, where other than they follow
 
     @property
     def profile(self) -> Profile:
@@ -192,7 +199,7 @@ def parse(text: str, name: str, folder: Path = Path()) -> Scenario:
         raise ScenarioError(f"{name}: is not TOML: {error}") from None
     except (RecursionError, ValueError) as error:  # brackets without end; a number that cannot be
         raise ScenarioError(f"{name}: is not TOML: {type(error).__name__}") from None
-    sections = ("motor", "drive", "run", "excitation", "effects")
+    sections = ("motor", "drive", "run", "excitation", "effects", "settings")
     for key, value in document.items():
         if key not in sections:
             raise ScenarioError(f"{name}: {shown(key)} is no section; the sections are {', '.join(sections)}")
@@ -206,7 +213,8 @@ def parse(text: str, name: str, folder: Path = Path()) -> Scenario:
     run = from_table(Run, document.get("run", {}), f"{name}: run.")
     excitation = from_table(Excitation, document.get("excitation", {}), f"{name}: excitation.")
     effects = effects_from_table(document.get("effects", {}), f"{name}: effects.", folder)
-    scenario = Scenario(name, motor, drive, run, excitation, effects)
+    settings = settings_from_table(document.get("settings", {}), f"{name}: settings.")
+    scenario = Scenario(name, motor, drive, run, excitation, effects, settings)
     check(scenario)
     return scenario
 

@@ -9,7 +9,7 @@ A fault is told in one word, KIND[=VALUE][@BEGIN[+LENGTH]], times in s since pow
     closed@5+2                              nothing passes either way
     unplugged@5+2                           the port, the line, the end on the bus is gone, and then there again
     busoff@5+2                              CAN: the node leaves the bus, and comes back pre-operational
-    reset@5                                 the drive resets
+    reset@5                                 the drive resets, as when its power fails: what it is storing is cut
     refuse=0x2200                           every access to objects of this index is refused
 
 A script is a file of such words, a line each; what follows a '#' is a comment. The same seed gives the same faults.

@@ -217,7 +217,7 @@ def test_our_client_says_that_a_node_is_no_such_drive(other: tuple[str, Any]) ->
 def test_our_client_writes_nothing_to_a_node_of_another_layout(other: tuple[str, Any]) -> None:
     url, network = other
     node = network.add_node(drive_like_node(layout=1, x1800_1=0x1A5))
-    sentence = r"'pmsm-bench virtual drive'\) has another signal layout: expected 0x\w+ or 0x\w+, got 0x00000001"
+    sentence = r"'pmsm-bench virtual drive'\) has another signal layout: expected 0x\w+, 0x\w+ or 0x\w+, got 0x00000001"
     with pytest.raises(ConnectError, match=sentence):
         connect(url)
     assert node.sdo[0x1800][1].raw == 0x1A5

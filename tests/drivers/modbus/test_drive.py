@@ -255,7 +255,7 @@ def test_what_reads_back_otherwise_is_told(bench: Served, drive: Drive) -> None:
 def test_nothing_is_stored_that_does_not_read_the_same_twice() -> None:
     with served(tcp_url()) as bench, connect(bench.url) as drive:
         blocks = len(registers.blocks(s for s in drive.identity.signals if s.is_parameter))
-        stored = bench.drive._stored
+        stored = bench.drive._memory.count
         bench.server.faults = Disturbed(
             1, skip=2 * blocks + 1, change=lambda frame: frame[:-1] + bytes([frame[-1] ^ 1])
         )
@@ -263,9 +263,9 @@ def test_nothing_is_stored_that_does_not_read_the_same_twice() -> None:
             operation.store(drive)
         tick = bench.drive.tick
         until(lambda: bench.drive.tick > tick + 200, "its time stands still")
-        assert bench.drive._stored is stored
+        assert bench.drive._memory.count == stored
         operation.store(drive)
-        until(lambda: bench.drive._stored is not stored, "nothing is stored")
+        until(lambda: bench.drive._memory.count > stored, "nothing is stored")
 
 
 def test_parameters_that_are_stored_outlive_a_reset_and_restored_ones_are_as_delivered(

@@ -56,7 +56,7 @@ def test_signals_stand_in_the_manufacturers_range_but_for_those_of_the_standards
 
 def test_what_is_written_to_make_something_happen_is_no_parameter() -> None:
     commands = {s.name for s in SIGNALS if s.access == "rw" and not s.is_parameter}
-    assert commands == {"control_word", "store", "restore", "capture_command", "capture_offset"}
+    assert commands == {"control_word", "store", "restore", "reset", "capture_command", "capture_offset"}
     assert (STORE_WORD, RESTORE_WORD) == (0x65766173, 0x64616F6C)  # "save" and "load", CiA 301
 
 
@@ -84,7 +84,7 @@ def test_bounds_belong_to_what_can_be_written_and_leave_room(signal: Signal) -> 
         assert low is None
         assert high is None
     if low is not None and high is not None:
-        assert low < high or signal.name in ("store", "restore")  # one word alone does it
+        assert low < high or signal.name in ("store", "restore", "reset")  # one word alone does it
 
 
 @pytest.mark.parametrize("signal", SIGNALS, ids=lambda s: s.name)
@@ -103,7 +103,8 @@ def test_a_signal_is_found_by_name_and_by_address() -> None:
 
 
 def test_an_unknown_name_is_told_with_the_names_there_are() -> None:
-    with pytest.raises(KeyError, match=r"the drive has no signal 'torque'; it has T_s, bandwidth, .*u_q"):
+    names = r"it has T_s, angle_correction, .*psi_q_table_1 to _64, .*u_q"
+    with pytest.raises(KeyError, match=rf"the drive has no signal 'torque'; {names}"):
         signal_named("torque")
 
 

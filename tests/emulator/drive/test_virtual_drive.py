@@ -144,6 +144,7 @@ def test_a_parameter_that_is_written_is_read_at_once_and_stays() -> None:
         if signal.is_parameter:
             value = drive.read(signal.name) * 1.01 if signal.type is WireType.F32 else signal.maximum or 0.0
             others = {"overspeed_trip": 2e3, "n_p": 4.0, "stream_periods": 20.0, "watchdog_time": 0.0}
+            others["current_limit"] = 9.0
             value = others.get(signal.name, value)
             drive.write(signal.name, value)
             assert drive.read(signal.name) == value

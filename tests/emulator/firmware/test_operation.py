@@ -304,8 +304,9 @@ def test_restored_parameters_come_with_the_next_reset() -> None:
     drive = VirtualDrive(PAPER)
     drive.write("bandwidth", 900.0)
     drive.write("store", 0x65766173)
+    drive.run(1000)
     drive.write("restore", 0x64616F6C)
-    drive.run(1)
+    drive.run(1000)
     assert drive.read("bandwidth") == 900.0
     drive.reset()
     drive.run(1)

@@ -1,0 +1,259 @@
+"""`pmsm-bench params`: sets as files, and flashed into drives by their bus."""
+
+import getpass
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from rich.table import Table
+
+from bench.cli.exit_codes import DOES_NOT, HOLDS
+from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, write_whole
+from bench.cli.terminal import Terminal
+from bench.errors import ConfigError, ConflictError
+from bench.files import data_folder, read_bytes
+from bench.parameters import flash, journal
+from bench.parameters.flash import Around, End, Verdict, parameters
+from bench.parameters.formats.a2l import as_a2l
+from bench.parameters.formats.c_header import as_c_header
+from bench.parameters.formats.dcf import as_dcf, from_dcf
+from bench.parameters.link import OwnLink
+from bench.parameters.parameter_set import ParameterSet, as_toml, problem_of, read, set_of
+from bench.parameters.plan import Plan, different
+from drivers.drive import Drive
+from drivers.wire.dictionary import Signal, signal_named
+
+_SCHEMES: Final = ("canopen:", "modbus+tcp:", "modbus+rtu:", "uart:")
+_SHOWN: Final = 12  # entries of tables that are shown
+
+
+def pulled(url: str, out: Path, name: str) -> None:
+    """Write a drive's parameters as a set."""
+    with _linked(url) as link:
+        drive = link()
+        whose = {"layout_id": drive.identity.layout_id, "serial": drive.identity.serial}
+        _write(out, as_toml(set_of(parameters(drive), name, "", **whose)))
+
+
+def shown(path: Path, *, as_json: bool) -> None:
+    """Print a set."""
+    given = _read(path)
+    if as_json:
+        print(json.dumps(asdict(given), indent=2))
+        return
+    table = Table(title=f"{given.name}, version {given.version}")
+    for heading in ("", "value", "unit", "95 % interval", "status", "from"):
+        table.add_column(heading, justify="right" if heading == "value" else "left")
+    for name, entry in given.entries.items():
+        signal = signal_named(name)
+        if signal.table:
+            continue
+        ends = "" if entry.low is None and entry.high is None else f"{entry.low} to {entry.high}"
+        table.add_row(name, _number(signal, entry.value), _unit(signal), ends, entry.status, entry.source)
+    terminal = Terminal()
+    terminal.print(table)
+    for name in dict.fromkeys(signal_named(name).table for name in given.entries):
+        if name:
+            terminal.print(f"table {name}: 64 entries")
+
+
+def differences(path: Path, other: str) -> int:
+    """Print where a set differs from another, or from a drive."""
+    given = _read(path)
+    if other.startswith(_SCHEMES):
+        with _linked(other) as link:
+            found = parameters(link())
+    else:
+        found = _read(Path(other)).values
+    names = different(given.values, found)
+    for name in names:
+        signal = signal_named(name)
+        there = _number(signal, found[name]) if name in found else "not there"
+        print(f"{name}: {_number(signal, given.values[name])} here, {there} there{_behind(signal)}")
+    if not names:
+        print(f"all {len(given.entries)} values are the same")
+    return DOES_NOT if names else HOLDS
+
+
+def planned(path: Path, url: str, *, as_json: bool) -> int:
+    """Print what a set would change."""
+    given = _read(path)
+    with _linked(url) as link:
+        to_do = flash.planned(link, given, _around(url))
+    if as_json:
+        print(json.dumps(_as_json(to_do), indent=2))
+    else:
+        _show(to_do)
+    return DOES_NOT if to_do.problems or to_do.doubts else HOLDS
+
+
+def flashed(path: Path, url: str, override: str, *, ask: bool) -> int:
+    """Flash a set."""
+    return _flash(_read(path), url, override, ask=ask)
+
+
+def rolled_back(url: str, *, ask: bool) -> int:
+    """Flash what was before the latest flash."""
+    with _linked(url) as link:
+        lines = journal.history(_folder(), link().identity)
+    images = [line for line in lines if line["step"] == journal.Step.BEGUN]
+    if not images:
+        raise ConflictError("nothing was flashed into this drive from here: there is nothing to go back to")
+    last = images[-1]
+    values = {name: value for name, value in last["image"].items() if not problem_of(name, value)}
+    return _flash(set_of(values, f"before {last['name']}"[:60], f"of {last['since'][:19]}Z"), url, "", ask=ask)
+
+
+def resumed(url: str, *, finish: bool) -> int:
+    """Finish a flash, or roll it back."""
+    with _linked(url) as link:
+        done = flash.resume(link, _around(url), finish=finish)
+    return _told(done, End.FLASHED if finish else End.ROLLED_BACK)
+
+
+def past(url: str, *, as_json: bool) -> None:
+    """Print what was flashed."""
+    with _linked(url) as link:
+        drive = link()
+        lines, left = journal.history(_folder(), drive.identity), _cut(drive)
+    if as_json:
+        print(json.dumps({"flashes": lines, "cut": left}, indent=2))
+        return
+    for line in lines:
+        if line["step"] == journal.Step.BEGUN:
+            print(f"{line['since'][:19]}Z  {line['name']!r}, version {line['version']}, by {line['whom']}", end="")
+        elif "said" in line:
+            print(f": {line['step']}: {line['said']}")
+    if not lines:
+        print("nothing was flashed into this drive from here")
+    if left:
+        print(f"{left['since'][:19]}Z  {left['name']!r} was cut: `pmsm-bench params resume {url} --finish|--roll-back`")
+
+
+def exported(path: Path, form: str, kind: str, out: Path) -> None:
+    """Write a set for other tools."""
+    given = _read(path)
+    forms = {
+        "dcf": lambda: as_dcf(given), "c": lambda: as_c_header(given, kind), "a2l": lambda: as_a2l(given),
+        "json": lambda: json.dumps(asdict(given), indent=2) + "\n",
+    }  # fmt: skip
+    if form not in forms:
+        raise ConfigError(f"--form: expected {', '.join(forms)}, got {form!r}")
+    _write(out, forms[form]())
+
+
+def imported(path: Path, out: Path, name: str) -> None:
+    """Make a set of a DCF."""
+    try:
+        text = read_bytes(path).decode("utf-8", "replace")
+    except OSError as error:
+        raise _unreadable(path, error) from None
+    _write(out, as_toml(from_dcf(text, name, str(path))))
+
+
+def _flash(given: ParameterSet, url: str, override: str, *, ask: bool) -> int:
+    with _linked(url) as link:
+        around = _around(url, override)
+        to_do = flash.planned(link, given, around)
+        _show(to_do)
+        if not to_do.problems and (override or not to_do.doubts) and ask:
+            _ask()
+        done = flash.flash(link, given, around)
+    return _told(done, End.FLASHED)
+
+
+def _ask() -> None:
+    if not sys.stdin.isatty():
+        raise ConfigError("expected --yes, as nobody can be asked here")
+    if input("Flash it? The drive is reset. [y/N] ").strip().lower() not in ("y", "yes"):
+        raise ConflictError("not flashed")
+
+
+def _told(done: Verdict, wanted: End) -> int:
+    print(f"{done.end}: {done.said}")
+    return HOLDS if done.end is wanted else DOES_NOT
+
+
+def _show(to_do: Plan) -> None:
+    table = Table(title=f"{len(to_do.changes)} values change, {to_do.same} stay")
+    for heading in ("", "now", "then", "unit", "rounded by", "bits now", "bits then"):
+        table.add_column(heading, justify="left" if heading in ("", "unit") else "right")
+    entries = [change for change in to_do.changes if change.signal.table]
+    for change in (*(one for one in to_do.changes if not one.signal.table), *entries[:_SHOWN]):
+        signal, off = change.signal, f"{change.rounding:.1g}" if change.rounding else ""
+        cells = _number(signal, change.old), _number(signal, change.new), _unit(signal), off, *change.counts
+        table.add_row(signal.name, *cells)
+    terminal = Terminal()
+    if to_do.changes:
+        terminal.print(table)
+    if len(entries) > _SHOWN:
+        terminal.print(f"and {len(entries) - _SHOWN} more entries of tables")
+    for word, lines in (("forbidden", to_do.problems), ("doubtful", to_do.doubts), ("note", to_do.remarks)):
+        for line in lines:
+            terminal.print(f"{word}: {line}")
+
+
+def _as_json(to_do: Plan) -> dict[str, Any]:
+    changes = [
+        {
+            "signal": one.signal.name, "unit": one.signal.unit, "old": one.old, "new": one.new, "held": one.held,
+            "bits_old": one.counts[0], "bits_new": one.counts[1],
+        } for one in to_do.changes
+    ]  # fmt: skip
+    told = {"problems": to_do.problems, "doubts": to_do.doubts, "remarks": to_do.remarks}
+    return {"changes": changes, "same": to_do.same, **told}
+
+
+def _cut(drive: Drive) -> dict[str, Any] | None:
+    left = flash.cut(drive, _folder())
+    return None if left is None else {"name": left.name, "version": left.version, "since": left.since}
+
+
+def _around(url: str, override: str = "") -> Around:
+    return Around(_folder(), url, getpass.getuser(), override, tell=lambda said: print(said, file=sys.stderr))
+
+
+def _folder() -> Path:
+    return data_folder() / "flash"
+
+
+def _linked(url: str) -> OwnLink:
+    try:
+        return OwnLink(url)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+
+
+def _read(path: Path) -> ParameterSet:
+    try:
+        return read(path)
+    except OSError as error:
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: OSError) -> ConfigError:
+    return ConfigError(f"{path}: cannot be read: {error.strerror or error}")
+
+
+def _write(out: Path, text: str) -> None:
+    if out == STANDARD_OUTPUT:
+        print(text, end="")
+        return
+    check_new("--out", out)
+    with as_refusal(out):
+        write_whole(out, text, over=False)
+    print(f"{out}: written")
+
+
+def _number(signal: Signal, value: float) -> str:
+    return f"{value:.9g}" if signal.type.canopen_type == 0x08 else f"{int(value)}"
+
+
+def _unit(signal: Signal) -> str:
+    return "" if signal.unit == "1" else signal.unit
+
+
+def _behind(signal: Signal) -> str:
+    return f" ({_unit(signal)})" if _unit(signal) else ""

@@ -1,0 +1,124 @@
+"""`pmsm-bench params`: what its subcommands take."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+params = typer.Typer(
+    no_args_is_help=True, add_completion=False,
+    help="A drive's parameters as files: read, planned, flashed, verified, taken back.",
+)
+
+Drive = Annotated[str, Argument(metavar="URL", help="the drive, by its bus")]
+Set = Annotated[Path, Argument(metavar="SET.toml", help="a parameter set")]
+Json = Annotated[bool, Option("--json", help="as JSON, SI")]
+Out = Annotated[Path, Option(metavar="FILE", help="where to write it; - for standard output")]
+
+
+@params.command()
+def pull(
+    drive: Drive, out: Out = Path("-"), name: Annotated[str, Option(help="of the set")] = "as it is"
+) -> None:
+    """Read all of a drive's parameters into a set."""
+    from bench.cli.commands.params import pulled
+
+    pulled(drive, out, name)
+
+
+@params.command()
+def show(given: Set, json: Json = False) -> None:
+    """What a set holds, and all that is wrong with it."""
+    from bench.cli.commands.params import shown
+
+    shown(given, as_json=json)
+
+
+@params.command()
+def diff(given: Set, other: Annotated[str, Argument(metavar="SET.toml|URL", help="another set, or a drive")]) -> None:
+    """Where a set and another, or a drive, differ: exit code 1."""
+    from bench.cli.commands.params import differences
+
+    raise typer.Exit(differences(given, other))
+
+
+@params.command()
+def plan(given: Set, drive: Drive, json: Json = False) -> None:
+    """What a set would change in a drive, and all that forbids it; nothing is written."""
+    from bench.cli.commands.params import planned
+
+    raise typer.Exit(planned(given, drive, as_json=json))
+
+
+@params.command()
+def flash(
+    given: Set,
+    drive: Drive,
+    yes: Annotated[bool, Option("--yes", help="do not ask")] = False,
+    override: Annotated[str, Option(metavar="REASON", help="why doubts do not forbid it; goes into the history")] = "",
+) -> None:
+    """Write, read back, store, reset, read again; anything but equality is rolled back."""
+    from bench.cli.commands.params import flashed
+
+    raise typer.Exit(flashed(given, drive, override, ask=not yes))
+
+
+@params.command()
+def verify(given: Set, drive: Drive) -> None:
+    """Whether a drive has the values of a set: exit code 1 where it does not."""
+    from bench.cli.commands.params import differences
+
+    raise typer.Exit(differences(given, drive))
+
+
+@params.command()
+def rollback(drive: Drive, yes: Annotated[bool, Option("--yes", help="do not ask")] = False) -> None:
+    """Flash the values that a drive had before the latest flash from here."""
+    from bench.cli.commands.params import rolled_back
+
+    raise typer.Exit(rolled_back(drive, ask=not yes))
+
+
+@params.command()
+def resume(
+    drive: Drive,
+    finish: Annotated[bool, Option("--finish/--roll-back", help="go on to the new values, or back to those before")],
+) -> None:
+    """Finish a flash that was cut, or roll it back."""
+    from bench.cli.commands.params import resumed
+
+    raise typer.Exit(resumed(drive, finish=finish))
+
+
+@params.command()
+def history(drive: Drive, json: Json = False) -> None:
+    """What was flashed into a drive from here, and one that was cut."""
+    from bench.cli.commands.params import past
+
+    past(drive, as_json=json)
+
+
+@params.command()
+def export(
+    given: Set,
+    form: Annotated[str, Option(metavar="dcf|c|a2l|json", help="CANopen tools, a C header, calibration tools, JSON")],
+    out: Out = Path("-"),
+    kind: Annotated[str, Option("--type", metavar="float|q15|q31|iq24", help="of numbers in C")] = "float",
+) -> None:
+    """Write a set for other tools."""
+    from bench.cli.commands.params import exported
+
+    exported(given, form, kind, out)
+
+
+@params.command("import")
+def import_(
+    dcf: Annotated[Path, Argument(metavar="FILE.dcf", help="a device configuration file")],
+    out: Out = Path("-"),
+    name: Annotated[str, Option(help="of the set")] = "",
+) -> None:
+    """Make a set of a DCF."""
+    from bench.cli.commands.params import imported
+
+    imported(dcf, out, name or dcf.stem[:60])

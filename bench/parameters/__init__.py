@@ -1,0 +1,12 @@
+"""A drive's parameters as a set: read, kept in files, planned, flashed, verified, and taken back.
+
+* `parameter_set` - values by name, with what they are from, as a TOML file
+* `tuning` - gains of the loops by rule
+* `plan` - what a set would change in a drive, and every reason why it may not
+* `journal` - what is under way, on disk before it is done
+* `flash` - the transaction: image, write, read back, store, reset, read again; else all as before
+* `link` - a drive by its URL, for who has no service
+* `formats` - the set for other tools: DCF, C header, A2L
+
+Knows nothing of services and HTTP.
+"""

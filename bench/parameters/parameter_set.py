@@ -1,0 +1,247 @@
+"""A parameter set: a drive's writable signals by name, each with what it is from, in a TOML file.
+
+    name = "servo 6 A"
+    version = 3
+    [drive]                     # whose it is; both may be left out
+    layout_id = "0xE74BDE1C"    # of its signals
+    serial = 1234
+    [parameters]                # SI
+    bandwidth = 1250.0
+    control_R_s = { value = 0.967, low = 0.965, high = 0.969, status = "ok", source = "estimate" }
+    [tables]
+    psi_d_table = [0.10, ...]   # all 64 entries
+
+What is wrong in a file is told all at once. Set points, and the settings of stream and recorder, are no part of a set.
+Knows nothing of drives that are connected.
+"""
+
+import math
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, cast
+
+from bench.errors import ConfigError, shown
+from bench.files import read_bytes
+from drivers.wire.codec import check_range
+from drivers.wire.dictionary import SIGNALS, TABLE_SIZE, TABLES, Signal, WireType, signal_named
+
+FLASHED: Final = tuple(s for s in SIGNALS if s.is_parameter and s.is_guarded and not s.is_set_point)
+"""What a set may hold."""
+OK: Final = "ok"
+_BY_NAME: Final = {signal.name: signal for signal in FLASHED}
+_KEYS: Final = {"name", "version", "drive", "parameters", "tables"}
+_WHOSE: Final = ("layout_id", "serial")
+_ENTRY: Final = {"value", "low", "high", "status", "source"}
+_MOST: Final = 60  # characters of a name
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A value, and what is known of it."""
+
+    value: float  # SI
+    low: float | None = None  # SI, 95 % interval of what it was identified as
+    high: float | None = None
+    status: str = OK  # of the estimate or finding that it is from
+    source: str = ""  # in words
+
+    @property
+    def outside(self) -> bool:
+        """The value is not within its interval."""
+        return not (self.low is None or self.low <= self.value) or not (self.high is None or self.value <= self.high)
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSet:
+    """Values for a drive."""
+
+    name: str
+    entries: Mapping[str, Entry]  # by signal
+    version: int = 1
+    layout_id: int | None = None  # of whose signals; None: of any drive that has them
+    serial: int | None = None  # whose it is; None: anybody's
+    notes: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    @property
+    def values(self) -> dict[str, float]:
+        """SI, by signal."""
+        return {name: entry.value for name, entry in self.entries.items()}
+
+
+def set_of(values: Mapping[str, float], name: str, source: str, **whose: Any) -> ParameterSet:
+    """A set of plain values, of those that a set may hold."""
+    entries = {key: Entry(value, source=source) for key, value in values.items() if key in _BY_NAME}
+    return ParameterSet(name, entries, **whose)
+
+
+def read(path: Path) -> ParameterSet:
+    """The set in a file. Raises ConfigError, with all that is wrong, and OSError."""
+    return parse(read_bytes(path).decode("utf-8", "replace"), str(path))
+
+
+def parse(text: str, where: str) -> ParameterSet:
+    """The set in a TOML text. Raises ConfigError, with all that is wrong."""
+    try:
+        document: dict[str, Any] = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        raise ConfigError(f"{where}: is not TOML: {error}") from None
+    problems = [f"{shown(key)} is none of {', '.join(sorted(_KEYS))}" for key in document if key not in _KEYS]
+    told = _Reader(problems)
+    name, version = document.get("name", ""), document.get("version", 1)
+    if not isinstance(name, str) or not 0 < len(name) <= _MOST or not name.isprintable():
+        problems.append(f"name: expected 1 to {_MOST} characters, got {shown(name)}")
+    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+        problems.append(f"version: expected a whole number from 1 on, got {shown(version)}")
+    drive = told.table(document, "drive")
+    layout_id, serial = told.number(drive, "layout_id"), told.number(drive, "serial")
+    problems += [f"drive {shown(key)}: expected layout_id or serial" for key in drive if key not in _WHOSE]
+    entries = dict(told.entries(told.table(document, "parameters")))
+    for key, listed in told.table(document, "tables").items():
+        entries.update(told.list_of(key, listed))
+    if not entries and not problems:
+        problems.append("expected values in [parameters] or [tables], got none")
+    if problems:
+        raise ConfigError("\n".join(f"{where}: {problem}" for problem in problems))
+    return ParameterSet(name, entries, version, layout_id, serial)
+
+
+def problem_of(name: str, value: object) -> str:
+    """Why a signal cannot have a value, a clause; empty where it can."""
+    signal = _BY_NAME.get(name)
+    if signal is None:
+        return _no_parameter(name)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return f"{signal} takes a number, got {shown(value)}"
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        return f"{signal} takes a finite number, got {shown(value)}"
+    if signal.type is not WireType.F32 and number != int(number):
+        return f"{signal} takes a whole number, got {shown(value)}"
+    try:
+        check_range(signal, number)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def as_toml(given: ParameterSet) -> str:
+    """A set as its file: `parse` gives it back."""
+    lines = [f"name = {_text(given.name)}", f"version = {given.version}"]
+    whose = dict(zip(_WHOSE, (given.layout_id, given.serial), strict=True))
+    if any(value is not None for value in whose.values()):
+        lines.append("[drive]")
+        lines += [f'{key} = "0x{value:08X}"' for key, value in whose.items() if value is not None]
+    lines.append("[parameters]")
+    lines += [_line(_BY_NAME[name], entry) for name, entry in given.entries.items() if not _BY_NAME[name].table]
+    tables = {table: _entries_of(table, given.entries) for table in TABLES}
+    if any(tables.values()):
+        lines.append("[tables]")
+        for table, values in tables.items():
+            if values:
+                lines.append(f"{table} = [  # {TABLES[table][1]}: {TABLES[table][2]}")
+                lines += [f"    {', '.join(map(repr, values[k : k + 8]))}," for k in range(0, TABLE_SIZE, 8)]
+                lines.append("]")
+    return "\n".join(lines) + "\n"
+
+
+def _entries_of(table: str, entries: Mapping[str, Entry]) -> list[float]:
+    names = [f"{table}_{k}" for k in range(1, TABLE_SIZE + 1)]
+    return [entries[name].value for name in names] if all(name in entries for name in names) else []
+
+
+def _line(signal: Signal, entry: Entry) -> str:
+    value = repr(entry.value) if signal.type is WireType.F32 else str(int(entry.value))
+    unit = "" if signal.unit == "1" else f" {signal.unit}"
+    told = {"low": entry.low, "high": entry.high, "status": entry.status, "source": entry.source}
+    more = {key: one for key, one in told.items() if one not in (None, "") and (key, one) != ("status", OK)}
+    if more:
+        parts = (f"{key} = {_text(one) if isinstance(one, str) else repr(one)}" for key, one in more.items())
+        value = f"{{ value = {value}, {', '.join(parts)} }}"
+    return f"{signal.name} = {value}  #{unit} {signal.summary}{_limits(signal)}"
+
+
+def _limits(signal: Signal) -> str:
+    low, high = signal.minimum, signal.maximum
+    if low is None:
+        return "" if high is None else f"; up to {high:g}"
+    return f"; from {low:g}" if high is None else f"; {low:g} to {high:g}"
+
+
+def _text(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04X}" for c in escaped) + '"'
+
+
+def _no_parameter(name: str) -> str:
+    try:
+        signal = signal_named(name)
+    except KeyError:
+        return f"no signal {shown(name)}"
+    return f"{signal} is no parameter that is flashed"
+
+
+class _Reader:
+    """Takes a document apart; what is wrong goes to a list."""
+
+    def __init__(self, problems: list[str]) -> None:
+        self._problems = problems
+
+    def table(self, document: Mapping[str, Any], key: str) -> dict[str, Any]:
+        """A section, empty where there is none."""
+        found = document.get(key, {})
+        if isinstance(found, dict):
+            return cast(dict[str, Any], found)
+        self._problems.append(f"{key}: expected a section, got {shown(found)}")
+        return {}
+
+    def number(self, table: Mapping[str, Any], key: str) -> int | None:
+        """A number of 32 bits, in hex as a text or plain; None where there is none."""
+        given = table.get(key)
+        if given is None:
+            return None
+        try:
+            value = int(given, 0) if isinstance(given, str) else given
+        except ValueError:
+            value = None
+        if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 32:
+            return value
+        self._problems.append(f"{key}: expected a number of 32 bits such as 0xE74BDE1C, got {shown(given)}")
+        return None
+
+    def entries(self, table: Mapping[str, Any]) -> Iterator[tuple[str, Entry]]:
+        """Values with what is known of them."""
+        for name, given in table.items():
+            parts = cast(dict[str, Any], given) if isinstance(given, dict) else {"value": given}
+            problem = problem_of(name, parts.get("value"))
+            others = [key for key in parts if key not in _ENTRY]
+            ends = [parts.get(key) for key in ("low", "high")]
+            if problem:
+                self._problems.append(problem)
+            elif others:
+                self._problems.append(f"{name} {shown(others[0])}: expected one of {', '.join(sorted(_ENTRY))}")
+            elif any(isinstance(end, bool) or not isinstance(end, int | float | None) for end in ends):
+                self._problems.append(f"{name}: expected numbers as low and high, got {shown(ends)}")
+            elif not all(isinstance(parts.get(key, ""), str) for key in ("status", "source")):
+                self._problems.append(f"{name}: expected texts as status and source")
+            else:
+                low, high = (None if end is None else float(end) for end in ends)
+                yield name, Entry(float(parts["value"]), low, high, parts.get("status", OK), parts.get("source", ""))
+
+    def list_of(self, table: str, given: object) -> Iterable[tuple[str, Entry]]:
+        """All entries of a table."""
+        if table not in TABLES:
+            self._problems.append(f"no table {shown(table)}; there are {', '.join(TABLES)}")
+            return []
+        values = cast(list[object], given) if isinstance(given, list) else []
+        if len(values) != TABLE_SIZE:
+            self._problems.append(f"{table}: expected a list of {TABLE_SIZE} numbers, got {shown(given)}")
+            return []
+        wrong = [problem for k, one in enumerate(values, start=1) if (problem := problem_of(f"{table}_{k}", one))]
+        self._problems += wrong
+        numbers = cast(list[float], values)
+        return [] if wrong else [(f"{table}_{k}", Entry(float(one))) for k, one in enumerate(numbers, start=1)]

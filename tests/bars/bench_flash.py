@@ -1,0 +1,205 @@
+"""Flashes that are cut: by links that lose, corrupt and end, by resets, power that fails, processes that are killed.
+
+`python -m tests.bars.bench_flash [--count 1000] [--link NAME] [--times 5]`
+
+Each time a set is flashed into an emulated drive, a process with a memory on disk, by a process of its own, and one
+fault befalls it at a random instant. Afterwards the drive is started anew without faults, and its memory read: it is to
+hold the values before or the new ones, and no mixture; a flash that left its journal is finished or rolled back, by
+chance, and has to come out so. Printed, too: how long a flash without faults takes, of all scalars, and with the four
+tables.
+"""
+
+import argparse
+import contextlib
+import random
+import statistics
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from pathlib import Path
+from subprocess import PIPE, TimeoutExpired
+from typing import Any
+
+from bench.errors import BenchError
+from bench.parameters.flash import Around, End, cut, flash, parameters, resume
+from bench.parameters.link import OwnLink
+from bench.parameters.parameter_set import FLASHED, ParameterSet, as_toml, read, set_of
+from bench.parameters.plan import different
+from drivers.connect import connect
+from drivers.errors import DriveError
+from tests.bars.bench_kills import LINKS
+from tests.support.forked import Forked
+from tests.support.served_drive import emulator, ready
+
+FAULTS = ("lose=0.02", "corrupt=0.02", "late=0.01", "closed@{t}+0.4", "unplugged@{t}+0.5", "reset@{t}", "power", "kill")
+SECONDS = {"canopen": (3.0, 6.0), "modbus+tcp": (2.0, 3.0), "modbus+rtu": (2.0, 3.0), "uart": (1.0, 2.0)}
+"""Bars: s that a flash of 60 scalars takes, and of them with four tables."""
+ENDS = {0: "flashed", 1: "rolled back", 2: "cut", 3: "refused"}
+Span = tuple[float, float]
+_FLASH = 90.0  # s, most for one
+
+
+@dataclass
+class Seen:
+    """One flash."""
+
+    link: str
+    fault: str
+    ended: str = ""
+    memory: str = ""  # "old", "new" or what is neither
+    resumed: str = ""
+    span: Span = (0.0, 0.0)  # s from the drive's start to the first value that is written, and to the end
+    wrong: list[str] = field(default_factory=list[str])
+
+
+def new_set(present: dict[str, float], chance: random.Random, *, tables: bool) -> ParameterSet:
+    """All scalars a little otherwise, as far as that may be, and with them the tables."""
+    values = dict[str, float]()
+    for signal in FLASHED:
+        now = present[signal.name]
+        if signal.table:
+            values |= {signal.name: now + chance.uniform(1e-4, 1e-3)} if tables else {}
+            continue
+        if signal.type.canopen_type == 0x08:
+            wanted = now * chance.uniform(0.9, 0.99) if now else 1e-6 * chance.uniform(0.5, 1.0)
+        else:
+            wanted = now - 1 if now > (signal.minimum or 0) else now + 1
+        low, high = signal.minimum, signal.maximum
+        values[signal.name] = min(max(wanted, low if low is not None else wanted), high if high is not None else wanted)
+    return set_of(values, "drawn", "by chance")
+
+
+def flashed(link: str, url: str, folder: Path, fault: str, chance: random.Random, span: Span) -> Seen:
+    """One flash under one fault, and what the drive's memory then holds; `span`: when it is under way, by others."""
+    seen, memory, journals, path = Seen(link, fault), folder / "memory", folder / "journals", folder / "set.toml"
+    with drive_at(url, memory), connect(url) as drive:
+        before = parameters(drive)
+    wanted = new_set(before, chance, tables=chance.random() < 0.5)
+    path.write_text(as_toml(wanted), encoding="utf-8")
+    words = ["--fault", fault.format(t=f"{chance.uniform(*span):.3f}")] if fault not in ("", "power", "kill") else []
+    with drive_at(url, memory, *words) as process:
+        ready_at = time.monotonic()
+        with Forked("tests.bars.bench_flash", "--flash", url, str(journals), str(path), stdout=PIPE) as worker:
+            assert worker.stdout is not None
+            if worker.stdout.readline():  # it writes, from now on
+                seen.span = time.monotonic() - ready_at, 0.0
+            if fault in ("power", "kill"):
+                time.sleep(chance.uniform(0.0, span[1] - span[0]))
+                process.kill() if fault == "power" else worker.kill()
+                if fault == "power" and chance.random() < 0.5:  # nobody is there again
+                    worker.kill()
+            try:
+                seen.ended = ENDS.get(worker.wait(_FLASH), "killed")
+            except TimeoutExpired:
+                worker.kill()
+                seen.ended = "too long"
+            seen.span = seen.span[0], time.monotonic() - ready_at
+    new = before | wanted.values
+    with drive_at(url, memory), connect(url) as drive:
+        now = parameters(drive)
+        seen.memory = "new" if not different(new, now) else "old" if not different(before, now) else "a mixture"
+        if seen.memory == "a mixture":
+            seen.wrong.append(f"neither: {different(new, now)[:3]}, {different(before, now)[:3]}")
+        if (seen.ended, seen.memory) in (("flashed", "old"), ("rolled back", "new"), ("refused", "new")):
+            seen.wrong.append(f"{seen.ended}, and its memory is {seen.memory}")
+        if cut(drive, journals) is not None:
+            finish = chance.random() < 0.5
+            done = resume(lambda: drive, Around(journals, url), finish=finish)
+            seen.resumed = str(done.end)
+            if done.end is not (End.FLASHED if finish else End.ROLLED_BACK):
+                seen.wrong.append(f"resumed: {done.said}")
+            if different(new if finish else before, parameters(drive)):
+                seen.wrong.append("resumed, and it is not so")
+    return seen
+
+
+@contextlib.contextmanager
+def drive_at(url: str, memory: Path, *words: str) -> Generator[Any]:
+    """A drive with this memory, as a process."""
+    with emulator("--at", url, "--memory", str(memory), *words, control="lease") as process:
+        ready(process)
+        yield process
+
+
+def on_link(name: str, count: int, found: list[Seen]) -> None:
+    """So many flashes over one link, one fault after the other."""
+    chance = random.Random(name)
+    with tempfile.TemporaryDirectory() as folder:
+        span = flashed(name, LINKS[name](), Path(folder), "", chance, (0.0, 0.0)).span
+        for k in range(count):
+            fault = FAULTS[k % len(FAULTS)]
+            try:
+                seen = flashed(name, LINKS[name](), Path(folder), fault, chance, span)
+            except (BenchError, DriveError, OSError) as error:
+                seen = Seen(name, fault, wrong=[f"{type(error).__name__}: {error}"])
+            found.append(seen)
+            if seen.wrong:
+                print(f"FAIL {name} {fault}: {'; '.join(seen.wrong)}", flush=True)
+
+
+def timed(name: str, times: int) -> tuple[float, float]:
+    """Medians (s) of flashes without faults: of scalars alone, and with the tables."""
+    url, chance, medians = LINKS[name](), random.Random(1), list[float]()
+    with tempfile.TemporaryDirectory() as folder, emulator("--at", url, control="lease") as process:
+        ready(process)
+        with connect(url) as drive:
+            for tables in (False, True):
+                took = list[float]()
+                for _ in range(times):
+                    wanted = new_set(parameters(drive), chance, tables=tables)
+                    begun = time.monotonic()
+                    done = flash(lambda: drive, wanted, Around(Path(folder), url))
+                    took.append(time.monotonic() - begun)
+                    assert done.end is End.FLASHED, done.said
+                medians.append(statistics.median(took))
+    return medians[0], medians[1]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """0 where every memory is as it was or as it was to be, and flashes are as quick as they are to be."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=1000, help="flashes under faults, over all links")
+    parser.add_argument("--times", type=int, default=5, help="flashes that are timed, each")
+    parser.add_argument("--link", choices=LINKS, action="append")
+    parser.add_argument("--flash", nargs=3, metavar=("URL", "FOLDER", "SET"), help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.flash:
+        return _flash(*options.flash)
+    links, found, missed = options.link or list(LINKS), list[Seen](), 0
+    print(f"{len([s for s in FLASHED if not s.table])} scalars; s of a flash, median, bar; with four tables, bar")
+    for name in links:
+        (scalars, all_), bars = timed(name, options.times), SECONDS[name]
+        missed += scalars > bars[0] or all_ > bars[1]
+        print(f"  {name:10}  {scalars:.2f}  {bars[0]:g}    {all_:.2f}  {bars[1]:g}", flush=True)
+    each = -(-options.count // len(links))
+    threads = [threading.Thread(target=on_link, args=(link, each, found)) for link in links]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for fault in FAULTS:
+        ends = Counter(f"{one.ended}, memory {one.memory}" for one in found if one.fault == fault)
+        print(f"  {fault:16} {', '.join(f'{end}: {n}' for end, n in sorted(ends.items()))}")
+    resumed = Counter(one.resumed for one in found if one.resumed)
+    print(f"  journals that were left: {', '.join(f'{end}: {n}' for end, n in sorted(resumed.items())) or 'none'}")
+    good = sum(not one.wrong for one in found)
+    print(f"{good} of {len(found)} as they should be; a mixture in {sum(one.memory == 'a mixture' for one in found)}")
+    return int(good < len(found) or missed > 0)
+
+
+def _flash(url: str, folder: str, path: str) -> int:
+    """By a process of its own, which reaches the drive anew where its link ends; how it ended."""
+    try:
+        with OwnLink(url) as link:
+            done = flash(link, read(Path(path)), Around(Path(folder), url, tell=lambda said: print(said, flush=True)))
+    except (BenchError, DriveError):
+        return 3
+    return {ended: code for code, ended in ENDS.items()}[str(done.end)]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,99 @@
+"""`pmsm-bench params`: a firmware engineer's way, from a drive's values to others and back, by its bus."""
+
+import json
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import COMMAND
+from tests.support.served_drive import emulator, ready
+from tests.support.transports import modbus_tcp_url
+
+pytestmark = pytest.mark.live
+
+
+def params(*arguments: str | Path, code: int = 0) -> str:
+    done = subprocess.run(
+        [*COMMAND, "params", *map(str, arguments)], capture_output=True, text=True, timeout=120.0, check=False,
+        stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+    assert done.returncode == code, done
+    assert "Traceback" not in done.stderr
+    return done.stdout if code in (0, 1) else done.stderr
+
+
+@pytest.fixture
+def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    with emulator("--at", url := modbus_tcp_url(), "--memory", str(tmp_path / "memory"), control="lease") as process:
+        ready(process)
+        yield url
+
+
+def test_from_the_drives_values_to_others_and_back(drive: str, tmp_path: Path) -> None:
+    old, new = tmp_path / "old.toml", tmp_path / "new.toml"
+    assert "written" in params("pull", drive, "--out", old)
+    text = old.read_text(encoding="utf-8")
+    assert 'layout_id = "0x' in text
+    new.write_text(re.sub("(?m)^bandwidth = .*$", "bandwidth = 900.0", text.replace("as it is", "slower")))
+    assert params("diff", new, old, code=1) == "bandwidth: 900 here, 1250 there (rad/s)\n"
+    plan = json.loads(params("plan", new, drive, "--json"))
+    assert [(one["signal"], one["old"], one["new"], one["bits_new"]) for one in plan["changes"]] == [
+        ("bandwidth", 1250.0, 900.0, "00006144")
+    ]
+    assert params("flash", new, drive, code=2).endswith("expected --yes, as nobody can be asked here\n")
+    assert "flashed: 1 values changed, stored, and read back after a reset" in params("flash", new, drive, "--yes")
+    assert params("verify", new, drive).startswith("all 3")
+    assert params("verify", old, drive, code=1) == "bandwidth: 1250 here, 900 there (rad/s)\n"
+    assert "flashed" in params("rollback", drive, "--yes")
+    assert params("verify", old, drive).startswith("all 3")
+    lines = params("history", drive).splitlines()
+    assert [line.split("'")[1] for line in lines] == ["slower", "before slower"]
+    assert params("resume", drive, "--finish", code=2) == "pmsm-bench: no flash of this drive was cut\n"
+
+
+def test_what_is_stored_outlives_the_drives_power(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    url, given = modbus_tcp_url(), tmp_path / "set.toml"
+    given.write_text('name = "a"\n[parameters]\nbandwidth = 777.0\n', encoding="utf-8")
+    for again in (False, True):
+        with emulator("--at", url, "--memory", str(tmp_path / "memory"), control="lease") as process:
+            ready(process)
+            if not again:
+                params("flash", given, url, "--yes")
+            assert params("verify", given, url) == "all 1 values are the same\n"
+
+
+def test_a_set_goes_to_other_tools_and_comes_from_one(drive: str, tmp_path: Path) -> None:
+    old, dcf, back = tmp_path / "old.toml", tmp_path / "drive.dcf", tmp_path / "back.toml"
+    params("pull", drive, "--out", old, "--name", "servo")
+    assert "#define BANDWIDTH 1250.0f" in params("export", old, "--form", "c")
+    assert "/begin CHARACTERISTIC bandwidth" in params("export", old, "--form", "a2l")
+    assert json.loads(params("export", old, "--form", "json"))["entries"]["n_p"]["value"] == 4.0
+    params("export", old, "--form", "dcf", "--out", dcf)
+    params("import", dcf, "--out", back)
+    assert params("diff", back, old).startswith("all ")
+    assert "bandwidth" in params("show", old)
+    assert json.loads(params("show", old, "--json"))["name"] == "servo"
+
+
+def test_what_cannot_be_is_one_sentence_each(drive: str, tmp_path: Path) -> None:
+    given = tmp_path / "set.toml"
+    given.write_text('name = "a"\n[parameters]\nbandwidth = 1.0\nspeed = 2\n', encoding="utf-8")
+    said = params("flash", given, drive, "--yes", code=2)
+    assert "(bandwidth) takes at least 10.0 rad/s, got 1.0" in said
+    assert "no signal 'speed'" in said
+    assert "cannot be read: No such file" in params("plan", tmp_path / "no.toml", drive, code=2)
+    assert "expected" in params("pull", "http://x", code=2)
+    given.write_text('name = "a"\n[parameters]\ncontrol_R_s = { value = 1.0, status = "doubtful" }\n')
+    assert "control_R_s is doubtful" in params("plan", given, drive, code=1)
+    assert "expected a reason" in params("flash", given, drive, "--yes", code=2)
+    assert "flashed" in params("flash", given, drive, "--yes", "--override", "on a test bench")
+
+
+def test_every_subcommand_is_listed() -> None:
+    text, names = params("--help"), "pull show diff plan flash verify rollback resume history export import"
+    assert all(name in text for name in names.split())

@@ -1,0 +1,94 @@
+"""Sets in files: as they were, and all that is wrong told at once."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.errors import ConfigError
+from bench.parameters.parameter_set import FLASHED, Entry, ParameterSet, as_toml, parse, problem_of, set_of
+from drivers.wire.codec import decode, encode
+from drivers.wire.dictionary import TABLES, Signal
+
+SCALARS = [signal.name for signal in FLASHED if not signal.table]
+
+
+def test_a_set_comes_back_from_its_file_as_it_was() -> None:
+    entries = {
+        "bandwidth": Entry(1250.0), "n_p": Entry(4.0), "dead_time": Entry(2e-6, 1.9e-6, 2.1e-6, "doubtful", 'a "find"'),
+        **{f"angle_table_{k}": Entry(k * 1e-4) for k in range(1, 65)},
+    }
+    given = ParameterSet("servo 6 A", entries, 3, 0xE74BDE1C, 77)
+    assert parse(as_toml(given), "x") == given
+
+
+def test_all_that_is_wrong_is_told_at_once() -> None:
+    with pytest.raises(ConfigError) as told:
+        parse(
+            'version = 0\nmotor = 1\n[drive]\nserial = "x"\n[parameters]\nbandwidth = 1.0\nspeed = 1\ni_q_ref = 1.0\n'
+            'n_p = 2.5\ncontrol_R_s = nan\nk_p_d = "a"\n[tables]\npsi = []\nangle_table = [1.0]\n', "set.toml",
+        )
+    assert str(told.value).splitlines() == [
+        "set.toml: 'motor' is none of drive, name, parameters, tables, version",
+        "set.toml: name: expected 1 to 60 characters, got ''",
+        "set.toml: version: expected a whole number from 1 on, got 0",
+        "set.toml: serial: expected a number of 32 bits such as 0xE74BDE1C, got 'x'",
+        "set.toml: 0x2200:6 (bandwidth) takes at least 10.0 rad/s, got 1.0",
+        "set.toml: no signal 'speed'",
+        "set.toml: 0x2300:2 (i_q_ref) is no parameter that is flashed",
+        "set.toml: 0x2200:1 (n_p) takes a whole number, got 2.5",
+        "set.toml: 0x2200:2 (control_R_s) takes a finite number, got nan",
+        "set.toml: 0x2210:2 (k_p_d) takes a number, got 'a'",
+        "set.toml: no table 'psi'; there are psi_d_table, psi_q_table, angle_table, inverter_table",
+        "set.toml: angle_table: expected a list of 64 numbers, got [1.0]",
+    ]
+
+
+@given(st.text(max_size=200))
+def test_no_text_makes_a_traceback(text: str) -> None:
+    try:
+        parse(text, "x")
+    except ConfigError as error:
+        assert str(error).startswith("x: ")
+
+
+TOML_VALUES = st.one_of(
+    st.floats(), st.integers(-(10**20), 10**20), st.booleans(), st.text(max_size=5), st.lists(st.floats(), max_size=3),
+    st.dictionaries(st.sampled_from(["value", "low", "high", "status", "source", "x"]), st.floats(), max_size=3),
+)  # fmt: skip
+
+
+@given(st.dictionaries(st.sampled_from([*SCALARS, "i_q_ref", "tick", "nothing"]), TOML_VALUES, max_size=8))
+def test_no_values_make_a_traceback(values: dict[str, object]) -> None:
+    def text(value: object) -> str:
+        if isinstance(value, dict):
+            return "{" + ", ".join(f"{key} = {text(one)}" for key, one in value.items()) + "}"
+        if isinstance(value, list):
+            return "[" + ", ".join(map(text, value)) + "]"
+        if isinstance(value, bool):
+            return str(value).lower()
+        if isinstance(value, str):
+            return '"' + "".join(c for c in value if c.isalnum() and c.isascii()) + '"'
+        return repr(value)
+
+    lines = "".join(f"{name} = {text(value)}\n" for name, value in values.items())
+    try:
+        found = parse(f'name = "a"\n[parameters]\n{lines}', "x")
+    except ConfigError:
+        return
+    for name, value in found.values.items():
+        assert problem_of(name, value) == ""
+
+
+@given(st.sampled_from(FLASHED), st.floats(-1e30, 1e30))
+def test_a_value_that_is_taken_can_be_sent(signal: Signal, value: float) -> None:
+    if problem_of(signal.name, value) == "":
+        assert math.isfinite(decode(signal, encode(signal, value, {}), {}))
+
+
+def test_set_points_and_the_stream_are_no_part_of_a_set() -> None:
+    names = set(set_of({"i_q_ref": 1.0, "stream_periods": 10.0, "bandwidth": 900.0}, "a", "pulled").entries)
+    assert names == {"bandwidth"}
+    assert len(FLASHED) > 60 + 4 * 64 - 20
+    assert set(TABLES) == {signal.table for signal in FLASHED if signal.table}
