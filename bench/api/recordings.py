@@ -95,7 +95,7 @@ class _Found:
     """Recordings by id, under way and closed."""
 
     def __init__(self, service: Service) -> None:
-        self._recordings, self._shelf = service.recordings, service.shelf
+        self._recordings, self._shelf, self._drives = service.recordings, service.shelf, service.drives
 
     def one(self, id_: str) -> StoredRecordingModel:
         """By its id, or `latest`: one under way goes before those that have ended. Raises UnknownError."""
@@ -105,7 +105,7 @@ class _Found:
             return every[0]
         status = self._recordings.find(id_)
         if status is not None and status.file is None:
-            return under_way(status, Annotations.read(self._shelf.folder, id_))
+            return under_way(status, self._drives[status.drive].url, Annotations.read(self._shelf.folder, id_))
         return of_shelf(self._shelf.one(id_))
 
     def running(self, id_: str) -> Status | None:

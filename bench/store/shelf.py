@@ -23,7 +23,7 @@ from bench.store.segments import FoundSegments, damaged_in, ids_in
 PARQUET: Final = ".parquet"
 _AS_THEY_ARE: Final = (  # in a row of the catalogue
     "id", "kind", "drive", "rows", "seconds", "bytes", "title", "note", "whole", "ended", "gaps", "rows_lost",
-    "continues", "problem",
+    "continues", "url", "problem",
 )  # fmt: skip
 
 OnRead = Callable[[list[Row], list[str]], None]
@@ -50,6 +50,7 @@ class Recording:
     gaps: int
     rows_lost: int
     continues: str = ""  # id of the recording that it goes on with
+    url: str = ""  # where the drive was; empty where it is not said
     problem: str = ""  # what is wrong with the file, a sentence
 
 
@@ -235,7 +236,7 @@ def _recording(id_: str, path: Path, size: int, changed: datetime) -> Recording:
         whole=told.get("complete", True) is not False and not told.get("lacking") and told.get("at", "") is not None,
         ended=". ".join([str(told.get("ended", "")), *map(str, told.get("lacking", ()))]).strip(". "),
         gaps=len(lost), rows_lost=sum(int(event.get("rows", 0)) for event in lost),
-        continues=str(told.get("continues", "")),
+        continues=str(told.get("continues", "")), url=str(told.get("url", "")),
     )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Two benches on one machine, over drives of their own, with one folder of captures: neither disturbs the other."""
 
 import contextlib
+import os
 import signal
 import subprocess
 import time
@@ -17,7 +18,7 @@ from bench.recordings.table import notes
 from drivers import operation
 from drivers.connect import connect
 from drivers.wire.cia402 import State
-from tests.conftest import command, free_port, wait_for_answer
+from tests.conftest import COMMAND, command, free_port, wait_for_answer
 from tests.support.served_drive import emulator, ready, tcp_url, until
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]
@@ -82,6 +83,14 @@ def test_two_are_up_side_by_side_each_with_a_drive_of_its_own() -> None:
         said = [bench.captured(id_) for bench, id_ in zip((one, other), ids, strict=True)]
         assert [capture["state"] for capture in said] == ["done", "done"]
         assert [notes(Path(capture["file"]))["url"] for capture in said] == [bus, other_bus]
+        listed = client.get(f"http://127.0.0.1:{other.port}/api/recordings").json()["recordings"]
+        assert [next(each["url"] for each in listed if each["id"] == id_) for id_ in ids] == [bus, other_bus]
+        table = subprocess.run(
+            [*COMMAND, "recordings", "list", "--service", f"http://127.0.0.1:{other.port}"],
+            capture_output=True, text=True, timeout=60.0, check=True, env=os.environ | {"COLUMNS": "200"},
+        ).stdout
+        assert bus in table
+        assert other_bus in table
         one.process.send_signal(signal.SIGKILL)
         one.process.wait()
         time.sleep(1.0)

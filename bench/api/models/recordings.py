@@ -68,6 +68,10 @@ class StoredRecordingModel(BaseModel):
     id: str = Field(examples=[_ID])
     kind: Literal["stream", "capture", "experiment", "file"]
     drive: str = Field(description="its name then; empty where the file does not say", examples=["emulated"])
+    url: str = Field(
+        description="bus address of the drive, then; empty where the file does not say",
+        examples=["canopen://socketcand/127.0.0.1:29536/can0/5"],
+    )
     state: Literal["armed", "recording", "closing", "done", "failed", "cancelled"] = Field(
         description="the last three are ends", examples=["done"]
     )
@@ -166,7 +170,8 @@ def samples_model(id_: str, one: Samples) -> SamplesModel:
 def of_shelf(one: Recording) -> StoredRecordingModel:
     """A closed recording as REST shows it."""
     return StoredRecordingModel.model_validate({
-        "id": one.id, "kind": one.kind, "drive": one.drive, "state": "done", "begun": one.begun, "rows": one.rows,
+        "id": one.id, "kind": one.kind, "drive": one.drive, "url": one.url, "state": "done", "begun": one.begun,
+        "rows": one.rows,
         "seconds": one.seconds, "bytes": one.bytes, "columns": list(one.columns), "title": one.title, "note": one.note,
         "marks": [_mark(mark.t, mark.text, mark.whom, mark.at) for mark in one.marks], "gaps": one.gaps,
         "rows_lost": one.rows_lost, "whole": one.whole, "reason": one.problem or one.ended,
@@ -174,10 +179,11 @@ def of_shelf(one: Recording) -> StoredRecordingModel:
     })
 
 
-def under_way(status: Status, said: Annotations) -> StoredRecordingModel:
-    """A recording under way, or one that has failed, as REST shows it."""
+def under_way(status: Status, url: str, said: Annotations) -> StoredRecordingModel:
+    """A recording under way, or one that has failed, of a drive at a URL, as REST shows it."""
     return StoredRecordingModel.model_validate({
-        "id": status.id, "kind": "stream", "drive": status.drive, "state": status.state.value, "begun": status.asked,
+        "id": status.id, "kind": "stream", "drive": status.drive, "url": url, "state": status.state.value,
+        "begun": status.asked,
         "rows": status.rows, "seconds": status.seconds, "bytes": status.bytes, "columns": [],
         "title": status.request.title if said.title is None else said.title,
         "note": status.request.note if said.note is None else said.note,

@@ -62,12 +62,14 @@ def show_all(filters: dict[str, str], service: str | None, *, as_json: bool) -> 
     if not said["recordings"]:
         _console.print("no recording; begin one by: pmsm-bench recordings start DRIVE")
         return
-    table = Table(Column("recording", no_wrap=True), "begun", "length", "MB", "kind", "", box=None, pad_edge=False)
+    several = len({one["url"] for one in said["recordings"]} - {""}) > 1  # benches of one folder call theirs alike
+    headings = ("begun", "length", "MB", "kind", *(("at",) if several else ()), "")
+    table = Table(Column("recording", no_wrap=True), *headings, box=None, pad_edge=False)
     for one in said["recordings"]:
         state = "" if one["state"] == "done" and one["whole"] else _state(one)
         table.add_row(
             one["id"], f"{_local(one['begun']):%Y-%m-%d %H:%M}", _seconds(one), f"{one['bytes'] / 1e6:.3g}",
-            one["kind"], Text("; ".join(filter(None, (state, one["title"])))),
+            one["kind"], *((one["url"],) if several else ()), Text("; ".join(filter(None, (state, one["title"])))),
         )  # fmt: skip
     _console.print(table)
     if said["next"] is not None:
@@ -84,7 +86,8 @@ def show_one(id_: str, service: str | None, *, as_json: bool) -> None:
     lost = f"{one['gaps']} gaps, {one['rows_lost']} rows lost" if one["gaps"] else "no gap"
     lines = [
         f"{one['id']}: {_state(one)}", one["title"], one["note"],
-        f"{one['kind']} of {one['drive'] or 'no drive'}, begun {_local(one['begun']):%Y-%m-%d %H:%M:%S}",
+        f"{one['kind']} of {one['drive'] or 'no drive'}" + (f" at {one['url']}" if one["url"] else ""),
+        f"begun {_local(one['begun']):%Y-%m-%d %H:%M:%S}",
         f"{one['rows']} rows, {_seconds(one)}, {one['bytes'] / 1e6:.3g} MB, {lost}", ", ".join(one["columns"]),
         one["reason"], f"goes on with {one['continues']}" if one["continues"] else "",
         *(f"  {mark['t']:.3f} s  {mark['text']}" for mark in one["marks"]),

@@ -96,6 +96,7 @@ RECORDINGS: Final = Table(  # what the files of a folder say of themselves; the 
     Column("gaps", Integer, nullable=False),
     Column("rows_lost", BigInteger, nullable=False),
     Column("continues", Text, nullable=False),
+    Column("url", Text, nullable=False, server_default=""),
     Column("problem", Text, nullable=False),
 )  # fmt: skip
 
