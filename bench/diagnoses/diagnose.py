@@ -38,14 +38,14 @@ def onwards(tell: Tell) -> Tell:
 
 def work(request: Request, tell: Tell) -> Result:
     """A diagnosis in texts, as a process for such work makes it."""
-    share = 0.0
+    done = 0.0
 
-    def on(done: float, phase: str) -> None:
-        nonlocal share
-        share = done
-        tell(done, phase)
+    def on(share: float, phase: str) -> None:
+        nonlocal done
+        done = share
+        tell(share, phase)
 
-    with on_compile(lambda: on(share, COMPILING)):
+    with on_compile(lambda: on(done, COMPILING)):
         diagnosed = diagnose_recording(request, on)
     diagnosis = diagnosed.diagnosis
     tell(1.0, "writing")

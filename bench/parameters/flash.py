@@ -9,7 +9,7 @@ cuts the bench itself is in the `journal`: `resume` finishes or rolls back. Know
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -234,7 +234,7 @@ def _off(drive: Drive) -> None:
 
 
 @contextmanager
-def _released(link: Link, lease: Lease) -> Iterator[None]:
+def _released(link: Link, lease: Lease) -> Generator[None]:
     """Control is given up at the end, as far as the drive is to be had; else it ends by itself."""
     try:
         yield

@@ -239,7 +239,7 @@ class _Reader:
             return []
         values = cast(list[object], given) if isinstance(given, list) else []
         if len(values) != TABLE_SIZE:
-            self._problems.append(f"{table}: expected a list of {TABLE_SIZE} numbers, got {shown(given)}")
+            self._problems.append(f"{table}: expected a list of {TABLE_SIZE} numbers, got {shown(cast(object, given))}")
             return []
         wrong = [problem for k, one in enumerate(values, start=1) if (problem := problem_of(f"{table}_{k}", one))]
         self._problems += wrong

@@ -350,7 +350,7 @@ def test_a_drive_that_is_still_on_when_its_link_is_back_too_late_is_switched_off
         assert control.said.startswith("nothing has come to the drive for longer than it waits for its bench")
         assert list(tmp_path.rglob("*.control.json"))
         link.there = True
-        until(lambda: operation.state(drive) is not State.OPERATION_ENABLED, "it to go off", 0.5)
+        until(lambda: operation.state(drive._drive) is not State.OPERATION_ENABLED, "it to go off", 0.5)
         until(lambda: "it was still on, and has been switched off" in control.said, "it to be said")
         assert not list(tmp_path.rglob("*.control.json"))
 

@@ -1,6 +1,7 @@
 """Sets in files: as they were, and all that is wrong told at once."""
 
 import math
+from typing import Any, cast
 
 import pytest
 from hypothesis import given
@@ -61,11 +62,12 @@ TOML_VALUES = st.one_of(
 
 @given(st.dictionaries(st.sampled_from([*SCALARS, "i_q_ref", "tick", "nothing"]), TOML_VALUES, max_size=8))
 def test_no_values_make_a_traceback(values: dict[str, object]) -> None:
-    def text(value: object) -> str:
+    def text(value: Any) -> str:
         if isinstance(value, dict):
-            return "{" + ", ".join(f"{key} = {text(one)}" for key, one in value.items()) + "}"
+            entries = cast(dict[str, object], value).items()
+            return "{" + ", ".join(f"{key} = {text(one)}" for key, one in entries) + "}"
         if isinstance(value, list):
-            return "[" + ", ".join(map(text, value)) + "]"
+            return "[" + ", ".join(map(text, cast(list[object], value))) + "]"
         if isinstance(value, bool):
             return str(value).lower()
         if isinstance(value, str):
