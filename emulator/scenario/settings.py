@@ -22,9 +22,9 @@ def settings_from_table(table: Mapping[str, object], where: str) -> dict[str, fl
     found: dict[str, float] = {}
     for name, value in table.items():
         if name in TABLES:
-            entries = cast(list[object], value) if isinstance(value, list) else []
-            if len(entries) != TABLE_SIZE:
-                raise ScenarioError(f"{where}{name} takes a list of {TABLE_SIZE} numbers, got {shown(cast(object, value))}")
+            if not isinstance(value, list) or len(entries := cast(list[object], value)) != TABLE_SIZE:
+                came = shown(cast(object, value))
+                raise ScenarioError(f"{where}{name} takes a list of {TABLE_SIZE} numbers, got {came}")
             found |= {f"{name}_{k}": _number(f"{name}_{k}", one, where) for k, one in enumerate(entries, start=1)}
         else:
             found[name] = _number(name, value, where)
