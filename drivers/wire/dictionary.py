@@ -262,11 +262,11 @@ SIGNALS: tuple[Signal, ...] = (
     _setting(0x2220, 2, "k_i_speed", "A/rad", 0.0, 1e5, "integral gain of the speed control"),
     _setting(0x2220, 3, "speed_filter", "s", 0.0, 1.0, "time constant of the speed that it controls by"),
     _setting(0x2220, 4, "current_limit", "A", 0.0, None, "longest current reference; the drive's own limit bounds it"),
-    *(_setting(0x2230, k, f"i_{phase}_gain", "1", 0.5, 2.0, f"phase {phase}: times its reading is the current")
+    *(_setting(0x2230, k, f"i_{phase}_gain", "1", 0.5, 2.0, f"phase {phase}: ratio of the current to its reading")
       for k, phase in enumerate("abc", start=1)),
     *(_setting(0x2230, k, f"i_{phase}_offset", "A", None, None, f"phase {phase}: taken off its reading before that")
       for k, phase in enumerate("abc", start=4)),
-    _setting(0x2230, 7, "u_dc_gain", "1", 0.5, 2.0, "times its reading is the dc link's voltage"),
+    _setting(0x2230, 7, "u_dc_gain", "1", 0.5, 2.0, "ratio of the dc link's voltage to its reading"),
     _setting(0x2230, 8, "angle_offset", "rad", -3.2, 3.2, "electrical: added to the angle that is read"),
     _setting(0x2230, 9, "angle_latency", "s", -1e-3, 1e-3, "age of the angle that is read"),
     _whole(0x2230, 10, "angle_reversed", 0, 1, "1: the encoder counts against the phases' order"),

@@ -10,12 +10,14 @@ from emulator.scenario.scenarios import Scenario
 
 
 def text_of(scenario: Scenario) -> str:
-    """All sections, and of the effects those that there are."""
+    """All sections, of settings and effects those that there are."""
     sections = {
         field.name: keys_of(getattr(scenario, field.name))
         for field in fields(scenario)
-        if field.name not in ("name", "effects")
+        if field.name not in ("name", "effects", "settings")
     }
+    if scenario.settings:
+        sections["settings"] = dict(scenario.settings)
     for name, sizes in scenario.effects._asdict().items():
         if sizes != getattr(NONE, name):
             sections[f"effects.{name}"] = keys_of(sizes)
