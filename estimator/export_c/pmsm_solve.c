@@ -29,6 +29,7 @@
 #define Z_95 R(1.96) /* standard errors that hold the truth 95 times in 100 */
 #define NOISE_SHARE R(0.1)
 #define NOISE_DOUBT R(0.1)
+#define OPEN_COLOUR R(48) /* pairs, that tell as much of the residual's colour as is known before */
 #define NOISE_ECHO R(10)
 #define PRIOR_SHARE R(0.05)
 #define PRIOR_LEAST R(1e-5)
@@ -523,17 +524,21 @@ static void second_order(const task *k, const pmsm_real beta[4], const int told[
     }
 }
 
-/* Variance of a sampled current by axis, by the residual that parameters leave. */
+/* Variance of a sampled current by axis, by the residual that parameters leave; where gaps leave no rows that follow
+   each other, the middle of what its colour may be. */
 static void current_noise(task *k, const pmsm_real beta[4], pmsm_real c[2][Z], pmsm_real sigma2[2])
 {
     totals *t = &k->t;
     const pmsm_real n = larger(t->rows, R(1)), pairs = larger(t->pairs, R(1)), T_s = k->w->settings.T_s;
+    const pmsm_real open = smaller(larger(R(1) - t->pairs / larger(t->rows - R(1), R(1)), R(0)), R(1));
+    const pmsm_real alone = OPEN_COLOUR * open;
     int axis;
     for (axis = 0; axis < 2; axis++) {
         const int x = 1 + axis;
         const pmsm_real L2 = larger(square(beta[x]), R(1e-18));
         const pmsm_real gamma0 = larger(R(0), form(c[axis], t->lag0[axis])) / n;
-        const pmsm_real gamma1 = form(c[axis], t->lag1[axis]) / (R(2) * pairs);
+        const pmsm_real gamma1 = (R(0.5) * form(c[axis], t->lag1[axis]) - R(0.25) * alone * gamma0) /
+                                 larger(t->pairs + alone, R(1));
         const pmsm_real by_residual =
             smaller(larger(R(0), -gamma1) / L2, t->lag0[axis][x][x] / (R(2) * n));
         const pmsm_real by_signal =
@@ -939,7 +944,7 @@ void pmsm_window_solve(const pmsm_window *w, uint32_t tick, pmsm_estimates *out)
     memset(std, 0, sizeof std);
     for (i = 0; i < P; i++) {
         const int p = PLACES[i];
-        share = larger(NOISE_DOUBT, R(3) / ROOT(k.t.rows)) + s.apart +
+        share = larger(NOISE_DOUBT, R(3) / ROOT(larger(smaller(k.t.rows, k.t.pairs + R(1)), R(1)))) + s.apart +
                 NOISE_ECHO * quotient(MAGNITUDE(bias[i]), MAGNITUDE(s.beta[p]));
         bias[i] *= smaller(R(1), share);
         std[p] = ROOT(variance[i] + constant[i] + square(s.doubt[i]) + square(bias[i]));
