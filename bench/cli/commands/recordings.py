@@ -63,7 +63,7 @@ def show_all(filters: dict[str, str], service: str | None, *, as_json: bool) -> 
         _console.print("no recording; begin one by: pmsm-bench recordings start DRIVE")
         return
     several = len({one["url"] for one in said["recordings"]} - {""}) > 1  # benches of one folder call theirs alike
-    headings = ("begun", "length", "MB", "kind", *(("at",) if several else ()), "")
+    headings = ("begun", "length", "MB", "kind", *((Column("at", overflow="fold"),) if several else ()), "")
     table = Table(Column("recording", no_wrap=True), *headings, box=None, pad_edge=False)
     for one in said["recordings"]:
         state = "" if one["state"] == "done" and one["whole"] else _state(one)
