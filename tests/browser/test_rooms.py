@@ -131,7 +131,8 @@ def test_capture_diagnosis_experiment_and_second_diagnosis_by_the_page_alone(bro
         until(browser, lambda: not browser.find_element(By.ID, "start-form").is_displayed(), "the set points")
         operator.click("#capture-start")
         operator.click("#capture-diagnose")
-        assert operator.sees("#diagnosis-verdict") == "not enough excitation"
+        # The latest step's end may be in it: then there is something to tell, and still not all
+        assert operator.sees("#diagnosis-verdict") in ("not enough excitation", "ambiguous")
         first = operator.sees("#diagnosis-sentence")
         operator.click(".experiment-run")
         assert "The motor will move" in operator.sees("#dialog-question")
