@@ -11,7 +11,9 @@ import { PARAMETERS, writeSymbol } from "../parameters.js";
 import { MOVING, axisOf, baseLayout, copiesCsv, drawOn, palette } from "../plot.js";
 
 /** Times that can be shown and the distance of their ticks, in seconds. */
-const TICK_S = new Map([[60, 15], [300, 60], [900, 300], [3600, 900], [86_400, 21_600], [2_592_000, 604_800]]);
+const TICK_S = new Map([
+  [60, 15], [300, 60], [900, 300], [3600, 900], [86_400, 21_600], [2_592_000, 604_800], [31_536_000, 7_776_000],
+]);
 
 /** Units of time, in seconds, the longest first. @type {[number, string][]} */
 const TIMES = [[86_400, "d"], [3600, "h"], [60, "min"], [1, "s"]];
