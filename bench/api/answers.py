@@ -52,6 +52,7 @@ Before = Annotated[str | None, Query(
     json_schema_extra={"pattern": _PLACE, "examples": ["2026-01-31T12:00:00Z"]},
 )]  # fmt: skip
 Limit = Annotated[int, Query(description="how many", ge=1, le=1000)]
+_FIRST: Final = 1970
 _RFC_3339: Final = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+ -]\d\d:\d\d)")
 
 
@@ -86,9 +87,9 @@ def json_object(example: Mapping[str, Any], *, required: bool = True) -> Any:
 def time_of(text: str, what: str) -> datetime:
     """A time with its zone, whose + may have come as a space, as queries have it. Raises LimitError."""
     with suppress(ValueError):
-        if _RFC_3339.fullmatch(text):
-            return datetime.fromisoformat(text.upper().replace(" ", "+"))
-    raise LimitError(f"{what}: expected a time such as 2026-01-31T12:00:00Z, got {shown(text)}")
+        if _RFC_3339.fullmatch(text) and (at := datetime.fromisoformat(text.upper().replace(" ", "+"))).year >= _FIRST:
+            return at
+    raise LimitError(f"{what}: expected a time of {_FIRST} or later, such as 2026-01-31T12:00:00Z, got {shown(text)}")
 
 
 def place_before(text: str | None) -> Place | None:

@@ -81,7 +81,7 @@ def install(app: FastAPI, service: Service) -> None:
         """
         begin = place_before(before)
         found, total = _memory(service).chronicle.snapshots(name, begin, limit + 1)
-        pairs = [*zip(found, [*found[1:], None], strict=True)][:limit]
+        pairs = [*zip(found, [*found[1:], None], strict=False)][:limit]
         return SnapshotsModel(
             snapshots=[parameters_model(one, earlier) for one, earlier in pairs], total=total,
             next=told_place(pairs[-1][0].place) if len(found) > limit else None,
