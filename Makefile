@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-flash bench-idle bench-kills bench-load bench-recordings bench-stale bench-plant bench-watch auto-window gallery results picture clean
+.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-flash bench-history bench-idle bench-kills bench-load bench-recordings bench-stale bench-plant bench-watch auto-window gallery results picture clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them; PORT=8081 beside another one
 	@exec $(BIN)/pmsm-bench up $(PORT:%=--port %)
@@ -46,7 +46,7 @@ slow: $(VENV)/.dev ## tests that take long
 
 release: test thorough browser slow test-vcan paper peers prove score bars ## all of it: a night
 
-bars: bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-flash bench-idle bench-kills bench-load bench-recordings bench-stale bench-plant bench-watch ## what is measured by name
+bars: bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-flash bench-history bench-idle bench-kills bench-load bench-recordings bench-stale bench-plant bench-watch ## what is measured by name
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser
@@ -123,6 +123,9 @@ bench-http: $(VENV)/.dev ## the HTTP interface under too much: what is answered,
 
 bench-flash: $(VENV)/.dev ## 1,000 flashes under faults over four links: what the drive's memory holds afterwards; how long one takes
 	$(BIN)/python -m tests.bars.bench_flash
+
+bench-history: $(VENV)/.dev ## a day and a year of estimates on the page, in Chromium
+	$(BIN)/python -m tests.bars.bench_history
 
 bench-idle: $(VENV)/.dev ## processor time of a service and of a drive that nobody looks at, over four links: three minutes
 	$(BIN)/python -m tests.bars.bench_idle
