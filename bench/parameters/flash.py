@@ -11,7 +11,7 @@ import contextlib
 import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from itertools import islice
@@ -27,9 +27,9 @@ from drivers.drive import Drive
 from drivers.errors import DriveError, NoReplyError
 from drivers.lease import Lease
 from drivers.wire.cia402 import State
+from drivers.wire.lease import MOST_VALUES
 
 PATIENCE: Final = 30.0  # s in which a drive is to be there again, to be rolled back
-_AT_ONCE: Final = 24  # values in a control record
 _RETRY: Final = 0.1  # s
 _NAMED: Final = 5  # of what is different
 _NAMES: Final = frozenset(signal.name for signal in FLASHED)
@@ -65,7 +65,7 @@ class Around:
     override: str = ""  # why doubts do not forbid it
     judge: Judge = lambda _: []
     tell: Tell = lambda _: None  # hears of each step
-    patience: float = field(default=PATIENCE)
+    patience: float = PATIENCE
 
 
 class DifferentError(DriveError):
@@ -156,9 +156,7 @@ def _forward(link: Link, lease: Lease, journal: Journal, around: Around) -> Verd
     return Verdict(End.FLASHED, changed, said)
 
 
-def _back(
-    link: Link, lease: Lease, journal: Journal, around: Around, why: str, *, stored: bool
-) -> Verdict:
+def _back(link: Link, lease: Lease, journal: Journal, around: Around, why: str, *, stored: bool) -> Verdict:
     """To the image; also in memory, where that may hold the new values. As long as it takes, within patience."""
     deadline, image = time.monotonic() + around.patience, journal.begun.image
     with contextlib.suppress(UnavailableError):  # the drive comes first
@@ -189,7 +187,7 @@ def _written(drive: Drive, lease: Lease, wanted: Mapping[str, float]) -> None:
     """Written where it is not so, and read back. Raises DifferentError, DriveError."""
     names = iter(different(wanted, parameters(drive)))
     lease.take(drive)
-    while part := {name: wanted[name] for name in islice(names, _AT_ONCE)}:
+    while part := {name: wanted[name] for name in islice(names, MOST_VALUES)}:
         lease.write(drive, part)
     _check_same(wanted, parameters(drive), "after it was written")
 

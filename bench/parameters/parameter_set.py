@@ -18,7 +18,7 @@ Knows nothing of drives that are connected.
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -62,7 +62,6 @@ class ParameterSet:
     version: int = 1
     layout_id: int | None = None  # of whose signals; None: of any drive that has them
     serial: int | None = None  # whose it is; None: anybody's
-    notes: Mapping[str, str] = field(default_factory=dict[str, str])
 
     @property
     def values(self) -> dict[str, float]:

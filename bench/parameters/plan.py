@@ -40,7 +40,6 @@ class Plan:
     same: int  # values that the drive has already
     problems: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -54,7 +53,7 @@ def plan(
     """What a set would change in a drive whose parameters are `present` (SI); `judge` tells what limits forbid."""
     if not identity.has_memory:
         return Plan((), 0, (f"layout 0x{identity.layout_id:08X} tells nothing of its memory: it cannot be flashed",))
-    problems, doubts, remarks = list[str](), list[str](), list[str]()
+    problems, doubts = list[str](), list[str]()
     if given.serial not in (None, identity.serial):
         problems.append(f"the set is for drive 0x{given.serial:08X}, this is 0x{identity.serial:08X}")
     if given.layout_id not in (None, identity.layout_id):
@@ -74,7 +73,7 @@ def plan(
         change for name, value in given.values.items()
         if (change := _change(_BY_NAME[name], present[name], value)) is not None
     )  # fmt: skip
-    return Plan(changes, len(given.entries) - len(changes), tuple(problems), tuple(doubts), tuple(remarks))
+    return Plan(changes, len(given.entries) - len(changes), tuple(problems), tuple(doubts))
 
 
 def bits(name: str, value: float) -> bytes:

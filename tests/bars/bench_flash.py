@@ -31,6 +31,7 @@ from bench.parameters.parameter_set import FLASHED, ParameterSet, as_toml, read,
 from bench.parameters.plan import different
 from drivers.connect import connect
 from drivers.errors import DriveError
+from drivers.wire.dictionary import WireType
 from tests.bars.bench_kills import LINKS
 from tests.support.forked import Forked
 from tests.support.served_drive import emulator, ready
@@ -64,7 +65,7 @@ def new_set(present: dict[str, float], chance: random.Random, *, tables: bool) -
         if signal.table:
             values |= {signal.name: now + chance.uniform(1e-4, 1e-3)} if tables else {}
             continue
-        if signal.type.canopen_type == 0x08:
+        if signal.type is WireType.F32:
             wanted = now * chance.uniform(0.9, 0.99) if now else 1e-6 * chance.uniform(0.5, 1.0)
         else:
             wanted = now - 1 if now > (signal.minimum or 0) else now + 1

@@ -23,7 +23,7 @@ from bench.parameters.link import OwnLink
 from bench.parameters.parameter_set import ParameterSet, as_toml, problem_of, read, set_of
 from bench.parameters.plan import Plan, different
 from drivers.drive import Drive
-from drivers.wire.dictionary import Signal, signal_named
+from drivers.wire.dictionary import Signal, WireType, signal_named
 
 _SCHEMES: Final = ("canopen:", "modbus+tcp:", "modbus+rtu:", "uart:")
 _SHOWN: Final = 12  # entries of tables that are shown
@@ -190,7 +190,7 @@ def _show(to_do: Plan) -> None:
         terminal.print(table)
     if len(entries) > _SHOWN:
         terminal.print(f"and {len(entries) - _SHOWN} more entries of tables")
-    for word, lines in (("forbidden", to_do.problems), ("doubtful", to_do.doubts), ("note", to_do.remarks)):
+    for word, lines in (("forbidden", to_do.problems), ("doubtful", to_do.doubts)):
         for line in lines:
             terminal.print(f"{word}: {line}")
 
@@ -202,8 +202,7 @@ def _as_json(to_do: Plan) -> dict[str, Any]:
             "bits_old": one.counts[0], "bits_new": one.counts[1],
         } for one in to_do.changes
     ]  # fmt: skip
-    told = {"problems": to_do.problems, "doubts": to_do.doubts, "remarks": to_do.remarks}
-    return {"changes": changes, "same": to_do.same, **told}
+    return {"changes": changes, "same": to_do.same, "problems": to_do.problems, "doubts": to_do.doubts}
 
 
 def _cut(drive: Drive) -> dict[str, Any] | None:
@@ -248,7 +247,7 @@ def _write(out: Path, text: str) -> None:
 
 
 def _number(signal: Signal, value: float) -> str:
-    return f"{value:.9g}" if signal.type.canopen_type == 0x08 else f"{int(value)}"
+    return f"{value:.9g}" if signal.type is WireType.F32 else f"{int(value)}"
 
 
 def _unit(signal: Signal) -> str:

@@ -4,7 +4,6 @@ A REAL32 value is written as a decimal number; on reading, one in hex is taken f
 """
 
 import configparser
-import math
 import struct
 from typing import Final
 
@@ -83,4 +82,4 @@ def _number(signal: Signal, text: str) -> float:
         return float(bits)
     if bits >= 1 << 32:
         raise ValueError
-    return float(struct.unpack("<f", struct.pack("<I", bits))[0]) if bits else math.copysign(0.0, 1.0)
+    return float(struct.unpack("<f", struct.pack("<I", bits))[0])
