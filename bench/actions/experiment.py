@@ -7,12 +7,10 @@ bridge off, and all settings back to what they were; where no link is left for t
 noted on disk before is undone later. Knows nothing of services, HTTP and terminals.
 """
 
-import contextlib
 import math
 import threading
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -24,16 +22,17 @@ from pydantic import Field, TypeAdapter
 from bench.actions.capture_request import NEEDED
 from bench.actions.experiment_part import ExperimentPart, Heading
 from bench.actions.limits import RPM, TRIP, Limits, Overload
-from bench.actions.unfinished import Origin, take
-from bench.errors import BenchError, LimitError, UnavailableError, shown
+from bench.actions.under_control import CancelledError, under_control
+from bench.actions.unfinished import Origin
+from bench.errors import LimitError, UnavailableError, shown
 from bench.expected import CLOSED, Number, Table, taken
 from bench.files import check_room
 from bench.recordings.capture_file import device_of
 from drivers import capture, operation
 from drivers.capture import DONE, Capture, Setup
 from drivers.drive import Drive
-from drivers.errors import DriveError, FaultError, GoneError, NoReplyError, RefusedError
-from drivers.lease import HeldError, Lease
+from drivers.errors import FaultError, GoneError, NoReplyError
+from drivers.lease import Lease
 from drivers.wire.cia402 import State
 from drivers.wire.dictionary import CAPTURE_SAMPLES
 from estimator.diagnosis.verdict import Hold
@@ -86,10 +85,6 @@ Motor = Annotated[
 _HOLD: Final = TypeAdapter(Annotated[AskedHold, Table("expected speed_rpm, i_d, i_q and seconds", whole=True)])
 _STEP: Final = TypeAdapter[float](Step)
 _MACHINE: Final = TypeAdapter[Mapping[str, float]](Motor)
-
-
-class CancelledError(BenchError):
-    """It was asked to end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +205,8 @@ def run(
     under_way = _UnderWay(drive, plan, limits, lease, tell, cancelled, part)
     under_way.check()
     under_way.check_cancelled()
-    with _stopped_at_the_end(drive, lease, origin):
+    trip = (TRIP,) if drive.identity.has_lease else ()
+    with under_control(drive, lease, origin, (*_SETTINGS, *trip)):
         under_way.rehearse()
         return under_way.recorded()
 
@@ -422,62 +418,6 @@ def _groups(plan: Plan, T_s: float) -> list[list[Hold]]:
 
 def _length(holds: Sequence[Hold], T_s: float) -> int:
     return min(max(round(sum(hold.seconds for hold in holds) / T_s), 1), CAPTURE_SAMPLES)
-
-
-@contextmanager
-def _stopped_at_the_end(drive: Drive, lease: Lease, origin: Origin) -> Generator[None]:
-    """Control of the drive; afterwards it is without current and its bridge off, its settings as they were."""
-    before = {name: drive.read(name) for name in (*_SETTINGS, *([TRIP] if drive.identity.has_lease else []))}
-    noted = take(drive, lease, origin, before)
-    try:
-        lease.stop(drive)
-        yield
-    finally:
-        with contextlib.suppress(DriveError):  # a recorder that waits on does no harm
-            capture.stop(drive)
-        try:
-            _ended(drive, lease, before)
-            noted.undone()
-        finally:
-            noted.close()
-
-
-def _ended(drive: Drive, lease: Lease, before: Mapping[str, float]) -> None:
-    """Off, restored, given up; where control is another's by now, nothing is written. Raises DriveError."""
-    acts: dict[str, Callable[[Drive], object]] = {
-        "stop": lease.stop, "restore": lambda drive: lease.write(drive, before), "release": lease.release
-    }
-    try:
-        failed = {name: error for name, act in acts.items() if (error := _twice(act, drive)) is not None}
-    except HeldError:  # the lease has ended, and with it the bridge has gone off
-        with contextlib.suppress(RefusedError):  # another has control, and the settings are that one's now
-            for name, value in before.items():
-                drive.write(name, value)
-        return
-    if "stop" in failed and "release" in failed:  # either switches it off
-        raise NoReplyError(
-            f"the drive could not be told to stop ({failed['stop']}); it goes off by itself when nothing is heard of "
-            f"the bench for {lease.seconds:g} s: see that it has"
-        ) from failed["stop"]
-    if "restore" in failed:
-        raise NoReplyError(
-            f"the drive is stopped, its settings could not be restored ({failed['restore']}): the next start does it"
-        ) from failed["restore"]
-
-
-def _twice(act: Callable[[Drive], object], drive: Drive) -> DriveError | None:
-    """Do it, once more where that fails; why the second failed as well. Raises HeldError."""
-    for again in (True, False):
-        try:
-            act(drive)
-        except HeldError:
-            raise
-        except DriveError as error:
-            if not again:
-                return error
-        else:
-            break
-    return None
 
 
 def _has_experiment(doubt: object) -> bool:

@@ -16,9 +16,10 @@ from typing import Any, Final
 
 from bench.actions import experiment
 from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended, ended_words, id_at
-from bench.actions.experiment import CancelledError, Plan, Progress, experiment_of
+from bench.actions.experiment import Plan, Progress, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
 from bench.actions.lease import Leases, Part
+from bench.actions.under_control import CancelledError
 from bench.actions.unfinished import Origin, folder_beside
 from bench.errors import BenchError, ConflictError, UnavailableError
 from bench.recordings.table import notes

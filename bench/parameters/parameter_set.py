@@ -3,7 +3,7 @@
     name = "servo 6 A"
     version = 3
     [drive]                     # whose it is; both may be left out
-    layout_id = "0xE74BDE1C"    # of its signals
+    layout_id = "0xDE84BEF1"    # of its signals
     serial = 1234
     [parameters]                # SI
     bandwidth = 1250.0
@@ -209,7 +209,7 @@ class _Reader:
             value = None
         if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 32:
             return value
-        self._problems.append(f"{key}: expected a number of 32 bits such as 0xE74BDE1C, got {shown(given)}")
+        self._problems.append(f"{key}: expected a number of 32 bits such as 0xDE84BEF1, got {shown(given)}")
         return None
 
     def entries(self, table: Mapping[str, Any]) -> Iterator[tuple[str, Entry]]:

@@ -264,7 +264,7 @@ _NAMES: Final = {
     0x2100: "Stream", 0x2200: "Control", 0x2300: "References", 0x2310: "Protections",
     0x2320: "Safety", 0x2400: "Recorder", 0x2500: "Control lease",
     0x2210: "Current control", 0x2220: "Speed control", 0x2230: "Sensing", 0x2240: "Inverter", 0x2250: "Saturation",
-    0x2510: "Memory", **{index: name for name, (index, _, _) in TABLES.items()},
+    0x2260: "Encoder", 0x2510: "Memory", **{index: name for name, (index, _, _) in TABLES.items()},
 }
 
 

@@ -74,7 +74,7 @@ class Signal:
     @property
     def is_set_point(self) -> bool:
         """What the motor is to do: zero unless somebody holds the control lease (`drivers.wire.lease`)."""
-        return self.name in SET_POINTS
+        return self.name in AT_REST
 
     @property
     def is_guarded(self) -> bool:
@@ -141,6 +141,10 @@ STREAM_ROW = ("theta_e", "i_d", "i_q", "omega_e", "u_d", "u_q", "u_dc", "i_d_mea
 """A row of the stream after its tick, where it travels in one piece."""
 
 SET_POINTS = ("i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "speed_ref", "speed_step")
+"""What the motor is asked for."""
+FORCED = ("angle_source", "forced_angle")
+"""The angle that its control takes in place of the encoder's, for a motor whose encoder is not known yet."""
+AT_REST = (*SET_POINTS, *FORCED)
 """What is zero while nobody controls the drive, and after its bridge went off, whatever switched it off."""
 
 TABLE_SIZE = 64  # entries of each table
@@ -281,6 +285,11 @@ SIGNALS: tuple[Signal, ...] = (
     _setting(0x2250, 2, "table_i_d_min", "A", None, 0.0, "i_d of the tables' first row"),
     _setting(0x2250, 3, "table_i_d_max", "A", 0.0, None, "i_d of their last row"),
     _setting(0x2250, 4, "table_i_q_max", "A", 0.0, None, "i_q of their last column"),
+    _whole(0x2300, 18, "angle_source", 0, 1, "0: the encoder's, 1: forced_angle, wherever the rotor is"),
+    _setting(0x2300, 19, "forced_angle", "rad", None, None, "electrical angle that its control takes then"),
+    _setting(0x2300, 20, "forced_speed", "rad/s", 0.01, 100.0, "rate at which it is approached"),
+    Signal("encoder_angle", 0x2260, 1, WireType.U32, "rad", "ro", "what the encoder reads, mechanical, as it comes",
+           scale=2.0 * math.pi / 2.0**32),
     Signal("memory_state", 0x2510, 1, WireType.U16, "1", "ro",
            "parameters after the latest reset: 0: as delivered, 1: the newest that were stored, 2: those before, since "
            "the newest were cut; 3: being stored"),

@@ -51,6 +51,7 @@ class Now(NamedTuple):
     temperature: float  # degC, of the course
     winding: float  # degC, by losses,
     magnet: float
+    encoder: float  # rad, mechanical, as it reads
 
 
 @kernel
@@ -80,6 +81,7 @@ def now_of(simulation: Simulation) -> Now:
         state.tick, firmware.powered, firmware.trip, firmware.ramp.omega_e, row.tick,
         row.tick + row.periods if whole else row.tick,
         row_at(simulation.bench.course, state.tick * simulation.bench.fixed.T_s)[0], heat.winding, heat.magnet,
+        state.encoder,
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulator.drive.stream import NO_ROW, Period, Row, extended, write_row
-from emulator.firmware.control import Commissioning, FirmwareState, Settings, computed, switched_on
+from emulator.firmware.control import Commissioning, FirmwareState, Settings, computed, seen, switched_on
 from emulator.firmware.correction import corrected, lost
 from emulator.frames import nearest, turned, wrapped
 from emulator.kernel import kernel
@@ -74,6 +74,7 @@ class State(NamedTuple):
     u_waiting: complex  # V, stationary, computed and held back by a delay
     u_before: complex  # V, rotor frame, of the period before
     sample: Sample
+    encoder: float  # rad, mechanical, what the encoder read then
     firmware: FirmwareState
     row: Row
 
@@ -134,7 +135,9 @@ def started(bench: Bench, settings: Settings, powered: bool, temperature: float)
     sample = corrected(settings.sensing, settings.tables.angle_table, n_p, raw, n_p * omega_m)
     firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s, powered)
     bridge = BridgeState(bench.bridge.E, False, False, False, 0.0, 0.0, 0.0)
-    return State(0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, firmware, NO_ROW)
+    return State(
+        0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, raw.theta_m, firmware, NO_ROW
+    )
 
 
 @kernel
@@ -198,7 +201,7 @@ def simulated(
     """
     T_s, n_p, sensing, tables = bench.fixed.T_s, settings.n_p, settings.sensing, settings.tables
     exchanged = bench.crossed != (sensing.phases_swapped != 0)
-    tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, firmware, row = state
+    tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, encoder, firmware, row = state
     room = scratch()
     complete = 0
     for n in range(periods):
@@ -225,7 +228,8 @@ def simulated(
         u_next = u_waiting if bench.timing.delay > 0 else firmware.u_next
         u_held = limited(crossed(exchanged, u_next), u_dc) * (bridge.u_dc / u_dc)
         raw = _sampled(bench, then, plant, u_held, firmware.powered, tick + 1)
-        before, sample = sample, corrected(sensing, tables.angle_table, n_p, raw, firmware.omega_e)
+        before, encoder = sample, raw.theta_m
+        sample = seen(settings, firmware, corrected(sensing, tables.angle_table, n_p, raw, firmware.omega_e))
 
         # What the drive knows of it
         theta_e = wrapped(n_p * before.theta_m)
@@ -253,6 +257,7 @@ def simulated(
             _write_line(recording[n], t, T_s, period, before)
         tick += 1
     after = State(
-        tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, firmware, row
-    )
+        tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, encoder, firmware,
+        row,
+    )  # fmt: skip
     return after, complete

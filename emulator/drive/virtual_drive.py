@@ -29,8 +29,8 @@ from drivers.wire.cia402 import (
 )
 from drivers.wire.codec import FULL_SCALES, check_range, decode, encode_held
 from drivers.wire.dictionary import (
+    AT_REST,
     LEASE_TIMES,
-    SET_POINTS,
     SIGNALS,
     TABLE_SIZE,
     TABLES,
@@ -65,6 +65,7 @@ from emulator.firmware.control import (
 from emulator.firmware.correction import Inverter, Saturation, Sensing, Tables
 from emulator.firmware.excitation import FASTEST_SINE, KINDS, highest_sine
 from emulator.firmware.operation import Operation
+from emulator.frames import TURN
 from emulator.plant.course import continued, rows_at
 from emulator.plant.dynamics import Plant, PlantState
 from emulator.plant.machine import at_temperature
@@ -82,8 +83,9 @@ _NO_SIGNALS: Final = frozenset({_RESET, _BRIDGE})
 _SWITCHING_ON: Final = (Command.SHUTDOWN, Command.SWITCH_ON, Command.ENABLE_OPERATION)
 _LEASE_TIME: Final = 2.0  # s, `watchdog_time` as delivered
 _NEVER: Final = 1e9  # rad/s
+_FORCED_SPEED: Final = 3.0  # rad/s, electrical, as delivered
 _CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "i_d_weakening", "current_limit"})
-_NOT_WHILE_ON: Final = frozenset({"reset"})
+_NOT_WHILE_ON: Final = frozenset({"reset", "angle_source"})
 _NOT_WHILE_STORING: Final = frozenset({"store", "restore", "reset"})
 _TRIPS: Final = {
     TRIP_CURRENT: OVERCURRENT, TRIP_HIGH_VOLTAGE: OVERVOLTAGE, TRIP_LOW_VOLTAGE: UNDERVOLTAGE, TRIP_SPEED: SPEED_ERROR,
@@ -151,7 +153,7 @@ class VirtualDrive:
         self._runs = drive.enabled and control != "lease"  # from the start, and after a reset
         self._settings = _first_settings(scenario, on_links)
         if control == "lease":
-            self._settings = self._settings._replace(**dict.fromkeys(SET_POINTS, 0.0))
+            self._settings = _at_rest(self._settings)
         state = started(self._bench, self._settings, self._runs, run.temperature)
         self._simulation = begun(self._bench, self._settings, state)
         self._now = now_of(self._simulation)
@@ -325,13 +327,13 @@ class VirtualDrive:
         if bridge is not Bridge.AS_IT_IS:
             self._written.append((_BRIDGE, float(bridge)))
         if bridge is Bridge.OFF:
-            self._written += [(name, 0.0) for name in SET_POINTS]
+            self._written += [(name, 0.0) for name in AT_REST]
 
     def _stopped(self) -> None:
         """Somebody without a token has stopped it: whoever had control has it no longer."""
         if self._lease.held:
             self._lease.over(End.STOPPED)
-            self._written += [(name, 0.0) for name in SET_POINTS]
+            self._written += [(name, 0.0) for name in AT_REST]
             self._publish_lease()
 
     def reset(self) -> None:
@@ -438,11 +440,10 @@ class VirtualDrive:
 
     def _stand_still(self) -> None:
         """No set points: whoever switches the bridge on again says what it is to do."""
-        still = dict.fromkeys(SET_POINTS, 0.0)
-        self._settings = self._settings._replace(**still)
+        self._settings = _at_rest(self._settings)
         set_settings(self._simulation, self._settings)
         with self._lock:
-            self._readable |= still
+            self._readable |= dict.fromkeys(AT_REST, 0.0)
 
     def _simulate(self, periods: int, recording: NDArray[np.float64]) -> StreamRows:
         # One row may end at once, the others take `stream_periods`
@@ -509,7 +510,7 @@ class VirtualDrive:
             operation.command(Command.DISABLE_VOLTAGE.bits)
         went_off = was_powered and not operation.powered
         if self._guarded and (went_off or (name == _BRIDGE and value == Bridge.OFF)):
-            self._readable |= dict.fromkeys(SET_POINTS, 0.0)
+            self._readable |= dict.fromkeys(AT_REST, 0.0)
 
     def _switched_on(self) -> Operation:
         return Operation(State.OPERATION_ENABLED if self._runs else State.SWITCH_ON_DISABLED)
@@ -534,7 +535,7 @@ class VirtualDrive:
         self._memory.restart()
         self._recall()
         if not self._runs:
-            self._readable |= dict.fromkeys(SET_POINTS, 0.0)
+            self._readable |= dict.fromkeys(AT_REST, 0.0)
         self._reset_at = self._now.tick
         self._resetting = True
         self._operation = self._switched_on()
@@ -564,6 +565,7 @@ class VirtualDrive:
         """Make the present readable: tick, temperature, the latest row."""
         latest = {"tick": float(self.tick & 0xFFFF_FFFF)}
         latest["speed_demand"] = self._now.omega_e_ref
+        latest["encoder_angle"] = self._now.encoder % TURN
         latest["capture_state"] = float(self._recorder.state)
         latest["capture_count"] = float(self._recorder.count)
         latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
@@ -656,12 +658,20 @@ def _first_settings(scenario: Scenario, on_links: bool) -> Settings:
         k_i_speed=k_p_speed * run.speed_bandwidth / 4.0,
         speed_filter=drive.speed_filter,
         current_limit=drive.i_max,
+        angle_source=0,
+        forced_angle=0.0,
+        forced_speed=_FORCED_SPEED,
         sensing=Sensing(),
         inverter=Inverter(),
         saturation=Saturation(),
         tables=Tables(*np.zeros((len(TABLES), TABLE_SIZE))),
     )
     return _typed(_flat(settings) | scenario.settings)
+
+
+def _at_rest(settings: Settings) -> Settings:
+    """Without anything that the motor is to do."""
+    return _typed(_flat(settings) | dict.fromkeys(AT_REST, 0.0))
 
 
 def _flat(settings: Settings) -> dict[str, float]:

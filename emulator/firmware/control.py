@@ -63,6 +63,9 @@ class Settings(NamedTuple):
     k_i_speed: float  # A/rad
     speed_filter: float  # s, time constant of the speed that it controls by
     current_limit: float  # A, longest current reference
+    angle_source: int  # 0: the encoder's angle, 1: the forced one
+    forced_angle: float  # rad, electrical
+    forced_speed: float  # rad/s, at which that is approached
     sensing: Sensing
     inverter: Inverter
     saturation: Saturation
@@ -93,6 +96,7 @@ class FirmwareState(NamedTuple):
     integral: complex  # V, rotor frame: of the current control
     theta_m: float  # rad, of the sample before
     omega_e: float  # rad/s, filtered
+    forced: float  # rad, electrical, where the forced angle is
     i_q_integral: float  # A, of the speed control
     ramp: Ramp  # its reference
     late: int  # periods that the speed has been too far from it
@@ -108,7 +112,7 @@ def switched_on(
     u = turned(n_p * theta_m + 0.5 * omega_e * T_s) * (1j * omega_e * psi_f)
     ramp = Ramp(omega_e, 1, 0)
     return FirmwareState(
-        powered, NO_TRIP, u, 0j, 0j, theta_m - omega_m * T_s, omega_e, 0.0, ramp, 0, NOT_WEAKENED, AT_REST
+        powered, NO_TRIP, u, 0j, 0j, theta_m - omega_m * T_s, omega_e, 0.0, 0.0, ramp, 0, NOT_WEAKENED, AT_REST
     )
 
 
@@ -153,6 +157,33 @@ def speed_reference(
 
 
 @kernel
+def forced(settings: Settings, before: float, powered: bool, T_s: float) -> float:
+    """The forced angle (rad, electrical) a period later: it moves while the bridge is on, at its rate."""
+    away = settings.forced_angle - before
+    most = settings.forced_speed * T_s
+    return settings.forced_angle if not powered or abs(away) <= most else before + math.copysign(most, away)
+
+
+@kernel
+def seen(settings: Settings, state: FirmwareState, sample: Sample) -> Sample:
+    """A sample by the angle that the control takes."""
+    if settings.angle_source == 0:
+        return sample
+    return Sample(sample.i_a, sample.i_b, sample.i_c, state.forced / settings.n_p)
+
+
+@kernel
+def speed(settings: Settings, state: FirmwareState, sample: Sample, forced_next: float, T_s: float) -> float:
+    """Electrical speed (rad/s) by a sample, filtered; of a forced angle, the rate at which it moves."""
+    if settings.angle_source != 0:
+        return (forced_next - state.forced) / T_s
+    if math.isnan(state.theta_m):
+        return state.omega_e
+    now = settings.n_p * nearest(sample.theta_m - state.theta_m) / T_s
+    return state.omega_e + (now - state.omega_e) * T_s / (settings.speed_filter + T_s)
+
+
+@kernel
 def gains(settings: Settings, L_d: float, L_q: float) -> tuple[float, float, float, float]:
     """Of the current control, k_p_d, k_i_d, k_p_q, k_i_q, where the inductances are L_d and L_q (H).
 
@@ -189,8 +220,8 @@ def computed(
     T_s, i_max = fixed.T_s, min(fixed.i_max, settings.current_limit)
 
     theta_e = settings.n_p * sample.theta_m
-    raw_speed = settings.n_p * nearest(sample.theta_m - state.theta_m) / T_s
-    omega_e = state.omega_e + (raw_speed - state.omega_e) * T_s / (settings.speed_filter + T_s)
+    forced_next = forced(settings, state.forced, state.powered, T_s)
+    omega_e = speed(settings, state, sample, forced_next, T_s)
     i = measured_current(sample) * turned(-theta_e)
 
     trip = tripped(fixed, settings, state, abs(i), u_dc, omega_e)
@@ -253,7 +284,8 @@ def computed(
 
     next_frame = turned(theta_e + _DELAY * omega_e * T_s)
     u_next, i_next = u_limited * next_frame, i * next_frame
+    theta_m = sample.theta_m if settings.angle_source == 0 else math.nan  # of the encoder, that a speed is told by
     return FirmwareState(
-        powered, trip, u_next, i_next, integral, sample.theta_m, omega_e, i_q_integral, ramp, late, weakened_next,
-        excitation,
+        powered, trip, u_next, i_next, integral, theta_m, omega_e, forced_next, i_q_integral, ramp, late,
+        weakened_next, excitation,
     )  # fmt: skip

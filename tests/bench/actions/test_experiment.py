@@ -13,12 +13,13 @@ import pytest
 
 from bench.actions import experiment
 from bench.actions.drive_jobs import Link, sensible
-from bench.actions.experiment import CancelledError, Hold, Plan, Progress, Recorded, Tell, check_motor, experiment_of
+from bench.actions.experiment import Hold, Plan, Progress, Recorded, Tell, check_motor, experiment_of
 from bench.actions.experiment_part import ExperimentPart
 from bench.actions.experiments import Experiments, of_ended, of_recording
 from bench.actions.experiments import State as State_
 from bench.actions.lease import Leases
 from bench.actions.limits import Limits
+from bench.actions.under_control import CancelledError
 from bench.actions.unfinished import Origin
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal

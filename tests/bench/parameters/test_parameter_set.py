@@ -20,7 +20,7 @@ def test_a_set_comes_back_from_its_file_as_it_was() -> None:
         "bandwidth": Entry(1250.0), "n_p": Entry(4.0), "dead_time": Entry(2e-6, 1.9e-6, 2.1e-6, "doubtful", 'a "find"'),
         **{f"angle_table_{k}": Entry(k * 1e-4) for k in range(1, 65)},
     }
-    given = ParameterSet("servo 6 A", entries, 3, 0xE74BDE1C, 77)
+    given = ParameterSet("servo 6 A", entries, 3, 0xDE84BEF1, 77)
     assert parse(as_toml(given), "x") == given
 
 
@@ -34,7 +34,7 @@ def test_all_that_is_wrong_is_told_at_once() -> None:
         "set.toml: 'motor' is none of drive, name, parameters, tables, version",
         "set.toml: name: expected 1 to 60 characters, got ''",
         "set.toml: version: expected a whole number from 1 on, got 0",
-        "set.toml: serial: expected a number of 32 bits such as 0xE74BDE1C, got 'x'",
+        "set.toml: serial: expected a number of 32 bits such as 0xDE84BEF1, got 'x'",
         "set.toml: 0x2200:6 (bandwidth) takes at least 10.0 rad/s, got 1.0",
         "set.toml: no signal 'speed'",
         "set.toml: 0x2300:2 (i_q_ref) is no parameter that is flashed",
