@@ -190,7 +190,7 @@ def _show(to_do: Plan) -> None:
         terminal.print(table)
     if len(entries) > _SHOWN:
         terminal.print(f"and {len(entries) - _SHOWN} more entries of tables")
-    for word, lines in (("forbidden", to_do.problems), ("doubtful", to_do.doubts)):
+    for word, lines in (("forbidden", to_do.problems), ("doubtful", to_do.doubts), ("remark", to_do.remarks)):
         for line in lines:
             terminal.print(f"{word}: {line}")
 
@@ -202,7 +202,8 @@ def _as_json(to_do: Plan) -> dict[str, Any]:
             "bits_old": one.counts[0], "bits_new": one.counts[1],
         } for one in to_do.changes
     ]  # fmt: skip
-    return {"changes": changes, "same": to_do.same, "problems": to_do.problems, "doubts": to_do.doubts}
+    told = {"problems": to_do.problems, "doubts": to_do.doubts, "remarks": to_do.remarks}
+    return {"changes": changes, "same": to_do.same, **told}
 
 
 def _cut(drive: Drive) -> dict[str, Any] | None:
