@@ -11,9 +11,8 @@ from typing import Any, Final
 from bench.errors import ConfigError, shown
 from bench.parameters.compensation import Recorded, compensations
 from bench.parameters.made import DOUBTFUL, Made, Making, Size, items, name_of, number, part, parts, size_of
-from bench.parameters.parameter_set import OK, ParameterSet, problem_of
+from bench.parameters.parameter_set import OK, ParameterSet
 from bench.parameters.tuning import current_loop
-from drivers.wire.dictionary import signal_named
 from estimator.machine import PARAMETERS, UNITS
 
 SETTLED: Final = ("explained", "no_mismatch")
@@ -108,8 +107,9 @@ def _gains(making: Making, T_s: float | None, bandwidth: float | None, source: s
         return
     doubtful = any(entry.status != OK for entry in known)
     R_s, L_d, L_q = (entry.value for entry in known)
-    for signal, value in current_loop(R_s, L_d, L_q, T_s, bandwidth).values.items():
-        making.take(signal, Size(value), DOUBTFUL if doubtful else OK, f"tuned by {source}")
+    sizes = {signal: Size(value) for signal, value in current_loop(R_s, L_d, L_q, T_s, bandwidth).values.items()}
+    if problem := making.take_all(sizes, DOUBTFUL if doubtful else OK, f"tuned by {source}"):
+        making.remark(f"gains of the current control are left out: {problem}")
 
 
 def _compensated(
@@ -122,15 +122,8 @@ def _compensated(
         if unclear := [effect for effect in one.effects if effect in in_doubt]:
             doubt = f"{' and '.join(unclear)} cannot be told from other causes"
         because = _because(f"{source}: {', '.join(one.effects)}", doubt)
-        status = DOUBTFUL if doubt else OK
-        if problem := next(filter(None, (problem_of(signal, size.value) for signal, size in one.values.items())), ""):
+        if problem := making.take_all(one.values, DOUBTFUL if doubt else OK, because, note=one.note):
             making.remark(f"{' and '.join(one.effects)} is absorbed by no compensation: {problem}")
-            continue
-        for signal, size in one.values.items():
-            if signal_named(signal).table:  # its switch says it for all of them
-                making.take(signal, size)
-            else:
-                making.take(signal, size, status, because, note=one.note)
     for sentence in said:
         making.remark(sentence)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, cast
 
 from bench.parameters.parameter_set import OK, Entry, ParameterSet, problem_of
+from drivers.wire.dictionary import signal_named
 
 DOUBTFUL: Final = "doubtful"
 _MOST: Final = 1e9  # SI; nothing that is told of a drive is larger
@@ -46,6 +47,18 @@ class Making:
             return
         low, high = interval(value, std)
         self.entries[name] = Entry(value, low, high, status, source, **more)
+
+    def take_all(self, sizes: Mapping[str, Size], status: str = OK, source: str = "", **more: Any) -> str:
+        """Signals that go together: all of them, or none and why. Of a table's entries its switch tells the rest."""
+        for name, size in sizes.items():
+            if problem := problem_of(name, size.value):
+                return problem
+        for name, size in sizes.items():
+            if signal_named(name).table:
+                self.take(name, size)
+            else:
+                self.take(name, size, status, source, **more)
+        return ""
 
     def remark(self, sentence: str) -> None:
         """Once only."""

@@ -51,7 +51,9 @@ def shown(path: Path, *, as_json: bool) -> None:
         if signal.table:
             continue
         ends = "" if entry.low is None and entry.high is None else f"{entry.low} to {entry.high}"
-        table.add_row(name, _number(signal, entry.value), _unit(signal), ends, entry.status, entry.source)
+        cold = "" if entry.at_20_degC is None else f"{entry.at_20_degC:.9g} at 20 degC"
+        said = "; ".join(filter(None, (entry.source, cold, entry.note)))
+        table.add_row(name, _number(signal, entry.value), _unit(signal), ends, entry.status, said)
     terminal = Terminal()
     terminal.print(table)
     for name in dict.fromkeys(signal_named(name).table for name in given.entries):
