@@ -122,3 +122,83 @@ def import_(
     from bench.cli.commands.params import imported
 
     imported(dcf, out, name or dcf.stem[:60])
+
+
+Name = Annotated[str, Option(help="of the set (default: what it is from)")]
+Version = Annotated[int, Option(min=1, help="of the set")]
+Bandwidth = Annotated[
+    float | None, Option(metavar="RAD/S", help="of the current control (default: the fastest there is)")
+]
+Period = Annotated[float | None, Option("--T-s", metavar="S", help="control period, where nothing else tells it")]
+
+
+@params.command("from-diagnosis")
+def from_diagnosis(
+    diagnosis: Annotated[Path, Argument(metavar="FILE.json", help="as `diagnose --json` and the service give it")],
+    drive: Annotated[
+        str | None, Option(metavar="URL", help="the drive, its parameters as they were while it was recorded")
+    ] = None,
+    image: Annotated[Path | None, Option(metavar="SET.toml", help="these, as `params pull` wrote them then")] = None,
+    out: Out = Path("-"),
+    name: Name = "",
+    version: Version = 1,
+    own_gains: Annotated[bool, Option("--own-gains", help="and gains of the current control")] = False,
+    bandwidth: Bandwidth = None,
+    T_s: Period = None,
+    electrical_turn: Annotated[
+        int | None,
+        Option(metavar="K", min=0, help="electrical turn of the encoder's in which the recording began, from 0: an "
+                                        "eccentric encoder's table needs it"),
+    ] = None,
+) -> None:
+    """Make a set of a diagnosis: the machine, and what makes up for each effect; what nothing does is told.
+
+    Exit code: 0, there is a set; 2, wrong use or wrong input; 3, the diagnosis tells no value, and nothing is written.
+    """
+    from bench.cli.commands.params_made import Gains, diagnosed
+
+    gains = Gains(own_gains, bandwidth, T_s)
+    raise typer.Exit(diagnosed(diagnosis, drive, image, out, name, version, gains, electrical_turn))
+
+
+@params.command("from-estimates")
+def from_estimates(
+    estimates: Annotated[
+        Path, Argument(metavar="FILE.json", help="as `replay --json`, `estimates --json` and the service give them")
+    ],
+    out: Out = Path("-"),
+    name: Name = "",
+    version: Version = 1,
+    temp_winding: Annotated[float | None, Option(metavar="DEGC", help="where the file does not tell")] = None,
+    temp_magnet: Annotated[float | None, Option(metavar="DEGC", help="likewise")] = None,
+    magnets: Annotated[
+        float | None, Option(metavar="1/K", help="change of the magnets' flux (default: -0.0011, typical of NdFeB)")
+    ] = None,
+) -> None:
+    """Make a set of estimates, with what R_s and psi_f are at 20 degC.
+
+    Exit code: 0, there is a set; 2, wrong use or wrong input; 3, no estimate has a value, and nothing is written.
+    """
+    from bench.cli.commands.params_made import estimated
+
+    given = {"temp_winding": temp_winding, "temp_magnet": temp_magnet}
+    temperatures = {key: value for key, value in given.items() if value is not None}
+    raise typer.Exit(estimated(estimates, out, name, version, temperatures, magnets))
+
+
+@params.command()
+def tune(
+    given: Set,
+    drive: Annotated[str | None, Option(metavar="URL", help="the drive, for what the set does not hold")] = None,
+    out: Out = Path("-"),
+    bandwidth: Bandwidth = None,
+    J: Annotated[
+        float | None, Option("--J", metavar="KG_M2", help="inertia with its load: gains of the speed control, too")
+    ] = None,
+    a: Annotated[float, Option("--a", help="speed control: the larger, the slower and the better damped")] = 2.0,
+    T_s: Period = None,
+) -> None:
+    """Add gains by rule to a set, for the machine that it holds, and say what they promise."""
+    from bench.cli.commands.params_made import tuned
+
+    tuned(given, drive, out, bandwidth, T_s, J, a)

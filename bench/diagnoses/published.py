@@ -38,6 +38,7 @@ _ALSO: Final[Mapping[str, Mapping[str, Any]]] = {  # by field: told, and not enf
     "seconds": {"exclusiveMinimum": 0.0, "examples": [2.0]}, "groups": {"minimum": 2, "examples": [32]},
     "scales": {"propertyNames": {"enum": ["voltages", "currents"]}}, "detectable": {"propertyNames": _EFFECT},
     "parameters": {"propertyNames": {"examples": ["dead_time"]}}, "region": {"propertyNames": {"examples": ["i_q"]}},
+    "currents": {"propertyNames": {"enum": ["i_d", "i_q"]}},
     "psi_d": _TABLE, "psi_q": _TABLE, "psi_d_std": _TABLE, "psi_q_std": _TABLE,
 }  # fmt: skip
 _UNLIKE: Final = "in the unit of what it is of"
@@ -74,7 +75,10 @@ _OF: Final[Mapping[str, Mapping[str, Any]]] = {  # by type and field: examples, 
     "Range.least": {"description": "a ratio", "examples": [0.95]},
     "Range.most": {"description": "a ratio", "examples": [1.05]},
     "Recording.path": {"examples": ["run.parquet"]}, "Recording.rows": {"examples": [60_000]},
-    "Recording.duration": {"examples": [6.0]}, "Rival.odds": {"examples": [MOST_ODDS]},
+    "Recording.duration": {"examples": [6.0]}, "Recording.T_s": {"examples": [1e-4]},
+    "Recording.u_dc": {"examples": [310.0]},
+    "Recording.currents": {"examples": [{"i_d": [-3.4, 1.5], "i_q": [-2.5, 4.5]}]},
+    "Rival.odds": {"examples": [MOST_ODDS]},
     "Unexplained.rms_V": {"examples": [0.31]},
     "Unexplained.description": {"examples": ["a 785 Hz voltage of 22.7 V, fixed in the stationary frame"]},
 }  # fmt: skip
@@ -101,6 +105,12 @@ class Recording:
     path: str
     rows: int
     duration: Annotated[float, "s"]
+    T_s: Annotated[float, "s, control period"]
+    u_dc: Annotated[float | None, "V, mean of the dc link, where it is known"]
+    currents: Annotated[
+        Mapping[str, tuple[float, float]],
+        "A, the least and the largest of each axis, but for a thousandth of the rows at either end; empty of points",
+    ]
 
 
 _ABOUT: Final = """What `pmsm-bench diagnose` and POST /api/recordings/{id}/diagnosis say of a recording.
@@ -123,7 +133,9 @@ def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
     parts = {
         "findings": tuple(_within_odds(finding) for finding in said.findings),
         "machine": Motor(diagnosed.nominal.told, said.machine_before, said.machine_after, said.scales),
-        "recording": Recording(recording.path, recording.rows, recording.duration),
+        "recording": Recording(
+            recording.path, recording.rows, recording.duration, recording.T_s, diagnosed.u_dc, diagnosed.seen
+        ),
     }
     published = _PUBLISHED(**{name: parts[name] if name in parts else getattr(said, name) for name in _PARTS})
     untold = {"findings": {"__all__": {_UNTOLD}}} | ({} if fit is None or fit.leave_one_out else {"fit": {_AT_TIMES}})

@@ -11,7 +11,7 @@ import contextlib
 import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
 from itertools import islice
@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Final
 
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
-from bench.parameters.journal import CUT, Begun, Journal, Step
+from bench.parameters.journal import CUT, Begun, Journal, Step, history
 from bench.parameters.parameter_set import FLASHED, ParameterSet
 from bench.parameters.plan import Judge, Plan, different, plan
+from bench.parameters.versions import remarks_on
 from drivers import operation
 from drivers.drive import Drive
 from drivers.errors import DriveError, NoReplyError
@@ -80,7 +81,8 @@ def parameters(drive: Drive) -> dict[str, float]:
 def planned(link: Link, given: ParameterSet, around: Around) -> Plan:
     """What it would do. Raises DriveError."""
     drive = link()
-    return plan(given, drive.identity, parameters(drive), around.judge)
+    to_do = plan(given, drive.identity, parameters(drive), around.judge)
+    return replace(to_do, remarks=remarks_on(given, history(around.folder, drive.identity)))
 
 
 def flash(link: Link, given: ParameterSet, around: Around) -> Verdict:

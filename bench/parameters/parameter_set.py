@@ -8,6 +8,7 @@
     [parameters]                # SI
     bandwidth = 1250.0
     control_R_s = { value = 0.967, low = 0.965, high = 0.969, status = "ok", source = "estimate" }
+    control_psi_f = { value = 0.118, at_degC = 40.0, at_20_degC = 0.1206, note = "a magnet's typical -0.11 %/K" }
     [tables]
     psi_d_table = [0.10, ...]   # all 64 entries
 
@@ -33,7 +34,9 @@ OK: Final = "ok"
 _BY_NAME: Final = {signal.name: signal for signal in FLASHED}
 _KEYS: Final = {"name", "version", "drive", "parameters", "tables"}
 _WHOSE: Final = ("layout_id", "serial")
-_ENTRY: Final = {"value", "low", "high", "status", "source"}
+_NUMBERS: Final = ("low", "high", "at_degC", "at_20_degC")
+_TEXTS: Final = ("status", "source", "note")
+_ENTRY: Final = {"value", *_NUMBERS, *_TEXTS}
 _MOST: Final = 60  # characters of a name
 
 
@@ -46,6 +49,9 @@ class Entry:
     high: float | None = None
     status: str = OK  # of the estimate or finding that it is from
     source: str = ""  # in words
+    note: str = ""  # what else a reader should know of it
+    at_degC: float | None = None  # temperature that it holds at
+    at_20_degC: float | None = None  # SI, what it is at 20 degC
 
     @property
     def outside(self) -> bool:
@@ -156,7 +162,7 @@ def _entries_of(table: str, entries: Mapping[str, Entry]) -> list[float]:
 def _line(signal: Signal, entry: Entry) -> str:
     value = repr(entry.value) if signal.type is WireType.F32 else str(int(entry.value))
     unit = "" if signal.unit == "1" else f" {signal.unit}"
-    told = {"low": entry.low, "high": entry.high, "status": entry.status, "source": entry.source}
+    told = {key: getattr(entry, key) for key in (*_NUMBERS, *_TEXTS)}
     more = {key: one for key, one in told.items() if one not in (None, "") and (key, one) != ("status", OK)}
     if more:
         parts = (f"{key} = {_text(one) if isinstance(one, str) else repr(one)}" for key, one in more.items())
@@ -218,18 +224,19 @@ class _Reader:
             parts = cast(dict[str, Any], given) if isinstance(given, dict) else {"value": given}
             problem = problem_of(name, parts.get("value"))
             others = [key for key in parts if key not in _ENTRY]
-            ends = [parts.get(key) for key in ("low", "high")]
+            numbers = {key: parts.get(key) for key in _NUMBERS}
             if problem:
                 self._problems.append(problem)
             elif others:
                 self._problems.append(f"{name} {shown(others[0])}: expected one of {', '.join(sorted(_ENTRY))}")
-            elif any(isinstance(end, bool) or not isinstance(end, int | float | None) for end in ends):
-                self._problems.append(f"{name}: expected numbers as low and high, got {shown(ends)}")
-            elif not all(isinstance(parts.get(key, ""), str) for key in ("status", "source")):
-                self._problems.append(f"{name}: expected texts as status and source")
+            elif any(isinstance(one, bool) or not isinstance(one, int | float | None) for one in numbers.values()):
+                self._problems.append(f"{name}: expected numbers as {', '.join(_NUMBERS)}, got {shown(parts)}")
+            elif not all(isinstance(parts.get(key, ""), str) for key in _TEXTS):
+                self._problems.append(f"{name}: expected texts as {', '.join(_TEXTS)}")
             else:
-                low, high = (None if end is None else float(end) for end in ends)
-                yield name, Entry(float(parts["value"]), low, high, parts.get("status", OK), parts.get("source", ""))
+                known = {key: float(one) for key, one in numbers.items() if one is not None}
+                texts = {key: parts[key] for key in _TEXTS if key in parts}
+                yield name, Entry(float(parts["value"]), **known, **texts)
 
     def list_of(self, table: str, given: object) -> Iterable[tuple[str, Entry]]:
         """All entries of a table."""

@@ -34,12 +34,13 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All of it. `problems` forbid it; `doubts` forbid it unless somebody says why they do not."""
+    """All of it. `problems` forbid it; `doubts` forbid it unless somebody says why they do not; `remarks` do not."""
 
     changes: tuple[Change, ...]
     same: int  # values that the drive has already
     problems: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:

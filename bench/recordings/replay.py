@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
+import numpy as np
+
 from bench.live import method
 from bench.live.doubts import doubted
 from bench.live.window import Window
@@ -17,7 +19,7 @@ from bench.recordings.turned import Turned
 from estimator.diagnosis.intake.speed_factor import speed_factor
 from estimator.online.estimate import WindowEstimate
 from estimator.online.window_ls import MAX_LENGTH
-from estimator.samples import Samples
+from estimator.samples import Column, Samples
 
 _NOT_EXPLAINED: Final = "the model does not explain these rows"
 _MEMORY: Final = 5.0  # time constants, after which what is forgotten counts no more
@@ -32,6 +34,7 @@ class Replay:
     result: WindowEstimate
     verdict: Verdict
     remarks: tuple[str, ...]  # what a user should know besides, a sentence each
+    temperatures: Mapping[str, float]  # degC, means of the rows that it rests on, of those that the recording has
 
 
 OnEstimate = Callable[[float, WindowEstimate], None]
@@ -51,6 +54,7 @@ def replay(
     turned = Turned(n_p, nominal or {}, set_speed="omega_e" in reader.sources.constants)
     judgement, rests_on, due, rows = Judgement(window, nominal or {}), _rests_on(window), every, 0
     reports: deque[_Report] = deque()  # that wait until their rows have been judged
+    warmth = _Warmth(rests_on)
 
     def run(chunk: Chunk) -> None:
         nonlocal due, rows
@@ -77,6 +81,7 @@ def replay(
 
     for chunk in reader:
         turned.take(chunk.samples)
+        warmth.take(chunk)
         if on_rows is not None:
             on_rows(reader.summary.rows)
         for left in screen.take(chunk):
@@ -90,7 +95,7 @@ def replay(
     changes = judgement.changes() if rests_on is None and window.method != "ekf" else {}
     result = replace(result, estimates=doubted(result, mismatch, changes))
     remarks = (*reader.summary.remarks(), *screen.remarks(), *turned.remarks(), *_speed(judgement.worst, n_p))
-    return Replay(reader.summary, window, result, verdict, remarks)
+    return Replay(reader.summary, window, result, verdict, remarks, warmth.means())
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +105,34 @@ class _Report:
     rows: int
     t: float  # s
     result: WindowEstimate
+
+
+class _Warmth:
+    """Temperatures beside the newest so many rows; None: all of them."""
+
+    def __init__(self, rows: int | None) -> None:
+        self._rows = rows
+        self._newest: dict[str, Column] = {}
+        self._sums: dict[str, tuple[float, int]] = {}  # where all of them count: of values, and how many
+
+    def take(self, chunk: Chunk) -> None:
+        """The next rows."""
+        for name, column in chunk.beside.items():
+            if self._rows is None:
+                self._sums[name] = _added(self._sums.get(name, (0.0, 0)), column)
+            else:
+                self._newest[name] = np.concatenate((self._newest.get(name, column[:0]), column))[-self._rows :]
+
+    def means(self) -> dict[str, float]:
+        """degC, by quantity."""
+        sums = self._sums | {name: _added((0.0, 0), column) for name, column in self._newest.items()}
+        return {name: total / count for name, (total, count) in sums.items() if count}
+
+
+def _added(before: tuple[float, int], column: Column) -> tuple[float, int]:
+    """A sum and a count with the finite values of a column."""
+    known = column[np.isfinite(column)]
+    return before[0] + float(known.sum()), before[1] + len(known)
 
 
 def _rests_on(window: Window) -> int | None:
@@ -124,6 +157,7 @@ def as_json(replayed: Replay) -> dict[str, Any]:
         "combinations": [asdict(combination) for combination in result.combinations],
         "mismatch": asdict(replayed.verdict),
         "window": asdict(window),
+        "temperatures_degC": dict(replayed.temperatures),
         "remarks": list(replayed.remarks),
         "recording": asdict(replayed.recording),
     }

@@ -51,7 +51,9 @@ def shown(path: Path, *, as_json: bool) -> None:
         if signal.table:
             continue
         ends = "" if entry.low is None and entry.high is None else f"{entry.low} to {entry.high}"
-        table.add_row(name, _number(signal, entry.value), _unit(signal), ends, entry.status, entry.source)
+        cold = "" if entry.at_20_degC is None else f"{entry.at_20_degC:.9g} at 20 degC"
+        said = "; ".join(filter(None, (entry.source, cold, entry.note)))
+        table.add_row(name, _number(signal, entry.value), _unit(signal), ends, entry.status, said)
     terminal = Terminal()
     terminal.print(table)
     for name in dict.fromkeys(signal_named(name).table for name in given.entries):
@@ -190,7 +192,7 @@ def _show(to_do: Plan) -> None:
         terminal.print(table)
     if len(entries) > _SHOWN:
         terminal.print(f"and {len(entries) - _SHOWN} more entries of tables")
-    for word, lines in (("forbidden", to_do.problems), ("doubtful", to_do.doubts)):
+    for word, lines in (("forbidden", to_do.problems), ("doubtful", to_do.doubts), ("remark", to_do.remarks)):
         for line in lines:
             terminal.print(f"{word}: {line}")
 
@@ -202,7 +204,8 @@ def _as_json(to_do: Plan) -> dict[str, Any]:
             "bits_old": one.counts[0], "bits_new": one.counts[1],
         } for one in to_do.changes
     ]  # fmt: skip
-    return {"changes": changes, "same": to_do.same, "problems": to_do.problems, "doubts": to_do.doubts}
+    told = {"problems": to_do.problems, "doubts": to_do.doubts, "remarks": to_do.remarks}
+    return {"changes": changes, "same": to_do.same, **told}
 
 
 def _cut(drive: Drive) -> dict[str, Any] | None:

@@ -1,7 +1,7 @@
 """The shape that every format has, and what reading one gives."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.diagnoses.diagnosis_request import Request, Tell
@@ -17,6 +17,9 @@ class Diagnosed:
     recording: Summary
     nominal: Nominal
     diagnosis: Diagnosis
+    seen: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
+    """By axis, i_d and i_q, the least current and the largest, A; nothing where rows are no samples in time."""
+    u_dc: float | None = None  # V, mean of the dc link; None where it is not known
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Recordings of every control period: `bench.recordings.recording`."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,8 +16,10 @@ from bench.recordings.recording import Recording, RecordingReader, check_every_p
 from bench.recordings.sources import bare_names
 from bench.recordings.table import column_names
 from estimator.diagnosis.diagnose import diagnose
+from estimator.samples import Samples
 
 _READING: Final = 0.05  # share of the work
+_STRAY: Final = 1e-3  # share of the rows at either end of a current's range, which may be wrong
 
 
 def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
@@ -41,7 +43,21 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
     with refusals_of(request.file):
         diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
     remarks = (*((stretches,) if stretches else ()), *recording.summary.remarks(), *diagnosis.remarks)
-    return Diagnosed(recording.summary, nominal, replace(diagnosis, remarks=remarks))
+    seen = {axis: _span(recording.runs, axis) for axis in ("i_d", "i_q")}
+    return Diagnosed(
+        recording.summary, nominal, replace(diagnosis, remarks=remarks), seen, _mean_u_dc(recording.runs)
+    )
+
+
+def _span(runs: Sequence[Samples], axis: str) -> tuple[float, float]:
+    column = np.concatenate([getattr(run, axis) for run in runs])
+    low, high = np.quantile(column, (_STRAY, 1.0 - _STRAY))
+    return float(low), float(high)
+
+
+def _mean_u_dc(runs: Sequence[Samples]) -> float | None:
+    columns = [run.u_dc for run in runs if run.u_dc is not None]
+    return float(np.mean(np.concatenate(columns))) if columns else None
 
 
 @contextmanager

@@ -101,6 +101,23 @@ def test_one_period_a_row_and_the_whole_file_are_the_default(
     assert content["samples"] == PERIODS - 1
 
 
+def test_temperatures_of_the_rows_that_it_rests_on_stand_beside(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    columns = VirtualDrive(PAPER).record(PERIODS)
+    warm = np.linspace(20.0, 60.0, PERIODS)
+    warm[::7] = math.nan  # not every row has one
+    file, out = tmp_path / "warm.parquet", tmp_path / "result.json"
+    pq.write_table(pa.table({**columns, "temp_winding": warm}), file)
+    for options, at in (((), 40.0), (("--window", "1000"), 59.0)):
+        assert pmsm_bench("replay", file, "--json", out, *options, monkeypatch=monkeypatch) == 0
+        told = json.loads(out.read_text(encoding="utf-8"))
+        assert told["temperatures_degC"] == {"temp_winding": pytest.approx(at, abs=0.1)}
+        out.unlink()
+    assert pmsm_bench("replay", recordings / "run.parquet", "--json", out, monkeypatch=monkeypatch) == 0
+    assert json.loads(out.read_text(encoding="utf-8"))["temperatures_degC"] == {}
+
+
 TUNING = """preset = "custom"
 model = "inductances"
 P_0 = [1e-4, 1e-4, 0.1, 1e-6, 4e-6]

@@ -116,7 +116,9 @@ def test_what_is_not_finite_is_null_and_odds_have_an_end() -> None:
     assert content["findings"][0]["where"]["region"] == {"distance": [-0.4, 0.4], "axis": "q", "order": 6.0}
     assert content["fit"]["free_run_rms_A"] == {"before": 0.31, "after": 0.012}
     assert content["machine"]["after"]["R_s"] == {"value": 0.9668, "std": 4e-4, "unit": "ohm"}
-    assert content["recording"] == {"path": "runs/0007.parquet", "rows": 60_000, "duration": 6.0}
+    assert content["recording"] == {
+        "path": "runs/0007.parquet", "rows": 60_000, "duration": 6.0, "T_s": 1e-4, "u_dc": None, "currents": {},
+    }
 
 
 # --- a recording
@@ -136,7 +138,12 @@ def test_the_same_recording_gives_the_same_bytes_and_tells_how_far_it_is(recordi
     one = json_text(as_json(diagnose_recording(request, lambda share, phase: heard.append((share, phase)))))
     assert one == json_text(as_json(diagnose_recording(request)))
     validate(json.loads(one))
-    assert json.loads(one)["recording"] == {"path": str(recording), "rows": 12_000, "duration": pytest.approx(1.2)}
+    told = json.loads(one)["recording"]
+    currents = told.pop("currents")
+    assert told == {
+        "path": str(recording), "rows": 12_000, "duration": pytest.approx(1.2), "T_s": 1e-4, "u_dc": 310.0,
+    }
+    assert currents["i_d"] == pytest.approx([-3.15, 3.15], abs=0.1)
     shares = [share for share, _ in heard]
     assert heard[0] == (0.0, "reading")
     assert shares == sorted(shares)

@@ -18,10 +18,21 @@ SCALARS = [signal.name for signal in FLASHED if not signal.table]
 def test_a_set_comes_back_from_its_file_as_it_was() -> None:
     entries = {
         "bandwidth": Entry(1250.0), "n_p": Entry(4.0), "dead_time": Entry(2e-6, 1.9e-6, 2.1e-6, "doubtful", 'a "find"'),
+        "control_R_s": Entry(1.0, 0.9, 1.1, note="copper, 0.393 %/K", at_degC=60.0, at_20_degC=0.864),
         **{f"angle_table_{k}": Entry(k * 1e-4) for k in range(1, 65)},
     }
     given = ParameterSet("servo 6 A", entries, 3, 0xDE84BEF1, 77)
     assert parse(as_toml(given), "x") == given
+
+
+@pytest.mark.parametrize(("inside", "said"), [
+    ("note = 1", "expected texts as status, source, note"),
+    ('at_degC = "warm"', "expected numbers as low, high, at_degC, at_20_degC"),
+    ("at_20 = 1.0", "expected one of at_20_degC, at_degC, high, low, note, source, status, value"),
+])
+def test_what_is_said_of_a_value_is_checked(inside: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        parse(f'name = "a"\n[parameters]\ncontrol_R_s = {{ value = 1.0, {inside} }}\n', "x")
 
 
 def test_all_that_is_wrong_is_told_at_once() -> None:

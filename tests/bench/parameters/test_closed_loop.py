@@ -1,0 +1,165 @@
+"""A drive with a concealed effect is recorded and diagnosed, the set goes into it, and it is recorded again.
+
+Drive and diagnosis share no equation. What is told of the second recording is to have the effect no more, or far less.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+import pytest
+
+from bench.diagnoses.diagnose import as_json, diagnose_recording
+from bench.diagnoses.diagnosis_request import Request
+from bench.machine_file import Nominal
+from bench.parameters.compensation import electrical_turn
+from bench.parameters.from_diagnosis import set_from_diagnosis
+from bench.parameters.parameter_set import FLASHED, ParameterSet, as_toml, parse
+from emulator.drive.virtual_drive import Column, VirtualDrive
+from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.saturation import Saturation
+from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, read_angle
+from emulator.scenario.effects import NONE
+from emulator.scenario.scenarios import PAPER
+
+pytestmark = pytest.mark.thorough
+
+pa: Any = pyarrow  # comes without types
+pq: Any = pyarrow.parquet
+
+M, COUNTS = PAPER.motor, 65536
+SETTLING, PERIODS = 2_000, 20_000  # control periods
+NOMINAL = Nominal(
+    {"R_s": 1.04 * M.R_s, "L_d": 0.97 * M.L_d, "L_q": 1.03 * M.L_q, "psi_f": 0.98 * M.psi_f}, n_p=M.n_p,
+    i_rated=M.i_rated, T_s=PAPER.drive.T_s, u_dc=PAPER.drive.u_dc, encoder_counts=COUNTS,
+)  # fmt: skip
+
+
+def drive_with(effects: Mapping[str, Any], settings: Mapping[str, float] | None = None) -> VirtualDrive:
+    """Of several speeds and currents, under way."""
+    bridge = "switched" if "inverter" in effects else "averaged"
+    drive = VirtualDrive(replace(
+        PAPER, effects=NONE._replace(**effects), settings=dict(settings or {}),
+        drive=replace(PAPER.drive, encoder_counts=COUNTS, bridge=bridge),
+        run=replace(PAPER.run, speed_rpm=900.0, swing_rpm=500.0),
+        excitation=replace(PAPER.excitation, i_d_ref=-1.0, i_q_ref=1.0, i_d_step=2.5, i_q_step=3.5),
+    ))  # fmt: skip
+    drive.record(SETTLING)
+    return drive
+
+
+def diagnosed(columns: Mapping[str, Column], folder: Path) -> dict[str, Any]:
+    pq.write_table(pa.table(dict(columns)), file := folder / "run.parquet")
+    content = as_json(diagnose_recording(Request(file, NOMINAL)))
+    assert content["fit"] is not None
+    return content
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Diagnoses before and after, and the set between them."""
+
+    before: dict[str, Any]
+    after: dict[str, Any]
+    given: ParameterSet
+
+    def size(self, name: str) -> tuple[float, float]:
+        """Of what was found, before and after; nothing found is none."""
+        first, second = (
+            sum(finding["parameters"].get(name, {"value": 0.0})["value"] for finding in said["findings"])
+            for said in (self.before, self.after)
+        )
+        return first, second
+
+    def free_run(self) -> float:
+        """Error of the free-running twin without effects, after over before."""
+        first, second = (said["fit"]["free_run_rms_A"]["before"] for said in (self.before, self.after))
+        return second / first
+
+
+def closed(drive: VirtualDrive, folder: Path) -> Loop:
+    image = drive.values([signal.name for signal in FLASHED])
+    reading = read_angle(drive.scenario.effects.angle_sensing, drive.plant.theta_m)
+    columns = drive.record(PERIODS)
+    before = diagnosed(columns, folder)
+    turn = electrical_turn(reading, float(columns["theta_e"][0]), image)
+    made = set_from_diagnosis(before, image, electrical_turn=turn)
+    assert made.remarks == ()
+    assert {entry.status for entry in made.set.entries.values()} == {"ok"}
+    given = parse(as_toml(made.set), "set.toml")
+    for name, value in given.values.items():
+        drive.write(name, value)
+    drive.record(SETTLING)
+    return Loop(before, diagnosed(drive.record(PERIODS), folder), given)
+
+
+def test_unequal_gains_of_the_current_sensors_are_gone(tmp_path: Path) -> None:
+    loop = closed(drive_with({"current_sensing": CurrentSensing(gain_a=1.03, gain_b=0.985)}), tmp_path)
+    assert loop.size("gain_a") == pytest.approx((1.025, 0.0), abs=0.002)
+    assert loop.after["verdict"] == "no_mismatch"
+    assert loop.free_run() < 0.4
+
+
+def test_offsets_of_the_current_sensors_are_gone(tmp_path: Path) -> None:
+    loop = closed(drive_with({"current_sensing": CurrentSensing(offset_a=0.12, offset_b=-0.05)}), tmp_path)
+    assert loop.after["verdict"] == "no_mismatch"
+    assert loop.free_run() < 0.2
+
+
+def test_an_offset_of_the_angle_is_gone(tmp_path: Path) -> None:
+    loop = closed(drive_with({"angle_sensing": AngleSensing(offset=0.03)}, {"angle_offset": 0.05}), tmp_path)
+    assert loop.given.values["angle_offset"] == pytest.approx(-0.03 * M.n_p, abs=1e-3)
+    assert loop.after["verdict"] == "no_mismatch"
+    assert loop.free_run() < 0.02
+
+
+def test_an_eccentric_encoder_is_far_less_eccentric(tmp_path: Path) -> None:
+    sensing = AngleSensing(once=0.01, once_phase=0.4, twice=0.004, twice_phase=1.0)
+    loop = closed(drive_with({"angle_sensing": sensing}), tmp_path)
+    for name in ("once", "twice"):
+        before, after = loop.size(name)
+        assert after < 0.02 * before
+    assert loop.free_run() < 0.05
+
+
+@pytest.mark.parametrize("inverter", [
+    Inverter(dead_time=2e-6), Inverter(dead_time=1.5e-6, u_transistor=1.0, u_diode=1.2),
+], ids=["dead time", "dead time and drops"])
+def test_an_inverters_lost_voltage_is_far_less(inverter: Inverter, tmp_path: Path) -> None:
+    """What is left is near crossings of zero, which currents' ripple makes; it hides as no R_s."""
+    loop = closed(drive_with({"inverter": inverter}), tmp_path)
+    assert loop.given.values["dead_time"] == pytest.approx(inverter.dead_time, rel=0.05)
+    assert loop.size("dead_time")[1] < 0.1 * inverter.dead_time
+    assert loop.free_run() < 0.3
+    before, after = (said["machine"]["before"]["R_s"]["value"] for said in (loop.before, loop.after))
+    assert abs(after - M.R_s) < 0.01 * abs(before - M.R_s)
+
+
+def test_saturation_stays_the_machines_and_is_off_the_control(tmp_path: Path) -> None:
+    """A drive that knows of it decouples its axes by true flux linkages: less is left to the integral."""
+    drive = drive_with({"saturation": Saturation(0.0, 0.25, 0.0)})
+    before = left_to_the_integral(drive)
+    loop = closed(drive, tmp_path)
+    assert loop.size("L_q_drop") == pytest.approx((0.25, 0.25), abs=0.01)
+    assert loop.given.values["saturation_correction"] == 1.0
+    assert left_to_the_integral(drive) < 0.15 * before
+
+
+def left_to_the_integral(drive: VirtualDrive) -> float:
+    """Voltage (V) beyond R_s i that the current control's integral makes up for, at steady currents."""
+    moving = drive.values(["i_d_ref", "i_q_ref", "i_d_step", "i_q_step"])
+    for name, value in {"i_d_step": 0.0, "i_q_step": 0.0, "i_d_ref": -1.0, "i_q_ref": 4.0}.items():
+        drive.write(name, value)
+    drive.record(SETTLING)
+    left = list[complex]()
+    for _ in range(100):
+        drive.record(100)
+        left.append(drive._state.firmware.integral - M.R_s * complex(-1.0, 4.0))
+    for name, value in moving.items():
+        drive.write(name, value)
+    drive.record(SETTLING)
+    return float(np.sqrt(np.mean(np.abs(left) ** 2)))
