@@ -21,8 +21,8 @@ from pydantic import Field, TypeAdapter
 
 from bench.actions.capture_request import NEEDED
 from bench.actions.experiment_part import ExperimentPart, Heading
-from bench.actions.limits import RPM, TRIP, Limits, Overload
-from bench.actions.under_control import CancelledError, under_control
+from bench.actions.limits import RPM, TRIP, Limits
+from bench.actions.under_control import Guard, under_control
 from bench.actions.unfinished import Origin
 from bench.errors import LimitError, UnavailableError, shown
 from bench.expected import CLOSED, Number, Table, taken
@@ -33,7 +33,6 @@ from drivers.capture import DONE, Capture, Setup
 from drivers.drive import Drive
 from drivers.errors import FaultError, GoneError, NoReplyError
 from drivers.lease import Lease
-from drivers.wire.cia402 import State
 from drivers.wire.dictionary import CAPTURE_SAMPLES
 from estimator.diagnosis.verdict import Hold
 from estimator.machine import UNITS
@@ -204,7 +203,7 @@ def run(
     cancelled, lease = cancelled or threading.Event(), Lease()
     under_way = _UnderWay(drive, plan, limits, lease, tell, cancelled, part)
     under_way.check()
-    under_way.check_cancelled()
+    under_way.guard.check_cancelled()
     trip = (TRIP,) if drive.identity.has_lease else ()
     with under_control(drive, lease, origin, (*_SETTINGS, *trip)):
         under_way.rehearse()
@@ -230,9 +229,9 @@ class _UnderWay:
         self, drive: Drive, plan: Plan, limits: Limits, lease: Lease, tell: Tell, cancelled: threading.Event,
         part: ExperimentPart | None = None,
     ) -> None:  # fmt: skip
-        self._drive, self._plan, self._tell, self._cancelled, self._part = drive, plan, tell, cancelled, part
-        self._limits, self._lease, self._overload = limits, lease, Overload(limits)
-        self._most_speed = math.inf  # rad/s, electrical
+        self._drive, self._plan, self._tell, self._part = drive, plan, tell, part
+        self._limits, self._lease = limits, lease
+        self.guard = Guard(drive, lease, limits, "the experiment", cancelled)
         self._T_s = drive.identity.T_s
         self._n_p = drive.read("n_p")
         self._speed_controlled = int(drive.read("speed_control")) != _OFF
@@ -290,13 +289,13 @@ class _UnderWay:
             settings["speed_control"] = float(_REFERENCE)
             self._remarks.append("the drive controls its speed: i_q follows from the load, not from the experiment")
         fastest = max(abs(self._drive.read("omega_e")), *(abs(self._omega_e(hold)) for hold in self._plan.holds))
-        self._most_speed = _FASTER * fastest + _SLACK * self._drive.identity.omega_full
+        self.guard.most_speed = _FASTER * fastest + _SLACK * self._drive.identity.omega_full
         if self._drive.identity.has_lease:
-            settings[TRIP] = min(self._most_speed, self._drive.read(TRIP))
+            settings[TRIP] = min(self.guard.most_speed, self._drive.read(TRIP))
         parts: list[Capture] = []
-        self.check_cancelled()  # a stop after this ends the lease by which it starts
+        self.guard.check_cancelled()  # a stop after this ends the lease by which it starts
         self._lease.start(self._drive, settings)
-        self.check_cancelled()
+        self.guard.check_cancelled()
         for holds in _groups(self._plan, self._T_s):
             self._set(holds[0])
             self._await_speed(holds[0])
@@ -310,7 +309,7 @@ class _UnderWay:
         count, grown = -1, time.monotonic()
         at = 0
         while True:
-            self._check_on()
+            self.guard.check(loaded=self._speed_controlled)
             seen = capture.seen(drive, number_)
             if seen.count != count:
                 count, grown = seen.count, time.monotonic()
@@ -322,7 +321,7 @@ class _UnderWay:
                 at += 1
                 self._set(holds[at])
             self._say(f"holding {_words(holds[at])}", self._done + count * self._T_s)
-            self._pause()
+            self.guard.pause(_POLL)
         self._still()
         found = capture.found(drive, setup)
         if found.number != number_ or found.count < setup.length:
@@ -335,7 +334,7 @@ class _UnderWay:
             self._lease.keep(drive)
             if self._part is not None:
                 self._part.keep(found.data, done * 2 * len(SIGNALS))
-            self.check_cancelled()
+            self.guard.check_cancelled()
             self._say(f"uploading {done} of {found.count} samples", self._done)
 
         return capture.upload(drive, found, uploaded)
@@ -368,33 +367,9 @@ class _UnderWay:
                 raise NoReplyError(
                     f"the drive did not come to {hold.speed_rpm:g} rpm within {PATIENCE:g} s, it turns at {rpm:.4g} rpm"
                 )
-            self._check_on()
+            self.guard.check(loaded=self._speed_controlled)
             self._say(f"going to {hold.speed_rpm:g} rpm", self._done)
-            self._pause()
-
-    def _check_on(self) -> None:
-        """Renew the lease. Raises FaultError where the bridge is no longer on, or the shaft turns too fast."""
-        self._lease.keep(self._drive)
-        omega_e, now = self._drive.read("omega_e"), operation.state(self._drive)
-        if abs(omega_e) > self._most_speed:
-            rpm, most = (omega / (self._n_p * RPM) for omega in (omega_e, self._most_speed))
-            raise FaultError(f"the shaft turned at {rpm:.5g} rpm, expected at most {most:.5g}: the drive is stopped", 0)
-        if now is State.OPERATION_ENABLED:
-            if self._speed_controlled and (too_much := self._overload.told(self._drive)):
-                raise FaultError(f"the drive's speed control asked for {too_much}", 0)
-            return
-        found = operation.fault(self._drive)
-        code, text = (found.code, f"{found.text} (0x{found.code:04X})") if found else (0, f"it is in state {now}")
-        raise FaultError(f"the drive went off during the experiment: {text}", code)
-
-    def check_cancelled(self) -> None:
-        """Raise CancelledError where it is to end."""
-        if self._cancelled.is_set():
-            raise CancelledError("the experiment was cancelled; the drive is stopped")
-
-    def _pause(self) -> None:
-        self._cancelled.wait(_POLL)
-        self.check_cancelled()
+            self.guard.pause(_POLL)
 
     def _say(self, phase: str, seconds: float) -> None:
         self._tell(Progress(phase, min(1.0, seconds / self._plan.seconds)))

@@ -4,15 +4,19 @@ Where no link is left for that, the control lease runs out, and what was noted o
 """
 
 import contextlib
+import math
+import threading
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 
+from bench.actions.limits import RPM, Limits, Overload
 from bench.actions.unfinished import Origin, take
 from bench.errors import BenchError
-from drivers import capture
+from drivers import capture, operation
 from drivers.drive import Drive
-from drivers.errors import DriveError, NoReplyError, RefusedError
+from drivers.errors import DriveError, FaultError, NoReplyError, RefusedError
 from drivers.lease import HeldError, Lease
+from drivers.wire.cia402 import State
 
 
 class CancelledError(BenchError):
@@ -38,6 +42,48 @@ def under_control(drive: Drive, lease: Lease, origin: Origin, settings: Iterable
             noted.undone()
         finally:
             noted.close()
+
+
+class Guard:
+    """Looks after a drive that is on: renews its lease, and tells where it went off, turns too fast, or takes too much.
+
+    `most_speed` (rad/s, electrical) may be changed.
+    """
+
+    def __init__(
+        self, drive: Drive, lease: Lease, limits: Limits, what: str, cancelled: threading.Event,
+        most_speed: float = math.inf,
+    ) -> None:  # fmt: skip
+        """`what` is done with it, as in "the drive went off during what"."""
+        self._drive, self._lease, self._what, self._cancelled = drive, lease, what, cancelled
+        self.most_speed = most_speed
+        self._overload = Overload(limits)
+        self._n_p = drive.read("n_p")
+
+    def check(self, *, loaded: bool = True) -> None:
+        """To be called all the time. `loaded`: its own loops may ask for currents. Raises FaultError, DriveError."""
+        self._lease.keep(self._drive)
+        omega_e, now = self._drive.read("omega_e"), operation.state(self._drive)
+        if abs(omega_e) > self.most_speed:
+            rpm, most = (omega / (self._n_p * RPM) for omega in (omega_e, self.most_speed))
+            raise FaultError(f"the shaft turned at {rpm:.5g} rpm, expected at most {most:.5g}: the drive is stopped", 0)
+        if now is State.OPERATION_ENABLED:
+            if loaded and (too_much := self._overload.told(self._drive)):
+                raise FaultError(f"the drive's speed control asked for {too_much}", 0)
+            return
+        found = operation.fault(self._drive)
+        code, text = (found.code, f"{found.text} (0x{found.code:04X})") if found else (0, f"it is in state {now}")
+        raise FaultError(f"the drive went off during {self._what}: {text}", code)
+
+    def check_cancelled(self) -> None:
+        """Raise CancelledError where it is to end."""
+        if self._cancelled.is_set():
+            raise CancelledError(f"{self._what} was cancelled; the drive is stopped")
+
+    def pause(self, seconds: float) -> None:
+        """Wait. Raises CancelledError."""
+        self._cancelled.wait(seconds)
+        self.check_cancelled()
 
 
 def _ended(drive: Drive, lease: Lease, before: Mapping[str, float]) -> None:

@@ -24,13 +24,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.actions.under_control import CancelledError
+from bench.actions.limits import Limits
+from bench.actions.under_control import Guard
 from bench.errors import BenchError
-from drivers import operation
 from drivers.drive import Drive
-from drivers.errors import FaultError
 from drivers.lease import Lease
-from drivers.wire.cia402 import State
 
 Column = NDArray[np.float64]
 Tell = Callable[[str], None]
@@ -100,8 +98,8 @@ class _Place:
 class _Motor:
     """The motor under a forced angle, step by step, under control."""
 
-    def __init__(self, drive: Drive, lease: Lease, cancelled: threading.Event) -> None:
-        self._drive, self._lease, self._cancelled = drive, lease, cancelled
+    def __init__(self, drive: Drive, lease: Lease, guard: Guard) -> None:
+        self._drive, self._lease, self._guard = drive, lease, guard
         self.phi = 0.0
         self._last = drive.read("encoder_angle")
         self._origin = self.enc = self._last
@@ -132,7 +130,7 @@ class _Motor:
         while True:
             seen = self._wait(_STILL)
             if max(seen) - min(seen) < _REST / 4.0:
-                return float(np.mean(seen))
+                return 0.5 * (min(seen) + max(seen))
             if time.monotonic() > deadline:
                 swing = 0.5 * (max(seen) - min(seen))
                 raise UnclearError(f"the shaft swings by {math.degrees(swing):.2g} deg and does not come to rest")
@@ -141,14 +139,10 @@ class _Motor:
         """What the encoder reads meanwhile, rad, unwrapped; at least twice."""
         seen, end = list[float](), time.monotonic() + seconds
         while len(seen) < 2 or time.monotonic() < end:
-            if self._cancelled.is_set():
-                raise CancelledError("the first start was cancelled; the drive is stopped")
-            self._lease.keep(self._drive)
             self._look()
             seen.append(self.enc)
-            self._cancelled.wait(_POLL)
-        if operation.state(self._drive) is not State.OPERATION_ENABLED:
-            raise FaultError(f"the drive went off during the first start: {operation.off(self._drive)}", 0)
+            self._guard.pause(_POLL)
+        self._guard.check()
         return seen
 
     def _look(self) -> None:
@@ -162,15 +156,22 @@ class _Motor:
             )
 
 
+SETTINGS: Final = ("speed_control", "forced_speed")
+"""What it changes besides set points."""
+
+
 def first_start(
     drive: Drive, lease: Lease, most: float, forwards: Forwards = Forwards.ENCODER, tell: Tell = lambda _: None,
     cancelled: threading.Event | None = None,
 ) -> FirstStart:  # fmt: skip
     """Find it out with at most `most` (A), by a lease that is held; the bridge is off afterwards.
 
-    Nothing is written but set points and what control sets. Raises UnclearError, CancelledError, DriveError.
+    Raises UnclearError, CancelledError, DriveError.
     """
-    motor = _Motor(drive, lease, cancelled or threading.Event())
+    if not any(signal.name == "forced_angle" for signal in drive.identity.signals):
+        raise UnclearError(f"a drive of layout 0x{drive.identity.layout_id:08X} has no forced angle, which this needs")
+    guard = Guard(drive, lease, Limits(i_max=most), "the first start", cancelled or threading.Event())
+    motor = _Motor(drive, lease, guard)
     try:
         current = _aligned(motor, most, tell)
         tell("turning the field")
@@ -182,7 +183,7 @@ def first_start(
         span = _span(n_p)
         if span > _SWEEP:
             tell(f"turning the field by {span / math.pi:.2g} turns")
-        fits = []
+        fits = list[_Fit]()
         for share in (1.0, 1.5):
             motor.current(share * current)
             fits.append(_fitted(_swept(motor, span)))

@@ -1,6 +1,7 @@
 """The service: pumps, worker and their state, as one context manager. Knows nothing of HTTP."""
 
 import contextlib
+import json
 import re
 import shutil
 import socket
@@ -24,10 +25,13 @@ from bench.actions.lease import Change, Leases, Part, Writer
 from bench.actions.limits import Limits
 from bench.actions.recording import Surroundings
 from bench.actions.recordings import Recordings
+from bench.actions.under_control import CancelledError
 from bench.actions.unfinished import Origin, folder_beside, undo
+from bench.commissioning.commissionings import Commissionings
+from bench.commissioning.commissionings import Status as Commissioning
 from bench.config import Config, DriveConfig
-from bench.diagnoses.diagnosis_jobs import DiagnosisJobs
-from bench.errors import LimitError, UnknownError, shown
+from bench.diagnoses.diagnosis_jobs import RESULT, DiagnosisJobs, JobState
+from bench.errors import BenchError, LimitError, UnavailableError, UnknownError, shown
 from bench.files import sweep
 from bench.live.acquisition import Acquisition, Link, LinkState
 from bench.live.estimation import Estimation, Snapshot
@@ -54,6 +58,7 @@ from drivers.wire.dictionary import SET_POINTS
 _WRITE = 30.0  # s that a write of signals may take, on the slowest line
 _STOP = 1.2  # s in which drives are stopped, and jobs on them end, while there are still links
 _LEAVE = 1.8  # s in which all must end; a pump that is held up in connecting is left behind
+_DIAGNOSED = 0.2  # s between looks at a diagnosis that is waited for
 _LAST = 0.3  # s more, for the estimation
 _OF_DRIVE: Final = re.compile("/api/drives/([^/]+)")
 
@@ -111,6 +116,7 @@ class Service:
         self._snapshots = Snapshots(self.drives, self._parameters_changed)
         self.captures = Captures(config.captures, self.drives, self._leases, self._ended)
         self.experiments = Experiments(config.captures, self.drives, self._leases, self._ended)
+        self.commissionings = Commissionings(config.captures, self.drives, self._leases, self._diagnosed)
         self._kept = Diagnoses(config.captures, self._diagnoses_read)
         self.diagnoses = DiagnosisJobs(config.captures, machines, kept=self._kept)
         self.recordings = Recordings(
@@ -119,7 +125,8 @@ class Service:
                 self._state_words, lambda name: asdict(self.estimates(name).window), self._snapshots.read
             ),
         )
-        self.captures.on_begin = self.experiments.on_begin = self._snapshots.ask
+        for jobs in (self.captures, self.experiments, self.commissionings):
+            jobs.on_begin = self._snapshots.ask
         self.shelf = Shelf(config.captures, self._recordings_read)
         self._writes = count(1)
         self._leaving: threading.Thread | None = None
@@ -140,6 +147,7 @@ class Service:
         self.recordings.start()
         self.captures.start()
         self.experiments.start()
+        self.commissionings.start()
         self.diagnoses.start()
         _begun("recordings that were made", self._read_past)
         return self
@@ -201,10 +209,11 @@ class Service:
         return trusted(self._estimation.snapshot(name), drive.link.status, drive.control.off_words)
 
     def experiment_on(self, name: str) -> str | None:
-        """The experiment that has a drive, by its name; None where none has. Raises UnknownError."""
+        """The experiment or commissioning that has a drive, by its name; None where none has. Raises UnknownError."""
         self.drive(name)
         writer = self._leases.writer(name)
-        return writer.holder if writer is not None and writer.holder in self.experiments.holders else None
+        holders = self.experiments.holders | self.commissionings.holders
+        return writer.holder if writer is not None and writer.holder in holders else None
 
     def writer(self, name: str) -> Writer | None:
         """Who writes to a drive at present, besides this service's control of it. Raises UnknownError."""
@@ -229,6 +238,7 @@ class Service:
         one = self.control(name)
         for other in self._names_of(name):
             self.experiments.stop(other)
+            self.commissionings.stop(other)
             self.drives[other].control.void()
         one.stop(whom)
 
@@ -236,6 +246,13 @@ class Service:
         """Have a drive do an experiment for `whom`. Raises UnknownError, and as `Experiments.ask`."""
         self.control(name).said = ""
         status = self.experiments.ask(name, given, whom)
+        self.drive(name).undone = ""
+        return status
+
+    def begin_commissioning(self, name: str, given: Mapping[str, Any], whom: str = "") -> Commissioning:
+        """Have a drive commissioned for `whom`. Raises UnknownError, and as `Commissionings.ask`."""
+        self.control(name).said = ""
+        status = self.commissionings.ask(name, given, whom)
         self.drive(name).undone = ""
         return status
 
@@ -289,6 +306,22 @@ class Service:
         streaming = all(drive.link.status.state is LinkState.STREAMING for drive in self.drives.values())
         return streaming and all(thread.alive and thread.failure is None for thread in self.threads())
 
+    def _diagnosed(
+        self, recording: str, given: Mapping[str, Any], cancelled: threading.Event, waits: Callable[[], None]
+    ) -> Mapping[str, Any]:
+        """A recording's diagnosis, as JSON; calls `waits` meanwhile. Raises BenchError."""
+        job = self.diagnoses.ask(recording, given)
+        while not job.state.ended:
+            if cancelled.wait(_DIAGNOSED):
+                with contextlib.suppress(BenchError):
+                    self.diagnoses.remove(job.id)
+                raise CancelledError("it was cancelled while its recording was diagnosed; the drive is stopped")
+            waits()
+            job = self.diagnoses.named(job.id)
+        if job.state is not JobState.DONE:
+            raise UnavailableError(f"the diagnosis of {recording} is {job.state}: {job.reason}")
+        return json.loads(self.diagnoses.file(job, RESULT))
+
     def _end(self) -> None:
         begun, drives = time.monotonic(), self.drives.values()
         self._experiments_on = [name for name in self.drives if self.experiment_on(name) is not None]
@@ -298,11 +331,12 @@ class Service:
             return max(0.0, begun + of - time.monotonic())
 
         stops = [_begun(f"stop {name}", drive.control.end) for name, drive in self.drives.items()]
-        for jobs in (self.experiments, self.captures, self.recordings, self.diagnoses):
+        for jobs in (self.commissionings, self.experiments, self.captures, self.recordings, self.diagnoses):
             jobs.leave()
         self._snapshots.end()
         for stop in stops:  # while there are links, by which drives and recorders are told to stop
             stop.join(left(_STOP))
+        self.commissionings.join(left(_STOP))
         self.experiments.join(left(_STOP))
         self.captures.join(left(_STOP))
         closing = [_begun(f"close {name}", drive.link.end) for name, drive in self.drives.items()]
@@ -322,8 +356,8 @@ class Service:
     def _left(self, name: str) -> str:
         """What became of a drive."""
         if name in self._experiments_on:
-            over = self.experiment_on(name) is None
-            return f"{name}: its experiment has {'ended, and stopped it' if over else 'not ended: its lease runs out'}"
+            ended = "ended, and stopped it" if self.experiment_on(name) is None else "not ended: its lease runs out"
+            return f"{name}: its experiment or commissioning has {ended}"
         return f"{name}: {self.control(name).farewell or 'left as it was, this service did not control it'}"
 
     def _closed(self, id_: str) -> str:

@@ -1,0 +1,89 @@
+"""The routes of commissionings, over a running service, and the shapes of what they say."""
+
+from datetime import datetime
+from typing import Annotated, Any, Final, Literal
+from urllib.parse import quote
+
+from fastapi import FastAPI, Path, Response
+from fastapi import Request as HttpRequest
+from pydantic import BaseModel, Field
+
+from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
+from bench.api.guard.idempotency import REPEATABLE
+from bench.commissioning.commissionings import Request, Status, as_json
+from bench.service.service import Service
+
+_ONE: Answers = DRIVE | {404: {"description": "No drive, or no commissioning, of that name"} | PROBLEM}
+_ASKED: Answers = {
+    409: {"description": "Another writer has the drive, or there is nothing to hold its loops against"} | PROBLEM,
+    422: {"description": "Not what a commissioning takes; nothing has moved"} | PROBLEM,
+    503: {"description": "There is no link to the drive"} | PROBLEM,
+}
+_NOT_NOW: Answers = {409: {"description": "The commissioning is in another state"} | PROBLEM}
+CommissioningId = Annotated[str, Path(alias="id", description="id of a commissioning, or latest")]
+_EXAMPLE: Final[dict[str, Any]] = {"kind": "identify"}
+
+
+class CommissioningModel(BaseModel):
+    """A commissioning: under way, or ended; its drive is off then, its parameters as they were."""
+
+    id: str = Field(examples=["emulated-identify-20260131-120000-000"])
+    drive: str = Field(examples=["emulated"])
+    state: Literal["running", "done", "failed", "cancelled"] = Field(examples=["running"])
+    phase: str = Field(description="what is being done, in words", examples=["stepping i_d by 3 A"])
+    reason: str = Field(description="a sentence: why it failed", examples=[""])
+    asked: datetime = Field(description="when it was asked for", examples=["2026-01-31T12:00:00Z"])
+    request: Request = Field(examples=[_EXAMPLE])
+    result: dict[str, Any] = Field(
+        description="once it is done, by kind, SI: what was found, the set that is proposed as TOML, loops against "
+        "their promise, mean steps", examples=[{"said": "4 pole pairs; the encoder counts with the field"}],
+    )  # fmt: skip
+    file: str | None = Field(description="where that is kept, on the service's machine", examples=[None])
+
+
+class CommissioningsModel(BaseModel):
+    """Commissionings of a drive."""
+
+    commissionings: list[CommissioningModel] = Field(description="the newest first")
+
+
+def _model(status: Status) -> CommissioningModel:
+    return CommissioningModel.model_validate(as_json(status))
+
+
+def install(app: FastAPI, service: Service) -> None:
+    """Add the routes to an application."""
+    known, jobs = of_known(service), service.commissionings
+
+    @app.post("/api/drives/{name}/commissionings", summary="Commission a drive", status_code=202,
+              responses=_ASKED | DRIVE, openapi_extra=body_of("Request") | REPEATABLE, dependencies=known)
+    def ask_commissioning(
+        name: DriveName, request: HttpRequest, response: Response,
+        given: Annotated[dict[str, Any], json_object(_EXAMPLE)],
+    ) -> CommissioningModel:
+        """Finds out about a motor that nobody knows, or tries its loops. The motor turns, within the drive's limits.
+
+        It has the drive's lease until it ends; however it ends, the drive is off then, its parameters as they were. A
+        set that it proposes is flashed where somebody asks for that.
+        """
+        status = service.begin_commissioning(name, given, "" if request.client is None else request.client.host)
+        response.headers["Location"] = f"/api/drives/{quote(name)}/commissionings/{quote(status.id)}"
+        return _model(status)
+
+    @app.get("/api/drives/{name}/commissionings", summary="Commissionings of a drive", responses=DRIVE,
+             dependencies=known)
+    def all_commissionings(name: DriveName) -> CommissioningsModel:
+        """The latest 50 of all drives, the newest first, also of services before."""
+        return CommissioningsModel(commissionings=[_model(status) for status in jobs.all(name)])
+
+    @app.get("/api/drives/{name}/commissionings/{id}", summary="State of a commissioning", responses=_ONE,
+             dependencies=known)
+    def one_commissioning(name: DriveName, id_: CommissioningId) -> CommissioningModel:
+        """How far it is, what was found, and why it failed where it did."""
+        return _model(jobs.one(name, id_))
+
+    @app.delete("/api/drives/{name}/commissionings/{id}", summary="Cancel a commissioning", responses=_NOT_NOW | _ONE,
+                dependencies=known)
+    def cancel_commissioning(name: DriveName, id_: CommissioningId) -> CommissioningModel:
+        """Stops the drive; one that has ended stays as it is."""
+        return _model(jobs.cancel(name, id_))

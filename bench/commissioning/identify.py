@@ -1,0 +1,131 @@
+"""A motor identified: loops tried, excited, diagnosed, and a set proposed for its drive; then the loops tried again."""
+
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from bench.actions.experiment import Plan, Recorded, experiment_of
+from bench.actions.limits import TRIP, Limits
+from bench.actions.under_control import Guard, under_control
+from bench.actions.unfinished import Origin
+from bench.commissioning.excitation import excitation
+from bench.commissioning.loops import Judged, Tried, fastest, judged, tried
+from bench.commissioning.proposal import corrected, from_diagnosis, machine_of, shaft_of, tuned
+from bench.commissioning.trial import SETTINGS, Tell, Trials
+from bench.errors import LimitError
+from bench.parameters.flash import parameters
+from bench.parameters.from_diagnosis import SETTLED
+from bench.parameters.made import Made
+from drivers import capture
+from drivers.capture import Upload
+from drivers.drive import Drive
+from drivers.lease import Lease
+from estimator.machine import Machine
+from estimator.mechanics.mechanics import Mechanics
+
+Link = Callable[[], Drive]
+_ROUNDS: Final = 2  # experiments that a diagnosis may ask for
+_FASTER: Final = 1.2  # times the fastest speed of a trial: beyond, it ends
+
+
+@dataclass(frozen=True, slots=True)
+class Around:
+    """What a commissioning is done for, and by what."""
+
+    link: Link
+    limits: Limits
+    i_rated: float  # A, that currents stay within
+    origin: Origin
+    keep: Callable[[Upload], Path]  # as a recording; its file
+    record: Callable[[Plan], tuple[Path, Recorded]]  # does an experiment; its file
+    diagnose: Callable[[Path], Mapping[str, Any]]  # a recording's diagnosis, as JSON
+    tell: Tell = lambda _: None
+    cancelled: threading.Event = field(default_factory=threading.Event)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identified:
+    """What is known of a motor, and what is proposed for its drive."""
+
+    before: Tried
+    recordings: Sequence[Path]
+    diagnosis: Mapping[str, Any]
+    machine: Machine | None  # after the diagnosis
+    shaft: Mechanics | None
+    made: Made
+
+    @property
+    def loops(self) -> list[Judged]:
+        """The loops as they were, against what their gains promise of this machine."""
+        if self.machine is None:
+            return []
+        return judged(self.before, self.machine, *shaft_numbers(self.before, self.machine, self.shaft))
+
+
+def try_loops(around: Around) -> Tried:
+    """Steps of speed and currents, as the drive is tuned now. Raises BenchError, DriveError."""
+    drive = around.link()
+    with _trials(around, drive) as trials:
+        return tried(drive, trials, around.limits, around.i_rated)
+
+
+def identify(
+    around: Around, name: str, *, bandwidth: float | None = None, theta_step: float = 0.0, version: int = 1
+) -> Identified:
+    """All of it; nothing is written that stays. Raises BenchError, DriveError."""
+    drive = around.link()
+    identity, image, n_p = drive.identity, parameters(drive), int(drive.read("n_p"))
+    with _trials(around, drive) as trials:
+        before = tried(drive, trials, around.limits, around.i_rated)
+        excited = trials.excited(excitation(fastest(drive, around.limits), around.i_rated, before.K, identity.T_s))
+    files, captures = [around.keep(excited)], [capture.decoded(excited, identity.T_s, identity.full)]
+    around.tell("diagnosing")
+    content = around.diagnose(files[0])
+    for _ in range(_ROUNDS):
+        if content["verdict"] in SETTLED:
+            break
+        try:
+            plan = Plan.of(experiment_of(content))
+        except LimitError:  # it asks for none that a drive could do
+            break
+        around.tell(f"doing the experiment that the diagnosis asks for, {plan.seconds:.2g} s")
+        file, recorded = around.record(plan)
+        files.append(file)
+        captures += recorded.captures
+        around.tell("diagnosing that")
+        content = around.diagnose(file)
+    found = machine_of(content, n_p)
+    made = from_diagnosis(content, image, identity, name, version)
+    rows = [corrected(one, image, made.set.values) for one in captures]
+    shaft = shaft_of(rows, *found, theta_step) if found is not None else None
+    made = tuned(made, shaft, image, identity.T_s, bandwidth)
+    return Identified(before, files, content, found[0] if found else None, shaft, made)
+
+
+@contextmanager
+def _trials(around: Around, drive: Drive) -> Generator[Trials]:
+    """The drive under control, to be tried; it is stopped and as before afterwards."""
+    lease, most = Lease(), _FASTER * fastest(drive, around.limits)
+    with under_control(drive, lease, around.origin, (*SETTINGS, *_trip(drive))):
+        lease.stop(drive)
+        if drive.identity.has_lease:
+            lease.write(drive, {TRIP: min(most, drive.read(TRIP))})
+        yield Trials(drive, lease, Guard(drive, lease, around.limits, "the trial", around.cancelled, most), around.tell)
+
+
+def shaft_numbers(one: Tried, machine: Machine, shaft: Mechanics | None) -> tuple[float, float]:
+    """Electrical acceleration by i_q, rad/(s2 A), and damping B/J, 1/s; by the trial itself where J is not told."""
+    J, B = (None, None) if shaft is None else (shaft.estimates[name].value for name in ("J", "B"))
+    return acceleration_of(machine, J, B) or (one.K, 0.0)
+
+
+def acceleration_of(machine: Machine, J: float | None, B: float | None) -> tuple[float, float] | None:
+    """As `shaft_numbers`, of a shaft's J (kg m2) and B (Nm s/rad); None where J is not told."""
+    return (1.5 * machine.n_p**2 * machine.psi_f / J, (B or 0.0) / J) if J else None
+
+
+def _trip(drive: Drive) -> tuple[str, ...]:
+    return (TRIP,) if drive.identity.has_lease else ()

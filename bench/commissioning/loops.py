@@ -1,0 +1,172 @@
+"""A drive's loops as they are: steps of speed and currents tried, and held against what their tuning promises."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from bench.actions.limits import RPM, Limits
+from bench.commissioning.promise import CurrentLoop, SpeedLoop, at_random, thinned, to_and_fro
+from bench.commissioning.response import Response, UnclearStepError, averaged, averaged_with
+from bench.commissioning.trial import (
+    CurrentTrial,
+    SpeedTrial,
+    Trials,
+    largest_current_step,
+    largest_speed_step,
+    turned,
+)
+from drivers.capture import Capture
+from drivers.drive import Drive
+from estimator.machine import Machine
+
+READ: Final = (
+    "n_p", "control_R_s", "control_L_d", "control_L_q", "control_psi_f", "bandwidth", "own_gains", "k_p_d", "k_i_d",
+    "k_p_q", "k_i_q", "k_p_speed", "k_i_speed", "speed_filter", "current_limit", "saturation_correction",
+    "decoupling",
+)  # fmt: skip
+"""Parameters that decide how its loops answer."""
+_REACH: Final = 0.7  # of the voltage, that a trial's speeds may need
+_TRIPS: Final = 1.25  # times the fastest, at which the drive may go off
+_SPEED: Final = 0.35  # of the fastest of those
+_WANDER: Final = 0.3  # of the trial's speed, that it may wander by while i_q steps
+_LONG: Final = 8.0  # times of a loop's time constant, between steps
+_FIRST_HOLD: Final = 0.25  # s, between steps of speed, while its acceleration is not known
+_HOLDS: Final = (0.02, 2.0)  # s, shortest and longest
+_MOST: Final = 0.8  # of a step, over which the acceleration is told
+STEPS: Final = 40  # of a promise
+_ALIKE: Final = 1.5  # times, within which that first one will do
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loop:
+    """One loop's steps."""
+
+    name: str  # "speed", "d", "q"
+    response: Response | None
+    sentence: str  # why there is none
+    hold: int  # samples between steps
+    T: float  # s, of a sample
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """What was tried, by which parameters."""
+
+    loops: Sequence[Loop]
+    gains: Mapping[str, float]  # `READ`, SI
+    K: float  # rad/(s2 A), electrical acceleration by i_q, roughly
+    swing: Capture  # of the speed's steps
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A loop against its promise; times in s, overshoot as a share of the step."""
+
+    name: str
+    overshoot: float | None
+    settling: float | None
+    tracking: float | None  # s, integral of the deviation's size
+    promised_overshoot: float
+    promised_settling: float
+    promised_tracking: float
+    sentence: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values; a time that is infinite is None."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in values.items()
+        }
+
+
+def fastest(drive: Drive, limits: Limits) -> float:
+    """Electrical speed (rad/s) that trials go up to."""
+    n_p, psi_f, u_dc = (drive.read(name) for name in ("n_p", "control_psi_f", "u_dc"))
+    by_voltage = _REACH * u_dc / math.sqrt(3.0) / psi_f if psi_f > 0.0 and u_dc > 0.0 else math.inf
+    by_limit = limits.speed_max_rpm * RPM * n_p if limits.speed_max_rpm else math.inf
+    return min(by_voltage, by_limit, drive.read("overspeed_trip") / _TRIPS, drive.identity.omega_full / _TRIPS)
+
+
+def tried(drive: Drive, trials: Trials, limits: Limits, i_rated: float) -> Tried:
+    """Steps of all loops within limits; `i_rated` (A): the current that steps stay well within."""
+    gains = {name: drive.read(name) for name in READ}
+    most = min(i_rated, gains["current_limit"])
+    speed_ref = _SPEED * fastest(drive, limits)
+    size = min(largest_speed_step(gains["k_p_speed"], most), 0.3 * speed_ref)
+    hold = _FIRST_HOLD
+    while True:
+        got, count = trials.speed(SpeedTrial(size, hold, speed_ref))
+        K = acceleration(got, count, 2.0 * size)
+        crossover = max(abs(gains["k_p_speed"] * K), 1e-3)
+        wanted = min(max(2.5 * _LONG / crossover, _HOLDS[0]), _HOLDS[1])
+        if hold / _ALIKE <= wanted <= hold * _ALIKE:
+            break
+        hold = wanted
+    T = got.T_s * got.decimation
+    loops = [_loop("speed", turned(got.columns["theta_e"], T), T, count, 2.0 * size)]
+    T_s = drive.identity.T_s
+    for axis in "dq":
+        alpha = gains[f"k_p_{axis}"] / gains[f"control_L_{axis}"] if gains["own_gains"] else gains["bandwidth"]
+        between = _LONG / max(alpha, 1.0)
+        wander = _WANDER * speed_ref
+        step = 0.25 * most if axis == "d" else largest_current_step(K, between, wander, most)
+        i, count = trials.current(CurrentTrial(axis, step, between, speed_ref))
+        loops.append(_loop(axis, i, T_s, count, 2.0 * step))
+    return Tried(loops, gains, K, got)
+
+
+def acceleration(got: Capture, hold: int, size: float) -> float:
+    """Electrical acceleration by i_q, rad/(s2 A), from mean responses to steps of the speed by `size` (rad/s).
+
+    What the speed gains until most of the step is done, over the charge of what i_q then has more than before. Roughly:
+    friction that grows with speed is left out. Raises UnclearStepError.
+    """
+    T = got.T_s * got.decimation
+    omega, i_q = turned(got.columns["theta_e"], T), got.columns["i_q"]
+    mean, (current,) = averaged_with(omega, T, hold, size, (0.5 * (i_q[1:] + i_q[:-1]),))
+    charge = np.cumsum(current) * T
+    rising = slice(0, max(2, int(np.argmax(mean.y > _MOST)) or len(mean.y)))
+    q, y = charge[rising], mean.y[rising] * size
+    return float(q @ y / (q @ q))
+
+
+def judged(one: Tried, machine: Machine, K: float, damping: float) -> list[Judged]:
+    """Each loop against what its gains promise of a machine with an acceleration K, rad/(s2 A), and B/J (1/s)."""
+    found = list[Judged]()
+    for loop in one.loops:
+        promised, seen = _promised(loop, one.gains, one.swing.T_s, machine, K, damping), loop.response
+        found.append(Judged(
+            loop.name, seen and seen.overshoot, seen and seen.settling, seen and seen.tracking, promised.overshoot,
+            promised.settling, promised.tracking, loop.sentence,
+        ))  # fmt: skip
+    return found
+
+
+def _promised(
+    loop: Loop, gains: Mapping[str, float], T_s: float, machine: Machine, K: float, damping: float
+) -> Response:
+    """What the gains promise of a loop's trial."""
+    alpha, speed_filter = gains["bandwidth"], gains["speed_filter"]
+    if loop.name == "speed":
+        own = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], K, damping, alpha, speed_filter, T_s)
+        every = round(loop.T / T_s)
+        return averaged(thinned(own.answer(to_and_fro(loop.hold * every, STEPS)), every), loop.T, loop.hold, 1.0)
+    L, saturates = machine.L_d if loop.name == "d" else machine.L_q, bool(gains["saturation_correction"])
+    k_p, k_i = gains[f"k_p_{loop.name}"], gains[f"k_i_{loop.name}"]
+    if not gains["own_gains"]:
+        k_p, k_i = alpha * (L if saturates else gains[f"control_L_{loop.name}"]), alpha * gains["control_R_s"]
+    emf = machine.psi_f * K if loop.name == "q" else 0.0
+    fed = 0.0 if not gains["decoupling"] else 1.0 if saturates else gains["control_psi_f"] / machine.psi_f
+    axis = CurrentLoop(k_p, k_i, machine.R_s, L, T_s, emf, fed, speed_filter)
+    return averaged(axis.answer(at_random(loop.hold, STEPS)), T_s, loop.hold, 1.0)
+
+
+def _loop(name: str, y: Any, T: float, count: int, size: float) -> Loop:
+    try:
+        return Loop(name, averaged(y, T, count, size), "", count, T)
+    except UnclearStepError as error:
+        return Loop(name, None, str(error), count, T)

@@ -1,0 +1,92 @@
+"""The set that a commissioning proposes: what a diagnosis found, what makes up for it, and loops tuned by it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from bench.errors import LimitError
+from bench.parameters.from_diagnosis import set_from_diagnosis
+from bench.parameters.made import Made
+from bench.parameters.parameter_set import OK, Entry
+from bench.parameters.tuning import Tuned, speed_loop
+from drivers.capture import Capture
+from drivers.drive import Identity
+from estimator.machine import PARAMETERS, Machine
+from estimator.mechanics.mechanics import Mechanics, Told, mechanics
+from estimator.samples import Resolution, Samples
+
+SHARE: Final = 0.2  # of 1/T_s: the current control's bandwidth, where none is asked for
+A: Final = 4.0  # of the symmetrical optimum: a phase margin of 62 deg
+
+
+def from_diagnosis(
+    content: Mapping[str, Any], image: Mapping[str, float], identity: Identity, name: str, version: int
+) -> Made:
+    """What a diagnosis (as JSON) found and what makes up for it; `image`: the drive's parameters meanwhile, SI."""
+    return set_from_diagnosis(
+        content, image, name=name, version=version, T_s=identity.T_s, layout_id=identity.layout_id,
+        serial=identity.serial,
+    )  # fmt: skip
+
+
+def tuned(made: Made, shaft: Mechanics | None, image: Mapping[str, float], T_s: float, bandwidth: float | None) -> Made:
+    """A set with its loops tuned: of a `bandwidth` (rad/s), or `SHARE` of 1/T_s. Raises LimitError."""
+    entries, remarks = dict(made.set.entries), list(made.remarks)
+    alpha = SHARE / T_s if bandwidth is None else bandwidth
+    doubtful = next((e.status for e in entries.values() if e.status != OK), OK)
+    if "control_L_q" in entries:
+        entries["own_gains"] = Entry(0.0, source="gains follow from the bandwidth and the machine")
+        entries["bandwidth"] = Entry(alpha, status=doubtful, source="current control by internal model")
+    if shaft is not None and shaft.status is Told.OK and "control_psi_f" in entries:
+        for signal, value in speed_gains(shaft, entries["control_psi_f"].value, image, alpha, T_s).values.items():
+            entries[signal] = Entry(value, status=doubtful, source=f"speed control by symmetrical optimum, a = {A:g}")
+    else:
+        why = shaft.sentence if shaft is not None else "the machine is not told"
+        remarks.append(f"gains of the speed control are left as they are: J is not told ({why})")
+    return Made(replace(made.set, entries=entries), tuple(remarks))
+
+
+def corrected(one: Capture, image: Mapping[str, float], values: Mapping[str, float]) -> Capture:
+    """Currents as a drive would have read them by other gains, offsets and angle offset than it had (`image`)."""
+    now = dict(image) | dict(values)
+    theta, i = one.columns["theta_e"], one.columns["i_d"] + 1j * one.columns["i_q"]
+    fixed = i * np.exp(1j * theta)
+    phases = [np.real(fixed * np.exp(-1j * math.tau * k / 3.0)) for k in range(3)]
+    read = [x / image[f"i_{p}_gain"] + image[f"i_{p}_offset"] for x, p in zip(phases, "abc", strict=True)]
+    a, b, c = (now[f"i_{p}_gain"] * (x - now[f"i_{p}_offset"]) for x, p in zip(read, "abc", strict=True))
+    theta_now = theta + now["angle_offset"] - image["angle_offset"]
+    new = (2.0 * a - b - c + 1j * math.sqrt(3.0) * (b - c)) / 3.0 * np.exp(-1j * theta_now)
+    return replace(one, columns=one.columns | {"theta_e": theta_now % math.tau, "i_d": new.real, "i_q": new.imag})
+
+
+def speed_gains(shaft: Mechanics, psi_f: float, image: Mapping[str, float], alpha: float, T_s: float) -> Tuned:
+    """Of a shaft whose J is told, behind a current control of bandwidth alpha (rad/s). Raises LimitError."""
+    J = shaft.estimates["J"].value
+    if J is None:
+        raise LimitError("J is not told, expected it for the speed control")
+    delays = 1.0 / alpha + image["speed_filter"] + 0.5 * T_s
+    return speed_loop(J, psi_f, int(image["n_p"]), delays, a=A)
+
+
+def machine_of(content: Mapping[str, Any], n_p: int) -> tuple[Machine, dict[str, float]] | None:
+    """The machine after a diagnosis, and standard errors, SI; None where a parameter is not told."""
+    after = content.get("machine", {}).get("after", {})
+    values = {name: after.get(name, {}).get("value") for name in PARAMETERS}
+    if any(value is None for value in values.values()):
+        return None
+    std = {name: error for name in PARAMETERS if (error := after[name].get("std")) is not None}
+    return Machine(**values, n_p=n_p), std
+
+
+def shaft_of(captures: Sequence[Capture], machine: Machine, std: Mapping[str, float], theta_step: float) -> Mechanics:
+    """Inertia and friction by recordings at full rate; `theta_step` of the encoder, rad electrical, 0: not known."""
+    runs = [
+        Samples(
+            *(one.columns[name] for name in ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")), T_s=one.T_s,
+            t0=float(one.t[0]), resolution=Resolution(theta_e=theta_step),
+        ) for one in captures
+    ]  # fmt: skip
+    return mechanics(runs, machine, std)

@@ -1,0 +1,185 @@
+"""Trials: steps of current and of speed on a drive, recorded by its own recorder, before parameters change and after.
+
+Currents step by the drive's own excitation between two levels (PRBS) on one axis, at standstill of the excitation on
+the other; the speed by a square wave of its reference. All within limits; the drive is stopped at the end.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.actions.under_control import Guard
+from bench.errors import LimitError
+from drivers import capture
+from drivers.capture import DONE, Capture, Setup, Upload
+from drivers.drive import Drive
+from drivers.errors import GoneError, NoReplyError
+from drivers.lease import Lease
+from drivers.wire.dictionary import CAPTURE_SAMPLES
+
+Column = NDArray[np.float64]
+Tell = Callable[[str], None]
+_SPEED_GAINS: Final = ("k_p_speed", "k_i_speed")
+SETTINGS: Final = (
+    "excitation_kind", "step_time", "speed_control", "field_weakening", "speed_ramp", "speed_hold", *_SPEED_GAINS
+)
+"""What a trial changes besides set points."""
+EXCITED: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "u_dc")
+"""What is recorded of an excited motor."""
+_LEVELS: Final = 1.0
+_PRBS: Final = 2.0
+_SOFT: Final = 0.02  # of the speed control's gains, while i_q steps: else it would work against the steps
+_REFERENCE: Final = 1.0
+_HOLDS: Final = 80  # steps of a current's trial
+_SWINGS: Final = 12  # of a speed's
+_SAMPLES: Final = 12_000  # of a speed's trial
+_SETTLE: Final = 0.05  # s after set points have changed
+_POLL: Final = 0.02  # s
+_STANDSTILL: Final = 10.0  # s without another sample
+
+
+@dataclass(frozen=True, slots=True)
+class CurrentTrial:
+    """Steps by 2 `size` (A) on one axis at a speed (rad/s, electrical), every `hold` (s)."""
+
+    axis: str  # "d" or "q"
+    size: float
+    hold: float
+    speed_ref: float
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedTrial:
+    """Steps by 2 `size` (rad/s, electrical) around `speed_ref`, every `hold` (s)."""
+
+    size: float
+    hold: float
+    speed_ref: float
+    ramp: float = 0.0  # rad/s2; 0: at once
+
+
+@dataclass(frozen=True, slots=True)
+class Excitation:
+    """Speed ramps between +-`speed` (rad/s, electrical) with random steps of both currents around their references."""
+
+    speed: float
+    ramp: float  # rad/s2
+    hold: float  # s, at either end
+    i_d_ref: float  # A
+    i_d_step: float
+    i_q_step: float
+    step_time: float  # s
+    seconds: float
+
+
+class Trials:
+    """Trials of a drive under control."""
+
+    def __init__(self, drive: Drive, lease: Lease, guard: Guard, tell: Tell = lambda _: None) -> None:
+        self._drive, self._lease, self._guard, self._tell = drive, lease, guard, tell
+        self._T_s = drive.identity.T_s
+
+    def current(self, trial: CurrentTrial) -> tuple[Column, int]:
+        """Current of the axis (A), every control period, and control periods between steps."""
+        hold = max(1, math.ceil(trial.hold / self._T_s - 1e-6))
+        set_points = {f"i_{axis}_step": trial.size if axis == trial.axis else 0.0 for axis in "dq"}
+        gains = {name: self._drive.read(name) for name in _SPEED_GAINS}
+        self._start({"speed_ref": trial.speed_ref, "speed_step": 0.0, "step_time": hold * self._T_s})
+        soft = {name: _SOFT * gain for name, gain in gains.items()} if trial.axis == "q" else {}
+        self._lease.write(self._drive, {"excitation_kind": _PRBS, **set_points, **soft})
+        length = min(_HOLDS * hold, CAPTURE_SAMPLES)
+        phase = f"stepping i_{trial.axis} by {2.0 * trial.size:.3g} A"
+        got = self._recorded(Setup((f"i_{trial.axis}",), length), phase)
+        self._lease.write(self._drive, gains)
+        return self._decoded(got).columns[f"i_{trial.axis}"], hold
+
+    def speed(self, trial: SpeedTrial) -> tuple[Capture, int]:
+        """theta_e, i_d, i_q and u_dc meanwhile, and samples between steps."""
+        seconds = _SWINGS * trial.hold
+        decimation = max(1, math.ceil(seconds / self._T_s / _SAMPLES))
+        hold = max(1, round(trial.hold / (decimation * self._T_s)))
+        self._start({
+            "speed_ref": trial.speed_ref, "speed_step": 0.0, "speed_hold": hold * decimation * self._T_s
+        })  # fmt: skip
+        self._lease.write(self._drive, {"speed_ramp": trial.ramp, "speed_step": trial.size})
+        setup = Setup(("theta_e", "omega_e", "i_d", "i_q"), _SWINGS * hold, decimation)
+        got = self._recorded(setup, f"stepping the speed by {2.0 * trial.size:.3g} rad/s")
+        return self._decoded(got), hold
+
+    def excited(self, given: Excitation) -> Upload:
+        """All that a diagnosis reads, every control period."""
+        self._start({"speed_ref": 0.0, "speed_step": 0.0, "speed_hold": given.hold, "step_time": given.step_time})
+        self._lease.write(self._drive, {
+            "speed_ramp": given.ramp, "speed_step": given.speed, "excitation_kind": _LEVELS, "i_d_ref": given.i_d_ref,
+            "i_d_step": given.i_d_step, "i_q_step": given.i_q_step,
+        })  # fmt: skip
+        length = min(math.ceil(given.seconds / self._T_s), CAPTURE_SAMPLES)
+        return self._recorded(Setup(EXCITED, length), f"exciting the motor for {length * self._T_s:.2g} s")
+
+    def _start(self, values: Mapping[str, float]) -> None:
+        self._guard.check_cancelled()
+        still = {"excitation_kind": 0.0, "i_d_ref": 0.0, "i_q_ref": 0.0, "i_d_step": 0.0, "i_q_step": 0.0}
+        self._lease.start(self._drive, {
+            **still, "field_weakening": 0.0, "speed_control": _REFERENCE, **values
+        })  # fmt: skip
+        self._await_speed(values["speed_ref"])
+
+    def _decoded(self, got: Upload) -> Capture:
+        return capture.decoded(got, self._T_s, self._drive.identity.full)
+
+    def _await_speed(self, wanted: float) -> None:
+        near, deadline = 0.05 * abs(wanted) + 0.005 * self._drive.identity.omega_full, time.monotonic() + 20.0
+        while abs((now := self._drive.read("omega_e")) - wanted) > near:
+            if time.monotonic() > deadline:
+                raise NoReplyError(f"the drive did not come to {wanted:.4g} rad/s within 20 s, it has {now:.4g} rad/s")
+            self._guard.check()
+            self._guard.pause(_POLL)
+        self._guard.pause(_SETTLE)
+
+    def _recorded(self, setup: Setup, phase: str) -> Upload:
+        drive, guard = self._drive, self._guard
+        self._tell(phase)
+        number = capture.arm(drive, setup)
+        count, grown = -1, time.monotonic()
+        while (seen := capture.seen(drive, number)).state != DONE:
+            guard.check()
+            if seen.count != count:
+                count, grown = seen.count, time.monotonic()
+            elif time.monotonic() - grown > _STANDSTILL:
+                raise NoReplyError(f"the recording stands still at {count} samples for {_STANDSTILL:g} s")
+            guard.pause(_POLL)
+        found = capture.found(drive, setup)
+        if found.number != number or found.count < setup.length:
+            raise GoneError("another client has armed or stopped the recorder before the recording was complete")
+
+        def uploaded(done: int) -> None:
+            self._lease.keep(drive)
+            guard.check_cancelled()
+            self._tell(f"{phase}: uploading {done} of {found.count} samples")
+
+        self._lease.stop(drive)
+        capture.upload(drive, found, uploaded)
+        return found
+
+
+def turned(theta_e: Column, T: float) -> Column:
+    """Electrical speed (rad/s), means from sample to sample of T (s); one fewer."""
+    return np.asarray((np.diff(theta_e) + math.pi) % math.tau - math.pi) / T
+
+
+def largest_current_step(K: float, hold: float, speed: float, i_max: float) -> float:
+    """A, that i_q steps up and down by: the speed then wanders by about `speed` (rad/s), `K` as of `acceleration`."""
+    wanders = 2.0 * math.sqrt(_HOLDS) * abs(K) * hold
+    return min(0.25 * i_max, speed / wanders) if wanders > 0.0 else 0.25 * i_max
+
+
+def largest_speed_step(k_p_speed: float, i_max: float) -> float:
+    """rad/s, electrical, that a step goes up and down by, so that currents stay within half of `i_max` (A)."""
+    if k_p_speed <= 0.0:
+        raise LimitError("expected a speed control with a gain above zero, k_p_speed is 0")
+    return 0.25 * i_max / k_p_speed
