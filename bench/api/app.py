@@ -16,8 +16,9 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from pydantic import TypeAdapter
 
-from bench.api import captures, control, diagnoses, docs, experiments, history, problems, recordings, signals
-from bench.api.answers import (
+from bench.api import captures, control, diagnoses, docs, experiments, history, recordings, signals
+from bench.api.exchange import problems
+from bench.api.exchange.answers import (
     CHANGED,
     DRIVE,
     PROBLEM,
@@ -32,8 +33,8 @@ from bench.api.answers import (
     of_known,
     says_json,
 )
+from bench.api.exchange.kinds import READS
 from bench.api.experiments import ExperimentRequestModel
-from bench.api.guard.kinds import READS
 from bench.api.guard.preconditions import TAGGED, IfMatch, IfNoneMatch, check_match, is_known, tag_of
 from bench.api.guard.record import changes
 from bench.api.models.captures import CaptureRequestModel, capture_model

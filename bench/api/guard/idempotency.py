@@ -15,8 +15,8 @@ from typing import Any, Final
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from bench.api.guard.kinds import begins_job
-from bench.api.problems import problem
+from bench.api.exchange.kinds import begins_job
+from bench.api.exchange.problems import problem
 from bench.store.write_log import Entry, WriteLog
 
 HEADER: Final = "Idempotency-Key"

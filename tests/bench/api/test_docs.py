@@ -14,7 +14,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from bench.actions.capture_request import Request
-from bench.api.answers import BYTES
+from bench.api.exchange.answers import BYTES
 from bench.api.experiments import ExperimentRunModel
 from bench.api.models.captures import CaptureModel, CapturesModel
 from bench.api.models.diagnoses import DiagnosisJobModel

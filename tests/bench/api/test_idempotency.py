@@ -10,8 +10,8 @@ import httpx
 import pytest
 from starlette.types import Receive, Scope, Send
 
+from bench.api.exchange.problems import problem as refusal
 from bench.api.guard.idempotency import HEADER, Idempotency
-from bench.api.problems import problem as refusal
 from bench.store.write_log import WriteLog
 from tests.bench.api.test_api import problem
 from tests.conftest import JSON, RunningBench

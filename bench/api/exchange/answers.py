@@ -12,8 +12,8 @@ from typing import Annotated, Any, Final, TypeVar, cast
 from fastapi import Depends, Path, Query, Request
 from starlette.requests import ClientDisconnect
 
-from bench.api.guard.kinds import READS, is_stop, is_upload
-from bench.api.problems import MediaError, TooLargeError
+from bench.api.exchange.kinds import READS, is_stop, is_upload
+from bench.api.exchange.problems import MediaError, TooLargeError
 from bench.errors import LimitError, shown
 from bench.service.service import Service
 from bench.store.catalogue.chronicle import Place
