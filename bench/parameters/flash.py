@@ -28,6 +28,7 @@ from drivers.errors import DriveError, NoReplyError
 from drivers.lease import Lease
 from drivers.wire.cia402 import State
 from drivers.wire.lease import MOST_VALUES
+from drivers.wire.memory import MemoryState
 
 PATIENCE: Final = 30.0  # s in which a drive is to be there again, to be rolled back
 _RETRY: Final = 0.1  # s
@@ -207,7 +208,7 @@ def _stored_and_read(
     around.tell("reading back")
     lease.take(drive)
     _check_same(wanted, parameters(drive), "after a reset")
-    if (state := int(drive.read("memory_state"))) != operation.NEWEST:
+    if (state := int(drive.read("memory_state"))) != MemoryState.NEWEST:
         raise DifferentError(f"the drive does not run what was stored: its memory_state is {state}")
 
 
