@@ -139,15 +139,16 @@ def reset(link: Callable[[], Drive], write: Write | None = None) -> Drive:
     `link` tells it each time: its link may end with the reset. Raises RefusedError where it is on, NoReplyError.
     """
     drive = link()
-    before, deadline = drive.read("tick"), time.monotonic() + BOOT
+    before, begun = drive.read("tick"), time.monotonic()
     with contextlib.suppress(NoReplyError, LostError):  # it may be gone before it answers
         (write or drive.write)("reset", RESET_WORD)
     while True:
         with contextlib.suppress(NoReplyError, LostError):
             drive = link()
-            if drive.read("tick") < before:
+            tick = drive.read("tick")
+            if tick < before or tick * drive.identity.T_s < time.monotonic() - begun:  # it had not been up for long
                 return drive
-        if time.monotonic() > deadline:
+        if time.monotonic() > begun + BOOT:
             raise NoReplyError(f"the drive has not started anew {BOOT:g} s after `reset`")
         time.sleep(_POLL)
 
