@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Final
 
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
-from bench.parameters.journal import CUT, Begun, Journal, Step
-from bench.parameters.parameter_set import FLASHED, ParameterSet
+from bench.parameters.journal import CUT, Begun, Journal, Step, past
+from bench.parameters.parameter_set import FLASHED, LONGEST_NAME, ParameterSet, problem_of, set_of
 from bench.parameters.plan import Judge, Plan, different, plan
 from drivers import operation
 from drivers.drive import Drive, Identity
@@ -68,6 +68,7 @@ class Around:
     judge: Judge = lambda _values, _changed: []
     tell: Tell = lambda _: None  # hears of each step
     planned: Callable[[Plan], object] = lambda _: None  # hears what it will do, before it is done
+    yield_: Callable[[], object] = lambda: None  # called before control is taken again: others may go first
     given_up: Callable[[], bool] = lambda: False  # nobody waits for it any more, and no link will come back
     patience: float = PATIENCE
 
@@ -79,6 +80,21 @@ class DifferentError(DriveError):
 def parameters(drive: Drive) -> dict[str, float]:
     """All that a set may hold, as the drive has it now, SI. Raises DriveError."""
     return {name: value for name, value in drive.parameters().items() if name in _NAMES}
+
+
+def pulled(drive: Drive, name: str) -> ParameterSet:
+    """All of them as a set of this drive. Raises DriveError."""
+    return set_of(parameters(drive), name, "", layout_id=drive.identity.layout_id, serial=drive.identity.serial)
+
+
+def before(folder: Path, identity: Identity) -> ParameterSet:
+    """What a drive had before the latest flash that came out. Raises ConflictError, UnavailableError."""
+    done = [one.begun for one in past(folder, identity) if one.step is Step.DONE]
+    if not done:
+        raise ConflictError("nothing was flashed into this drive from here: there is nothing to go back to")
+    last = done[-1]
+    values = {name: value for name, value in last.image.items() if not problem_of(name, value)}
+    return set_of(values, f"before {last.name}"[:LONGEST_NAME], f"of {last.since[:19]}Z")
 
 
 def planned(link: Link, given: ParameterSet, around: Around) -> Plan:
@@ -172,6 +188,11 @@ class UnderWay:
         with self._given_up():
             return self._back(why, stored=True)
 
+    def withdraw(self) -> None:
+        """Nothing has been done: it is as if it had not begun; one that was taken up stays to be."""
+        with self._given_up():
+            self._journal.withdraw()
+
     def _forward(self) -> Verdict:
         begun, stored = self.begun, False
         changed = len(different(begun.wanted, begun.image))
@@ -198,7 +219,6 @@ class UnderWay:
             try:
                 drive = self._link()
                 _off(drive)
-                self._lease.take(drive)
                 self._written(drive, image)
                 if stored:
                     self._stored_and_read(image)
@@ -218,7 +238,7 @@ class UnderWay:
     def _written(self, drive: Drive, wanted: Mapping[str, float], present: Mapping[str, float] | None = None) -> None:
         """Written where it is not so, and read back. Raises DifferentError, DriveError."""
         names = iter(different(wanted, parameters(drive) if present is None else present))
-        self._lease.take(drive)
+        self._take(drive)
         while part := {name: wanted[name] for name in islice(names, MOST_VALUES)}:
             self._lease.write(drive, part)
         _check_same(wanted, parameters(drive), "after it was written")
@@ -226,11 +246,11 @@ class UnderWay:
     def _stored_and_read(self, wanted: Mapping[str, float]) -> None:
         """Stored, the drive reset, and all of it read again. Raises DifferentError, DriveError, UnavailableError."""
         drive, lease = self._link(), self._lease
-        lease.take(drive)
+        self._take(drive)
         operation.store(drive, lambda name, value: lease.write(drive, {name: value}))
         self._journal.note(Step.RESET)
         self._around.tell("resetting")
-        lease.take(drive)
+        self._take(drive)
         operation.reset(self._link, lambda name, value: lease.write(drive, {name: value}))
         self._journal.note(Step.VERIFY)
         self._around.tell("reading back")
@@ -245,12 +265,16 @@ class UnderWay:
         while True:
             try:
                 drive = self._link()
-                self._lease.take(drive)
+                self._take(drive)
                 return parameters(drive), _memory_state(drive)
             except (LostError, NoReplyError):
                 if time.monotonic() > deadline or self._around.given_up():
                     raise
                 time.sleep(_RETRY)
+
+    def _take(self, drive: Drive) -> None:
+        self._around.yield_()
+        self._lease.take(drive)
 
     @contextmanager
     def _given_up(self) -> Generator[None]:

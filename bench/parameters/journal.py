@@ -138,6 +138,11 @@ class Journal:
             self._put_away()
         self.close()
 
+    def withdraw(self) -> None:
+        """Nothing was done: there is none then."""
+        if self.step is Step.BEGUN:
+            self._path.unlink(missing_ok=True)
+
     def close(self) -> None:
         """Leave it to a later start, where it is still there."""
         self._file.close()

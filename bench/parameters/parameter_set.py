@@ -39,7 +39,7 @@ _KEYS: Final = {"name", "version", "drive", "parameters", "tables"}
 _WHOSE: Final = ("layout_id", "serial")
 _JSON_KEYS: Final = {"name", "version", *_WHOSE, "entries"}
 _ENTRY: Final = {"value", "unit", "low", "high", "status", "source"}
-_MOST: Final = 60  # characters of a name
+LONGEST_NAME: Final = 60  # characters
 _WORDS: Final = 200  # characters of a status, a source
 
 
@@ -241,8 +241,8 @@ class _Reader:
     ) -> ParameterSet:
         """The set. Raises ConfigError, with all that is wrong, where it cannot be read as one."""
         name, version = self._document.get("name", ""), self._document.get("version", 1)
-        if not isinstance(name, str) or not 0 < len(name) <= _MOST or not name.isprintable():
-            self._problems.append(f"name: expected 1 to {_MOST} characters, got {shown(name)}")
+        if not isinstance(name, str) or not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
+            self._problems.append(f"name: expected 1 to {LONGEST_NAME} characters, got {shown(name)}")
         if not isinstance(version, int) or isinstance(version, bool) or not 1 <= version < 1 << 31:
             self._problems.append(f"version: expected a whole number from 1 on, got {shown(version)}")
         layout_id, serial = (self.number(whose, key) for key in _WHOSE)

@@ -13,7 +13,7 @@ from bench.cli.exit_codes import DOES_NOT, HOLDS
 from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, write_whole
 from bench.cli.terminal import Terminal
 from bench.errors import ConfigError, ConflictError
-from bench.files import data_folder, read_bytes
+from bench.files import journals_folder, read_bytes
 from bench.parameters import flash, journal
 from bench.parameters.flash import Around, End, Verdict, parameters
 from bench.parameters.formats.a2l import as_a2l
@@ -97,7 +97,7 @@ def flashed(path: Path, url: str, override: str, *, ask: bool) -> int:
 def rolled_back(url: str, *, ask: bool) -> int:
     """Flash what was before the latest flash."""
     with _linked(url) as link:
-        lines = journal.history(_folder(), link().identity)
+        lines = journal.history(journals_folder(), link().identity)
     images = [line for line in lines if line["step"] == journal.Step.BEGUN]
     if not images:
         raise ConflictError("nothing was flashed into this drive from here: there is nothing to go back to")
@@ -117,7 +117,7 @@ def past(url: str, *, as_json: bool) -> None:
     """Print what was flashed."""
     with _linked(url) as link:
         drive = link()
-        lines, left = journal.history(_folder(), drive.identity), _cut(drive)
+        lines, left = journal.history(journals_folder(), drive.identity), _cut(drive)
     if as_json:
         print(json.dumps({"flashes": lines, "cut": left}, indent=2))
         return
@@ -209,16 +209,12 @@ def _as_json(to_do: Plan) -> dict[str, Any]:
 
 
 def _cut(drive: Drive) -> dict[str, Any] | None:
-    left = flash.cut(drive.identity, _folder())
+    left = flash.cut(drive.identity, journals_folder())
     return None if left is None else {"name": left.name, "version": left.version, "since": left.since}
 
 
 def _around(url: str, override: str = "") -> Around:
-    return Around(_folder(), url, getpass.getuser(), override, tell=lambda said: print(said, file=sys.stderr))
-
-
-def _folder() -> Path:
-    return data_folder() / "flash"
+    return Around(journals_folder(), url, getpass.getuser(), override, tell=lambda said: print(said, file=sys.stderr))
 
 
 def _linked(url: str) -> OwnLink:
