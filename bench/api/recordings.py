@@ -17,7 +17,6 @@ from pydantic import TypeAdapter
 from bench.actions.recording import Status
 from bench.api.captures import FILE, MEDIA
 from bench.api.exchange.answers import (
-    BYTES,
     CHANGED,
     DRIVE,
     PROBLEM,
@@ -31,6 +30,7 @@ from bench.api.exchange.answers import (
     of_known,
     page_of,
 )
+from bench.api.exchange.kinds import BYTES
 from bench.api.exchange.upload import brought
 from bench.api.guard.idempotency import REPEATABLE
 from bench.api.guard.preconditions import TAGGED, IfMatch, check_match, tag_of

@@ -21,7 +21,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final, TypeGuard, cast
 
 from bench.errors import ConfigError, shown
 from bench.files import read_bytes
@@ -133,8 +133,8 @@ def problem_of(name: str, value: object) -> str:
     signal = _BY_NAME.get(name)
     if signal is None:
         return _no_parameter(name)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return f"{signal} takes a number, got {shown(value)}"
+    if not _is_number(value):
+        return f"{_called(name)} takes a number, got {shown(value)}"
     try:
         number = float(value)
     except OverflowError:
@@ -206,16 +206,35 @@ def _no_parameter(name: str) -> str:
     return f"{signal} is no parameter that is flashed"
 
 
-def _other_unit(name: str, parts: Mapping[str, Any]) -> str:
-    unit = _BY_NAME[name].unit if name in _BY_NAME else ""
-    return "" if (said := parts.get("unit", unit)) == unit else f"{_BY_NAME[name]} is in {unit}, got {shown(said)}"
+def _wrong_entry(name: str, parts: Mapping[str, Any]) -> str:
+    """Why an entry cannot be read as one, a clause; empty where it can."""
+    if others := [key for key in parts if key not in _ENTRY]:
+        return f"{shown(name)} {shown(others[0])}: expected one of {', '.join(sorted(_ENTRY))}"
+    if not _is_number(parts.get("value")):
+        return f"{_called(name)} takes a number, got {shown(parts.get('value'))}"
+    if not all(parts.get(key) is None or _is_finite(parts[key]) for key in ("low", "high")):
+        return f"{shown(name)}: expected numbers as low and high, got {shown([parts.get('low'), parts.get('high')])}"
+    texts = [parts.get("status", OK), parts.get("source", ""), "" if parts.get("unit") is None else parts["unit"]]
+    if not all(map(_is_text, texts)):
+        return f"{shown(name)}: expected texts of up to {_WORDS} characters as status, source and unit"
+    return ""
+
+
+def _other_unit(name: str, said: str | None) -> str:
+    return "" if said in (None, _BY_NAME[name].unit) else f"{_BY_NAME[name]} is in {_BY_NAME[name].unit}, got {said!r}"
+
+
+def _called(name: str) -> str:
+    return str(_BY_NAME[name]) if name in _BY_NAME else shown(name)
+
+
+def _is_number(value: object) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _is_finite(end: object) -> bool:
-    if isinstance(end, bool) or not isinstance(end, int | float):
-        return False
     try:
-        return math.isfinite(end)
+        return _is_number(end) and math.isfinite(end)
     except OverflowError:
         return False
 
@@ -278,19 +297,12 @@ class _Reader:
         """Values with what is known of them."""
         for name, given in table.items():
             parts = cast(dict[str, Any], given) if isinstance(given, dict) else {"value": given}
-            problem = problem_of(name, parts.get("value")) or _other_unit(name, parts)
-            others = [key for key in parts if key not in _ENTRY]
-            ends = [parts.get(key) for key in ("low", "high")]
-            if others:
-                self._problems.append(f"{shown(name)} {shown(others[0])}: expected one of {', '.join(sorted(_ENTRY))}")
-            elif not all(end is None or _is_finite(end) for end in ends):
-                self._problems.append(f"{shown(name)}: expected numbers as low and high, got {shown(ends)}")
-            elif not all(_is_text(parts.get(key, "")) for key in ("status", "source")):
-                self._problems.append(f"{shown(name)}: expected texts of up to {_WORDS} characters as status, source")
-            elif problem:
+            if wrong := _wrong_entry(name, parts):
+                self._problems.append(wrong)
+            elif problem := problem_of(name, parts["value"]) or _other_unit(name, parts.get("unit")):
                 self._unfit.append(problem)
             else:
-                low, high = (None if end is None else float(end) for end in ends)
+                low, high = (None if (end := parts.get(key)) is None else float(end) for key in ("low", "high"))
                 yield name, Entry(float(parts["value"]), low, high, parts.get("status", OK), parts.get("source", ""))
 
     def list_of(self, table: str, given: object) -> Iterable[tuple[str, Entry]]:

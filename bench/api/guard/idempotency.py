@@ -40,7 +40,7 @@ REPEATABLE: Final[dict[str, Any]] = {"parameters": [{
 class _First:
     """The first request with a key."""
 
-    request: bytes  # digest of method, path and body
+    request: bytes  # digest of method, path, query and body
     until: float  # s, by the clock
     answer: "asyncio.Future[list[Message]]"  # empty: it broke off
 
@@ -70,7 +70,7 @@ class Idempotency:
         if not _is_whole(came):
             await self._app(scope, again, send)
             return
-        asked = f"{scope['method']} {scope['path']}\n".encode()
+        asked = f"{scope['method']} {scope['path']}\n".encode() + scope.get("query_string", b"") + b"\n"
         request = hashlib.sha256(asked + b"".join(part.get("body", b"") for part in came)).digest()
         self._tidy()
         first = self._known.get(keys[0])

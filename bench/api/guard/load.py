@@ -14,7 +14,9 @@ from bench.store.write_log import Entry, WriteLog
 
 RETRY: Final = 1  # s
 _STOPS: Final = 4
-_LINK: Final = re.compile(r"GET /api/drives/[^/]+/signals")
+_LINK: Final = re.compile(
+    "GET /api/drives/[^/]+/(signals|parameters/set|parameters/rollback)|POST /api/drives/[^/]+/parameters/plan"
+)
 _STREAM: Final = re.compile(r"GET /api/(drives|diagnoses)/[^/]+/stream")
 
 
