@@ -7,6 +7,7 @@
     keep_free_megabytes = 200                         # of its disk, which recordings leave for others
     database = "catalogue.sqlite"                     # of what is remembered, or postgresql://user:password@host/name;
                                                       # PMSM_BENCH_DATABASE has the last word
+    journals = "journals"                             # folder of what is flashed into drives, and of what was cut
     log = "log"                                       # folder of the logs of writes and of refusals
     names = ["bench.lan", "localhost:9000"]           # it is also called so in addresses; without a port: at its own
     certificate = "bench.pem"                         # TLS, with its key; needed beyond loopback,
@@ -47,7 +48,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, 
 from bench.actions.limits import Limits
 from bench.errors import ConfigError, LimitError, shown
 from bench.expected import Else, Number, Table, taken, told
-from bench.files import captures_folder, catalogue_file, log_folder, token_file
+from bench.files import captures_folder, catalogue_file, journals_folder, log_folder, token_file
 from bench.live.window import Window
 from bench.machine_file import Nominal, load_machine, load_toml
 from bench.store.catalogue.database import check_address
@@ -123,6 +124,7 @@ class ServiceConfig:
     database: Annotated[str, BeforeValidator(_database)] = ""  # of what is remembered; empty: nothing is
     host: Annotated[str, Field(min_length=1), Else("expected an address")] = "127.0.0.1"
     insecure: Annotated[bool, Field(strict=True), Else("expected true or false")] = False  # beyond loopback without TLS
+    journals: _Folder = field(default_factory=journals_folder)  # of what is flashed
     keep_free_megabytes: Annotated[float, Number(0.0, 1e9)] = 200.0  # of the disk, which recordings leave for others
     key: _File | None = None
     log: _Folder = field(default_factory=log_folder)

@@ -45,6 +45,11 @@ def catalogue_file() -> Path:
     return data_folder() / "catalogue.sqlite"
 
 
+def journals_folder() -> Path:
+    """Of what is flashed into drives: of the service, and of whoever flashes without it."""
+    return data_folder() / "flash"
+
+
 def log_folder() -> Path:
     """Of what was written and what was refused."""
     return data_folder() / "log"

@@ -13,9 +13,9 @@ from drivers.drive import Drive
 from drivers.errors import FaultError, FrameError, LostError, NoReplyError, RefusedError
 from drivers.wire.cia402 import Command, State, error_text, state_of
 from drivers.wire.dictionary import RESET_WORD, RESTORE_WORD, STORE_WORD
+from drivers.wire.memory import MemoryState
 
 Write = Callable[[str, float], None]
-DELIVERED, NEWEST, OLDER, WRITING = range(4)  # memory_state
 PATIENCE: Final = 2.0  # s, for a state to be reached
 BOOT: Final = 10.0  # s, for a drive to be there again after a reset
 _POLL: Final = 0.005  # s
@@ -123,7 +123,7 @@ def _kept(drive: Drive, command: str, word: int, write: Write) -> None:
     try:
         write(command, word)
     except RefusedError:  # of a repetition, since the first is under way
-        if drive.read("memory_state") != WRITING and drive.read("memory_count") == before:
+        if drive.read("memory_state") != MemoryState.WRITING and drive.read("memory_count") == before:
             raise
     while (count := drive.read("memory_count")) == before:
         if time.monotonic() > deadline:
@@ -139,15 +139,16 @@ def reset(link: Callable[[], Drive], write: Write | None = None) -> Drive:
     `link` tells it each time: its link may end with the reset. Raises RefusedError where it is on, NoReplyError.
     """
     drive = link()
-    before, deadline = drive.read("tick"), time.monotonic() + BOOT
+    before, begun = drive.read("tick"), time.monotonic()
     with contextlib.suppress(NoReplyError, LostError):  # it may be gone before it answers
         (write or drive.write)("reset", RESET_WORD)
     while True:
         with contextlib.suppress(NoReplyError, LostError):
             drive = link()
-            if drive.read("tick") < before:
+            tick = drive.read("tick")
+            if tick < before or tick * drive.identity.T_s < time.monotonic() - begun:  # it had not been up for long
                 return drive
-        if time.monotonic() > deadline:
+        if time.monotonic() > begun + BOOT:
             raise NoReplyError(f"the drive has not started anew {BOOT:g} s after `reset`")
         time.sleep(_POLL)
 

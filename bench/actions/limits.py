@@ -6,7 +6,7 @@ points is looked at while it runs.
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -32,12 +32,12 @@ class Limits:
     raised_by: str = "the configuration's [drives.NAME.limits]"  # where the user may say otherwise, in words
     n_p: int | None = None  # pole pairs of the machine; where not known, the drive's setting is believed
 
-    def check_current(self, i: float, what: str) -> None:
-        """Raise LimitError where a current vector of this length (A) is too long."""
+    def check_current(self, i: float, what: str, beside: str = " with the steps") -> None:
+        """Raise LimitError where a current vector of this length (A) is too long; `beside`: what is counted in."""
         if self.i_max is not None and not i <= _WITHIN * self.i_max:
             raise LimitError(
                 f"{what}: currents go up to {self.i_max:g} A, the machine's rated one unless {self.raised_by} raises "
-                f"it by i_max, got {i:.4g} A with the steps"
+                f"it by i_max, got {i:.4g} A{beside}"
             )
 
     def check_speed(self, rpm: float, what: str) -> None:
@@ -62,13 +62,39 @@ class Limits:
         most = self.speed_max_rpm
         return None if most is None else _OVERSPEED * most * RPM * (self.n_p or n_p)
 
-    def check_trip(self, trip: float, n_p: float) -> None:
-        """Raise LimitError where a drive under control would get an overspeed trip (rad/s) beyond `trip`."""
+    def check_trip(self, trip: float, n_p: float, when: str = " while the drive is controlled") -> None:
+        """Raise LimitError where a drive would get an overspeed trip (rad/s) beyond `trip`."""
         most = self.trip(n_p)
         if most is not None and trip > _WITHIN * most:
             raise LimitError(
-                f"{TRIP} goes up to {most:.4g} rad/s while the drive is controlled, {_OVERSPEED:g} times the machine's "
+                f"{TRIP} goes up to {most:.4g} rad/s{when}, {_OVERSPEED:g} times the machine's "
                 f"largest speed unless {self.raised_by} raises it by speed_max_rpm, got {trip:g}"
+            )
+
+    def problems(self, values: Mapping[str, float], changed: Collection[str]) -> list[str]:
+        """Why parameters of a drive may not be so (SI, by name): of those that are `changed`, a sentence each."""
+        weakening = values["i_d_weakening"] if values["field_weakening"] else 0.0
+        n_p = values["n_p"]
+        checks: dict[tuple[str, ...], Callable[[], None]] = {
+            ("n_p",): lambda: self._check_pole_pairs(n_p),
+            ("current_limit",): lambda: self.check_current(values["current_limit"], "current_limit", ""),
+            ("field_weakening", "i_d_weakening"): lambda: self.check_current(weakening, "i_d_weakening", ""),
+            (TRIP, "n_p"): lambda: self.check_trip(values[TRIP], n_p, ""),
+        }
+        told = list[str]()
+        for names, check in checks.items():
+            if set(names).isdisjoint(changed):
+                continue
+            try:
+                check()
+            except LimitError as error:
+                told.append(str(error))
+        return told
+
+    def _check_pole_pairs(self, n_p: float) -> None:
+        if self.n_p not in (None, n_p):
+            raise LimitError(
+                f"n_p: the machine file says {self.n_p} pole pairs, by which speeds are bounded, got {n_p:g}"
             )
 
 

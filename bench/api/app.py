@@ -16,8 +16,9 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from pydantic import TypeAdapter
 
-from bench.api import captures, control, diagnoses, docs, experiments, history, problems, recordings, signals
-from bench.api.answers import (
+from bench.api import captures, control, diagnoses, docs, experiments, flashes, history, recordings, signals
+from bench.api.exchange import problems
+from bench.api.exchange.answers import (
     CHANGED,
     DRIVE,
     PROBLEM,
@@ -32,8 +33,8 @@ from bench.api.answers import (
     of_known,
     says_json,
 )
+from bench.api.exchange.kinds import READS
 from bench.api.experiments import ExperimentRequestModel
-from bench.api.guard.kinds import READS
 from bench.api.guard.preconditions import TAGGED, IfMatch, IfNoneMatch, check_match, is_known, tag_of
 from bench.api.guard.record import changes
 from bench.api.models.captures import CaptureRequestModel, capture_model
@@ -55,6 +56,7 @@ from bench.api.models.drives import (
     link_model,
     window_model,
 )
+from bench.api.models.flashes import ParameterSetModel, ResumeRequestModel
 from bench.api.models.metrics import MEDIA, metrics_text
 from bench.api.models.recent import place_of, recent_model
 from bench.api.models.recordings import AnnotationModel, MarkRequestModel, RecordingRequestModel
@@ -161,6 +163,7 @@ def create_app(
     signals.install(app, service)
     control.install(app, service)
     experiments.install(app, service)
+    flashes.install(app, service)
     recordings.install(app, service)
     history.install(app, service)
     diagnoses.install(app, service, ending)
@@ -240,6 +243,7 @@ def _complete(document: dict[str, Any]) -> None:
     for model in (
         ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, SignalValuesModel, DiagnosisRequestModel,
         ExperimentRequestModel, SetPointsModel, NothingModel, RecordingRequestModel, MarkRequestModel, AnnotationModel,
+        ParameterSetModel, ResumeRequestModel,
     ):
         shape = TypeAdapter[Any](model).json_schema(ref_template=f"{SHAPES}{{model}}")
         document["components"]["schemas"] |= shape.pop("$defs", {}) | {model.__name__: shape}

@@ -6,7 +6,7 @@ from urllib.parse import quote
 from fastapi import FastAPI, Path, Request, Response
 from fastapi.responses import FileResponse
 
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
+from bench.api.exchange.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.guard.idempotency import REPEATABLE
 from bench.api.models.captures import CaptureModel, CapturesModel, capture_model
 from bench.service.service import Service

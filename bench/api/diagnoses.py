@@ -10,7 +10,7 @@ from fastapi import Depends, FastAPI, Header, Path, Query, Response
 from fastapi.responses import HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from bench.api.answers import PROBLEM, SHAPES, Answers, Before, Limit, body_of, json_object, page_of
+from bench.api.exchange.answers import PROBLEM, SHAPES, Answers, Before, Limit, body_of, json_object, page_of
 from bench.api.guard.idempotency import REPEATABLE
 from bench.api.guard.preconditions import tag_of
 from bench.api.models.diagnoses import DIAGNOSIS, DIAGNOSIS_FIGURES, DiagnosesModel, DiagnosisJobModel, job_model

@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bench.actions.experiment import MOST_HOLDS, AskedHold, Motor, Step
 from bench.actions.experiments import as_json
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.captures import FILE, MEDIA
+from bench.api.exchange.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.guard.idempotency import REPEATABLE
 from bench.service.service import Service
 

@@ -5,7 +5,7 @@ from typing import Annotated, Final
 
 from fastapi import FastAPI, Query
 
-from bench.api.answers import (
+from bench.api.exchange.answers import (
     DRIVE,
     PROBLEM,
     Answers,

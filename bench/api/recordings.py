@@ -15,8 +15,8 @@ from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import TypeAdapter
 
 from bench.actions.recording import Status
-from bench.api.answers import (
-    BYTES,
+from bench.api.captures import FILE, MEDIA
+from bench.api.exchange.answers import (
     CHANGED,
     DRIVE,
     PROBLEM,
@@ -30,7 +30,8 @@ from bench.api.answers import (
     of_known,
     page_of,
 )
-from bench.api.captures import FILE, MEDIA
+from bench.api.exchange.kinds import BYTES
+from bench.api.exchange.upload import brought
 from bench.api.guard.idempotency import REPEATABLE
 from bench.api.guard.preconditions import TAGGED, IfMatch, check_match, tag_of
 from bench.api.models.recordings import (
@@ -45,7 +46,6 @@ from bench.api.models.recordings import (
     samples_model,
     under_way,
 )
-from bench.api.upload import brought
 from bench.errors import ConflictError, LimitError, UnavailableError, UnknownError
 from bench.expected import Table, taken
 from bench.jobs import LATEST

@@ -19,20 +19,22 @@ from pathlib import Path
 from typing import Final
 
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
-from bench.parameters.journal import CUT, Begun, Journal, Step, history
-from bench.parameters.parameter_set import FLASHED, ParameterSet
+from bench.parameters.journal import CUT, Begun, Journal, Step, past
+from bench.parameters.parameter_set import FLASHED, LONGEST_NAME, ParameterSet, problem_of, set_of
 from bench.parameters.plan import Judge, Plan, different, plan
 from bench.parameters.versions import remarks_on
 from drivers import operation
-from drivers.drive import Drive
-from drivers.errors import DriveError, NoReplyError
+from drivers.drive import Drive, Identity
+from drivers.errors import DriveError, FrameError, LostError, NoReplyError
 from drivers.lease import Lease
 from drivers.wire.cia402 import State
 from drivers.wire.lease import MOST_VALUES
+from drivers.wire.memory import MemoryState
 
 PATIENCE: Final = 30.0  # s in which a drive is to be there again, to be rolled back
 _RETRY: Final = 0.1  # s
 _NAMED: Final = 5  # of what is different
+_UNREASONED: Final = "expected a reason why these are flashed all the same, got none"
 _NAMES: Final = frozenset(signal.name for signal in FLASHED)
 
 Link = Callable[[], Drive]
@@ -64,8 +66,11 @@ class Around:
     drive: str  # its name, or URL
     whom: str = ""
     override: str = ""  # why doubts do not forbid it
-    judge: Judge = lambda _: []
+    judge: Judge = lambda _values, _changed: []
     tell: Tell = lambda _: None  # hears of each step
+    planned: Callable[[Plan], object] = lambda _: None  # hears what it will do, before it is done
+    yield_: Callable[[], object] = lambda: None  # called before control is taken again: others may go first
+    given_up: Callable[[], bool] = lambda: False  # nobody waits for it any more, and no link will come back
     patience: float = PATIENCE
 
 
@@ -78,6 +83,21 @@ def parameters(drive: Drive) -> dict[str, float]:
     return {name: value for name, value in drive.parameters().items() if name in _NAMES}
 
 
+def pulled(drive: Drive, name: str) -> ParameterSet:
+    """All of them as a set of this drive. Raises DriveError."""
+    return set_of(parameters(drive), name, "", layout_id=drive.identity.layout_id, serial=drive.identity.serial)
+
+
+def before(folder: Path, identity: Identity) -> ParameterSet:
+    """What a drive had before the latest flash that came out. Raises ConflictError, UnavailableError."""
+    done = [one.begun for one in past(folder, identity) if one.step is Step.DONE]
+    if not done:
+        raise ConflictError("nothing was flashed into this drive from here: there is nothing to go back to")
+    last = done[-1]
+    values = {name: value for name, value in last.image.items() if not problem_of(name, value)}
+    return set_of(values, f"before {last.name}"[:LONGEST_NAME], f"of {last.since[:19]}Z")
+
+
 def planned(link: Link, given: ParameterSet, around: Around) -> Plan:
     """What it would do. Raises DriveError."""
     drive = link()
@@ -86,131 +106,187 @@ def planned(link: Link, given: ParameterSet, around: Around) -> Plan:
 
 
 def flash(link: Link, given: ParameterSet, around: Around) -> Verdict:
-    """Do it. Raises LimitError, ConflictError, UnavailableError, DriveError before anything is written."""
+    """Do it. Raises as `begin`."""
+    return begin(link, given, around).forward()
+
+
+def resume(link: Link, around: Around, *, finish: bool) -> Verdict:
+    """Finish a flash that was cut, or roll it back. Raises as `taken_up`."""
+    one = taken_up(link, around)
+    return one.forward() if finish else one.back("it was cut")
+
+
+def begin(link: Link, given: ParameterSet, around: Around) -> "UnderWay":
+    """Judge it, and take what it needs: the drive's control lease, an image, a journal. Nothing is written yet.
+
+    Raises LimitError, ConflictError, UnavailableError, DriveError.
+    """
     drive = link()
     if (left := Journal.found(around.folder, drive.identity)) is not None:
         left.close()
         raise ConflictError(CUT)
-    to_do = planned(link, given, around)
-    if to_do.problems:
-        raise LimitError("\n".join(to_do.problems))
-    if to_do.doubts and not around.override:
-        raise LimitError("\n".join((*to_do.doubts, "expected a reason why these are flashed all the same, got none")))
+    if not drive.identity.has_memory:
+        raise LimitError("\n".join(plan(given, drive.identity, {}).problems))
     _check_off(drive)
-    lease = Lease()
-    lease.take(drive)
-    with _released(link, lease):
+    with _control(link) as lease:
         image = parameters(drive)
+        to_do = plan(given, drive.identity, image, around.judge)
+        if to_do.problems:
+            raise LimitError("\n".join(to_do.problems))
+        if to_do.doubts and not around.override:
+            raise LimitError("\n".join((*to_do.doubts, _UNREASONED)))
+        around.planned(to_do)
         since = datetime.now(UTC).isoformat()
         begun = Begun(
             around.drive, given.name, given.version, around.whom, since, image, image | to_do.values, around.override
         )
-        journal = Journal.begin(around.folder, drive.identity, begun)
-        try:
-            return _forward(link, lease, journal, around)
-        finally:
-            journal.close()
+        return UnderWay(link, lease, Journal.begin(around.folder, drive.identity, begun), around, image)
 
 
-def cut(drive: Drive, folder: Path) -> Begun | None:
+def cut(identity: Identity, folder: Path, patience: float = 0.5) -> Begun | None:
     """A flash of this drive that was cut; None where there is none. Raises ConflictError where one is under way."""
-    journal = Journal.found(folder, drive.identity)
+    journal = Journal.found(folder, identity, patience)
     if journal is None:
         return None
     journal.close()
     return journal.begun
 
 
-def resume(link: Link, around: Around, *, finish: bool) -> Verdict:
-    """Finish a flash that was cut, or roll it back. Raises as `flash`, and ConflictError where none was."""
+def taken_up(link: Link, around: Around) -> "UnderWay":
+    """One that was cut, and what it needs. Raises as `begin`, and ConflictError where none was."""
     drive = link()
     journal = Journal.found(around.folder, drive.identity)
     if journal is None:
         raise ConflictError("no flash of this drive was cut")
-    try:
+    with contextlib.ExitStack() as otherwise:
+        otherwise.callback(journal.close)
         _check_off(drive)
-        lease = Lease()
-        lease.take(drive)
-        with _released(link, lease):
-            if finish:
-                return _forward(link, lease, journal, around)
-            return _back(link, lease, journal, around, "it was cut", stored=True)
-    finally:
-        journal.close()
+        with _control(link) as lease:
+            otherwise.pop_all()
+            return UnderWay(link, lease, journal, around)
 
 
-def _forward(link: Link, lease: Lease, journal: Journal, around: Around) -> Verdict:
-    """From the values that the drive has now to the wanted ones; back to the image where that does not come out."""
-    begun, stored = journal.begun, False
-    changed = len(different(begun.wanted, begun.image))
-    try:
-        journal.note(Step.WRITE)
-        around.tell(f"writing {changed} values")
-        drive = link()
-        _written(drive, lease, begun.wanted)
-        journal.note(Step.STORE)
-        around.tell("storing")
-        stored = True
-        _stored_and_read(link, lease, journal, around, begun.wanted)
-        journal.end(Step.DONE, said := f"{changed} values changed, stored, and read back after a reset")
-    except (DriveError, BenchError) as error:
-        return _back(link, lease, journal, around, str(error), stored=stored)
-    return Verdict(End.FLASHED, changed, said)
+class UnderWay:
+    """A flash that has the drive's control lease and its journal; `forward` or `back` ends it, and gives both up."""
 
+    def __init__(
+        self, link: Link, lease: Lease, journal: Journal, around: Around, present: Mapping[str, float] | None = None
+    ) -> None:
+        """`present`: all parameters as the drive has them now, where they are known."""
+        self._link, self._lease, self._journal, self._around, self._present = link, lease, journal, around, present
 
-def _back(link: Link, lease: Lease, journal: Journal, around: Around, why: str, *, stored: bool) -> Verdict:
-    """To the image; also in memory, where that may hold the new values. As long as it takes, within patience."""
-    deadline, image = time.monotonic() + around.patience, journal.begun.image
-    with contextlib.suppress(UnavailableError):  # the drive comes first
-        journal.note(Step.ROLL_BACK, why=why)
-    around.tell(f"rolling back: {why}")
-    while True:
+    @property
+    def begun(self) -> Begun:
+        """What it is to do."""
+        return self._journal.begun
+
+    def forward(self) -> Verdict:
+        """From the values that the drive has now to the wanted ones; to the image where that does not come out."""
+        with self._given_up():
+            return self._forward()
+
+    def back(self, why: str) -> Verdict:
+        """To the image."""
+        with self._given_up():
+            return self._back(why, stored=True)
+
+    def withdraw(self) -> None:
+        """Nothing has been done: it is as if it had not begun; one that was taken up stays to be."""
+        with self._given_up():
+            self._journal.withdraw()
+
+    def _forward(self) -> Verdict:
+        begun, stored = self.begun, False
+        changed = len(different(begun.wanted, begun.image))
         try:
-            drive = link()
-            _off(drive)
-            lease.take(drive)
-            _written(drive, lease, image)
-            if stored:
-                _stored_and_read(link, lease, journal, around, image)
-            journal.end(Step.ROLLED_BACK, said := f"{why}; the drive has all values as before, which was read back")
+            self._journal.note(Step.WRITE)
+            self._around.tell(f"writing {changed} values")
+            self._written(self._link(), begun.wanted, self._present)
+            self._journal.note(Step.STORE)
+            self._around.tell("storing")
+            stored = True
+            self._stored_and_read(begun.wanted)
+            self._journal.end(Step.DONE, said := f"{changed} values changed, stored, and read back after a reset")
         except (DriveError, BenchError) as error:
-            if time.monotonic() > deadline:
-                said = (
-                    f"{why}; it could not be rolled back ({error}): the drive's memory holds the values before or the "
-                    "new ones, `pmsm-bench params resume` finishes or rolls back"
-                )
-                return Verdict(End.CUT, 0, said)
-            time.sleep(_RETRY)
-        else:
-            return Verdict(End.ROLLED_BACK, 0, said)
+            return self._back(str(error), stored=stored)
+        return Verdict(End.FLASHED, changed, said)
 
+    def _back(self, why: str, *, stored: bool) -> Verdict:
+        """Also in memory, where that may hold the new values. As long as it takes, within patience."""
+        deadline, image = time.monotonic() + self._around.patience, self.begun.image
+        with contextlib.suppress(UnavailableError):  # the drive comes first
+            self._journal.note(Step.ROLL_BACK, why=why)
+        self._around.tell(f"rolling back: {why}")
+        while True:
+            try:
+                drive = self._link()
+                _off(drive)
+                self._written(drive, image)
+                if stored:
+                    self._stored_and_read(image)
+                said = f"{why}; the drive has all values as before, which was read back"
+                self._journal.end(Step.ROLLED_BACK, said)
+            except (DriveError, BenchError) as error:
+                if time.monotonic() > deadline or self._around.given_up():
+                    said = (
+                        f"{why}; it could not be rolled back ({error}): the drive's memory holds the values before or "
+                        "the new ones, `pmsm-bench params resume` finishes or rolls back"
+                    )
+                    return Verdict(End.CUT, 0, said)
+                time.sleep(_RETRY)
+            else:
+                return Verdict(End.ROLLED_BACK, 0, said)
 
-def _written(drive: Drive, lease: Lease, wanted: Mapping[str, float]) -> None:
-    """Written where it is not so, and read back. Raises DifferentError, DriveError."""
-    names = iter(different(wanted, parameters(drive)))
-    lease.take(drive)
-    while part := {name: wanted[name] for name in islice(names, MOST_VALUES)}:
-        lease.write(drive, part)
-    _check_same(wanted, parameters(drive), "after it was written")
+    def _written(self, drive: Drive, wanted: Mapping[str, float], present: Mapping[str, float] | None = None) -> None:
+        """Written where it is not so, and read back. Raises DifferentError, DriveError."""
+        names = iter(different(wanted, parameters(drive) if present is None else present))
+        self._take(drive)
+        while part := {name: wanted[name] for name in islice(names, MOST_VALUES)}:
+            self._lease.write(drive, part)
+        _check_same(wanted, parameters(drive), "after it was written")
 
+    def _stored_and_read(self, wanted: Mapping[str, float]) -> None:
+        """Stored, the drive reset, and all of it read again. Raises DifferentError, DriveError, UnavailableError."""
+        drive, lease = self._link(), self._lease
+        self._take(drive)
+        operation.store(drive, lambda name, value: lease.write(drive, {name: value}))
+        self._journal.note(Step.RESET)
+        self._around.tell("resetting")
+        self._take(drive)
+        operation.reset(self._link, lambda name, value: lease.write(drive, {name: value}))
+        self._journal.note(Step.VERIFY)
+        self._around.tell("reading back")
+        found, state = self._read_again()
+        _check_same(wanted, found, "after a reset")
+        if state is not MemoryState.NEWEST:
+            raise DifferentError(f"the drive does not run what was stored: its parameters are {state.words}")
 
-def _stored_and_read(
-    link: Link, lease: Lease, journal: Journal, around: Around, wanted: Mapping[str, float]
-) -> None:
-    """Stored, the drive reset, and all of it read again. Raises DifferentError, DriveError, UnavailableError."""
-    drive = link()
-    lease.take(drive)
-    operation.store(drive, lambda name, value: lease.write(drive, {name: value}))
-    journal.note(Step.RESET)
-    around.tell("resetting")
-    lease.take(drive)
-    drive = operation.reset(link, lambda name, value: lease.write(drive, {name: value}))
-    journal.note(Step.VERIFY)
-    around.tell("reading back")
-    lease.take(drive)
-    _check_same(wanted, parameters(drive), "after a reset")
-    if (state := int(drive.read("memory_state"))) != operation.NEWEST:
-        raise DifferentError(f"the drive does not run what was stored: its memory_state is {state}")
+    def _read_again(self) -> tuple[dict[str, float], MemoryState]:
+        """All of it after a reset, once the link that has ended with the reset is back. Raises DriveError."""
+        deadline = time.monotonic() + operation.BOOT
+        while True:
+            try:
+                drive = self._link()
+                self._take(drive)
+                return parameters(drive), _memory_state(drive)
+            except (LostError, NoReplyError):
+                if time.monotonic() > deadline or self._around.given_up():
+                    raise
+                time.sleep(_RETRY)
+
+    def _take(self, drive: Drive) -> None:
+        self._around.yield_()
+        self._lease.take(drive)
+
+    @contextmanager
+    def _given_up(self) -> Generator[None]:
+        """At the end; control as far as the drive is to be had, else it ends by itself."""
+        try:
+            yield
+        finally:
+            self._journal.close()
+            with contextlib.suppress(DriveError):
+                self._lease.release(self._link())
 
 
 def _check_same(wanted: Mapping[str, float], found: Mapping[str, float], when: str) -> None:
@@ -220,6 +296,14 @@ def _check_same(wanted: Mapping[str, float], found: Mapping[str, float], when: s
     told = ", ".join(f"{name} = {found.get(name)!r} (wanted {wanted[name]!r})" for name in names[:_NAMED])
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     raise DifferentError(f"the drive has other values {when}: {told}{more}")
+
+
+def _memory_state(drive: Drive) -> MemoryState:
+    told = drive.read("memory_state")
+    try:
+        return MemoryState(int(told))
+    except ValueError:
+        raise FrameError(f"expected a memory_state of 0 to {max(MemoryState)}, got {told:g}") from None
 
 
 def _check_off(drive: Drive) -> None:
@@ -234,10 +318,13 @@ def _off(drive: Drive) -> None:
 
 
 @contextmanager
-def _released(link: Link, lease: Lease) -> Generator[None]:
-    """Control is given up at the end, as far as the drive is to be had; else it ends by itself."""
+def _control(link: Link) -> Generator[Lease]:
+    """The drive's control lease, which is given up where it comes to nothing; else it is kept."""
+    lease = Lease()
+    lease.take(link())
     try:
-        yield
-    finally:
+        yield lease
+    except BaseException:
         with contextlib.suppress(DriveError):
             lease.release(link())
+        raise

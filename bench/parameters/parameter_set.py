@@ -12,32 +12,38 @@
     [tables]
     psi_d_table = [0.10, ...]   # all 64 entries
 
-What is wrong in a file is told all at once. Set points, and the settings of stream and recorder, are no part of a set.
-Knows nothing of drives that are connected.
+As JSON it is an object of name, version, layout_id, serial and entries, see `as_document`. What is wrong is told all at
+once. Set points, and the settings of stream and recorder, are no part of a set. Knows nothing of drives that are
+connected.
 """
 
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final, TypeGuard, cast
 
 from bench.errors import ConfigError, shown
 from bench.files import read_bytes
 from drivers.wire.codec import check_range
-from drivers.wire.dictionary import SIGNALS, TABLE_SIZE, TABLES, Signal, WireType, signal_named
+from drivers.wire.dictionary import LEASE_TIMES, SIGNALS, TABLE_SIZE, TABLES, Signal, WireType, signal_named
 
-FLASHED: Final = tuple(s for s in SIGNALS if s.is_parameter and s.is_guarded and not s.is_set_point)
+FLASHED: Final = tuple(
+    replace(s, minimum=LEASE_TIMES[0]) if s.name == "watchdog_time" else s  # else nobody could control the drive
+    for s in SIGNALS if s.is_parameter and s.is_guarded and not s.is_set_point
+)  # fmt: skip
 """What a set may hold."""
 OK: Final = "ok"
 _BY_NAME: Final = {signal.name: signal for signal in FLASHED}
 _KEYS: Final = {"name", "version", "drive", "parameters", "tables"}
 _WHOSE: Final = ("layout_id", "serial")
+_JSON_KEYS: Final = {"name", "version", *_WHOSE, "entries"}
 _NUMBERS: Final = ("low", "high", "at_degC", "at_20_degC")
 _TEXTS: Final = ("status", "source", "note")
-_ENTRY: Final = {"value", *_NUMBERS, *_TEXTS}
-_MOST: Final = 60  # characters of a name
+_ENTRY: Final = {"value", "unit", *_NUMBERS, *_TEXTS}
+LONGEST_NAME: Final = 60  # characters
+_WORDS: Final = 300  # characters of a status, a source, a note
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +74,7 @@ class ParameterSet:
     version: int = 1
     layout_id: int | None = None  # of whose signals; None: of any drive that has them
     serial: int | None = None  # whose it is; None: anybody's
+    unfit: tuple[str, ...] = ()  # why values that were read are not among the entries, a clause each
 
     @property
     def values(self) -> dict[str, float]:
@@ -77,7 +84,8 @@ class ParameterSet:
 
 def set_of(values: Mapping[str, float], name: str, source: str, **whose: Any) -> ParameterSet:
     """A set of plain values, of those that a set may hold."""
-    entries = {key: Entry(value, source=source) for key, value in values.items() if key in _BY_NAME}
+    fit = {key: value for key, value in values.items() if key in _BY_NAME and math.isfinite(value)}
+    entries = {key: Entry(value, source=source) for key, value in fit.items()}
     return ParameterSet(name, entries, **whose)
 
 
@@ -88,28 +96,42 @@ def read(path: Path) -> ParameterSet:
 
 def parse(text: str, where: str) -> ParameterSet:
     """The set in a TOML text. Raises ConfigError, with all that is wrong."""
+    given = of_toml(text, where)
+    if given.unfit:
+        raise _wrong(where, given.unfit)
+    return given
+
+
+def of_toml(text: str, where: str) -> ParameterSet:
+    """The set in a TOML text; what is wrong with single values is in its `unfit`. Raises ConfigError."""
     try:
         document: dict[str, Any] = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         raise ConfigError(f"{where}: is not TOML: {error}") from None
-    problems = [f"{shown(key)} is none of {', '.join(sorted(_KEYS))}" for key in document if key not in _KEYS]
-    told = _Reader(problems)
-    name, version = document.get("name", ""), document.get("version", 1)
-    if not isinstance(name, str) or not 0 < len(name) <= _MOST or not name.isprintable():
-        problems.append(f"name: expected 1 to {_MOST} characters, got {shown(name)}")
-    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        problems.append(f"version: expected a whole number from 1 on, got {shown(version)}")
+    told = _Reader(document, _KEYS)
     drive = told.table(document, "drive")
-    layout_id, serial = told.number(drive, "layout_id"), told.number(drive, "serial")
-    problems += [f"drive {shown(key)}: expected layout_id or serial" for key in drive if key not in _WHOSE]
+    told.only(drive, set(_WHOSE), "drive ")
     entries = dict(told.entries(told.table(document, "parameters")))
     for key, listed in told.table(document, "tables").items():
         entries.update(told.list_of(key, listed))
-    if not entries and not problems:
-        problems.append("expected values in [parameters] or [tables], got none")
-    if problems:
-        raise ConfigError("\n".join(f"{where}: {problem}" for problem in problems))
-    return ParameterSet(name, entries, version, layout_id, serial)
+    return told.set_of(entries, drive, where, "[parameters] or [tables]")
+
+
+def of_document(document: Mapping[str, Any], where: str) -> ParameterSet:
+    """The set in a JSON object; as `of_toml`."""
+    told = _Reader(document, _JSON_KEYS)
+    return told.set_of(dict(told.entries(told.table(document, "entries"))), document, where, "entries")
+
+
+def as_document(given: ParameterSet) -> dict[str, Any]:
+    """A set as plain values: `of_document` gives it back."""
+    entries = {name: asdict(entry) | {"unit": signal_named(name).unit} for name, entry in given.entries.items()}
+    whose = {"layout_id": given.layout_id, "serial": given.serial}
+    return {"name": given.name, "version": given.version, **whose, "entries": entries}
+
+
+def _wrong(where: str, problems: Iterable[str]) -> ConfigError:
+    return ConfigError("\n".join(f"{where}: {problem}" for problem in problems))
 
 
 def problem_of(name: str, value: object) -> str:
@@ -117,8 +139,8 @@ def problem_of(name: str, value: object) -> str:
     signal = _BY_NAME.get(name)
     if signal is None:
         return _no_parameter(name)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return f"{signal} takes a number, got {shown(value)}"
+    if not _is_number(value):
+        return f"{_called(name)} takes a number, got {shown(value)}"
     try:
         number = float(value)
     except OverflowError:
@@ -190,11 +212,70 @@ def _no_parameter(name: str) -> str:
     return f"{signal} is no parameter that is flashed"
 
 
-class _Reader:
-    """Takes a document apart; what is wrong goes to a list."""
+def _wrong_entry(name: str, parts: Mapping[str, Any]) -> str:
+    """Why an entry cannot be read as one, a clause; empty where it can."""
+    if others := [key for key in parts if key not in _ENTRY]:
+        return f"{shown(name)} {shown(others[0])}: expected one of {', '.join(sorted(_ENTRY))}"
+    if not _is_number(parts.get("value")):
+        return f"{_called(name)} takes a number, got {shown(parts.get('value'))}"
+    if wrong := [key for key in _NUMBERS if parts.get(key) is not None and not _is_finite(parts[key])]:
+        return f"{shown(name)}: expected a number as {wrong[0]}, got {shown(parts[wrong[0]])}"
+    texts = [parts.get("status", OK), *(parts.get(key, "") for key in ("source", "note")), parts.get("unit") or ""]
+    if not all(map(_is_text, texts)):
+        return f"{shown(name)}: expected texts of up to {_WORDS} characters as {', '.join(_TEXTS)} and unit"
+    return ""
 
-    def __init__(self, problems: list[str]) -> None:
-        self._problems = problems
+
+def _other_unit(name: str, said: str | None) -> str:
+    return "" if said in (None, _BY_NAME[name].unit) else f"{_BY_NAME[name]} is in {_BY_NAME[name].unit}, got {said!r}"
+
+
+def _called(name: str) -> str:
+    return str(_BY_NAME[name]) if name in _BY_NAME else shown(name)
+
+
+def _is_number(value: object) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_finite(end: object) -> bool:
+    try:
+        return _is_number(end) and math.isfinite(end)
+    except OverflowError:
+        return False
+
+
+def _is_text(text: object) -> bool:
+    return isinstance(text, str) and len(text) <= _WORDS and text.isprintable()
+
+
+class _Reader:
+    """Takes a document apart. What is wrong with it goes to one list, what is with single values to another."""
+
+    def __init__(self, document: Mapping[str, Any], keys: set[str]) -> None:
+        self._document, self._problems, self._unfit = document, list[str](), list[str]()
+        self.only(document, keys)
+
+    def only(self, table: Mapping[str, Any], keys: set[str], of: str = "") -> None:
+        """Other keys are told."""
+        known = ", ".join(sorted(keys))
+        self._problems += [f"{of}{shown(key)} is none of {known}" for key in table if key not in keys]
+
+    def set_of(
+        self, entries: dict[str, Entry], whose: Mapping[str, Any], where: str, expected: str
+    ) -> ParameterSet:
+        """The set. Raises ConfigError, with all that is wrong, where it cannot be read as one."""
+        name, version = self._document.get("name", ""), self._document.get("version", 1)
+        if not isinstance(name, str) or not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
+            self._problems.append(f"name: expected 1 to {LONGEST_NAME} characters, got {shown(name)}")
+        if not isinstance(version, int) or isinstance(version, bool) or not 1 <= version < 1 << 31:
+            self._problems.append(f"version: expected a whole number from 1 on, got {shown(version)}")
+        layout_id, serial = (self.number(whose, key) for key in _WHOSE)
+        if not entries and not self._problems and not self._unfit:
+            self._problems.append(f"expected values in {expected}, got none")
+        if self._problems:
+            raise _wrong(where, (*self._problems, *self._unfit))
+        return ParameterSet(name, entries, version, layout_id, serial, tuple(self._unfit))
 
     def table(self, document: Mapping[str, Any], key: str) -> dict[str, Any]:
         """A section, empty where there is none."""
@@ -222,32 +303,25 @@ class _Reader:
         """Values with what is known of them."""
         for name, given in table.items():
             parts = cast(dict[str, Any], given) if isinstance(given, dict) else {"value": given}
-            problem = problem_of(name, parts.get("value"))
-            others = [key for key in parts if key not in _ENTRY]
-            numbers = {key: parts.get(key) for key in _NUMBERS}
-            if problem:
-                self._problems.append(problem)
-            elif others:
-                self._problems.append(f"{name} {shown(others[0])}: expected one of {', '.join(sorted(_ENTRY))}")
-            elif any(isinstance(one, bool) or not isinstance(one, int | float | None) for one in numbers.values()):
-                self._problems.append(f"{name}: expected numbers as {', '.join(_NUMBERS)}, got {shown(parts)}")
-            elif not all(isinstance(parts.get(key, ""), str) for key in _TEXTS):
-                self._problems.append(f"{name}: expected texts as {', '.join(_TEXTS)}")
+            if wrong := _wrong_entry(name, parts):
+                self._problems.append(wrong)
+            elif problem := problem_of(name, parts["value"]) or _other_unit(name, parts.get("unit")):
+                self._unfit.append(problem)
             else:
-                known = {key: float(one) for key, one in numbers.items() if one is not None}
+                known = {key: float(one) for key in _NUMBERS if (one := parts.get(key)) is not None}
                 texts = {key: parts[key] for key in _TEXTS if key in parts}
                 yield name, Entry(float(parts["value"]), **known, **texts)
 
     def list_of(self, table: str, given: object) -> Iterable[tuple[str, Entry]]:
         """All entries of a table."""
         if table not in TABLES:
-            self._problems.append(f"no table {shown(table)}; there are {', '.join(TABLES)}")
+            self._unfit.append(f"no table {shown(table)}; there are {', '.join(TABLES)}")
             return []
         values = cast(list[object], given) if isinstance(given, list) else []
         if len(values) != TABLE_SIZE:
-            self._problems.append(f"{table}: expected a list of {TABLE_SIZE} numbers, got {shown(cast(object, given))}")
+            self._unfit.append(f"{table}: expected a list of {TABLE_SIZE} numbers, got {shown(cast(object, given))}")
             return []
         wrong = [problem for k, one in enumerate(values, start=1) if (problem := problem_of(f"{table}_{k}", one))]
-        self._problems += wrong
+        self._unfit += wrong
         numbers = cast(list[float], values)
         return [] if wrong else [(f"{table}_{k}", Entry(float(one))) for k, one in enumerate(numbers, start=1)]

@@ -3,7 +3,7 @@
 Values are compared as they travel: what a drive would hold of a value, its 32 bits, decides.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,7 +12,8 @@ from drivers.drive import Identity
 from drivers.wire.codec import decode, encode
 from drivers.wire.dictionary import Signal
 
-Judge = Callable[[Mapping[str, float]], list[str]]
+Judge = Callable[[Mapping[str, float], Collection[str]], list[str]]
+"""What limits forbid: of all values as they would be, and the names of those that would be others, a sentence each."""
 _BY_NAME: Final = {signal.name: signal for signal in FLASHED}
 
 
@@ -49,32 +50,32 @@ class Plan:
 
 
 def plan(
-    given: ParameterSet, identity: Identity, present: Mapping[str, float], judge: Judge = lambda _: []
+    given: ParameterSet, identity: Identity, present: Mapping[str, float], judge: Judge = lambda _values, _changed: []
 ) -> Plan:
     """What a set would change in a drive whose parameters are `present` (SI); `judge` tells what limits forbid."""
     if not identity.has_memory:
         return Plan((), 0, (f"layout 0x{identity.layout_id:08X} tells nothing of its memory: it cannot be flashed",))
-    problems, doubts = list[str](), list[str]()
+    problems, doubts = list(given.unfit), list[str]()
     if given.serial not in (None, identity.serial):
         problems.append(f"the set is for drive 0x{given.serial:08X}, this is 0x{identity.serial:08X}")
     if given.layout_id not in (None, identity.layout_id):
         problems.append(f"the set is for layout 0x{given.layout_id:08X}, this drive has 0x{identity.layout_id:08X}")
+    fit = dict[str, float]()
     for name, entry in given.entries.items():
         if problem := problem_of(name, entry.value) or ("" if name in present else f"the drive does not have {name}"):
             problems.append(problem)
+        else:
+            fit[name] = entry.value
         if entry.status != OK:
             doubts.append(f"{name} is {entry.status}{f' ({entry.source})' if entry.source else ''}")
         if entry.outside:
             doubts.append(f"{name} = {entry.value:g} is outside its interval, {_interval(entry.low, entry.high)}")
-    if problems:
-        return Plan((), 0, tuple(problems), tuple(doubts))
-    wanted = {name: present[name] for name in present} | given.values
-    problems += judge(wanted)
     changes = tuple(
-        change for name, value in given.values.items()
+        change for name, value in fit.items()
         if (change := _change(_BY_NAME[name], present[name], value)) is not None
     )  # fmt: skip
-    return Plan(changes, len(given.entries) - len(changes), tuple(problems), tuple(doubts))
+    problems += judge({**present, **fit}, [change.signal.name for change in changes])
+    return Plan(changes, len(fit) - len(changes), tuple(problems), tuple(doubts))
 
 
 def bits(name: str, value: float) -> bytes:

@@ -7,7 +7,7 @@ import shutil
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -21,6 +21,7 @@ from bench.actions.captures import Captures
 from bench.actions.control import Control
 from bench.actions.drive_jobs import sensible
 from bench.actions.experiments import Experiments, Status
+from bench.actions.flashes import Flashes
 from bench.actions.lease import Change, Leases, Part, Writer
 from bench.actions.limits import Limits
 from bench.actions.recording import Surroundings
@@ -57,6 +58,7 @@ from drivers.wire.dictionary import SET_POINTS
 
 _WRITE = 30.0  # s that a write of signals may take, on the slowest line
 _STOP = 1.2  # s in which drives are stopped, and jobs on them end, while there are still links
+_FLASH = 8.0  # s more that a flash under way is waited for, beyond which its journal tells the next start
 _LEAVE = 1.8  # s in which all must end; a pump that is held up in connecting is left behind
 _DIAGNOSED = 0.2  # s between looks at a diagnosis that is waited for
 _LAST = 0.3  # s more, for the estimation
@@ -117,6 +119,7 @@ class Service:
         self.captures = Captures(config.captures, self.drives, self._leases, self._ended)
         self.experiments = Experiments(config.captures, self.drives, self._leases, self._ended)
         self.commissionings = Commissionings(config.captures, self.drives, self._leases, self._diagnosed)
+        self.flashes = Flashes(config.journals, self.drives, self._leases, self._flash_happened)
         self._kept = Diagnoses(config.captures, self._diagnoses_read)
         self.diagnoses = DiagnosisJobs(config.captures, machines, kept=self._kept)
         self.recordings = Recordings(
@@ -130,7 +133,8 @@ class Service:
         self.shelf = Shelf(config.captures, self._recordings_read)
         self._writes = count(1)
         self._leaving: threading.Thread | None = None
-        self._experiments_on, self._recorded = list[str](), list[str]()  # drives, recordings, when it was to end
+        self._experiments_on, self._flashes_on = list[str](), list[str]()  # drives, when it was to end
+        self._recorded = list[str]()  # recordings, then
         self._started, self._begun = time.monotonic(), datetime.now(UTC)
 
     def __enter__(self) -> Self:
@@ -155,7 +159,7 @@ class Service:
     def __exit__(self, *_: object) -> None:
         self.leave()
         assert self._leaving is not None
-        self._leaving.join(_LEAVE + _LAST)
+        self._leaving.join(_FLASH + _LEAVE + _LAST)
 
     def leave(self) -> None:
         """Begin the end, without waiting for it: drives are stopped, jobs on them end, then links are closed.
@@ -210,10 +214,11 @@ class Service:
 
     def experiment_on(self, name: str) -> str | None:
         """The experiment or commissioning that has a drive, by its name; None where none has. Raises UnknownError."""
-        self.drive(name)
-        writer = self._leases.writer(name)
-        holders = self.experiments.holders | self.commissionings.holders
-        return writer.holder if writer is not None and writer.holder in holders else None
+        return self._holder_among(name, self.experiments.holders | self.commissionings.holders)
+
+    def flash_on(self, name: str) -> str | None:
+        """The flash that has a drive, likewise. Raises UnknownError."""
+        return self._holder_among(name, self.flashes.holders)
 
     def writer(self, name: str) -> Writer | None:
         """Who writes to a drive at present, besides this service's control of it. Raises UnknownError."""
@@ -235,12 +240,13 @@ class Service:
 
     def stop_drive(self, name: str, whom: str = "") -> None:
         """Stop a drive, whoever controls it. Raises UnknownError, DriveError."""
-        one = self.control(name)
-        for other in self._names_of(name):
+        one, names = self.control(name), self._names_of(name)
+        for other in names:
             self.experiments.stop(other)
             self.commissionings.stop(other)
             self.drives[other].control.void()
-        one.stop(whom)
+        with self.flashes.stopping(*names):
+            one.stop(whom)
 
     def begin_experiment(self, name: str, given: Mapping[str, Any], whom: str = "") -> Status:
         """Have a drive do an experiment for `whom`. Raises UnknownError, and as `Experiments.ask`."""
@@ -325,6 +331,8 @@ class Service:
     def _end(self) -> None:
         begun, drives = time.monotonic(), self.drives.values()
         self._experiments_on = [name for name in self.drives if self.experiment_on(name) is not None]
+        self.flashes.leave()
+        self._flashes_on = [name for name in self.drives if self.flash_on(name) is not None]
         self._recorded = [one.id for one in self.recordings.known() if not one.state.ended]
 
         def left(of: float) -> float:
@@ -339,6 +347,10 @@ class Service:
         self.commissionings.join(left(_STOP))
         self.experiments.join(left(_STOP))
         self.captures.join(left(_STOP))
+        if self._flashes_on:
+            to_standard_error(f"a flash is under way, and is waited for, {_FLASH:g} s at most")
+            self.flashes.join(_FLASH)
+            begun = time.monotonic()
         closing = [_begun(f"close {name}", drive.link.end) for name, drive in self.drives.items()]
         for thread in (*stops, *closing):
             thread.join(left(_LEAVE))
@@ -358,6 +370,10 @@ class Service:
         if name in self._experiments_on:
             ended = "ended, and stopped it" if self.experiment_on(name) is None else "not ended: its lease runs out"
             return f"{name}: its experiment or commissioning has {ended}"
+        if name in self._flashes_on:
+            latest = self.flashes.latest(name) if self.flash_on(name) is None else None
+            how = "not ended: the next start tells" if latest is None else f"ended: {latest.state}"
+            return f"{name}: its flash has {how}"
         return f"{name}: {self.control(name).farewell or 'left as it was, this service did not control it'}"
 
     def _closed(self, id_: str) -> str:
@@ -374,6 +390,7 @@ class Service:
             if said := undo(folder, drive):
                 self.drives[name].undone = said
                 to_standard_error(f"drive  {name}: {said}")
+            self.flashes.connected(name, drive.identity)
             self._snapshots.ask(name, "connected")
 
         def take(block: Block) -> None:
@@ -445,6 +462,10 @@ class Service:
         one = Happening(drive, datetime.now(UTC), kind, sentence)
         self._tell(lambda memory: memory.chronicle.happened(one))
 
+    def _flash_happened(self, drive: str, sentence: str) -> None:
+        to_standard_error(f"drive  {drive}: {sentence}")
+        self._happened(drive, "flash", sentence)
+
     def _lease_changed(self, change: Change) -> None:
         one = change.drive, change.part.value, change.holder, change.at
         if change.how:
@@ -477,6 +498,11 @@ class Service:
         if identity is None or not identity.serial:
             return None
         return identity.vendor_id, identity.product_code, identity.serial
+
+    def _holder_among(self, name: str, holders: Collection[str]) -> str | None:
+        self.drive(name)
+        writer = self._leases.writer(name)
+        return writer.holder if writer is not None and writer.holder in holders else None
 
     def _names_of(self, name: str) -> list[str]:
         """All names that a drive has here, by its serial number."""

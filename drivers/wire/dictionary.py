@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
 
+from drivers.wire.memory import MemoryState
+
 Access = Literal["const", "ro", "rw"]
 
 
@@ -291,8 +293,7 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("encoder_angle", 0x2260, 1, WireType.U32, "rad", "ro", "what the encoder reads, mechanical, as it comes",
            scale=2.0 * math.pi / 2.0**32),
     Signal("memory_state", 0x2510, 1, WireType.U16, "1", "ro",
-           "parameters after the latest reset: 0: as delivered, 1: the newest that were stored, 2: those before, since "
-           "the newest were cut; 3: being stored"),
+           f"parameters after the latest reset: {'; '.join(f'{state.value}: {state.words}' for state in MemoryState)}"),
     Signal("memory_count", 0x2510, 2, WireType.U32, "1", "ro", "so often have parameters been stored"),
     Signal("memory_checksum", 0x2510, 3, WireType.U32, "1", "ro", "CRC-32 of what is stored; 0: nothing"),
     _command(0x2510, 4, "reset", WireType.U32, RESET_WORD, RESET_WORD, "start anew, with the bridge off"),

@@ -15,12 +15,13 @@ import zlib
 from pathlib import Path
 from typing import Final
 
+from drivers.wire.memory import MemoryState
+
 PAGE: Final = 4096  # bytes
 SPEED: Final = 100_000.0  # bytes/s
 _HEADING: Final = struct.Struct("<IIII")
 _MARK: Final = 0x4D534D50
 _BLANK: Final = 0xFF
-DELIVERED, NEWEST, OLDER, WRITING = 0, 1, 2, 3  # memory_state
 ROOM: Final = PAGE - _HEADING.size
 
 
@@ -40,7 +41,7 @@ class Memory:
             self._bytes[:] = content
         elif path is not None:
             path.write_bytes(self._bytes)
-        self.state, self.count, self.checksum, self.values = DELIVERED, 0, 0, b""
+        self.state, self.count, self.checksum, self.values = MemoryState.DELIVERED, 0, 0, b""
         self._read()
 
     @property
@@ -95,7 +96,7 @@ class Memory:
         cut = any(_values(page) is None and page.strip(bytes([_BLANK])) for page in pages)
         self.count, self.values = whole[-1] if whole else (0, b"")
         self.checksum = _checksum(self.count, self.values) if whole else 0
-        self.state = OLDER if cut else NEWEST if self.values else DELIVERED
+        self.state = MemoryState.OLDER if cut else MemoryState.NEWEST if self.values else MemoryState.DELIVERED
 
 
 def _checksum(count: int, values: bytes) -> int:

@@ -42,11 +42,12 @@ from drivers.wire.dictionary import (
     signals_of,
 )
 from drivers.wire.lease import Bridge, End, Record, holder_words, unpacked
+from drivers.wire.memory import MemoryState
 from emulator.drive import stream
 from emulator.drive.assembly import bench_of
 from emulator.drive.control_lease import ControlLease, Denial, DeniedError
 from emulator.drive.in_place import begun, now_of, set_bench, set_settings, set_state, state_of, stepped
-from emulator.drive.memory import WRITING, Memory
+from emulator.drive.memory import Memory
 from emulator.drive.recorder import ARMED, TRIGGERED, Recorder, Setup
 from emulator.drive.simulation import RECORDED, machine_now, plant_of, started
 from emulator.drive.simulation import State as SimulationState
@@ -372,7 +373,7 @@ class VirtualDrive:
             raise ValueError(f"{signal} takes at least {LEASE_TIMES[0]:g} s, got {value:g}")
         if signal.name in _NOT_WHILE_ON and self._operation.powered:
             raise DeniedError(Denial.BUSY)
-        if signal.name in _NOT_WHILE_STORING and present["memory_state"] == WRITING:
+        if signal.name in _NOT_WHILE_STORING and present["memory_state"] == MemoryState.WRITING:
             raise DeniedError(Denial.BUSY)
         if signal.name in _WHOLE and value != int(value):
             raise ValueError(f"{signal} takes a whole number, got {value}")
@@ -558,7 +559,7 @@ class VirtualDrive:
             if (name, value) == ("capture_command", 1.0):
                 present["capture_state"] = float(ARMED)
             elif name in ("store", "restore") and "memory_state" in self.names:
-                present["memory_state"] = float(WRITING)
+                present["memory_state"] = float(MemoryState.WRITING)
         return present
 
     def _publish(self, rows: StreamRows | None = None) -> None:
@@ -571,7 +572,7 @@ class VirtualDrive:
         latest["capture_tick"] = float(self._recorder.tick & 0xFFFF_FFFF)
         latest["capture_number"] = float(self._recorder.number)
         memory = self._memory
-        latest["memory_state"] = float(WRITING if memory.writing else memory.state)
+        latest["memory_state"] = float(MemoryState.WRITING if memory.writing else memory.state)
         latest["memory_count"], latest["memory_checksum"] = float(memory.count), float(memory.checksum)
         latest["temp_winding"], latest["temp_magnet"] = self._temperatures()
         if rows:

@@ -107,7 +107,7 @@ def flashed(link: str, url: str, folder: Path, fault: str, chance: random.Random
             seen.wrong.append(f"neither: {different(new, now)[:3]}, {different(before, now)[:3]}")
         if (seen.ended, seen.memory) in (("flashed", "old"), ("rolled back", "new"), ("refused", "new")):
             seen.wrong.append(f"{seen.ended}, and its memory is {seen.memory}")
-        if cut(drive, journals) is not None:
+        if cut(drive.identity, journals) is not None:
             finish = chance.random() < 0.5
             done = resume(lambda: drive, Around(journals, url), finish=finish)
             seen.resumed = str(done.end)

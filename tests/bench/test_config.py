@@ -45,6 +45,7 @@ def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None
         host = "0.0.0.0"
         port = 9000
         captures = "runs"
+        journals = "flashed"
         log = "told"
         token = "secret"
         names = ["Bench.lan", "localhost:9000", "[fd00::5]"]
@@ -63,6 +64,7 @@ def test_a_file_that_says_everything_is_taken_as_it_says(tmp_path: Path) -> None
         url = "canopen://socketcan/vcan0/7"
     """))
     assert (config.host, config.port, config.captures) == ("0.0.0.0", 9000, tmp_path / "runs")
+    assert config.journals == tmp_path / "flashed"
     assert (config.log, config.token, config.insecure) == (tmp_path / "told", tmp_path / "secret", True)
     assert config.names == ("bench.lan", "localhost:9000", "[fd00::5]")
     assert (config.certificate, config.key) == (tmp_path / "bench.pem", tmp_path / "bench.key")
@@ -139,7 +141,7 @@ def test_a_port_of_the_environment_that_is_none_is_named(text: str, monkeypatch:
         ("[server]\n" + DRIVE, "unknown key 'server', expected one of drives, service"),
         ("[service]\nprot = 1\n" + DRIVE,
          "[service]: unknown key 'prot', expected one of captures, certificate, database, host, insecure, "
-         "keep_free_megabytes, key, log, names, port, token"),
+         "journals, keep_free_megabytes, key, log, names, port, token"),
         ("[service]\nlog = 5\n" + DRIVE, "[service] log: expected a folder, got 5"),
         ('[service]\ntoken = ""\n' + DRIVE, "[service] token: expected a file name, got ''"),
         ('[service]\ntoken = "a\\u0000b"\n' + DRIVE, "[service] token: expected a file name, got 'a\\x00b'"),

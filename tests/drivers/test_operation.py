@@ -1,15 +1,18 @@
 """A bench at a drive's state machine, over a bus: enabled from every state, and told why when it cannot be."""
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from drivers import operation
 from drivers.connect import connect
-from drivers.drive import Drive
-from drivers.errors import FaultError
+from drivers.drive import Drive, Identity
+from drivers.errors import FaultError, LostError
 from drivers.wire.cia402 import OVERTEMPERATURE_MOTOR, State
+from drivers.wire.dictionary import RESET_WORD
 from emulator.scenario.scenarios import PAPER
 from tests.support.served_drive import Served, served, until, virtual_url
 
@@ -102,3 +105,31 @@ def test_parameters_are_stored_and_restored_by_the_words_of_the_standard(bench: 
     operation.restore(drive)
     bench.drive.reset()
     until(lambda: bench.drive.read("bandwidth") == before, "what was delivered does not come back")
+
+
+class JustUp:
+    """A drive that has been up for a moment only, and whose link is lost for longer than that when it is reset."""
+
+    def __init__(self) -> None:
+        self.identity = Identity("a drive", 0, 1, 1, 1, 0, 1e-4, 20.0, 400.0, 3000.0)
+        self.since, self.lost = time.monotonic() - 0.02, 0.0
+
+    def read(self, name: str) -> float:
+        assert name == "tick"
+        return (time.monotonic() - self.since) / self.identity.T_s
+
+    def write(self, name: str, value: float) -> None:
+        assert (name, value) == ("reset", RESET_WORD)
+        self.since = time.monotonic()
+        self.lost = self.since + 0.1
+
+    def link(self) -> Any:
+        if time.monotonic() < self.lost:
+            raise LostError("there is no link")
+        return self
+
+
+def test_a_drive_that_is_reset_soon_after_its_start_is_seen_to_have_been() -> None:
+    begun, drive = time.monotonic(), JustUp()
+    assert operation.reset(drive.link) is drive
+    assert time.monotonic() - begun < 1.0

@@ -15,7 +15,7 @@ from typing import Final, Literal
 from starlette.datastructures import Headers
 from starlette.requests import cookie_parser
 
-from bench.api.guard.kinds import READS
+from bench.api.exchange.kinds import READS
 from bench.api.guard.page_pass import given_by, holds
 from bench.config import Config
 from bench.errors import ConfigError, shown

@@ -21,7 +21,7 @@ from uvicorn.config import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
-from bench.api.guard.kinds import READS, is_stop, is_upload
+from bench.api.exchange.kinds import READS, is_stop, is_upload
 from bench.store.write_log import Allowance
 
 _RETRY: Final = 1  # s

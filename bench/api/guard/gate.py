@@ -7,10 +7,10 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from bench.api.exchange.kinds import READS
+from bench.api.exchange.problems import problem
 from bench.api.guard import login
 from bench.api.guard.access import Access, Refusal
-from bench.api.guard.kinds import READS
-from bench.api.problems import problem
 from bench.store.write_log import Entry, WriteLog
 
 _NO_TOKEN: Final = Refusal(

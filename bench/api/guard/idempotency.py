@@ -15,8 +15,8 @@ from typing import Any, Final
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from bench.api.guard.kinds import begins_job
-from bench.api.problems import problem
+from bench.api.exchange.kinds import begins_job
+from bench.api.exchange.problems import problem
 from bench.store.write_log import Entry, WriteLog
 
 HEADER: Final = "Idempotency-Key"
@@ -40,7 +40,7 @@ REPEATABLE: Final[dict[str, Any]] = {"parameters": [{
 class _First:
     """The first request with a key."""
 
-    request: bytes  # digest of method, path and body
+    request: bytes  # digest of method, path, query and body
     until: float  # s, by the clock
     answer: "asyncio.Future[list[Message]]"  # empty: it broke off
 
@@ -70,7 +70,7 @@ class Idempotency:
         if not _is_whole(came):
             await self._app(scope, again, send)
             return
-        asked = f"{scope['method']} {scope['path']}\n".encode()
+        asked = f"{scope['method']} {scope['path']}\n".encode() + scope.get("query_string", b"") + b"\n"
         request = hashlib.sha256(asked + b"".join(part.get("body", b"") for part in came)).digest()
         self._tidy()
         first = self._known.get(keys[0])

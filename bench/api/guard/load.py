@@ -8,13 +8,15 @@ from typing import Final
 from anyio import to_thread
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from bench.api.guard.kinds import READS, is_stop, is_upload, stopped_drive
-from bench.api.problems import problem
+from bench.api.exchange.kinds import READS, is_stop, is_upload, stopped_drive
+from bench.api.exchange.problems import problem
 from bench.store.write_log import Entry, WriteLog
 
 RETRY: Final = 1  # s
 _STOPS: Final = 4
-_LINK: Final = re.compile(r"GET /api/drives/[^/]+/signals")
+_LINK: Final = re.compile(
+    "GET /api/drives/[^/]+/(signals|parameters/set|parameters/rollback)|POST /api/drives/[^/]+/parameters/plan"
+)
 _STREAM: Final = re.compile(r"GET /api/(drives|diagnoses)/[^/]+/stream")
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Final
 from fastapi import Header
 from pydantic import BaseModel
 
-from bench.api.problems import PreconditionError
+from bench.api.exchange.problems import PreconditionError
 from bench.errors import shown
 
 _TAG: Final = re.compile(r'(?:W/)?"[\x21\x23-\x7e\x80-\xff]*"')

@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from bench.api.guard.kinds import READS, is_upload
+from bench.api.exchange.kinds import READS, is_upload
 from bench.store.write_log import SHORT, Entry, WriteLog, short
 
 _LONGEST: Final = 1 << 16  # bytes of an answer that is looked into

@@ -47,9 +47,12 @@ class ControlModel(StateModel):
         description="until the drive goes off unless its holder renews; null under local control", examples=[0.8]
     )
     ours: bool = Field(description="this service controls it", examples=[True])
-    whom: str | None = Field(description="who asked for that, or for which experiment", examples=["127.0.0.1"])
+    whom: str | None = Field(description="who asked for that, or for which experiment or flash", examples=["127.0.0.1"])
     in_experiment: bool = Field(
         description="this service controls it for an experiment: `start` is refused", examples=[False]
+    )
+    in_flash: bool = Field(
+        description="this service controls it for a flash of its parameters: `start` is refused", examples=[False]
     )
     said: str = Field(description="why control ended, a clause; empty while it has not", examples=[""])
     undone: str = Field(
@@ -85,12 +88,14 @@ def control_model(service: Service, name: str) -> ControlModel:
     """A drive's control as REST shows it."""
     control = service.control(name)
     now: DriveState | None = control.state
-    held, started, experiment = now.held if now else None, control.whom, service.experiment_on(name)
-    whom = experiment if started is None else started
+    held, started = now.held if now else None, control.whom
+    experiment, flash = service.experiment_on(name), service.flash_on(name)
+    whom = (experiment or flash) if started is None else started
     return ControlModel(
         **state_model(now).model_dump(),
         holder=held and held.holder, lease_left_s=held and held.left, ours=whom is not None,
         whom=whom, in_experiment=started is None and experiment is not None,
+        in_flash=started is None and flash is not None,
         said=control.said, undone=service.drive(name).undone,
         guarded=now.has_lease if now else None, safe_torque_off=now.safe_torque_off if now else None,
         seen=now and now.at,

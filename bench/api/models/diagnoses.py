@@ -6,7 +6,7 @@ from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.api.answers import SHAPES
+from bench.api.exchange.answers import SHAPES
 from bench.diagnoses.diagnosis_jobs import Job
 from bench.diagnoses.diagnosis_request import Trust
 from bench.diagnoses.figures.figure import schema as figures_schema

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from bench.actions.limits import RPM
 from bench.api.models.captures import CaptureModel
 from bench.api.models.control import ControlModel, StateModel, control_model, state_model
+from bench.api.models.flashes import CutFlashModel, cut_model
 from bench.expected import CLOSED
 from bench.live.acquisition import Link
 from bench.live.estimation import Snapshot
@@ -122,6 +123,9 @@ class DriveModel(BaseModel):
     limits: LimitsModel
     writer: WriterModel | None = Field(description="null while nobody writes to it", examples=[None])
     control: ControlModel
+    cut_flash: CutFlashModel | None = Field(
+        description="a flash of its parameters that was cut; null: none was", examples=[None]
+    )
 
 
 class DrivesModel(BaseModel):
@@ -302,6 +306,7 @@ class ProblemModel(BaseModel):
     title: str = Field(examples=["Not Found"])
     status: int = Field(description="the HTTP status", examples=[404])
     detail: str = Field(description="a sentence: what was expected and what came", examples=["no drive 'x'"])
+    problems: list[str] = Field([], description="where there are several: all of them, a sentence each", examples=[[]])
 
 
 def drive_model(service: Service, name: str) -> DriveModel:
@@ -323,6 +328,7 @@ def drive_model(service: Service, name: str) -> DriveModel:
         limits=LimitsModel.model_validate(service.drive(name).limits, from_attributes=True),
         writer=None if writer is None else WriterModel.model_validate(writer, from_attributes=True),
         control=control_model(service, name),
+        cut_flash=None if (left := service.flashes.cut(name)) is None else cut_model(left),
     )
 
 

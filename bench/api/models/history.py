@@ -10,7 +10,7 @@ from bench.store.catalogue.memory import Course
 from drivers.wire.dictionary import signal_named
 from estimator.machine import UNITS
 
-EventKind = Literal["link", "clock", "state", "fault", "write", "lease"]
+EventKind = Literal["link", "clock", "state", "fault", "flash", "write", "lease"]
 
 
 class CourseModel(BaseModel):

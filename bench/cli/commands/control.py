@@ -48,7 +48,8 @@ def words(control: dict[str, Any]) -> str:
     if control["ours"]:
         said = control["whom"] or ""
         whom = "controlled by this service"
-        whom += f" for {said}" if control["in_experiment"] else f", started from {said}" if said else ""
+        by_job = control["in_experiment"] or control["in_flash"]
+        whom += f" for {said}" if by_job else f", started from {said}" if said else ""
     else:
         whom = f"controlled by {control['holder']}" if control["holder"] else "controlled by nobody"
     return f"{state_words(control)}; {whom}"

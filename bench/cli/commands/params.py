@@ -3,7 +3,7 @@
 import getpass
 import json
 import sys
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,14 +13,14 @@ from bench.cli.exit_codes import DOES_NOT, HOLDS
 from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, write_whole
 from bench.cli.terminal import Terminal
 from bench.errors import ConfigError, ConflictError
-from bench.files import data_folder, read_bytes
+from bench.files import journals_folder, read_bytes
 from bench.parameters import flash, journal
 from bench.parameters.flash import Around, End, Verdict, parameters
 from bench.parameters.formats.a2l import as_a2l
 from bench.parameters.formats.c_header import as_c_header
 from bench.parameters.formats.dcf import as_dcf, from_dcf
 from bench.parameters.link import OwnLink
-from bench.parameters.parameter_set import ParameterSet, as_toml, problem_of, read, set_of
+from bench.parameters.parameter_set import ParameterSet, as_document, as_toml, problem_of, read, set_of
 from bench.parameters.plan import Plan, different
 from drivers.drive import Drive
 from drivers.wire.dictionary import Signal, WireType, signal_named
@@ -41,7 +41,7 @@ def shown(path: Path, *, as_json: bool) -> None:
     """Print a set."""
     given = _read(path)
     if as_json:
-        print(json.dumps(asdict(given), indent=2))
+        print(json.dumps(as_document(given), indent=2))
         return
     table = Table(title=f"{given.name}, version {given.version}")
     for heading in ("", "value", "unit", "95 % interval", "status", "from"):
@@ -99,7 +99,7 @@ def flashed(path: Path, url: str, override: str, *, ask: bool) -> int:
 def rolled_back(url: str, *, ask: bool) -> int:
     """Flash what was before the latest flash."""
     with _linked(url) as link:
-        lines = journal.history(_folder(), link().identity)
+        lines = journal.history(journals_folder(), link().identity)
     images = [line for line in lines if line["step"] == journal.Step.BEGUN]
     if not images:
         raise ConflictError("nothing was flashed into this drive from here: there is nothing to go back to")
@@ -119,7 +119,7 @@ def past(url: str, *, as_json: bool) -> None:
     """Print what was flashed."""
     with _linked(url) as link:
         drive = link()
-        lines, left = journal.history(_folder(), drive.identity), _cut(drive)
+        lines, left = journal.history(journals_folder(), drive.identity), _cut(drive)
     if as_json:
         print(json.dumps({"flashes": lines, "cut": left}, indent=2))
         return
@@ -139,7 +139,7 @@ def exported(path: Path, form: str, kind: str, out: Path) -> None:
     given = _read(path)
     forms = {
         "dcf": lambda: as_dcf(given), "c": lambda: as_c_header(given, kind), "a2l": lambda: as_a2l(given),
-        "json": lambda: json.dumps(asdict(given), indent=2) + "\n",
+        "json": lambda: json.dumps(as_document(given), indent=2) + "\n",
     }  # fmt: skip
     if form not in forms:
         raise ConfigError(f"--form: expected {', '.join(forms)}, got {form!r}")
@@ -158,10 +158,13 @@ def imported(path: Path, out: Path, name: str) -> None:
 def _flash(given: ParameterSet, url: str, override: str, *, ask: bool) -> int:
     with _linked(url) as link:
         around = _around(url, override)
-        to_do = flash.planned(link, given, around)
-        _show(to_do)
-        if not to_do.problems and (override or not to_do.doubts) and ask:
-            _ask()
+        if ask:
+            to_do = flash.planned(link, given, around)
+            _show(to_do)
+            if not to_do.problems and (override or not to_do.doubts):
+                _ask()
+        else:
+            around = replace(around, planned=_show)
         done = flash.flash(link, given, around)
     return _told(done, End.FLASHED)
 
@@ -209,16 +212,12 @@ def _as_json(to_do: Plan) -> dict[str, Any]:
 
 
 def _cut(drive: Drive) -> dict[str, Any] | None:
-    left = flash.cut(drive, _folder())
+    left = flash.cut(drive.identity, journals_folder())
     return None if left is None else {"name": left.name, "version": left.version, "since": left.since}
 
 
 def _around(url: str, override: str = "") -> Around:
-    return Around(_folder(), url, getpass.getuser(), override, tell=lambda said: print(said, file=sys.stderr))
-
-
-def _folder() -> Path:
-    return data_folder() / "flash"
+    return Around(journals_folder(), url, getpass.getuser(), override, tell=lambda said: print(said, file=sys.stderr))
 
 
 def _linked(url: str) -> OwnLink:

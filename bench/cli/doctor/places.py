@@ -20,7 +20,10 @@ _LOW: Final = 1e9  # bytes
 
 def checks(config: Config) -> Generator[Check]:
     """All places of a configuration."""
-    folders = {"captures": config.captures, "notes of control": folder_beside(config.captures), "log": config.log}
+    folders = {
+        "captures": config.captures, "notes of control": folder_beside(config.captures),
+        "journals of flashes": config.journals, "log": config.log,
+    }
     for what, folder in folders.items():
         yield _folder(f"folder of {what}" if what != "log" else "folder of logs", folder)
     yield _token(config)

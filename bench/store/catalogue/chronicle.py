@@ -32,7 +32,7 @@ class Happening:
 
     drive: str
     at: datetime
-    kind: str  # link, clock, state, fault, write, lease
+    kind: str  # link, clock, state, fault, flash, write, lease
     sentence: str
     told: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of a write, or a lease: all that is known
     id: str = field(default="", compare=False)  # among those of a moment, the later the larger

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from starlette.datastructures import Headers
 
+from bench.api.exchange.kinds import is_stop
 from bench.api.guard import page_pass
 from bench.api.guard.access import Access, access_to
-from bench.api.guard.kinds import is_stop
 from bench.config import Config
 from bench.errors import ConfigError
 from bench.service.token import Known, made, renewed

@@ -65,7 +65,9 @@ def test_drives_are_listed_and_told_one_by_one(client: httpx.Client) -> None:
     (listed,) = client.get("/api/drives").json()["drives"]
     told = client.get(DRIVE).json()
     for drive in (listed, told):
-        assert set(drive) == {"name", "url", "identity", "link", "stream", "latest", "limits", "writer", "control"}
+        assert set(drive) == {
+            "name", "url", "identity", "link", "stream", "latest", "limits", "writer", "control", "cut_flash",
+        }
         assert drive["name"] == "emulated"
         assert drive["url"].startswith("canopen://socketcand/127.0.0.1:")
         assert drive["identity"]["T_s"] == pytest.approx(1e-4)

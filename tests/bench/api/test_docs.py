@@ -14,7 +14,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from bench.actions.capture_request import Request
-from bench.api.answers import BYTES
+from bench.api.exchange.kinds import BYTES
 from bench.api.experiments import ExperimentRunModel
 from bench.api.models.captures import CaptureModel, CapturesModel
 from bench.api.models.diagnoses import DiagnosisJobModel
@@ -46,6 +46,10 @@ ROUTES = {
     ("get", "/api/drives/{name}/experiments"), ("post", "/api/drives/{name}/experiments"),
     ("get", "/api/drives/{name}/experiments/{id}"),
     ("get", "/api/drives/{name}/experiments/{id}/file"), ("delete", "/api/drives/{name}/experiments/{id}"),
+    ("get", "/api/drives/{name}/parameters/set"), ("post", "/api/drives/{name}/parameters/plan"),
+    *((method, "/api/drives/{name}/flashes") for method in ("get", "post")),
+    *((method, "/api/drives/{name}/parameters/rollback") for method in ("get", "post")),
+    ("post", "/api/drives/{name}/parameters/resume"), ("get", "/api/drives/{name}/flashes/{id}"),
     *(("post", f"/api/drives/{{name}}/{what}") for what in ("start", "stop", "reset")),
     *(("get", f"/api/drives/{{name}}/{what}") for what in ("history", "events", "parameters")),
     ("get", "/api/drives/{name}/recordings"),
@@ -233,6 +237,8 @@ def answered(client: httpx.Client, method: str, path: str, body: str | None) -> 
     for kind in (CAPTURES, EXPERIMENTS):
         if f"{kind}/latest" in path:
             until(lambda kind=kind: client.get(f"{kind}/latest").json()["state"] == "done", kind)
+    if re.search("/emulated/(flashes|parameters/|recordings)", path):  # with a link, which a flash's reset ends
+        until(lambda: idle(client), "the flash")
     if path in (f"{RECORDING}/marks", f"{RECORDING}/file", f"{RECORDING}/samples"):
         until(lambda: client.get(RECORDING).json()["state"] == "done", "the recording")
     if path == f"{RECORDING}/stop":
@@ -250,11 +256,17 @@ def answered(client: httpx.Client, method: str, path: str, body: str | None) -> 
             assert next(events.iter_lines()) == f"event: {'progress' if 'diagnoses' in path else 'snapshot'}"
         return
     answer = client.request(method, path, content=body)
-    if method == "delete" or path.endswith(("/trigger", "/reset")):  # of what is done, of no fault
-        said = " is done, there is nothing to | is in no fault: |^expected the id of"
+    if method == "delete" or path.endswith(("/trigger", "/reset", "/resume")):  # of what is done, of no fault, not cut
+        said = " is done, there is nothing to | is in no fault: |^expected the id of|^no flash of this drive was cut"
         assert re.search(said, answer.json()["detail"])
     else:
         assert answer.status_code in (200, 202), answer.text
+
+
+def idle(client: httpx.Client) -> bool:
+    """No flash is under way, and the link is there."""
+    drive = client.get("/api/drives/emulated").json()
+    return not drive["control"]["in_flash"] and drive["link"]["state"] == "streaming"
 
 
 def test_names_of_hosts_are_no_part_of_the_page(running_bench: RunningBench) -> None:

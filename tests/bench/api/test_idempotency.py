@@ -10,8 +10,8 @@ import httpx
 import pytest
 from starlette.types import Receive, Scope, Send
 
+from bench.api.exchange.problems import problem as refusal
 from bench.api.guard.idempotency import HEADER, Idempotency
-from bench.api.problems import problem as refusal
 from bench.store.write_log import WriteLog
 from tests.bench.api.test_api import problem
 from tests.conftest import JSON, RunningBench
@@ -167,5 +167,6 @@ def test_the_document_has_the_header_at_the_routes_that_heed_it(client: httpx.Cl
         if any(parameter["name"] == HEADER for parameter in told.get("parameters", []))
     }
     jobs = {"/api/drives/{name}/captures", "/api/drives/{name}/recordings", "/api/drives/{name}/experiments",
-            "/api/recordings/{id}/diagnosis"}  # fmt: skip
+            "/api/drives/{name}/flashes", "/api/drives/{name}/parameters/rollback",
+            "/api/drives/{name}/parameters/resume", "/api/recordings/{id}/diagnosis"}  # fmt: skip
     assert heeding == {("post", path) for path in jobs}

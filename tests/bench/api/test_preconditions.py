@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
+from bench.api.exchange.problems import PreconditionError
 from bench.api.guard.preconditions import check_match, is_known
-from bench.api.problems import PreconditionError
 from tests.bench.api.test_api import WINDOW, problem
 from tests.conftest import JSON, RunningBench
 from tests.support.served_drive import until

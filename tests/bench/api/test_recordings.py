@@ -12,7 +12,8 @@ import httpx
 import numpy as np
 import pytest
 
-from bench.api.answers import BYTES, page_of
+from bench.api.exchange.answers import page_of
+from bench.api.exchange.kinds import BYTES
 from bench.recordings.capture_file import write_columns
 from bench.recordings.table import notes
 from tests.bench.api.test_api import problem

@@ -4,9 +4,9 @@ import contextlib
 import random
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -14,11 +14,11 @@ from bench.errors import ConflictError, LimitError
 from bench.parameters.flash import Around, End, cut, flash, parameters, planned, resume
 from bench.parameters.journal import history
 from bench.parameters.parameter_set import FLASHED, Entry, ParameterSet, set_of
-from bench.parameters.plan import different
+from bench.parameters.plan import Plan, different
 from drivers import operation
 from drivers.connect import connect
 from drivers.drive import Drive
-from drivers.errors import DriveError, NoReplyError
+from drivers.errors import DriveError, LostError, NoReplyError
 from drivers.lease import Controlled
 from tests.support.served_drive import Served, served, virtual_url
 from tests.support.transports import modbus_pty_url, modbus_tcp_url, serial_socket_url
@@ -61,6 +61,22 @@ class Cutting:
         return counted
 
 
+class Counting:
+    """A drive that counts how often all of its parameters are read, some of which times its link is lost."""
+
+    def __init__(self, drive: Drive, lost: Collection[int] = ()) -> None:
+        self._drive, self._lost, self.reads = drive, lost, 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._drive, name)
+
+    def parameters(self) -> dict[str, float]:
+        self.reads += 1
+        if self.reads in self._lost:
+            raise LostError("the link was lost")
+        return self._drive.parameters()
+
+
 @pytest.fixture(params=LINKS)
 def bench(request: pytest.FixtureRequest) -> Iterator[Served]:
     with served(LINKS[request.param](), control="lease") as one:
@@ -92,7 +108,7 @@ def test_what_is_flashed_is_there_after_a_reset_and_is_in_the_history(bench: Ser
         lines = history(tmp_path, drive.identity)
         assert [line["step"] for line in lines] == ["begun", "write", "store", "reset", "verify", "done"]
         assert (lines[0]["whom"], lines[0]["name"]) == ("somebody", "another motor")
-        assert cut(drive, tmp_path) is None
+        assert cut(drive.identity, tmp_path) is None
         assert operation.state(drive) is not operation.State.OPERATION_ENABLED
 
 
@@ -123,11 +139,31 @@ def test_sets_for_others_doubts_and_limits_are_told_at_once_before_the_wire(benc
             "control_R_s = 1 is outside its interval, 0.9 to 0.95", "control_L_d is doubtful (estimate)",
             "expected a reason why these are flashed all the same, got none",
         ]
-        around = Around(tmp_path, "x", judge=lambda values: [f"current_limit {values['current_limit']:g}"])
+        around = Around(tmp_path, "x", judge=lambda values, _changed: [f"current_limit {values['current_limit']:g}"])
         with pytest.raises(LimitError, match="current_limit 12"):
             flash(lambda: drive, new_set(), around)
         assert flash(lambda: drive, doubtful, Around(tmp_path, "x", override="a test")).end is End.FLASHED
         assert history(tmp_path, drive.identity)[0]["override"] == "a test"
+
+
+def test_all_parameters_are_read_once_before_the_first_is_written(bench: Served, tmp_path: Path) -> None:
+    with connect(bench.url) as drive:
+        counting, seen = Counting(drive), list[int]()
+
+        def tell(said: str) -> None:
+            seen.append(counting.reads if said.startswith("writing") else 0)
+
+        plans = list[Plan]()
+        around = Around(tmp_path, "x", tell=tell, planned=plans.append)
+        assert flash(lambda: cast(Drive, counting), new_set(), around).end is End.FLASHED
+        assert (seen[0], [len(one.changes) for one in plans]) == (1, [len(NEW)])
+
+
+def test_a_link_that_is_lost_after_the_reset_is_waited_for(bench: Served, tmp_path: Path) -> None:
+    with connect(bench.url) as drive:
+        counting = Counting(drive, lost=(3, 4))  # the read after the reset, and once more
+        assert flash(lambda: cast(Drive, counting), new_set(), Around(tmp_path, "x")).end is End.FLASHED
+        assert counting.reads == 5
 
 
 def cut_at(folder: Path, finish: bool, stride: int) -> int:
@@ -135,7 +171,7 @@ def cut_at(folder: Path, finish: bool, stride: int) -> int:
     with served(virtual_url(), control="lease") as bench, connect(bench.url) as drive:
         before, calls, ends = parameters(drive), 0, set[bool]()
         while not done_by(Cutting(drive, calls, Killed), here := folder / str(calls)):
-            left, now = cut(drive, here), memory(bench)
+            left, now = cut(drive.identity, here), memory(bench)
             ends.add(new := not different(before | NEW, now))
             assert new or not different(before, now), calls
             if left is not None:

@@ -1,6 +1,8 @@
 """Sets in files: as they were, and all that is wrong told at once."""
 
+import json
 import math
+from dataclasses import replace
 from typing import Any, cast
 
 import pytest
@@ -8,7 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import ConfigError
-from bench.parameters.parameter_set import FLASHED, Entry, ParameterSet, as_toml, parse, problem_of, set_of
+from bench.parameters.parameter_set import (
+    FLASHED,
+    Entry,
+    ParameterSet,
+    as_document,
+    as_toml,
+    of_document,
+    of_toml,
+    parse,
+    problem_of,
+    set_of,
+)
 from drivers.wire.codec import decode, encode
 from drivers.wire.dictionary import TABLES, Signal
 
@@ -23,6 +36,7 @@ def test_a_set_comes_back_from_its_file_as_it_was() -> None:
     }
     given = ParameterSet("servo 6 A", entries, 3, 0xDE84BEF1, 77)
     assert parse(as_toml(given), "x") == given
+    assert of_document(json.loads(json.dumps(as_document(given))), "x") == given
 
 
 @pytest.mark.parametrize(("inside", "said"), [
@@ -43,6 +57,7 @@ def test_all_that_is_wrong_is_told_at_once() -> None:
         )
     assert str(told.value).splitlines() == [
         "set.toml: 'motor' is none of drive, name, parameters, tables, version",
+        "set.toml: 0x2210:2 (k_p_d) takes a number, got 'a'",
         "set.toml: name: expected 1 to 60 characters, got ''",
         "set.toml: version: expected a whole number from 1 on, got 0",
         "set.toml: serial: expected a number of 32 bits such as 0xDE84BEF1, got 'x'",
@@ -51,10 +66,39 @@ def test_all_that_is_wrong_is_told_at_once() -> None:
         "set.toml: 0x2300:2 (i_q_ref) is no parameter that is flashed",
         "set.toml: 0x2200:1 (n_p) takes a whole number, got 2.5",
         "set.toml: 0x2200:2 (control_R_s) takes a finite number, got nan",
-        "set.toml: 0x2210:2 (k_p_d) takes a number, got 'a'",
         "set.toml: no table 'psi'; there are psi_d_table, psi_q_table, angle_table, inverter_table",
         "set.toml: angle_table: expected a list of 64 numbers, got [1.0]",
     ]
+
+
+def test_what_is_wrong_with_single_values_leaves_the_others_to_be_planned() -> None:
+    good = set_of({"bandwidth": 900.0}, "a", "")
+    document: dict[str, Any] = {"name": "a", "entries": {
+        "bandwidth": 900.0, "n_p": 2.5, "watchdog_time": 0.0, "dead_time": {"value": 2e-6, "unit": "us"}, "speed": 1.0,
+    }}  # fmt: skip
+    assert of_document(document, "x") == replace(good, unfit=(
+        "0x2200:1 (n_p) takes a whole number, got 2.5", "0x2300:6 (watchdog_time) takes at least 0.05 s, got 0.0",
+        "0x2240:2 (dead_time) is in s, got 'us'", "no signal 'speed'",
+    ))
+    assert of_toml('name = "a"\n[parameters]\nbandwidth = 900.0\n[tables]\npsi = []\n', "x").unfit == (
+        "no table 'psi'; there are psi_d_table, psi_q_table, angle_table, inverter_table",
+    )
+
+
+@pytest.mark.parametrize(("document", "said"), [
+    ({}, "name: expected 1 to 60 characters"), ({"name": "a"}, "expected values in entries, got none"),
+    ({"name": "a", "entries": []}, "entries: expected a section"),
+    ({"name": "a", "version": 10**30, "entries": {"n_p": 4}}, "version: expected a whole number from 1 on"),
+    ({"name": "a", "values": {}, "entries": {"n_p": 4}}, "'values' is none of entries, layout_id, name"),
+    ({"name": "a", "entries": {"n_p": {"value": 4, "low": 10**400}}}, "expected numbers as low and high"),
+    ({"name": "a", "entries": {"n_p": "4"}}, r"0x2200:1 \(n_p\) takes a number, got '4'"),
+    ({"name": "a", "entries": {"speed": {}}}, "'speed' takes a number, got null"),
+    ({"name": "a", "entries": {"n_p": {"value": 4, "note": ""}}}, "'note': expected one of high, low"),
+    ({"name": "a", "entries": {"n_p": {"value": 4, "status": "\ud800"}}}, "expected texts of up to 200 characters"),
+])  # fmt: skip
+def test_what_is_no_set_is_refused(document: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        of_document(document, "x")
 
 
 @given(st.text(max_size=200))

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from drivers.wire.dictionary import RESET_WORD, STORE_WORD
+from drivers.wire.memory import MemoryState
 from emulator.drive.control_lease import DeniedError
-from emulator.drive.memory import DELIVERED, NEWEST, OLDER, PAGE, SPEED, WRITING, Memory
+from emulator.drive.memory import PAGE, SPEED, Memory
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
 
@@ -31,19 +32,19 @@ def test_cut_at_any_byte_it_holds_the_values_before_or_the_new_ones(tmp_path: Pa
             found.restart()
             whole, torn = cut >= most, 0 < cut < len(first) + 16 or PAGE < cut < most
             assert found.values == (new if whole else old)
-            assert found.state == (OLDER if torn else NEWEST)  # an erased page tells nothing
+            assert found.state == (MemoryState.OLDER if torn else MemoryState.NEWEST)  # an erased page tells nothing
             assert found.count == (3 if whole else 2)
         stored(memory, b"later")
-        assert (memory.values, memory.state) == (b"later", NEWEST)
+        assert (memory.values, memory.state) == (b"later", MemoryState.NEWEST)
 
 
 def test_a_memory_that_was_never_written_is_as_delivered_and_one_that_was_reset_to_that_too() -> None:
     memory = Memory()
-    assert (memory.state, memory.values, memory.checksum) == (DELIVERED, b"", 0)
+    assert (memory.state, memory.values, memory.checksum) == (MemoryState.DELIVERED, b"", 0)
     stored(memory, b"values")
-    assert memory.state == NEWEST
+    assert memory.state == MemoryState.NEWEST
     stored(memory, b"")
-    assert (memory.state, memory.values, memory.count) == (DELIVERED, b"", 2)
+    assert (memory.state, memory.values, memory.count) == (MemoryState.DELIVERED, b"", 2)
 
 
 def test_another_file_is_no_memory(tmp_path: Path) -> None:
@@ -60,11 +61,11 @@ def test_a_drive_has_what_it_stored_after_a_reset_and_after_its_power_was_cut(tm
     drive.request("bandwidth", 900.0)
     drive.request("psi_d_table_64", 0.25)
     drive.request("store", STORE_WORD)
-    assert drive.read("memory_state") == WRITING
+    assert drive.read("memory_state") == MemoryState.WRITING
     with pytest.raises(DeniedError):
         drive.request("reset", RESET_WORD)
     drive.run(1000)
-    assert (drive.read("memory_state"), drive.read("memory_count")) == (NEWEST, 1)
+    assert (drive.read("memory_state"), drive.read("memory_count")) == (MemoryState.NEWEST, 1)
     drive.request("bandwidth", 800.0)
     drive.request("reset", RESET_WORD)
     drive.run(10)
@@ -73,7 +74,7 @@ def test_a_drive_has_what_it_stored_after_a_reset_and_after_its_power_was_cut(tm
     drive.request("store", STORE_WORD)
     drive.run(450)  # 45 ms: the page is erased by then, and half written
     drive = VirtualDrive(PAPER, on_links=True, memory=Memory(path))
-    assert (drive.read("bandwidth"), drive.read("memory_state")) == (900.0, OLDER)
+    assert (drive.read("bandwidth"), drive.read("memory_state")) == (900.0, MemoryState.OLDER)
     assert drive._settings.bandwidth == 900.0
     assert drive._settings.tables.psi_d_table[-1] == 0.25
 

@@ -8,7 +8,7 @@ from anyio import to_thread
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
-from bench.api.problems import TooLargeError
+from bench.api.exchange.problems import TooLargeError
 from bench.errors import LimitError, UnavailableError
 from bench.service.service import Service
 from bench.store.importing import MOST, Import, check_room, imported, place_for

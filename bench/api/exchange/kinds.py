@@ -6,7 +6,12 @@ from typing import Final
 READS: Final = ("GET", "HEAD")
 _STOP: Final = re.compile(r"POST /api/drives/([^/]+)/stop|DELETE /api/drives/[^/]+/(?:experiments|captures)/[^/]+")
 
-_JOB: Final = re.compile(r"POST /api/(drives/[^/]+/(captures|recordings|experiments)|recordings/[^/]+/diagnosis)")
+BYTES: Final = "application/octet-stream"
+JSON: Final = "application/json"
+TOML: Final = "application/toml"
+_OF_DRIVE: Final = "drives/[^/]+/(captures|recordings|experiments|flashes|parameters/(rollback|resume))"
+_JOB: Final = re.compile(f"POST /api/({_OF_DRIVE}|recordings/[^/]+/diagnosis)")
+_SET: Final = re.compile("POST /api/drives/[^/]+/(parameters/plan|flashes)")
 
 
 def begins_job(method: str, path: str) -> bool:
@@ -17,6 +22,13 @@ def begins_job(method: str, path: str) -> bool:
 def is_upload(method: str, path: str) -> bool:
     """Whether a request brings a file, which is long."""
     return (method, path) == ("POST", "/api/recordings")
+
+
+def media_of(method: str, path: str) -> tuple[str, ...]:
+    """What a write's body may be said to be: never what a form of another page can say."""
+    if is_upload(method, path):
+        return (BYTES,)
+    return (JSON, TOML) if _SET.fullmatch(f"{method} {path}") else (JSON,)
 
 
 def stopped_drive(method: str, path: str) -> str | None:

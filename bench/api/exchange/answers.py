@@ -12,13 +12,12 @@ from typing import Annotated, Any, Final, TypeVar, cast
 from fastapi import Depends, Path, Query, Request
 from starlette.requests import ClientDisconnect
 
-from bench.api.guard.kinds import READS, is_stop, is_upload
-from bench.api.problems import MediaError, TooLargeError
+from bench.api.exchange.kinds import BYTES, JSON, READS, TOML, is_stop, media_of
+from bench.api.exchange.problems import MediaError, TooLargeError
 from bench.errors import LimitError, shown
 from bench.service.service import Service
 from bench.store.catalogue.chronicle import Place
 
-BYTES: Final = "application/octet-stream"
 _MAX_BODY: Final = 1 << 16  # bytes
 
 SHAPES: Final = "#/components/schemas/"
@@ -84,6 +83,24 @@ def json_object(example: Mapping[str, Any], *, required: bool = True) -> Any:
     return Depends(body)
 
 
+def text_or_object(example: Mapping[str, Any]) -> Any:
+    """The dependency that is the request's body: a text where it is said to be TOML, else a JSON object.
+
+    Raises LimitError, with the example.
+    """
+
+    async def body(request: Request) -> str | dict[str, Any]:
+        text = await _body(request)
+        if _media(request) == TOML:
+            try:
+                return text.decode()
+            except UnicodeDecodeError:
+                raise LimitError("expected TOML, which is UTF-8, got other bytes") from None
+        return _object(text, json.dumps(example))
+
+    return Depends(body)
+
+
 def time_of(text: str, what: str) -> datetime:
     """A time with its zone, whose + may have come as a space, as queries have it. Raises LimitError."""
     with suppress(ValueError):
@@ -142,18 +159,22 @@ def _is_fastapis(answer: dict[str, Any]) -> bool:
 async def says_json(request: Request) -> None:
     """The dependency of every route: a PUT or POST says that it is JSON, which no form of another page can say.
 
-    What stops a motor needs not say it, and a file that is brought says that it is bytes, which no form can say either.
+    What stops a motor needs not say it; a file that is brought says that it is bytes, a parameter set may that it is
+    TOML, which no form can say either.
     Raises MediaError.
     """
     if request.method in (*READS, "DELETE") or is_stop(request.method, request.url.path):
         return
-    said = request.headers.get("content-type", "")
-    kind = BYTES if is_upload(request.method, request.url.path) else "application/json"
-    if said.partition(";")[0].strip().lower() != kind:
-        got = shown(said) if said else "none"
-        of = "a file that is brought" if kind == BYTES else "every PUT and POST but those that stop"
-        expected = f"the header Content-Type: {kind}, as of {of}"
+    kinds = media_of(request.method, request.url.path)
+    if _media(request) not in kinds:
+        got = shown(said) if (said := request.headers.get("content-type", "")) else "none"
+        of = {(BYTES,): "a file that is brought", (JSON,): "every PUT and POST but those that stop"}
+        expected = f"the header Content-Type: {' or '.join(kinds)}, as of {of.get(kinds, 'a parameter set')}"
         raise MediaError(f"expected {expected}, got {got}")
+
+
+def _media(request: Request) -> str:
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
 async def knows_query(request: Request) -> None:

@@ -25,6 +25,7 @@ class TooLargeError(LimitError):
     """A body that is too long."""
 
 
+_LONGEST = 280  # characters of a sentence that is made of several
 _STATUS: dict[type[Exception], int] = {
     UnknownError: 404,
     ConflictError: 409,
@@ -44,9 +45,20 @@ _STATUS: dict[type[Exception], int] = {
 
 
 def problem(status: int, detail: str) -> JSONResponse:
-    """A problem document."""
-    content = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "detail": detail}
+    """A problem document. Of several lines all are in `problems`, the first that fit in the sentence."""
+    lines = detail.splitlines()
+    content: dict[str, object] = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status}
+    content |= {"detail": detail} if len(lines) < 2 else {"detail": _joined(lines), "problems": lines}
     return JSONResponse(content, status, media_type="application/problem+json")
+
+
+def _joined(lines: list[str]) -> str:
+    """As many as a sentence takes, the first in any case."""
+    for count in range(len(lines), 1, -1):
+        more = f"; and {len(lines) - count} more" if count < len(lines) else ""
+        if len(text := "; ".join(lines[:count]) + more) <= _LONGEST:
+            return text
+    return f"{lines[0]}; and {len(lines) - 1} more"
 
 
 def install(app: FastAPI) -> None:
