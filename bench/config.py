@@ -45,7 +45,7 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, TypeAdapter, ValidationInfo
 
-from bench.actions.limits import Limits
+from bench.actions.safety.limits import Limits
 from bench.errors import ConfigError, LimitError, shown
 from bench.expected import Else, Number, Table, taken, told
 from bench.files import captures_folder, catalogue_file, journals_folder, log_folder, token_file

@@ -1,6 +1,6 @@
 """What is done to a drive: control, captures, experiments and flashes, each under a lease.
 
-* `lease` - who writes to a drive; `limits` - how far its set points may go; `unfinished` - what has to be undone
+* `safety` - leases, limits, what has to be undone
 * `control` - start, stop, reset, set points; `drive_jobs` - what captures and experiments have in common
 * `capture_request`, `capture`, `captures` - what is asked for, one of them, those of a service
 * `flashes` - those of a service, as `bench.parameters` does them

@@ -13,7 +13,7 @@ from typing import Any
 from bench.actions.capture import Run, State, Status, new_status
 from bench.actions.capture_request import Request
 from bench.actions.drive_jobs import DriveJobs, ended_words
-from bench.actions.lease import Part
+from bench.actions.safety.lease import Part
 from bench.recordings.capture_file import CapturePart
 from bench.recordings.recording import off_remark
 from bench.recordings.table import notes

@@ -14,9 +14,9 @@ from datetime import UTC, datetime
 from typing import Final
 
 from bench.actions.drive_jobs import Link
-from bench.actions.lease import Leases, Part
-from bench.actions.limits import JUDGED, TRIP, Limits, Overload
-from bench.actions.unfinished import Noted, Origin, take
+from bench.actions.safety.lease import Leases, Part
+from bench.actions.safety.limits import JUDGED, TRIP, Limits, Overload
+from bench.actions.safety.unfinished import Noted, Origin, take
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
 from bench.store.write_log import to_standard_error
 from drivers import lease as control

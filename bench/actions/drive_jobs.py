@@ -12,8 +12,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Final, Protocol, TypeVar
 
-from bench.actions.lease import Leases
-from bench.actions.limits import Limits
+from bench.actions.safety.lease import Leases
+from bench.actions.safety.limits import Limits
 from bench.errors import BenchError, ConflictError, RecordingError, UnavailableError, UnknownError, shown
 from bench.files import check_place
 from bench.jobs import LATEST, JobRun, Jobs, JobStatus

@@ -21,9 +21,9 @@ from pydantic import Field, TypeAdapter
 
 from bench.actions.capture_request import NEEDED
 from bench.actions.experiment_part import ExperimentPart, Heading
-from bench.actions.limits import RPM, TRIP, Limits
-from bench.actions.under_control import Guard, under_control
-from bench.actions.unfinished import Origin
+from bench.actions.safety.limits import RPM, TRIP, Limits
+from bench.actions.safety.under_control import Guard, under_control
+from bench.actions.safety.unfinished import Origin
 from bench.errors import LimitError, UnavailableError, shown
 from bench.expected import CLOSED, Number, Table, taken
 from bench.files import check_room

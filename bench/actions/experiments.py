@@ -18,9 +18,9 @@ from bench.actions import experiment
 from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended, ended_words, id_at
 from bench.actions.experiment import Plan, Progress, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
-from bench.actions.lease import Leases, Part
-from bench.actions.under_control import CancelledError
-from bench.actions.unfinished import Origin, folder_beside
+from bench.actions.safety.lease import Leases, Part
+from bench.actions.safety.under_control import CancelledError
+from bench.actions.safety.unfinished import Origin, folder_beside
 from bench.errors import BenchError, ConflictError, UnavailableError
 from bench.recordings.table import notes
 from bench.store.catalogue.ended import EndedJob

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.actions.drive_jobs import BenchDrive, DriveJobs, id_at
-from bench.actions.lease import Leases, Part
+from bench.actions.safety.lease import Leases, Part
 from bench.errors import BenchError, LimitError, UnavailableError, shown
 from bench.parameters import flash, journal
 from bench.parameters.flash import Around, End, UnderWay, Verdict

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.actions.drive_jobs import BenchDrive, DriveJobs
-from bench.actions.lease import Leases
 from bench.actions.recording import Run, State, Status, Surroundings, new_status
 from bench.actions.recording_request import RecordingRequest
+from bench.actions.safety.lease import Leases
 from bench.errors import BenchError, ConflictError, UnavailableError
 from bench.live.acquisition import Link
 from bench.store.closing import closed

@@ -16,7 +16,19 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from fastapi.staticfiles import StaticFiles
 from pydantic import TypeAdapter
 
-from bench.api import captures, control, diagnoses, docs, experiments, flashes, history, recordings, signals
+from bench.api import (
+    captures,
+    commissionings,
+    control,
+    diagnoses,
+    docs,
+    experiments,
+    flashes,
+    history,
+    recordings,
+    signals,
+)
+from bench.api.commissionings import CommissioningRequestModel
 from bench.api.exchange import problems
 from bench.api.exchange.answers import (
     CHANGED,
@@ -164,6 +176,7 @@ def create_app(
     control.install(app, service)
     experiments.install(app, service)
     flashes.install(app, service)
+    commissionings.install(app, service)
     recordings.install(app, service)
     history.install(app, service)
     diagnoses.install(app, service, ending)
@@ -243,7 +256,7 @@ def _complete(document: dict[str, Any]) -> None:
     for model in (
         ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, SignalValuesModel, DiagnosisRequestModel,
         ExperimentRequestModel, SetPointsModel, NothingModel, RecordingRequestModel, MarkRequestModel, AnnotationModel,
-        ParameterSetModel, ResumeRequestModel,
+        ParameterSetModel, ResumeRequestModel, CommissioningRequestModel,
     ):
         shape = TypeAdapter[Any](model).json_schema(ref_template=f"{SHAPES}{{model}}")
         document["components"]["schemas"] |= shape.pop("$defs", {}) | {model.__name__: shape}

@@ -1,5 +1,6 @@
 """The routes of commissionings, over a running service, and the shapes of what they say."""
 
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import quote
@@ -8,7 +9,7 @@ from fastapi import FastAPI, Path, Response
 from fastapi import Request as HttpRequest
 from pydantic import BaseModel, Field
 
-from bench.api.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
+from bench.api.exchange.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.guard.idempotency import REPEATABLE
 from bench.commissioning.commissionings import Request, Status, as_json
 from bench.service.service import Service
@@ -24,6 +25,11 @@ CommissioningId = Annotated[str, Path(alias="id", description="id of a commissio
 _EXAMPLE: Final[dict[str, Any]] = {"kind": "identify"}
 
 
+@dataclass(frozen=True, slots=True)
+class CommissioningRequestModel(Request):
+    """What is to be found out."""
+
+
 class CommissioningModel(BaseModel):
     """A commissioning: under way, or ended; its drive is off then, its parameters as they were."""
 
@@ -33,7 +39,7 @@ class CommissioningModel(BaseModel):
     phase: str = Field(description="what is being done, in words", examples=["stepping i_d by 3 A"])
     reason: str = Field(description="a sentence: why it failed", examples=[""])
     asked: datetime = Field(description="when it was asked for", examples=["2026-01-31T12:00:00Z"])
-    request: Request = Field(examples=[_EXAMPLE])
+    request: CommissioningRequestModel = Field(examples=[_EXAMPLE])
     result: dict[str, Any] = Field(
         description="once it is done, by kind, SI: what was found, the set that is proposed as TOML, loops against "
         "their promise, mean steps", examples=[{"said": "4 pole pairs; the encoder counts with the field"}],
@@ -56,7 +62,8 @@ def install(app: FastAPI, service: Service) -> None:
     known, jobs = of_known(service), service.commissionings
 
     @app.post("/api/drives/{name}/commissionings", summary="Commission a drive", status_code=202,
-              responses=_ASKED | DRIVE, openapi_extra=body_of("Request") | REPEATABLE, dependencies=known)
+              responses=_ASKED | DRIVE, openapi_extra=body_of("CommissioningRequestModel") | REPEATABLE,
+              dependencies=known)
     def ask_commissioning(
         name: DriveName, request: HttpRequest, response: Response,
         given: Annotated[dict[str, Any], json_object(_EXAMPLE)],

@@ -21,16 +21,16 @@ from pydantic import Field, TypeAdapter
 from bench.actions import experiment
 from bench.actions.drive_jobs import BenchDrive, DriveJobs, id_at
 from bench.actions.experiment import Plan, Recorded
-from bench.actions.lease import Leases, Part
-from bench.actions.under_control import CancelledError, under_control
-from bench.actions.unfinished import Origin, folder_beside
+from bench.actions.safety.lease import Leases, Part
+from bench.actions.safety.under_control import CancelledError, under_control
+from bench.actions.safety.unfinished import Origin, folder_beside
 from bench.commissioning import first_start as first_starts
 from bench.commissioning.first_start import FirstStart, Forwards, first_start
 from bench.commissioning.identify import Around, acceleration_of, identify, try_loops
 from bench.commissioning.loops import judged
 from bench.commissioning.results import first_started, identified, responses
 from bench.errors import BenchError, ConflictError, LimitError, RecordingError, UnavailableError, UnknownError
-from bench.expected import CLOSED, Number, Table, Word, taken
+from bench.expected import CLOSED, Else, Number, Table, Word, taken
 from bench.files import write_new
 from bench.machine_file import Nominal
 from bench.parameters.made import DOUBTFUL
@@ -78,14 +78,16 @@ class Request:
     forwards: Annotated[Literal["encoder", "phases"], Word(), Field(
         description="first_start: whose direction is to be forwards", examples=["encoder"]
     )] = "encoder"  # fmt: skip
-    current: Annotated[float, Number(1e-3, 1e4), Field(
-        description="A, most for a first start; by default half of the rated current", examples=[3.0]
-    )] | None = None  # fmt: skip
-    bandwidth: Annotated[float, Number(10.0, 1e4), Field(
-        description="rad/s, of the current control, in a set that is proposed", examples=[2000.0]
-    )] | None = None  # fmt: skip
+    current: Annotated[
+        Annotated[float, Number(1e-3, 1e4)] | None, Else("expected null or a number of 0.001 to 10000"),
+        Field(description="A, most for a first start; by default half of the rated current", examples=[3.0]),
+    ] = None
+    bandwidth: Annotated[
+        Annotated[float, Number(10.0, 1e4)] | None, Else("expected null or a number of 10 to 10000"),
+        Field(description="rad/s, of the current control, in a set that is proposed", examples=[2000.0]),
+    ] = None
     of: Annotated[str, Field(
-        description="verify: the identification, its id or latest", examples=["latest"], max_length=200
+        description="verify: id of the identification, or latest", examples=["latest"], max_length=200
     )] = "latest"  # fmt: skip
 
 

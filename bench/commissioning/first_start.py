@@ -24,8 +24,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.actions.limits import Limits
-from bench.actions.under_control import Guard
+from bench.actions.safety.limits import Limits
+from bench.actions.safety.under_control import Guard
 from bench.errors import BenchError
 from drivers.drive import Drive
 from drivers.lease import Lease

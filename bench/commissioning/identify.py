@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.actions.experiment import Plan, Recorded, experiment_of
-from bench.actions.limits import TRIP, Limits
-from bench.actions.under_control import Guard, under_control
-from bench.actions.unfinished import Origin
+from bench.actions.safety.limits import TRIP, Limits
+from bench.actions.safety.under_control import Guard, under_control
+from bench.actions.safety.unfinished import Origin
 from bench.commissioning.excitation import excitation
 from bench.commissioning.loops import Judged, Tried, fastest, judged, tried
 from bench.commissioning.proposal import corrected, from_diagnosis, machine_of, shaft_of, tuned

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench.actions.limits import RPM, Limits
+from bench.actions.safety.limits import RPM, Limits
 from bench.commissioning.promise import CurrentLoop, SpeedLoop, at_random, thinned, to_and_fro
 from bench.commissioning.response import Response, UnclearStepError, averaged, averaged_with
 from bench.commissioning.trial import (

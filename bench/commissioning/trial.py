@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.actions.under_control import Guard
+from bench.actions.safety.under_control import Guard
 from bench.errors import LimitError
 from drivers import capture
 from drivers.capture import DONE, Capture, Setup, Upload

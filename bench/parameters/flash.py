@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final
 
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
-from bench.parameters.journal import CUT, Begun, Journal, Step, past
+from bench.parameters.journal import CUT, Begun, Journal, Step, history, past
 from bench.parameters.parameter_set import FLASHED, LONGEST_NAME, ParameterSet, problem_of, set_of
 from bench.parameters.plan import Judge, Plan, different, plan
 from bench.parameters.versions import remarks_on

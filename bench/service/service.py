@@ -22,12 +22,12 @@ from bench.actions.control import Control
 from bench.actions.drive_jobs import sensible
 from bench.actions.experiments import Experiments, Status
 from bench.actions.flashes import Flashes
-from bench.actions.lease import Change, Leases, Part, Writer
-from bench.actions.limits import Limits
 from bench.actions.recording import Surroundings
 from bench.actions.recordings import Recordings
-from bench.actions.under_control import CancelledError
-from bench.actions.unfinished import Origin, folder_beside, undo
+from bench.actions.safety.lease import Change, Leases, Part, Writer
+from bench.actions.safety.limits import Limits
+from bench.actions.safety.under_control import CancelledError
+from bench.actions.safety.unfinished import Origin, folder_beside, undo
 from bench.commissioning.commissionings import Commissionings
 from bench.commissioning.commissionings import Status as Commissioning
 from bench.config import Config, DriveConfig

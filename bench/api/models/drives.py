@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.actions.limits import RPM
+from bench.actions.safety.limits import RPM
 from bench.api.models.captures import CaptureModel
 from bench.api.models.control import ControlModel, StateModel, control_model, state_model
 from bench.api.models.flashes import CutFlashModel, cut_model

@@ -37,6 +37,9 @@ class EntryModel(BaseModel):
         "ok", description="of the estimate or finding that it is from; any other one is doubtful", examples=["ok"]
     )
     source: str = Field("", description="what it is from, in words", examples=["tuned by rule"])
+    note: str = Field("", description="what else a reader should know of it", examples=["copper, 0.393 %/K"])
+    at_degC: float | None = Field(None, description="degC, temperature that it holds at", examples=[62.0])
+    at_20_degC: float | None = Field(None, description="SI, what it is at 20 degC", examples=[0.85])
 
 
 class ParameterSetModel(BaseModel):

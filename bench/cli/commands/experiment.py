@@ -13,8 +13,8 @@ from rich.progress import TimeElapsedColumn
 from bench.actions import experiment
 from bench.actions.experiment import Plan, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
-from bench.actions.limits import Limits
-from bench.actions.unfinished import Origin, folder_beside, undo
+from bench.actions.safety.limits import Limits
+from bench.actions.safety.unfinished import Origin, folder_beside, undo
 from bench.cli.output import awaited, check_recording
 from bench.cli.rest import Job, rest_at
 from bench.cli.terminal import Terminal, bar

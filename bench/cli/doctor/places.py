@@ -7,7 +7,7 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Final
 
-from bench.actions.unfinished import folder_beside
+from bench.actions.safety.unfinished import folder_beside
 from bench.api.guard.access import is_loopback, tls_of
 from bench.cli.doctor.check import Check, failed, ok, warning
 from bench.config import Config

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from bench.actions.control import Control
-from bench.actions.lease import Leases
-from bench.actions.limits import Limits
-from bench.actions.unfinished import Origin
+from bench.actions.safety.lease import Leases
+from bench.actions.safety.limits import Limits
+from bench.actions.safety.unfinished import Origin
 from bench.errors import BenchError, ConflictError, LimitError
 from drivers import capture, operation
 from drivers.capture import Setup

@@ -17,10 +17,10 @@ from bench.actions.experiment import Hold, Plan, Progress, Recorded, Tell, check
 from bench.actions.experiment_part import ExperimentPart
 from bench.actions.experiments import Experiments, of_ended, of_recording
 from bench.actions.experiments import State as State_
-from bench.actions.lease import Leases
-from bench.actions.limits import Limits
-from bench.actions.under_control import CancelledError
-from bench.actions.unfinished import Origin
+from bench.actions.safety.lease import Leases
+from bench.actions.safety.limits import Limits
+from bench.actions.safety.under_control import CancelledError
+from bench.actions.safety.unfinished import Origin
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal
 from bench.store.catalogue.ended import EndedJob

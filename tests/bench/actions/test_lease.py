@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from bench.actions.lease import Change, Leases, Part
+from bench.actions.safety.lease import Change, Leases, Part
 from bench.errors import ConflictError
 from tests.support.served_drive import until
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from bench.actions.limits import Limits
+from bench.actions.safety.limits import Limits
 
 LIMITS = Limits(6.0, 3000.0, n_p=4)
 FIT = {"n_p": 4.0, "current_limit": 6.0, "field_weakening": 0.0, "i_d_weakening": 20.0, "overspeed_trip": 1382.0}

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from bench.actions.unfinished import Noted, Origin, undo
+from bench.actions.safety.unfinished import Noted, Origin, undo
 from bench.errors import ConflictError, UnavailableError
 from drivers.connect import connect
 from drivers.drive import Drive

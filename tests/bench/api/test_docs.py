@@ -50,6 +50,8 @@ ROUTES = {
     *((method, "/api/drives/{name}/flashes") for method in ("get", "post")),
     *((method, "/api/drives/{name}/parameters/rollback") for method in ("get", "post")),
     ("post", "/api/drives/{name}/parameters/resume"), ("get", "/api/drives/{name}/flashes/{id}"),
+    *((method, "/api/drives/{name}/commissionings") for method in ("get", "post")),
+    *((method, "/api/drives/{name}/commissionings/{id}") for method in ("get", "delete")),
     *(("post", f"/api/drives/{{name}}/{what}") for what in ("start", "stop", "reset")),
     *(("get", f"/api/drives/{{name}}/{what}") for what in ("history", "events", "parameters")),
     ("get", "/api/drives/{name}/recordings"),

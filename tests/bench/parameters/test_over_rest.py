@@ -54,7 +54,8 @@ def test_the_present_parameters_come_as_a_set_in_every_form(client: httpx.Client
     told = client.get(place, params={"name": "servo"}).json()
     assert (told["name"], len(told["entries"])) == ("servo", len(FLASHED))
     assert told["entries"]["bandwidth"] == {
-        "value": 1250.0, "unit": "rad/s", "low": None, "high": None, "status": "ok", "source": "",
+        "value": 1250.0, "unit": "rad/s", "low": None, "high": None, "status": "ok", "source": "", "note": "",
+        "at_degC": None, "at_20_degC": None,
     }
     by_accept = client.get(place, headers={"Accept": "application/toml"})
     by_form = client.get(place, params={"form": "toml"})

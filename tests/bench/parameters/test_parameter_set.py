@@ -40,9 +40,9 @@ def test_a_set_comes_back_from_its_file_as_it_was() -> None:
 
 
 @pytest.mark.parametrize(("inside", "said"), [
-    ("note = 1", "expected texts as status, source, note"),
-    ('at_degC = "warm"', "expected numbers as low, high, at_degC, at_20_degC"),
-    ("at_20 = 1.0", "expected one of at_20_degC, at_degC, high, low, note, source, status, value"),
+    ("note = 1", "expected texts of up to 300 characters as status, source, note and unit"),
+    ('at_degC = "warm"', "expected a number as at_degC"),
+    ("at_20 = 1.0", "expected one of at_20_degC, at_degC, high, low, note, source, status, unit, value"),
 ])
 def test_what_is_said_of_a_value_is_checked(inside: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
@@ -90,11 +90,11 @@ def test_what_is_wrong_with_single_values_leaves_the_others_to_be_planned() -> N
     ({"name": "a", "entries": []}, "entries: expected a section"),
     ({"name": "a", "version": 10**30, "entries": {"n_p": 4}}, "version: expected a whole number from 1 on"),
     ({"name": "a", "values": {}, "entries": {"n_p": 4}}, "'values' is none of entries, layout_id, name"),
-    ({"name": "a", "entries": {"n_p": {"value": 4, "low": 10**400}}}, "expected numbers as low and high"),
+    ({"name": "a", "entries": {"n_p": {"value": 4, "low": 10**400}}}, "expected a number as low"),
     ({"name": "a", "entries": {"n_p": "4"}}, r"0x2200:1 \(n_p\) takes a number, got '4'"),
     ({"name": "a", "entries": {"speed": {}}}, "'speed' takes a number, got null"),
-    ({"name": "a", "entries": {"n_p": {"value": 4, "note": ""}}}, "'note': expected one of high, low"),
-    ({"name": "a", "entries": {"n_p": {"value": 4, "status": "\ud800"}}}, "expected texts of up to 200 characters"),
+    ({"name": "a", "entries": {"n_p": {"value": 4, "notes": ""}}}, "'notes': expected one of at_20_degC"),
+    ({"name": "a", "entries": {"n_p": {"value": 4, "status": "\ud800"}}}, "expected texts of up to 300 characters"),
 ])  # fmt: skip
 def test_what_is_no_set_is_refused(document: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):

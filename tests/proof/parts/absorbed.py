@@ -22,8 +22,8 @@ from typing import Any, Final
 from bench.actions import experiment
 from bench.actions.capture_request import NEEDED
 from bench.actions.experiment import Plan, Progress, experiment_of
-from bench.actions.limits import Limits
-from bench.actions.unfinished import Origin
+from bench.actions.safety.limits import Limits
+from bench.actions.safety.unfinished import Origin
 from bench.cli.commands import capture
 from bench.diagnoses.diagnose import work
 from bench.diagnoses.diagnosis_request import Request, json_text

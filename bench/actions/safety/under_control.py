@@ -9,8 +9,8 @@ import threading
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 
-from bench.actions.limits import RPM, Limits, Overload
-from bench.actions.unfinished import Origin, take
+from bench.actions.safety.limits import RPM, Limits, Overload
+from bench.actions.safety.unfinished import Origin, take
 from bench.errors import BenchError
 from drivers import capture, operation
 from drivers.drive import Drive
