@@ -129,16 +129,21 @@ def begin(link: Link, given: ParameterSet, around: Around) -> "UnderWay":
     with _control(link) as lease:
         image = parameters(drive)
         to_do = plan(given, drive.identity, image, around.judge)
-        if to_do.problems:
-            raise LimitError("\n".join(to_do.problems))
-        if to_do.doubts and not around.override:
-            raise LimitError("\n".join((*to_do.doubts, _UNREASONED)))
+        check(to_do, around.override)
         around.planned(to_do)
         since = datetime.now(UTC).isoformat()
         begun = Begun(
             around.drive, given.name, given.version, around.whom, since, image, image | to_do.values, around.override
         )
         return UnderWay(link, lease, Journal.begin(around.folder, drive.identity, begun), around, image)
+
+
+def check(to_do: Plan, override: str) -> None:
+    """Raise LimitError, with all that forbids it."""
+    if to_do.problems:
+        raise LimitError("\n".join(to_do.problems))
+    if to_do.doubts and not override:
+        raise LimitError("\n".join((*to_do.doubts, _UNREASONED)))
 
 
 def cut(identity: Identity, folder: Path, patience: float = 0.5) -> Begun | None:
@@ -172,6 +177,7 @@ class UnderWay:
     ) -> None:
         """`present`: all parameters as the drive has them now, where they are known."""
         self._link, self._lease, self._journal, self._around, self._present = link, lease, journal, around, present
+        self.was_reset = False  # with which links to the drive end
 
     @property
     def begun(self) -> Begun:
@@ -251,6 +257,7 @@ class UnderWay:
         self._journal.note(Step.RESET)
         self._around.tell("resetting")
         self._take(drive)
+        self.was_reset = True
         operation.reset(self._link, lambda name, value: lease.write(drive, {name: value}))
         self._journal.note(Step.VERIFY)
         self._around.tell("reading back")
