@@ -45,6 +45,11 @@ class Kind(StrEnum):
     ROLL_BACK = "roll back"  # one that was cut
 
 
+_WORDS: Final = {
+    Kind.FLASH: "flash", Kind.FINISH: "finishing the flash", Kind.ROLL_BACK: "rolling back the flash",
+}  # fmt: skip
+
+
 class State(StrEnum):
     """Where it stands; all but the first are ends."""
 
@@ -87,7 +92,7 @@ class Status:
     @property
     def words(self) -> str:
         """Which one it is, as a sentence begins."""
-        return f"{self.kind} of {set_words(self.begun)}"
+        return f"{_WORDS[self.kind]} of {set_words(self.begun)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,4 +308,5 @@ def _await_another(link: Link, before: Drive, given_up: threading.Event) -> None
 def _asked_words(status: Status) -> str:
     reason = f", with the reason {status.begun.override!r}" if status.begun.override else ""
     whom = f"asked for from {status.whom}" if status.whom else "asked for"
-    return f"{whom}{reason}: {len(changes_of(status.begun))} values are to change"
+    changed = len(changes_of(status.begun))
+    return f"{whom}{reason}: {flash.values_words(changed)} to change"

@@ -204,13 +204,14 @@ class UnderWay:
         changed = len(different(begun.wanted, begun.image))
         try:
             self._journal.note(Step.WRITE)
-            self._around.tell(f"writing {changed} values")
+            self._around.tell(f"writing {values_words(changed)}")
             self._written(self._link(), begun.wanted, self._present)
             self._journal.note(Step.STORE)
             self._around.tell("storing")
             stored = True
             self._stored_and_read(begun.wanted)
-            self._journal.end(Step.DONE, said := f"{changed} values changed, stored, and read back after a reset")
+            said = f"{values_words(changed)} changed, stored, and read back after a reset"
+            self._journal.end(Step.DONE, said)
         except (DriveError, BenchError) as error:
             return self._back(str(error), stored=stored)
         return Verdict(End.FLASHED, changed, said)
@@ -292,6 +293,11 @@ class UnderWay:
             self._journal.close()
             with contextlib.suppress(DriveError):
                 self._lease.release(self._link())
+
+
+def values_words(count: int) -> str:
+    """So many, in words."""
+    return "1 value" if count == 1 else f"{count} values"
 
 
 def _check_same(wanted: Mapping[str, float], found: Mapping[str, float], when: str) -> None:

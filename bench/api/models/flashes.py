@@ -117,7 +117,7 @@ class PastFlashModel(CutFlashModel):
     ended: datetime = Field(description="when it ended", examples=[_TIME])
     state: Literal["flashed", "rolled back"] = Field(description="how it ended")
     said: str = Field(
-        description="the same in a sentence", examples=["1 values changed, stored, and read back after a reset"]
+        description="the same in a sentence", examples=["1 value changed, stored, and read back after a reset"]
     )
 
 

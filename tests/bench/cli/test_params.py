@@ -70,7 +70,7 @@ def test_from_the_drives_values_to_others_and_back(drive: str, tmp_path: Path) -
         ("bandwidth", 1250.0, 900.0, "00006144")
     ]
     assert params("flash", new, drive, code=2).endswith("expected --yes, as nobody can be asked here\n")
-    assert "flashed: 1 values changed, stored, and read back after a reset" in params("flash", new, drive, "--yes")
+    assert "flashed: 1 value changed, stored, and read back after a reset" in params("flash", new, drive, "--yes")
     assert params("verify", new, drive).startswith("all 3")
     assert params("verify", old, drive, code=1) == "bandwidth: 1250 here, 900 there (rad/s)\n"
     assert "flashed" in params("rollback", drive, "--yes")
@@ -90,7 +90,7 @@ def test_limits_of_the_service_are_told_as_what_a_set_has_wrong(
         assert "current_limit: currents go up to 6 A" in params("flash", given, name, "--yes", code=2)
         assert "no drive 'other'" in params("pull", "other", code=2)
         assert "expected a drive's name with --service" in params("pull", url, "--service", "http://x", code=2)
-        assert "flashed: 1 values changed" in params("flash", given, url, "--yes")  # whose limits nobody told
+        assert "flashed: 1 value changed" in params("flash", given, url, "--yes")  # whose limits nobody told
         assert [one["drive"] for one in json.loads(params("history", name, "--json"))["flashes"]] == [url]
     assert "no bench service answers at" in params("pull", name, code=2)
 
