@@ -10,7 +10,8 @@ The service sends `index.html` at `/`, the files of this room at `/web/<file>` a
   `tiles` with `mismatch`, `strips` and `vector` over `recent`, `plots` over `history`, `record_panel`,
   `capture_panel`, `window_form` with the Kalman filter's `tuning_form`
 * `rooms/` - Recordings (`recordings`, `recording_view`, `recording_plot`, `recording_name`, `bring_file`), Diagnosis
-  (`diagnosis`, `diagnosis_view`, `figures`, `quantity`, `diagnose_it`), Drive (`drive`, `signals_view`)
+  (`diagnosis`, `diagnosis_view`, `figures`, `quantity`, `diagnose_it`), Drive (`drive`,
+  `signals_view`, `parameters_view` with `plan_view` and `flash_view`)
 * `parameters.js` - the four parameters; `format.js` - numbers, units, times as an operator reads them
 * `fields.js` - fields of any form; `dom.js` - elements made by code; `dialog.js` - a question before what cannot be
   undone; `plot.js` - what all plots have in common

@@ -12,11 +12,23 @@
  * @typedef {{i_d: number | null, i_q: number | null, u_d: number | null, u_q: number | null, u_dc: number | null,
  *   omega_e: number | null, speed_rpm: number | null, temp_winding: number | null, temp_magnet: number | null}} Latest
  * @typedef {{i_max: number | null, speed_max_rpm: number | null, n_p: number | null}} SetPointLimits
- * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream,
- *   latest: Latest | null, limits: SetPointLimits, writer: Writer | null, control: Control}} DriveState
+ * @typedef {{name: string, unit: string, before: number, after: number}} FlashedValue
+ * @typedef {{drive: string, name: string, version: number, whom: string, since: string, override: string,
+ *   changed: FlashedValue[]}} CutFlash
+ * @typedef {CutFlash & {ended: string, state: "flashed" | "rolled back", said: string}} PastFlash
+ * @typedef {{id: string, state: "running" | "flashed" | "rolled back" | "cut", name: string, version: number, phase: string,
+ *   progress: number, steps: {at: string, said: string}[], said: string, changed: FlashedValue[]}} Flash
+ * @typedef {{flashes: Flash[], past: PastFlash[], total: number, cut: CutFlash | null}} Flashes
+ * @typedef {{value: number, unit: string}} ParameterEntry
+ * @typedef {{name: string, entries: Record<string, ParameterEntry>}} ParameterSet
+ * @typedef {{signal: string, unit: string, old: number, new: number, held: number, rounding: number, bits_old: string,
+ *   bits_new: string}} PlannedChange
+ * @typedef {{changes: PlannedChange[], same: number, problems: string[], doubts: string[]}} Plan
+ * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream, latest: Latest | null,
+ *   limits: SetPointLimits, writer: Writer | null, control: Control, cut_flash: CutFlash | null}} DriveState
  * @typedef {{code: string, name: string, advice: string}} Fault
  * @typedef {{state: string | null, fault: Fault | null, holder: string | null, lease_left_s: number | null,
- *   ours: boolean, whom: string | null, in_experiment: boolean, said: string, undone: string, guarded: boolean | null,
+ *   ours: boolean, whom: string | null, in_experiment: boolean, in_flash: boolean, said: string, undone: string, guarded: boolean | null,
  *   safe_torque_off: string | null, seen: string | null}} Control
  * @typedef {{value: number | null, std: number | null, unit: string,
  *   status: "ok" | "doubtful" | "stale" | "held" | "not_told" | "no_data", since: string | null, reason: string,
@@ -128,6 +140,52 @@ export async function readSignals(drive, names) {
 /** @param {string} drive @returns {Promise<import("./rooms/signals_view.js").Signal[]>} */
 export async function readAllSignals(drive) {
   return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/signals`, undefined, PATIENCE_READING_MS)).signals;
+}
+
+/** @param {string} drive @returns {Promise<ParameterSet>} */
+export function readParameterSet(drive) {
+  return call("GET", parameterFile(drive, "json"), undefined, PATIENCE_READING_MS);
+}
+
+/** @param {string} drive @param {"json" | "toml"} form */
+export function parameterFile(drive, form) {
+  return `/api/drives/${encodeURIComponent(drive)}/parameters/set?form=${form}`;
+}
+
+/** @param {string} drive @param {object | string} set a text is TOML @returns {Promise<Plan>} */
+export function planSet(drive, set) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/parameters/plan`, set, PATIENCE_READING_MS);
+}
+
+/** @param {string} drive @returns {Promise<Plan>} */
+export function planRollback(drive) {
+  return call("GET", `/api/drives/${encodeURIComponent(drive)}/parameters/rollback`, undefined, PATIENCE_READING_MS);
+}
+
+/** @param {string} drive @param {object | string} set a text is TOML @param {string} reason @returns {Promise<Flash>} */
+export function askFlash(drive, set, reason) {
+  const because = reason === "" ? "" : `?${new URLSearchParams({ override: reason })}`;
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/flashes${because}`, set, PATIENCE_READING_MS);
+}
+
+/** @param {string} drive @returns {Promise<Flash>} */
+export function askRollback(drive) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/parameters/rollback`, {}, PATIENCE_READING_MS);
+}
+
+/** @param {string} drive @param {boolean} finish @returns {Promise<Flash>} */
+export function askResume(drive, finish) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/parameters/resume`, { finish }, PATIENCE_READING_MS);
+}
+
+/** @param {string} drive @returns {Promise<Flashes>} */
+export function listFlashes(drive) {
+  return call("GET", `/api/drives/${encodeURIComponent(drive)}/flashes`);
+}
+
+/** @param {string} drive @param {string} id @returns {Promise<Flash>} */
+export function readFlash(drive, id) {
+  return call("GET", `/api/drives/${encodeURIComponent(drive)}/flashes/${encodeURIComponent(id)}`);
 }
 
 /**
@@ -361,14 +419,19 @@ async function send(method, address, body, patience_ms) {
   try {
     return await fetch(address, {
       method,
-      headers: method === "GET" ? {} : { "Content-Type": body instanceof Blob ? "application/octet-stream" : "application/json" }, // also of what has no body
-      body: body === undefined || body instanceof Blob ? body : JSON.stringify(body),
+      headers: method === "GET" ? {} : { "Content-Type": mediaOf(body) },
+      body: body === undefined || body instanceof Blob || typeof body === "string" ? body : JSON.stringify(body),
       cache: "no-store",
       signal: AbortSignal.timeout(patience_ms),
     });
   } catch {
     throw new NoAnswerError("The service does not answer.");
   }
+}
+
+/** JSON also of what has no body. @param {unknown} body */
+function mediaOf(body) {
+  return body instanceof Blob ? "application/octet-stream" : typeof body === "string" ? "application/toml" : "application/json";
 }
 
 /**

@@ -26,8 +26,10 @@ import { driveRoom } from "./rooms/drive.js";
 import { recordingsRoom } from "./rooms/recordings.js";
 
 /**
- * A room but for the live one: entered with the drive and what of it is shown; left when another is entered.
- * @typedef {{enter: (drive: string, id: string | null) => void, leave: () => void}} RoomPart
+ * A room but for the live one: entered with the drive and what of it is shown; left when another is entered; shown how the
+ * drive is, where it wants to be.
+ * @typedef {{enter: (drive: string, id: string | null) => void, leave: () => void,
+ *   show?: (drive: import("./api.js").DriveState, connected: boolean) => void}} RoomPart
  */
 
 const WORDS_MS = 250;
@@ -112,6 +114,7 @@ function drawWords() {
   const rate = snapshot.drive.stream.nominal_rate_hz ?? snapshot.drive.stream.rate_hz;
   showControl(snapshot.drive.control, connected, snapshot.drive.limits);
   showDrive(snapshot.drive, (Date.now() - received) / 1000, connected);
+  parts[state.shown?.room ?? ""]?.show?.(snapshot.drive, connected);
   showEstimates(snapshot.estimates, rate, connected);
   showWindow(snapshot.estimates.window, snapshot.estimates.estimates, rate);
   showCapture(snapshot.capture, snapshot.drive.identity?.T_s ?? 0, connected);

@@ -7,6 +7,7 @@ HTTP.
 
 import contextlib
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
@@ -16,18 +17,22 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
-from bench.actions.drive_jobs import BenchDrive, DriveJobs, id_at
+from bench.actions.drive_jobs import BenchDrive, DriveJobs, Link, id_at
 from bench.actions.safety.lease import Leases, Part
 from bench.errors import BenchError, LimitError, UnavailableError, shown
 from bench.parameters import flash, journal
 from bench.parameters.flash import Around, End, UnderWay, Verdict
 from bench.parameters.journal import Begun, Past
 from bench.parameters.parameter_set import ParameterSet
-from bench.parameters.plan import Plan, different
+from bench.parameters.plan import Plan
+from bench.parameters.told import changes_of
 from drivers.drive import Drive, Identity
+from drivers.errors import DriveError
 
 _RENEWED: Final = 120.0  # s that the lease is taken for, anew with every step
 _STOP: Final = 10.0  # s that somebody's Stop is waited for, at most
+_BACK: Final = 5.0  # s that the link is waited for, which has ended with the reset
+_RETRY: Final = 0.02  # s
 _STEPS: Final = 5  # of a flash that goes well, with its end
 _REASON: Final = 200  # characters
 
@@ -38,6 +43,11 @@ class Kind(StrEnum):
     FLASH = "flash"
     FINISH = "finish"  # one that was cut
     ROLL_BACK = "roll back"  # one that was cut
+
+
+_WORDS: Final = {
+    Kind.FLASH: "flash", Kind.FINISH: "finishing the flash", Kind.ROLL_BACK: "rolling back the flash",
+}  # fmt: skip
 
 
 class State(StrEnum):
@@ -82,7 +92,7 @@ class Status:
     @property
     def words(self) -> str:
         """Which one it is, as a sentence begins."""
-        return f"{self.kind} of {set_words(self.begun)}"
+        return f"{_WORDS[self.kind]} of {set_words(self.begun)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,13 +260,20 @@ class Flashes(DriveJobs[Status, Run]):
             self._lock.wait_for(lambda: self._stopping[drive] <= 0, _STOP)
 
     def _done(self, status: Status, run: Run, one: UnderWay) -> None:
-        """Do it; how it went is known then."""
+        """Do it; how it went is known then, and the drive can be asked again."""
+        link = self._drives[status.drive].link
+        try:
+            before = link.drive()
+        except DriveError:
+            before = None
         try:
             verdict = one.back("it was cut") if status.kind is Kind.ROLL_BACK else one.forward()
         except Exception as error:  # noqa: BLE001 - a fault of ours must not leave a flash without an end
             why = f"the bench failed on this flash: {type(error).__name__}: {error}"
             verdict = Verdict(End.CUT, 0, f"{why}; it has to be finished or rolled back")
         state = State(verdict.end.value)
+        if before is not None and state is not State.CUT and one.was_reset:
+            _await_another(link, before, run.given_up)
         self._leases.release(status.drive, run.holder, state)
         share: dict[str, Any] = {} if state is State.CUT else {"progress": 1.0}
         with self._lock:  # who waits for its end finds it told
@@ -278,12 +295,18 @@ def cut_words(begun: Begun) -> str:
     )
 
 
-def changes_of(begun: Begun) -> dict[str, tuple[float, float]]:
-    """By signal, SI: before and then."""
-    return {name: (begun.image[name], begun.wanted[name]) for name in different(begun.wanted, begun.image)}
+def _await_another(link: Link, before: Drive, given_up: threading.Event) -> None:
+    """The link that has ended with a reset is there again, as another connection."""
+    deadline = time.monotonic() + _BACK
+    while time.monotonic() < deadline and not given_up.is_set():
+        with contextlib.suppress(DriveError):
+            if link.drive() is not before:
+                return
+        given_up.wait(_RETRY)
 
 
 def _asked_words(status: Status) -> str:
     reason = f", with the reason {status.begun.override!r}" if status.begun.override else ""
     whom = f"asked for from {status.whom}" if status.whom else "asked for"
-    return f"{whom}{reason}: {len(changes_of(status.begun))} values are to change"
+    changed = len(changes_of(status.begun))
+    return f"{whom}{reason}: {flash.values_words(changed)} to change"

@@ -11,7 +11,11 @@ params = typer.Typer(
     help="A drive's parameters as files: read, planned, flashed, verified, taken back.",
 )
 
-Drive = Annotated[str, Argument(metavar="URL", help="the drive, by its bus")]
+Drive = Annotated[str, Argument(metavar="URL|NAME", help="the drive, by its bus, or as the running service calls it")]
+Service = Annotated[
+    str | None,
+    Option(metavar="URL", help="of a NAME: the service (default http://127.0.0.1:8080, or PMSM_BENCH_PORT)"),
+]
 Set = Annotated[Path, Argument(metavar="SET.toml", help="a parameter set")]
 Json = Annotated[bool, Option("--json", help="as JSON, SI")]
 Out = Annotated[Path, Option(metavar="FILE", help="where to write it; - for standard output")]
@@ -19,12 +23,13 @@ Out = Annotated[Path, Option(metavar="FILE", help="where to write it; - for stan
 
 @params.command()
 def pull(
-    drive: Drive, out: Out = Path("-"), name: Annotated[str, Option(help="of the set")] = "as it is"
+    drive: Drive, out: Out = Path("-"), name: Annotated[str, Option(help="of the set")] = "as it is",
+    service: Service = None,
 ) -> None:
     """Read all of a drive's parameters into a set."""
     from bench.cli.commands.params import pulled
 
-    pulled(drive, out, name)
+    pulled(drive, service, out, name)
 
 
 @params.command()
@@ -36,19 +41,22 @@ def show(given: Set, json: Json = False) -> None:
 
 
 @params.command()
-def diff(given: Set, other: Annotated[str, Argument(metavar="SET.toml|URL", help="another set, or a drive")]) -> None:
+def diff(
+    given: Set, other: Annotated[str, Argument(metavar="SET.toml|URL|NAME", help="another set, or a drive")],
+    service: Service = None,
+) -> None:
     """Where a set and another, or a drive, differ: exit code 1."""
     from bench.cli.commands.params import differences
 
-    raise typer.Exit(differences(given, other))
+    raise typer.Exit(differences(given, other, service))
 
 
 @params.command()
-def plan(given: Set, drive: Drive, json: Json = False) -> None:
+def plan(given: Set, drive: Drive, json: Json = False, service: Service = None) -> None:
     """What a set would change in a drive, and all that forbids it; nothing is written."""
     from bench.cli.commands.params import planned
 
-    raise typer.Exit(planned(given, drive, as_json=json))
+    raise typer.Exit(planned(given, drive, service, as_json=json))
 
 
 @params.command()
@@ -57,46 +65,50 @@ def flash(
     drive: Drive,
     yes: Annotated[bool, Option("--yes", help="do not ask")] = False,
     override: Annotated[str, Option(metavar="REASON", help="why doubts do not forbid it; goes into the history")] = "",
+    service: Service = None,
 ) -> None:
     """Write, read back, store, reset, read again; anything but equality is rolled back."""
     from bench.cli.commands.params import flashed
 
-    raise typer.Exit(flashed(given, drive, override, ask=not yes))
+    raise typer.Exit(flashed(given, drive, service, override, ask=not yes))
 
 
 @params.command()
-def verify(given: Set, drive: Drive) -> None:
+def verify(given: Set, drive: Drive, service: Service = None) -> None:
     """Whether a drive has the values of a set: exit code 1 where it does not."""
     from bench.cli.commands.params import differences
 
-    raise typer.Exit(differences(given, drive))
+    raise typer.Exit(differences(given, drive, service, of_drive=True))
 
 
 @params.command()
-def rollback(drive: Drive, yes: Annotated[bool, Option("--yes", help="do not ask")] = False) -> None:
+def rollback(
+    drive: Drive, yes: Annotated[bool, Option("--yes", help="do not ask")] = False, service: Service = None
+) -> None:
     """Flash the values that a drive had before the latest flash from here."""
-    from bench.cli.commands.params import rolled_back
+    from bench.cli.commands.params import flashed
 
-    raise typer.Exit(rolled_back(drive, ask=not yes))
+    raise typer.Exit(flashed(None, drive, service, ask=not yes))
 
 
 @params.command()
 def resume(
     drive: Drive,
     finish: Annotated[bool, Option("--finish/--roll-back", help="go on to the new values, or back to those before")],
+    service: Service = None,
 ) -> None:
     """Finish a flash that was cut, or roll it back."""
     from bench.cli.commands.params import resumed
 
-    raise typer.Exit(resumed(drive, finish=finish))
+    raise typer.Exit(resumed(drive, service, finish=finish))
 
 
 @params.command()
-def history(drive: Drive, json: Json = False) -> None:
+def history(drive: Drive, json: Json = False, service: Service = None) -> None:
     """What was flashed into a drive from here, and one that was cut."""
     from bench.cli.commands.params import past
 
-    past(drive, as_json=json)
+    past(drive, service, as_json=json)
 
 
 @params.command()

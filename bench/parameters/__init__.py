@@ -7,6 +7,7 @@
 * `versions` - what was flashed before under the same name
 * `journal` - what is under way, on disk before it is done
 * `flash` - the transaction: image, write, read back, store, reset, read again; else all as before
+* `told` - what was flashed, as plain values
 * `link` - a drive by its URL, for who has no service
 * `formats` - the set for other tools: DCF, C header, A2L
 

@@ -131,16 +131,21 @@ def begin(link: Link, given: ParameterSet, around: Around) -> "UnderWay":
     with _control(link) as lease:
         image = parameters(drive)
         to_do = plan(given, drive.identity, image, around.judge)
-        if to_do.problems:
-            raise LimitError("\n".join(to_do.problems))
-        if to_do.doubts and not around.override:
-            raise LimitError("\n".join((*to_do.doubts, _UNREASONED)))
+        check(to_do, around.override)
         around.planned(to_do)
         since = datetime.now(UTC).isoformat()
         begun = Begun(
             around.drive, given.name, given.version, around.whom, since, image, image | to_do.values, around.override
         )
         return UnderWay(link, lease, Journal.begin(around.folder, drive.identity, begun), around, image)
+
+
+def check(to_do: Plan, override: str) -> None:
+    """Raise LimitError, with all that forbids it."""
+    if to_do.problems:
+        raise LimitError("\n".join(to_do.problems))
+    if to_do.doubts and not override:
+        raise LimitError("\n".join((*to_do.doubts, _UNREASONED)))
 
 
 def cut(identity: Identity, folder: Path, patience: float = 0.5) -> Begun | None:
@@ -174,6 +179,7 @@ class UnderWay:
     ) -> None:
         """`present`: all parameters as the drive has them now, where they are known."""
         self._link, self._lease, self._journal, self._around, self._present = link, lease, journal, around, present
+        self.was_reset = False  # with which links to the drive end
 
     @property
     def begun(self) -> Begun:
@@ -200,13 +206,14 @@ class UnderWay:
         changed = len(different(begun.wanted, begun.image))
         try:
             self._journal.note(Step.WRITE)
-            self._around.tell(f"writing {changed} values")
+            self._around.tell(f"writing {values_words(changed)}")
             self._written(self._link(), begun.wanted, self._present)
             self._journal.note(Step.STORE)
             self._around.tell("storing")
             stored = True
             self._stored_and_read(begun.wanted)
-            self._journal.end(Step.DONE, said := f"{changed} values changed, stored, and read back after a reset")
+            said = f"{values_words(changed)} changed, stored, and read back after a reset"
+            self._journal.end(Step.DONE, said)
         except (DriveError, BenchError) as error:
             return self._back(str(error), stored=stored)
         return Verdict(End.FLASHED, changed, said)
@@ -253,6 +260,7 @@ class UnderWay:
         self._journal.note(Step.RESET)
         self._around.tell("resetting")
         self._take(drive)
+        self.was_reset = True
         operation.reset(self._link, lambda name, value: lease.write(drive, {name: value}))
         self._journal.note(Step.VERIFY)
         self._around.tell("reading back")
@@ -287,6 +295,11 @@ class UnderWay:
             self._journal.close()
             with contextlib.suppress(DriveError):
                 self._lease.release(self._link())
+
+
+def values_words(count: int) -> str:
+    """So many, in words."""
+    return "1 value" if count == 1 else f"{count} values"
 
 
 def _check_same(wanted: Mapping[str, float], found: Mapping[str, float], when: str) -> None:

@@ -77,7 +77,7 @@ export function showControl(control, connected, limits) {
   write(element("control-holder"), holder);
   element("control-holder").title = holder;
   write(element("control-fault"), connected ? faultWords(control) : "");
-  begin.disabled = !known || control.fault !== null || control.in_experiment || (control.holder !== null && !control.ours);
+  begin.disabled = !known || control.fault !== null || byJob(control) || (control.holder !== null && !control.ours);
   write(element("control-why"), begin.disabled && connected ? `Start: ${whyNot(control, known)}` : "");
   const goes = known && goesBySetPoints(control);
   write(begin, goes ? "Set points" : "Start");
@@ -86,9 +86,14 @@ export function showControl(control, connected, limits) {
   show();
 }
 
+/** Whether the service controls it for a job of its own. @param {Control} control */
+function byJob(control) {
+  return control.in_experiment || control.in_flash;
+}
+
 /** Whether it is on, and goes by the set points given here. @param {Control} control */
 function goesBySetPoints(control) {
-  return control.state === ON && control.ours && !control.in_experiment;
+  return control.state === ON && control.ours && !byJob(control);
 }
 
 /** What the drive does, and what that is in CiA 402's words. @param {Control} control */
@@ -115,7 +120,7 @@ function holderWords(control) {
   const { holder, ours, whom, lease_left_s, guarded, state, safe_torque_off } = control;
   const sto = safe_torque_off === null ? "" : ` · STO: ${safe_torque_off}`;
   if (state === null) return "";
-  if (control.in_experiment) return `controlled by this service for ${whom}${sto}`;
+  if (byJob(control)) return `controlled by this service for ${whom}${sto}`;
   if (ours) return `controlled by this service${whom ? `, started from ${whom}` : ""}${sto}`;
   if (holder === "local") return `under local control, by a master inside the drive${sto}`;
   if (holder !== null) return `controlled by ${holder}${lease_left_s === null ? "" : ", another bench"}${sto}`;
@@ -135,6 +140,7 @@ function faultWords({ fault, said, undone }) {
 function whyNot(control, known) {
   const { fault, holder, whom } = control;
   if (!known) return "There is no link to the drive.";
+  if (control.in_flash) return `${whom} is under way.`;
   if (control.in_experiment) return `${whom} is under way: stop it first.`;
   if (fault !== null) return "The drive is in fault: reset it first.";
   return `${holder} controls the drive: stop it first.`;

@@ -5,6 +5,7 @@
  * @typedef {import("../api.js").DriveState} DriveState
  */
 
+import { address } from "../router.js";
 import { age, clock, duration, fixed, integer } from "../format.js";
 
 /** The share of the drive's rows that have to come. */
@@ -61,6 +62,10 @@ export function showDrive(drive, sinceSnapshot_s, connected) {
   writeWhereAny("fact-late", stream.frames_late);
   writeWhereAny("fact-foreign", stream.frames_foreign);
   writeWhereAny("fact-resets", stream.clock_resets);
+  const cut = connected ? drive.cut_flash : null;
+  element("bar-cut").hidden = cut === null;
+  element("bar-cut").setAttribute("href", address("drive", drive.name));
+  write("bar-cut", cut === null ? "" : `A flash of “${cut.name}” was cut: finish it, or roll it back.`);
   element("stream-note").hidden = stream.note === "";
   write("stream-note", stream.note);
   element("fact-gaps").classList.toggle("warn", stream.gaps > 0);

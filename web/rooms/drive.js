@@ -1,5 +1,6 @@
 /**
- * The room of the drive: its signals, and what has happened to it: events, who wrote what, who controlled it.
+ * The room of the drive: its parameters, its signals, and what has happened to it: events, who wrote what, who controlled
+ * it.
  *
  * @typedef {import("../api.js").DriveEvent} DriveEvent
  */
@@ -8,14 +9,16 @@ import { listEvents } from "../api.js";
 import { make } from "../dom.js";
 import { element } from "../fields.js";
 import { clock, exact } from "../format.js";
+import { parametersView } from "./parameters_view.js";
 import { signalsView } from "./signals_view.js";
 
 const EVENTS_MS = 2000;
-const KINDS = [["", "everything"], ["link", "link"], ["state", "states"], ["fault", "faults"], ["write", "writes"], ["lease", "control"]];
+const KINDS = [["", "everything"], ["link", "link"], ["state", "states"], ["fault", "faults"], ["flash", "flashes"], ["write", "writes"], ["lease", "control"]];
 
 /** @returns {import("../main.js").RoomPart} */
 export function driveRoom() {
-  const signals = signalsView();
+  const parameters = parametersView();
+  const signals = signalsView(parameters.explain);
   const kind = /** @type {HTMLSelectElement} */ (make("select", { id: "events-kind", "aria-label": "Kind" },
     KINDS.map(([value, words]) => make("option", { value }, words))));
   const events = make("ul", { id: "events", class: "events" });
@@ -23,10 +26,11 @@ export function driveRoom() {
   const older = make("button", { type: "button", id: "events-more", hidden: true }, "Older ones");
 
   element("drive-room").append(
-    signals.root,
-    make("section", { class: "card padded", "aria-labelledby": "events-title" },
+    parameters.root,
+    make("section", { class: "card padded happened", "aria-labelledby": "events-title" },
       make("div", { class: "section-head" }, make("h2", { id: "events-title" }, "What has happened"), eventsNote),
-      make("div", { class: "filters" }, kind), events, older));
+      make("div", { class: "filters" }, kind), events, older),
+    signals.root);
 
   let drive = "";
   let timer = 0;
@@ -76,13 +80,16 @@ export function driveRoom() {
     enter(name) {
       drive = name;
       key = "";
+      parameters.enter(name);
       signals.enter(name);
       clearInterval(timer);
       timer = setInterval(() => { if (!document.hidden) refreshEvents(); }, EVENTS_MS);
       restart();
     },
+    show: parameters.show,
     leave() {
       clearInterval(timer);
+      parameters.leave();
       signals.leave();
     },
   };

@@ -17,7 +17,8 @@ const GROUPS = /** @type {const} */ ([["rw", "Settings"], ["ro", "What it tells"
 /** Checksums, codes and words of bits are read in hex. */
 const IN_HEX = /(_id|_word|_code|^store|^restore|^lease_holder_[0-9])$/;
 
-export function signalsView() {
+/** @param {(signals: Signal[]) => void} heard is told all signals once they are read */
+export function signalsView(heard) {
   const filter = /** @type {HTMLInputElement} */ (make("input", { id: "signals-filter", class: "text", type: "search",
     placeholder: "name or meaning", "aria-label": "Search signals" }));
   const again = make("button", { type: "button", id: "signals-read", onclick: read }, "Read again");
@@ -45,6 +46,7 @@ export function signalsView() {
       const told = await readAllSignals(asked);
       if (asked !== drive) return;
       signals = told;
+      heard(told);
       looked.textContent = `Read ${clock(new Date())}.` + (before === null ? "" : ` Compared with ${clock(before.at)}, when they were looked at last.`);
       show();
     } catch (error) {

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, TypeVar, cast
 from fastapi import Depends, Path, Query, Request
 from starlette.requests import ClientDisconnect
 
-from bench.api.exchange.kinds import BYTES, JSON, READS, TOML, is_stop, media_of
+from bench.api.exchange.kinds import BYTES, READS, TOML, is_stop, media_of
 from bench.api.exchange.problems import MediaError, TooLargeError
 from bench.errors import LimitError, shown
 from bench.service.service import Service
@@ -39,6 +39,7 @@ _WRITE: Final = {  # of every route with a body
     "413": "A body that is too long", "415": "Not said to be JSON",
     "422": "Not what can be asked for; nothing was changed",
 }
+_WRITES: Final = "every PUT and POST but those that stop"
 _TOKEN: Final = {"401": "The token is missing"}
 
 T = TypeVar("T")
@@ -168,8 +169,8 @@ async def says_json(request: Request) -> None:
     kinds = media_of(request.method, request.url.path)
     if _media(request) not in kinds:
         got = shown(said) if (said := request.headers.get("content-type", "")) else "none"
-        of = {(BYTES,): "a file that is brought", (JSON,): "every PUT and POST but those that stop"}
-        expected = f"the header Content-Type: {' or '.join(kinds)}, as of {of.get(kinds, 'a parameter set')}"
+        of = "a file that is brought" if BYTES in kinds else "a parameter set" if TOML in kinds else _WRITES
+        expected = f"the header Content-Type: {' or '.join(kinds)}, as of {of}"
         raise MediaError(f"expected {expected}, got {got}")
 
 

@@ -11,7 +11,13 @@ JSON: Final = "application/json"
 TOML: Final = "application/toml"
 _OF_DRIVE: Final = "drives/[^/]+/(captures|recordings|experiments|flashes|parameters/(rollback|resume))"
 _JOB: Final = re.compile(f"POST /api/({_OF_DRIVE}|recordings/[^/]+/diagnosis)")
+_PLAN: Final = re.compile("POST /api/drives/[^/]+/parameters/plan")
 _SET: Final = re.compile("POST /api/drives/[^/]+/(parameters/plan|flashes)")
+
+
+def changes_nothing(method: str, path: str) -> bool:
+    """Whether a request reads, though it may bring what is asked about."""
+    return method in READS or _PLAN.fullmatch(f"{method} {path}") is not None
 
 
 def begins_job(method: str, path: str) -> bool:

@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from bench.api.exchange.kinds import READS, is_upload
+from bench.api.exchange.kinds import changes_nothing, is_upload
 from bench.store.write_log import SHORT, Entry, WriteLog, short
 
 _LONGEST: Final = 1 << 16  # bytes of an answer that is looked into
@@ -21,7 +21,7 @@ class Record:
         self._app, self._log = app, log
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["method"] in READS:
+        if changes_nothing(scope["method"], scope["path"]):
             await self._app(scope, receive, send)
             return
         status: int = 500

@@ -7,15 +7,15 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.actions.flashes import Status, changes_of
+from bench.actions.flashes import Status
 from bench.expected import CLOSED, Else
-from bench.parameters.journal import Begun, Past, Step
+from bench.parameters.journal import Begun, Past
 from bench.parameters.parameter_set import LONGEST_NAME
 from bench.parameters.plan import Plan
+from bench.parameters.told import as_begun, as_past, changes_of
 from drivers.wire.dictionary import signal_named
 
 _TIME = "2026-01-31T12:00:00Z"
-_ENDS: Final = {Step.DONE: "flashed", Step.ROLLED_BACK: "rolled back"}
 _BITS: Final = r"^[0-9a-f]*$"
 SET: Final[Mapping[str, Any]] = {"name": "slower", "version": 2, "entries": {"bandwidth": {"value": 900.0}}}
 """As one would flash."""
@@ -120,7 +120,7 @@ class PastFlashModel(CutFlashModel):
     ended: datetime = Field(description="when it ended", examples=[_TIME])
     state: Literal["flashed", "rolled back"] = Field(description="how it ended")
     said: str = Field(
-        description="the same in a sentence", examples=["1 values changed, stored, and read back after a reset"]
+        description="the same in a sentence", examples=["1 value changed, stored, and read back after a reset"]
     )
 
 
@@ -189,20 +189,18 @@ def flash_model(one: Status) -> FlashModel:
         id=one.id, drive=one.drive, kind=one.kind.value, state=one.state.value, name=begun.name, version=begun.version,
         whom=one.whom, override=begun.override, asked=one.asked, ended=one.ended, phase=one.phase,
         progress=one.progress, steps=[StepModel(at=step.at, said=step.said) for step in one.steps], said=one.said,
-        changed=_changed(begun),
+        changed=cut_model(begun).changed,
     )
 
 
 def cut_model(begun: Begun) -> CutFlashModel:
     """A flash that was cut as REST shows it."""
-    return CutFlashModel.model_validate(_told(begun))
+    return CutFlashModel.model_validate(as_begun(begun))
 
 
 def past_model(one: Past) -> PastFlashModel:
     """A flash that has ended as REST shows it."""
-    return PastFlashModel.model_validate(
-        {**_told(one.begun), "ended": one.at, "state": _ENDS[one.step], "said": one.said}
-    )
+    return PastFlashModel.model_validate(as_past(one))
 
 
 def written(one: Status) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -213,15 +211,3 @@ def written(one: Status) -> tuple[dict[str, Any], dict[str, Any]]:
         before[table or name], after[table or name] = ("as it was", "new entries") if table else (old, new)
     said = {"set": f"{one.begun.name}, version {one.begun.version}", "override": one.begun.override}
     return before, after | {key: text for key, text in said.items() if text}
-
-
-def _told(begun: Begun) -> dict[str, Any]:
-    names = ("drive", "name", "version", "whom", "since", "override")
-    return {**{name: getattr(begun, name) for name in names}, "changed": _changed(begun)}
-
-
-def _changed(begun: Begun) -> list[FlashedValueModel]:
-    return [
-        FlashedValueModel(name=name, unit=signal_named(name).unit, before=old, after=new)
-        for name, (old, new) in changes_of(begun).items()
-    ]

@@ -1,40 +1,35 @@
-"""`pmsm-bench params`: sets as files, and flashed into drives by their bus."""
+"""`pmsm-bench params`: sets as files, and flashed into drives, by their bus or by the running service."""
 
-import getpass
 import json
+import os
 import sys
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from rich.table import Table
 
 from bench.cli.exit_codes import DOES_NOT, HOLDS
+from bench.cli.flashing import drive_at, is_url
 from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, write_whole
 from bench.cli.terminal import Terminal
 from bench.errors import ConfigError, ConflictError
-from bench.files import journals_folder, read_bytes
-from bench.parameters import flash, journal
-from bench.parameters.flash import Around, End, Verdict, parameters
+from bench.files import read_bytes
+from bench.parameters.flash import End, Verdict
 from bench.parameters.formats.a2l import as_a2l
 from bench.parameters.formats.c_header import as_c_header
 from bench.parameters.formats.dcf import as_dcf, from_dcf
-from bench.parameters.link import OwnLink
-from bench.parameters.parameter_set import ParameterSet, as_document, as_toml, problem_of, read, set_of
+from bench.parameters.parameter_set import LONGEST_NAME, ParameterSet, as_document, as_toml, read
 from bench.parameters.plan import Plan, different
-from drivers.drive import Drive
 from drivers.wire.dictionary import Signal, WireType, signal_named
 
-_SCHEMES: Final = ("canopen:", "modbus+tcp:", "modbus+rtu:", "uart:")
 _SHOWN: Final = 12  # entries of tables that are shown
 
 
-def pulled(url: str, out: Path, name: str) -> None:
+def pulled(drive: str, service: str | None, out: Path, name: str) -> None:
     """Write a drive's parameters as a set."""
-    with _linked(url) as link:
-        drive = link()
-        whose = {"layout_id": drive.identity.layout_id, "serial": drive.identity.serial}
-        _write(out, as_toml(set_of(parameters(drive), name, "", **whose)))
+    with drive_at(drive, service) as one:
+        _write(out, as_toml(one.present(name)))
 
 
 def shown(path: Path, *, as_json: bool) -> None:
@@ -61,12 +56,12 @@ def shown(path: Path, *, as_json: bool) -> None:
             terminal.print(f"table {name}: 64 entries")
 
 
-def differences(path: Path, other: str) -> int:
+def differences(path: Path, other: str, service: str | None, *, of_drive: bool = False) -> int:
     """Print where a set differs from another, or from a drive."""
     given = _read(path)
-    if other.startswith(_SCHEMES):
-        with _linked(other) as link:
-            found = parameters(link())
+    if of_drive or is_url(other) or not _is_file(other):
+        with drive_at(other, service) as one:
+            found = one.present(other[:LONGEST_NAME]).values
     else:
         found = _read(Path(other)).values
     names = different(given.values, found)
@@ -79,11 +74,11 @@ def differences(path: Path, other: str) -> int:
     return DOES_NOT if names else HOLDS
 
 
-def planned(path: Path, url: str, *, as_json: bool) -> int:
+def planned(path: Path, drive: str, service: str | None, *, as_json: bool) -> int:
     """Print what a set would change."""
     given = _read(path)
-    with _linked(url) as link:
-        to_do = flash.planned(link, given, _around(url))
+    with drive_at(drive, service) as one:
+        to_do = one.plan(given)
     if as_json:
         print(json.dumps(_as_json(to_do), indent=2))
     else:
@@ -91,47 +86,45 @@ def planned(path: Path, url: str, *, as_json: bool) -> int:
     return DOES_NOT if to_do.problems or to_do.doubts else HOLDS
 
 
-def flashed(path: Path, url: str, override: str, *, ask: bool) -> int:
-    """Flash a set."""
-    return _flash(_read(path), url, override, ask=ask)
+def flashed(path: Path | None, drive: str, service: str | None, override: str = "", *, ask: bool) -> int:
+    """Flash a set; none: what was before the latest flash."""
+    given = None if path is None else _read(path)
+    with drive_at(drive, service) as one:
+        show = _show
+        if ask:
+            to_do = one.plan(given)
+            _show(to_do)
+            if not to_do.problems and (override or not to_do.doubts):
+                _ask()
+            show = _nothing
+        done = one.flash(given, override, show)
+    return _told(done, End.FLASHED)
 
 
-def rolled_back(url: str, *, ask: bool) -> int:
-    """Flash what was before the latest flash."""
-    with _linked(url) as link:
-        lines = journal.history(journals_folder(), link().identity)
-    images = [line for line in lines if line["step"] == journal.Step.BEGUN]
-    if not images:
-        raise ConflictError("nothing was flashed into this drive from here: there is nothing to go back to")
-    last = images[-1]
-    values = {name: value for name, value in last["image"].items() if not problem_of(name, value)}
-    return _flash(set_of(values, f"before {last['name']}"[:60], f"of {last['since'][:19]}Z"), url, "", ask=ask)
-
-
-def resumed(url: str, *, finish: bool) -> int:
+def resumed(drive: str, service: str | None, *, finish: bool) -> int:
     """Finish a flash, or roll it back."""
-    with _linked(url) as link:
-        done = flash.resume(link, _around(url), finish=finish)
+    with drive_at(drive, service) as one:
+        done = one.resume(finish=finish)
     return _told(done, End.FLASHED if finish else End.ROLLED_BACK)
 
 
-def past(url: str, *, as_json: bool) -> None:
+def past(drive: str, service: str | None, *, as_json: bool) -> None:
     """Print what was flashed."""
-    with _linked(url) as link:
-        drive = link()
-        lines, left = journal.history(journals_folder(), drive.identity), _cut(drive)
+    with drive_at(drive, service) as one:
+        ended, left = one.history()
     if as_json:
-        print(json.dumps({"flashes": lines, "cut": left}, indent=2))
+        print(json.dumps({"flashes": ended, "cut": left}, indent=2))
         return
-    for line in lines:
-        if line["step"] == journal.Step.BEGUN:
-            print(f"{line['since'][:19]}Z  {line['name']!r}, version {line['version']}, by {line['whom']}", end="")
-        elif "said" in line:
-            print(f": {line['step']}: {line['said']}")
-    if not lines:
+    for each in ended:
+        print(f"{_begun(each)}, by {each['whom']}: {each['state']}: {each['said']}")
+    if not ended:
         print("nothing was flashed into this drive from here")
     if left:
-        print(f"{left['since'][:19]}Z  {left['name']!r} was cut: `pmsm-bench params resume {url} --finish|--roll-back`")
+        print(f"{_begun(left)} was cut: `pmsm-bench params resume {drive} --finish|--roll-back`")
+
+
+def _begun(told: Mapping[str, Any]) -> str:
+    return f"{told['since'][:19]}Z  {told['name']!r}, version {told['version']}"
 
 
 def exported(path: Path, form: str, kind: str, out: Path) -> None:
@@ -153,20 +146,6 @@ def imported(path: Path, out: Path, name: str) -> None:
     except OSError as error:
         raise _unreadable(path, error) from None
     _write(out, as_toml(from_dcf(text, name, str(path))))
-
-
-def _flash(given: ParameterSet, url: str, override: str, *, ask: bool) -> int:
-    with _linked(url) as link:
-        around = _around(url, override)
-        if ask:
-            to_do = flash.planned(link, given, around)
-            _show(to_do)
-            if not to_do.problems and (override or not to_do.doubts):
-                _ask()
-        else:
-            around = replace(around, planned=_show)
-        done = flash.flash(link, given, around)
-    return _told(done, End.FLASHED)
 
 
 def _ask() -> None:
@@ -211,20 +190,13 @@ def _as_json(to_do: Plan) -> dict[str, Any]:
     return {"changes": changes, "same": to_do.same, **told}
 
 
-def _cut(drive: Drive) -> dict[str, Any] | None:
-    left = flash.cut(drive.identity, journals_folder())
-    return None if left is None else {"name": left.name, "version": left.version, "since": left.since}
+def _nothing(_: Plan) -> None:
+    """It has been shown."""
 
 
-def _around(url: str, override: str = "") -> Around:
-    return Around(journals_folder(), url, getpass.getuser(), override, tell=lambda said: print(said, file=sys.stderr))
-
-
-def _linked(url: str) -> OwnLink:
-    try:
-        return OwnLink(url)
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
+def _is_file(named: str) -> bool:
+    """A set's file: one that is there, or is called so."""
+    return named.endswith(".toml") or os.sep in named or Path(named).exists()
 
 
 def _read(path: Path) -> ParameterSet:

@@ -99,7 +99,7 @@ def test_it_is_done_while_the_drive_streams_whose_gap_is_counted(link: str, tmp_
     with over(LINKS[link](), tmp_path) as bench, bench.serving() as service:
         done = ended(service, service.flashes.ask("x", SLOWER, "somebody"))
         assert (done.state, done.progress) == (State.FLASHED, 1.0), done.said
-        assert [step.said for step in done.steps] == ["writing 1 values", "storing", "resetting", "reading back"]
+        assert [step.said for step in done.steps] == ["writing 1 value", "storing", "resetting", "reading back"]
         until(lambda: service.link("x").reconnects == 1, "the stream to come back")
         rows = service.link("x").rows
         until(lambda: service.link("x").rows > rows + 100, "rows")

@@ -1,15 +1,17 @@
-"""`pmsm-bench params`: a firmware engineer's way, from a drive's values to others and back, by its bus."""
+"""`pmsm-bench params`: a firmware engineer's way, from a drive's values to others and back, by bus and by service."""
 
+import contextlib
 import json
 import re
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 
-from tests.conftest import COMMAND
-from tests.support.served_drive import emulator, ready
+from tests.conftest import COMMAND, command, free_port, wait_for_answer
+from tests.support.served_drive import emulator, ready, until
 from tests.support.transports import modbus_tcp_url
 
 pytestmark = pytest.mark.live
@@ -26,11 +28,34 @@ def params(*arguments: str | Path, code: int = 0) -> str:
 
 
 @pytest.fixture
-def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+def url(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     with emulator("--at", url := modbus_tcp_url(), "--memory", str(tmp_path / "memory"), control="lease") as process:
         ready(process)
         yield url
+
+
+@contextlib.contextmanager
+def serving(url: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[str]:
+    """The name of a drive at the usual service."""
+    port, config = free_port(), folder / "bench.toml"
+    config.write_text(f'[drives.spindle]\nurl = "{url}"\n[drives.spindle.limits]\ni_max = 6.0\n', encoding="utf-8")
+    monkeypatch.setenv("PMSM_BENCH_PORT", str(port))
+    with command("serve", "--config", str(config)) as service:
+        place = f"http://127.0.0.1:{port}/api/drives/spindle"
+        wait_for_answer(place, service)
+        until(lambda: httpx.get(place).json()["link"]["state"] == "streaming", "the link")
+        yield "spindle"
+
+
+@pytest.fixture(params=["by its bus", "by service"])
+def drive(request: pytest.FixtureRequest, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """As it is named at the command line."""
+    if request.param == "by its bus":
+        yield url
+        return
+    with serving(url, tmp_path, monkeypatch) as name:
+        yield name
 
 
 def test_from_the_drives_values_to_others_and_back(drive: str, tmp_path: Path) -> None:
@@ -45,7 +70,7 @@ def test_from_the_drives_values_to_others_and_back(drive: str, tmp_path: Path) -
         ("bandwidth", 1250.0, 900.0, "00006144")
     ]
     assert params("flash", new, drive, code=2).endswith("expected --yes, as nobody can be asked here\n")
-    assert "flashed: 1 values changed, stored, and read back after a reset" in params("flash", new, drive, "--yes")
+    assert "flashed: 1 value changed, stored, and read back after a reset" in params("flash", new, drive, "--yes")
     assert params("verify", new, drive).startswith("all 3")
     assert params("verify", old, drive, code=1) == "bandwidth: 1250 here, 900 there (rad/s)\n"
     assert "flashed" in params("rollback", drive, "--yes")
@@ -53,6 +78,21 @@ def test_from_the_drives_values_to_others_and_back(drive: str, tmp_path: Path) -
     lines = params("history", drive).splitlines()
     assert [line.split("'")[1] for line in lines] == ["slower", "before slower"]
     assert params("resume", drive, "--finish", code=2) == "pmsm-bench: no flash of this drive was cut\n"
+
+
+def test_limits_of_the_service_are_told_as_what_a_set_has_wrong(
+    url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = tmp_path / "set.toml"
+    given.write_text('name = "a"\n[parameters]\ncurrent_limit = 7.0\n', encoding="utf-8")
+    with serving(url, tmp_path, monkeypatch) as name:
+        assert "forbidden: current_limit: currents go up to 6 A" in params("plan", given, name, code=1)
+        assert "current_limit: currents go up to 6 A" in params("flash", given, name, "--yes", code=2)
+        assert "no drive 'other'" in params("pull", "other", code=2)
+        assert "expected a drive's name with --service" in params("pull", url, "--service", "http://x", code=2)
+        assert "flashed: 1 value changed" in params("flash", given, url, "--yes")  # whose limits nobody told
+        assert [one["drive"] for one in json.loads(params("history", name, "--json"))["flashes"]] == [url]
+    assert "no bench service answers at" in params("pull", name, code=2)
 
 
 def test_what_is_stored_outlives_the_drives_power(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,9 +107,9 @@ def test_what_is_stored_outlives_the_drives_power(tmp_path: Path, monkeypatch: p
             assert params("verify", given, url) == "all 1 values are the same\n"
 
 
-def test_a_set_goes_to_other_tools_and_comes_from_one(drive: str, tmp_path: Path) -> None:
+def test_a_set_goes_to_other_tools_and_comes_from_one(url: str, tmp_path: Path) -> None:
     old, dcf, back = tmp_path / "old.toml", tmp_path / "drive.dcf", tmp_path / "back.toml"
-    params("pull", drive, "--out", old, "--name", "servo")
+    params("pull", url, "--out", old, "--name", "servo")
     assert "#define BANDWIDTH 1250.0f" in params("export", old, "--form", "c")
     assert "/begin CHARACTERISTIC bandwidth" in params("export", old, "--form", "a2l")
     assert json.loads(params("export", old, "--form", "json"))["entries"]["n_p"]["value"] == 4.0

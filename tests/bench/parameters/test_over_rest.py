@@ -122,9 +122,9 @@ def test_it_is_flashed_and_rolled_back_and_both_are_remembered(client: httpx.Cli
     busy = client.get(f"{DRIVE}").json()
     assert busy["control"]["in_flash"] or client.get(f"{DRIVE}/flashes/latest").json()["state"] == "flashed"
     done = ended(client, begun[0])
-    assert (done["state"], done["said"]) == ("flashed", "1 values changed, stored, and read back after a reset")
+    assert (done["state"], done["said"]) == ("flashed", "1 value changed, stored, and read back after a reset")
     assert (done["progress"], done["phase"], done["whom"]) == (1.0, "", "127.0.0.1")
-    assert [step["said"] for step in done["steps"]] == ["writing 1 values", "storing", "resetting", "reading back"]
+    assert [step["said"] for step in done["steps"]] == ["writing 1 value", "storing", "resetting", "reading back"]
     assert done["changed"] == [{"name": "bandwidth", "unit": "rad/s", "before": 1250.0, "after": 900.0}]
     assert client.get(f"{DRIVE}/flashes/{done['id']}").json() == done
     until(lambda: client.get(DRIVE).json()["link"]["state"] == "streaming", "the stream to come back")
