@@ -25,7 +25,7 @@ from estimator.physics.saturation import curve_of, flux_of
 
 BY_TIMES, BY_TABLE = 1.0, 2.0  # inverter_correction
 TURN: Final = math.tau
-_RIPPLE: Final = 0.025  # of the rated current: what a period's ripple and a delay make of a crossing's width
+_RIPPLE: Final = 0.02  # of the rated current: what a period's ripple and a delay make of a crossing's width
 _SOFT: Final = 0.2  # of all that is lost, from which the softness of drops is worth a table
 _KNEES: Final = 8.0  # to the end of such a table: 99 % of a drop
 _LEAST_SPAN: Final = 0.1  # of the largest current: the least range of a table along either axis
@@ -173,12 +173,11 @@ def encoder(recorded: Recorded) -> Compensation:
     had = _table(recorded.drive, "angle_table") if recorded.was("angle_correction") else np.zeros(TABLE_SIZE)
     reading = np.arange(TABLE_SIZE) * TURN / TABLE_SIZE
     way = -1.0 if recorded.was("angle_reversed") else 1.0
-    constant = recorded.found.get("angle_offset", {}).get("offset", Size(0.0)).value
-    taken = way * (reading - had) + (recorded.was("angle_offset") - constant) / n_p - begun * TURN / n_p
+    taken = way * (reading - had) + recorded.was("angle_offset") / n_p - begun * TURN / n_p
     off = np.zeros(TABLE_SIZE)  # rad, electrical
     for _ in range(20):
-        true = taken - off / n_p
-        off = once * np.sin(true + once_phase) + twice * np.sin(2.0 * true + twice_phase)
+        free = taken - off / n_p  # of this effect; an offset beside it is in its phases
+        off = once * np.sin(free + once_phase) + twice * np.sin(2.0 * free + twice_phase)
     return Compensation((name,), {"angle_correction": Size(1.0), **_entries("angle_table", had + way * off / n_p)})
 
 

@@ -39,12 +39,14 @@ NOMINAL = Nominal(
 )  # fmt: skip
 
 
-def drive_with(effects: Mapping[str, Any], settings: Mapping[str, float] | None = None) -> VirtualDrive:
+def drive_with(
+    effects: Mapping[str, Any], settings: Mapping[str, float] | None = None, **connected: Any
+) -> VirtualDrive:
     """Of several speeds and currents, under way."""
     bridge = "switched" if "inverter" in effects else "averaged"
     drive = VirtualDrive(replace(
         PAPER, effects=NONE._replace(**effects), settings=dict(settings or {}),
-        drive=replace(PAPER.drive, encoder_counts=COUNTS, bridge=bridge),
+        drive=replace(PAPER.drive, encoder_counts=COUNTS, bridge=bridge, **connected),
         run=replace(PAPER.run, speed_rpm=900.0, swing_rpm=500.0),
         excitation=replace(PAPER.excitation, i_d_ref=-1.0, i_q_ref=1.0, i_d_step=2.5, i_q_step=3.5),
     ))  # fmt: skip
@@ -82,8 +84,9 @@ class Loop:
 
 
 def closed(drive: VirtualDrive, folder: Path) -> Loop:
-    image = drive.values([signal.name for signal in FLASHED])
-    reading = read_angle(drive.scenario.effects.angle_sensing, drive.plant.theta_m)
+    image, connected = drive.values([signal.name for signal in FLASHED]), drive.scenario.drive
+    read = read_angle(drive.scenario.effects.angle_sensing, drive.plant.theta_m)
+    reading = (-read if connected.encoder_reversed else read) + connected.encoder_offset
     columns = drive.record(PERIODS)
     before = diagnosed(columns, folder)
     turn = electrical_turn(reading, float(columns["theta_e"][0]), image)
@@ -117,13 +120,41 @@ def test_an_offset_of_the_angle_is_gone(tmp_path: Path) -> None:
     assert loop.free_run() < 0.02
 
 
-def test_an_eccentric_encoder_is_far_less_eccentric(tmp_path: Path) -> None:
+@pytest.mark.parametrize("connected", [
+    {}, {"encoder_reversed": True, "encoder_offset": 0.7},
+], ids=["as it counts", "reversed and mounted askew"])
+def test_an_eccentric_encoder_is_far_less_eccentric(connected: dict[str, Any], tmp_path: Path) -> None:
     sensing = AngleSensing(once=0.01, once_phase=0.4, twice=0.004, twice_phase=1.0)
-    loop = closed(drive_with({"angle_sensing": sensing}), tmp_path)
+    settings = {"angle_reversed": 1.0, "angle_offset": 0.7 * M.n_p} if connected else {}
+    loop = closed(drive_with({"angle_sensing": sensing}, settings, **connected), tmp_path)
     for name in ("once", "twice"):
         before, after = loop.size(name)
         assert after < 0.02 * before
     assert loop.free_run() < 0.05
+
+
+def test_what_a_drive_made_up_for_wrongly_is_put_right(tmp_path: Path) -> None:
+    """Of the offsets a common part, which no current shows, comes to light with the gains."""
+    wrong = {
+        "phases_swapped": 1.0, "i_b_gain": 1.03, "i_c_offset": 0.15, "angle_offset": 0.1,
+    }
+    loop = closed(drive_with({}, wrong, phases_crossed=True), tmp_path)
+    assert len(loop.before["findings"]) == 3
+    assert {finding["effect"] for finding in loop.after["findings"]} <= {"current_sensor_offset"}
+    for name in ("offset_a", "offset_b", "offset_c"):
+        assert abs(loop.size(name)[1]) < 3e-3
+    assert loop.free_run() < 0.01
+
+
+def test_three_errors_of_sensors_at_once_are_gone_at_the_second_time(tmp_path: Path) -> None:
+    drive = drive_with({
+        "current_sensing": CurrentSensing(gain_a=1.03, offset_b=0.1),
+        "angle_sensing": AngleSensing(offset=0.02, once=0.01, once_phase=0.4),
+    })
+    first = closed(drive, tmp_path)
+    assert len(first.before["findings"]) == 4
+    assert first.free_run() < 0.01
+    assert closed(drive, tmp_path).after["verdict"] == "no_mismatch"
 
 
 @pytest.mark.parametrize("inverter", [
