@@ -23,8 +23,10 @@ from emulator.drive.virtual_drive import Column, VirtualDrive
 from emulator.plant.physics.legs import Inverter
 from emulator.plant.physics.saturation import Saturation
 from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, read_angle
-from emulator.scenario.effects import NONE
-from emulator.scenario.scenarios import PAPER
+from emulator.scenario.effects import NONE, MapFile
+from emulator.scenario.motors import MOTORS
+from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario, drive_for
+from tests.peers.saturated import tabled
 
 pytestmark = pytest.mark.thorough
 
@@ -54,9 +56,9 @@ def drive_with(
     return drive
 
 
-def diagnosed(columns: Mapping[str, Column], folder: Path) -> dict[str, Any]:
+def diagnosed(columns: Mapping[str, Column], folder: Path, nominal: Nominal = NOMINAL) -> dict[str, Any]:
     pq.write_table(pa.table(dict(columns)), file := folder / "run.parquet")
-    content = as_json(diagnose_recording(Request(file, NOMINAL)))
+    content = as_json(diagnose_recording(Request(file, nominal)))
     assert content["fit"] is not None
     return content
 
@@ -172,24 +174,48 @@ def test_an_inverters_lost_voltage_is_far_less(inverter: Inverter, tmp_path: Pat
 
 def test_saturation_stays_the_machines_and_is_off_the_control(tmp_path: Path) -> None:
     """A drive that knows of it decouples its axes by true flux linkages: less is left to the integral."""
-    drive = drive_with({"saturation": Saturation(0.0, 0.25, 0.0)})
-    before = left_to_the_integral(drive)
+    drive, held = drive_with({"saturation": Saturation(0.0, 0.25, 0.0)}), complex(-1.0, 4.0)
+    before = left_to_the_integral(drive, held)
     loop = closed(drive, tmp_path)
     assert loop.size("L_q_drop") == pytest.approx((0.25, 0.25), abs=0.01)
     assert loop.given.values["saturation_correction"] == 1.0
-    assert left_to_the_integral(drive) < 0.15 * before
+    assert left_to_the_integral(drive, held) < 0.15 * before
 
 
-def left_to_the_integral(drive: VirtualDrive) -> float:
-    """Voltage (V) beyond R_s i that the current control's integral makes up for, at steady currents."""
+@pytest.mark.slow
+def test_a_measured_flux_map_is_in_the_tables_where_the_recording_has_been(tmp_path: Path) -> None:
+    i, psi = tabled()
+    np.savez(tmp_path / "map.npz", i_s_dq=i, psi_s_dq=psi)
+    motor, u_dc = MOTORS["baldor_ecs101m"].machine, MOTORS["baldor_ecs101m"].u_dc
+    drive = VirtualDrive(Scenario(
+        "map.toml", motor, drive_for(motor, u_dc), Run(speed_rpm=300.0, rise_rpm=300.0, ramp_time=2.0),
+        Excitation(-4.0, 0.0, 6.0, 8.0, 0.02, kind="staircase", i_d_levels=7, level_time=0.1),
+        NONE._replace(flux_map=MapFile(str(tmp_path / "map.npz"))),
+    ))  # fmt: skip
+    sheet = Nominal(
+        {"R_s": 0.6, "L_d": 20e-3, "L_q": 90e-3, "psi_f": 0.45}, n_p=motor.n_p, i_rated=motor.i_rated, T_s=1e-4,
+        u_dc=u_dc,
+    )
+    image = drive.values([signal.name for signal in FLASHED])
+    said = diagnosed(drive.record(25_000), tmp_path, sheet)
+    assert said["flux_map"] is not None
+    held = complex(-4.0, 5.0)
+    before = left_to_the_integral(drive, held, motor.R_s)
+    for name, value in set_from_diagnosis(said, image).set.values.items():
+        drive.write(name, value)
+    assert left_to_the_integral(drive, held, motor.R_s) < 0.07 * before
+
+
+def left_to_the_integral(drive: VirtualDrive, i: complex, R_s: float = M.R_s) -> float:
+    """Voltage (V) beyond R_s i that the current control's integral makes up for, at a steady current (A)."""
     moving = drive.values(["i_d_ref", "i_q_ref", "i_d_step", "i_q_step"])
-    for name, value in {"i_d_step": 0.0, "i_q_step": 0.0, "i_d_ref": -1.0, "i_q_ref": 4.0}.items():
+    for name, value in {"i_d_step": 0.0, "i_q_step": 0.0, "i_d_ref": i.real, "i_q_ref": i.imag}.items():
         drive.write(name, value)
     drive.record(SETTLING)
     left = list[complex]()
     for _ in range(100):
         drive.record(100)
-        left.append(drive._state.firmware.integral - M.R_s * complex(-1.0, 4.0))
+        left.append(drive._state.firmware.integral - R_s * i)
     for name, value in moving.items():
         drive.write(name, value)
     drive.record(SETTLING)
