@@ -178,10 +178,13 @@ def from_estimates(
     estimates: Annotated[
         Path, Argument(metavar="FILE.json", help="as `replay --json`, `estimates --json` and the service give them")
     ],
+    drive: Annotated[
+        str | None, Option(metavar="URL", help="the drive, for its temperatures now where the file does not tell")
+    ] = None,
     out: Out = Path("-"),
     name: Name = "",
     version: Version = 1,
-    temp_winding: Annotated[float | None, Option(metavar="DEGC", help="where the file does not tell")] = None,
+    temp_winding: Annotated[float | None, Option(metavar="DEGC", help="where neither tells")] = None,
     temp_magnet: Annotated[float | None, Option(metavar="DEGC", help="likewise")] = None,
     magnets: Annotated[
         float | None, Option(metavar="1/K", help="change of the magnets' flux (default: -0.0011, typical of NdFeB)")
@@ -195,7 +198,7 @@ def from_estimates(
 
     given = {"temp_winding": temp_winding, "temp_magnet": temp_magnet}
     temperatures = {key: value for key, value in given.items() if value is not None}
-    raise typer.Exit(estimated(estimates, out, name, version, temperatures, magnets))
+    raise typer.Exit(estimated(estimates, drive, out, name, version, temperatures, magnets))
 
 
 @params.command()

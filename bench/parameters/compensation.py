@@ -11,7 +11,7 @@ are told by `estimator.physics`, signals by `drivers.wire.dictionary`. Knows not
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, cast
 
 import numpy as np
@@ -25,10 +25,11 @@ from estimator.physics.saturation import curve_of, flux_of
 
 BY_TIMES, BY_TABLE = 1.0, 2.0  # inverter_correction
 TURN: Final = math.tau
-_RIPPLE: Final = 0.025  # of the rated current: what a period's ripple and a delay make of a crossing's width
+_RIPPLE: Final = 0.02  # of the rated current: what a period's ripple and a delay make of a crossing's width
 _SOFT: Final = 0.2  # of all that is lost, from which the softness of drops is worth a table
 _KNEES: Final = 8.0  # to the end of such a table: 99 % of a drop
 _LEAST_SPAN: Final = 0.1  # of the largest current: the least range of a table along either axis
+_NEAR: Final = 8  # places of a flux map, through which a plane goes on
 _DROPS: Final = ("L_d_drop", "L_q_drop", "cross_drop")
 _RATED: Final = (1e-3, 1e5)  # A, of any motor
 _MOST_DROP: Final = 0.9  # of an inductance
@@ -75,6 +76,7 @@ class Compensation:
     effects: tuple[str, ...]
     values: Mapping[str, Size]  # SI
     note: str = ""
+    doubt: str = ""  # what else it may have been, a clause
 
 
 class UntoldError(Exception):
@@ -173,12 +175,11 @@ def encoder(recorded: Recorded) -> Compensation:
     had = _table(recorded.drive, "angle_table") if recorded.was("angle_correction") else np.zeros(TABLE_SIZE)
     reading = np.arange(TABLE_SIZE) * TURN / TABLE_SIZE
     way = -1.0 if recorded.was("angle_reversed") else 1.0
-    constant = recorded.found.get("angle_offset", {}).get("offset", Size(0.0)).value
-    taken = way * (reading - had) + (recorded.was("angle_offset") - constant) / n_p - begun * TURN / n_p
+    taken = way * (reading - had) + recorded.was("angle_offset") / n_p - begun * TURN / n_p
     off = np.zeros(TABLE_SIZE)  # rad, electrical
     for _ in range(20):
-        true = taken - off / n_p
-        off = once * np.sin(true + once_phase) + twice * np.sin(2.0 * true + twice_phase)
+        free = taken - off / n_p  # of this effect; an offset beside it is in its phases
+        off = once * np.sin(free + once_phase) + twice * np.sin(2.0 * free + twice_phase)
     return Compensation((name,), {"angle_correction": Size(1.0), **_entries("angle_table", had + way * off / n_p)})
 
 
@@ -205,8 +206,9 @@ def angle_latency(recorded: Recorded) -> Compensation:
     if recorded.T_s is None:
         raise UntoldError("the control period is not known")
     age = recorded.was("angle_latency") + late.value * recorded.T_s
-    note = "where it is the drive that reads it late, and not the recording alone"
-    return Compensation((name,), {"angle_latency": Size(age, None)}, note)
+    return Compensation(
+        (name,), {"angle_latency": Size(age)}, doubt="it may be the recording alone that has the angle late"
+    )
 
 
 def saturation(recorded: Recorded) -> Compensation:
@@ -256,28 +258,25 @@ def _saturation_values(low: float, high: float, q_most: float, psi_d: Array, psi
 
 
 def _of_map(recorded: Recorded, there: tuple[str, ...]) -> Compensation:
-    """Of a free flux map, linear between its currents; where none was, with the inductances from the nearest on."""
+    """Of a free flux map, linear between its currents; where it has none, on the plane through the nearest it has."""
     told = recorded.flux_map
     i_d, i_q = (_numbers(items(told, key)) for key in ("i_d", "i_q"))
     psi_d, psi_q = (_rows(items(told, key), len(i_d), len(i_q)) for key in ("psi_d", "psi_q"))
     if min(len(i_d), len(i_q)) < 2 or not (np.diff(i_d) > 0.0).all() or not (np.diff(i_q) > 0.0).all():
         raise UntoldError("the flux map is no table over rising i_d and i_q")
-    known = np.isfinite(psi_d) & np.isfinite(psi_q) & (i_q >= 0.0)
-    L_d, L_q = (recorded.machine.get(name) for name in ("L_d", "L_q"))
-    if not known.any() or L_d is None or L_q is None:
-        raise UntoldError("the flux map holds no flux linkage, or the inductances are not told")
-    i = np.add.outer(i_d, 1j * i_q)
-    low, high, q_most = min(float(i_d[0]), 0.0), max(float(i_d[-1]), 0.0), float(np.max(i_q))
+    known = np.isfinite(psi_d) & np.isfinite(psi_q)
+    if np.count_nonzero(known) < _NEAR or i_q[-1] <= 0.0:
+        raise UntoldError("the flux map holds too few flux linkages")
+    ends = {"i_d": (float(i_d[0]), float(i_d[-1])), "i_q": (float(i_q[0]), float(i_q[-1]))}
+    low, high, q_most, note = _range_of(replace(recorded, currents=ends | dict(recorded.currents)))
     d_at, q_at = np.linspace(low, high, TABLE_SIDE), np.linspace(0.0, q_most, TABLE_SIDE)
     d_out, q_out, far = np.empty(TABLE_SIZE), np.empty(TABLE_SIZE), 0
     for k, at in enumerate(np.add.outer(d_at, 1j * q_at).ravel()):
         d_out[k], q_out[k] = (_between(i_d, i_q, psi, at) for psi in (psi_d, psi_q))
         if not (math.isfinite(d_out[k]) and math.isfinite(q_out[k])):
-            near = np.unravel_index(int(np.argmin(np.where(known, np.abs(i - at), np.inf))), known.shape)
-            by = at - i[near]
-            d_out[k], q_out[k], far = psi_d[near] + L_d * by.real, psi_q[near] + L_q * by.imag, far + 1
-    note = f"map of i_d from {i_d[0]:.3g} to {i_d[-1]:.3g} A, i_q to {q_most:.3g} A"
-    note += f"; {far} of {TABLE_SIZE} entries, where it has none, go on straight from the nearest" if far else ""
+            d_out[k], q_out[k] = (_beside(i_d, i_q, psi, known, at) for psi in (psi_d, psi_q))
+            far += 1
+    note += f"; {far} of {TABLE_SIZE} entries, where the map has none, are by those beside" if far else ""
     return Compensation(there, _saturation_values(low, high, q_most, d_out, q_out), note)
 
 
@@ -296,6 +295,16 @@ def _between(i_d: Array, i_q: Array, psi: Array, at: complex) -> float:
     weights = np.outer((1.0 - x, x), (1.0 - y, y))
     corners = psi[k : k + 2, m : m + 2]
     return float(np.sum(np.where(weights == 0.0, 0.0, weights * corners)))
+
+
+def _beside(i_d: Array, i_q: Array, psi: Array, known: NDArray[np.bool_], at: complex) -> float:
+    """On the plane through the nearest that are known."""
+    cell_d, cell_q = np.ptp(i_d) / (len(i_d) - 1), np.ptp(i_q) / (len(i_q) - 1)
+    x, y = np.meshgrid((i_d - at.real) / cell_d, (i_q - at.imag) / cell_q, indexing="ij")
+    x, y, values = x[known], y[known], psi[known]
+    near = np.argsort(np.hypot(x, y), kind="stable")[:_NEAR]
+    columns = np.column_stack((np.ones(_NEAR), x[near], y[near]))
+    return float(np.linalg.lstsq(columns, values[near], rcond=None)[0][0])
 
 
 def _numbers(row: Sequence[object]) -> Array:

@@ -118,7 +118,7 @@ def _compensated(
     in_doubt = {effect for doubt in parts(content, "ambiguous") for effect in items(doubt, "effects")}
     made, said = compensations(recorded)
     for one in made:
-        doubt = _open(verdict)
+        doubt = _open(verdict) or one.doubt
         if unclear := [effect for effect in one.effects if effect in in_doubt]:
             doubt = f"{' and '.join(unclear)} cannot be told from other causes"
         because = _because(f"{source}: {', '.join(one.effects)}", doubt)

@@ -38,7 +38,7 @@ def set_from_estimates(
         expected = f"expected estimates of {', '.join(PARAMETERS)}, as replay --json and REST tell them"
         raise ConfigError(f"{expected}, got {shown(list(content))}")
     source = _source(content, told)
-    warm = _temperatures(content) | dict(temperatures or {})
+    warm = dict(temperatures or {}) | _temperatures(content)
     making = Making()
     for parameter in PARAMETERS:
         signal, estimate = f"control_{parameter}", part(inner, parameter)

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -18,6 +18,7 @@ from bench.parameters.made import Made
 from bench.parameters.parameter_set import OK, ParameterSet, as_toml, read
 from bench.parameters.tuned import tuned_set
 
+_TEMPERATURES: Final = ("temp_winding", "temp_magnet")
 _NOTHING: Final = "no value is told: there is no set to write"
 
 
@@ -38,6 +39,7 @@ class _Image:
     T_s: float | None = None
     layout_id: int | None = None
     serial: int | None = None
+    temperatures: Mapping[str, float] = field(default_factory=dict[str, float])  # degC, now
 
 
 def diagnosed(
@@ -62,12 +64,17 @@ def diagnosed(
 
 
 def estimated(
-    file: Path, out: Path, name: str, version: int, temperatures: Mapping[str, float], magnets: float | None
+    file: Path, drive: str | None, out: Path, name: str, version: int, temperatures: Mapping[str, float],
+    magnets: float | None,
 ) -> int:
     """Write the set of estimates; the exit code."""
     content = _content(file)
+    was = _of_drive(drive, warm=True) if drive is not None else _Image(None)
     try:
-        made = set_from_estimates(content, name=name, version=version, temperatures=temperatures, magnets=magnets)
+        made = set_from_estimates(
+            content, name=name, version=version, temperatures={**temperatures, **was.temperatures}, magnets=magnets,
+            layout_id=was.layout_id, serial=was.serial,
+        )
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
     return _written(made, out)
@@ -117,7 +124,8 @@ def _content(file: Path) -> Mapping[str, Any]:
     return cast(dict[str, Any], content)
 
 
-def _of_drive(url: str) -> _Image:
+def _of_drive(url: str, *, warm: bool = False) -> _Image:
+    """As it is now; with its temperatures where they are asked for."""
     try:
         link = OwnLink(url)
     except ValueError as error:
@@ -125,7 +133,8 @@ def _of_drive(url: str) -> _Image:
     with link:
         drive = link()
         identity = drive.identity
-        return _Image(parameters(drive), identity.T_s, identity.layout_id, identity.serial)
+        now = {name: drive.read(name) for name in _TEMPERATURES} if warm else {}
+        return _Image(parameters(drive), identity.T_s, identity.layout_id, identity.serial, now)
 
 
 def _of_file(path: Path) -> _Image:

@@ -3,18 +3,28 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pyarrow
+import pyarrow.parquet
 import pytest
 
 from bench.cli.main import main
 from bench.diagnoses.diagnose import Diagnosed, as_json
 from bench.parameters.parameter_set import read
 from drivers.connect import connect
+from emulator.drive.virtual_drive import VirtualDrive
+from emulator.scenario.scenarios import PAPER
 from tests.conftest import COMMAND
 from tests.support.diagnoses import EXPLAINED, NOMINAL, NOTHING_TOLD, RECORDING, UNEXPLAINED
 from tests.support.served_drive import served
 from tests.support.transports import modbus_tcp_url
+
+pa: Any = pyarrow  # comes without types
+pq: Any = pyarrow.parquet
 
 FILES = {"explained": EXPLAINED, "nothing": NOTHING_TOLD, "unexplained": UNEXPLAINED}
 ESTIMATES = {
@@ -36,8 +46,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def params(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
-    """The console script in this process; its exit code."""
-    monkeypatch.setattr(sys, "argv", ["pmsm-bench", "params", *map(str, arguments)])
+    """`pmsm-bench params` in this process; its exit code."""
+    return pmsm_bench(monkeypatch, "params", *arguments)
+
+
+def pmsm_bench(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
+    monkeypatch.setattr(sys, "argv", ["pmsm-bench", *map(str, arguments)])
     with pytest.raises(SystemExit) as ended:
         main()
     return int(ended.value.code or 0)
@@ -85,6 +99,20 @@ def test_estimates_become_a_set(
     there = read(out).entries
     assert there["control_R_s"].at_20_degC == pytest.approx(1.2 / (1 + 0.00393 * 50))
     assert there["control_psi_f"].at_20_degC == pytest.approx(0.12 / 0.92)
+
+
+def test_a_warm_motors_resistance_is_told_at_20_degrees(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = VirtualDrive(replace(PAPER, run=replace(PAPER.run, temperature=80.0)))
+    columns = drive.record(20_000)
+    file, said, out = folder / "run.parquet", folder / "run.json", folder / "set.toml"
+    pq.write_table(pa.table({**columns, "temp_winding": np.full(20_000, drive.read("temp_winding"))}), file)
+    assert pmsm_bench(monkeypatch, "replay", file, "--periods", "10", "--json", said) == 0
+    assert params(monkeypatch, "from-estimates", said, "--out", out) == 0
+    R_s = read(out).entries["control_R_s"]
+    assert R_s.value > 1.15 * PAPER.motor.R_s
+    assert (R_s.status, R_s.at_degC) == ("ok", pytest.approx(80.0, abs=0.01))
+    at_motors = (R_s.at_20_degC or 0.0) * (1.0 + 0.00393 * 3.4)  # the motor's is told at 23.4 degC
+    assert at_motors == pytest.approx(PAPER.motor.R_s, rel=0.01)
 
 
 def test_a_set_is_tuned_and_the_promise_is_printed(
@@ -146,5 +174,9 @@ def test_by_the_drive_and_what_its_history_says_of_a_version(folder: Path) -> No
         )
         told = json.loads(done("plan", folder / "1.toml", bench.url, "--json"))
         assert len(told["remarks"]) == 1
+        done("from-estimates", folder / "estimates.json", "--drive", bench.url, "--out", folder / "e.toml")
+        warm = read(folder / "e.toml")
+        assert (warm.serial, warm.entries["control_R_s"].at_degC) == (serial, 70.0)
+        assert warm.entries["control_psi_f"].at_degC == pytest.approx(23.4, abs=1.0)
         tuned = done("tune", folder / "2.toml", "--drive", bench.url, "--J", "1e-3", "--out", folder / "t.toml")
         assert "speed control: " in tuned
