@@ -44,8 +44,10 @@
  * @typedef {{status: "explained" | "unexplained" | "not_told", since: string | null, until: string | null,
  *   where: string, reason: string, significance: number | null, ratio: number | null, rms_V: number | null,
  *   least_V: number | null}} Mismatch
+ * @typedef {{status: "ok" | "doubtful" | "no_acceleration" | "not_told" | "no_data" | "stale", since: string | null,
+ *   sentence: string, estimates: Record<string, Estimate>, sum: Estimate | null, direction: -1 | 0 | 1}} Mechanics
  * @typedef {{drive: string, method: Method, status: "ok" | "filling" | "doubtful" | "stale" | "no_data",
- *   estimates: Record<string, Estimate>, combinations: Combination[], mismatch: Mismatch, window: Window, samples: number, gaps: number, left_out: number, rows_dropped: number,
+ *   estimates: Record<string, Estimate>, combinations: Combination[], mismatch: Mismatch, mechanics: Mechanics, window: Window, samples: number, gaps: number, left_out: number, rows_dropped: number,
  *   drive_state: {state: string | null, fault: Fault | null}, age_s: number | null, t_drive_s: number | null, condition: number | null, residual_rms_V: number | null}} Estimates
  * @typedef {"now" | "command" | {signal: string, level: number, edge: string}} Trigger
  * @typedef {{signals: string[], length: number, decimation: number, trigger?: Trigger, pre_trigger?: number,

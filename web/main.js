@@ -17,6 +17,7 @@ import { buildPlots, drawPlot, spanFor } from "./panels/plots.js";
 import { RecentRows } from "./panels/recent.js";
 import { buildRecordPanel, lookForRecording, startRecordPanel } from "./panels/record_panel.js";
 import { buildStrips, drawStrips, startStrips } from "./panels/strips.js";
+import { buildShaft, showShaft } from "./panels/shaft.js";
 import { buildTiles, clearTiles, exponentOf, showEstimates } from "./panels/tiles.js";
 import { drawVector, startVector } from "./panels/vector.js";
 import { buildWindowForm, showWindow, startWindowForm } from "./panels/window_form.js";
@@ -60,6 +61,7 @@ function chooseDrive(name) {
   state.histories = new Map(PARAMETERS.map((parameter) => [parameter.name, new History()]));
   state.rows = new RecentRows();
   clearTiles();
+  showShaft(null, true);
   startWindowForm(name);
   startCapturePanel(name);
   startControlBar(name);
@@ -116,6 +118,7 @@ function drawWords() {
   showDrive(snapshot.drive, (Date.now() - received) / 1000, connected);
   parts[state.shown?.room ?? ""]?.show?.(snapshot.drive, connected);
   showEstimates(snapshot.estimates, rate, connected);
+  showShaft(snapshot.estimates.mechanics, connected);
   showWindow(snapshot.estimates.window, snapshot.estimates.estimates, rate);
   showCapture(snapshot.capture, snapshot.drive.identity?.T_s ?? 0, connected);
 }
@@ -156,6 +159,7 @@ function start() {
   buildTiles();
   buildPlots();
   buildStrips();
+  buildShaft();
   buildWindowForm();
   buildCapturePanel();
   buildRecordPanel();

@@ -275,6 +275,32 @@ def replay(
 
 
 @app.command()
+def mechanics(
+    file: Recording,
+    machine: Annotated[
+        Path, Option(metavar="MACHINE.toml", help="psi_f, n_p, and L_d, L_q, encoder_counts where they are known")
+    ],
+    trust: Annotated[
+        list[str] | None, Option(metavar="psi_f=2%,...", help="how far off these may be (default: exact)")
+    ] = None,
+    mapping: Columns = None,
+    constants: Constants = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what a recording's accelerations tell of the shaft: moment of inertia, friction, load torque.
+
+    Voltages are not needed. Exit code: 0, told; 1, the equation of motion does not fit; 2, the file cannot be read; 3,
+    nothing can be told, as of a shaft that does not accelerate.
+    """
+    from bench.cli.commands.mechanics import run
+    from bench.diagnoses.diagnosis_request import trust_of
+    from bench.recordings.column_options import columns_of
+
+    mapped, held, _ = columns_of(mapping, constants, None)
+    raise typer.Exit(run(file, machine, trust_of(trust or ()), mapped, held, as_json=as_json))
+
+
+@app.command()
 def diagnose(
     files: Annotated[list[Path], Argument(metavar="FILE...", help="recordings, or tables of steady points")],
     nominal: Annotated[

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import LimitError, UnavailableError
-from bench.live import method, watch
+from bench.live import mechanics, method, watch
 from bench.live.drive_clock import ticks_between
+from bench.live.mechanics import Shaft, Shafts
 from bench.live.method import Running
 from bench.live.watch import Mismatch, Watch
 from bench.live.window import Window
@@ -62,6 +63,7 @@ class Snapshot:
     window: Window
     result: WindowEstimate
     mismatch: Mismatch = field(default_factory=Mismatch)
+    shaft: Shaft = field(default_factory=Shaft)
     received: float | None = None  # s, monotonic, when the newest row used was made
     t_drive: float | None = None  # s, drive's clock at the end of the newest row used
     rows_dropped: int = 0  # because the worker was behind
@@ -82,6 +84,7 @@ class _Drive:
     snapshot: Snapshot
     machine: Nominal
     watch: Watch = field(default_factory=Watch)
+    shafts: Shafts = field(default_factory=Shafts)
     next_tick: int | None = None
     row: tuple[int, float] | None = None  # periods and T_s of the rows taken in
     received: float | None = None
@@ -189,6 +192,8 @@ class Estimation:
                 drive.estimated_at = now  # be there rows or not: this was its turn
                 if drive.behind and not crowded and now >= drive.watched_at + WATCH:
                     self._guarded(name, self._watch, drive)
+                elif drive.behind and not crowded and now >= drive.shafts.due:
+                    self._guarded(name, self._look_at_shaft, drive)
                 if drive.behind:
                     self._guarded(name, self._estimate, drive)
 
@@ -233,12 +238,13 @@ class Estimation:
         used = np.flatnonzero(np.logical_and.reduce(list(whole.values())))
         if drive.row != row or _too_old(drive, used, samples, block):  # other rows cannot share an estimator
             drive.running = method.start(drive.running.window)
-            drive.watch = watch.anew(drive.watch)
+            drive.watch, drive.shafts = watch.anew(drive.watch), mechanics.anew(drive.shafts)
             drive.row, drive.next_tick = row, None
         joined = drive.next_tick == int(block.tick[0])
         drive.next_tick = None  # should the update fail, the next block begins a new run
         method.take(drive.running, samples, joined=joined)
         watch.take(drive.watch, samples, drive.running.window)
+        mechanics.take(drive.shafts, samples)
         drive.next_tick = block.end
         drive.lacking = tuple(name for name, finite in whole.items() if not finite[-1])
         if len(used):
@@ -250,14 +256,17 @@ class Estimation:
     def _estimate(self, drive: _Drive) -> None:
         drive.behind = False
         drive.snapshot = Snapshot(
-            drive.running.window, method.estimate(drive.running), drive.watch.said, drive.received, drive.t_drive,
-            drive.rows_dropped, drive.lacking,
+            drive.running.window, method.estimate(drive.running), drive.watch.said, drive.shafts.shaft, drive.received,
+            drive.t_drive, drive.rows_dropped, drive.lacking,
         )
 
     def _watch(self, drive: _Drive) -> None:
         drive.watched_at = time.monotonic()
         snapshot = drive.snapshot
         watch.judge(drive.watch, snapshot.window, snapshot.result.estimates, drive.machine.given, datetime.now(UTC))
+
+    def _look_at_shaft(self, drive: _Drive) -> None:
+        mechanics.judge(drive.shafts, drive.snapshot.result.estimates, drive.machine, datetime.now(UTC))
 
 
 def joined(blocks: Sequence[tuple[Block, float]]) -> list[tuple[Block, float]]:

@@ -32,7 +32,8 @@ def trusted(snapshot: Snapshot, link: Link, drive_says: str = "") -> Snapshot:
         return snapshot
     stale = Stale(datetime.now(UTC) - timedelta(seconds=age), _why(snapshot, link, drive_says or _BRIDGE))
     estimates = {name: _aged(e, stale.why) for name, e in snapshot.result.estimates.items()}
-    return replace(snapshot, stale=stale, result=replace(snapshot.result, estimates=estimates))
+    shaft = snapshot.shaft if snapshot.shaft.since else replace(snapshot.shaft, since=stale.since, now=stale.why)
+    return replace(snapshot, stale=stale, shaft=shaft, result=replace(snapshot.result, estimates=estimates))
 
 
 def _aged(e: Estimate, why: str) -> Estimate:

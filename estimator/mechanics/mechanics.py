@@ -58,6 +58,7 @@ class Mechanics:
     sentence: str  # why, where the status is not ok
     estimates: Mapping[str, Estimate]
     sum: Estimate | None = None  # of tau_L and T_C, where the shaft turns in one direction only
+    direction: int = 0  # of the speed there: 1, tau_L + T_C; -1, tau_L - T_C
     stretch: float | None = None  # s, length of a stretch
     stretches: int = 0  # that the estimates rest on
     torque_rms: float | None = None  # Nm, that accelerates the shaft
@@ -191,8 +192,9 @@ def _told(fit: Fit, T: float, suspects: Mapping[Suspect, float], left: float, ov
     sentence = "; ".join([*([soft] if soft else []), *doubts.values(), *_unphysical(estimates)])
     status = Told.DOUBTFUL if sentence else Told.OK
     return Mechanics(
-        status, sentence, estimates, told_sum, STEPS * fit.M * T, len(fit.stretches), torque_rms, residual_rms
-    )
+        status, sentence, estimates, told_sum, fit.direction, STEPS * fit.M * T, len(fit.stretches), torque_rms,
+        residual_rms,
+    )  # fmt: skip
 
 
 def _estimates(fit: Fit, soft: str, doubts: Mapping[str, str]) -> tuple[dict[str, Estimate], Estimate | None]:

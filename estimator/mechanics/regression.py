@@ -35,8 +35,9 @@ from estimator.mechanics.suspects import Suspect, columns_of
 J, B, T_C, TAU_L = range(4)
 FEWEST: Final = 40  # stretches
 _SHARE: Final = 0.2  # of the noise's correction, that goes into the standard error
-_ALIGNED: Final = 0.12  # of the residual, that may be of the worst shape
-_HALF: Final = 0.5 / Z_95  # of a count: an angle is off by at most that, and 1.96 standard errors cover it
+_ALIGNED: Final = 0.08  # of the residual, that may be of the worst shape
+_HALF: Final = 0.5 / Z_95  # of the way to the other regression: 1.96 standard errors reach half of it
+_COUNT: Final = 0.27  # standard error of the angle in counts: it is off by at most half a one, which that covers
 _ALIKE: Final = 1e-9  # energy of a combination of columns over theirs, below which they are one
 _OWN: Final = 1e-4  # share of the torque that second-order terms of the turn in a control period leave out
 _SLOW: Final = 0.05  # of the highest speed, below which friction is no sign
@@ -132,7 +133,7 @@ def _fitted(
     worst = n * np.diag(inverse)
     variance = variance + (_ALIGNED**2 * np.mean(residual**2) + _OWN**2 * np.mean(tau**2)) * worst
     for size, of in (
-        (torque.psi_f_std, by_flux), (torque.saliency_std, by_saliency), (_HALF * step, by_angle),
+        (torque.psi_f_std, by_flux), (torque.saliency_std, by_saliency), (_COUNT * step, by_angle),
     ):
         variance = variance + (size * (inverse @ (X @ of))) ** 2
     rest = float(np.sum(without(tau, X[1:]) ** 2))

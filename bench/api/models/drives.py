@@ -14,9 +14,11 @@ from bench.api.models.flashes import CutFlashModel, cut_model
 from bench.expected import CLOSED
 from bench.live.acquisition import Link
 from bench.live.estimation import Snapshot
+from bench.live.mechanics import Shaft
 from bench.live.window import Ekf, Estimated, Forgetting, Held, Length, Longest, Method, Periods, Window
 from bench.service.service import Service
 from estimator.machine import PARAMETERS
+from estimator.mechanics.mechanics import PARAMETERS as SHAFT
 from estimator.online.estimate import Estimate, Status
 from estimator.online.rls import SMALLEST_LAM
 from estimator.online.window_ls import MAX_LENGTH, MAX_M
@@ -185,6 +187,36 @@ class MismatchModel(BaseModel):
     least_V: float | None = Field(description="of that, from which it matters, V", examples=[0.06])
 
 
+class MechanicsModel(BaseModel):
+    """What the drive's last seconds say of its shaft: J domega_m/dt = tau_e - tau_L - B omega_m - T_C sign(omega_m)."""
+
+    status: Literal["ok", "doubtful", "no_acceleration", "not_told", "no_data", "stale"] = Field(
+        description="doubtful: that equation does not fit; no_acceleration: the shaft does not accelerate; not_told: "
+        "it does, by another machine or too little; stale: told before, not now", examples=["ok"],
+    )
+    since: datetime | None = Field(description="stale: since when; null otherwise", examples=[None])
+    sentence: str = Field(description="why, where the status is not ok", examples=[""])
+    estimates: dict[str, EstimateModel] = Field(
+        description="J (kg m2), B (Nm s/rad), T_C (Nm), tau_L (Nm)",
+        json_schema_extra={"propertyNames": {"enum": list(SHAFT)}},
+        examples=[{"J": {"value": 8.001e-4, "std": 1.5e-7, "unit": "kg m2", "status": "ok", "since": None, "reason": "",
+                         "window": None}}],
+    )
+    sum: EstimateModel | None = Field(
+        description="of tau_L and T_C, Nm, where the shaft turns in one direction only, and they cannot be told apart",
+        examples=[None],
+    )
+    direction: Literal[-1, 0, 1] = Field(
+        description="of the speed where that sum is told: 1, tau_L + T_C; -1, tau_L - T_C; 0: both directions",
+        examples=[0],
+    )
+    stretch_s: float | None = Field(description="length of a stretch, over which accelerations are told, s",
+                                    examples=[0.064])
+    stretches: int = Field(description="that it rests on", examples=[184])
+    torque_rms_Nm: float | None = Field(description="of the torque that accelerates the shaft, Nm", examples=[0.271])
+    residual_rms_Nm: float | None = Field(description="of what the equation leaves of it, Nm", examples=[3.7e-4])
+
+
 class Bounds(BaseModel):
     """Least and largest whole number."""
 
@@ -252,6 +284,7 @@ class EstimatesModel(BaseModel):
         description="what cannot be told; no parameter is in two of them", examples=[[]]
     )
     mismatch: MismatchModel
+    mechanics: MechanicsModel
     drive_state: StateModel
     window: WindowModel
     samples: int = Field(description="in the window; rls, ekf: since the method began", examples=[1000])
@@ -371,6 +404,7 @@ def estimates_model(service: Service, name: str) -> EstimatesModel:
         estimates={key: _estimate_model(estimate, snapshot) for key, estimate in result.estimates.items()},
         combinations=[CombinationModel.model_validate(c, from_attributes=True) for c in result.combinations],
         mismatch=MismatchModel.model_validate(snapshot.mismatch, from_attributes=True),
+        mechanics=_mechanics_model(snapshot.shaft),
         drive_state=state_model(service.control(name).state),
         window=window_model(snapshot.window),
         samples=result.samples, gaps=result.gaps, left_out=result.left_out, rows_dropped=snapshot.rows_dropped,
@@ -382,6 +416,24 @@ def estimates_model(service: Service, name: str) -> EstimatesModel:
 def _estimate_model(estimate: Estimate, snapshot: Snapshot) -> EstimateModel:
     stale = snapshot.stale if estimate.status is Status.STALE else None
     return EstimateModel.model_validate({**asdict(estimate), "since": None if stale is None else stale.since})
+
+
+def _mechanics_model(shaft: Shaft) -> MechanicsModel:
+    said, old = shaft.said, shaft.since is not None
+    stale = old and said.estimates["J"].value is not None
+    status: dict[str, object] = {"status": Status.STALE, "reason": shaft.now, "since": shaft.since} if stale else {}
+
+    def shown(e: Estimate) -> EstimateModel:
+        return EstimateModel.model_validate({"since": None, **asdict(e), **({} if e.value is None else status)})
+
+    return MechanicsModel.model_validate({
+        "status": "stale" if stale else said.status, "since": shaft.since if stale else None,
+        "sentence": shaft.now if old else said.sentence,
+        "estimates": {name: shown(e) for name, e in said.estimates.items()},
+        "sum": None if said.sum is None else shown(said.sum), "direction": said.direction,
+        "stretch_s": said.stretch, "stretches": said.stretches,
+        "torque_rms_Nm": said.torque_rms, "residual_rms_Nm": said.residual_rms,
+    })
 
 
 def _status(snapshot: Snapshot) -> Literal["ok", "filling", "doubtful", "stale", "no_data"]:

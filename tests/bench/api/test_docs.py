@@ -138,7 +138,7 @@ OBVIOUS = {  # names of properties that say what they are
 }  # fmt: skip
 UNIT_IN_NAME = re.compile(r"_(s|V|A|hz|rpm)$|bytes|odds|^days$")
 UNIT = re.compile(
-    r"\b(s|V|A|Vs|ohm|H|Hz|rad|rad/s|rad/s2|rpm|degC|SI|shares?|ratio|unit|weight|deviations?)\b|0 to 1"
+    r"\b(s|V|A|Vs|ohm|H|Hz|Nm|rad|rad/s|rad/s2|rpm|degC|SI|shares?|ratio|unit|weight|deviations?)\b|0 to 1"
 )  # or what says that it has none
 
 
