@@ -393,6 +393,36 @@ def experiment(
         directly(drive, diagnosis, ambiguity, out, i_max)
 
 
+@app.command()
+def commission(
+    name: Annotated[str, Drive],
+    first_start: Annotated[
+        bool, Option("--first-start", help="pole pairs, phase order, direction and angle offset first, flashed as well")
+    ] = False,
+    forwards: Annotated[
+        str, Option(metavar="encoder|phases", help="--first-start: whose direction is to be forwards")
+    ] = "encoder",
+    current: Annotated[
+        float | None, Option(metavar="A", help="--first-start: most current (default: half of the rated one)")
+    ] = None,
+    bandwidth: Annotated[
+        float | None, Option(metavar="RAD_PER_S", help="of the current control (default: 0.2 / control period)")
+    ] = None,
+    yes: Annotated[bool, Option("--yes", help="flash without asking")] = False,
+    override: Annotated[str, Option(metavar="REASON", help="why doubts do not forbid a flash")] = "",
+    out: Annotated[Path | None, Option("--report", metavar="FILE.html", help="a page of it")] = None,
+    service: Service = None,
+) -> None:
+    """Find out about a motor, propose parameters, flash them when confirmed, and try the loops. The motor turns.
+
+    Ctrl-C stops the drive.
+    """
+    from bench.cli.commands.commission import commissioned
+
+    first = {"forwards": forwards, "current": current} if first_start else None
+    raise typer.Exit(commissioned(name, service, first, bandwidth, override, out, ask=not yes))
+
+
 @app.command("export-c")
 def export_c(
     out: Annotated[Path, Option(metavar="DIR", help="a new folder")],

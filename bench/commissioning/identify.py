@@ -13,7 +13,7 @@ from bench.actions.safety.under_control import Guard, under_control
 from bench.actions.safety.unfinished import Origin
 from bench.commissioning.excitation import excitation
 from bench.commissioning.loops import Judged, Tried, fastest, judged, tried
-from bench.commissioning.proposal import corrected, from_diagnosis, machine_of, shaft_of, tuned
+from bench.commissioning.proposal import by_torque, corrected, from_diagnosis, machine_of, shaft_of, tuned
 from bench.commissioning.trial import SETTINGS, Tell, Trials
 from bench.errors import LimitError
 from bench.parameters.flash import parameters
@@ -99,8 +99,11 @@ def identify(
         content = around.diagnose(file)
     found = machine_of(content, n_p)
     made = from_diagnosis(content, image, identity, name, version)
-    rows = [corrected(one, image, made.set.values) for one in captures]
-    shaft = shaft_of(rows, *found, theta_step) if found is not None else None
+    shaft = None
+    if found is not None:
+        now = image | made.set.values
+        rows = [by_torque(corrected(one, image, now), now, found[0]) for one in captures]
+        shaft = shaft_of(rows, *found, theta_step)
     made = tuned(made, shaft, image, identity.T_s, bandwidth)
     return Identified(before, files, content, found[0] if found else None, shaft, made)
 

@@ -31,7 +31,9 @@ READ: Final = (
 _REACH: Final = 0.7  # of the voltage, that a trial's speeds may need
 _TRIPS: Final = 1.25  # times the fastest, at which the drive may go off
 _SPEED: Final = 0.35  # of the fastest of those
-_WANDER: Final = 0.3  # of the trial's speed, that it may wander by while i_q steps
+_SHARE: Final = 0.25  # of rated current, that a step goes to either side
+_VOLTAGE: Final = 0.35  # of the inverter's reach, that a step's first period may ask for
+_WANDER: Final = 0.5  # of the trial's speed, that it may wander by while i_q steps
 _LONG: Final = 8.0  # times of a loop's time constant, between steps
 _FIRST_HOLD: Final = 0.25  # s, between steps of speed, while its acceleration is not known
 _HOLDS: Final = (0.02, 2.0)  # s, shortest and longest
@@ -111,9 +113,12 @@ def tried(drive: Drive, trials: Trials, limits: Limits, i_rated: float) -> Tried
     T_s = drive.identity.T_s
     for axis in "dq":
         alpha = gains[f"k_p_{axis}"] / gains[f"control_L_{axis}"] if gains["own_gains"] else gains["bandwidth"]
-        between = _LONG / max(alpha, 1.0)
-        wander = _WANDER * speed_ref
-        step = 0.25 * most if axis == "d" else largest_current_step(K, between, wander, most)
+        between, k_p = _LONG / max(alpha, 1.0), gains[f"k_p_{axis}"]
+        if not gains["own_gains"]:
+            k_p = alpha * gains[f"control_L_{axis}"]
+        step = min(_SHARE * most, _VOLTAGE * drive.read("u_dc") / math.sqrt(3.0) / max(2.0 * k_p, 1e-9))
+        if axis == "q":
+            step = min(step, largest_current_step(K, between, _WANDER * speed_ref))
         i, count = trials.current(CurrentTrial(axis, step, between, speed_ref))
         loops.append(_loop(axis, i, T_s, count, 2.0 * step))
     return Tried(loops, gains, K, got)

@@ -6,6 +6,8 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
 
 from bench.errors import LimitError
 from bench.parameters.from_diagnosis import set_from_diagnosis
@@ -14,10 +16,12 @@ from bench.parameters.parameter_set import OK, Entry
 from bench.parameters.tuning import Tuned, speed_loop
 from drivers.capture import Capture
 from drivers.drive import Identity
+from drivers.wire.dictionary import TABLE_SIDE, TABLE_SIZE
 from estimator.machine import PARAMETERS, Machine
 from estimator.mechanics.mechanics import Mechanics, Told, mechanics
 from estimator.samples import Resolution, Samples
 
+Column = NDArray[np.float64]
 SHARE: Final = 0.2  # of 1/T_s: the current control's bandwidth, where none is asked for
 A: Final = 4.0  # of the symmetrical optimum: a phase margin of 62 deg
 
@@ -49,9 +53,8 @@ def tuned(made: Made, shaft: Mechanics | None, image: Mapping[str, float], T_s: 
     return Made(replace(made.set, entries=entries), tuple(remarks))
 
 
-def corrected(one: Capture, image: Mapping[str, float], values: Mapping[str, float]) -> Capture:
-    """Currents as a drive would have read them by other gains, offsets and angle offset than it had (`image`)."""
-    now = dict(image) | dict(values)
+def corrected(one: Capture, image: Mapping[str, float], now: Mapping[str, float]) -> Capture:
+    """Currents as a drive would have read them by gains, offsets and angle offset of `now`, not those of `image`."""
     theta, i = one.columns["theta_e"], one.columns["i_d"] + 1j * one.columns["i_q"]
     fixed = i * np.exp(1j * theta)
     phases = [np.real(fixed * np.exp(-1j * math.tau * k / 3.0)) for k in range(3)]
@@ -60,6 +63,26 @@ def corrected(one: Capture, image: Mapping[str, float], values: Mapping[str, flo
     theta_now = theta + now["angle_offset"] - image["angle_offset"]
     new = (2.0 * a - b - c + 1j * math.sqrt(3.0) * (b - c)) / 3.0 * np.exp(-1j * theta_now)
     return replace(one, columns=one.columns | {"theta_e": theta_now % math.tau, "i_d": new.real, "i_q": new.imag})
+
+
+def by_torque(one: Capture, values: Mapping[str, float], machine: Machine) -> Capture:
+    """With the i_q that makes the torque of a set's tables of flux linkage in a machine whose inductances are constant.
+
+    psi_d i_q - psi_q i_d = (psi_f + (L_d - L_q) i_d) i_q'
+    """
+    if not values.get("saturation_correction"):
+        return one
+    d = np.linspace(values["table_i_d_min"], values["table_i_d_max"], TABLE_SIDE)
+    q = np.linspace(0.0, values["table_i_q_max"], TABLE_SIDE)
+    i_d, i_q = one.columns["i_d"], one.columns["i_q"]
+
+    def flux(table: str) -> Column:
+        entries = np.array([values[f"{table}_{k}"] for k in range(1, TABLE_SIZE + 1)]).reshape(TABLE_SIDE, TABLE_SIDE)
+        return RegularGridInterpolator((d, q), entries, bounds_error=False, fill_value=None)((i_d, np.abs(i_q)))
+
+    tau = flux("psi_d_table") * i_q - np.sign(i_q) * flux("psi_q_table") * i_d
+    linear = machine.psi_f + (machine.L_d - machine.L_q) * i_d
+    return replace(one, columns=one.columns | {"i_q": tau / linear})
 
 
 def speed_gains(shaft: Mechanics, psi_f: float, image: Mapping[str, float], alpha: float, T_s: float) -> Tuned:

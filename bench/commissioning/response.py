@@ -20,6 +20,7 @@ BAND: Final = 0.05  # of the step, either way: within, it has settled
 _FEWEST: Final = 4  # steps
 _CLEAR: Final = 6.0  # times the noise, that a step has to be
 _MARGIN: Final = 10  # of the time between steps, left out at its end: the next may begin a little earlier
+_SMOOTH: Final = 100  # of the time between steps, a mean over which takes noise away
 _BEFORE: Final = 0.25  # of the time between steps, at its end, that tells the level before
 
 
@@ -82,7 +83,8 @@ def averaged_with(
             way * (column[k - before : k + after] - np.mean(column[k - before : k])) for k, way in steps
         ])  # fmt: skip
 
-    every = means(y) / size
+    width = max(1, hold // _SMOOTH)
+    every = means(np.convolve(y, np.full(width, 1.0 / width), "same")) / size
     error = float(np.std(every[:, :before], ddof=1)) / math.sqrt(len(every))
     if error * _CLEAR > 1.0:
         raise UnclearStepError(f"the steps are {1.0 / error:.2g} times their noise, expected {_CLEAR:g}")
@@ -112,8 +114,8 @@ def _begins(y: Column, T: float, before: int) -> float:
     if not len(above):
         return 0.0
     k = before + int(above[0])
-    if k == 0:
-        return 0.0
+    if k == 0 or y[k - 1] >= BAND:
+        return T * (k - before)
     return T * (k - before - 1 + (BAND - y[k - 1]) / (y[k] - y[k - 1]))
 
 

@@ -35,9 +35,9 @@ _LEVELS: Final = 1.0
 _PRBS: Final = 2.0
 _SOFT: Final = 0.02  # of the speed control's gains, while i_q steps: else it would work against the steps
 _REFERENCE: Final = 1.0
-_HOLDS: Final = 80  # steps of a current's trial
-_SWINGS: Final = 12  # of a speed's
-_SAMPLES: Final = 12_000  # of a speed's trial
+_HOLDS: Final = 48  # steps of a current's trial
+_SWINGS: Final = 24  # of a speed's
+_SAMPLES: Final = 16_000  # of a speed's trial
 _SETTLE: Final = 0.05  # s after set points have changed
 _POLL: Final = 0.02  # s
 _STANDSTILL: Final = 10.0  # s without another sample
@@ -172,10 +172,9 @@ def turned(theta_e: Column, T: float) -> Column:
     return np.asarray((np.diff(theta_e) + math.pi) % math.tau - math.pi) / T
 
 
-def largest_current_step(K: float, hold: float, speed: float, i_max: float) -> float:
-    """A, that i_q steps up and down by: the speed then wanders by about `speed` (rad/s), `K` as of `acceleration`."""
-    wanders = 2.0 * math.sqrt(_HOLDS) * abs(K) * hold
-    return min(0.25 * i_max, speed / wanders) if wanders > 0.0 else 0.25 * i_max
+def largest_current_step(K: float, hold: float, speed: float) -> float:
+    """A, that i_q steps up and down by, and the speed wanders by about `speed` (rad/s); K: acceleration by i_q."""
+    return speed / max(2.0 * math.sqrt(_HOLDS) * abs(K) * hold, 1e-9)
 
 
 def largest_speed_step(k_p_speed: float, i_max: float) -> float:

@@ -2,18 +2,18 @@
 
 import json
 import os
-import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from rich.table import Table
 
 from bench.cli.exit_codes import DOES_NOT, HOLDS
 from bench.cli.flashing import drive_at, is_url
 from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, write_whole
+from bench.cli.plans import ask_to_flash, number_of, show_plan, unit_of
 from bench.cli.terminal import Terminal
-from bench.errors import ConfigError, ConflictError
+from bench.errors import ConfigError
 from bench.files import read_bytes
 from bench.parameters.flash import End, Verdict
 from bench.parameters.formats.a2l import as_a2l
@@ -21,9 +21,7 @@ from bench.parameters.formats.c_header import as_c_header
 from bench.parameters.formats.dcf import as_dcf, from_dcf
 from bench.parameters.parameter_set import LONGEST_NAME, ParameterSet, as_document, as_toml, read
 from bench.parameters.plan import Plan, different
-from drivers.wire.dictionary import Signal, WireType, signal_named
-
-_SHOWN: Final = 12  # entries of tables that are shown
+from drivers.wire.dictionary import Signal, signal_named
 
 
 def pulled(drive: str, service: str | None, out: Path, name: str) -> None:
@@ -48,7 +46,7 @@ def shown(path: Path, *, as_json: bool) -> None:
         ends = "" if entry.low is None and entry.high is None else f"{entry.low} to {entry.high}"
         cold = "" if entry.at_20_degC is None else f"{entry.at_20_degC:.9g} at 20 degC"
         said = "; ".join(filter(None, (entry.source, cold, entry.note)))
-        table.add_row(name, _number(signal, entry.value), _unit(signal), ends, entry.status, said)
+        table.add_row(name, number_of(signal, entry.value), unit_of(signal), ends, entry.status, said)
     terminal = Terminal()
     terminal.print(table)
     for name in dict.fromkeys(signal_named(name).table for name in given.entries):
@@ -67,8 +65,8 @@ def differences(path: Path, other: str, service: str | None, *, of_drive: bool =
     names = different(given.values, found)
     for name in names:
         signal = signal_named(name)
-        there = _number(signal, found[name]) if name in found else "not there"
-        print(f"{name}: {_number(signal, given.values[name])} here, {there} there{_behind(signal)}")
+        there = number_of(signal, found[name]) if name in found else "not there"
+        print(f"{name}: {number_of(signal, given.values[name])} here, {there} there{_behind(signal)}")
     if not names:
         print(f"all {len(given.entries)} values are the same")
     return DOES_NOT if names else HOLDS
@@ -82,7 +80,7 @@ def planned(path: Path, drive: str, service: str | None, *, as_json: bool) -> in
     if as_json:
         print(json.dumps(_as_json(to_do), indent=2))
     else:
-        _show(to_do)
+        show_plan(to_do)
     return DOES_NOT if to_do.problems or to_do.doubts else HOLDS
 
 
@@ -90,12 +88,12 @@ def flashed(path: Path | None, drive: str, service: str | None, override: str = 
     """Flash a set; none: what was before the latest flash."""
     given = None if path is None else _read(path)
     with drive_at(drive, service) as one:
-        show = _show
+        show = show_plan
         if ask:
             to_do = one.plan(given)
-            _show(to_do)
+            show_plan(to_do)
             if not to_do.problems and (override or not to_do.doubts):
-                _ask()
+                ask_to_flash()
             show = _nothing
         done = one.flash(given, override, show)
     return _told(done, End.FLASHED)
@@ -148,35 +146,9 @@ def imported(path: Path, out: Path, name: str) -> None:
     _write(out, as_toml(from_dcf(text, name, str(path))))
 
 
-def _ask() -> None:
-    if not sys.stdin.isatty():
-        raise ConfigError("expected --yes, as nobody can be asked here")
-    if input("Flash it? The drive is reset. [y/N] ").strip().lower() not in ("y", "yes"):
-        raise ConflictError("not flashed")
-
-
 def _told(done: Verdict, wanted: End) -> int:
     print(f"{done.end}: {done.said}")
     return HOLDS if done.end is wanted else DOES_NOT
-
-
-def _show(to_do: Plan) -> None:
-    table = Table(title=f"{len(to_do.changes)} values change, {to_do.same} stay")
-    for heading in ("", "now", "then", "unit", "rounded by", "bits now", "bits then"):
-        table.add_column(heading, justify="left" if heading in ("", "unit") else "right")
-    entries = [change for change in to_do.changes if change.signal.table]
-    for change in (*(one for one in to_do.changes if not one.signal.table), *entries[:_SHOWN]):
-        signal, off = change.signal, f"{change.rounding:.1g}" if change.rounding else ""
-        cells = _number(signal, change.old), _number(signal, change.new), _unit(signal), off, *change.counts
-        table.add_row(signal.name, *cells)
-    terminal = Terminal()
-    if to_do.changes:
-        terminal.print(table)
-    if len(entries) > _SHOWN:
-        terminal.print(f"and {len(entries) - _SHOWN} more entries of tables")
-    for word, lines in (("forbidden", to_do.problems), ("doubtful", to_do.doubts), ("remark", to_do.remarks)):
-        for line in lines:
-            terminal.print(f"{word}: {line}")
 
 
 def _as_json(to_do: Plan) -> dict[str, Any]:
@@ -220,13 +192,5 @@ def _write(out: Path, text: str) -> None:
     print(f"{out}: written")
 
 
-def _number(signal: Signal, value: float) -> str:
-    return f"{value:.9g}" if signal.type is WireType.F32 else f"{int(value)}"
-
-
-def _unit(signal: Signal) -> str:
-    return "" if signal.unit == "1" else signal.unit
-
-
 def _behind(signal: Signal) -> str:
-    return f" ({_unit(signal)})" if _unit(signal) else ""
+    return f" ({unit_of(signal)})" if unit_of(signal) else ""

@@ -35,10 +35,15 @@ def report(diagnosis: Diagnosis, recording: Summary, nominal: Nominal, figures: 
     return _template().render(
         title=f"Diagnosis of {Path(recording.path).name}", said=diagnosis, recording=recording, nominal=nominal,
         length=_length(recording), settled=diagnosis.verdict in SETTLED, compared=compares(diagnosis),
-        explained=_explained(diagnosis), units=UNITS, policy=POLICY, style=Markup(_file("page.css")),
+        explained=_explained(diagnosis), units=UNITS, policy=POLICY, style=Markup(style()),
         parameters=dict.fromkeys((*PARAMETERS, *diagnosis.machine_before, *diagnosis.machine_after)),
         pictures={part: [one for one in figures if one.part == part] for part in PARTS},
     )  # fmt: skip
+
+
+def style() -> str:
+    """How a report looks: CSS."""
+    return _file("page.css")
 
 
 def _file(name: str) -> str:

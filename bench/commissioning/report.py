@@ -1,0 +1,84 @@
+"""A commissioning as one HTML file that needs nothing else. Knows nothing of how it was done.
+
+What it is made of are the results of its jobs, as `results` has them.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
+from importlib import resources
+from typing import Any, Final
+
+from jinja2 import Environment, StrictUndefined, Template
+from markupsafe import Markup
+
+from bench.diagnoses.diagnosis_request import SETTLED
+from bench.diagnoses.figures.figure import Axis, Figure, Panel, Role, Trace
+from bench.diagnoses.report.drawing import drawn, legend
+from bench.diagnoses.report.layout import NARROW, WIDE
+from bench.diagnoses.report.page import POLICY, style
+from bench.engineering import quantity, scaled, words
+from estimator.machine import PARAMETERS
+
+NAMES: Final = {"speed": "speed", "d": "current, d axis", "q": "current, q axis"}
+_HIGHEST: Final = 1.3  # of the step, that a picture shows
+_ENTRIES: Final = "_table = ["
+
+
+def report(
+    drive: str, when: str, identified: Mapping[str, Any], verified: Mapping[str, Any] | None = None,
+    first: Mapping[str, Any] | None = None,
+) -> str:  # fmt: skip
+    """The page of a drive's commissioning; `when`: a sentence of when, and whether it was flashed."""
+    told, responses = identified["diagnosis"], [("before", "before", identified["responses"])]
+    if verified is not None:
+        responses.append(("after", "after", verified["responses"]))
+    return _template().render(
+        title=f"Commissioning of {drive}", when=when, verdict=words(str(told["verdict"])), sentence=told["sentence"],
+        settled=told["verdict"] in SETTLED, first=first, machine=identified["machine"], shaft=identified["shaft"],
+        parameters=PARAMETERS, before=identified["loops"], after=[] if verified is None else verified["loops"],
+        names=NAMES, remarks=identified["remarks"], set=_without_tables(identified["set"]), policy=POLICY,
+        style=Markup(style()), figures=[one for name in NAMES if (one := _figure(name, responses)) is not None],
+    )  # fmt: skip
+
+
+def _figure(name: str, responses: Sequence[tuple[str, Role, Mapping[str, Any]]]) -> Figure | None:
+    """A loop's mean steps."""
+    there = [(word, role, told[name]) for word, role, told in responses if name in told]
+    if not there:
+        return None
+    longest = max(one["t"][-1] for _, _, one in there)
+    by, unit = scaled(longest, "s")
+    traces = tuple(
+        Trace(word, role, "line", tuple(t / by for t in one["t"]), tuple(one["y"])) for word, role, one in there
+    )
+    first = min(one["t"][0] for _, _, one in there) / by
+    x = Axis("time from the step", unit, max(first, -0.1 * longest / by), longest / by)
+    y = Axis("share of the step", "", -0.1, max(_HIGHEST, *(max(one["y"]) for _, _, one in there)))
+    caption = f"The mean step of the {NAMES[name]}."
+    return Figure("loops", f"step-{name}", "The loops", caption, (Panel(NAMES[name], x, y, traces),))
+
+
+def _without_tables(text: str) -> str:
+    return "\n".join(
+        line[: line.index("[") + 1] + "... 64 entries]" if _ENTRIES in line else line for line in text.splitlines()
+    )
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None or not math.isfinite(value) else f"{100.0 * value:.1f} %"
+
+
+def _time(value: float | None) -> str:
+    return "not" if value is None else quantity(value, "s")
+
+
+@cache
+def _template() -> Template:
+    made: Any = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)  # typed by half
+    made.filters.update({
+        "words": words, "quantity": quantity, "share": _share, "time": _time, "legend": legend,
+        "wide": partial(drawn, width=WIDE, looks="wide"), "narrow": partial(drawn, width=NARROW, looks="narrow"),
+    })  # fmt: skip
+    text = (resources.files("bench.commissioning") / "report.html.jinja").read_text(encoding="utf-8")
+    return made.from_string(text)
