@@ -161,17 +161,20 @@ def angle_offset(recorded: Recorded) -> Compensation:
 def encoder(recorded: Recorded) -> Compensation:
     """The encoder's error by its readings, on top of the table that the drive had."""
     name = "encoder_eccentricity"
-    sizes = [size.value for size in recorded.of(name, "once", "once_phase", "twice", "twice_phase")]
+    sizes = recorded.of(name, "once", "once_phase", "twice", "twice_phase")
     n_p = recorded.machine.get("n_p") or recorded.was("n_p")
     if not n_p:
         raise UntoldError("the pole pairs are not known")
-    begun = 0 if n_p == 1 else recorded.electrical_turn
+    once, once_phase, twice, twice_phase = (size.value for size in sizes)
+    there = [order for order, size in ((1, sizes[0]), (2, sizes[2])) if _is_told(size)]
+    begun = recorded.electrical_turn
+    if begun is None and all(order % n_p == 0.0 for order in there):  # it is the same in all of them
+        once, twice, begun = once * (1 in there), twice * (2 in there), 0
     if begun is None:
         raise UntoldError(
             f"a recording of {n_p:g} pole pairs does not say which of {n_p:g} electrical turns it began in: the "
             "encoder's reading at its first row does"
         )
-    once, once_phase, twice, twice_phase = sizes
     had = _table(recorded.drive, "angle_table") if recorded.was("angle_correction") else np.zeros(TABLE_SIZE)
     reading = np.arange(TABLE_SIZE) * TURN / TABLE_SIZE
     way = -1.0 if recorded.was("angle_reversed") else 1.0
@@ -181,6 +184,11 @@ def encoder(recorded: Recorded) -> Compensation:
         free = taken - off / n_p  # of this effect; an offset beside it is in its phases
         off = once * np.sin(free + once_phase) + twice * np.sin(2.0 * free + twice_phase)
     return Compensation((name,), {"angle_correction": Size(1.0), **_entries("angle_table", had + way * off / n_p)})
+
+
+def _is_told(size: Size) -> bool:
+    """It stands out of its error."""
+    return size.value != 0.0 and (size.std is None or abs(size.value) > 2.0 * size.std)
 
 
 def electrical_turn(reading: float, theta_e: float, drive: Mapping[str, float]) -> int:

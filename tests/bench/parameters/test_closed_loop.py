@@ -172,6 +172,15 @@ def test_an_inverters_lost_voltage_is_far_less(inverter: Inverter, tmp_path: Pat
     assert abs(after - M.R_s) < 0.01 * abs(before - M.R_s)
 
 
+def test_drops_that_are_soft_go_into_a_table(tmp_path: Path) -> None:
+    soft = Inverter(dead_time=5e-7, u_transistor=2.0, u_diode=2.5, knee=0.6)
+    loop = closed(drive_with({"inverter": soft}), tmp_path)
+    assert loop.given.values["inverter_correction"] == 2.0
+    assert loop.free_run() < 0.3
+    before, after = (said["machine"]["before"]["R_s"]["value"] for said in (loop.before, loop.after))
+    assert abs(after - M.R_s) < 0.01 * abs(before - M.R_s)
+
+
 def test_saturation_stays_the_machines_and_is_off_the_control(tmp_path: Path) -> None:
     """A drive that knows of it decouples its axes by true flux linkages: less is left to the integral."""
     drive, held = drive_with({"saturation": Saturation(0.0, 0.25, 0.0)}), complex(-1.0, 4.0)

@@ -152,6 +152,8 @@ def test_without_it_there_is_no_table_but_of_one_pole_pair() -> None:
     assert "which of 4 electrical turns it began in" in said
     one = Recorded({}, MACHINE | {"n_p": 1.0}, recorded(sizes).found)
     assert compensations(one)[1] == []
+    oval = recorded({"encoder_eccentricity": {"once": 0.01, "once_phase": 0.4, "twice": 0.2, "twice_phase": 0.0}})
+    assert values(replace(oval, machine=MACHINE | {"n_p": 2.0}))["angle_table_9"] == pytest.approx(0.1, abs=0.01)
 
 
 def test_saturations_share_tables_over_the_currents_that_were_seen() -> None:
