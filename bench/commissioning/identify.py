@@ -83,20 +83,17 @@ def identify(
         excited = trials.excited(excitation(fastest(drive, around.limits), around.i_rated, before.K, identity.T_s))
     files, captures = [around.keep(excited)], [capture.decoded(excited, identity.T_s, identity.full)]
     around.tell("diagnosing")
-    content = around.diagnose(files[0])
+    content = latest = around.diagnose(files[0])
     for _ in range(_ROUNDS):
-        if content["verdict"] in SETTLED:
-            break
-        try:
-            plan = Plan.of(experiment_of(content))
-        except LimitError:  # it asks for none that a drive could do
+        if (plan := _asked_for(latest)) is None:
             break
         around.tell(f"doing the experiment that the diagnosis asks for, {plan.seconds:.2g} s")
         file, recorded = around.record(plan)
         files.append(file)
         captures += recorded.captures
         around.tell("diagnosing that")
-        content = around.diagnose(file)
+        latest = around.diagnose(file)
+        content = latest if latest["verdict"] in SETTLED else content
     found = machine_of(content, n_p)
     made = from_diagnosis(content, image, identity, name, version)
     shaft = None
@@ -106,6 +103,16 @@ def identify(
         shaft = shaft_of(rows, *found, theta_step)
     made = tuned(made, shaft, image, identity.T_s, bandwidth)
     return Identified(before, files, content, found[0] if found else None, shaft, made)
+
+
+def _asked_for(diagnosis: Mapping[str, Any]) -> Plan | None:
+    """The experiment that a diagnosis asks for; None where it asks for none that a drive could do."""
+    if diagnosis["verdict"] in SETTLED:
+        return None
+    try:
+        return Plan.of(experiment_of(diagnosis))
+    except LimitError:
+        return None
 
 
 @contextmanager

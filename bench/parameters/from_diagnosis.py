@@ -17,7 +17,8 @@ from estimator.machine import PARAMETERS, UNITS
 
 SETTLED: Final = ("explained", "no_mismatch")
 NOT_TOLD: Final = "not_enough_excitation"
-_VERDICTS: Final = (*SETTLED, NOT_TOLD, "partly_explained", "unexplained", "ambiguous")
+AMBIGUOUS: Final = "ambiguous"
+_VERDICTS: Final = (*SETTLED, NOT_TOLD, AMBIGUOUS, "partly_explained", "unexplained")
 _SHORTEST, _LONGEST = 1e-7, 1.0  # s, that a control period may be
 _WIDE: Final = 0.05  # of a value, a standard error from which it is not told
 _CONTROL: Final = {name: f"control_{name}" for name in PARAMETERS}
@@ -48,15 +49,19 @@ def set_from_diagnosis(
         making.remark("the recording tells too little of the machine: it gives no values")
         making.remarks += [one for one in items(content, "remarks") if isinstance(one, str)]
     else:
-        machine = _machine(making, content, source, verdict)
+        left_open = _left_open(content)
+        machine = _machine(making, content, source, left_open)
         recorded = _recorded(content, drive or {}, machine, T_s, electrical_turn)
         if own_gains:
             _gains(making, recorded.T_s, bandwidth, source)
-        _compensated(making, content, recorded, source, verdict)
+        _compensated(making, content, recorded, source, left_open)
+        for doubt in parts(content, "ambiguous"):
+            if not doubt.get("rivals", True):
+                making.remark(f"it is not told whether there is {' or '.join(map(str, items(doubt, 'effects')))}")
     return Made(ParameterSet(name_of(name or source), making.entries, version, **whose), tuple(making.remarks))
 
 
-def _machine(making: Making, content: Mapping[str, Any], source: str, verdict: str) -> dict[str, float]:
+def _machine(making: Making, content: Mapping[str, Any], source: str, left_open: str) -> dict[str, float]:
     """Entries of the four parameters; those that are told, SI."""
     told, after = dict[str, float](), part(part(content, "machine"), "after")
     for parameter, signal in _CONTROL.items():
@@ -65,7 +70,7 @@ def _machine(making: Making, content: Mapping[str, Any], source: str, verdict: s
             making.remark(f"{signal} is left out: {parameter} is not told")
             continue
         told[parameter] = size.value
-        doubt = _open(verdict)
+        doubt = left_open
         if size.std is None:
             doubt = doubt or "no interval is told"
         elif size.std > _WIDE * abs(size.value):
@@ -113,12 +118,12 @@ def _gains(making: Making, T_s: float | None, bandwidth: float | None, source: s
 
 
 def _compensated(
-    making: Making, content: Mapping[str, Any], recorded: Recorded, source: str, verdict: str
+    making: Making, content: Mapping[str, Any], recorded: Recorded, source: str, left_open: str
 ) -> None:
     in_doubt = {effect for doubt in parts(content, "ambiguous") for effect in items(doubt, "effects")}
     made, said = compensations(recorded)
     for one in made:
-        doubt = _open(verdict) or one.doubt
+        doubt = left_open or one.doubt
         if unclear := [effect for effect in one.effects if effect in in_doubt]:
             doubt = f"{' and '.join(unclear)} cannot be told from other causes"
         because = _because(f"{source}: {', '.join(one.effects)}", doubt)
@@ -128,9 +133,14 @@ def _compensated(
         making.remark(sentence)
 
 
-def _open(verdict: str) -> str:
-    """What a verdict leaves open; empty where it is nothing."""
-    return "" if verdict in SETTLED else verdict.replace("_", " ")
+def _left_open(content: Mapping[str, Any]) -> str:
+    """What a diagnosis leaves open of what it found; empty where it is nothing.
+
+    An effect that may be there beside what was found is no rival of that: what was found stands, with its intervals.
+    """
+    verdict = str(content["verdict"])
+    rivals = any(doubt.get("rivals", True) for doubt in parts(content, "ambiguous"))
+    return "" if verdict in SETTLED or (verdict == AMBIGUOUS and not rivals) else verdict.replace("_", " ")
 
 
 def _because(source: str, doubt: str) -> str:
