@@ -81,7 +81,7 @@ class FirstStart:
         way = "against" if self.against else "with"
         offset, error = math.degrees(self.angle_offset), math.degrees(self.offset_error)
         return (
-            f"{self.n_p} pole pairs; the encoder counts {way} the field, and is {offset:.1f} deg +- {error:.1f} deg "
+            f"{self.n_p} pole pairs; the encoder counts {way} the field, and is {offset:.1f} deg ± {error:.1f} deg "
             f"(electrical) off; {self.current:.3g} A turned the shaft by up to {360.0 * self.moved:.0f} deg"
         )
 

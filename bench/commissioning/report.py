@@ -49,14 +49,14 @@ def _figure(name: str, responses: Sequence[tuple[str, Role, Mapping[str, Any]]])
         return None
     longest = max(one["t"][-1] for _, _, one in there)
     by, unit = scaled(longest, "s")
-    traces = tuple(
-        Trace(word, role, "line", tuple(t / by for t in one["t"]), tuple(one["y"])) for word, role, one in there
-    )
-    first = min(one["t"][0] for _, _, one in there) / by
-    x = Axis("time from the step", unit, max(first, -0.1 * longest / by), longest / by)
+    x = Axis("time from the step", unit, -0.1 * longest / by, longest / by)
+    traces = list[Trace]()
+    for word, role, one in there:
+        points = [(t / by, y) for t, y in zip(one["t"], one["y"], strict=True) if t / by >= x.low]
+        traces.append(Trace(word, role, "line", tuple(t for t, _ in points), tuple(y for _, y in points)))
     y = Axis("share of the step", "", -0.1, max(_HIGHEST, *(max(one["y"]) for _, _, one in there)))
     caption = f"The mean step of the {NAMES[name]}."
-    return Figure("loops", f"step-{name}", "The loops", caption, (Panel(NAMES[name], x, y, traces),))
+    return Figure("loops", f"step-{name}", "The loops", caption, (Panel(NAMES[name], x, y, tuple(traces)),))
 
 
 def _without_tables(text: str) -> str:

@@ -107,7 +107,7 @@ def _tell_loops(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> No
         for one in loops:
             table.add_row(
                 NAMES[one["name"]], word, _share(one["overshoot"]), _share(one["promised_overshoot"]),
-                _time(one["settling"]), _time(one["promised_settling"]),
+                "–" if one["tracking"] is None else _time(one["settling"]), _time(one["promised_settling"]),
             )  # fmt: skip
     _console.print(table)
     for one in (*before, *after):
