@@ -4,12 +4,13 @@ import re
 from typing import Final
 
 READS: Final = ("GET", "HEAD")
-_STOP: Final = re.compile(r"POST /api/drives/([^/]+)/stop|DELETE /api/drives/[^/]+/(?:experiments|captures)/[^/]+")
+_ENDED: Final = "DELETE /api/drives/[^/]+/(?:experiments|commissionings|captures)/[^/]+"
+_STOP: Final = re.compile(f"POST /api/drives/([^/]+)/stop|{_ENDED}")
 
 BYTES: Final = "application/octet-stream"
 JSON: Final = "application/json"
 TOML: Final = "application/toml"
-_OF_DRIVE: Final = "drives/[^/]+/(captures|recordings|experiments|flashes|parameters/(rollback|resume))"
+_OF_DRIVE: Final = "drives/[^/]+/(captures|recordings|experiments|commissionings|flashes|parameters/(rollback|resume))"
 _JOB: Final = re.compile(f"POST /api/({_OF_DRIVE}|recordings/[^/]+/diagnosis)")
 _PLAN: Final = re.compile("POST /api/drives/[^/]+/parameters/plan")
 _SET: Final = re.compile("POST /api/drives/[^/]+/(parameters/plan|flashes)")
