@@ -22,6 +22,7 @@ from bench.actions import experiment
 from bench.actions.drive_jobs import BenchDrive, DriveJobs, id_at
 from bench.actions.experiment import Plan, Recorded
 from bench.actions.safety.lease import Leases, Part
+from bench.actions.safety.limits import TRIP, Limits
 from bench.actions.safety.under_control import CancelledError, under_control
 from bench.actions.safety.unfinished import Origin, folder_beside
 from bench.commissioning import first_start as first_starts
@@ -35,6 +36,7 @@ from bench.files import write_new
 from bench.machine_file import Nominal
 from bench.parameters.made import DOUBTFUL
 from bench.parameters.parameter_set import OK, Entry, ParameterSet, as_toml
+from bench.parameters.tuning import check_bandwidth
 from bench.recordings.capture_file import Heading, write_recording
 from drivers.capture import Upload
 from drivers.drive import Drive
@@ -149,7 +151,7 @@ class Commissionings(DriveJobs[Status, _Run]):
         stops, request, asked = self._stops[drive], taken(_REQUEST, given, "", LimitError), datetime.now(UTC)
         found = self._identified(drive, request.of) if request.kind == Kind.VERIFY else None
         self._check_folder()
-        self._drives[drive].link.drive()
+        _check(request, self._drives[drive])
         id_ = id_at(f"{drive}-{request.kind.replace('_', '-')}", asked)
         status = Status(id_, drive, asked, request)
         run = _Run(f"commissioning {id_}" + (f" (asked for from {whom})" if whom else ""))
@@ -296,6 +298,15 @@ def _read(folder: Path) -> Iterable[Status]:
             )  # fmt: skip
 
 
+def _check(request: Request, one: BenchDrive) -> None:
+    """Raise LimitError where it asks for more than a drive may do, DriveError where that is not there."""
+    T_s = one.link.drive().identity.T_s
+    if request.current is not None:
+        one.limits.check_current(request.current, "current", "")
+    if request.bandwidth is not None:
+        check_bandwidth(request.bandwidth, T_s)
+
+
 def _asked(nominal: Nominal, drive: Drive) -> dict[str, Any]:
     """What a diagnosis is asked: the machine file's values, or the drive's own, and how far off they may be."""
     machine = {name: nominal.given.get(name, drive.read(f"control_{name}")) for name in PARAMETERS}
@@ -312,16 +323,19 @@ def _first(around: Around, status: Status, nominal: Nominal) -> dict[str, Any]:
     settings = tuple(name for name in first_starts.SETTINGS if any(s.name == name for s in drive.identity.signals))
     with under_control(drive, lease, around.origin, settings):
         found = first_start(drive, lease, most, Forwards(request.forwards), around.tell, around.cancelled)
-    return {**first_started(found), "set": as_toml(_first_set(found, drive, nominal)), "remarks": []}
+    return {**first_started(found), "set": as_toml(_first_set(found, drive, nominal, around.limits)), "remarks": []}
 
 
-def _first_set(found: FirstStart, drive: Drive, nominal: Nominal) -> ParameterSet:
+def _first_set(found: FirstStart, drive: Drive, nominal: Nominal, limits: Limits) -> ParameterSet:
     entries = {name: Entry(value, source="first start") for name, value in found.values.items()}
     offset, error = found.angle_offset, found.offset_error
     entries["angle_offset"] = Entry(offset, offset - error, offset + error, OK, "first start")
     if nominal.n_p not in (None, found.n_p):
         said = f"first start; the machine file says {nominal.n_p} pole pairs"
         entries["n_p"] = Entry(float(found.n_p), status=DOUBTFUL, source=said)
+    most = limits.trip(found.n_p)
+    if most is not None and drive.read(TRIP) > most:
+        entries[TRIP] = Entry(most, source="by the largest speed, and pole pairs of the first start")
     identity = drive.identity
     return ParameterSet("first start", entries, 1, identity.layout_id, identity.serial)
 

@@ -37,16 +37,21 @@ class Tuned:
 
 def current_loop(R_s: float, L_d: float, L_q: float, T_s: float, bandwidth: float | None = None) -> Tuned:
     """Gains of the current control (ohm, H, s), of a bandwidth (rad/s) or the fastest one. Raises LimitError."""
-    most = FASTEST / T_s
-    alpha = most if bandwidth is None else bandwidth
-    if not 0.0 < alpha <= most * (1.0 + 1e-9):
-        said = f"expected at most {most:.4g} rad/s with a control period of {T_s:g} s, got {alpha:g}"
-        raise LimitError(f"bandwidth: {said}")
+    alpha = FASTEST / T_s if bandwidth is None else bandwidth
+    check_bandwidth(alpha, T_s)
     values = {
         "own_gains": 1.0, "bandwidth": alpha, "k_p_d": alpha * L_d, "k_i_d": alpha * R_s, "k_p_q": alpha * L_q,
         "k_i_q": alpha * R_s,
     }  # fmt: skip
     return Tuned(values, alpha, 0.5 * math.pi - alpha * DELAY * T_s)
+
+
+def check_bandwidth(alpha: float, T_s: float) -> None:
+    """Raise LimitError where a current control of this bandwidth (rad/s) would be too fast for its period (s)."""
+    most = FASTEST / T_s
+    if not 0.0 < alpha <= most * (1.0 + 1e-9):
+        said = f"expected at most {most:.4g} rad/s with a control period of {T_s:g} s, got {alpha:g}"
+        raise LimitError(f"bandwidth: {said}")
 
 
 def speed_loop(J: float, psi_f: float, n_p: int, delays: float, *, a: float = 2.0) -> Tuned:
