@@ -141,6 +141,7 @@ class _Motor:
         while len(seen) < 2 or time.monotonic() < end:
             self._look()
             seen.append(self.enc)
+            self._lease.keep(self._drive)  # a field of many pole pairs has far to go
             self._guard.pause(_POLL)
         self._guard.check()
         return seen

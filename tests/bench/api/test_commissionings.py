@@ -14,7 +14,7 @@ import pytest
 
 from bench.api.exchange.kinds import is_stop
 from drivers.connect import connect
-from drivers.wire.dictionary import SET_POINTS
+from drivers.wire.dictionary import AT_REST
 from emulator.scenario.text import text_of
 from tests.bench.commissioning.unknown import is_off, unknown, watched
 from tests.conftest import JSON, command, free_port, wait_for_answer
@@ -88,7 +88,7 @@ def client(bench: Bench, service: httpx.Client) -> Iterator[httpx.Client]:
     """Whatever is asked for, the drive is left as it was."""
     before = bench.watched()
     yield service
-    assert not any(before[name] for name in SET_POINTS)
+    assert not any(before[name] for name in AT_REST)
     assert bench.is_off()
     assert bench.watched() == before
 

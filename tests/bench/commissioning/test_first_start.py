@@ -81,6 +81,7 @@ CONNECTED = {
     "crossed, as connected": Mounted(unknown(**CROSSED), Forwards.PHASES, reversed=1),
     "1 pole pair": Mounted(unknown(n_p=1, **BACKWARDS), swapped=1),
     "14 pole pairs": Mounted(unknown(n_p=14, **BACKWARDS, settings={"phases_swapped": 1.0}), swapped=1),
+    "36 pole pairs": Mounted(unknown(n_p=36)),
     "the second current": Mounted(unknown(J=2e-3, friction=Friction(coulomb=0.4, omega_0=STIFF))),
     "a load": Mounted(unknown(tau_L=0.15, **CROSSED), swapped=1),
 }

@@ -17,7 +17,7 @@ from drivers import operation
 from drivers.drive import Drive
 from drivers.lease import held
 from drivers.wire.cia402 import State
-from drivers.wire.dictionary import SET_POINTS
+from drivers.wire.dictionary import AT_REST
 from emulator.plant.physics.friction import Friction
 from emulator.scenario.effects import NONE
 from emulator.scenario.scenarios import PAPER, Excitation, Run, Scenario
@@ -28,7 +28,7 @@ SLIGHT: Final = Friction(coulomb=0.01)
 MOUNTED: Final = 0.9  # rad, mechanical
 MOST: Final = 3.0  # A
 LIMITS: Final = Limits(i_max=7.2, speed_max_rpm=2000.0)
-WATCHED: Final = (*first_start.SETTINGS, *trial.SETTINGS, TRIP, *SET_POINTS)
+WATCHED: Final = (*first_start.SETTINGS, *trial.SETTINGS, TRIP, *AT_REST)
 Tell = Callable[[str], None]
 
 
@@ -80,7 +80,7 @@ def left_as_before(drive: Drive) -> Generator[None]:
     finally:
         assert is_off(drive)
         assert watched(drive) == before
-        assert not any(before[name] for name in SET_POINTS)
+        assert not any(before[name] for name in AT_REST)
 
 
 def once(phase: str, act: Callable[[], None]) -> Tell:
