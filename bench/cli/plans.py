@@ -13,10 +13,15 @@ from drivers.wire.dictionary import Signal, WireType
 _SHOWN: Final = 12  # entries of tables
 
 
-def ask_to_flash() -> None:
-    """Raises ConflictError where it is not to be, ConfigError where nobody can be asked."""
+def check_asked() -> None:
+    """Raise ConfigError where nobody can be asked."""
     if not sys.stdin.isatty():
         raise ConfigError("expected --yes, as nobody can be asked here")
+
+
+def ask_to_flash() -> None:
+    """Raises ConflictError where it is not to be, ConfigError where nobody can be asked."""
+    check_asked()
     if input("Flash it? The drive is reset. [y/N] ").strip().lower() not in ("y", "yes"):
         raise ConflictError("not flashed")
 
