@@ -38,7 +38,7 @@ _STEADY: Final = 0.02  # of the highest speed, rms, by which a steady one depart
 _LOOK: Final = 0.05  # s, over which a speed is looked at
 _ROUNDING: Final = 3.0  # times the angle's noise, that a speed must stand out by
 _FOLLOWS: Final = 0.5  # share of the torque beside friction and load that accelerates the shaft, at least
-_RIGID: Final = 2e-3  # share of it that is left unexplained, at most
+_RIGID: Final = 1e-3  # share of it that is left unexplained, at most
 _TOLD: Final = 0.2  # share of the torque, rms, that half of an interval may be
 
 
