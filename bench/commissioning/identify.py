@@ -13,7 +13,7 @@ from bench.actions.safety.under_control import Guard, under_control
 from bench.actions.safety.unfinished import Origin
 from bench.commissioning.excitation import excitation
 from bench.commissioning.loops import Judged, Tried, fastest, judged, tried
-from bench.commissioning.proposal import by_torque, corrected, from_diagnosis, machine_of, shaft_of, tuned
+from bench.commissioning.proposal import by_torque, corrected, from_diagnosis, machine_of, shaft_of, tuned, turn_of
 from bench.commissioning.trial import SETTINGS, Tell, Trials
 from bench.errors import LimitError
 from bench.parameters.flash import parameters
@@ -80,26 +80,32 @@ def identify(
     identity, image, n_p = drive.identity, parameters(drive), int(drive.read("n_p"))
     with _trials(around, drive) as trials:
         before = tried(drive, trials, around.limits, around.i_rated)
-        excited = trials.excited(excitation(fastest(drive, around.limits), around.i_rated, before.K, identity.T_s))
+        plan = excitation(fastest(drive, around.limits), around.i_rated, before.K, identity.T_s)
+        excited, readings = trials.excited(plan)
     files, captures = [around.keep(excited)], [capture.decoded(excited, identity.T_s, identity.full)]
     around.tell("diagnosing")
-    content = latest = around.diagnose(files[0])
+    first = content = latest = around.diagnose(files[0])
     for _ in range(_ROUNDS):
-        if (plan := _asked_for(latest)) is None:
+        if (asked := _asked_for(latest)) is None:
             break
-        around.tell(f"doing the experiment that the diagnosis asks for, {plan.seconds:.2g} s")
-        file, recorded = around.record(plan)
+        around.tell(f"doing the experiment that the diagnosis asks for, {asked.seconds:.2g} s")
+        file, recorded = around.record(asked)
         files.append(file)
         captures += recorded.captures
         around.tell("diagnosing that")
         latest = around.diagnose(file)
         content = latest if latest["verdict"] in SETTLED else content
     found = machine_of(content, n_p)
-    made = from_diagnosis(content, image, identity, name, version)
+    turn = turn_of(captures[0], readings, image) if content is first else None
+    made = from_diagnosis(content, image, identity, name, version, turn)
     shaft = None
     if found is not None:
         now = image | made.set.values
-        rows = [by_torque(corrected(one, image, now), now, found[0]) for one in captures]
+        turns = [turn, *(None for _ in captures[1:])]  # of the others it is not known
+        rows = [
+            by_torque(corrected(one, image, now, turn), now, found[0])
+            for one, turn in zip(captures, turns, strict=True)
+        ]
         shaft = shaft_of(rows, *found, theta_step)
     made = tuned(made, shaft, image, identity.T_s, bandwidth)
     return Identified(before, files, content, found[0] if found else None, shaft, made)
