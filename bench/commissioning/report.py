@@ -44,7 +44,7 @@ def report(
 
 def _figure(name: str, responses: Mapping[Role, Mapping[str, Any]]) -> Figure | None:
     """A loop's mean steps."""
-    there = {role: told[name] for role, told in responses.items() if name in told}
+    there = dict[Role, Any]({role: told[name] for role, told in responses.items() if name in told})
     if not there:
         return None
     longest = max(one["t"][-1] for one in there.values())
