@@ -133,7 +133,7 @@ bench-idle: $(VENV)/.dev ## processor time of a service and of a drive that nobo
 bench-load: $(VENV)/.dev ## four drives recorded, 20 event streams, 50 requests/s: rows, answers, memory, processor: ten minutes
 	$(BIN)/python -m tests.bars.bench_load
 
-bench-mechanics: $(VENV)/.dev ## inertia, friction and load torque of 600 drawn drives, and when none is told: ten minutes
+bench-mechanics: $(VENV)/.dev ## inertia, friction and load torque of 600 drawn drives, and when none is told: eight minutes
 	$(BIN)/python -m tests.bars.estimator.bench_mechanics
 
 bench-plant: $(VENV)/.dev ## the emulated plant's speed, effect by effect and beside its peers

@@ -30,7 +30,7 @@ def test_a_shaft_that_swings_is_shown_with_its_intervals(browser: Chrome, tmp_pa
         browser.get(bench.url)
         until(browser, lambda: "±" in text(browser, "shaft-T_C"), "friction and load to be told apart")
         assert re.fullmatch(r"[78]\.\d+ ± 0\.\d+ kg cm²", text(browser, "shaft-J"))
-        assert re.fullmatch(r"[\d.]+ ± [\d.]+ m?Nm s/rad", text(browser, "shaft-B"))
+        assert re.fullmatch(r"[\d.\u202f]+ ± [\d.]+ [mµ]Nm s/rad", text(browser, "shaft-B"))
         for name in ("T_C", "tau_L"):
             assert re.fullmatch(r"[\d.]+ ± [\d.]+ mNm", text(browser, f"shaft-{name}"))
         fits = "return document.documentElement.scrollWidth <= window.innerWidth"
