@@ -58,7 +58,9 @@ def set_from_diagnosis(
         for doubt in parts(content, "ambiguous"):
             if not doubt.get("rivals", True):
                 making.remark(f"it is not told whether there is {' or '.join(map(str, items(doubt, 'effects')))}")
-    return Made(ParameterSet(name_of(name or source), making.entries, version, **whose), tuple(making.remarks))
+    layout_id, serial = (whose.get(key) for key in ("layout_id", "serial"))
+    given = ParameterSet(name_of(name or source), making.entries, version, layout_id, serial)
+    return Made(given, tuple(making.remarks))
 
 
 def _machine(making: Making, content: Mapping[str, Any], source: str, left_open: str) -> dict[str, float]:

@@ -53,7 +53,9 @@ def set_from_estimates(
             said, reason = DOUBTFUL, "no interval is told"
         more = _at(parameter, size.value, warm, magnets) if known in _ESTIMATED else {}
         making.take(signal, size, said, f"{source}; {reason}" if reason else source, **more)
-    return Made(ParameterSet(name_of(name or source), making.entries, version, **whose), tuple(making.remarks))
+    layout_id, serial = (whose.get(key) for key in ("layout_id", "serial"))
+    given = ParameterSet(name_of(name or source), making.entries, version, layout_id, serial)
+    return Made(given, tuple(making.remarks))
 
 
 def _source(content: Mapping[str, Any], told: Mapping[str, Any]) -> str:

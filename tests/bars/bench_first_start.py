@@ -136,7 +136,7 @@ def main() -> int:
     given = parser.parse_args()
     counted, furthest = Counter[str](), 0.0
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        for number, seen in enumerate(pool.map(lambda k: started(given.seed, k), range(given.count))):
+        for number, seen in enumerate(pool.map(started, [given.seed] * given.count, range(given.count))):
             how = "refused" if seen.refused and seen.right else "right" if seen.right else "WRONG"
             counted[how] += 1
             furthest = max(furthest, seen.moved)
