@@ -19,6 +19,7 @@ from bench.errors import LimitError
 from bench.parameters.flash import parameters
 from bench.parameters.from_diagnosis import SETTLED
 from bench.parameters.made import Made
+from bench.parameters.temperature import TEMPERATURES
 from drivers import capture
 from drivers.capture import Upload
 from drivers.drive import Drive
@@ -78,10 +79,16 @@ def identify(
     """All of it; nothing is written that stays. Raises BenchError, DriveError."""
     drive = around.link()
     identity, image, n_p = drive.identity, parameters(drive), int(drive.read("n_p"))
+    if around.limits.n_p not in (None, n_p):
+        raise LimitError(
+            f"the drive is set for {n_p} pole pairs, its machine file says {around.limits.n_p}: expected the same; a "
+            "first start finds out which"
+        )
     with _trials(around, drive) as trials:
         before = tried(drive, trials, around.limits, around.i_rated)
         plan = excitation(fastest(drive, around.limits), around.i_rated, before.K, identity.T_s)
         excited, readings = trials.excited(plan)
+        temperatures = {name: drive.read(name) for name in TEMPERATURES.values()}
     files, captures = [around.keep(excited)], [capture.decoded(excited, identity.T_s, identity.full)]
     around.tell("diagnosing")
     first = content = latest = around.diagnose(files[0])
@@ -97,7 +104,7 @@ def identify(
         content = latest if latest["verdict"] in SETTLED else content
     found = machine_of(content, n_p)
     turn = turn_of(captures[0], readings, image) if content is first else None
-    made = from_diagnosis(content, image, identity, name, version, turn)
+    made = from_diagnosis(content, image, identity, name, version, turn, temperatures)
     shaft = None
     if found is not None:
         now = image | made.set.values

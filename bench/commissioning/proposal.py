@@ -33,15 +33,15 @@ A: Final = 4.0  # of the symmetrical optimum: a phase margin of 62 deg
 
 def from_diagnosis(
     content: Mapping[str, Any], image: Mapping[str, float], identity: Identity, name: str, version: int,
-    turn: int | None,
+    turn: int | None, temperatures: Mapping[str, float],
 ) -> Made:  # fmt: skip
     """What a diagnosis (as JSON) found and what makes up for it; `image`: the drive's parameters meanwhile, SI.
 
-    `turn`: see `turn_of`.
+    `turn`: see `turn_of`; `temperatures` (degC): of winding and magnets, by signal.
     """
     return set_from_diagnosis(
         content, image, name=name, version=version, T_s=identity.T_s, layout_id=identity.layout_id,
-        serial=identity.serial, electrical_turn=turn,
+        serial=identity.serial, electrical_turn=turn, temperatures=temperatures,
     )  # fmt: skip
 
 
