@@ -77,7 +77,7 @@ class FirstStart:
     angle_offset: float  # rad, electrical
     offset_error: float  # rad, half of a 95 % interval, by how the places scatter
     lag: float  # rad, electrical, that friction kept the rotor back
-    load: float  # rad, electrical, that a load held it aside at the larger current
+    load: float  # rad, electrical, that a load held it aside at the smaller current
     current: float  # A
     moved: float  # turns, mechanical, the furthest that the encoder was from where it began
     values: Mapping[str, float]  # n_p, phases_swapped, angle_reversed, angle_offset
@@ -112,16 +112,16 @@ class _Motor:
         self._origin = self.enc = self._last
         self.moved = 0.0  # turns
 
-    def on(self, current: float) -> None:
-        """The bridge on, the field at angle zero."""
+    def on(self) -> None:
+        """The bridge on without current, the field at angle zero."""
         self._lease.start(self._drive, {
             "angle_source": 1.0, "forced_angle": 0.0, "forced_speed": _SPEED, "speed_control": 0.0,
-            "i_q_ref": 0.0, "i_d_step": 0.0, "i_q_step": 0.0, "i_d_ref": current,
+            "i_q_ref": 0.0, "i_d_step": 0.0, "i_q_step": 0.0, "i_d_ref": 0.0,
         })  # fmt: skip
         self.phi = 0.0
 
     def current(self, current: float) -> None:
-        """Another current along the field."""
+        """A current along the field."""
         self._lease.write(self._drive, {"i_d_ref": current})
 
     def to(self, phi: float) -> float:
@@ -202,10 +202,11 @@ def first_start(
 
 def _aligned(motor: _Motor, most: float, tell: Tell) -> float:
     """The smallest current (A) that takes the rotor along, which then rests at the field."""
+    motor.on()
     for share in SHARES:
         current = share * most
         tell(f"aligning the rotor by {current:.3g} A")
-        motor.on(current)
+        motor.current(current)
         there = [motor.rest(), motor.to(math.pi / 3.0), motor.to(0.0), motor.to(-math.pi / 3.0), motor.to(0.0)]
         ways = np.diff(there[1:])  # from a third of half a turn on: back, back, forth
         if abs(ways[0] + ways[1]) > 0.5 * math.tau / 3.0 / MOST_PAIRS and ways[0] * ways[1] > 0.0 > ways[1] * ways[2]:

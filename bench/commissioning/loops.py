@@ -157,6 +157,8 @@ def _promised(
     """What the gains promise of a loop's trial."""
     alpha, speed_filter = gains["bandwidth"], gains["speed_filter"]
     if loop.name == "speed":
+        if gains["own_gains"]:
+            alpha = gains["k_p_q"] / machine.L_q
         own = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], K, damping, alpha, speed_filter, T_s)
         every = round(loop.T / T_s)
         return averaged(thinned(own.answer(to_and_fro(loop.hold * every, STEPS)), every), loop.T, loop.hold, 1.0)

@@ -83,8 +83,9 @@ def corrected(one: Capture, image: Mapping[str, float], now: Mapping[str, float]
     theta, i = one.columns["theta_e"], one.columns["i_d"] + 1j * one.columns["i_q"]
     fixed = i * np.exp(1j * theta)
     phases = [np.real(fixed * np.exp(-1j * math.tau * k / 3.0)) for k in range(3)]
-    read = [x / image[f"i_{p}_gain"] + image[f"i_{p}_offset"] for x, p in zip(phases, "abc", strict=True)]
-    a, b, c = (now[f"i_{p}_gain"] * (x - now[f"i_{p}_offset"]) for x, p in zip(read, "abc", strict=True))
+    channels = "acb" if image["phases_swapped"] else "abc"
+    read = [x / image[f"i_{p}_gain"] + image[f"i_{p}_offset"] for x, p in zip(phases, channels, strict=True)]
+    a, b, c = (now[f"i_{p}_gain"] * (x - now[f"i_{p}_offset"]) for x, p in zip(read, channels, strict=True))
     theta_now = theta + now["angle_offset"] - image["angle_offset"]
     if now["angle_correction"] and not image["angle_correction"] and turn is not None:
         way = -1.0 if image["angle_reversed"] else 1.0

@@ -94,7 +94,7 @@ def averaged_with(
 
 
 def _phase(y: Column, hold: int) -> int:
-    """At which sample, of every `hold`, steps begin: the change over the next few is the largest there."""
+    """At which sample, of every `hold`, steps begin, or a little before: the next few change the most."""
     reach = max(1, hold // 8)
     change = np.abs(y[reach:] - y[:-reach])
     rows = len(change) // hold
@@ -105,18 +105,17 @@ def _phase(y: Column, hold: int) -> int:
     at = largest
     while profile[(at - 1) % hold] > 0.2 * profile[largest] and (largest - at) < hold // 2:
         at -= 1
-    return (at + reach - 1) % hold
+    return (at + reach - 1 - reach // 2) % hold  # a slow one has gone some way until it is seen
 
 
 def _begins(y: Column, T: float, before: int) -> float:
-    """s after sample `before` at which y first goes through a twentieth."""
-    above = np.flatnonzero(y[before:] > BAND)
-    if not len(above):
+    """s after sample `before`, or before it, at which y goes through a twentieth on its way to a half."""
+    half = before + int(np.argmax(y[before:] > 0.5))
+    below = np.flatnonzero(y[:half] <= BAND)
+    if not len(below) or y[half] <= BAND:
         return 0.0
-    k = before + int(above[0])
-    if k == 0 or y[k - 1] >= BAND:
-        return T * (k - before)
-    return T * (k - before - 1 + (BAND - y[k - 1]) / (y[k] - y[k - 1]))
+    k = int(below[-1])
+    return T * (k - before + (BAND - y[k]) / (y[k + 1] - y[k]))
 
 
 def _settled(t: Column, y: Column) -> float:

@@ -8,6 +8,7 @@ import math
 import threading
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
+from typing import Final
 
 from bench.actions.safety.limits import RPM, Limits, Overload
 from bench.actions.safety.unfinished import Origin, take
@@ -18,6 +19,8 @@ from drivers.errors import DriveError, FaultError, NoReplyError, RefusedError
 from drivers.lease import HeldError, Lease
 from drivers.wire.cia402 import State
 
+_NO_TORQUE: Final = 2.0  # of `safe_torque_off`
+
 
 class CancelledError(BenchError):
     """It was asked to end."""
@@ -27,8 +30,10 @@ class CancelledError(BenchError):
 def under_control(drive: Drive, lease: Lease, origin: Origin, settings: Iterable[str]) -> Generator[None]:
     """Control of the drive; afterwards it is without current and its bridge off, these settings as they were.
 
-    Raises as `unfinished.take`; DriveError where it could not be told to stop.
+    Raises as `unfinished.take`; FaultError where no torque is allowed, DriveError where it could not be told to stop.
     """
+    if drive.identity.has_lease and drive.read("safe_torque_off") == _NO_TORQUE:
+        raise FaultError("safe torque off is active: the drive cannot be switched on", 0)
     before = {name: drive.read(name) for name in settings}
     noted = take(drive, lease, origin, before)
     try:
