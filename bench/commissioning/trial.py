@@ -38,7 +38,7 @@ _REFERENCE: Final = 1.0
 _HOLDS: Final = 48  # steps of a current's trial
 _SWINGS: Final = 24  # of a speed's
 _SAMPLES: Final = 16_000  # of a speed's trial
-_SETTLE: Final = 0.05  # s after set points have changed
+_SETTLE: Final = 0.5  # s, while the speed control is not known
 _POLL: Final = 0.02  # s
 _STANDSTILL: Final = 10.0  # s without another sample
 
@@ -92,6 +92,8 @@ class Trials:
     def __init__(self, drive: Drive, lease: Lease, guard: Guard, tell: Tell = lambda _: None) -> None:
         self._drive, self._lease, self._guard, self._tell = drive, lease, guard, tell
         self._T_s = drive.identity.T_s
+        self.settle = _SETTLE
+        """s that a speed control is given once the speed is there: its integral has to be as well."""
         self._tells_encoder = any(signal.name == "encoder_angle" for signal in drive.identity.signals)
 
     def current(self, trial: CurrentTrial) -> tuple[Column, int]:
@@ -152,12 +154,14 @@ class Trials:
 
     def _await_speed(self, wanted: float) -> None:
         near, deadline = 0.05 * abs(wanted) + 0.005 * self._drive.identity.omega_full, time.monotonic() + 20.0
-        while abs((now := self._drive.read("omega_e")) - wanted) > near:
+        there = math.inf  # s, monotonic: since when it has been near
+        while time.monotonic() < there + self.settle:
+            now = self._drive.read("omega_e")
+            there = min(there, time.monotonic()) if abs(now - wanted) <= near else math.inf
             if time.monotonic() > deadline:
                 raise NoReplyError(f"the drive did not come to {wanted:.4g} rad/s within 20 s, it has {now:.4g} rad/s")
             self._guard.check()
             self._guard.pause(_POLL)
-        self._guard.pause(_SETTLE)
 
     def _recorded(self, setup: Setup, phase: str, meanwhile: Callable[[], object] = lambda: None) -> Upload:
         drive, guard = self._drive, self._guard
