@@ -75,7 +75,9 @@ def tuned(made: Made, shaft: Mechanics | None, image: Mapping[str, float], T_s: 
     return Made(replace(made.set, entries=entries), tuple(remarks))
 
 
-def corrected(one: Capture, image: Mapping[str, float], now: Mapping[str, float], turn: int | None) -> Capture:
+def corrected(
+    one: Capture, image: Mapping[str, float], now: Mapping[str, float], turn: int | None = None
+) -> Capture:
     """Currents and angle as a drive would have read them by the parameters `now`, not by those of `image`.
 
     Its sensors' gains and offsets, the angle's offset; where `turn` is known, see `turn_of`, its table as well.
@@ -87,7 +89,7 @@ def corrected(one: Capture, image: Mapping[str, float], now: Mapping[str, float]
     read = [x / image[f"i_{p}_gain"] + image[f"i_{p}_offset"] for x, p in zip(phases, channels, strict=True)]
     a, b, c = (now[f"i_{p}_gain"] * (x - now[f"i_{p}_offset"]) for x, p in zip(read, channels, strict=True))
     theta_now = theta + now["angle_offset"] - image["angle_offset"]
-    if now["angle_correction"] and not image["angle_correction"] and turn is not None:
+    if turn is not None and now["angle_correction"] and not image["angle_correction"]:
         way = -1.0 if image["angle_reversed"] else 1.0
         places = np.arange(TABLE_SIZE + 1) * math.tau / TABLE_SIZE
         table = [now[f"angle_table_{k % TABLE_SIZE + 1}"] for k in range(TABLE_SIZE + 1)]
