@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-flash bench-history bench-idle bench-kills bench-load bench-mechanics bench-recordings bench-stale bench-plant bench-watch auto-window gallery results picture clean
+.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-commission bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-first-start bench-flash bench-history bench-idle bench-kills bench-load bench-mechanics bench-recordings bench-stale bench-plant bench-watch auto-window gallery results picture clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them; PORT=8081 beside another one
 	@exec $(BIN)/pmsm-bench up $(PORT:%=--port %)
@@ -46,7 +46,7 @@ slow: $(VENV)/.dev ## tests that take long
 
 release: test thorough browser slow test-vcan paper peers prove score bars ## all of it: a night
 
-bars: bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-flash bench-history bench-idle bench-kills bench-load bench-mechanics bench-recordings bench-stale bench-plant bench-watch ## what is measured by name
+bars: bench-commission bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-first-start bench-flash bench-history bench-idle bench-kills bench-load bench-mechanics bench-recordings bench-stale bench-plant bench-watch ## what is measured by name
 
 browser: $(VENV)/.dev ## the page in Chromium (Debian: chromium, chromium-driver)
 	$(BIN)/pytest -m browser
@@ -121,6 +121,12 @@ bench-faults: $(VENV)/.dev ## rows and captures over links under faults: about t
 bench-http: $(VENV)/.dev ## the HTTP interface under too much: what is answered, and how soon Stop is
 	$(BIN)/python -m tests.bars.bench_http
 
+bench-commission: $(VENV)/.dev ## 20 drives with a concealed effect, commissioned: parameters, loops before and after; 17 minutes
+	$(BIN)/python -m tests.bars.bench_commission
+
+bench-first-start: $(VENV)/.dev ## 50 motors that nobody knows: pole pairs, phase order, direction, angle offset; 25 minutes
+	$(BIN)/python -m tests.bars.bench_first_start
+
 bench-flash: $(VENV)/.dev ## 1,000 flashes under faults over four links: what the drive's memory holds afterwards; how long one takes
 	$(BIN)/python -m tests.bars.bench_flash
 
@@ -133,7 +139,7 @@ bench-idle: $(VENV)/.dev ## processor time of a service and of a drive that nobo
 bench-load: $(VENV)/.dev ## four drives recorded, 20 event streams, 50 requests/s: rows, answers, memory, processor: ten minutes
 	$(BIN)/python -m tests.bars.bench_load
 
-bench-mechanics: $(VENV)/.dev ## inertia, friction and load torque of 600 drawn drives, and when none is told: ten minutes
+bench-mechanics: $(VENV)/.dev ## inertia, friction and load torque of 600 drawn drives, and when none is told: eight minutes
 	$(BIN)/python -m tests.bars.estimator.bench_mechanics
 
 bench-plant: $(VENV)/.dev ## the emulated plant's speed, effect by effect and beside its peers

@@ -7,8 +7,10 @@ Read in this order:
 * `live` - a drive's stream to estimates, and whether they may be trusted
 * `recordings` - files to samples, and the streaming core over them
 * `store` - what is kept: recordings of streams, the shelf of all recordings, the catalogue, the log of writes
-* `actions` - what is done to a drive: control, captures, recordings, experiments
+* `parameters` - a drive's parameters as sets: made, planned, flashed, taken back
+* `actions` - what is done to a drive: control, captures, recordings, experiments, flashes
 * `diagnoses` - a file to a diagnosis: JSON, page, machine file
+* `commissioning` - a motor that nobody knows, to parameters in its drive
 * `config` - drives and ports from TOML
 * `service` - everything that runs, as one context manager
 * `api` - REST and the page over it; `cli` - the command line

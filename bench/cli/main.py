@@ -268,7 +268,7 @@ def replay(
 
     Exit code: 0, they do; 1, they do not; 2, the file cannot be read or replayed; 3, nothing can be told.
     """
-    from bench.cli.commands.replay import Options, run
+    from bench.cli.commands.files.replay import Options, run
 
     options = Options(method, window, longest, periods, forgetting_factor, ekf, estimate)
     raise typer.Exit(run(file, nominal, mapping, constants, align, options, every, json_out, csv_out))
@@ -292,7 +292,7 @@ def mechanics(
     Voltages are not needed. Exit code: 0, told; 1, the equation of motion does not fit; 2, the file cannot be read; 3,
     nothing can be told, as of a shaft that does not accelerate.
     """
-    from bench.cli.commands.mechanics import run
+    from bench.cli.commands.files.mechanics import run
     from bench.diagnoses.diagnosis_request import trust_of
     from bench.recordings.column_options import columns_of
 
@@ -336,7 +336,7 @@ def diagnose(
     Exit code: 0, no mismatch or explained; 1, something stays unexplained; 2, a file cannot be read, diagnosed or
     written; 3, the recording cannot tell. Of several files the worst, in the order 70, 2, 1, 3, 0.
     """
-    from bench.cli.commands.diagnose import Options, run
+    from bench.cli.commands.files.diagnose import Options, run
     from bench.diagnoses.diagnosis_request import trust_of
     from bench.diagnoses.formats import checked_format
     from bench.recordings.column_options import columns_of
@@ -358,7 +358,7 @@ def simulate(
     as_json: AsJson = False,
 ) -> None:
     """Simulate a recording's currents by a machine with the effects of its file, and say how far off they are."""
-    from bench.cli.commands.simulate import run
+    from bench.cli.commands.files.simulate import run
     from bench.recordings.column_options import columns_of
 
     run(file, machine, *columns_of(mapping, constants, align), out, as_json=as_json)

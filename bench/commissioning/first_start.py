@@ -4,10 +4,14 @@ A current along the d axis of a forced angle phi turns the rotor's magnets towar
 
     theta_enc = s phi / n_p + c - delta(phi) / n_p        s = 1, or -1 where it counts against the phases' order
 
-with delta the angle by which load and friction keep the rotor back: sin(delta) = tau / (3/2 n_p psi_f I). The field
-goes forth and back in steps; friction keeps the rotor back on either way and falls out of their mean, a load does not:
-it falls with the current, so that the offset of two currents, held over 1/I, tells that of none. The rotor stays
-within half a mechanical turn of where the field first took it, which itself is at most half an electrical turn away.
+with delta the angle by which load and friction keep the rotor back, for small ones
+
+    delta = tau / (3/2 n_p (psi_f I - (L_q - L_d) I^2))
+
+The field goes forth and back in steps; friction keeps the rotor back on either way and falls out of their mean, a load
+does not: what two currents show, held over what keeps the rotor aligned, tells the offset without one. For that alone
+the drive's data sheet is believed, which the interval allows for. The rotor stays within half a mechanical turn of
+where the field first took it, which itself is at most half an electrical turn away.
 
 From inside a drive a motor whose phases b and c are crossed cannot be told from an encoder that counts down: both make
 the encoder go against the field. Which of them is put right is whose direction is to be forwards, see `Forwards`.
@@ -46,6 +50,9 @@ _LONGEST: Final = 8.0  # s that it may take to come to rest
 _WHOLE: Final = 0.12  # of a pole pair, that their number may be off a whole one; more of many
 _PAIRS_KNOWN: Final = 20  # up to so many, that is enough
 _LINEAR: Final = 0.25  # rad, electrical: the largest scatter of the places that a rotor which follows has
+_LARGER: Final = 1.5  # times the first current, the second
+_STIFFER: Final = 0.85  # of what the first one yields to a load, that the second may at most
+_SHEET: Final = 0.3  # of what a load moved, that a data sheet leaves open
 _LARGEST_LAG: Final = math.radians(40.0)  # that friction and load may keep the rotor back
 _POLL: Final = 0.005  # s
 
@@ -184,11 +191,12 @@ def first_start(
         span = _span(n_p)
         if span > _SWEEP:
             tell(f"turning the field by {span / math.pi:.2g} turns")
+        currents = _pair(drive, current)
         fits = list[_Fit]()
-        for share in (1.0, 1.5):
-            motor.current(share * current)
+        for one in currents:
+            motor.current(one)
             fits.append(_fitted(_swept(motor, span)))
-        return _found(drive, fits, current, forwards, motor.moved)
+        return _found(drive, fits, currents, forwards, motor.moved)
     finally:
         lease.stop(drive)
 
@@ -217,10 +225,10 @@ def _span(n_p: int) -> float:
 
 def _swept(motor: _Motor, span: float) -> list[_Place]:
     """To one side, to the other and back: every place of the way between the ends is passed in both directions."""
-    up = np.linspace(-span, span, 2 * _STEPS + 1)
-    motor.to(float(up[0]) - math.radians(15.0))
+    up = span * (np.arange(2 * _STEPS) + 0.5 - _STEPS) / _STEPS  # in the middles: what repeats over it falls out
+    motor.to(-span)
     places = [_Place(phi, motor.to(phi), 1) for phi in map(float, up)]
-    motor.to(float(up[-1]) + math.radians(15.0))
+    motor.to(span)
     places += [_Place(phi, motor.to(phi), -1) for phi in map(float, up[::-1])]
     motor.to(0.0)
     return places
@@ -247,10 +255,27 @@ def _fitted(places: Sequence[_Place]) -> _Fit:
     return _Fit(float(beta[1]), float(beta[0]), float(abs(beta[2])), scatter, error)
 
 
+def _pair(drive: Drive, current: float) -> tuple[float, float]:
+    """Two currents (A) of which the second holds the rotor better: one of them this one. Raises UnclearError."""
+    for pair in ((current, _LARGER * current), (current / _LARGER, current)):
+        if _yielding(drive, pair[1]) <= _STIFFER * _yielding(drive, pair[0]):
+            return pair
+    raise UnclearError(f"more than {current:.3g} A does not hold the rotor any better: expected a smaller current")
+
+
+def _yielding(drive: Drive, current: float) -> float:
+    """By how much a torque turns the rotor away from the field of a current (A), by the data sheet; of arbitrary size,
+    infinite where the current does not hold it.
+    """
+    psi_f, L_d, L_q = (drive.read(f"control_{name}") for name in ("psi_f", "L_d", "L_q"))
+    stiffness = psi_f * current - (L_q - L_d) * current**2
+    return 1.0 / stiffness if stiffness > 0.0 else math.inf
+
+
 def _found(
-    drive: Drive, fits: Sequence[_Fit], current: float, forwards: Forwards, moved: float
+    drive: Drive, fits: Sequence[_Fit], currents: tuple[float, float], forwards: Forwards, moved: float
 ) -> FirstStart:
-    """What two currents, the second half as large again, have shown. Raises UnclearError."""
+    """What two currents have shown. Raises UnclearError."""
     small, large = fits
     pairs = 1.0 / abs(large.slope)
     n_p = round(pairs)
@@ -262,16 +287,18 @@ def _found(
             f"the shaft follows the field by steps of {math.degrees(n_p * large.scatter):.3g} deg (electrical), "
             "expected less: something holds it, such as cogging, a brake or a stop"
         )
-    # of no load: what it moves falls with the current
-    middle = large.middle + 2.0 * (large.middle - small.middle)
-    load = 3.0 * n_p * abs(large.middle - small.middle)
+    yields = [_yielding(drive, one) for one in currents]
+    beyond = yields[1] / (yields[0] - yields[1])  # from the larger current on to where no load would move it
+    moved_by = beyond * (large.middle - small.middle)
+    middle, load = large.middle + moved_by, n_p * abs(moved_by)
     lag = n_p * small.lag
     if lag > _LARGEST_LAG or load > _LARGEST_LAG:
         raise UnclearError(
             f"friction keeps the rotor back by {math.degrees(lag):.3g} deg and a load by {math.degrees(load):.3g} deg "
             f"(electrical), expected less than {math.degrees(_LARGEST_LAG):.3g}"
         )
-    error = 1.96 * n_p * math.hypot(3.0 * large.error, 2.0 * small.error)
+    noise = math.hypot((1.0 + beyond) * large.error, beyond * small.error)
+    error = 1.96 * n_p * noise + _SHEET * load
     against = large.slope < 0.0
     swapped = int(drive.read("phases_swapped"))
     reverse = against and forwards is Forwards.PHASES
@@ -282,4 +309,4 @@ def _found(
     values = {
         "n_p": float(n_p), "phases_swapped": float(swapped), "angle_reversed": float(reverse), "angle_offset": offset
     }
-    return FirstStart(n_p, against, offset, error, lag, load, 1.5 * current, moved, values)
+    return FirstStart(n_p, against, offset, error, lag, load, currents[1], moved, values)

@@ -13,14 +13,15 @@ from bench.actions.safety.under_control import Guard, under_control
 from bench.actions.safety.unfinished import Origin
 from bench.commissioning.excitation import excitation
 from bench.commissioning.loops import Judged, Tried, fastest, judged, tried
-from bench.commissioning.proposal import by_torque, corrected, from_diagnosis, machine_of, shaft_of, tuned
+from bench.commissioning.proposal import by_torque, corrected, from_diagnosis, machine_of, shaft_of, tuned, turn_of
 from bench.commissioning.trial import SETTINGS, Tell, Trials
 from bench.errors import LimitError
 from bench.parameters.flash import parameters
 from bench.parameters.from_diagnosis import SETTLED
 from bench.parameters.made import Made
+from bench.parameters.temperature import TEMPERATURES
 from drivers import capture
-from drivers.capture import Upload
+from drivers.capture import Capture, Upload
 from drivers.drive import Drive
 from drivers.lease import Lease
 from estimator.machine import Machine
@@ -77,32 +78,70 @@ def identify(
 ) -> Identified:
     """All of it; nothing is written that stays. Raises BenchError, DriveError."""
     drive = around.link()
-    identity, image, n_p = drive.identity, parameters(drive), int(drive.read("n_p"))
+    image, n_p = parameters(drive), int(drive.read("n_p"))
+    if around.limits.n_p not in (None, n_p):
+        raise LimitError(
+            f"the drive is set for {n_p} pole pairs, its machine file says {around.limits.n_p}: expected the same; a "
+            "first start finds out which"
+        )
+    seen = _excited(around, drive, image)
+    content, files, captures = _diagnosed(around, seen)
+    turn = seen.turn if content is seen.diagnosis else None
+    made = from_diagnosis(content, image, drive.identity, name, version, turn, seen.temperatures)
+    found, shaft = machine_of(content, n_p), None
+    if found is not None:
+        now = image | made.set.values
+        turns = [turn, *(None for _ in captures[1:])]  # of the others it is not known
+        rows = [
+            by_torque(corrected(one, image, now, turn), now, found[0])
+            for one, turn in zip(captures, turns, strict=True)
+        ]
+        shaft = shaft_of(rows, *found, theta_step)
+    made = tuned(made, shaft, image, drive.identity.T_s, bandwidth)
+    return Identified(seen.before, files, content, found[0] if found else None, shaft, made)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """A motor excited, and what its recording says."""
+
+    before: Tried
+    file: Path
+    capture: Capture
+    turn: int | None  # see `turn_of`
+    temperatures: Mapping[str, float]  # degC, by signal
+    diagnosis: Mapping[str, Any]
+
+
+def _excited(around: Around, drive: Drive, image: Mapping[str, float]) -> _Seen:
+    """Loops tried, the motor excited, its recording diagnosed."""
+    identity = drive.identity
     with _trials(around, drive) as trials:
         before = tried(drive, trials, around.limits, around.i_rated)
-        excited = trials.excited(excitation(fastest(drive, around.limits), around.i_rated, before.K, identity.T_s))
-    files, captures = [around.keep(excited)], [capture.decoded(excited, identity.T_s, identity.full)]
+        plan = excitation(fastest(drive, around.limits), around.i_rated, before.K, identity.T_s)
+        excited, readings = trials.excited(plan)
+        temperatures = {name: drive.read(name) for name in TEMPERATURES.values()}
+    file, recorded = around.keep(excited), capture.decoded(excited, identity.T_s, identity.full)
     around.tell("diagnosing")
-    content = latest = around.diagnose(files[0])
+    turn = turn_of(recorded, readings, image)
+    return _Seen(before, file, recorded, turn, temperatures, around.diagnose(file))
+
+
+def _diagnosed(around: Around, seen: _Seen) -> tuple[Mapping[str, Any], list[Path], list[Capture]]:
+    """A diagnosis, after the experiments that it asks for, where one settles more; all recordings."""
+    content = latest = seen.diagnosis
+    files, captures = [seen.file], [seen.capture]
     for _ in range(_ROUNDS):
-        if (plan := _asked_for(latest)) is None:
+        if (asked := _asked_for(latest)) is None:
             break
-        around.tell(f"doing the experiment that the diagnosis asks for, {plan.seconds:.2g} s")
-        file, recorded = around.record(plan)
+        around.tell(f"doing the experiment that the diagnosis asks for, {asked.seconds:.2g} s")
+        file, recorded = around.record(asked)
         files.append(file)
         captures += recorded.captures
         around.tell("diagnosing that")
         latest = around.diagnose(file)
         content = latest if latest["verdict"] in SETTLED else content
-    found = machine_of(content, n_p)
-    made = from_diagnosis(content, image, identity, name, version)
-    shaft = None
-    if found is not None:
-        now = image | made.set.values
-        rows = [by_torque(corrected(one, image, now), now, found[0]) for one in captures]
-        shaft = shaft_of(rows, *found, theta_step)
-    made = tuned(made, shaft, image, identity.T_s, bandwidth)
-    return Identified(before, files, content, found[0] if found else None, shaft, made)
+    return content, files, captures
 
 
 def _asked_for(diagnosis: Mapping[str, Any]) -> Plan | None:

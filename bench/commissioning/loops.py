@@ -105,6 +105,7 @@ def tried(drive: Drive, trials: Trials, limits: Limits, i_rated: float) -> Tried
         K = acceleration(got, count, 2.0 * size)
         crossover = max(abs(gains["k_p_speed"] * K), 1e-3)
         wanted = min(max(2.5 * _LONG / crossover, _HOLDS[0]), _HOLDS[1])
+        trials.settle = wanted
         if hold / _ALIKE <= wanted <= hold * _ALIKE:
             break
         hold = wanted

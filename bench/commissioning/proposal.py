@@ -1,6 +1,7 @@
 """The set that a commissioning proposes: what a diagnosis found, what makes up for it, and loops tuned by it."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -9,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from bench.commissioning.trial import Reading
 from bench.errors import LimitError
+from bench.parameters.compensation import electrical_turn
 from bench.parameters.from_diagnosis import set_from_diagnosis
 from bench.parameters.made import Made
 from bench.parameters.parameter_set import OK, Entry
@@ -22,18 +25,37 @@ from estimator.mechanics.mechanics import Mechanics, Told, mechanics
 from estimator.samples import Resolution, Samples
 
 Column = NDArray[np.float64]
+_SLOW: Final = 1.0  # rad, electrical, that the rotor may turn while the encoder is asked
+_AGREE: Final = 0.8  # of the readings
 SHARE: Final = 0.2  # of 1/T_s: the current control's bandwidth, where none is asked for
 A: Final = 4.0  # of the symmetrical optimum: a phase margin of 62 deg
 
 
 def from_diagnosis(
-    content: Mapping[str, Any], image: Mapping[str, float], identity: Identity, name: str, version: int
-) -> Made:
-    """What a diagnosis (as JSON) found and what makes up for it; `image`: the drive's parameters meanwhile, SI."""
+    content: Mapping[str, Any], image: Mapping[str, float], identity: Identity, name: str, version: int,
+    turn: int | None, temperatures: Mapping[str, float],
+) -> Made:  # fmt: skip
+    """What a diagnosis (as JSON) found and what makes up for it; `image`: the drive's parameters meanwhile, SI.
+
+    `turn`: see `turn_of`; `temperatures` (degC): of winding and magnets, by signal.
+    """
     return set_from_diagnosis(
         content, image, name=name, version=version, T_s=identity.T_s, layout_id=identity.layout_id,
-        serial=identity.serial,
+        serial=identity.serial, electrical_turn=turn, temperatures=temperatures,
     )  # fmt: skip
+
+
+def turn_of(one: Capture, readings: Sequence[Reading], image: Mapping[str, float]) -> int | None:
+    """The electrical turn that a recording's first sample is in, by what the encoder read meanwhile; None: not told."""
+    theta, turns = np.unwrap(one.columns["theta_e"]), Counter[int]()
+    for reading in readings:
+        begin, end = reading.begin - one.tick, reading.end - one.tick
+        if 0 <= begin <= end < len(theta) and np.ptp(theta[begin : end + 1]) < _SLOW:
+            turns[electrical_turn(reading.angle, 0.5 * float(theta[begin] + theta[end]), image)] += 1
+    if not turns:
+        return None
+    turn, count = turns.most_common(1)[0]
+    return turn if count >= _AGREE * turns.total() else None
 
 
 def tuned(made: Made, shaft: Mechanics | None, image: Mapping[str, float], T_s: float, bandwidth: float | None) -> Made:
@@ -53,8 +75,13 @@ def tuned(made: Made, shaft: Mechanics | None, image: Mapping[str, float], T_s: 
     return Made(replace(made.set, entries=entries), tuple(remarks))
 
 
-def corrected(one: Capture, image: Mapping[str, float], now: Mapping[str, float]) -> Capture:
-    """Currents as a drive would have read them by gains, offsets and angle offset of `now`, not those of `image`."""
+def corrected(
+    one: Capture, image: Mapping[str, float], now: Mapping[str, float], turn: int | None = None
+) -> Capture:
+    """Currents and angle as a drive would have read them by the parameters `now`, not by those of `image`.
+
+    Its sensors' gains and offsets, the angle's offset; where `turn` is known, see `turn_of`, its table as well.
+    """
     theta, i = one.columns["theta_e"], one.columns["i_d"] + 1j * one.columns["i_q"]
     fixed = i * np.exp(1j * theta)
     phases = [np.real(fixed * np.exp(-1j * math.tau * k / 3.0)) for k in range(3)]
@@ -62,6 +89,12 @@ def corrected(one: Capture, image: Mapping[str, float], now: Mapping[str, float]
     read = [x / image[f"i_{p}_gain"] + image[f"i_{p}_offset"] for x, p in zip(phases, channels, strict=True)]
     a, b, c = (now[f"i_{p}_gain"] * (x - now[f"i_{p}_offset"]) for x, p in zip(read, channels, strict=True))
     theta_now = theta + now["angle_offset"] - image["angle_offset"]
+    if turn is not None and now["angle_correction"] and not image["angle_correction"]:
+        way = -1.0 if image["angle_reversed"] else 1.0
+        places = np.arange(TABLE_SIZE + 1) * math.tau / TABLE_SIZE
+        table = [now[f"angle_table_{k % TABLE_SIZE + 1}"] for k in range(TABLE_SIZE + 1)]
+        reading = way * (np.unwrap(theta) + turn * math.tau - image["angle_offset"]) / image["n_p"]
+        theta_now = theta_now - way * image["n_p"] * np.interp(reading % math.tau, places, table)
     new = (2.0 * a - b - c + 1j * math.sqrt(3.0) * (b - c)) / 3.0 * np.exp(-1j * theta_now)
     return replace(one, columns=one.columns | {"theta_e": theta_now % math.tau, "i_d": new.real, "i_q": new.imag})
 
@@ -79,7 +112,8 @@ def by_torque(one: Capture, values: Mapping[str, float], machine: Machine) -> Ca
 
     def flux(table: str) -> Column:
         entries = np.array([values[f"{table}_{k}"] for k in range(1, TABLE_SIZE + 1)]).reshape(TABLE_SIDE, TABLE_SIDE)
-        return RegularGridInterpolator((d, q), entries, bounds_error=False, fill_value=None)((i_d, np.abs(i_q)))
+        beyond: Any = None  # as at the edge, linear
+        return RegularGridInterpolator((d, q), entries, bounds_error=False, fill_value=beyond)((i_d, np.abs(i_q)))
 
     tau = flux("psi_d_table") * i_q - np.sign(i_q) * flux("psi_q_table") * i_d
     linear = machine.psi_f + (machine.L_d - machine.L_q) * i_d

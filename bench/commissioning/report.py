@@ -4,7 +4,7 @@ What it is made of are the results of its jobs, as `results` has them.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache, partial
 from importlib import resources
 from typing import Any, Final
@@ -30,9 +30,9 @@ def report(
     first: Mapping[str, Any] | None = None,
 ) -> str:  # fmt: skip
     """The page of a drive's commissioning; `when`: a sentence of when, and whether it was flashed."""
-    told, responses = identified["diagnosis"], [("before", "before", identified["responses"])]
+    told, responses = identified["diagnosis"], dict[Role, Mapping[str, Any]]({"before": identified["responses"]})
     if verified is not None:
-        responses.append(("after", "after", verified["responses"]))
+        responses["after"] = verified["responses"]
     return _template().render(
         title=f"Commissioning of {drive}", when=when, verdict=words(str(told["verdict"])), sentence=told["sentence"],
         settled=told["verdict"] in SETTLED, first=first, machine=identified["machine"], shaft=identified["shaft"],
@@ -42,19 +42,19 @@ def report(
     )  # fmt: skip
 
 
-def _figure(name: str, responses: Sequence[tuple[str, Role, Mapping[str, Any]]]) -> Figure | None:
+def _figure(name: str, responses: Mapping[Role, Mapping[str, Any]]) -> Figure | None:
     """A loop's mean steps."""
-    there = [(word, role, told[name]) for word, role, told in responses if name in told]
+    there = dict[Role, Any]({role: told[name] for role, told in responses.items() if name in told})
     if not there:
         return None
-    longest = max(one["t"][-1] for _, _, one in there)
+    longest = max(one["t"][-1] for one in there.values())
     by, unit = scaled(longest, "s")
     x = Axis("time from the step", unit, -0.1 * longest / by, longest / by)
     traces = list[Trace]()
-    for word, role, one in there:
+    for role, one in there.items():
         points = [(t / by, y) for t, y in zip(one["t"], one["y"], strict=True) if t / by >= x.low]
-        traces.append(Trace(word, role, "line", tuple(t for t, _ in points), tuple(y for _, y in points)))
-    y = Axis("share of the step", "", -0.1, max(_HIGHEST, *(max(one["y"]) for _, _, one in there)))
+        traces.append(Trace(role, role, "line", tuple(t for t, _ in points), tuple(y for _, y in points)))
+    y = Axis("share of the step", "", -0.1, max(_HIGHEST, *(max(one["y"]) for one in there.values())))
     caption = f"The mean step of the {NAMES[name]}."
     return Figure("loops", f"step-{name}", "The loops", caption, (Panel(NAMES[name], x, y, tuple(traces)),))
 

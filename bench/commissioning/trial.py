@@ -38,7 +38,7 @@ _REFERENCE: Final = 1.0
 _HOLDS: Final = 48  # steps of a current's trial
 _SWINGS: Final = 24  # of a speed's
 _SAMPLES: Final = 16_000  # of a speed's trial
-_SETTLE: Final = 0.05  # s after set points have changed
+_SETTLE: Final = 0.5  # s, while the speed control is not known
 _POLL: Final = 0.02  # s
 _STANDSTILL: Final = 10.0  # s without another sample
 
@@ -77,12 +77,24 @@ class Excitation:
     seconds: float
 
 
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the encoder read while something was recorded."""
+
+    begin: int  # tick before it was asked
+    end: int  # and after
+    angle: float  # rad, mechanical, uncorrected
+
+
 class Trials:
     """Trials of a drive under control."""
 
     def __init__(self, drive: Drive, lease: Lease, guard: Guard, tell: Tell = lambda _: None) -> None:
         self._drive, self._lease, self._guard, self._tell = drive, lease, guard, tell
         self._T_s = drive.identity.T_s
+        self.settle = _SETTLE
+        """s that a speed control is given once the speed is there: its integral has to be as well."""
+        self._tells_encoder = any(signal.name == "encoder_angle" for signal in drive.identity.signals)
 
     def current(self, trial: CurrentTrial) -> tuple[Column, int]:
         """Current of the axis (A), every control period, and control periods between steps."""
@@ -111,15 +123,23 @@ class Trials:
         got = self._recorded(setup, f"stepping the speed by {2.0 * trial.size:.3g} rad/s")
         return self._decoded(got), hold
 
-    def excited(self, given: Excitation) -> Upload:
-        """All that a diagnosis reads, every control period."""
+    def excited(self, given: Excitation) -> tuple[Upload, list[Reading]]:
+        """All that a diagnosis reads, every control period; and what the encoder itself reads now and then."""
         self._start({"speed_ref": 0.0, "speed_step": 0.0, "speed_hold": given.hold, "step_time": given.step_time})
         self._lease.write(self._drive, {
             "speed_ramp": given.ramp, "speed_step": given.speed, "excitation_kind": _LEVELS, "i_d_ref": given.i_d_ref,
             "i_d_step": given.i_d_step, "i_q_step": given.i_q_step,
         })  # fmt: skip
         length = min(math.ceil(given.seconds / self._T_s), CAPTURE_SAMPLES)
-        return self._recorded(Setup(EXCITED, length), f"exciting the motor for {length * self._T_s:.2g} s")
+        readings = list[Reading]()
+
+        def read() -> None:
+            if self._tells_encoder:
+                begin, angle = int(self._drive.read("tick")), self._drive.read("encoder_angle")
+                readings.append(Reading(begin, int(self._drive.read("tick")), angle))
+
+        phase = f"exciting the motor for {length * self._T_s:.2g} s"
+        return self._recorded(Setup(EXCITED, length), phase, read), readings
 
     def _start(self, values: Mapping[str, float]) -> None:
         self._guard.check_cancelled()
@@ -134,20 +154,23 @@ class Trials:
 
     def _await_speed(self, wanted: float) -> None:
         near, deadline = 0.05 * abs(wanted) + 0.005 * self._drive.identity.omega_full, time.monotonic() + 20.0
-        while abs((now := self._drive.read("omega_e")) - wanted) > near:
+        there = math.inf  # s, monotonic: since when it has been near
+        while time.monotonic() < there + self.settle:
+            now = self._drive.read("omega_e")
+            there = min(there, time.monotonic()) if abs(now - wanted) <= near else math.inf
             if time.monotonic() > deadline:
                 raise NoReplyError(f"the drive did not come to {wanted:.4g} rad/s within 20 s, it has {now:.4g} rad/s")
             self._guard.check()
             self._guard.pause(_POLL)
-        self._guard.pause(_SETTLE)
 
-    def _recorded(self, setup: Setup, phase: str) -> Upload:
+    def _recorded(self, setup: Setup, phase: str, meanwhile: Callable[[], object] = lambda: None) -> Upload:
         drive, guard = self._drive, self._guard
         self._tell(phase)
         number = capture.arm(drive, setup)
         count, grown = -1, time.monotonic()
         while (seen := capture.seen(drive, number)).state != DONE:
             guard.check()
+            meanwhile()
             if seen.count != count:
                 count, grown = seen.count, time.monotonic()
             elif time.monotonic() - grown > _STANDSTILL:

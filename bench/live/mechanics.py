@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.machine_file import Nominal
 from estimator.machine import Machine
-from estimator.mechanics.mechanics import PARAMETERS, SHORTEST, UNITS, Mechanics, Told, mechanics
+from estimator.mechanics.mechanics import PARAMETERS, SHORTEST, UNITS, Mechanics, Told, mechanics, unmoved
 from estimator.online.estimate import Estimate, Status
 from estimator.samples import Resolution, Samples
 
@@ -74,7 +74,8 @@ def judge(shafts: Shafts, estimates: Mapping[str, Estimate], nominal: Nominal, n
         runs = _runs(shafts)
         shafts.recent = deque(runs)  # joined once
         machine, std = known
-        said = mechanics([joined_rows(run) for run in runs], machine, std)
+        rows = [joined_rows(run) for run in runs]
+        said = unmoved(rows, machine.n_p) or mechanics(rows, machine, std)
     shafts.shaft = _after(shafts.shaft, said, now)
     ended = time.monotonic()
     shafts.due = ended + max(OFTEN, (ended - began) / SHARE)

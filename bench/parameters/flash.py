@@ -26,13 +26,14 @@ from bench.parameters.versions import remarks_on
 from drivers import operation
 from drivers.drive import Drive, Identity
 from drivers.errors import DriveError, FrameError, LostError, NoReplyError
-from drivers.lease import Lease
+from drivers.lease import HeldError, Lease
 from drivers.wire.cia402 import State
 from drivers.wire.lease import MOST_VALUES
 from drivers.wire.memory import MemoryState
 
 PATIENCE: Final = 30.0  # s in which a drive is to be there again, to be rolled back
 _RETRY: Final = 0.1  # s
+_YIELDED: Final = 0.3  # s without control, for who has ended it by a stop to see that it has
 _NAMED: Final = 5  # of what is different
 _UNREASONED: Final = "expected a reason why these are flashed all the same, got none"
 _NAMES: Final = frozenset(signal.name for signal in FLASHED)
@@ -215,6 +216,8 @@ class UnderWay:
             said = f"{values_words(changed)} changed, stored, and read back after a reset"
             self._journal.end(Step.DONE, said)
         except (DriveError, BenchError) as error:
+            if isinstance(error, HeldError):
+                time.sleep(_YIELDED)
             return self._back(str(error), stored=stored)
         return Verdict(End.FLASHED, changed, said)
 

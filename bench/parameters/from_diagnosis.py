@@ -12,6 +12,7 @@ from bench.errors import ConfigError, shown
 from bench.parameters.compensation import Recorded, compensations
 from bench.parameters.made import DOUBTFUL, Made, Making, Size, items, name_of, number, part, parts, size_of
 from bench.parameters.parameter_set import OK, ParameterSet
+from bench.parameters.temperature import at_temperature
 from bench.parameters.tuning import current_loop
 from estimator.machine import PARAMETERS, UNITS
 
@@ -27,14 +28,14 @@ _CONTROL: Final = {name: f"control_{name}" for name in PARAMETERS}
 def set_from_diagnosis(
     content: Mapping[str, Any], drive: Mapping[str, float] | None = None, *, name: str = "", version: int = 1,
     T_s: float | None = None, own_gains: bool = False, bandwidth: float | None = None,
-    electrical_turn: int | None = None, **whose: int | None,
+    electrical_turn: int | None = None, temperatures: Mapping[str, float] | None = None, **whose: int | None,
 ) -> Made:
     """The set, and what no compensation absorbs. Raises ConfigError where the content is no diagnosis, LimitError.
 
     `drive`: its parameters (SI, by signal) as they were while it was recorded; None: it made up for nothing.
     `T_s` (s): its control period, where the diagnosis does not tell; `own_gains`: gains of the current control, of a
-    `bandwidth` (rad/s) or the fastest one; `electrical_turn`: see `compensation.electrical_turn`; `whose`: `layout_id`
-    and `serial` of the set.
+    `bandwidth` (rad/s) or the fastest one; `electrical_turn`: see `compensation.electrical_turn`; `temperatures`
+    (degC): temp_winding and temp_magnet meanwhile; `whose`: `layout_id` and `serial` of the set.
     """
     verdict = content.get("verdict")
     if verdict not in _VERDICTS:
@@ -50,7 +51,7 @@ def set_from_diagnosis(
         making.remarks += [one for one in items(content, "remarks") if isinstance(one, str)]
     else:
         left_open = _left_open(content)
-        machine = _machine(making, content, source, left_open)
+        machine = _machine(making, content, source, left_open, temperatures or {})
         recorded = _recorded(content, drive or {}, machine, T_s, electrical_turn)
         if own_gains:
             _gains(making, recorded.T_s, bandwidth, source)
@@ -58,10 +59,14 @@ def set_from_diagnosis(
         for doubt in parts(content, "ambiguous"):
             if not doubt.get("rivals", True):
                 making.remark(f"it is not told whether there is {' or '.join(map(str, items(doubt, 'effects')))}")
-    return Made(ParameterSet(name_of(name or source), making.entries, version, **whose), tuple(making.remarks))
+    layout_id, serial = (whose.get(key) for key in ("layout_id", "serial"))
+    given = ParameterSet(name_of(name or source), making.entries, version, layout_id, serial)
+    return Made(given, tuple(making.remarks))
 
 
-def _machine(making: Making, content: Mapping[str, Any], source: str, left_open: str) -> dict[str, float]:
+def _machine(
+    making: Making, content: Mapping[str, Any], source: str, left_open: str, temperatures: Mapping[str, float]
+) -> dict[str, float]:
     """Entries of the four parameters; those that are told, SI."""
     told, after = dict[str, float](), part(part(content, "machine"), "after")
     for parameter, signal in _CONTROL.items():
@@ -75,7 +80,8 @@ def _machine(making: Making, content: Mapping[str, Any], source: str, left_open:
             doubt = doubt or "no interval is told"
         elif size.std > _WIDE * abs(size.value):
             doubt = doubt or f"told within {1.96 * size.std:.2g} {UNITS[parameter]} only"
-        making.take(signal, size, DOUBTFUL if doubt else OK, _because(source, doubt))
+        warm = at_temperature(parameter, size.value, temperatures, None)
+        making.take(signal, size, DOUBTFUL if doubt else OK, _because(source, doubt), **warm)
     return told
 
 

@@ -11,16 +11,12 @@ from typing import Any, Final
 from bench.errors import ConfigError, shown
 from bench.parameters.made import DOUBTFUL, Made, Making, name_of, number, part, size_of
 from bench.parameters.parameter_set import OK, ParameterSet
+from bench.parameters.temperature import TEMPERATURES, at_temperature
 from estimator.machine import PARAMETERS
 from estimator.online.estimate import Status
 
-COPPER: Final = 0.00393  # 1/K, of a winding's resistance, from 20 degC
-MAGNETS: Final = -0.0011  # 1/K, of the flux of NdFeB, from 20 degC: typical
-_COLD: Final = 20.0  # degC
-_RANGE: Final = (-60.0, 300.0)  # degC, that a motor may have
 _ESTIMATED: Final = (Status.OK, Status.DOUBTFUL, Status.STALE)
 _WORDS: Final = 100  # characters of a reason
-_TEMPERATURES: Final = {"R_s": "temp_winding", "psi_f": "temp_magnet"}
 
 
 def set_from_estimates(
@@ -51,9 +47,11 @@ def set_from_estimates(
         said = OK if known is Status.OK else known.value
         if known is Status.OK and size.std is None:
             said, reason = DOUBTFUL, "no interval is told"
-        more = _at(parameter, size.value, warm, magnets) if known in _ESTIMATED else {}
+        more = at_temperature(parameter, size.value, warm, magnets) if known in _ESTIMATED else {}
         making.take(signal, size, said, f"{source}; {reason}" if reason else source, **more)
-    return Made(ParameterSet(name_of(name or source), making.entries, version, **whose), tuple(making.remarks))
+    layout_id, serial = (whose.get(key) for key in ("layout_id", "serial"))
+    given = ParameterSet(name_of(name or source), making.entries, version, layout_id, serial)
+    return Made(given, tuple(making.remarks))
 
 
 def _source(content: Mapping[str, Any], told: Mapping[str, Any]) -> str:
@@ -65,22 +63,4 @@ def _source(content: Mapping[str, Any], told: Mapping[str, Any]) -> str:
 def _temperatures(content: Mapping[str, Any]) -> dict[str, float]:
     """degC: of a replay, or what the drive says beside its estimates."""
     told = part(content, "temperatures_degC") or part(part(content, "drive"), "latest")
-    return {name: value for name in _TEMPERATURES.values() if (value := number(told.get(name))) is not None}
-
-
-def _at(parameter: str, value: float, warm: Mapping[str, float], magnets: float | None) -> dict[str, Any]:
-    """What an entry says of temperature."""
-    if (name := _TEMPERATURES.get(parameter)) is None:
-        return {}
-    at, of = warm.get(name), "winding" if parameter == "R_s" else "magnets"
-    if at is None or not _RANGE[0] <= at <= _RANGE[1]:
-        return {"note": f"no temperature of the {of} was recorded: what it is at 20 degC is not known"}
-    if parameter == "R_s":
-        per_K, said = COPPER, f"copper, {100.0 * COPPER:.3g} %/K"
-    else:
-        per_K = MAGNETS if magnets is None else magnets
-        said = f"magnets of {100.0 * per_K:.3g} %/K" + (", typical of NdFeB" if magnets is None else "")
-    scale = 1.0 + per_K * (at - _COLD)
-    if scale <= 0.0:
-        raise ConfigError(f"a magnets' coefficient of {per_K:g} 1/K leaves no flux at {at:g} degC")
-    return {"note": f"at 20 degC: {said}", "at_degC": at, "at_20_degC": value / scale}
+    return {name: value for name in TEMPERATURES.values() if (value := number(told.get(name))) is not None}

@@ -58,7 +58,7 @@ from drivers.wire.dictionary import SET_POINTS
 
 _WRITE = 30.0  # s that a write of signals may take, on the slowest line
 _STOP = 1.2  # s in which drives are stopped, and jobs on them end, while there are still links
-_FLASH = 8.0  # s more that a flash under way is waited for, beyond which its journal tells the next start
+_FLASH = 6.0  # s more that a flash under way is waited for, beyond which its journal tells the next start
 _LEAVE = 1.8  # s in which all must end; a pump that is held up in connecting is left behind
 _DIAGNOSED = 0.2  # s between looks at a diagnosis that is waited for
 _LAST = 0.3  # s more, for the estimation

@@ -17,15 +17,22 @@ _PLATE: Final = ("R_s", "L_d", "L_q", "psi_f", "n_p", "i_rated")
 
 
 def data_sheet(scenario: Scenario) -> dict[str, Mapping[str, float]]:
-    """`machine` and `drive` as the tables of a machine file, `limits` and `set_points`, all by name."""
+    """`machine` and `drive` as the tables of a machine file, `limits` and `set_points`, all by name.
+
+    A drive that is not enabled has no set points: it is not meant to be started as it is.
+    """
     motor, counts = scenario.motor, scenario.drive.encoder_counts
     speed_max_rpm = _largest_speed(scenario)
     return {
         "machine": {**{name: getattr(motor, name) for name in _PLATE}, "speed_max_rpm": speed_max_rpm},
         "drive": {"encoder_counts": counts} if counts > 1 else {},
         "limits": {"i_max": max(motor.i_rated, _longest_current(scenario)), "speed_max_rpm": speed_max_rpm},
-        "set_points": {name: float(getattr(scenario.excitation, name)) for name in SET_POINTS},
+        **({"set_points": _set_points(scenario.excitation)} if scenario.drive.enabled else {}),
     }
+
+
+def _set_points(excitation: Excitation) -> dict[str, float]:
+    return {name: float(getattr(excitation, name)) for name in SET_POINTS}
 
 
 def _longest_current(scenario: Scenario) -> float:

@@ -42,6 +42,8 @@ from emulator.input_file import read_text, shown
 from emulator.plant.inverter import longest
 from emulator.plant.machine import COLDEST, HOTTEST, TABLE_TEMPERATURES, Machine, at_temperature
 from emulator.plant.mechanics import Profile
+from emulator.plant.physics.friction import Friction
+from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import NONE, Effects, check_effects, effects_from_table
 from emulator.scenario.motors import drive_table, motor_from_table
 from emulator.scenario.settings import settings_from_table
@@ -175,7 +177,7 @@ def overspeed_of(scenario: Scenario) -> float:
     return max(0.9 * longest(drive.u_dc) / motor.psi_f, 1.2 * asked)
 
 
-def drive_for(motor: Machine, u_dc: float = 310.0, **given: float | str) -> Drive:
+def drive_for(motor: Machine, u_dc: float = 310.0, **given: float | str | bool) -> Drive:
     """A drive whose currents, converter and full scales suit the motor; any field of `Drive` may be given."""
     return from_table(Drive, _suited(motor, {"u_dc": u_dc, **given}), "drive_for: ")
 
@@ -419,4 +421,22 @@ PAPER_RUN_WARMING = replace(
 )
 """The paper's drive with its seven temperatures, evenly spread over the second and in straight lines in between."""
 
-BUILT_IN = {scenario.name: scenario for scenario in (PAPER, PAPER_RUN, PAPER_RUN_WARMING)}
+_UNKNOWN_MOTOR = _PAPER_MOTOR._replace(J=8e-4, B=2e-4)
+UNKNOWN = Scenario(
+    "unknown",
+    _UNKNOWN_MOTOR,
+    drive_for(
+        _UNKNOWN_MOTOR, bridge="switched", encoder_counts=16384, encoder_offset=0.4, encoder_reversed=True,
+        enabled=False,
+    ),
+    Run(shaft="free", speed_control=True, speed_reference="ramp", tau_L=0.02),
+    effects=NONE._replace(friction=Friction(coulomb=0.05), inverter=Inverter(dead_time=1.5e-6)),
+    settings={
+        "n_p": 3.0, "control_R_s": 0.8, "control_L_d": 5e-3, "control_L_q": 5e-3, "control_psi_f": 0.14,
+    },
+)  # fmt: skip
+"""A motor that its drive does not know: other pole pairs and parameters, an encoder that is mounted anywhere and counts
+down, a bridge whose dead time nobody makes up for; on a free shaft with friction, to be commissioned.
+"""
+
+BUILT_IN = {scenario.name: scenario for scenario in (PAPER, PAPER_RUN, PAPER_RUN_WARMING, UNKNOWN)}

@@ -1,8 +1,8 @@
 """Doubts: what a fit leaves of the torque, beyond noise.
 
-Where a suspect explains most of it, it is that. What is left with all of them, beyond what the angle's noise explains,
-is of none: a shaft, a coupling or a belt that gives way, backlash, friction of another kind. It shows over short
-stretches, where long ones agree with any inertia.
+Where a suspect explains most of it, it is that. What is left then, beyond what the angle's noise explains, is of none:
+a shaft, a coupling or a belt that gives way, backlash, friction of another kind. It shows over short stretches, where
+long ones agree with any inertia.
 """
 
 from typing import Final
@@ -40,12 +40,8 @@ def suspects_of(fit: Fit) -> dict[Suspect, float]:
 
 
 def unexplained(fit: Fit) -> float:
-    """Share of the torque beside speed and friction that neither the equation, nor suspects, nor the angle explain."""
-    rest = float(np.sum(without(fit.tau, fit.columns[1:]) ** 2))
-    if rest == 0.0:
-        return 0.0
-    columns = np.vstack((fit.columns, *(own for _, own in _allowed(fit, fit.columns))))
-    return float(np.sum(without(fit.tau, columns) ** 2)) / rest - _ROUNDING * fit.noise
+    """Share of the torque beside friction, load and suspects that neither acceleration nor noise explains."""
+    return 1.0 - fit.explained - _ROUNDING * fit.noise
 
 
 def _allowed(fit: Fit, columns: Array) -> list[tuple[Suspect, Array]]:

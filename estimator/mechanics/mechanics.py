@@ -35,8 +35,10 @@ _CLEAR: Final = 0.05  # share of the acceleration's energy that the angle's nois
 _QUIET: Final = 0.01  # the same of shorter stretches, which are asked whether the shaft is rigid
 _CLOSE: Final = 0.1  # standard error of J over J, from which on it is not told
 _STEADY: Final = 0.02  # of the highest speed, rms, by which a steady one departs from its mean
+_LOOK: Final = 0.05  # s, over which a speed is looked at
+_ROUNDING: Final = 3.0  # times the angle's noise, that a speed must stand out by
 _FOLLOWS: Final = 0.5  # share of the torque beside friction and load that accelerates the shaft, at least
-_RIGID: Final = 2e-3  # share of it that is left unexplained, at most
+_RIGID: Final = 1e-3  # share of it that is left unexplained, at most
 _TOLD: Final = 0.2  # share of the torque, rms, that half of an interval may be
 
 
@@ -79,6 +81,24 @@ def mechanics(
     runs = [samples] if isinstance(samples, Samples) else list(samples)
     return mechanics_of([rows for run in runs for rows in whole_rows(run, machine.n_p)], machine, std or {},
                         max((run.resolution.theta_e for run in runs), default=0.0))
+
+
+def unmoved(samples: Sequence[Samples], n_p: int) -> Mechanics | None:
+    """What is said of rows whose speed keeps still, at the cost of a look; None where it may move."""
+    runs = [rows for run in samples for rows in whole_rows(run, n_p)]
+    if not runs:
+        return None
+    M = max(1, round(_LOOK / runs[0].T))
+    speeds = [mean_over(run.omega, M)[::M] for run in runs if len(run.omega) >= M]
+    if not speeds:
+        return None
+    speed = np.concatenate(speeds)
+    rounding = math.sqrt(2.0 * noise_of_angle(runs)) / (M * runs[0].T)
+    spread, fastest = float(np.std(speed)), float(np.max(np.abs(speed)))
+    if spread > max(_STEADY * fastest, _ROUNDING * rounding):
+        return None
+    said = _steady(spread, float(np.mean(speed))) if fastest > _ROUNDING * rounding else _none(*_STILL)
+    return replace(said, rows=sum(len(run.omega) for run in runs), gaps=len(runs) - 1)
 
 
 def whole_rows(run: Samples, n_p: int) -> list[Rows]:
@@ -150,12 +170,22 @@ def _none(status: Told, sentence: str) -> Mechanics:
     )
 
 
+_STILL: Final = (Told.NO_ACCELERATION, "the shaft stands still")
+
+
+def _steady(spread: float, mean: float) -> Mechanics:
+    return _none(
+        Told.NO_ACCELERATION, f"the shaft does not accelerate: its speed changes by {spread:.2g} rad/s rms at "
+        f"{mean:.3g} rad/s; let it swing, by speed_step",
+    )  # fmt: skip
+
+
 def _unclear(every: Sequence[Fit], fastest: float) -> Mechanics:
     """Of stretches of any length, none has an acceleration beyond the angle's noise."""
     if every:
         return _none(Told.NO_ACCELERATION, "the shaft does not accelerate by more than the angle's noise")
     if fastest == 0.0:
-        return _none(Told.NO_ACCELERATION, "the shaft stands still")
+        return _none(*_STILL)
     return _none(Told.NOT_TOLD, f"the shaft turns too little: fewer than {FEWEST} stretches do not touch zero speed")
 
 
@@ -163,10 +193,7 @@ def _untold(fit: Fit) -> Mechanics:
     speed = fit.stretches.omega
     spread = float(np.std(speed))
     if spread < _STEADY * float(np.max(np.abs(speed))):
-        return _none(
-            Told.NO_ACCELERATION, f"the shaft does not accelerate: its speed changes by {spread:.2g} rad/s rms at "
-            f"{float(np.mean(speed)):.3g} rad/s; let it swing, by speed_step",
-        )  # fmt: skip
+        return _steady(spread, float(np.mean(speed)))
     if fit.explained < _FOLLOWS:
         return _none(
             Told.NOT_TOLD, "the torque does not follow the acceleration: the shaft is held, or driven by another "

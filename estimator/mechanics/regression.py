@@ -150,7 +150,9 @@ def _fitted(
 
 def without(y: Array, X: Array) -> Array:
     """What the rows of X do not tell of y, by least squares."""
-    return y - np.linalg.lstsq(X.T, y)[0] @ X
+    scale = np.sqrt(np.mean(X**2, axis=1))
+    Z = X / np.where(scale > 0.0, scale, 1.0)[:, None]
+    return y - (np.linalg.pinv(Z @ Z.T, rcond=1e-12, hermitian=True) @ (Z @ y)) @ Z
 
 
 def _spectrum(scores: Array) -> Array:

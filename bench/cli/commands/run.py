@@ -58,7 +58,7 @@ def run_both(url: str | None, scenario: str, port: int | None) -> None:
             sheet = opened.enter_context(_emulator(drive.url, scenario))
         nominal = nominal_of({"machine": sheet["machine"], "drive": sheet["drive"]}, f"scenario {scenario}")
         known = drive_of(drive.name, drive.url, nominal, sheet["limits"])
-        _serve(replace(config, drives=(known,)), listener, sheet["set_points"])
+        _serve(replace(config, drives=(known,)), listener, sheet.get("set_points"))
 
 
 def _bus(port: int) -> str:

@@ -23,7 +23,7 @@ from estimator.mechanics.mechanics import Mechanics, Told, mechanics
 from estimator.online.estimate import Status
 from tests.estimator.mechanics import shafts
 
-SEED: Final = 70_000
+SEED: Final = 80_000
 DEVELOPED: Final = 40_000
 CLOSE: Final = 0.02  # of J
 COVER: Final = (0.90, 0.99)

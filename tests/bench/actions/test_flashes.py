@@ -2,6 +2,7 @@
 
 import contextlib
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from bench.actions.flashes import State, Status
 from bench.config import Config, drive_of
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal
+from bench.parameters import flash
+from bench.parameters.link import OwnLink
 from bench.parameters.parameter_set import Entry, ParameterSet, set_of
 from bench.parameters.plan import different
 from bench.service.service import Service
@@ -181,6 +184,37 @@ def test_who_stops_all_the_time_is_answered_each_time(bench: Bench) -> None:
             service.stop_drive("x")
         done = ended(service, status)
         assert done.state in (State.FLASHED, State.ROLLED_BACK), done.said
+
+
+@pytest.mark.parametrize("after", [0.02, 0.05, 0.1])
+def test_stop_is_answered_while_another_program_flashes(bench: Bench, tmp_path: Path, after: float) -> None:
+    ends = list[flash.Verdict]()
+    with bench.serving() as service, OwnLink(bench.url) as link:
+        before = values(service)
+        around = flash.Around(tmp_path / "other", bench.url)
+        one = threading.Thread(target=lambda: ends.append(flash.begin(link, NEW, around).forward()))
+        one.start()
+        until(lambda: any((tmp_path / "other").glob("*.flash.jsonl")), "its journal")
+        time.sleep(after)
+        begun = time.monotonic()
+        service.stop_drive("x")
+        assert time.monotonic() - begun < 2.0
+        one.join()
+        assert ends[0].end in (flash.End.FLASHED, flash.End.ROLLED_BACK), ends
+        assert not different(before | (NEW.values if ends[0].end is flash.End.FLASHED else {}), values(service))
+
+
+def test_a_recording_of_the_stream_goes_on_with_a_gap(bench: Bench) -> None:
+    with bench.serving() as service:
+        recording = service.recordings.ask("x", {})
+        until(lambda: service.recordings.one("x", recording.id).rows > 200, "rows")
+        assert ended(service, service.flashes.ask("x", SLOWER)).state is State.FLASHED
+        until(lambda: service.recordings.one("x", recording.id).gaps > 0, "the gap")
+        rows = service.recordings.one("x", recording.id).rows
+        until(lambda: service.recordings.one("x", recording.id).rows > rows, "rows after it")
+        service.recordings.stop(recording, "a test")
+        until(lambda: service.recordings.one("x", recording.id).state.ended, "its end")
+        assert service.recordings.one("x", recording.id).gaps == 1
 
 
 def cut_at(bench: Bench, folder: Path, step: str) -> None:

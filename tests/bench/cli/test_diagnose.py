@@ -38,14 +38,14 @@ n_p = 4
 [drive]
 T_s = 1e-4
 """
-BY_NAME = [sys.executable, "-c", "import bench.cli.commands.diagnose as d; d.WORK = 'tests.support.diagnoses:work'\n"
-           "from bench.cli.main import main; main()"]  # fmt: skip
+BY_NAME = [sys.executable, "-c", "import bench.cli.commands.files.diagnose as d\n"
+           "d.WORK = 'tests.support.diagnoses:work'\nfrom bench.cli.main import main; main()"]  # fmt: skip
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to be in, with a machine file, where diagnoses go by the names of files."""
-    monkeypatch.setattr("bench.cli.commands.diagnose.WORK", "tests.support.diagnoses:work")
+    monkeypatch.setattr("bench.cli.commands.files.diagnose.WORK", "tests.support.diagnoses:work")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
     (tmp_path / "m.toml").write_text(MACHINE, encoding="utf-8")

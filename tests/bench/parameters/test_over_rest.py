@@ -166,6 +166,17 @@ def test_what_was_not_cut_is_neither_finished_nor_rolled_back(client: httpx.Clie
     assert "has no flash" in refused(client.get(f"{DRIVE}/flashes/nothing"), 404)
 
 
+def test_a_service_that_is_told_to_end_waits_for_a_flash() -> None:
+    with bench_up() as bench, httpx.Client(base_url=bench.url, headers=JSON, timeout=30.0) as client:
+        assert client.post(f"{DRIVE}/stop").is_success
+        assert client.post(f"{DRIVE}/flashes", json=SLOWER).status_code == 202
+        bench.process.send_signal(signal.SIGTERM)
+        out, errors = bench.process.communicate(timeout=20.0)
+        assert "emulated: its flash has ended: flashed" in out
+        assert "a flash is under way, and is waited for" in errors
+        assert "Traceback" not in errors
+
+
 @pytest.mark.parametrize("finish", [True, False])
 def test_a_service_that_is_killed_in_a_flash_tells_so_at_its_next_start(tmp_path: Path, finish: bool) -> None:
     url, port, config = tcp_url(), free_port(), tmp_path / "bench.toml"

@@ -7,6 +7,7 @@ import pytest
 
 from bench.config import drive_of
 from bench.machine_file import nominal_of
+from drivers.wire.dictionary import SET_POINTS
 from emulator.scenario.data_sheet import data_sheet
 from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import BUILT_IN, PAPER, Excitation, Scenario, drive_for, overspeed_of, parse
@@ -40,7 +41,11 @@ def test_a_built_in_run_is_within_the_limits_that_are_told(scenario: Scenario) -
     sheet = data_sheet(scenario)
     limits = drive_of("emulated", URL, nominal_of({"machine": sheet["machine"]}, "x"), sheet["limits"]).limits
     settings = {"field_weakening": 0.0, "i_d_weakening": 6.0, "n_p": 4.0}
-    limits.check_set_points({**settings, **sheet["set_points"]}, "set points")
+    limits.check_set_points({**settings, **sheet.get("set_points", dict.fromkeys(SET_POINTS, 0.0))}, "set points")
+
+
+def test_a_drive_that_is_not_enabled_has_no_set_points_to_be_started_with() -> None:
+    assert "set_points" not in data_sheet(BUILT_IN["unknown"])
 
 
 def test_the_encoder_is_told_where_it_has_counts() -> None:

@@ -10,7 +10,7 @@ import pytest
 from emulator.drive.virtual_drive import VirtualDrive
 from estimator.interval import Z_95
 from estimator.machine import Machine
-from estimator.mechanics.mechanics import Mechanics, Told, mechanics
+from estimator.mechanics.mechanics import Mechanics, Told, mechanics, unmoved
 from estimator.online.estimate import Status
 from estimator.samples import Resolution, Samples
 from tests.estimator.mechanics import shafts
@@ -142,6 +142,18 @@ def test_at_one_speed_nothing_is_told() -> None:
     said = mechanics(*shafts.rows_of(shafts.at_one_speed(shafts.shaft()), 3.0))
     assert said.status is Told.NO_ACCELERATION
     assert all(e.value is None for e in said.estimates.values())
+
+
+@pytest.mark.parametrize("counts", shafts.COUNTS)
+def test_a_look_says_of_a_speed_that_keeps_still_what_all_of_it_does(counts: int) -> None:
+    swings = shafts.shaft(counts=counts)
+    for scenario in (*(shafts.on_dynamometer(swings, rpm=rpm) for rpm in (0.0, 600.0)), shafts.at_one_speed(swings)):
+        samples, machine = shafts.rows_of(scenario, 3.0)
+        said = unmoved([samples], machine.n_p)
+        assert said is not None
+        assert said.status is mechanics(samples, machine).status is Told.NO_ACCELERATION
+    samples, machine = shafts.rows_of(swings, 3.0)
+    assert unmoved([samples], machine.n_p) is None
 
 
 def test_a_compliant_shaft_is_doubted_or_its_whole_inertia_told() -> None:
