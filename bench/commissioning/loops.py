@@ -39,6 +39,7 @@ _FIRST_HOLD: Final = 0.25  # s, between steps of speed, while its acceleration i
 _HOLDS: Final = (0.02, 2.0)  # s, shortest and longest
 _MOST: Final = 0.8  # of a step, over which the acceleration is told
 STEPS: Final = 40  # of a promise
+_TRIES: Final = 4  # of steps of the speed, until the time between them suits
 _ALIKE: Final = 1.5  # times, within which that first one will do
 
 
@@ -94,35 +95,51 @@ def fastest(drive: Drive, limits: Limits) -> float:
 
 
 def tried(drive: Drive, trials: Trials, limits: Limits, i_rated: float) -> Tried:
-    """Steps of all loops within limits; `i_rated` (A): the current that steps stay well within."""
+    """Steps of all loops within limits; `i_rated` (A): the current that steps stay well within.
+
+    Raises UnclearStepError where the speed does not follow its reference, DriveError.
+    """
     gains = {name: drive.read(name) for name in READ}
     most = min(i_rated, gains["current_limit"])
     speed_ref = _SPEED * fastest(drive, limits)
     size = min(largest_speed_step(gains["k_p_speed"], most), 0.3 * speed_ref)
-    hold = _FIRST_HOLD
-    while True:
-        got, count = trials.speed(SpeedTrial(size, hold, speed_ref))
-        K = acceleration(got, count, 2.0 * size)
-        crossover = max(abs(gains["k_p_speed"] * K), 1e-3)
-        wanted = min(max(2.5 * _LONG / crossover, _HOLDS[0]), _HOLDS[1])
-        trials.settle = wanted
-        if hold / _ALIKE <= wanted <= hold * _ALIKE:
-            break
-        hold = wanted
+    got, count, K = _speed_steps(trials, size, speed_ref, gains["k_p_speed"])
     T = got.T_s * got.decimation
     loops = [_loop("speed", turned(got.columns["theta_e"], T), T, count, 2.0 * size)]
-    T_s = drive.identity.T_s
     for axis in "dq":
-        alpha = gains[f"k_p_{axis}"] / gains[f"control_L_{axis}"] if gains["own_gains"] else gains["bandwidth"]
-        between, k_p = _LONG / max(alpha, 1.0), gains[f"k_p_{axis}"]
+        k_p, alpha = gains[f"k_p_{axis}"], gains[f"k_p_{axis}"] / gains[f"control_L_{axis}"]
         if not gains["own_gains"]:
-            k_p = alpha * gains[f"control_L_{axis}"]
+            k_p, alpha = gains["bandwidth"] * gains[f"control_L_{axis}"], gains["bandwidth"]
+        between = _LONG / max(alpha, 1.0)
         step = min(_SHARE * most, _VOLTAGE * drive.read("u_dc") / math.sqrt(3.0) / max(2.0 * k_p, 1e-9))
         if axis == "q":
             step = min(step, largest_current_step(K, between, _WANDER * speed_ref))
         i, count = trials.current(CurrentTrial(axis, step, between, speed_ref))
-        loops.append(_loop(axis, i, T_s, count, 2.0 * step))
+        loops.append(_loop(axis, i, drive.identity.T_s, count, 2.0 * step))
     return Tried(loops, gains, K, got)
+
+
+def _speed_steps(trials: Trials, size: float, speed_ref: float, k_p: float) -> tuple[Capture, int, float]:
+    """Steps of the speed with as much time between them as its control takes; samples between them, and K.
+
+    Raises UnclearStepError.
+    """
+    hold = _FIRST_HOLD
+    for left in reversed(range(_TRIES)):
+        got, count = trials.speed(SpeedTrial(size, hold, speed_ref))
+        try:
+            K = acceleration(got, count, 2.0 * size)
+        except UnclearStepError:
+            if not left or hold >= _HOLDS[1]:
+                raise
+            hold = min(4.0 * hold, _HOLDS[1])
+            continue
+        wanted = min(max(2.5 * _LONG / max(abs(k_p * K), 1e-3), _HOLDS[0]), _HOLDS[1])
+        trials.settle = wanted
+        if not left or hold / _ALIKE <= wanted <= hold * _ALIKE:
+            return got, count, K
+        hold = wanted
+    raise AssertionError("the last try returns or raises")
 
 
 def acceleration(got: Capture, hold: int, size: float) -> float:
