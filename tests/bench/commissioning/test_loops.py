@@ -103,12 +103,14 @@ def test_the_speed_steps_around_its_level(trials: Trials) -> None:
 
 
 def test_an_excitation_is_all_that_a_diagnosis_reads(trials: Trials, drive: Drive) -> None:
-    got = trials.excited(Excitation(100.0, 5000.0, 0.02, -0.5, 1.0, 1.0, 2e-3, 0.3))
+    got, readings = trials.excited(Excitation(100.0, 5000.0, 0.02, -0.5, 1.0, 1.0, 2e-3, 0.3))
     columns = capture.decoded(got, drive.identity.T_s, drive.identity.full).columns
     assert set(columns) == set(EXCITED)
     assert len(columns["i_d"]) == 3000
     assert np.std(columns["i_d"]) > 0.3
     assert np.ptp(columns["omega_e"]) > 100.0
+    assert len(readings) > 3
+    assert all(one.begin <= one.end and 0.0 <= one.angle <= 7.0 for one in readings)
 
 
 def test_cancelled_in_the_middle_it_ends_with_the_drive_off(drive: Drive, tmp_path: Path) -> None:
