@@ -33,7 +33,7 @@ from tests.support.served_drive import emulator, ready
 
 RIGHT: Final = math.radians(3.0)  # rad, electrical
 CURRENT: Final = 0.6  # of the rated one, at most
-AT_ONCE: Final = 2
+AT_ONCE: Final = 4
 
 
 @dataclass(frozen=True)
