@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.signal import lfilter
+from scipy.integrate import solve_ivp  # pyright: ignore[reportUnknownVariableType]
+from scipy.signal import lfilter  # pyright: ignore[reportUnknownVariableType]
 
 from bench.commissioning.promise import CurrentLoop, SpeedLoop, at_random, thinned, to_and_fro
 from bench.commissioning.response import Column, averaged
@@ -78,7 +79,8 @@ def in_continuous_time(loop: SpeedLoop, count: int) -> Column:
         ]  # fmt: skip
 
     t = loop.T_s * np.arange(count)
-    return solve_ivp(slope, (0.0, t[-1]), [0.0] * 4, t_eval=t, rtol=1e-8, atol=1e-10, max_step=1e-3).y[0]
+    solved: Any = solve_ivp(slope, (0.0, t[-1]), [0.0] * 4, t_eval=t, rtol=1e-8, atol=1e-10, max_step=1e-3)
+    return solved.y[0]
 
 
 @pytest.mark.parametrize("damping", [0.0, 5.0])
