@@ -194,11 +194,12 @@ def test_an_inertia_that_is_none_gives_no_gains() -> None:
 
 
 def test_a_machine_is_all_four_or_none() -> None:
-    after = {name: {"value": value, "std": 0.01 * value} for name, value in
-             zip(("R_s", "L_d", "L_q", "psi_f"), (0.97, 4.2e-3, 6.2e-3, 0.12), strict=True)}  # fmt: skip
-    assert machine_of({"machine": {"after": after}}, 4) == (
-        MACHINE, {name: pytest.approx(0.01 * one["value"]) for name, one in after.items()}
-    )  # fmt: skip
+    values = {"R_s": 0.97, "L_d": 4.2e-3, "L_q": 6.2e-3, "psi_f": 0.12}
+    std = {name: 0.01 * value for name, value in values.items()}
+    after: dict[str, dict[str, float | None]] = {
+        name: {"value": value, "std": std[name]} for name, value in values.items()
+    }  # fmt: skip
+    assert machine_of({"machine": {"after": after}}, 4) == (MACHINE, std)
     after["L_d"]["std"] = None
     found = machine_of({"machine": {"after": after}}, 7)
     assert found is not None
