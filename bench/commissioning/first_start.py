@@ -77,7 +77,7 @@ class FirstStart:
     angle_offset: float  # rad, electrical
     offset_error: float  # rad, half of a 95 % interval, by how the places scatter
     lag: float  # rad, electrical, that friction kept the rotor back
-    load: float  # rad, electrical, that a load held it aside at the smaller current
+    load: float  # rad, electrical, that a load held it aside at the larger current
     current: float  # A
     moved: float  # turns, mechanical, the furthest that the encoder was from where it began
     values: Mapping[str, float]  # n_p, phases_swapped, angle_reversed, angle_offset

@@ -167,6 +167,6 @@ def test_the_document_has_the_header_at_the_routes_that_heed_it(client: httpx.Cl
         if any(parameter["name"] == HEADER for parameter in told.get("parameters", []))
     }
     jobs = {"/api/drives/{name}/captures", "/api/drives/{name}/recordings", "/api/drives/{name}/experiments",
-            "/api/drives/{name}/flashes", "/api/drives/{name}/parameters/rollback",
+            "/api/drives/{name}/commissionings", "/api/drives/{name}/flashes", "/api/drives/{name}/parameters/rollback",
             "/api/drives/{name}/parameters/resume", "/api/recordings/{id}/diagnosis"}  # fmt: skip
     assert heeding == {("post", path) for path in jobs}

@@ -1,12 +1,14 @@
 """What gains promise, beside closed forms and beside the same loops computed otherwise."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.signal import lfilter
+from scipy.integrate import solve_ivp  # pyright: ignore[reportUnknownVariableType]
+from scipy.signal import lfilter  # pyright: ignore[reportUnknownVariableType]
 
 from bench.commissioning.promise import CurrentLoop, SpeedLoop, at_random, thinned, to_and_fro
 from bench.commissioning.response import Column, averaged
@@ -15,6 +17,7 @@ from bench.parameters.tuning import current_loop, speed_loop
 R_s, L, T_s, PSI_F, N_P, J = 0.9664, 6.21e-3, 1e-4, 0.12, 4, 2e-3
 K = 1.5 * N_P**2 * PSI_F / J
 ONE = np.ones(6000)
+SOLVE = cast(Callable[..., Any], solve_ivp)  # which has no types
 
 
 def by_model(alpha: float) -> CurrentLoop:
@@ -78,7 +81,7 @@ def in_continuous_time(loop: SpeedLoop, count: int) -> Column:
         ]  # fmt: skip
 
     t = loop.T_s * np.arange(count)
-    return solve_ivp(slope, (0.0, t[-1]), [0.0] * 4, t_eval=t, rtol=1e-8, atol=1e-10, max_step=1e-3).y[0]
+    return SOLVE(slope, (0.0, t[-1]), [0.0] * 4, t_eval=t, rtol=1e-8, atol=1e-10, max_step=1e-3).y[0]
 
 
 @pytest.mark.parametrize("damping", [0.0, 5.0])

@@ -1,17 +1,19 @@
 """What goes into a proposed set: loops tuned by what is known, and recordings as the drive would read them with it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bench.commissioning.proposal import SHARE, A, by_torque, corrected, machine_of, speed_gains, tuned
+from bench.commissioning.proposal import SHARE, A, by_torque, corrected, machine_of, speed_gains, tuned, turn_of
+from bench.commissioning.trial import Reading
 from bench.errors import LimitError
 from bench.parameters.made import DOUBTFUL, Made
 from bench.parameters.parameter_set import OK, Entry, ParameterSet
 from drivers.capture import Capture
-from drivers.wire.dictionary import TABLE_SIDE
+from drivers.wire.dictionary import TABLE_SIDE, TABLE_SIZE
 from estimator.machine import Machine
 from estimator.mechanics.mechanics import PARAMETERS, UNITS, Mechanics, Told
 from estimator.online.estimate import Estimate, Status
@@ -72,6 +74,36 @@ def test_an_angle_that_is_put_right_turns_the_currents(phases: np.ndarray) -> No
         assert got.columns[name] == pytest.approx(expected.columns[name], abs=1e-12)
 
 
+@pytest.mark.parametrize("backwards", [0.0, 1.0])
+def test_an_encoder_s_table_counts_where_the_turn_is_known(phases: np.ndarray, backwards: float) -> None:
+    way, reading = (-1.0 if backwards else 1.0), np.linspace(0.3, 5.9, 50)
+    table = 0.01 * np.sin(math.tau * np.arange(TABLE_SIZE) / TABLE_SIZE)
+    image = BEFORE | {"angle_correction": 0.0, "angle_reversed": backwards, "angle_offset": 0.2}
+    now = image | {"angle_correction": 1.0, **{f"angle_table_{k}": float(x) for k, x in enumerate(table, 1)}}
+    seen = 4.0 * way * reading + 0.2
+    turn = math.floor(seen[0] / math.tau) % 4
+    off = np.interp(reading, np.arange(TABLE_SIZE) * math.tau / TABLE_SIZE, table)
+    expected = turning(phases, seen - 4.0 * way * off)
+    got = corrected(turning(phases, seen), image, now, turn)
+    for name in ("i_d", "i_q", "theta_e"):
+        assert got.columns[name] == pytest.approx(expected.columns[name], abs=1e-9)
+    unknown = corrected(turning(phases, seen), image, now)
+    assert unknown.columns["i_d"] == pytest.approx(turning(phases, seen).columns["i_d"], abs=1e-9)
+
+
+def test_the_turn_is_what_most_slow_readings_say() -> None:
+    theta = 3.0 * math.tau + np.linspace(0.0, 20.0, 2001)  # of four turns, the last
+    one = replace(recorded(theta_e=theta % math.tau), tick=500)
+    right = [Reading(500 + k, 502 + k, float(theta[k + 1]) / 4.0) for k in (10, 300, 900, 1990)]
+    assert turn_of(one, right, BEFORE) == 3
+    wrong = Reading(700, 702, float(theta[201]) / 4.0 + math.tau / 4.0)
+    assert turn_of(one, [*right, wrong], BEFORE) == 3
+    assert turn_of(one, [right[0], wrong], BEFORE) is None
+    late, before, after = Reading(500, 900, 0.0), Reading(400, 402, 0.0), Reading(2499, 2502, 0.0)
+    assert turn_of(one, [late, before, after], BEFORE) is None
+    assert turn_of(one, [], BEFORE) is None
+
+
 def tables(psi_d: np.ndarray, psi_q: np.ndarray, i_d: tuple[float, float], i_q_max: float) -> dict[str, float]:
     values = {"saturation_correction": 1.0, "table_i_d_min": i_d[0], "table_i_d_max": i_d[1], "table_i_q_max": i_q_max}
     for name, table in (("psi_d_table", psi_d), ("psi_q_table", psi_q)):
@@ -102,7 +134,7 @@ def test_without_tables_that_act_nothing_changes() -> None:
     assert by_torque(one, {"saturation_correction": 0.0}, MACHINE) is one
 
 
-def made(status: str = OK, **values: float) -> Made:
+def made(values: Mapping[str, float], status: str = OK) -> Made:
     entries = {name: Entry(value, status=status) for name, value in values.items()}
     return Made(ParameterSet("a", entries, 3, 7, 8), ("first",))
 
@@ -114,7 +146,7 @@ def shaft(status: Told = Told.OK, J: float | None = 2e-3, sentence: str = "") ->
 
 
 def test_loops_are_tuned_by_machine_and_shaft() -> None:
-    done = tuned(made(**KNOWN), shaft(), BEFORE, T_s, None)
+    done = tuned(made(KNOWN), shaft(), BEFORE, T_s, None)
     values = done.set.values
     alpha = SHARE / T_s
     assert (values["own_gains"], values["bandwidth"]) == (0.0, pytest.approx(alpha))
@@ -125,7 +157,7 @@ def test_loops_are_tuned_by_machine_and_shaft() -> None:
     assert (done.set.name, done.set.version, done.set.layout_id, done.set.serial) == ("a", 3, 7, 8)
     assert done.remarks == ("first",)
     assert KNOWN.items() <= values.items()
-    asked = tuned(made(**KNOWN), shaft(), BEFORE, T_s, 700.0)
+    asked = tuned(made(KNOWN), shaft(), BEFORE, T_s, 700.0)
     assert asked.set.values["bandwidth"] == 700.0
     assert asked.set.values["k_p_speed"] < values["k_p_speed"]
 
@@ -137,7 +169,7 @@ def test_loops_are_tuned_by_machine_and_shaft() -> None:
 def test_without_an_inertia_the_speed_control_is_left_as_it_is_and_that_is_said(
     given: Mechanics | None, said: str
 ) -> None:
-    done = tuned(made(**KNOWN), given, BEFORE, T_s, None)
+    done = tuned(made(KNOWN), given, BEFORE, T_s, None)
     assert not {"k_p_speed", "k_i_speed"} & done.set.values.keys()
     assert "bandwidth" in done.set.values
     assert done.remarks[0] == "first"
@@ -145,12 +177,12 @@ def test_without_an_inertia_the_speed_control_is_left_as_it_is_and_that_is_said(
 
 
 def test_without_inductances_and_flux_nothing_is_tuned() -> None:
-    done = tuned(made(angle_offset=0.1), shaft(), BEFORE, T_s, None)
+    done = tuned(made({"angle_offset": 0.1}), shaft(), BEFORE, T_s, None)
     assert done.set.values == {"angle_offset": 0.1}
 
 
 def test_gains_of_what_is_doubtful_are_doubtful() -> None:
-    done = tuned(made(DOUBTFUL, **KNOWN), shaft(), BEFORE, T_s, None)
+    done = tuned(made(KNOWN, DOUBTFUL), shaft(), BEFORE, T_s, None)
     assert {done.set.entries[name].status for name in ("bandwidth", "k_p_speed", "k_i_speed")} == {DOUBTFUL}
 
 
@@ -162,12 +194,13 @@ def test_an_inertia_that_is_none_gives_no_gains() -> None:
 
 
 def test_a_machine_is_all_four_or_none() -> None:
-    after = {name: {"value": value, "std": 0.01 * value} for name, value in
-             zip(("R_s", "L_d", "L_q", "psi_f"), (0.97, 4.2e-3, 6.2e-3, 0.12), strict=True)}  # fmt: skip
-    assert machine_of({"machine": {"after": after}}, 4) == (
-        MACHINE, {name: pytest.approx(0.01 * one["value"]) for name, one in after.items()}
-    )  # fmt: skip
-    after["L_d"]["std"] = None  # type: ignore[assignment]
+    values = {"R_s": 0.97, "L_d": 4.2e-3, "L_q": 6.2e-3, "psi_f": 0.12}
+    std = {name: 0.01 * value for name, value in values.items()}
+    after: dict[str, dict[str, float | None]] = {
+        name: {"value": value, "std": std[name]} for name, value in values.items()
+    }  # fmt: skip
+    assert machine_of({"machine": {"after": after}}, 4) == (MACHINE, std)
+    after["L_d"]["std"] = None
     found = machine_of({"machine": {"after": after}}, 7)
     assert found is not None
     assert (found[0], set(found[1])) == (replace(MACHINE, n_p=7), {"R_s", "L_q", "psi_f"})
