@@ -23,7 +23,7 @@
  * @typedef {{name: string, entries: Record<string, ParameterEntry>}} ParameterSet
  * @typedef {{signal: string, unit: string, old: number, new: number, held: number, rounding: number, bits_old: string,
  *   bits_new: string}} PlannedChange
- * @typedef {{changes: PlannedChange[], same: number, problems: string[], doubts: string[]}} Plan
+ * @typedef {{changes: PlannedChange[], same: number, problems: string[], doubts: string[], remarks: string[]}} Plan
  * @typedef {{name: string, url: string, identity: Identity | null, link: Link, stream: Stream, latest: Latest | null,
  *   limits: SetPointLimits, writer: Writer | null, control: Control, cut_flash: CutFlash | null}} DriveState
  * @typedef {{code: string, name: string, advice: string}} Fault

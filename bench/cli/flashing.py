@@ -164,7 +164,7 @@ def _plan_of(told: dict[str, Any]) -> Plan:
         Change(signal_named(one["signal"]), one["old"], one["new"], one["held"], (one["bits_old"], one["bits_new"]))
         for one in told["changes"]
     )
-    return Plan(changes, told["same"], tuple(told["problems"]), tuple(told["doubts"]))
+    return Plan(changes, told["same"], *(tuple(told[key]) for key in ("problems", "doubts", "remarks")))
 
 
 def _tell(said: str) -> None:

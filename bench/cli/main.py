@@ -509,7 +509,7 @@ def main() -> None:
 def _shown(said: object) -> str:
     from bench.cli.terminal import one_line
 
-    return one_line(said)
+    return one_line(str(said).replace("\n", "; "))
 
 
 def _no_output(error: OSError) -> NoReturn:

@@ -37,8 +37,7 @@ def show_plan(to_do: Plan) -> None:
         cells = number_of(signal, change.old), number_of(signal, change.new), unit_of(signal), off, *change.counts
         table.add_row(signal.name, *cells)
     terminal = Terminal()
-    if to_do.changes:
-        terminal.print(table)
+    terminal.print(table if to_do.changes else f"nothing changes: {to_do.same} values are as the drive has them")
     if len(entries) > _SHOWN:
         terminal.print(f"and {len(entries) - _SHOWN} more entries of tables")
     for word, lines in (("forbidden", to_do.problems), ("doubtful", to_do.doubts), ("remark", to_do.remarks)):

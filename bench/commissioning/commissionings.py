@@ -20,7 +20,7 @@ from pydantic import Field, TypeAdapter
 
 from bench.actions import experiment
 from bench.actions.drive_jobs import BenchDrive, DriveJobs, id_at
-from bench.actions.experiment import Plan, Recorded
+from bench.actions.experiment import Plan
 from bench.actions.safety.lease import Leases, Part
 from bench.actions.safety.limits import TRIP, Limits
 from bench.actions.safety.under_control import CancelledError, under_control
@@ -247,19 +247,19 @@ class Commissionings(DriveJobs[Status, _Run]):
 
         origin = Origin(folder_beside(self._folder), name, run.holder)
 
-        def record(plan: Plan) -> tuple[Path, Recorded]:
+        def record(plan: Plan) -> Path:
             drive = one.link.drive()
             said = {"drive": name, "url": one.url, "asked": status.asked.isoformat()}
             part = experiment.begin(self._folder / f"{status.id}-{next(numbers)}.parquet", plan, drive, said)
             try:
-                got = experiment.run(
+                experiment.run(
                     drive, plan, lambda far: tell(far.phase), run.cancelled, part, limits=one.limits, origin=origin
                 )
             finally:
                 file, kept = part.settled()
             if file is None:
                 raise UnavailableError(kept)
-            return file, got
+            return file
 
         def diagnose(path: Path) -> Mapping[str, Any]:
             drive = one.link.drive()

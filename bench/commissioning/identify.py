@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from bench.actions.experiment import Plan, Recorded, experiment_of
+from bench.actions.experiment import Plan, experiment_of
 from bench.actions.safety.limits import TRIP, Limits
 from bench.actions.safety.under_control import Guard, under_control
 from bench.actions.safety.unfinished import Origin
 from bench.commissioning.excitation import excitation
 from bench.commissioning.loops import Judged, Tried, fastest, judged, tried
 from bench.commissioning.proposal import by_torque, corrected, from_diagnosis, machine_of, shaft_of, tuned, turn_of
-from bench.commissioning.trial import SETTINGS, Tell, Trials
+from bench.commissioning.trial import INVERTER, SETTINGS, Tell, Trials
 from bench.errors import LimitError
 from bench.parameters.flash import parameters
 from bench.parameters.from_diagnosis import SETTLED
@@ -23,6 +23,7 @@ from bench.parameters.temperature import TEMPERATURES
 from drivers import capture
 from drivers.capture import Capture, Upload
 from drivers.drive import Drive
+from drivers.errors import FaultError
 from drivers.lease import Lease
 from estimator.machine import Machine
 from estimator.mechanics.mechanics import Mechanics
@@ -41,7 +42,7 @@ class Around:
     i_rated: float  # A, that currents stay within
     origin: Origin
     keep: Callable[[Upload], Path]  # as a recording; its file
-    record: Callable[[Plan], tuple[Path, Recorded]]  # does an experiment; its file
+    record: Callable[[Plan], Path]  # does an experiment; its file
     diagnose: Callable[[Path], Mapping[str, Any]]  # a recording's diagnosis, as JSON
     tell: Tell = lambda _: None
     cancelled: threading.Event = field(default_factory=threading.Event)
@@ -79,24 +80,27 @@ def identify(
     """All of it; nothing is written that stays. Raises BenchError, DriveError."""
     drive = around.link()
     image, n_p = parameters(drive), int(drive.read("n_p"))
+    if not drive.identity.has_memory:
+        layout = f"0x{drive.identity.layout_id:08X}"
+        raise LimitError(f"a drive of layout {layout} has no control loops that can be set, expected one that has")
     if around.limits.n_p not in (None, n_p):
         raise LimitError(
             f"the drive is set for {n_p} pole pairs, its machine file says {around.limits.n_p}: expected the same; a "
             "first start finds out which"
         )
-    seen = _excited(around, drive, image)
-    content, files, captures = _diagnosed(around, seen)
+    image[INVERTER] = 0.0  # while it is recorded
+    try:
+        seen = _excited(around, drive, image)
+    except FaultError as error:
+        also = "wrong pole pairs or a wrong angle do that as well: a first start tells"
+        raise FaultError(f"{error}; {also}", error.code) from None
+    content, files = _diagnosed(around, seen)
     turn = seen.turn if content is seen.diagnosis else None
     made = from_diagnosis(content, image, drive.identity, name, version, turn, seen.temperatures)
     found, shaft = machine_of(content, n_p), None
     if found is not None:
         now = image | made.set.values
-        turns = [turn, *(None for _ in captures[1:])]  # of the others it is not known
-        rows = [
-            by_torque(corrected(one, image, now, turn), now, found[0])
-            for one, turn in zip(captures, turns, strict=True)
-        ]
-        shaft = shaft_of(rows, *found, theta_step)
+        shaft = shaft_of([by_torque(corrected(seen.capture, image, now, turn), now, found[0])], *found, theta_step)
     made = tuned(made, shaft, image, drive.identity.T_s, bandwidth)
     return Identified(seen.before, files, content, found[0] if found else None, shaft, made)
 
@@ -127,21 +131,20 @@ def _excited(around: Around, drive: Drive, image: Mapping[str, float]) -> _Seen:
     return _Seen(before, file, recorded, turn, temperatures, around.diagnose(file))
 
 
-def _diagnosed(around: Around, seen: _Seen) -> tuple[Mapping[str, Any], list[Path], list[Capture]]:
+def _diagnosed(around: Around, seen: _Seen) -> tuple[Mapping[str, Any], list[Path]]:
     """A diagnosis, after the experiments that it asks for, where one settles more; all recordings."""
     content = latest = seen.diagnosis
-    files, captures = [seen.file], [seen.capture]
+    files = [seen.file]
     for _ in range(_ROUNDS):
         if (asked := _asked_for(latest)) is None:
             break
         around.tell(f"doing the experiment that the diagnosis asks for, {asked.seconds:.2g} s")
-        file, recorded = around.record(asked)
+        file = around.record(asked)
         files.append(file)
-        captures += recorded.captures
         around.tell("diagnosing that")
         latest = around.diagnose(file)
         content = latest if latest["verdict"] in SETTLED else content
-    return content, files, captures
+    return content, files
 
 
 def _asked_for(diagnosis: Mapping[str, Any]) -> Plan | None:

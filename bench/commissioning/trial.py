@@ -24,9 +24,12 @@ from drivers.wire.dictionary import CAPTURE_SAMPLES
 
 Column = NDArray[np.float64]
 Tell = Callable[[str], None]
+INVERTER: Final = "inverter_correction"
+"""Off while a motor is excited: what is left of a bridge's error beside its correction has no name in the library."""
 _SPEED_GAINS: Final = ("k_p_speed", "k_i_speed")
 SETTINGS: Final = (
-    "excitation_kind", "step_time", "speed_control", "field_weakening", "speed_ramp", "speed_hold", *_SPEED_GAINS
+    "excitation_kind", "step_time", "speed_control", "field_weakening", "speed_ramp", "speed_hold", *_SPEED_GAINS,
+    INVERTER,
 )
 """What a trial changes besides set points."""
 EXCITED: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "u_dc")
@@ -128,7 +131,7 @@ class Trials:
         self._start({"speed_ref": 0.0, "speed_step": 0.0, "speed_hold": given.hold, "step_time": given.step_time})
         self._lease.write(self._drive, {
             "speed_ramp": given.ramp, "speed_step": given.speed, "excitation_kind": _LEVELS, "i_d_ref": given.i_d_ref,
-            "i_d_step": given.i_d_step, "i_q_step": given.i_q_step,
+            "i_d_step": given.i_d_step, "i_q_step": given.i_q_step, INVERTER: 0.0,
         })  # fmt: skip
         length = min(math.ceil(given.seconds / self._T_s), CAPTURE_SAMPLES)
         readings = list[Reading]()
@@ -201,7 +204,7 @@ def largest_current_step(K: float, hold: float, speed: float) -> float:
 
 
 def largest_speed_step(k_p_speed: float, i_max: float) -> float:
-    """rad/s, electrical, that a step goes up and down by, so that currents stay within half of `i_max` (A)."""
+    """rad/s, electrical, that a step goes up and down by, so that currents stay within seven tenths of `i_max` (A)."""
     if k_p_speed <= 0.0:
         raise LimitError("expected a speed control with a gain above zero, k_p_speed is 0")
-    return 0.25 * i_max / k_p_speed
+    return 0.35 * i_max / k_p_speed

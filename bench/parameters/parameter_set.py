@@ -77,6 +77,11 @@ class ParameterSet:
     unfit: tuple[str, ...] = ()  # why values that were read are not among the entries, a clause each
 
     @property
+    def doubtful(self) -> dict[str, "Entry"]:
+        """Entries whose status is not ok."""
+        return {name: entry for name, entry in self.entries.items() if entry.status != OK}
+
+    @property
     def values(self) -> dict[str, float]:
         """SI, by signal."""
         return {name: entry.value for name, entry in self.entries.items()}

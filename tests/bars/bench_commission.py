@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.actions import experiment
-from bench.actions.experiment import Plan, Recorded
+from bench.actions.experiment import Plan
 from bench.actions.safety.limits import Limits
 from bench.actions.safety.unfinished import Origin
 from bench.commissioning.identify import Around, Identified, identify, shaft_numbers, try_loops
@@ -139,14 +139,14 @@ def _commission(seen: Seen, one: Drawn, link: Any, folder: Path) -> None:
     origin = Origin(folder / "control", "drawn", "commissioning")
     count = iter(range(99))
 
-    def record(plan: Plan) -> tuple[Path, Recorded]:
+    def record(plan: Plan) -> Path:
         drive = link()
         path = folder / f"{next(count)}.parquet"
         part = experiment.begin(path, plan, drive, {"drive": "drawn", "url": "drawn"})
-        got = experiment.run(drive, plan, part=part, limits=limits, origin=origin)
+        experiment.run(drive, plan, part=part, limits=limits, origin=origin)
         file, said = part.settled()
         assert file is not None, said
-        return file, got
+        return file
 
     def keep(upload: Upload) -> Path:
         identity = link().identity

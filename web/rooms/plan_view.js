@@ -20,8 +20,8 @@ export function tableOf(name) {
 }
 
 /** What it would do, in a sentence. @param {Plan} plan */
-export function planWords({ changes, same }) {
-  return changes.length === 0 ? `Nothing would change: ${counted(same, "value is", "values are")} as the drive has them.`
+export function planWords({ changes, same, problems }) {
+  return problems.length > 0 ? "It may not be flashed." : changes.length === 0 ? `Nothing would change: ${counted(same, "value is", "values are")} as the drive has them.`
     : `${counted(changes.length, "value changes", "values change")}, ${same} stay.`;
 }
 
@@ -32,6 +32,7 @@ export function planElements(plan) {
   return [
     make("p", { class: "plan-words" }, planWords(plan)),
     ...list("What forbids it", "bad", plan.problems), ...list("What is doubtful", "warn", plan.doubts),
+    ...list("Remarks", "", plan.remarks),
     ...(scalars.length === 0 ? [] : [changesTable("Values that would change", scalars)]),
     ...tables.map((table) => {
       const changes = plan.changes.filter(({ signal }) => tableOf(signal) === table);

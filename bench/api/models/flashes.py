@@ -84,6 +84,10 @@ class PlanModel(BaseModel):
         description="what forbids it unless a reason is given, a sentence each",
         examples=[["control_R_s is doubtful (estimate)"]],
     )
+    remarks: list[str] = Field(
+        description="what else a reader should know, a sentence each",
+        examples=[["version 2 is lower than that of the latest 'servo', 3 of 2026-01-31T12:00:00Z"]],
+    )
 
 
 class StepModel(BaseModel):
@@ -179,7 +183,8 @@ def plan_model(one: Plan) -> PlanModel:
             rounding=change.rounding, bits_old=change.counts[0], bits_new=change.counts[1],
         ) for change in one.changes
     ]  # fmt: skip
-    return PlanModel(changes=changes, same=one.same, problems=list(one.problems), doubts=list(one.doubts))
+    said = {name: list(getattr(one, name)) for name in ("problems", "doubts", "remarks")}
+    return PlanModel(changes=changes, same=one.same, **said)
 
 
 def flash_model(one: Status) -> FlashModel:

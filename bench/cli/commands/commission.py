@@ -14,7 +14,7 @@ from rich.table import Table
 
 from bench.cli.exit_codes import DOES_NOT, HOLDS
 from bench.cli.flashing import Flashed, drive_at
-from bench.cli.output import as_refusal, check_new, write_whole
+from bench.cli.output import as_refusal, check_new, check_output, write_whole
 from bench.cli.plans import ask_to_flash, check_asked, show_plan
 from bench.cli.rest import Job, Rest, rest_at
 from bench.cli.terminal import Terminal, bar
@@ -36,6 +36,8 @@ def commissioned(
     """Do it; `first`: what a first start takes, None for none. Raises BenchError."""
     if out is not None:
         check_new("--report", out)
+        with as_refusal(out):
+            check_output(out)
     if ask:
         check_asked()
     with rest_at(service, _TIMEOUT) as rest, drive_at(name, service) as drive:

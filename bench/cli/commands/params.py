@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,9 @@ from bench.errors import ConfigError
 from bench.files import read_bytes
 from bench.parameters.flash import End, Verdict
 from bench.parameters.formats.a2l import as_a2l
-from bench.parameters.formats.c_header import as_c_header
+from bench.parameters.formats.c_header import as_c_header, coarse
 from bench.parameters.formats.dcf import as_dcf, from_dcf
-from bench.parameters.parameter_set import LONGEST_NAME, ParameterSet, as_document, as_toml, read
+from bench.parameters.parameter_set import LONGEST_NAME, ParameterSet, as_document, as_toml, of_toml, read
 from bench.parameters.plan import Plan, different
 from drivers.wire.dictionary import Signal, signal_named
 
@@ -74,7 +75,7 @@ def differences(path: Path, other: str, service: str | None, *, of_drive: bool =
 
 def planned(path: Path, drive: str, service: str | None, *, as_json: bool) -> int:
     """Print what a set would change."""
-    given = _read(path)
+    given = _read(path, whole=False)
     with drive_at(drive, service) as one:
         to_do = one.plan(given)
     if as_json:
@@ -135,6 +136,11 @@ def exported(path: Path, form: str, kind: str, out: Path) -> None:
     if form not in forms:
         raise ConfigError(f"--form: expected {', '.join(forms)}, got {form!r}")
     _write(out, forms[form]())
+    said = coarse(given, kind) if form == "c" else []
+    if form in ("dcf", "a2l"):
+        said = [f"{name} is {one.status}, which this form does not tell" for name, one in given.doubtful.items()]
+    for line in said:
+        print(f"remark: {line}", file=sys.stderr)
 
 
 def imported(path: Path, out: Path, name: str) -> None:
@@ -171,9 +177,10 @@ def _is_file(named: str) -> bool:
     return named.endswith(".toml") or os.sep in named or Path(named).exists()
 
 
-def _read(path: Path) -> ParameterSet:
+def _read(path: Path, *, whole: bool = True) -> ParameterSet:
+    """A set; where it need not be `whole`, values that no drive can have are left for a plan to tell."""
     try:
-        return read(path)
+        return read(path) if whole else of_toml(read_bytes(path).decode("utf-8", "replace"), str(path))
     except OSError as error:
         raise _unreadable(path, error) from None
 

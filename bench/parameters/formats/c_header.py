@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from bench.errors import ConfigError
-from bench.parameters.parameter_set import FLASHED, ParameterSet
+from bench.parameters.parameter_set import FLASHED, OK, ParameterSet
 from drivers.wire.dictionary import TABLE_SIZE, TABLES, Signal, WireType
 
 _BY_NAME: Final = {signal.name: signal for signal in FLASHED}
+_COARSE: Final = 0.01  # of a value
 _FIXED: Final = {"q15": (15, 16), "q31": (31, 32)}  # bits after the point, and of all
 
 
@@ -67,7 +68,9 @@ def as_c_header(given: ParameterSet, form: str = "float", bases: Mapping[str, fl
         text, error = _number(signal, value, how, base_of)
         unit = "" if signal.unit == "1" else f" {signal.unit}"
         off = f", {value!r}{unit} rounded by {error:.2g}{unit}" if error else ""
-        lines.append(f"#define {signal.name.upper()} {text}  /*{unit} {signal.summary}{off} */")
+        status = given.entries[signal.name].status
+        doubt = "" if status == OK else f", {status}"
+        lines.append(f"#define {signal.name.upper()} {text}  /*{unit} {signal.summary}{off}{doubt} */")
     for table in tables:
         signals = [_BY_NAME[f"{table}_{k}"] for k in range(1, TABLE_SIZE + 1)]
         texts, errors = zip(*(_number(s, given.entries[s.name].value, how, base_of) for s in signals), strict=True)
@@ -83,6 +86,17 @@ def as_c_header(given: ParameterSet, form: str = "float", bases: Mapping[str, fl
     lines += [f"}} {held}_t;", "", f"static const {held}_t {held} = {{"]
     lines += [f"    {members}", "};", "", f"#endif /* {guard} */", ""]
     return "\n".join(lines)
+
+
+def coarse(given: ParameterSet, form: str) -> list[str]:
+    """Values that a form rounds by more than a hundredth of themselves, a clause each. Raises ConfigError."""
+    how = Form.of(form)
+    base_of, found = _bases(given, how, {}), list[str]()
+    for name, entry in given.entries.items():
+        error = _number(_BY_NAME[name], entry.value, how, base_of)[1]
+        if abs(error) > _COARSE * abs(entry.value):
+            found.append(f"{name} = {entry.value:.4g} is rounded by {error:.2g}")
+    return found
 
 
 def _bases(given: ParameterSet, how: Form, told: Mapping[str, float]) -> dict[str, float]:

@@ -176,7 +176,7 @@ def test_a_drive_without_a_gain_of_the_speed_control_is_refused_before_it_moves(
 
 
 def test_steps_are_as_large_as_they_may_be() -> None:
-    assert largest_speed_step(0.1, 6.0) == pytest.approx(15.0)
+    assert largest_speed_step(0.1, 6.0) == pytest.approx(21.0)
     assert largest_current_step(K, 8e-3, 50.0) * 2.0 * math.sqrt(48) * K * 8e-3 == pytest.approx(50.0)
     assert largest_current_step(-K, 8e-3, 50.0) == largest_current_step(K, 8e-3, 50.0)
     assert math.isfinite(largest_current_step(0.0, 8e-3, 50.0))

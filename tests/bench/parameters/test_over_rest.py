@@ -69,7 +69,7 @@ def test_the_present_parameters_come_as_a_set_in_every_form(client: httpx.Client
     assert "BASE_" in client.get(place, params={"form": "c", "type": "q31"}).text
     assert "expected float, q15" in refused(client.get(place, params={"form": "c", "type": "q7"}), 422)
     assert client.post(f"{DRIVE}/parameters/plan", json=told).json() == {
-        "changes": [], "same": len(FLASHED), "problems": [], "doubts": [],
+        "changes": [], "same": len(FLASHED), "problems": [], "doubts": [], "remarks": [],
     }  # fmt: skip
     plan = client.post(f"{DRIVE}/parameters/plan", content=by_form.text, headers=TOML).json()
     assert (plan["changes"], plan["same"]) == ([], len(FLASHED))
