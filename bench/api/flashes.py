@@ -35,7 +35,7 @@ from bench.api.models.flashes import (
     plan_model,
     written,
 )
-from bench.errors import LimitError
+from bench.errors import ConflictError, LimitError
 from bench.expected import Table, taken
 from bench.parameters.formats.a2l import as_a2l
 from bench.parameters.formats.c_header import as_c_header
@@ -97,6 +97,8 @@ def _install_sets(app: FastAPI, service: Service) -> None:
         accept: Annotated[str, Header(description="application/json, or application/toml")] = "",
     ) -> Response:  # fmt: skip
         """All that can be flashed, as the drive has it now; set points, stream and recorder are no part of it."""
+        if (doing := service.experiment_on(name)) is not None:
+            raise ConflictError(f"{doing} has changed settings of the drive for as long: expected it to have ended")
         if not title.isprintable():
             raise LimitError("name: expected characters that can be printed")
         given = flashes.present(name, title)

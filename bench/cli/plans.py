@@ -11,6 +11,7 @@ from bench.parameters.plan import Plan
 from drivers.wire.dictionary import Signal, WireType
 
 _SHOWN: Final = 12  # entries of tables
+_WIDE: Final = 110  # characters
 
 
 def check_asked() -> None:
@@ -27,16 +28,17 @@ def ask_to_flash() -> None:
 
 
 def show_plan(to_do: Plan) -> None:
-    """Print it."""
+    """Print it; the bits that travel where there is room for them."""
+    terminal = Terminal()
+    bits = terminal.width >= _WIDE
     table = Table(title=f"{len(to_do.changes)} values change, {to_do.same} stay")
-    for heading in ("", "now", "then", "unit", "rounded by", "bits now", "bits then"):
-        table.add_column(heading, justify="left" if heading in ("", "unit") else "right")
+    for heading in ("", "now", "then", "unit", "rounded by", *(("bits now", "bits then") if bits else ())):
+        table.add_column(heading, justify="left" if heading in ("", "unit") else "right", no_wrap=True)
     entries = [change for change in to_do.changes if change.signal.table]
     for change in (*(one for one in to_do.changes if not one.signal.table), *entries[:_SHOWN]):
         signal, off = change.signal, f"{change.rounding:.1g}" if change.rounding else ""
-        cells = number_of(signal, change.old), number_of(signal, change.new), unit_of(signal), off, *change.counts
-        table.add_row(signal.name, *cells)
-    terminal = Terminal()
+        cells = number_of(signal, change.old), number_of(signal, change.new), unit_of(signal), off
+        table.add_row(signal.name, *cells, *(change.counts if bits else ()))
     terminal.print(table if to_do.changes else f"nothing changes: {to_do.same} values are as the drive has them")
     if len(entries) > _SHOWN:
         terminal.print(f"and {len(entries) - _SHOWN} more entries of tables")

@@ -3,7 +3,9 @@
 import contextlib
 import json
 import os
+import signal
 import socket
+import threading
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -130,16 +132,17 @@ class Job:
         self._path = (drive, kind, self.id)
 
     def follow(self, show: Callable[[dict[str, Any]], object], wait: Callable[[str], object]) -> None:
-        """To its end, which `said` tells then; Ctrl-C cancels it.
+        """To its end, which `said` tells then; Ctrl-C, SIGTERM and a closed terminal cancel it.
 
         A service that is started anew goes on with it, or keeps what there is: `wait` is told why there is no answer
         yet. Raises BenchError, also where there is none for long.
         """
         try:
-            while self.said["state"] not in _ENDS:
-                show(self.said)
-                time.sleep(_PERIOD)
-                self.said = self._told(wait)
+            with _interrupted_by_any():
+                while self.said["state"] not in _ENDS:
+                    show(self.said)
+                    time.sleep(_PERIOD)
+                    self.said = self._told(wait)
         except KeyboardInterrupt:
             with contextlib.suppress(BenchError):
                 self._rest.call("DELETE", *self._path)
@@ -164,6 +167,27 @@ class Job:
         except (OSError, UnavailableError) as error:
             why = f"{path}: cannot be written: {error.strerror or error}" if isinstance(error, OSError) else str(error)
             raise BenchError(f"{why}; the service still has {what} {self.id} of drive {self._path[0]}") from None
+
+
+@contextmanager
+def _interrupted_by_any() -> Generator[None]:
+    """SIGTERM and a closed terminal do as Ctrl-C does; where another thread than the main one asks, they do not."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(_number: int, _frame: object) -> None:
+        raise KeyboardInterrupt
+
+    numbers = [signal.SIGTERM, *([hang_up] if (hang_up := getattr(signal, "SIGHUP", None)) is not None else [])]
+    before = {
+        number: signal.signal(number, interrupt) for number in numbers if signal.getsignal(number) is not signal.SIG_IGN
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _is_here(service: str) -> bool:

@@ -91,6 +91,11 @@ class Request:
     of: Annotated[str, Field(
         description="verify: id of the identification, or latest", examples=["latest"], max_length=200
     )] = "latest"  # fmt: skip
+    follows: Annotated[
+        Annotated[str, Field(max_length=200)] | None, Else("expected null or the id of a commissioning"),
+        Field(description="id of the commissioning that this goes on with: refused where the drive was stopped since",
+              examples=["emulated-identify-20260131-120000-000"]),
+    ] = None
 
 
 _REQUEST: Final = TypeAdapter(Annotated[Request, Table("expected kind, and what goes with it")])
@@ -141,6 +146,7 @@ class Commissionings(DriveJobs[Status, _Run]):
         super().__init__(folder, drives, leases)
         self._diagnose = diagnose
         self._stops = Counter[str]()  # under the lock: so often has somebody asked for a drive's Stop
+        self._asked_at = dict[str, int]()  # by id: so often had somebody, when it was asked for
 
     def start(self) -> None:
         """Know those that a service before this one has kept."""
@@ -149,6 +155,10 @@ class Commissionings(DriveJobs[Status, _Run]):
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
         """Have a drive commissioned. Raises LimitError, ConflictError, UnavailableError, UnknownError, DriveError."""
         stops, request, asked = self._stops[drive], taken(_REQUEST, given, "", LimitError), datetime.now(UTC)
+        if request.follows is not None:
+            stops = self._asked_at.get(request.follows, -1)
+            if stops != self._stops[drive]:
+                raise ConflictError(f"drive {drive} was stopped since {request.follows}: ask anew where that is meant")
         found = self._identified(drive, request.of) if request.kind == Kind.VERIFY else None
         self._check_folder()
         _check(request, self._drives[drive])
@@ -163,6 +173,7 @@ class Commissionings(DriveJobs[Status, _Run]):
                     raise UnavailableError("the service is ending")
                 if stops != self._stops[drive]:
                     raise ConflictError(f"drive {drive} was stopped meanwhile: ask again where that is meant")
+                self._asked_at[id_] = stops
                 self._put(status, run, lambda: self._work(status, run, found))
             otherwise.pop_all()
         return status
@@ -268,7 +279,8 @@ class Commissionings(DriveJobs[Status, _Run]):
                 lambda: self._leases.take(name, run.holder, _RENEWED, *Part),
             )
 
-        i_rated = one.nominal.i_rated or one.limits.i_max or 0.5 * one.link.drive().read("current_limit")
+        known = [i for i in (one.nominal.i_rated, one.limits.i_max) if i is not None]
+        i_rated = min(known, default=0.5 * one.link.drive().read("current_limit"))
         return Around(
             one.link.drive, one.limits, i_rated, origin, keep, record, diagnose, tell, run.cancelled
         )

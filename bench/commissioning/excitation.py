@@ -1,6 +1,6 @@
 """How a motor is excited, so that its parameters, what was left out of its model and its inertia can be told.
 
-The speed ramps from one direction to the other and back, at half of the rated torque, with random steps of both
+The speed ramps from one direction to the other and back, at two fifths of the rated torque, with random steps of both
 currents around their levels: resistance wants low speed, magnet flux and inductances high ones, offsets and friction
 both directions, saturation large currents, inertia acceleration.
 """
@@ -12,9 +12,9 @@ from bench.commissioning.trial import Excitation
 from drivers.wire.dictionary import CAPTURE_SAMPLES
 
 _SPEED: Final = 0.7  # of the fastest
-_TORQUE: Final = 0.5  # of rated current, that a ramp takes
+_TORQUE: Final = 0.4  # of rated current, that a ramp takes
 _I_D: Final = (-0.1, 0.4)  # of rated current: level, and steps around it
-_I_Q: Final = 0.3  # of rated current: steps
+_I_Q: Final = 0.25  # of rated current: steps
 _STEP_TIME: Final = 2e-3  # s, shortest between steps; twice in the mean
 _WANDER: Final = 0.1  # of the fastest speed, by which steps of i_q may take it away
 _MEMORY: Final = 0.05  # s, after which a speed control has taken that back

@@ -105,12 +105,18 @@ class _Place:
 class _Motor:
     """The motor under a forced angle, step by step, under control."""
 
-    def __init__(self, drive: Drive, lease: Lease, guard: Guard) -> None:
-        self._drive, self._lease, self._guard = drive, lease, guard
+    def __init__(self, drive: Drive, lease: Lease, guard: Guard, tell: Tell) -> None:
+        self._drive, self._lease, self._guard, self._tell = drive, lease, guard, tell
+        self._phase = ""
         self.phi = 0.0
         self._last = drive.read("encoder_angle")
         self._origin = self.enc = self._last
         self.moved = 0.0  # turns
+
+    def say(self, phase: str) -> None:
+        """What is done from now on, which is told again and again while it is."""
+        self._phase = phase
+        self._tell(phase)
 
     def on(self) -> None:
         """The bridge on without current, the field at angle zero."""
@@ -135,6 +141,7 @@ class _Motor:
         """Where the encoder comes to rest; the middle of what is left of a swing. Raises UnclearError."""
         deadline = time.monotonic() + _LONGEST
         while True:
+            self._tell(self._phase)
             seen = self._wait(_STILL)
             if max(seen) - min(seen) < _REST / 4.0:
                 return 0.5 * (min(seen) + max(seen))
@@ -179,10 +186,10 @@ def first_start(
     if not any(signal.name == "forced_angle" for signal in drive.identity.signals):
         raise UnclearError(f"a drive of layout 0x{drive.identity.layout_id:08X} has no forced angle, which this needs")
     guard = Guard(drive, lease, Limits(i_max=most), "the first start", cancelled or threading.Event())
-    motor = _Motor(drive, lease, guard)
+    motor = _Motor(drive, lease, guard, tell)
     try:
-        current = _aligned(motor, most, tell)
-        tell("turning the field")
+        current = _aligned(motor, most)
+        motor.say("turning the field")
         slope = _fitted(_swept(motor, _SWEEP)).slope
         n_p = round(1.0 / abs(slope)) if slope else 0
         if not 1 <= n_p <= MOST_PAIRS:
@@ -190,7 +197,7 @@ def first_start(
             raise UnclearError(f"the encoder turned by {abs(slope):.3g} of the field's angle, expected {least} to 1")
         span = _span(n_p)
         if span > _SWEEP:
-            tell(f"turning the field by {span / math.pi:.2g} turns")
+            motor.say(f"turning the field by {span / math.pi:.2g} turns")
         currents = _pair(drive, current)
         fits = list[_Fit]()
         for one in currents:
@@ -201,12 +208,12 @@ def first_start(
         lease.stop(drive)
 
 
-def _aligned(motor: _Motor, most: float, tell: Tell) -> float:
+def _aligned(motor: _Motor, most: float) -> float:
     """The smallest current (A) that takes the rotor along, which then rests at the field."""
     motor.on()
     for share in SHARES:
         current = share * most
-        tell(f"aligning the rotor by {current:.3g} A")
+        motor.say(f"aligning the rotor by {current:.3g} A")
         motor.current(current)
         there = [motor.rest(), motor.to(math.pi / 3.0), motor.to(0.0), motor.to(-math.pi / 3.0), motor.to(0.0)]
         ways = np.diff(there[1:])  # from a third of half a turn on: back, back, forth

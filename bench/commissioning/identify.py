@@ -13,7 +13,16 @@ from bench.actions.safety.under_control import Guard, under_control
 from bench.actions.safety.unfinished import Origin
 from bench.commissioning.excitation import excitation
 from bench.commissioning.loops import Judged, Tried, fastest, judged, tried
-from bench.commissioning.proposal import by_torque, corrected, from_diagnosis, machine_of, shaft_of, tuned, turn_of
+from bench.commissioning.proposal import (
+    by_torque,
+    corrected,
+    from_diagnosis,
+    machine_of,
+    shaft_of,
+    tuned,
+    turn_of,
+    without_losses,
+)
 from bench.commissioning.trial import INVERTER, SETTINGS, Tell, Trials
 from bench.errors import LimitError
 from bench.parameters.flash import parameters
@@ -101,6 +110,7 @@ def identify(
     if found is not None:
         now = image | made.set.values
         shaft = shaft_of([by_torque(corrected(seen.capture, image, now, turn), now, found[0])], *found, theta_step)
+        shaft = without_losses(shaft, [one["effect"] for one in content["findings"]])
     made = tuned(made, shaft, image, drive.identity.T_s, bandwidth)
     return Identified(seen.before, files, content, found[0] if found else None, shaft, made)
 
@@ -163,8 +173,10 @@ def _trials(around: Around, drive: Drive) -> Generator[Trials]:
     lease, most = Lease(), _FASTER * fastest(drive, around.limits)
     with under_control(drive, lease, around.origin, (*SETTINGS, *_trip(drive))):
         lease.stop(drive)
+        limits = {"current_limit": min(around.i_rated, drive.read("current_limit"))}
         if drive.identity.has_lease:
-            lease.write(drive, {TRIP: min(most, drive.read(TRIP))})
+            limits[TRIP] = min(most, drive.read(TRIP))
+        lease.write(drive, limits)
         yield Trials(drive, lease, Guard(drive, lease, around.limits, "the trial", around.cancelled, most), around.tell)
 
 

@@ -35,6 +35,7 @@ _SHARE: Final = 0.25  # of rated current, that a step goes to either side
 _VOLTAGE: Final = 0.35  # of the inverter's reach, that a step's first period may ask for
 _WANDER: Final = 0.5  # of the trial's speed, that it may wander by while i_q steps
 _LONG: Final = 8.0  # times of a loop's time constant, between steps
+_SHORTEST: Final = 1e-3  # s, between steps of currents, that a drive takes
 _FIRST_HOLD: Final = 0.25  # s, between steps of speed, while its acceleration is not known
 _HOLDS: Final = (0.02, 2.0)  # s, shortest and longest
 _MOST: Final = 0.8  # of a step, over which the acceleration is told
@@ -110,7 +111,7 @@ def tried(drive: Drive, trials: Trials, limits: Limits, i_rated: float) -> Tried
         k_p, alpha = gains[f"k_p_{axis}"], gains[f"k_p_{axis}"] / gains[f"control_L_{axis}"]
         if not gains["own_gains"]:
             k_p, alpha = gains["bandwidth"] * gains[f"control_L_{axis}"], gains["bandwidth"]
-        between = _LONG / max(alpha, 1.0)
+        between = max(_LONG / max(alpha, 1.0), _SHORTEST)
         step = min(_SHARE * most, _VOLTAGE * drive.read("u_dc") / math.sqrt(3.0) / max(2.0 * k_p, 1e-9))
         if axis == "q":
             step = min(step, largest_current_step(K, between, _WANDER * speed_ref))

@@ -22,9 +22,11 @@ from drivers.drive import Identity
 from drivers.wire.dictionary import TABLE_SIDE, TABLE_SIZE
 from estimator.machine import PARAMETERS, Machine
 from estimator.mechanics.mechanics import Mechanics, Told, mechanics
+from estimator.online.estimate import Status
 from estimator.samples import Resolution, Samples
 
 Column = NDArray[np.float64]
+_TAKES_TORQUE: Final = {"iron_loss"}
 _SLOW: Final = 1.0  # rad, electrical, that the rotor may turn while the encoder is asked
 _AGREE: Final = 0.8  # of the readings
 SHARE: Final = 0.2  # of 1/T_s: the current control's bandwidth, where none is asked for
@@ -71,7 +73,7 @@ def tuned(made: Made, shaft: Mechanics | None, image: Mapping[str, float], T_s: 
             entries[signal] = Entry(value, status=doubtful, source=f"speed control by symmetrical optimum, a = {A:g}")
     else:
         why = shaft.sentence if shaft is not None else "the machine is not told"
-        remarks.append(f"gains of the speed control are left as they are: J is not told ({why})")
+        remarks.append(f"gains of the speed control are left as they are: J is not told for certain ({why})")
     return Made(replace(made.set, entries=entries), tuple(remarks))
 
 
@@ -118,6 +120,19 @@ def by_torque(one: Capture, values: Mapping[str, float], machine: Machine) -> Ca
     tau = flux("psi_d_table") * i_q - np.sign(i_q) * flux("psi_q_table") * i_d
     linear = machine.psi_f + (machine.L_d - machine.L_q) * i_d
     return replace(one, columns=one.columns | {"i_q": tau / linear})
+
+
+def without_losses(shaft: Mechanics, effects: Sequence[str]) -> Mechanics:
+    """Friction is doubtful where the iron takes torque as well, which looks like friction."""
+    taken = sorted(_TAKES_TORQUE & set(effects))
+    if not taken:
+        return shaft
+    reason = f"{' and '.join(taken)} takes torque as friction does, and is in it"
+    estimates = {
+        name: one if name == "J" or one.status is not Status.OK else replace(one, status=Status.DOUBTFUL, reason=reason)
+        for name, one in shaft.estimates.items()
+    }
+    return replace(shaft, estimates=estimates, sentence=shaft.sentence or reason)
 
 
 def speed_gains(shaft: Mechanics, psi_f: float, image: Mapping[str, float], alpha: float, T_s: float) -> Tuned:

@@ -6,6 +6,7 @@ the other; the speed by a square wave of its reference. All within limits; the d
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -29,7 +30,7 @@ INVERTER: Final = "inverter_correction"
 _SPEED_GAINS: Final = ("k_p_speed", "k_i_speed")
 SETTINGS: Final = (
     "excitation_kind", "step_time", "speed_control", "field_weakening", "speed_ramp", "speed_hold", *_SPEED_GAINS,
-    INVERTER,
+    INVERTER, "current_limit",
 )
 """What a trial changes besides set points."""
 EXCITED: Final = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q", "u_dc")
@@ -42,6 +43,7 @@ _HOLDS: Final = 48  # steps of a current's trial
 _SWINGS: Final = 24  # of a speed's
 _SAMPLES: Final = 16_000  # of a speed's trial
 _SETTLE: Final = 0.5  # s, while the speed control is not known
+_MEAN: Final = 12  # readings of the speed: a coarse encoder tells it in steps
 _POLL: Final = 0.02  # s
 _STANDSTILL: Final = 10.0  # s without another sample
 
@@ -158,8 +160,10 @@ class Trials:
     def _await_speed(self, wanted: float) -> None:
         near, deadline = 0.05 * abs(wanted) + 0.005 * self._drive.identity.omega_full, time.monotonic() + 20.0
         there = math.inf  # s, monotonic: since when it has been near
+        latest = deque[float](maxlen=_MEAN)
         while time.monotonic() < there + self.settle:
-            now = self._drive.read("omega_e")
+            latest.append(self._drive.read("omega_e"))
+            now = sum(latest) / len(latest)
             there = min(there, time.monotonic()) if abs(now - wanted) <= near else math.inf
             if time.monotonic() > deadline:
                 raise NoReplyError(f"the drive did not come to {wanted:.4g} rad/s within 20 s, it has {now:.4g} rad/s")

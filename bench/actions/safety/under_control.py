@@ -99,9 +99,13 @@ def _ended(drive: Drive, lease: Lease, before: Mapping[str, float]) -> None:
     try:
         failed = {name: error for name, act in acts.items() if (error := _twice(act, drive)) is not None}
     except HeldError:  # the lease has ended, and with it the bridge has gone off
-        with contextlib.suppress(RefusedError):  # another has control, and the settings are that one's now
+        try:
             for name, value in before.items():
                 drive.write(name, value)
+        except RefusedError as error:  # another has control
+            raise NoReplyError(
+                f"another has control, and the drive's settings could not be restored ({error}): the next start does it"
+            ) from error
         return
     if "stop" in failed and "release" in failed:  # either switches it off
         raise NoReplyError(

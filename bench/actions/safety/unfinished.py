@@ -117,8 +117,8 @@ def take(drive: Drive, lease: Lease, origin: Origin, settings: Mapping[str, floa
 def undo(folder: Path, drive: Drive) -> str:
     """Stop a drive that a bench before this one left, and restore it; what was done, in a sentence, empty for nothing.
 
-    Where somebody else controls the drive by now, nothing is written to it. Raises DriveError where the drive cannot
-    be had: then the note stays.
+    Where somebody else controls the drive by now, nothing is written to it, and the note stays. Raises DriveError where
+    the drive cannot be had: then it stays as well.
     """
     path = folder / _name(drive.identity)
     try:
@@ -134,9 +134,8 @@ def undo(folder: Path, drive: Drive) -> str:
         stopped = _stopped(drive, note)
         if stopped is None:
             who = control.held(drive)
-            path.unlink(missing_ok=True)
             by = who.holder if who else "another client"
-            return f"{_began(note)}; {by} controls the drive since, so its settings stay as they are"
+            return f"{_began(note)}; {by} controls the drive since: its settings stay as they are until the next start"
         restored, refused = _restored(drive, note)
         path.unlink(missing_ok=True)
     was = "was on and has been stopped" if stopped else "was off already"

@@ -41,16 +41,21 @@ def commissioned(
     if ask:
         check_asked()
     with rest_at(service, _TIMEOUT) as rest, drive_at(name, service) as drive:
-        started = None
+        started = last = None
         if first is not None:
-            started = _done(rest, name, {"kind": "first_start", **first})
+            started, last = _done(rest, name, {"kind": "first_start", **first})
             _console.print(f"{started['said']}.")
             if not _flashed(drive, started["set"], override, ask=ask):
                 return DOES_NOT
-        found = _done(rest, name, {"kind": "identify", "bandwidth": bandwidth})
+        found, last = _done(rest, name, {"kind": "identify", "bandwidth": bandwidth, "follows": last})
         _tell(found)
         flashed = _flashed(drive, found["set"], override, ask=ask)
-        after = _done(rest, name, {"kind": "verify"}) if flashed and found["machine"] is not None else None
+        after = None
+        if flashed and found["machine"] is not None:
+            try:
+                after, _ = _done(rest, name, {"kind": "verify", "follows": last})
+            except BenchError as error:
+                _console.print(f"the loops were not tried again: {error}")
     _tell_loops(found["loops"], [] if after is None else after["loops"])
     if out is not None:
         at = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
@@ -61,14 +66,16 @@ def commissioned(
     return HOLDS if flashed else DOES_NOT
 
 
-def _done(rest: Rest, name: str, asked: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What comes of one job; Ctrl-C cancels it, and stops the drive. Raises BenchError where it is not done."""
+def _done(rest: Rest, name: str, asked: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
+    """What comes of one job, and its id; Ctrl-C cancels it, and stops the drive. Raises BenchError where it is not
+    done, or the drive was stopped since the one that it `follows`.
+    """
     job = Job(rest, name, "commissionings", dict(asked))
     with bar("", None, TimeElapsedColumn()) as update:
         job.follow(lambda said: update(description=said["phase"]), lambda why: update(description=why))
     if job.said["state"] != "done":
         raise BenchError(f"{words(asked['kind'])} {job.said['state']}: {job.said['reason']}")
-    return job.said["result"]
+    return job.said["result"], job.id
 
 
 def _flashed(drive: Flashed, text: str, override: str, *, ask: bool) -> bool:

@@ -170,7 +170,8 @@ def test_one_at_a_time_has_the_lease_and_ends_where_it_is_deleted(client: httpx.
     assert (answer.status_code, answer.headers["location"]) == (202, f"{PLACE}/{told['id']}")
     assert (told["state"], told["drive"], told["result"], told["file"]) == ("running", "x", {}, None)
     assert told["request"] == {
-        "kind": "first_start", "forwards": "encoder", "current": 3.0, "bandwidth": None, "of": "latest"
+        "kind": "first_start", "forwards": "encoder", "current": 3.0, "bandwidth": None, "of": "latest",
+        "follows": None,
     }  # fmt: skip
     begun(client)
     control = client.get("/api/drives/x").json()["control"]
@@ -202,6 +203,22 @@ def test_a_stop_in_the_middle_is_answered_at_once_and_ends_it(client: httpx.Clie
     assert done["state"] == "cancelled"
     assert "\n" not in done["reason"]
     assert bench.is_off()
+
+
+def test_what_goes_on_with_another_does_not_where_the_drive_was_stopped_since(client: httpx.Client) -> None:
+    first = moving(client)
+    client.delete(f"{PLACE}/latest").raise_for_status()
+    client.post("/api/drives/x/stop", json={}).raise_for_status()
+    asked = {"kind": "identify", "follows": first["id"]}
+    assert f"was stopped since {first['id']}" in refused(client.post(PLACE, json=asked), 409)
+    assert "was stopped since" in refused(client.post(PLACE, json=asked | {"follows": "of another service"}), 409)
+
+
+def test_the_present_parameters_are_not_told_while_a_trial_has_changed_some(client: httpx.Client) -> None:
+    moving(client)
+    assert "has changed settings" in refused(client.get("/api/drives/x/parameters/set"), 409)
+    client.delete(f"{PLACE}/latest").raise_for_status()
+    client.get("/api/drives/x/parameters/set").raise_for_status()
 
 
 def test_the_same_key_begins_it_once(client: httpx.Client) -> None:

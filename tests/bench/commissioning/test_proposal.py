@@ -173,7 +173,7 @@ def test_without_an_inertia_the_speed_control_is_left_as_it_is_and_that_is_said(
     assert not {"k_p_speed", "k_i_speed"} & done.set.values.keys()
     assert "bandwidth" in done.set.values
     assert done.remarks[0] == "first"
-    assert done.remarks[1] == f"gains of the speed control are left as they are: J is not told ({said})"
+    assert done.remarks[1] == f"gains of the speed control are left as they are: J is not told for certain ({said})"
 
 
 def test_without_inductances_and_flux_nothing_is_tuned() -> None:
