@@ -44,7 +44,7 @@ _PAIRS_A_TURN: Final = 10  # electrical turns that the field goes: one for so ma
 _SWEEP: Final = math.radians(60.0)  # to either side, at first
 _STEPS: Final = 8  # places a way
 _SPEED: Final = 6.0  # rad/s, of the field
-_REST: Final = 0.02  # rad, electrical: a rotor that moves by less in `_STILL` rests
+_REST: Final = 0.005  # rad, mechanical: a rotor that moves by less in `_STILL` rests
 _STILL: Final = 0.1  # s
 _LONGEST: Final = 8.0  # s that it may take to come to rest
 _WHOLE: Final = 0.12  # of a pole pair, that their number may be off a whole one; more of many
@@ -143,7 +143,7 @@ class _Motor:
         while True:
             self._tell(self._phase)
             seen = self._wait(_STILL)
-            if max(seen) - min(seen) < _REST / 4.0:
+            if max(seen) - min(seen) < _REST:
                 return 0.5 * (min(seen) + max(seen))
             if time.monotonic() > deadline:
                 swing = 0.5 * (max(seen) - min(seen))

@@ -40,6 +40,7 @@ _HALF: Final = 0.5 / Z_95  # of the way to the other regression: 1.96 standard e
 _COUNT: Final = 0.27  # standard error of the angle in counts: it is off by at most half a one, which that covers
 _ALIKE: Final = 1e-9  # energy of a combination of columns over theirs, below which they are one
 _OWN: Final = 1e-4  # share of the torque that second-order terms of the turn in a control period leave out
+_SAMPLED: Final = 0.002  # of the torque, rms, over the speed's: with dead time, currents are sampled off their means
 _SLOW: Final = 0.05  # of the highest speed, below which friction is no sign
 _BOTH: Final = 0.05  # share of the stretches, from which on the shaft turns in both directions
 
@@ -140,6 +141,8 @@ def _fitted(
     explained = 1.0 - float(np.sum(residual**2)) / rest if rest > 0.0 else 0.0
     share = off / own if own > 0.0 else math.inf
     variance[0] += (_SHARE * share * beta[0]) ** 2 + (_HALF * (1.0 - explained) * beta[0]) ** 2
+    if p > B and places[B] == B:
+        variance[B] += _SAMPLED**2 * np.mean(tau**2)
     alike = float(np.linalg.eigvalsh(X[:p] @ X[:p].T)[0]) < _ALIKE * n  # all columns' parameters are one
     std = np.full(p, math.inf) if alike else np.sqrt(np.maximum(variance[:p], 0.0)) / scale[:p]
     return Fit(
