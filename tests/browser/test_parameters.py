@@ -10,6 +10,7 @@ import pytest
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 
+from bench.parameters.parameter_set import FLASHED
 from tests.browser.axe import violations
 from tests.browser.test_page import browser, forget_logs, pytestmark, text, type_over, until
 from tests.browser.test_rooms import Operator, errors
@@ -35,7 +36,7 @@ def page(browser: Chrome, bench: RunningBench) -> Iterator[Chrome]:
     forget_logs(browser)
     httpx.post(f"{bench.url}{DRIVE}/start", json={}, timeout=10.0).raise_for_status()
     browser.get(f"{bench.url}/#drive/emulated")
-    until(browser, lambda: "309 values, read" in text(browser, "parameters-looked"), "the parameters")
+    until(browser, lambda: f"{len(FLASHED)} values, read" in text(browser, "parameters-looked"), "the parameters")
     yield browser
     browser.get("about:blank")
 
