@@ -86,6 +86,7 @@ _LEASE_TIME: Final = 2.0  # s, `watchdog_time` as delivered
 _NEVER: Final = 1e9  # rad/s
 _FORCED_SPEED: Final = 3.0  # rad/s, electrical, as delivered
 _CURRENTS: Final = frozenset({"i_d_ref", "i_q_ref", "i_d_step", "i_q_step", "i_d_weakening", "current_limit"})
+_ROUNDED: Final = 1.0 + 1e-6  # of a limit: what 32 bits make of it may be written again
 _NOT_WHILE_ON: Final = frozenset({"reset", "angle_source"})
 _NOT_WHILE_STORING: Final = frozenset({"store", "restore", "reset"})
 _TRIPS: Final = {
@@ -379,7 +380,7 @@ class VirtualDrive:
             raise ValueError(f"{signal} takes a whole number, got {value}")
         if signal.name == "capture_command" and value == 1.0:
             Setup.of(present)
-        if signal.name in _CURRENTS and abs(value) > self._fixed.i_max:
+        if signal.name in _CURRENTS and abs(value) > _ROUNDED * self._fixed.i_max:
             raise ValueError(
                 f"{signal} takes at most {self._fixed.i_max:g} A, the drive's current limit, got {value:g}"
             )

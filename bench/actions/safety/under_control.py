@@ -94,7 +94,7 @@ class Guard:
 def _ended(drive: Drive, lease: Lease, before: Mapping[str, float]) -> None:
     """Off, restored, given up; where control is another's by now, nothing is written. Raises DriveError."""
     acts: dict[str, Callable[[Drive], object]] = {
-        "stop": lease.stop, "restore": lambda drive: lease.write(drive, before), "release": lease.release
+        "stop": lease.stop, "restore": lambda drive: _restored(drive, lease, before), "release": lease.release
     }
     try:
         failed = {name: error for name, act in acts.items() if (error := _twice(act, drive)) is not None}
@@ -116,6 +116,25 @@ def _ended(drive: Drive, lease: Lease, before: Mapping[str, float]) -> None:
         raise NoReplyError(
             f"the drive is stopped, its settings could not be restored ({failed['restore']}): the next start does it"
         ) from failed["restore"]
+
+
+def _restored(drive: Drive, lease: Lease, before: Mapping[str, float]) -> None:
+    """All settings as before; one that is refused keeps none of the others from it. Raises DriveError."""
+    try:
+        lease.write(drive, before)
+    except HeldError:
+        raise
+    except RefusedError:
+        refused: RefusedError | None = None
+        for name, value in before.items():
+            try:
+                lease.write(drive, {name: value})
+            except HeldError:
+                raise
+            except RefusedError as error:
+                refused = error
+        if refused is not None:
+            raise refused from None
 
 
 def _twice(act: Callable[[Drive], object], drive: Drive) -> DriveError | None:

@@ -192,3 +192,12 @@ def flux_at(motor: Any, curve: Any, i: complex) -> complex:
         ])
         x = x - np.linalg.solve(slope, error)
     return complex(*x)
+
+
+@pytest.mark.parametrize("i_max", [10.65, 7.1, 8.3])
+def test_a_limit_may_be_written_as_it_is_read(i_max: float) -> None:
+    virtual = VirtualDrive(replace(IDEAL, drive=replace(IDEAL.drive, i_max=i_max)))
+    read = float(np.float32(virtual.read("current_limit")))
+    virtual.write("current_limit", read)
+    with pytest.raises(ValueError, match="takes at most"):
+        virtual.write("current_limit", 1.01 * read)
