@@ -4,24 +4,22 @@ One at a time per drive, under the drive's lease. Recordings go to the folder of
 """
 
 import contextlib
-import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
 from bench.actions import experiment
-from bench.actions.drive_jobs import BenchDrive, DriveJobs, Ended, ended_words, id_at
+from bench.actions.drive_jobs import ended_words, id_at
 from bench.actions.experiment import Plan, Progress, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
-from bench.actions.safety.lease import Leases, Part
+from bench.actions.moving_jobs import MovingJobs, Run, State
+from bench.actions.safety.lease import Part
 from bench.actions.safety.under_control import CancelledError
 from bench.actions.safety.unfinished import Origin, folder_beside
-from bench.errors import BenchError, ConflictError, UnavailableError
+from bench.errors import BenchError
 from bench.recordings.table import notes
 from bench.store.catalogue.ended import EndedJob
 from drivers import capture
@@ -31,15 +29,6 @@ _RENEWED: Final = 30.0  # s that the lease is taken for, anew with every step ah
 _LINK: Final = 20.0  # s that a link is waited for, to take up what a drive still has
 _RETRY: Final = 0.2  # s
 _KILLED: Final = "the service ended while it ran"
-
-
-class State(StrEnum):
-    """Where an experiment stands; all but the first are ends."""
-
-    RUNNING = "running"
-    DONE = "done"
-    FAILED = "failed"
-    CANCELLED = "cancelled"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,30 +48,10 @@ class Status:
     file: Path | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Run:
-    """An experiment under way."""
-
-    holder: str  # as it is named where it holds a lease
-    cancelled: threading.Event = field(default_factory=threading.Event)
-
-    def cancel(self) -> None:
-        """Have it end."""
-        self.cancelled.set()
-
-    leave = cancel
-
-
-class Experiments(DriveJobs[Status, _Run]):
+class Experiments(MovingJobs[Status]):
     """Everything about experiments, until `leave`."""
 
     kind, remembered = "experiment", 50
-
-    def __init__(
-        self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, on_end: Ended = lambda _: None
-    ) -> None:
-        super().__init__(folder, drives, leases, on_end)
-        self._stops = Counter[str]()  # under the lock: so often has somebody asked for a drive's Stop
 
     def ask(self, drive: str, given: Mapping[str, Any], whom: str = "") -> Status:
         """Have a drive do an experiment. Raises LimitError, ConflictError, UnavailableError, DriveError."""
@@ -94,7 +63,7 @@ class Experiments(DriveJobs[Status, _Run]):
         link = self._drives[drive].link.drive()  # from here on it is known which device that is
         id_ = id_at(f"{drive}-experiment", asked)
         status = Status(id_, drive, plan, asked)
-        run = _Run(f"experiment {id_}" + (f" (asked for from {whom})" if whom else ""))
+        run = Run(f"experiment {id_}" + (f" (asked for from {whom})" if whom else ""))
         self._leases.take(drive, run.holder, _RENEWED, *Part)
         with contextlib.ExitStack() as otherwise:
             otherwise.callback(self._leases.release, drive, run.holder)
@@ -106,28 +75,14 @@ class Experiments(DriveJobs[Status, _Run]):
             otherwise.pop_all()
         return status
 
-    @property
-    def holders(self) -> set[str]:
-        """Those under way, as they are named where they hold a lease."""
-        with self._lock:
-            return {run.holder for run in self._runs.values()}
-
     def start(self) -> None:
         """Finish what a service before this one has left, as far as it can be; say what cannot."""
         self._take_up(SUFFIX, self._go_on, lambda id_, drive, why: Status(
             id_, drive, Plan(()), datetime.now(UTC), State.FAILED, reason=why
         ), "-experiment")  # fmt: skip
 
-    def stop(self, drive: str) -> None:
-        """Have one that is under way, or asked for, end, without waiting for it."""
-        with self._lock:
-            self._stops[drive] += 1
-            for id_, run in self._runs.items():
-                if self._known[id_].drive == drive:
-                    run.cancel()
-
     def _begin(
-        self, status: Status, run: _Run, work: Callable[[], dict[str, Any]], stops: int | None = None
+        self, status: Status, run: Run, work: Callable[[], dict[str, Any]], stops: int | None = None
     ) -> None:
         """Have a thread work at an experiment; what it returns is how it ended. `stops`: so many were there before."""
 
@@ -142,14 +97,9 @@ class Experiments(DriveJobs[Status, _Run]):
                 self._end(status.id, phase="", **ended)
                 self._on_end(as_ended(self._known[status.id]))
 
-        with self._lock:
-            if self._ending:
-                raise UnavailableError("the service is ending")
-            if stops is not None and stops != self._stops[status.drive]:
-                raise ConflictError(f"drive {status.drive} was stopped meanwhile: ask again where that is meant")
-            self._put(status, run, guarded)
+        self._put_unless_stopped(status, run, guarded, stops)
 
-    def _done(self, status: Status, part: ExperimentPart, run: _Run) -> dict[str, Any]:
+    def _done(self, status: Status, part: ExperimentPart, run: Run) -> dict[str, Any]:
         """Do all of it; how it went."""
 
         def tell(far: Progress) -> None:
@@ -203,12 +153,12 @@ class Experiments(DriveJobs[Status, _Run]):
                 return
             asked = datetime.fromisoformat(origin["asked"])
             status = Status(path.stem, name, Plan.of(part.heading.plan), asked, phase="taken up again")
-            run = _Run(f"experiment {status.id}")
+            run = Run(f"experiment {status.id}")
             self._leases.take(name, run.holder, _RENEWED, Part.RECORDER)
             self._begin(status, run, lambda: self._taken_up(status, part, run))
             otherwise.pop_all()
 
-    def _taken_up(self, status: Status, part: ExperimentPart, run: _Run) -> dict[str, Any]:
+    def _taken_up(self, status: Status, part: ExperimentPart, run: Run) -> dict[str, Any]:
         """Upload what the drive still has of the newest group, which moves nothing; write what there is."""
         last = part.groups[-1] if part.groups else None
         if last is not None and last.done < last.count:

@@ -8,7 +8,6 @@ asked for apart. Knows nothing of HTTP.
 import contextlib
 import json
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
@@ -19,8 +18,9 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 from pydantic import Field, TypeAdapter
 
 from bench.actions import experiment
-from bench.actions.drive_jobs import BenchDrive, DriveJobs, id_at
+from bench.actions.drive_jobs import BenchDrive, id_at
 from bench.actions.experiment import Plan
+from bench.actions.moving_jobs import MovingJobs, Run, State
 from bench.actions.safety.lease import Leases, Part
 from bench.actions.safety.limits import TRIP, Limits
 from bench.actions.safety.under_control import CancelledError, under_control
@@ -56,15 +56,6 @@ class Kind(StrEnum):
     FIRST_START = "first_start"
     IDENTIFY = "identify"
     VERIFY = "verify"
-
-
-class State(StrEnum):
-    """Where it stands; all but the first are ends."""
-
-    RUNNING = "running"
-    DONE = "done"
-    FAILED = "failed"
-    CANCELLED = "cancelled"
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,27 +105,14 @@ class Status:
     reason: str = ""  # why it failed
     result: Mapping[str, Any] = field(default_factory=dict[str, Any])  # plain values
     file: Path | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _Run:
-    """A commissioning under way."""
-
-    holder: str
-    cancelled: threading.Event = field(default_factory=threading.Event)
-
-    def cancel(self) -> None:
-        """Have it end."""
-        self.cancelled.set()
-
-    leave = cancel
+    stops: int = -1  # so often had somebody asked for the drive's Stop; -1: of a service before
 
 
 Diagnose = Callable[[str, Mapping[str, Any], threading.Event, Callable[[], None]], Mapping[str, Any]]
 """Has a recording, by its id, diagnosed as asked; calls back while it waits. Raises BenchError."""
 
 
-class Commissionings(DriveJobs[Status, _Run]):
+class Commissionings(MovingJobs[Status]):
     """Everything about commissionings, until `leave`."""
 
     kind, remembered = "commissioning", _KEPT
@@ -145,8 +123,6 @@ class Commissionings(DriveJobs[Status, _Run]):
         """`folder`: of recordings, which theirs go to."""
         super().__init__(folder, drives, leases)
         self._diagnose = diagnose
-        self._stops = Counter[str]()  # under the lock: so often has somebody asked for a drive's Stop
-        self._asked_at = dict[str, int]()  # by id: so often had somebody, when it was asked for
 
     def start(self) -> None:
         """Know those that a service before this one has kept."""
@@ -156,41 +132,21 @@ class Commissionings(DriveJobs[Status, _Run]):
         """Have a drive commissioned. Raises LimitError, ConflictError, UnavailableError, UnknownError, DriveError."""
         stops, request, asked = self._stops[drive], taken(_REQUEST, given, "", LimitError), datetime.now(UTC)
         if request.follows is not None:
-            stops = self._asked_at.get(request.follows, -1)
-            if stops != self._stops[drive]:
+            before = next((one for one in self.all(drive) if one.id == request.follows), None)
+            if before is None or before.stops != stops:
                 raise ConflictError(f"drive {drive} was stopped since {request.follows}: ask anew where that is meant")
         found = self._identified(drive, request.of) if request.kind == Kind.VERIFY else None
         self._check_folder()
         _check(request, self._drives[drive])
         id_ = id_at(f"{drive}-{request.kind.replace('_', '-')}", asked)
-        status = Status(id_, drive, asked, request)
-        run = _Run(f"commissioning {id_}" + (f" (asked for from {whom})" if whom else ""))
+        status = Status(id_, drive, asked, request, stops=stops)
+        run = Run(f"commissioning {id_}" + (f" (asked for from {whom})" if whom else ""))
         self._leases.take(drive, run.holder, _RENEWED, *Part)
         with contextlib.ExitStack() as otherwise:
             otherwise.callback(self._leases.release, drive, run.holder)
-            with self._lock:
-                if self._ending:
-                    raise UnavailableError("the service is ending")
-                if stops != self._stops[drive]:
-                    raise ConflictError(f"drive {drive} was stopped meanwhile: ask again where that is meant")
-                self._asked_at[id_] = stops
-                self._put(status, run, lambda: self._work(status, run, found))
+            self._put_unless_stopped(status, run, lambda: self._work(status, run, found), stops)
             otherwise.pop_all()
         return status
-
-    @property
-    def holders(self) -> set[str]:
-        """Those under way, as they are named where they hold a lease."""
-        with self._lock:
-            return {run.holder for run in self._runs.values()}
-
-    def stop(self, drive: str) -> None:
-        """Have one that is under way, or asked for, end, without waiting for it."""
-        with self._lock:
-            self._stops[drive] += 1
-            for id_, run in self._runs.items():
-                if self._known[id_].drive == drive:
-                    run.cancel()
 
     def _identified(self, drive: str, id_: str) -> Status:
         """An identification that is done. Raises UnknownError, ConflictError."""
@@ -202,7 +158,7 @@ class Commissionings(DriveJobs[Status, _Run]):
             raise ConflictError(f"{one.id} does not tell the machine: there is nothing to hold the loops against")
         return one
 
-    def _work(self, status: Status, run: _Run, of: Status | None) -> None:
+    def _work(self, status: Status, run: Run, of: Status | None) -> None:
         state, reason, result = State.FAILED, "", dict[str, Any]()
         try:
             result = self._result(status, run, of)
@@ -225,7 +181,7 @@ class Commissionings(DriveJobs[Status, _Run]):
         with self._lock:
             self._end(status.id, phase="", state=state, reason=reason, result=result, file=file)
 
-    def _result(self, status: Status, run: _Run, of: Status | None) -> dict[str, Any]:
+    def _result(self, status: Status, run: Run, of: Status | None) -> dict[str, Any]:
         around = self._around(status, run)
         if status.request.kind == Kind.FIRST_START:
             return _first(around, status, self._drives[status.drive].nominal)
@@ -236,7 +192,7 @@ class Commissionings(DriveJobs[Status, _Run]):
                          theta_step=theta_step)
         return identified(found)
 
-    def _around(self, status: Status, run: _Run) -> Around:
+    def _around(self, status: Status, run: Run) -> Around:
         one, name = self._drives[status.drive], status.drive
         numbers = iter(range(1, 100))
 

@@ -65,11 +65,13 @@ def _without_tables(text: str) -> str:
     )
 
 
-def _share(value: float | None) -> str:
+def share(value: float | None) -> str:
+    """Of a step."""
     return "–" if value is None or not math.isfinite(value) else f"{100.0 * value:.1f} %"
 
 
-def _time(value: float | None) -> str:
+def time(value: float | None) -> str:
+    """That a loop takes to settle; None: it does not."""
     return "not" if value is None else quantity(value, "s")
 
 
@@ -77,7 +79,7 @@ def _time(value: float | None) -> str:
 def _template() -> Template:
     made: Any = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)  # typed by half
     made.filters.update({
-        "words": words, "quantity": quantity, "share": _share, "time": _time, "legend": legend,
+        "words": words, "quantity": quantity, "share": share, "time": time, "legend": legend,
         "wide": partial(drawn, width=WIDE, looks="wide"), "narrow": partial(drawn, width=NARROW, looks="narrow"),
     })  # fmt: skip
     text = (resources.files("bench.commissioning") / "report.html.jinja").read_text(encoding="utf-8")

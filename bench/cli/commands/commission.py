@@ -18,7 +18,7 @@ from bench.cli.output import as_refusal, check_new, check_output, write_whole
 from bench.cli.plans import ask_to_flash, check_asked, show_plan
 from bench.cli.rest import Job, Rest, rest_at
 from bench.cli.terminal import Terminal, bar
-from bench.commissioning.report import NAMES, report
+from bench.commissioning.report import NAMES, report, share, time
 from bench.engineering import quantity, words
 from bench.errors import BenchError
 from bench.parameters.flash import End
@@ -117,18 +117,10 @@ def _tell_loops(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> No
     for word, loops in (("before", before), ("after", after)):
         for one in loops:
             table.add_row(
-                NAMES[one["name"]], word, _share(one["overshoot"]), _share(one["promised_overshoot"]),
-                "–" if one["tracking"] is None else _time(one["settling"]), _time(one["promised_settling"]),
+                NAMES[one["name"]], word, share(one["overshoot"]), share(one["promised_overshoot"]),
+                "–" if one["tracking"] is None else time(one["settling"]), time(one["promised_settling"]),
             )  # fmt: skip
     _console.print(table)
     for one in (*before, *after):
         if one["sentence"]:
             _console.print(f"{NAMES[one['name']]}: {one['sentence']}")
-
-
-def _share(value: float | None) -> str:
-    return "–" if value is None else f"{100.0 * value:.1f} %"
-
-
-def _time(value: float | None) -> str:
-    return "not" if value is None else quantity(value, "s")
