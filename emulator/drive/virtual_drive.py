@@ -70,6 +70,7 @@ from emulator.frames import TURN
 from emulator.plant.course import continued, rows_at
 from emulator.plant.dynamics import Plant, PlantState
 from emulator.plant.machine import at_temperature
+from emulator.plant.physics.sensing import read_voltage
 from emulator.plant.physics.thermal import Temperatures
 from emulator.plant.physics.timing import kept
 from emulator.scenario.scenarios import SAFE_TORQUE_OFF, Scenario, check, overspeed_of
@@ -179,6 +180,7 @@ class VirtualDrive:
         if self._memory.values:
             self._recall()
             self._apply_settings()
+        self._readable |= self._first_sample(state)
         self._publish()
 
     @property
@@ -562,6 +564,14 @@ class VirtualDrive:
             elif name in ("store", "restore") and "memory_state" in self.names:
                 present["memory_state"] = float(MemoryState.WRITING)
         return present
+
+    def _first_sample(self, state: SimulationState) -> dict[str, float]:
+        """What is measured at power-on, which can be read until there is a row; no current flows yet."""
+        return {
+            "theta_e": self._settings.n_p * state.sample.theta_m % TURN,
+            "omega_e": state.firmware.omega_e,
+            "u_dc": self._settings.sensing.u_dc_gain * read_voltage(self._bench.voltage, state.bridge.u_dc),
+        }
 
     def _publish(self, rows: StreamRows | None = None) -> None:
         """Make the present readable: tick, temperature, the latest row."""

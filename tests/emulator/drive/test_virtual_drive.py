@@ -138,6 +138,15 @@ def test_every_signal_can_be_read() -> None:
         drive.read("torque")
 
 
+def test_before_its_first_row_a_drive_tells_what_it_measures_at_power_on() -> None:
+    drive = VirtualDrive(PAPER)
+    told = drive.values(stream.COLUMNS)
+    first = joined([drive.run(PAPER.drive.stream_periods)])
+    assert told["u_dc"] == first["u_dc"][0]
+    for name in ("theta_e", "omega_e"):
+        assert told[name] == pytest.approx(first[name][0], abs=0.01 * max(1.0, abs(first["omega_e"][0])))
+
+
 def test_a_parameter_that_is_written_is_read_at_once_and_stays() -> None:
     drive = VirtualDrive(PAPER)
     for signal in SIGNALS:
