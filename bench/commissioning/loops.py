@@ -16,6 +16,7 @@ from bench.commissioning.trial import (
     Trials,
     largest_current_step,
     largest_speed_step,
+    rise_periods,
     turned,
 )
 from drivers.capture import Capture
@@ -32,7 +33,9 @@ _REACH: Final = 0.7  # of the voltage, that a trial's speeds may need
 _TRIPS: Final = 1.25  # times the fastest, at which the drive may go off
 _SPEED: Final = 0.35  # of the fastest of those
 _SHARE: Final = 0.25  # of rated current, that a step goes to either side
+_I_D: Final = -0.4  # of rated current, around which currents step: in no leg they stay near zero, where dead time bends
 _VOLTAGE: Final = 0.35  # of the inverter's reach, that a step's first period may ask for
+_SPEED_VOLTAGE: Final = 0.6  # of it, that a step of the speed may ask for: else its reference rises slower
 _WANDER: Final = 0.5  # of the trial's speed, that it may wander by while i_q steps
 _LONG: Final = 8.0  # times of a loop's time constant, between steps
 _SHORTEST: Final = 1e-3  # s, between steps of currents, that a drive takes
@@ -53,6 +56,7 @@ class Loop:
     sentence: str  # why there is none
     hold: int  # samples between steps
     T: float  # s, of a sample
+    rise: int = 1  # control periods that the reference takes for a step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,33 +105,47 @@ def tried(drive: Drive, trials: Trials, limits: Limits, i_rated: float) -> Tried
     Raises UnclearStepError where the speed does not follow its reference, DriveError.
     """
     gains = {name: drive.read(name) for name in READ}
-    most = min(i_rated, gains["current_limit"])
+    most, reach = min(i_rated, gains["current_limit"]), drive.read("u_dc") / math.sqrt(3.0)
     speed_ref = _SPEED * fastest(drive, limits)
     size = min(largest_speed_step(gains["k_p_speed"], most), 0.3 * speed_ref)
-    got, count, K = _speed_steps(trials, size, speed_ref, gains["k_p_speed"])
+    rise = _rise(2.0 * size * gains["k_p_speed"], *_tuning("q", gains), _SPEED_VOLTAGE * reach)
+    got, count, K = _speed_steps(trials, size, speed_ref, gains["k_p_speed"], rise)
     T = got.T_s * got.decimation
-    loops = [_loop("speed", turned(got.columns["theta_e"], T), T, count, 2.0 * size)]
+    loops = [_loop("speed", turned(got.columns["theta_e"], T), T, count, 2.0 * size, rise_periods(rise, got.T_s))]
     for axis in "dq":
-        k_p, alpha = gains[f"k_p_{axis}"], gains[f"k_p_{axis}"] / gains[f"control_L_{axis}"]
-        if not gains["own_gains"]:
-            k_p, alpha = gains["bandwidth"] * gains[f"control_L_{axis}"], gains["bandwidth"]
+        k_p, alpha = _tuning(axis, gains)
         between = max(_LONG / max(alpha, 1.0), _SHORTEST)
-        step = min(_SHARE * most, _VOLTAGE * drive.read("u_dc") / math.sqrt(3.0) / max(2.0 * k_p, 1e-9))
+        step = min(_SHARE * most, _VOLTAGE * reach / max(2.0 * k_p, 1e-9))
         if axis == "q":
             step = min(step, largest_current_step(K, between, _WANDER * speed_ref))
-        i, count = trials.current(CurrentTrial(axis, step, between, speed_ref))
+        i, count = trials.current(CurrentTrial(axis, step, between, speed_ref, _I_D * most))
         loops.append(_loop(axis, i, drive.identity.T_s, count, 2.0 * step))
     return Tried(loops, gains, K, got)
 
 
-def _speed_steps(trials: Trials, size: float, speed_ref: float, k_p: float) -> tuple[Capture, int, float]:
+def _tuning(axis: str, gains: Mapping[str, float]) -> tuple[float, float]:
+    """k_p (V/A) and bandwidth (rad/s) of an axis, by the inductance that the drive takes it for."""
+    L = gains[f"control_L_{axis}"]
+    if gains["own_gains"]:
+        return gains[f"k_p_{axis}"], gains[f"k_p_{axis}"] / L
+    return gains["bandwidth"] * L, gains["bandwidth"]
+
+
+def _rise(current: float, k_p: float, alpha: float, voltage: float) -> float:
+    """s, in which i_q may rise by `current` (A) with no more than `voltage` (V); 0 where at once is not more either."""
+    return k_p * current / (alpha * voltage) if k_p * current > voltage else 0.0
+
+
+def _speed_steps(
+    trials: Trials, size: float, speed_ref: float, k_p: float, rise: float
+) -> tuple[Capture, int, float]:
     """Steps of the speed with as much time between them as its control takes; samples between them, and K.
 
     Raises UnclearStepError.
     """
     hold = _FIRST_HOLD
     for left in reversed(range(_TRIES)):
-        got, count = trials.speed(SpeedTrial(size, hold, speed_ref))
+        got, count = trials.speed(SpeedTrial(size, hold, speed_ref, rise))
         try:
             K = acceleration(got, count, 2.0 * size)
         except UnclearStepError:
@@ -135,7 +153,7 @@ def _speed_steps(trials: Trials, size: float, speed_ref: float, k_p: float) -> t
                 raise
             hold = min(4.0 * hold, _HOLDS[1])
             continue
-        wanted = min(max(2.5 * _LONG / max(abs(k_p * K), 1e-3), _HOLDS[0]), _HOLDS[1])
+        wanted = min(max(2.5 * _LONG / max(abs(k_p * K), 1e-3) + rise, _HOLDS[0]), _HOLDS[1])
         trials.settle = wanted
         if not left or hold / _ALIKE <= wanted <= hold * _ALIKE:
             return got, count, K
@@ -174,25 +192,26 @@ def _promised(
     loop: Loop, gains: Mapping[str, float], T_s: float, machine: Machine, K: float, damping: float
 ) -> Response:
     """What the gains promise of a loop's trial."""
-    alpha, speed_filter = gains["bandwidth"], gains["speed_filter"]
-    if loop.name == "speed":
-        if gains["own_gains"]:
-            alpha = gains["k_p_q"] / machine.L_q
-        own = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], K, damping, alpha, speed_filter, T_s)
-        every = round(loop.T / T_s)
-        return averaged(thinned(own.answer(to_and_fro(loop.hold * every, STEPS)), every), loop.T, loop.hold, 1.0)
-    L, saturates = machine.L_d if loop.name == "d" else machine.L_q, bool(gains["saturation_correction"])
-    k_p, k_i = gains[f"k_p_{loop.name}"], gains[f"k_i_{loop.name}"]
+    current = _current_loop("q" if loop.name == "speed" else loop.name, gains, T_s, machine, K)
+    if loop.name != "speed":
+        return averaged(current.answer(at_random(loop.hold, STEPS)), T_s, loop.hold, 1.0)
+    own = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], K, damping, current, gains["speed_filter"])
+    every = round(loop.T / T_s)
+    return averaged(thinned(own.answer(to_and_fro(loop.hold * every, STEPS, loop.rise)), every), loop.T, loop.hold, 1.0)
+
+
+def _current_loop(axis: str, gains: Mapping[str, float], T_s: float, machine: Machine, K: float) -> CurrentLoop:
+    L, saturates = machine.L_d if axis == "d" else machine.L_q, bool(gains["saturation_correction"])
+    k_p, k_i, alpha = gains[f"k_p_{axis}"], gains[f"k_i_{axis}"], gains["bandwidth"]
     if not gains["own_gains"]:
-        k_p, k_i = alpha * (L if saturates else gains[f"control_L_{loop.name}"]), alpha * gains["control_R_s"]
-    emf = machine.psi_f * K if loop.name == "q" else 0.0
+        k_p, k_i = alpha * (L if saturates else gains[f"control_L_{axis}"]), alpha * gains["control_R_s"]
+    emf = machine.psi_f * K if axis == "q" else 0.0
     fed = 0.0 if not gains["decoupling"] else 1.0 if saturates else gains["control_psi_f"] / machine.psi_f
-    axis = CurrentLoop(k_p, k_i, machine.R_s, L, T_s, emf, fed, speed_filter)
-    return averaged(axis.answer(at_random(loop.hold, STEPS)), T_s, loop.hold, 1.0)
+    return CurrentLoop(k_p, k_i, machine.R_s, L, T_s, emf, fed, gains["speed_filter"])
 
 
-def _loop(name: str, y: Any, T: float, count: int, size: float) -> Loop:
+def _loop(name: str, y: Any, T: float, count: int, size: float, rise: int = 1) -> Loop:
     try:
-        return Loop(name, averaged(y, T, count, size), "", count, T)
+        return Loop(name, averaged(y, T, count, size), "", count, T, rise)
     except UnclearStepError as error:
-        return Loop(name, None, str(error), count, T)
+        return Loop(name, None, str(error), count, T, rise)

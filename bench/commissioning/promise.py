@@ -5,9 +5,9 @@
     i[k+1] = a i[k] + (1 - a)/R_s (u[k-1] - psi_f omega[k] + psi_set omega_f[k-1])      a = exp(-R_s T_s / L)
     u[k] = k_p e[k] + T_s k_i sum(e)              e = i_ref - i
 
-**Speed**, the current loop as a first order of its bandwidth alpha, the speed it controls by filtered:
+**Speed**, behind the current loop of q; the speed it controls by is the mean over the period before, filtered:
 
-    omega[k+1] = omega[k] + T_s (K i_q[k] - B/J omega[k])       K = 1.5 n_p^2 psi_f / J
+    omega[k+1] = omega[k] + T_s (K (i_q[k] + i_q[k+1])/2 - B/J omega[k])       K = 1.5 n_p^2 psi_f / J
 
 References are those of a trial, and what comes of them is averaged as the trial's recording is: what is left from the
 step before is in both.
@@ -39,21 +39,33 @@ class CurrentLoop:
 
     def answer(self, reference: Column) -> Column:
         """Current to a reference, every control period, both in A."""
-        T_s, k_p, k_i = self.T_s, self.k_p, self.k_i
-        a = math.exp(-self.R_s * T_s / self.L)
-        y, i, u, integral = np.empty(len(reference)), 0.0, 0.0, 0.0
-        emf, filtered, fed = 0.0, 0.0, 0.0  # V: there is, by the filtered speed, and fed forward
+        y, axis = np.empty(len(reference)), _Axis(self)
         for k, wanted in enumerate(reference):
-            y[k] = i
-            e = wanted - i
-            u_next = k_p * e + integral
-            integral += T_s * k_i * e
-            i = a * i + (1.0 - a) / self.R_s * (u - emf + fed)
-            emf += T_s * self.back_emf * i
-            fed = self.fed_share * filtered
-            filtered += (emf - filtered) * T_s / (self.speed_filter + T_s)
-            u = u_next
+            y[k] = axis.i
+            axis.step(wanted)
         return y
+
+
+class _Axis:
+    """A current loop under way; `i` (A) is the current at the present sample."""
+
+    def __init__(self, loop: CurrentLoop) -> None:
+        self._loop, self.i, self._integral = loop, 0.0, 0.0
+        self._share = math.exp(-loop.R_s * loop.T_s / loop.L)
+        self._u = 0.0  # V, computed a period ago
+        self._emf = self._filtered = self._fed = 0.0  # V: there is, by the filtered speed, and fed forward
+
+    def step(self, wanted: float) -> None:
+        """One control period, at whose beginning so much (A) is wanted."""
+        loop, T_s, a = self._loop, self._loop.T_s, self._share
+        e = wanted - self.i
+        u = loop.k_p * e + self._integral
+        self._integral += T_s * loop.k_i * e
+        self.i = a * self.i + (1.0 - a) / loop.R_s * (self._u - self._emf + self._fed)
+        self._emf += T_s * loop.back_emf * self.i
+        self._fed = loop.fed_share * self._filtered
+        self._filtered += (self._emf - self._filtered) * T_s / (loop.speed_filter + T_s)
+        self._u = u
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,28 +76,33 @@ class SpeedLoop:
     k_i: float  # A/rad
     K: float  # rad/(s2 A), electrical acceleration by i_q
     damping: float  # 1/s, B/J
-    alpha: float  # rad/s, bandwidth of the current control
+    current: CurrentLoop  # of the q axis
     speed_filter: float  # s
-    T_s: float  # s
 
     def answer(self, reference: Column) -> Column:
-        """Speed to a reference, every control period, both in rad/s."""
-        T_s, y = self.T_s, np.empty(len(reference))
-        lag, share = 1.0 - math.exp(-self.alpha * T_s), T_s / (self.speed_filter + T_s)
-        omega, filtered, i_q, integral = 0.0, 0.0, 0.0, 0.0
+        """Mean speed of every control period to a reference, both in rad/s."""
+        T_s, y, axis = self.current.T_s, np.empty(len(reference)), _Axis(self.current)
+        share = T_s / (self.speed_filter + T_s)
+        omega = mean = filtered = integral = 0.0
         for k, wanted in enumerate(reference):
-            y[k] = omega
-            filtered += (omega - filtered) * share
+            filtered += (mean - filtered) * share
             e = wanted - filtered
-            i_q += (self.k_p * e + integral - i_q) * lag
+            i_q = axis.i
+            axis.step(self.k_p * e + integral)
             integral += self.k_i * T_s * e
-            omega += T_s * (self.K * i_q - self.damping * omega)
+            gained = T_s * (0.5 * self.K * (i_q + axis.i) - self.damping * omega)
+            y[k] = mean = omega + 0.5 * gained
+            omega += gained
         return y
 
 
-def to_and_fro(hold: int, count: int) -> Column:
-    """A reference that steps between 0 and 1 at every `hold` samples, `count` times."""
-    return np.repeat(np.arange(count) % 2, hold).astype(np.float64)
+def to_and_fro(hold: int, count: int, rise: int = 1) -> Column:
+    """A reference that steps between 0 and 1 at every `hold` samples, `count` times; in `rise` of them it is there."""
+    way = np.ones(hold)
+    way[: rise - 1] = np.arange(1, rise) / (rise - 0.5)
+    ends = np.arange(count) % 2
+    before = np.concatenate(([0], ends[:-1]))
+    return (before[:, None] + (ends - before)[:, None] * way).ravel()
 
 
 def at_random(hold: int, count: int) -> Column:

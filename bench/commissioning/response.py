@@ -20,7 +20,7 @@ BAND: Final = 0.05  # of the step, either way: within, it has settled
 _FEWEST: Final = 4  # steps
 _CLEAR: Final = 6.0  # times the noise, that a step has to be
 _MARGIN: Final = 10  # of the time between steps, left out at its end: the next may begin a little earlier
-_SMOOTH: Final = 100  # of the time between steps, a mean over which takes noise away
+_SMOOTH: Final = 100  # of the time between steps, a mean over which, twice, takes an encoder's steps away
 _BEFORE: Final = 0.25  # of the time between steps, at its end, that tells the level before
 
 
@@ -83,14 +83,19 @@ def averaged_with(
             way * (column[k - before : k + after] - np.mean(column[k - before : k])) for k, way in steps
         ])  # fmt: skip
 
-    width = max(1, hold // _SMOOTH)
-    every = means(np.convolve(y, np.full(width, 1.0 / width), "same")) / size
+    every = means(_smoothed(y, max(1, hold // _SMOOTH))) / size
     error = float(np.std(every[:, :before], ddof=1)) / math.sqrt(len(every))
     if error * _CLEAR > 1.0:
         raise UnclearStepError(f"the steps are {1.0 / error:.2g} times their noise, expected {_CLEAR:g}")
     mean = every.mean(axis=0)
     t = T * (np.arange(len(mean), dtype=np.float64) - before) - _begins(mean, T, before)
     return Response(t, mean, len(every), error), [means(other).mean(axis=0) for other in others]
+
+
+def _smoothed(y: Column, width: int) -> Column:
+    """The mean over so many samples of the mean over so many."""
+    mean = np.full(width, 1.0 / width)
+    return np.convolve(np.pad(y, width - 1, "edge"), np.convolve(mean, mean), "valid")
 
 
 def _phase(y: Column, hold: int) -> int:

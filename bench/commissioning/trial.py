@@ -1,7 +1,7 @@
 """Trials: steps of current and of speed on a drive, recorded by its own recorder, before parameters change and after.
 
-Currents step by the drive's own excitation between two levels (PRBS) on one axis, at standstill of the excitation on
-the other; the speed by a square wave of its reference. All within limits; the drive is stopped at the end.
+Currents step by the drive's own excitation between two levels (PRBS) on one axis, around a level of i_d, while the
+other stays; the speed by a square wave of its reference. All within limits; the drive is stopped at the end.
 """
 
 import math
@@ -50,12 +50,13 @@ _STANDSTILL: Final = 10.0  # s without another sample
 
 @dataclass(frozen=True, slots=True)
 class CurrentTrial:
-    """Steps by 2 `size` (A) on one axis at a speed (rad/s, electrical), every `hold` (s)."""
+    """Steps by 2 `size` (A) on one axis at a speed (rad/s, electrical), every `hold` (s), around a level of i_d."""
 
     axis: str  # "d" or "q"
     size: float
     hold: float
     speed_ref: float
+    i_d_ref: float = 0.0  # A
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ class SpeedTrial:
     size: float
     hold: float
     speed_ref: float
-    ramp: float = 0.0  # rad/s2; 0: at once
+    rise: float = 0.0  # s, that the reference takes for a step; 0: at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,11 +105,12 @@ class Trials:
     def current(self, trial: CurrentTrial) -> tuple[Column, int]:
         """Current of the axis (A), every control period, and control periods between steps."""
         hold = max(1, math.ceil(trial.hold / self._T_s - 1e-6))
-        set_points = {f"i_{axis}_step": trial.size if axis == trial.axis else 0.0 for axis in "dq"}
         gains = {name: self._drive.read(name) for name in _SPEED_GAINS}
-        self._start({"speed_ref": trial.speed_ref, "speed_step": 0.0, "step_time": hold * self._T_s})
+        self._start({
+            "speed_ref": trial.speed_ref, "speed_step": 0.0, "step_time": hold * self._T_s, "i_d_ref": trial.i_d_ref
+        })  # fmt: skip
         soft = {name: _SOFT * gain for name, gain in gains.items()} if trial.axis == "q" else {}
-        self._lease.write(self._drive, {"excitation_kind": _PRBS, **set_points, **soft})
+        self._lease.write(self._drive, {"excitation_kind": _PRBS, f"i_{trial.axis}_step": trial.size, **soft})
         length = min(_HOLDS * hold, CAPTURE_SAMPLES)
         phase = f"stepping i_{trial.axis} by {2.0 * trial.size:.3g} A"
         got = self._recorded(Setup((f"i_{trial.axis}",), length), phase)
@@ -120,10 +122,12 @@ class Trials:
         seconds = _SWINGS * trial.hold
         decimation = max(1, math.ceil(seconds / self._T_s / _SAMPLES))
         hold = max(1, round(trial.hold / (decimation * self._T_s)))
+        between, rising = hold * decimation, rise_periods(trial.rise, self._T_s)
+        ramp = 2.0 * trial.size / ((rising - 0.5) * self._T_s) if rising > 1 else 0.0  # the last period takes the rest
         self._start({
-            "speed_ref": trial.speed_ref, "speed_step": 0.0, "speed_hold": hold * decimation * self._T_s
+            "speed_ref": trial.speed_ref, "speed_step": 0.0, "speed_hold": (between - (rising - 1)) * self._T_s
         })  # fmt: skip
-        self._lease.write(self._drive, {"speed_ramp": trial.ramp, "speed_step": trial.size})
+        self._lease.write(self._drive, {"speed_ramp": ramp, "speed_step": trial.size})
         setup = Setup(("theta_e", "omega_e", "i_d", "i_q"), _SWINGS * hold, decimation)
         got = self._recorded(setup, f"stepping the speed by {2.0 * trial.size:.3g} rad/s")
         return self._decoded(got), hold
@@ -195,6 +199,11 @@ class Trials:
         self._lease.stop(drive)
         capture.upload(drive, found, uploaded)
         return found
+
+
+def rise_periods(rise: float, T_s: float) -> int:
+    """Control periods in which the reference of the speed goes from one end to the other in `rise` (s)."""
+    return max(1, round(rise / T_s))
 
 
 def turned(theta_e: Column, T: float) -> Column:

@@ -21,11 +21,11 @@ def ramped(before: Ramp, wanted: float, step: float, rate: float, hold: int, T_s
     With a `step` (rad/s) it goes on to `step` above, stays for `hold` periods, goes `step` below, and so on.
     """
     omega_e, end, held = before
+    if step > 0.0 and held >= hold:
+        end, held = -end, 0
     aim = wanted + end * step
     away = aim - omega_e
     most = rate * T_s if rate > 0.0 else math.inf
     if abs(away) > most:
         return Ramp(omega_e + math.copysign(most, away), end, 0)
-    if step > 0.0 and held >= hold:
-        return Ramp(aim, -end, 0)
     return Ramp(aim, end, held + 1)

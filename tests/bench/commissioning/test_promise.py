@@ -66,7 +66,7 @@ def test_back_emf_that_is_fed_forward_leaves_nothing_and_what_is_not_is_told_by_
 
 def test_without_a_reference_nothing_flows() -> None:
     assert not by_model(1250.0).answer(np.zeros(100)).any()
-    assert not SpeedLoop(0.1, 1.0, K, 0.0, 1250.0, 1e-3, T_s).answer(np.zeros(100)).any()
+    assert not SpeedLoop(0.1, 1.0, K, 0.0, by_model(1250.0), 1e-3).answer(np.zeros(100)).any()
 
 
 def in_continuous_time(loop: SpeedLoop, count: int) -> Column:
@@ -77,10 +77,10 @@ def in_continuous_time(loop: SpeedLoop, count: int) -> Column:
         e = 1.0 - filtered
         return [
             loop.K * i_q - loop.damping * omega, (omega - filtered) / loop.speed_filter,
-            loop.alpha * (loop.k_p * e + integral - i_q), loop.k_i * e,
+            loop.current.k_p / L * (loop.k_p * e + integral - i_q), loop.k_i * e,
         ]  # fmt: skip
 
-    t = loop.T_s * np.arange(count)
+    t = T_s * np.arange(count)
     return SOLVE(slope, (0.0, t[-1]), [0.0] * 4, t_eval=t, rtol=1e-8, atol=1e-10, max_step=1e-3).y[0]
 
 
@@ -89,27 +89,29 @@ def in_continuous_time(loop: SpeedLoop, count: int) -> Column:
 def test_a_speed_loop_is_that_of_its_differential_equations(a: float, damping: float) -> None:
     alpha, speed_filter = 1250.0, 2e-3
     gains = speed_loop(J, PSI_F, N_P, 1.0 / alpha + speed_filter + 0.5 * T_s, a=a).values
-    loop = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], K, damping, alpha, speed_filter, T_s)
+    loop = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], K, damping, by_model(alpha), speed_filter)
     y = loop.answer(ONE)
     assert y == pytest.approx(in_continuous_time(loop, len(y)), abs=0.05)
     assert y[-1] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_a_speed_loop_without_an_integral_is_held_back_by_its_damping() -> None:
-    loop = SpeedLoop(0.05, 0.0, K, 20.0, 1250.0, 1e-3, T_s)
+    loop = SpeedLoop(0.05, 0.0, K, 20.0, by_model(1250.0), 1e-3)
     assert loop.answer(ONE)[-1] == pytest.approx(0.05 * K / (0.05 * K + 20.0), rel=1e-6)
 
 
 def test_the_symmetrical_optimum_overshoots_as_it_is_known_to() -> None:
     fine = 1e-6  # s: delays in all are those of the filter
+    quick = replace(by_model(1e5), T_s=fine)
     gains = speed_loop(J, PSI_F, N_P, 3e-3, a=2.0).values
-    loop = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], K, 0.0, 1e5, 3e-3 - 1e-5, fine)
+    loop = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], K, 0.0, quick, 3e-3 - 1e-5)
     # of the shaft itself, not of the speed that is filtered: the reference's step is not filtered
     assert float(np.max(loop.answer(np.ones(60_000)))) - 1.0 > 0.43
 
 
 def test_references_step_as_a_trial_does() -> None:
     assert to_and_fro(2, 4).tolist() == [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
+    assert to_and_fro(4, 3, 3) == pytest.approx([0.0] * 4 + [0.4, 0.8, 1.0, 1.0] + [0.6, 0.2, 0.0, 0.0])
     levels = at_random(3, 40)
     assert len(levels) == 120
     assert set(levels.tolist()) == {0.0, 1.0}

@@ -13,7 +13,7 @@ T = 1e-4  # s
 HOLD = 400  # samples
 COUNT = 30  # levels
 SLOW = 4e-3  # s, time constant
-SMOOTHED = HOLD * T / 100.0  # s, over which a mean is taken
+SMOOTHED = HOLD * T / 100.0  # s, over which a mean is taken, twice
 SIZE = 3.0
 LEVEL = -7.0
 
@@ -72,7 +72,7 @@ def test_a_second_order_overshoots_and_settles_as_its_damping_says(zeta: float) 
     phase = math.sqrt(1.0 - zeta * zeta) * omega * t
     y = 1.0 - np.exp(-zeta * omega * t) * (np.cos(phase) + zeta / math.sqrt(1.0 - zeta * zeta) * np.sin(phase))
     begins = t[np.argmax(y > BAND)]
-    assert got.overshoot == pytest.approx(math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta * zeta)), abs=0.02)
+    assert got.overshoot == pytest.approx(math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta * zeta)), abs=0.04)
     assert got.settling == pytest.approx(t[np.flatnonzero(np.abs(y - 1.0) > BAND)[-1]] - begins, abs=SMOOTHED)
     assert got.tracking == pytest.approx(float(np.sum(np.abs(y[t >= begins] - 1.0))) * 1e-6, rel=0.03, abs=2.0 * T)
 
@@ -86,7 +86,7 @@ def test_what_never_comes_within_the_band_does_not_settle() -> None:
 @pytest.mark.parametrize("height", [0.96, 1.0, 1.04])
 def test_a_response_at_once_settles_at_once(height: float) -> None:
     got = averaged(SIZE * height * reference(drawn(), 11), T, HOLD, SIZE)
-    assert 0.0 <= got.settling <= 6.0 * T  # what the mean over a hundredth makes of a jump
+    assert 0.0 <= got.settling <= 10.0 * T  # what the means over a hundredth make of a jump
     assert got.overshoot == pytest.approx(max(0.0, height - 1.0), abs=1e-9)
 
 

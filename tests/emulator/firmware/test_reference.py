@@ -41,9 +41,10 @@ def test_a_reference_goes_in_a_straight_line_and_stays() -> None:
 
 def test_a_reference_with_a_step_swings_between_its_ends_and_stays_at_each() -> None:
     assert course(2.0, 2000.0, 3, 14) == [
-        2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 12.0, 12.0, 12.0, 10.0, 8.0, 8.0, 8.0, 8.0
+        2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 12.0, 12.0, 10.0, 8.0, 8.0, 8.0, 10.0, 12.0
     ]
-    assert course(2.0, 0.0, 0, 4) == [12.0, 8.0, 12.0, 8.0]
+    assert course(2.0, 0.0, 1, 4) == [12.0, 8.0, 12.0, 8.0]
+    assert course(2.0, 0.0, 2, 6) == [12.0, 12.0, 8.0, 8.0, 12.0, 12.0]
 
 
 def test_the_shaft_follows_a_commanded_ramp_to_either_direction() -> None:
