@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -33,7 +33,7 @@ _REACH: Final = 0.7  # of the voltage, that a trial's speeds may need
 _TRIPS: Final = 1.25  # times the fastest, at which the drive may go off
 _SPEED: Final = 0.35  # of the fastest of those
 _SHARE: Final = 0.25  # of rated current, that a step goes to either side
-_I_D: Final = -0.4  # of rated current, around which currents step: in no leg they stay near zero, where dead time bends
+_I_D: Final = {"speed": -0.15, "d": -0.4, "q": -0.4}  # of rated current, level of i_d while one steps
 _VOLTAGE: Final = 0.35  # of the inverter's reach, that a step's first period may ask for
 _SPEED_VOLTAGE: Final = 0.6  # of it, that a step of the speed may ask for: else its reference rises slower
 _WANDER: Final = 0.5  # of the trial's speed, that it may wander by while i_q steps
@@ -67,6 +67,7 @@ class Tried:
     gains: Mapping[str, float]  # `READ`, SI
     K: float  # rad/(s2 A), electrical acceleration by i_q, roughly
     swing: Capture  # of the speed's steps
+    i_d: float = 0.0  # A, level meanwhile
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +110,8 @@ def tried(drive: Drive, trials: Trials, limits: Limits, i_rated: float) -> Tried
     speed_ref = _SPEED * fastest(drive, limits)
     size = min(largest_speed_step(gains["k_p_speed"], most), 0.3 * speed_ref)
     rise = _rise(2.0 * size * gains["k_p_speed"], *_tuning("q", gains), _SPEED_VOLTAGE * reach)
-    got, count, K = _speed_steps(trials, size, speed_ref, gains["k_p_speed"], rise)
+    wanted = SpeedTrial(size, _FIRST_HOLD, speed_ref, rise, _I_D["speed"] * most)
+    got, count, K = _speed_steps(trials, wanted, gains["k_p_speed"])
     T = got.T_s * got.decimation
     loops = [_loop("speed", turned(got.columns["theta_e"], T), T, count, 2.0 * size, rise_periods(rise, got.T_s))]
     for axis in "dq":
@@ -118,9 +120,9 @@ def tried(drive: Drive, trials: Trials, limits: Limits, i_rated: float) -> Tried
         step = min(_SHARE * most, _VOLTAGE * reach / max(2.0 * k_p, 1e-9))
         if axis == "q":
             step = min(step, largest_current_step(K, between, _WANDER * speed_ref))
-        i, count = trials.current(CurrentTrial(axis, step, between, speed_ref, _I_D * most))
+        i, count = trials.current(CurrentTrial(axis, step, between, speed_ref, _I_D[axis] * most))
         loops.append(_loop(axis, i, drive.identity.T_s, count, 2.0 * step))
-    return Tried(loops, gains, K, got)
+    return Tried(loops, gains, K, got, wanted.i_d_ref)
 
 
 def _tuning(axis: str, gains: Mapping[str, float]) -> tuple[float, float]:
@@ -136,28 +138,26 @@ def _rise(current: float, k_p: float, alpha: float, voltage: float) -> float:
     return k_p * current / (alpha * voltage) if k_p * current > voltage else 0.0
 
 
-def _speed_steps(
-    trials: Trials, size: float, speed_ref: float, k_p: float, rise: float
-) -> tuple[Capture, int, float]:
+def _speed_steps(trials: Trials, wanted: SpeedTrial, k_p: float) -> tuple[Capture, int, float]:
     """Steps of the speed with as much time between them as its control takes; samples between them, and K.
 
     Raises UnclearStepError.
     """
-    hold = _FIRST_HOLD
+    hold = wanted.hold
     for left in reversed(range(_TRIES)):
-        got, count = trials.speed(SpeedTrial(size, hold, speed_ref, rise))
+        got, count = trials.speed(replace(wanted, hold=hold))
         try:
-            K = acceleration(got, count, 2.0 * size)
+            K = acceleration(got, count, 2.0 * wanted.size)
         except UnclearStepError:
             if not left or hold >= _HOLDS[1]:
                 raise
             hold = min(4.0 * hold, _HOLDS[1])
             continue
-        wanted = min(max(2.5 * _LONG / max(abs(k_p * K), 1e-3) + rise, _HOLDS[0]), _HOLDS[1])
-        trials.settle = wanted
-        if not left or hold / _ALIKE <= wanted <= hold * _ALIKE:
+        long = min(max(2.5 * _LONG / max(abs(k_p * K), 1e-3) + wanted.rise, _HOLDS[0]), _HOLDS[1])
+        trials.settle = long
+        if not left or hold / _ALIKE <= long <= hold * _ALIKE:
             return got, count, K
-        hold = wanted
+        hold = long
     raise AssertionError("the last try returns or raises")
 
 

@@ -1,7 +1,8 @@
 """Trials: steps of current and of speed on a drive, recorded by its own recorder, before parameters change and after.
 
-Currents step by the drive's own excitation between two levels (PRBS) on one axis, around a level of i_d, while the
-other stays; the speed by a square wave of its reference. All within limits; the drive is stopped at the end.
+Currents step by the drive's own excitation between two levels (PRBS) on one axis while the other stays; the speed by a
+square wave of its reference; all around a level of i_d, so that in no leg the current stays near zero, where what dead
+time takes is not a voltage alike. All within limits; the drive is stopped at the end.
 """
 
 import math
@@ -67,6 +68,7 @@ class SpeedTrial:
     hold: float
     speed_ref: float
     rise: float = 0.0  # s, that the reference takes for a step; 0: at once
+    i_d_ref: float = 0.0  # A
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +127,8 @@ class Trials:
         between, rising = hold * decimation, rise_periods(trial.rise, self._T_s)
         ramp = 2.0 * trial.size / ((rising - 0.5) * self._T_s) if rising > 1 else 0.0  # the last period takes the rest
         self._start({
-            "speed_ref": trial.speed_ref, "speed_step": 0.0, "speed_hold": (between - (rising - 1)) * self._T_s
+            "speed_ref": trial.speed_ref, "speed_step": 0.0, "speed_hold": (between - (rising - 1)) * self._T_s,
+            "i_d_ref": trial.i_d_ref,
         })  # fmt: skip
         self._lease.write(self._drive, {"speed_ramp": ramp, "speed_step": trial.size})
         setup = Setup(("theta_e", "omega_e", "i_d", "i_q"), _SWINGS * hold, decimation)

@@ -11,7 +11,7 @@ import pytest
 
 from bench.actions.safety.limits import RPM, TRIP, Limits
 from bench.actions.safety.under_control import CancelledError, Guard, under_control
-from bench.commissioning.identify import try_loops
+from bench.commissioning.identify import acceleration_of, try_loops
 from bench.commissioning.loops import READ, Judged, Loop, Tried, fastest, judged
 from bench.commissioning.proposal import turn_of
 from bench.commissioning.response import Response
@@ -68,10 +68,13 @@ def trials(drive: Drive, tmp_path: Path) -> Iterator[Trials]:
 def test_every_loop_answers_as_its_tuning_promises(drive: Drive, tmp_path: Path) -> None:
     said = list[str]()
     one = try_loops(around(drive, tmp_path, said.append))
-    assert pytest.approx(K, rel=0.05) == one.K
+    numbers = acceleration_of(MACHINE, MOTOR.J, MOTOR.B, one.i_d)
+    assert numbers is not None
+    assert pytest.approx(numbers[0], rel=0.05) == one.K
+    assert numbers[0] > K  # with reluctance torque
     assert list(one.gains) == list(READ)
     assert [loop.name for loop in one.loops] == ["speed", "d", "q"]
-    for loop in judged(one, MACHINE, K, MOTOR.B / MOTOR.J):
+    for loop in judged(one, MACHINE, *numbers):
         assert loop.sentence == ""
         assert loop.overshoot == pytest.approx(loop.promised_overshoot, abs=0.03), loop
         assert loop.settling == pytest.approx(loop.promised_settling, rel=0.08), loop
@@ -101,6 +104,19 @@ def test_the_speed_steps_around_its_level(trials: Trials) -> None:
     assert len(speed) == 24 * hold - 1
     assert np.mean(speed) == pytest.approx(SLOW.speed_ref, abs=5.0)
     assert np.std(speed) > 0.4 * SLOW.size
+
+
+def test_steps_of_the_speed_are_as_far_apart_as_said_and_rise_as_slowly(trials: Trials) -> None:
+    largest = list[float]()
+    for rise in (0.0, 0.06):
+        got, hold = trials.speed(replace(SLOW, hold=0.1, rise=rise))
+        speed = turned(got.columns["theta_e"], got.T_s * got.decimation) - SLOW.speed_ref
+        swings = [np.convolve(part, np.ones(25), "same") for part in np.split(speed[: 23 * hold], 23)]
+        at = [int(np.argmax(part[25:-25] * part[-50] > 0.0)) for part in swings[1:]]  # where it goes through the middle
+        assert max(at) - min(at) <= 12
+        assert abs(np.mean(at[:8]) - np.mean(at[-8:])) <= 4.0
+        largest.append(float(np.max(np.abs(got.columns["i_q"]))))
+    assert largest[1] < 0.7 * largest[0]
 
 
 def test_an_excitation_is_all_that_a_diagnosis_reads(trials: Trials, drive: Drive) -> None:
