@@ -313,7 +313,7 @@ def _verified(around: Around, of: Status) -> dict[str, Any]:
     told, now = of.result, try_loops(around)
     machine = Machine(**{name: told["machine"][name]["value"] for name in PARAMETERS}, n_p=told["machine"]["n_p"])
     J, B = (told["shaft"]["estimates"][name]["value"] if told["shaft"] else None for name in ("J", "B"))
-    K, damping = acceleration_of(machine, J, B, now.i_d) or (now.K, 0.0)
+    K, damping = acceleration_of(machine, J, B) or (now.K, 0.0)
     return {
         "of": of.id, "loops": [one.as_json() for one in judged(now, machine, K, damping)], "before": told["loops"],
         "responses": responses(now), "responses_before": told["responses"],

@@ -183,13 +183,12 @@ def _trials(around: Around, drive: Drive) -> Generator[Trials]:
 def shaft_numbers(one: Tried, machine: Machine, shaft: Mechanics | None) -> tuple[float, float]:
     """Electrical acceleration by i_q, rad/(s2 A), and damping B/J, 1/s; by the trial itself where J is not told."""
     J, B = (None, None) if shaft is None else (shaft.estimates[name].value for name in ("J", "B"))
-    return acceleration_of(machine, J, B, one.i_d) or (one.K, 0.0)
+    return acceleration_of(machine, J, B) or (one.K, 0.0)
 
 
-def acceleration_of(machine: Machine, J: float | None, B: float | None, i_d: float) -> tuple[float, float] | None:
-    """As `shaft_numbers`, of a shaft's J (kg m2) and B (Nm s/rad), at i_d (A); None where J is not told."""
-    flux = machine.psi_f + (machine.L_d - machine.L_q) * i_d
-    return (1.5 * machine.n_p**2 * flux / J, (B or 0.0) / J) if J else None
+def acceleration_of(machine: Machine, J: float | None, B: float | None) -> tuple[float, float] | None:
+    """As `shaft_numbers`, of a shaft's J (kg m2) and B (Nm s/rad); None where J is not told."""
+    return (1.5 * machine.n_p**2 * machine.psi_f / J, (B or 0.0) / J) if J else None
 
 
 def _trip(drive: Drive) -> tuple[str, ...]:

@@ -56,6 +56,7 @@ class Loop:
     sentence: str  # why there is none
     hold: int  # samples between steps
     T: float  # s, of a sample
+    i_d: float  # A, level meanwhile
     rise: int = 1  # control periods that the reference takes for a step
 
 
@@ -67,7 +68,6 @@ class Tried:
     gains: Mapping[str, float]  # `READ`, SI
     K: float  # rad/(s2 A), electrical acceleration by i_q, roughly
     swing: Capture  # of the speed's steps
-    i_d: float = 0.0  # A, level meanwhile
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,16 +113,18 @@ def tried(drive: Drive, trials: Trials, limits: Limits, i_rated: float) -> Tried
     wanted = SpeedTrial(size, _FIRST_HOLD, speed_ref, rise, _I_D["speed"] * most)
     got, count, K = _speed_steps(trials, wanted, gains["k_p_speed"])
     T = got.T_s * got.decimation
-    loops = [_loop("speed", turned(got.columns["theta_e"], T), T, count, 2.0 * size, rise_periods(rise, got.T_s))]
+    speed, rising = turned(got.columns["theta_e"], T), rise_periods(rise, got.T_s)
+    loops = [_loop("speed", speed, T, count, 2.0 * size, wanted.i_d_ref, rising)]
     for axis in "dq":
         k_p, alpha = _tuning(axis, gains)
         between = max(_LONG / max(alpha, 1.0), _SHORTEST)
         step = min(_SHARE * most, _VOLTAGE * reach / max(2.0 * k_p, 1e-9))
         if axis == "q":
             step = min(step, largest_current_step(K, between, _WANDER * speed_ref))
-        i, count = trials.current(CurrentTrial(axis, step, between, speed_ref, _I_D[axis] * most))
-        loops.append(_loop(axis, i, drive.identity.T_s, count, 2.0 * step))
-    return Tried(loops, gains, K, got, wanted.i_d_ref)
+        one = CurrentTrial(axis, step, between, speed_ref, _I_D[axis] * most)
+        i, count = trials.current(one)
+        loops.append(_loop(axis, i, drive.identity.T_s, count, 2.0 * step, one.i_d_ref))
+    return Tried(loops, gains, K, got)
 
 
 def _tuning(axis: str, gains: Mapping[str, float]) -> tuple[float, float]:
@@ -177,7 +179,7 @@ def acceleration(got: Capture, hold: int, size: float) -> float:
 
 
 def judged(one: Tried, machine: Machine, K: float, damping: float) -> list[Judged]:
-    """Each loop against what its gains promise of a machine with an acceleration K, rad/(s2 A), and B/J (1/s)."""
+    """Each loop against what its gains promise of a machine with B/J (1/s) and, without i_d, K, rad/(s2 A)."""
     found = list[Judged]()
     for loop in one.loops:
         promised, seen = _promised(loop, one.gains, one.swing.T_s, machine, K, damping), loop.response
@@ -192,26 +194,28 @@ def _promised(
     loop: Loop, gains: Mapping[str, float], T_s: float, machine: Machine, K: float, damping: float
 ) -> Response:
     """What the gains promise of a loop's trial."""
-    current = _current_loop("q" if loop.name == "speed" else loop.name, gains, T_s, machine, K)
-    if loop.name != "speed":
-        return averaged(current.answer(at_random(loop.hold, STEPS)), T_s, loop.hold, 1.0)
-    own = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], K, damping, current, gains["speed_filter"])
-    every = round(loop.T / T_s)
-    return averaged(thinned(own.answer(to_and_fro(loop.hold * every, STEPS, loop.rise)), every), loop.T, loop.hold, 1.0)
-
-
-def _current_loop(axis: str, gains: Mapping[str, float], T_s: float, machine: Machine, K: float) -> CurrentLoop:
-    L, saturates = machine.L_d if axis == "d" else machine.L_q, bool(gains["saturation_correction"])
+    flux = machine.psi_f + machine.L_d * loop.i_d  # along d
+    accelerates = K * (1.0 + (machine.L_d - machine.L_q) * loop.i_d / machine.psi_f)
+    axis, saturates = "d" if loop.name == "d" else "q", bool(gains["saturation_correction"])
+    L = machine.L_d if axis == "d" else machine.L_q
     k_p, k_i, alpha = gains[f"k_p_{axis}"], gains[f"k_i_{axis}"], gains["bandwidth"]
     if not gains["own_gains"]:
         k_p, k_i = alpha * (L if saturates else gains[f"control_L_{axis}"]), alpha * gains["control_R_s"]
-    emf = machine.psi_f * K if axis == "q" else 0.0
-    fed = 0.0 if not gains["decoupling"] else 1.0 if saturates else gains["control_psi_f"] / machine.psi_f
-    return CurrentLoop(k_p, k_i, machine.R_s, L, T_s, emf, fed, gains["speed_filter"])
+    fed = flux if saturates else gains["control_psi_f"] + gains["control_L_d"] * loop.i_d
+    current = CurrentLoop(
+        k_p, k_i, machine.R_s, L, T_s, flux * accelerates if axis == "q" else 0.0,
+        fed / flux if gains["decoupling"] else 0.0, gains["speed_filter"],
+    )  # fmt: skip
+    if loop.name != "speed":
+        return averaged(current.answer(at_random(loop.hold, STEPS)), T_s, loop.hold, 1.0)
+    own = SpeedLoop(gains["k_p_speed"], gains["k_i_speed"], accelerates, damping, current, gains["speed_filter"])
+    every = round(loop.T / T_s)
+    reference = to_and_fro(loop.hold * every, STEPS, loop.rise)
+    return averaged(thinned(own.answer(reference), every), loop.T, loop.hold, 1.0)
 
 
-def _loop(name: str, y: Any, T: float, count: int, size: float, rise: int = 1) -> Loop:
+def _loop(name: str, y: Any, T: float, count: int, size: float, i_d: float, rise: int = 1) -> Loop:
     try:
-        return Loop(name, averaged(y, T, count, size), "", count, T, rise)
+        return Loop(name, averaged(y, T, count, size), "", count, T, i_d, rise)
     except UnclearStepError as error:
-        return Loop(name, None, str(error), count, T, rise)
+        return Loop(name, None, str(error), count, T, i_d, rise)

@@ -1,13 +1,15 @@
 """What a tuning promises: the loops' answers to a reference, by their gains and the motor's parameters.
 
-**Current**, an axis alone, its cross-coupling fed forward; the speed that q's current makes, by the filtered one:
+**Current**, an axis alone, its cross-coupling fed forward, that of the speed, which q's current moves, by the one
+measured over the period before, filtered:
 
-    i[k+1] = a i[k] + (1 - a)/R_s (u[k-1] - psi_f omega[k] + psi_set omega_f[k-1])      a = exp(-R_s T_s / L)
+    i[k+1] = a i[k] + (1 - a)/R_s (u[k-1] - psi_d omega + psi_set omega_f[k-1])      a = exp(-R_s T_s / L)
     u[k] = k_p e[k] + T_s k_i sum(e)              e = i_ref - i
 
 **Speed**, behind the current loop of q; the speed it controls by is the mean over the period before, filtered:
 
-    omega[k+1] = omega[k] + T_s (K (i_q[k] + i_q[k+1])/2 - B/J omega[k])       K = 1.5 n_p^2 psi_f / J
+    omega[k+1] = omega[k] + T_s (K (i_q[k] + i_q[k+1])/2 - B/J omega[k])
+    K = 1.5 n_p^2 (psi_f + (L_d - L_q) i_d) / J
 
 References are those of a trial, and what comes of them is averaged as the trial's recording is: what is left from the
 step before is in both.
@@ -33,7 +35,7 @@ class CurrentLoop:
     R_s: float  # ohm
     L: float  # H
     T_s: float  # s
-    back_emf: float = 0.0  # V/(s A): psi_f K, the rate at which a current's torque changes it; 0 for the d axis
+    back_emf: float = 0.0  # V/(s A): psi_d K, the rate at which a current's torque changes it; 0 for the d axis
     fed_share: float = 1.0  # of the back-EMF, that is fed forward
     speed_filter: float = 0.0  # s
 
@@ -52,8 +54,8 @@ class _Axis:
     def __init__(self, loop: CurrentLoop) -> None:
         self._loop, self.i, self._integral = loop, 0.0, 0.0
         self._share = math.exp(-loop.R_s * loop.T_s / loop.L)
-        self._u = 0.0  # V, computed a period ago
-        self._emf = self._filtered = self._fed = 0.0  # V: there is, by the filtered speed, and fed forward
+        self._u = self._fed = 0.0  # V, computed a period ago
+        self._emf = self._mean = self._filtered = 0.0  # V: now, over the period before, and by the filtered speed
 
     def step(self, wanted: float) -> None:
         """One control period, at whose beginning so much (A) is wanted."""
@@ -61,11 +63,11 @@ class _Axis:
         e = wanted - self.i
         u = loop.k_p * e + self._integral
         self._integral += T_s * loop.k_i * e
-        self.i = a * self.i + (1.0 - a) / loop.R_s * (self._u - self._emf + self._fed)
-        self._emf += T_s * loop.back_emf * self.i
-        self._fed = loop.fed_share * self._filtered
-        self._filtered += (self._emf - self._filtered) * T_s / (loop.speed_filter + T_s)
-        self._u = u
+        self._filtered += (self._mean - self._filtered) * T_s / (loop.speed_filter + T_s)
+        emf = self._emf + T_s * loop.back_emf * self.i
+        self._mean = 0.5 * (self._emf + emf)
+        self.i = a * self.i + (1.0 - a) / loop.R_s * (self._u + self._fed - self._mean)
+        self._u, self._fed, self._emf = u, loop.fed_share * self._filtered, emf
 
 
 @dataclass(frozen=True, slots=True)
