@@ -246,8 +246,8 @@ def test_a_level_of_i_d_makes_reluctance_torque() -> None:
     factor = 1.0 + (MOTOR.L_d - MOTOR.L_q) * i_d / MOTOR.psi_f
     assert factor > 1.04
     (speed, *_), (expected, *_) = judged(level, MACHINE, K, 0.0), judged(one, MACHINE, factor * K, 0.0)
-    assert speed.promised_overshoot == pytest.approx(expected.promised_overshoot, rel=1e-3)
-    assert speed.promised_settling == pytest.approx(expected.promised_settling, rel=1e-3)
+    assert speed.promised_overshoot == pytest.approx(expected.promised_overshoot, rel=5e-3)
+    assert speed.promised_settling == pytest.approx(expected.promised_settling, rel=5e-3)
 
 
 def test_a_weak_magnet_promises_a_slower_shaft() -> None:
