@@ -159,6 +159,6 @@ def verify(
 
     Exit code 1: one is damaged, or was not closed.
     """
-    from bench.cli.commands.recordings import check_all
+    from bench.cli.commands.files.verify import check_all
 
     raise typer.Exit(check_all(folder, database, as_json=json))

@@ -1,9 +1,7 @@
-"""`pmsm-bench recordings`: over the service's REST interface; `verify` reads the folder itself."""
+"""`pmsm-bench recordings`: over the service's REST interface."""
 
 import json
-import sys
 import time
-from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
@@ -14,13 +12,8 @@ from rich.text import Text
 from bench.cli.output import check_new
 from bench.cli.rest import Rest, rest_at
 from bench.cli.terminal import Terminal, one_line
-from bench.config import usual_database
 from bench.errors import BenchError, ConfigError, shown
-from bench.files import captures_folder, check_place, check_regular
-from bench.store.catalogue.database import check_address, opened
-from bench.store.catalogue.memory import Memory
-from bench.store.diagnoses import Diagnoses
-from bench.store.shelf import Shelf
+from bench.files import check_place, check_regular
 
 _TIMEOUT: Final = 30.0  # s for one answer
 _PERIOD: Final = 0.2  # s between two questions
@@ -154,44 +147,6 @@ def remove(id_: str, service: str | None, *, asked: bool) -> None:
             return
         rest.call("DELETE", id_, key="id", under="recordings")
     _console.print(f"{id_}: deleted")
-
-
-def check_all(folder: Path | None, database: str | None, *, as_json: bool) -> int:
-    """Read all against their checksums, and have the catalogue say of them what they do; the exit code.
-
-    Raises ConfigError.
-    """
-    folder = folder or captures_folder()
-    if not folder.is_dir():
-        raise ConfigError(f"{folder}: expected a folder of recordings, there is none")
-    address = usual_database() if database is None else database
-    check_address(address)
-    shelf, kept = Shelf(folder), Diagnoses(folder)
-    recordings, diagnoses = list(shelf.verify()), list(kept.verify())
-    checked = {"recordings": recordings, "diagnoses": diagnoses}
-    if as_json:
-        told = {kind: [{"name": one.name, "problem": one.problem} for one in found] for kind, found in checked.items()}
-        print(json.dumps(told, indent=1))
-    else:
-        for one in (*recordings, *diagnoses):
-            _console.print(Text(one.problem or f"{one.name}: whole"))
-        _console.print(f"{len(recordings)} recordings and {len(diagnoses)} diagnoses in {folder}")
-    if said := _rebuilt(address, shelf, kept):
-        print(f"pmsm-bench: {said}", file=sys.stderr)
-    return int(any(one.problem for one in (*recordings, *diagnoses)))
-
-
-def _rebuilt(address: str, shelf: Shelf, kept: Diagnoses) -> str:
-    """Have a catalogue that is there say of the files what they do; why it does not, a sentence, or empty."""
-    if "://" not in address and not Path(address).exists():
-        return ""
-    try:
-        with closing(Memory(opened(address), "")) as memory:
-            memory.recordings(shelf.folder).rebuild(shelf.rows())
-            memory.diagnoses(kept.folder).rebuild(kept.rows())
-    except BenchError as error:
-        return f"the files were read, and {error}"
-    return ""
 
 
 def _id(rest: Rest, id_: str, *, running: bool = False) -> str:

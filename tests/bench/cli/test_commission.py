@@ -108,7 +108,7 @@ def test_where_nobody_can_be_asked_it_is_refused_and_nothing_moves(tmp_path: Pat
     assert (tmp_path / "there.html").read_text() == "a page"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_doubtful_set_is_not_flashed_unless_somebody_says_why(tmp_path: Path) -> None:
     scenario = unknown(settings={"n_p": 4.0})
     with bench(scenario, tmp_path, MACHINE.format(more="n_p = 5")) as (url, root):

@@ -89,7 +89,7 @@ CONNECTED = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=() if name in ("encoder reversed", "36 pole pairs") else pytest.mark.slow)
+    pytest.param(name, marks=() if name == "encoder reversed" else pytest.mark.slow)
     for name in CONNECTED
 ])  # fmt: skip
 def test_pole_pairs_phase_order_direction_and_offset_are_found(name: str, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 from sqlalchemy import Engine, insert, inspect, text
 from sqlalchemy.engine import make_url
 
-from bench.cli.commands.recordings import check_all
+from bench.cli.commands.files.verify import check_all
 from bench.errors import ConfigError, UnavailableError
 from bench.recordings.capture_file import write_columns
 from bench.store.catalogue import migrations
