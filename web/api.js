@@ -159,9 +159,10 @@ export function planSet(drive, set) {
   return call("POST", `/api/drives/${encodeURIComponent(drive)}/parameters/plan`, set, PATIENCE_READING_MS);
 }
 
-/** @param {string} drive @returns {Promise<Plan>} */
-export function planRollback(drive) {
-  return call("GET", `/api/drives/${encodeURIComponent(drive)}/parameters/rollback`, undefined, PATIENCE_READING_MS);
+/** @param {string} drive @param {string} [before] when a past flash began; left out: the latest @returns {Promise<Plan>} */
+export function planRollback(drive, before) {
+  const query = before === undefined ? "" : `?${new URLSearchParams({ before })}`;
+  return call("GET", `/api/drives/${encodeURIComponent(drive)}/parameters/rollback${query}`, undefined, PATIENCE_READING_MS);
 }
 
 /** @param {string} drive @param {object | string} set a text is TOML @param {string} reason @returns {Promise<Flash>} */
@@ -170,9 +171,9 @@ export function askFlash(drive, set, reason) {
   return call("POST", `/api/drives/${encodeURIComponent(drive)}/flashes${because}`, set, PATIENCE_READING_MS);
 }
 
-/** @param {string} drive @returns {Promise<Flash>} */
-export function askRollback(drive) {
-  return call("POST", `/api/drives/${encodeURIComponent(drive)}/parameters/rollback`, {}, PATIENCE_READING_MS);
+/** @param {string} drive @param {string} [before] as of `planRollback` @returns {Promise<Flash>} */
+export function askRollback(drive, before) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/parameters/rollback`, { before }, PATIENCE_READING_MS);
 }
 
 /** @param {string} drive @param {boolean} finish @returns {Promise<Flash>} */

@@ -131,10 +131,11 @@ class Flashes(DriveJobs[Status, Run]):
         """What a set would change. Raises DriveError."""
         return flash.planned(self._drives[drive].link.drive, given, self._around(drive))
 
-    def planned_back(self, drive: str) -> Plan:
-        """What would be changed back. Raises ConflictError, DriveError."""
+    def planned_back(self, drive: str, since: str | None = None) -> Plan:
+        """What would be changed back; `since` as of `ask_back`. Raises ConflictError, LimitError, DriveError."""
         link = self._drives[drive].link.drive
-        return flash.planned(link, flash.before(self._folder, link().identity), self._around(drive, judged=False))
+        given = flash.before(self._folder, link().identity, since)
+        return flash.planned(link, given, self._around(drive, judged=False))
 
     def present(self, drive: str, name: str) -> ParameterSet:
         """A drive's parameters as a set of this name. Raises DriveError."""
@@ -144,11 +145,14 @@ class Flashes(DriveJobs[Status, Run]):
         """Have a set flashed; `reason`: why doubts do not forbid it. Raises BenchError, DriveError."""
         return self._begin(drive, Kind.FLASH, whom, reason, lambda link, around: flash.begin(link, given, around))
 
-    def ask_back(self, drive: str, whom: str = "") -> Status:
-        """Have the values before the latest flash flashed, which limits do not judge: the drive had them."""
+    def ask_back(self, drive: str, whom: str = "", since: str | None = None) -> Status:
+        """Have the values before the latest flash, or the one whose time begins so, flashed.
+
+        Limits do not judge them: the drive had them. Raises BenchError, DriveError.
+        """
 
         def begin(link: Callable[[], Drive], around: Around) -> UnderWay:
-            return flash.begin(link, flash.before(self._folder, link().identity), around)
+            return flash.begin(link, flash.before(self._folder, link().identity, since), around)
 
         return self._begin(drive, Kind.FLASH, whom, "", begin, judged=False)
 

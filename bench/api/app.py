@@ -68,7 +68,7 @@ from bench.api.models.drives import (
     link_model,
     window_model,
 )
-from bench.api.models.flashes import ParameterSetModel, ResumeRequestModel
+from bench.api.models.flashes import ParameterSetModel, ResumeRequestModel, RollbackRequestModel
 from bench.api.models.metrics import MEDIA, metrics_text
 from bench.api.models.recent import place_of, recent_model
 from bench.api.models.recordings import AnnotationModel, MarkRequestModel, RecordingRequestModel
@@ -256,7 +256,7 @@ def _complete(document: dict[str, Any]) -> None:
     for model in (
         ProblemModel, SnapshotModel, WindowChangeModel, CaptureRequestModel, SignalValuesModel, DiagnosisRequestModel,
         ExperimentRequestModel, SetPointsModel, NothingModel, RecordingRequestModel, MarkRequestModel, AnnotationModel,
-        ParameterSetModel, ResumeRequestModel, CommissioningRequestModel,
+        ParameterSetModel, ResumeRequestModel, RollbackRequestModel, CommissioningRequestModel,
     ):
         shape = TypeAdapter[Any](model).json_schema(ref_template=f"{SHAPES}{{model}}")
         document["components"]["schemas"] |= shape.pop("$defs", {}) | {model.__name__: shape}

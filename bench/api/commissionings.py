@@ -2,16 +2,17 @@
 
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 from urllib.parse import quote
 
 from fastapi import FastAPI, Path, Response
 from fastapi import Request as HttpRequest
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from bench.api.exchange.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.guard.idempotency import REPEATABLE
 from bench.commissioning.commissionings import Request, Status, as_json
+from bench.expected import CLOSED
 from bench.service.service import Service
 
 _ONE: Answers = DRIVE | {404: {"description": "No drive, or no commissioning, of that name"} | PROBLEM}
@@ -28,6 +29,8 @@ _EXAMPLE: Final[dict[str, Any]] = {"kind": "identify"}
 @dataclass(frozen=True, slots=True)
 class CommissioningRequestModel(Request):
     """What is to be found out."""
+
+    __pydantic_config__: ClassVar = CLOSED | ConfigDict(json_schema_extra={"examples": [_EXAMPLE]})
 
 
 class CommissioningModel(BaseModel):

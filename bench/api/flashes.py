@@ -29,6 +29,7 @@ from bench.api.models.flashes import (
     ParameterSetModel,
     PlanModel,
     ResumeRequestModel,
+    RollbackRequestModel,
     cut_model,
     flash_model,
     past_model,
@@ -40,6 +41,7 @@ from bench.expected import Table, taken
 from bench.parameters.formats.a2l import as_a2l
 from bench.parameters.formats.c_header import as_c_header
 from bench.parameters.formats.dcf import as_dcf
+from bench.parameters.journal import BEGINNING
 from bench.parameters.parameter_set import LONGEST_NAME, ParameterSet, as_document, as_toml, of_document, of_toml
 from bench.service.service import Service
 
@@ -53,7 +55,13 @@ _ASKED: Answers = _READ | {
     409: {"description": "The drive is on, somebody is at it, or a flash of it was cut; nothing was written"} | PROBLEM,
     422: {"description": "Not a set, or problems, or doubts without a reason; nothing was written"} | PROBLEM,
 }
-_NOTHING_BEFORE: Answers = {409: {"description": "Nothing was flashed into it from here"} | PROBLEM}
+_NONE: Final = "no flash from here was done, or none of that time, or more than one"
+_BACK: Answers = _READ | {409: {"description": f"The drive refused, or {_NONE}"} | PROBLEM}
+_ASKED_BACK: Answers = _READ | {
+    409: {"description": f"As for a flash, or {_NONE}; nothing was written"} | PROBLEM,
+    422: {"description": "Not the time of a flash; nothing was written"} | PROBLEM,
+}
+_TIME: Final = "2026-01-31T12:00:00Z"
 _SET_BODY: Final[dict[str, Any]] = {"requestBody": {"required": True, "content": {
     "application/json": {"schema": {"$ref": f"{SHAPES}ParameterSetModel"}},
     TOML: {"schema": {"type": "string", "examples": ['name = "slower"\n[parameters]\nbandwidth = 900.0\n']}},
@@ -67,6 +75,11 @@ _FORMS: Answers = {200: {"description": "The set", "content": {
     **{media: {"schema": {"type": "string"}} for media, _ in _TEXTS.values()},
 }}}  # fmt: skip
 FlashId = Annotated[str, Path(alias="id", description="id of a flash, or latest")]
+BeforeFlash = Annotated[str | None, Query(
+    description="`since` of a past flash that was done, or a beginning that no other one has; left out: the latest",
+    json_schema_extra={"pattern": BEGINNING, "examples": [_TIME]},
+)]  # fmt: skip
+_ROLLBACK: Final = TypeAdapter(Annotated[RollbackRequestModel, Table("expected an object")])
 _RESUME: Final = TypeAdapter(Annotated[ResumeRequestModel, Table("expected an object with finish")])
 _SetBody = Annotated[str | dict[str, Any], text_or_object(SET)]
 
@@ -159,17 +172,21 @@ def _install_flashes(app: FastAPI, service: Service) -> None:
         return begun(name, request, response, lambda whom: flashes.ask(name, given, whom, override))
 
     @app.get("/api/drives/{name}/parameters/rollback", summary="What a roll back would change",
-             responses=_NOTHING_BEFORE | _READ, dependencies=known)
-    def plan_rollback(name: DriveName) -> PlanModel:
-        """To the values before the latest flash."""
-        return plan_model(flashes.planned_back(name))
+             responses=_BACK, dependencies=known)
+    def plan_rollback(name: DriveName, before: BeforeFlash = None) -> PlanModel:
+        """To the values before the latest flash, or any earlier one."""
+        return plan_model(flashes.planned_back(name, before))
 
-    @app.post("/api/drives/{name}/parameters/rollback", summary="Go back to before the latest flash", status_code=202,
-              responses=_ASKED, openapi_extra=body_of("NothingModel") | REPEATABLE,
-              dependencies=[*known, json_object({}, required=False)])
-    def ask_rollback(name: DriveName, request: Request, response: Response) -> FlashModel:
-        """Flashes the values that the drive had; the drive's limits do not judge them."""
-        return begun(name, request, response, lambda whom: flashes.ask_back(name, whom))
+    @app.post("/api/drives/{name}/parameters/rollback", summary="Go back to before a flash", status_code=202,
+              responses=_ASKED_BACK, openapi_extra=body_of("RollbackRequestModel") | REPEATABLE,
+              dependencies=known)
+    def ask_rollback(
+        name: DriveName, request: Request, response: Response,
+        given: Annotated[dict[str, Any], json_object({"before": _TIME}, required=False)],
+    ) -> FlashModel:  # fmt: skip
+        """Flashes all values that the drive had before the latest one, or any earlier one; no limits judge them."""
+        before = taken(_ROLLBACK, given, "", LimitError).before
+        return begun(name, request, response, lambda whom: flashes.ask_back(name, whom, before))
 
     @app.post("/api/drives/{name}/parameters/resume", summary="Finish a flash that was cut, or roll it back",
               status_code=202, responses=_ASKED, openapi_extra=body_of("ResumeRequestModel") | REPEATABLE,

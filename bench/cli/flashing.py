@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from bench.actions.safety.unfinished import folder_beside, undo
@@ -27,18 +28,33 @@ _MOST: Final = "1000"  # flashes of the history
 Show = Callable[[Plan], object]
 
 
+@dataclass(frozen=True, slots=True)
+class Before:
+    """In place of a set: what the drive had before a flash."""
+
+    since: str | None = None  # as the history has it, or a beginning; None: of the latest
+
+    @property
+    def asked(self) -> dict[str, str]:
+        """As REST takes it."""
+        return {} if self.since is None else {"before": self.since}
+
+
+Given = ParameterSet | Before
+
+
 class Flashed(Protocol):
-    """A drive; each raises BenchError, DriveError. No set: what the drive had before the latest flash."""
+    """A drive; each raises BenchError, DriveError."""
 
     def present(self, name: str) -> ParameterSet:
         """Its parameters as a set of this name."""
         ...
 
-    def plan(self, given: ParameterSet | None) -> Plan:
+    def plan(self, given: Given) -> Plan:
         """What would change."""
         ...
 
-    def flash(self, given: ParameterSet | None, override: str, show: Show) -> Verdict:
+    def flash(self, given: Given, override: str, show: Show) -> Verdict:
         """Do it; what it will change is shown before."""
         ...
 
@@ -84,10 +100,10 @@ class _ByBus:
     def present(self, name: str) -> ParameterSet:
         return flash.pulled(self._link(), name)
 
-    def plan(self, given: ParameterSet | None) -> Plan:
+    def plan(self, given: Given) -> Plan:
         return flash.planned(self._link, self._set(given), self._around())
 
-    def flash(self, given: ParameterSet | None, override: str, show: Show) -> Verdict:
+    def flash(self, given: Given, override: str, show: Show) -> Verdict:
         return flash.flash(self._link, self._set(given), self._around(override, show))
 
     def resume(self, *, finish: bool) -> Verdict:
@@ -98,8 +114,10 @@ class _ByBus:
         left = flash.cut(identity, folder)
         return [as_past(one) for one in journal.past(folder, identity)], None if left is None else as_begun(left)
 
-    def _set(self, given: ParameterSet | None) -> ParameterSet:
-        return flash.before(journals_folder(), self._link().identity) if given is None else given
+    def _set(self, given: Given) -> ParameterSet:
+        if isinstance(given, Before):
+            return flash.before(journals_folder(), self._link().identity, given.since)
+        return given
 
     def _around(self, override: str = "", show: Show = lambda _: None) -> Around:
         return Around(journals_folder(), self._url, getpass.getuser(), override, tell=_tell, planned=show)
@@ -116,19 +134,20 @@ class _ByService:
         told = self._rest.call("GET", self._name, "parameters", "set", key="entries", query=query)
         return of_document(told, f"drive {self._name}")
 
-    def plan(self, given: ParameterSet | None) -> Plan:
-        if given is None:
-            return _plan_of(self._rest.call("GET", self._name, "parameters", "rollback", key="changes"))
+    def plan(self, given: Given) -> Plan:
+        if isinstance(given, Before):
+            path, key = (self._name, "parameters", "rollback"), "changes"
+            return _plan_of(self._rest.call("GET", *path, key=key, query=given.asked))
         return _plan_of(
             self._rest.call("POST", self._name, "parameters", "plan", body=as_document(given), key="changes")
         )
 
-    def flash(self, given: ParameterSet | None, override: str, show: Show) -> Verdict:
+    def flash(self, given: Given, override: str, show: Show) -> Verdict:
         to_do = self.plan(given)
         flash.check(to_do, override)
         show(to_do)
-        if given is None:
-            return self._followed("parameters", "rollback", body={})
+        if isinstance(given, Before):
+            return self._followed("parameters", "rollback", body=given.asked)
         query = {"override": override} if override else None
         return self._followed("flashes", body=as_document(given), query=query)
 

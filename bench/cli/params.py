@@ -83,12 +83,19 @@ def verify(given: Set, drive: Drive, service: Service = None) -> None:
 
 @params.command()
 def rollback(
-    drive: Drive, yes: Annotated[bool, Option("--yes", help="do not ask")] = False, service: Service = None
-) -> None:
-    """Flash the values that a drive had before the latest flash from here."""
-    from bench.cli.commands.params import flashed
+    drive: Drive,
+    before: Annotated[
+        str | None,
+        Option(metavar="TIME", help="of an earlier one that was flashed, as `params history` prints it "
+                                    "(2026-01-31T12:00:00Z), or a beginning that no other one has"),
+    ] = None,
+    yes: Annotated[bool, Option("--yes", help="do not ask")] = False,
+    service: Service = None,
+) -> None:  # fmt: skip
+    """Flash all values that a drive had before the latest flash from here, or before an earlier one."""
+    from bench.cli.commands.params import rolled_back
 
-    raise typer.Exit(flashed(None, drive, service, ask=not yes))
+    raise typer.Exit(rolled_back(drive, service, before, ask=not yes))
 
 
 @params.command()
@@ -105,7 +112,7 @@ def resume(
 
 @params.command()
 def history(drive: Drive, json: Json = False, service: Service = None) -> None:
-    """What was flashed into a drive from here, and one that was cut."""
+    """What was flashed into a drive from here, by the TIME that `rollback --before` takes, and one that was cut."""
     from bench.cli.commands.params import past
 
     past(drive, service, as_json=json)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final
 
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
-from bench.parameters.journal import CUT, Begun, Journal, Step, history, past
+from bench.parameters.journal import CUT, Begun, Journal, Step, done, history
 from bench.parameters.parameter_set import FLASHED, LONGEST_NAME, ParameterSet, problem_of, set_of
 from bench.parameters.plan import Judge, Plan, different, plan
 from bench.parameters.versions import remarks_on
@@ -89,14 +89,11 @@ def pulled(drive: Drive, name: str) -> ParameterSet:
     return set_of(parameters(drive), name, "", layout_id=drive.identity.layout_id, serial=drive.identity.serial)
 
 
-def before(folder: Path, identity: Identity) -> ParameterSet:
-    """What a drive had before the latest flash that came out. Raises ConflictError, UnavailableError."""
-    done = [one.begun for one in past(folder, identity) if one.step is Step.DONE]
-    if not done:
-        raise ConflictError("nothing was flashed into this drive from here: there is nothing to go back to")
-    last = done[-1]
-    values = {name: value for name, value in last.image.items() if not problem_of(name, value)}
-    return set_of(values, f"before {last.name}"[:LONGEST_NAME], f"of {last.since[:19]}Z")
+def before(folder: Path, identity: Identity, since: str | None = None) -> ParameterSet:
+    """What a drive had before the latest flash that was done, or the one whose time begins so. Raises as `done`."""
+    one = done(folder, identity, since)
+    values = {name: value for name, value in one.image.items() if not problem_of(name, value)}
+    return set_of(values, f"before {one.name}"[:LONGEST_NAME], f"of {one.since[:19]}Z")
 
 
 def planned(link: Link, given: ParameterSet, around: Around) -> Plan:

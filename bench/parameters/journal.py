@@ -9,21 +9,28 @@ import contextlib
 import fcntl
 import json
 import os
+import re
 import time
 import zlib
-from collections.abc import Callable
+from bisect import bisect
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Self, cast
 
-from bench.errors import ConflictError, UnavailableError
+from bench.errors import ConflictError, LimitError, UnavailableError, shown
 from bench.files import sync_folder
 from drivers.drive import Identity
 
 UNDER_WAY: Final = "a flash of this drive is under way"
 CUT: Final = "a flash of this drive was cut, and has to be finished or rolled back first: `pmsm-bench params resume`"
+BEGINNING: Final = r"^[0-9]{4}-[0-9]{2}-[0-9]{2}(T[0-9:.]{0,15})?(Z|\+00:00)?$"
+"""Of a flash's time, by which it is named: the day at least."""
+_NONE: Final = "nothing was flashed into this drive from here: there is nothing to go back to"
+_ONE: Final = "expected the time of one flash that was done, as the history has it"
+_NAMED: Final = 4  # of the times that could have been meant
 _SUFFIX: Final = ".flash.jsonl"
 _HISTORY: Final = ".flashed.jsonl"
 _PATIENCE: Final = 0.5  # s for who only looks at a journal to have done so
@@ -189,9 +196,38 @@ def past(folder: Path, identity: Identity) -> list[Past]:
     return found
 
 
+def done(folder: Path, identity: Identity, since: str | None = None) -> Begun:
+    """The latest flash that was done; with `since` the one whose time begins so.
+
+    Raises ConflictError where there is none such, or more than one; LimitError, UnavailableError.
+    """
+    if since is not None and not re.fullmatch(BEGINNING, since):
+        raise LimitError(f"{_ONE}, such as 2026-01-31T12:00:00Z, or its beginning, got {shown(since)}")
+    flashed = [one.begun for one in past(folder, identity) if one.step is Step.DONE]
+    if not flashed:
+        raise ConflictError(_NONE)
+    if since is None:
+        return flashed[-1]
+    beginning = since.removesuffix("Z").removesuffix("+00:00")
+    found = [one for one in flashed if one.since.startswith(beginning)]
+    if not found:
+        raise ConflictError(f"{_ONE}, such as {_nearest(beginning, flashed)}, got {shown(since)}")
+    if len(found) > 1:
+        times = ", ".join(one.since.replace("+00:00", "Z") for one in found[-_NAMED:])
+        raise ConflictError(f"{_ONE}, got {shown(since)}, which is the beginning of {len(found)}, the latest {times}")
+    return found[0]
+
+
 def is_there(folder: Path, identity: Identity) -> bool:
     """Whether there is a journal of this drive at all, under way or cut: which costs little to ask."""
     return _path(folder, identity).exists()
+
+
+def _nearest(beginning: str, flashed: Sequence[Begun]) -> str:
+    """The times before and after one."""
+    times = sorted(one.since for one in flashed)
+    after = bisect(times, beginning)
+    return ", ".join(f"{one[:19]}Z" for one in times[max(after - _NAMED // 2, 0) : after + _NAMED // 2])
 
 
 def _begun(line: dict[str, Any]) -> Begun:

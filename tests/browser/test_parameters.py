@@ -46,6 +46,13 @@ def value(bench: RunningBench, name: str) -> float:
     return told["entries"][name]["value"]
 
 
+def flash_elsewhere(page: Chrome, client: httpx.Client, bandwidth: float) -> None:
+    """As soon as the link is there."""
+    given = {"name": f"at {bandwidth:g}", "entries": {"bandwidth": bandwidth}}
+    until(page, lambda: client.post(f"{DRIVE}/flashes", json=given).is_success, "a flash")
+    until(page, lambda: client.get(f"{DRIVE}/flashes/latest").json()["state"] == "flashed", "its end")
+
+
 def test_a_value_is_typed_planned_flashed_and_rolled_back(page: Chrome, bench: RunningBench) -> None:
     operator = Operator(page)
     assert text(page, "set-plan-why") == "There is nothing to plan yet."
@@ -76,6 +83,26 @@ def test_a_value_is_typed_planned_flashed_and_rolled_back(page: Chrome, bench: R
     assert value(bench, "bandwidth") == 1250.0
     until(page, lambda: "flash of 'before by hand', version 1: flashed" in text(page, "events"), "that it is told")
     assert errors(page) == []
+
+
+def test_one_goes_back_to_before_any_flash_of_the_history(page: Chrome, bench: RunningBench) -> None:
+    operator = Operator(page)
+    operator.click("#control-stop")
+    with httpx.Client(base_url=bench.url, headers=JSON, timeout=10.0) as client:
+        for bandwidth in (900.0, 800.0):
+            flash_elsewhere(page, client, bandwidth)
+    until(page, lambda: "at 800" in text(page, "flash-history"), "both")
+    assert violations(page) == []
+    assert operator.sees("#flash-history li:nth-child(2) button") == "Go back to before this …"
+    operator.click("#flash-history li:nth-child(2) button")
+    assert operator.sees("#dialog-question").startswith("Roll emulated back to before “at 900” of ")
+    assert "bandwidth 800 → 1250 rad/s" in operator.sees(".dialog p")
+    operator.click("#dialog-yes")
+    until(page, lambda: "“before at 900” flashed" in text(page, "flash-verdict"), "the verdict")
+    assert value(bench, "bandwidth") == 1250.0
+    httpx.post(f"{bench.url}{DRIVE}/start", json={}, timeout=10.0).raise_for_status()
+    until(page, lambda: page.find_elements(By.CSS_SELECTOR, "#flash-history button:enabled") == [], "that it is on")
+    assert text(page, "flash-rollback-why") == "The drive is on: stop it first."
 
 
 def test_a_file_is_planned_with_what_forbids_it_and_doubts_ask_for_a_reason(

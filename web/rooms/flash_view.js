@@ -32,7 +32,7 @@ export function flashView(ended) {
   const back = button("cut-roll-back", "Roll it back", () => resume(false));
   const cutWhy = make("span", { class: "hint", id: "cut-why" });
   const cut = make("div", { id: "cut", class: "cut", role: "alert", hidden: true }, cutWords, make("div", { class: "actions" }, finish, back, cutWhy));
-  const rollback = button("flash-rollback", "Roll back the latest …", askBack);
+  const rollback = button("flash-rollback", "Roll back the latest …", () => askBack());
   const rollbackWhy = make("span", { class: "hint", id: "flash-rollback-why" });
   const past = make("ul", { class: "events" });
   const pastBox = make("div", { id: "flash-history", tabindex: 0, role: "region", "aria-label": "What was flashed" }, past);
@@ -74,12 +74,13 @@ export function flashView(ended) {
       if (running !== undefined) follow(running);
       others = told.past.filter(({ state }) => state === "flashed").length;
       showCut(told.cut);
-      enable();
       const seen = JSON.stringify(told.past);
-      if (seen === key) return;
-      key = seen;
-      write(note, told.total === 0 ? "Nothing yet: what is flashed is told here, with a way back." : `${counted(told.total, "time", "times")}, the newest first.`);
-      past.replaceChildren(...told.past.map(row));
+      if (seen !== key) {
+        key = seen;
+        write(note, told.total === 0 ? "Nothing yet: what is flashed is told here, with a way back." : `${counted(told.total, "time", "times")}, the newest first.`);
+        past.replaceChildren(...told.past.map(row));
+      }
+      enable();
     } catch (error) {
       if (asked === drive) write(note, /** @type {Error} */ (error).message);
     }
@@ -95,6 +96,7 @@ export function flashView(ended) {
 
   function enable() {
     rollback.disabled = hindered !== "" || others === 0;
+    for (const one of past.querySelectorAll("button")) one.disabled = hindered !== "";
     write(rollbackWhy, others === 0 ? "Nothing was flashed from here yet." : hindered);
     const without = hindered.startsWith("A flash was cut") ? "" : hindered;
     finish.disabled = back.disabled = without !== "";
@@ -105,16 +107,19 @@ export function flashView(ended) {
   function row(one) {
     return make("li", {}, make("time", { datetime: one.since }, clock(one.since)), make("span", { class: `chip ${MOODS[one.state]}` }, one.state),
       make("span", {}, make("strong", {}, one.name), ` version ${one.version}, by ${one.whom}`, one.override !== "" && `, in spite of doubts: ${one.override}`,
-        make("span", { class: "row-facts" }, changesWords(one.changed)), one.state !== "flashed" && make("span", { class: "row-facts" }, sentenceCase(one.said))));
+        make("span", { class: "row-facts" }, changesWords(one.changed)), one.state !== "flashed" && make("span", { class: "row-facts" }, sentenceCase(one.said))),
+      one.state === "flashed" && make("button", { type: "button", class: "small", "aria-label": `Go back to before this: ${one.name}, ${clock(one.since)}`,
+        "aria-describedby": rollbackWhy.id, onclick: () => askBack(one) }, "Go back to before this …"));
   }
 
-  async function askBack() {
+  /** @param {PastFlash} [one] left out: the latest */
+  async function askBack(one) {
     await tried(async () => {
       const asked = drive;
-      const plan = await planRollback(asked);
-      const sure = await confirmed(`Roll ${asked} back to before its latest flash?`,
+      const plan = await planRollback(asked, one?.since);
+      const sure = await confirmed(`Roll ${asked} back to before ${one === undefined ? "its latest flash" : `“${one.name}” of ${clock(one.since)}`}?`,
         `${planWords(plan)} ${changesWords(plan.changes.map(({ signal, unit, old, new: after }) => ({ name: signal, unit, before: old, after })))} The drive is reset.`, "Roll it back");
-      if (sure && asked === drive) follow(await askRollback(asked));
+      if (sure && asked === drive) follow(await askRollback(asked, one?.since));
     });
   }
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bench.actions.flashes import Status
 from bench.expected import CLOSED, Else
-from bench.parameters.journal import Begun, Past
+from bench.parameters.journal import BEGINNING, Begun, Past
 from bench.parameters.parameter_set import LONGEST_NAME
 from bench.parameters.plan import Plan
 from bench.parameters.told import as_begun, as_past, changes_of
@@ -160,6 +160,22 @@ class FlashesModel(BaseModel):
     past: list[PastFlashModel] = Field(description="all that have ended, also of command lines, the newest first")
     total: int = Field(description="that have ended", examples=[1])
     cut: CutFlashModel | None = Field(description="null: none was cut, or one is under way", examples=[None])
+
+
+@dataclass(frozen=True, slots=True)
+class RollbackRequestModel:
+    """Before which flash to go back to; no body at all means the latest, too."""
+
+    __pydantic_config__: ClassVar = CLOSED | ConfigDict(json_schema_extra={"examples": [{}, {"before": _TIME}]})
+
+    before: Annotated[
+        Annotated[str, Field(pattern=BEGINNING)] | None,
+        Field(
+            description="`since` of a past flash whose state is flashed; a beginning is enough, the day at least, that "
+            "no other one has; null: of the latest", examples=[_TIME],
+        ),
+        Else(f"expected null or the time of a flash, such as {_TIME}, or its beginning"),
+    ] = None  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from bench.cli.exit_codes import DOES_NOT, HOLDS
-from bench.cli.flashing import drive_at, is_url
+from bench.cli.flashing import Before, Given, drive_at, is_url
 from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, write_whole
 from bench.cli.plans import ask_to_flash, number_of, show_plan, unit_of
 from bench.cli.terminal import Terminal
@@ -85,9 +85,17 @@ def planned(path: Path, drive: str, service: str | None, *, as_json: bool) -> in
     return DOES_NOT if to_do.problems or to_do.doubts else HOLDS
 
 
-def flashed(path: Path | None, drive: str, service: str | None, override: str = "", *, ask: bool) -> int:
-    """Flash a set; none: what was before the latest flash."""
-    given = None if path is None else _read(path)
+def flashed(path: Path, drive: str, service: str | None, override: str, *, ask: bool) -> int:
+    """Flash a set."""
+    return _flashed(_read(path), drive, service, override, ask=ask)
+
+
+def rolled_back(drive: str, service: str | None, before: str | None, *, ask: bool) -> int:
+    """Flash what was before the flash of that time, or else the latest."""
+    return _flashed(Before(before), drive, service, "", ask=ask)
+
+
+def _flashed(given: Given, drive: str, service: str | None, override: str, *, ask: bool) -> int:
     with drive_at(drive, service) as one:
         show = show_plan
         if ask:
@@ -116,6 +124,9 @@ def past(drive: str, service: str | None, *, as_json: bool) -> None:
         return
     for each in ended:
         print(f"{_begun(each)}, by {each['whom']}: {each['state']}: {each['said']}")
+    if any(each["state"] == End.FLASHED for each in ended):
+        way = f"`pmsm-bench params rollback {drive} --before TIME`"
+        print(f"back to before one that was flashed: {way}, TIME as its line begins")
     if not ended:
         print("nothing was flashed into this drive from here")
     if left:

@@ -117,6 +117,22 @@ def test_it_is_done_while_the_drive_streams_whose_gap_is_counted(link: str, tmp_
         assert value(service) == 1250.0
 
 
+def test_what_was_before_any_flash_is_had_again_and_limits_do_not_judge_it(bench: Bench) -> None:
+    with bench.serving() as service:
+        before = values(service)
+        less = set_of({"current_limit": 5.0}, "less", "")
+        for given in (less, SLOWER):
+            assert ended(service, service.flashes.ask("x", given)).state is State.FLASHED
+        first = service.flashes.past("x")[-1].begun
+        assert set(service.flashes.planned_back("x", first.since).values) == {"current_limit", "bandwidth"}
+        assert service.flashes.planned("x", set_of({"current_limit": before["current_limit"]}, "far", "")).problems
+        with pytest.raises(ConflictError, match="such as"):
+            service.flashes.ask_back("x", since="2026-01-31")
+        back = ended(service, service.flashes.ask_back("x", since=first.since))
+        assert (back.state, back.begun.name) == (State.FLASHED, "before less")
+        assert not different(before, values(service))
+
+
 def test_a_drive_that_somebody_is_at_is_not_flashed(bench: Bench) -> None:
     with bench.serving() as service:
         service.start_drive("x", {"i_q_ref": 1.0}, "an operator")

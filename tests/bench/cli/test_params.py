@@ -59,7 +59,7 @@ def drive(request: pytest.FixtureRequest, url: str, tmp_path: Path, monkeypatch:
 
 
 def test_from_the_drives_values_to_others_and_back(drive: str, tmp_path: Path) -> None:
-    old, new = tmp_path / "old.toml", tmp_path / "new.toml"
+    old, new, third = (tmp_path / f"{name}.toml" for name in ("old", "new", "third"))
     assert "written" in params("pull", drive, "--out", old)
     text = old.read_text(encoding="utf-8")
     assert 'layout_id = "0x' in text
@@ -75,8 +75,16 @@ def test_from_the_drives_values_to_others_and_back(drive: str, tmp_path: Path) -
     assert params("verify", old, drive, code=1) == "bandwidth: 1250 here, 900 there (rad/s)\n"
     assert "flashed" in params("rollback", drive, "--yes")
     assert params("verify", old, drive).startswith("all 3")
-    lines = params("history", drive).splitlines()
-    assert [line.split("'")[1] for line in lines] == ["slower", "before slower"]
+    third.write_text(new.read_text(encoding="utf-8").replace("bandwidth = 900.0", "bandwidth = 800.0"))
+    for given in (new, third):
+        params("flash", given, drive, "--yes")
+    *lines, way = params("history", drive).splitlines()
+    assert [line.split("'")[1] for line in lines] == ["slower", "before slower", "slower", "slower"]
+    assert f"`pmsm-bench params rollback {drive} --before TIME`" in way
+    time = lines[0].split()[0]
+    assert "which is the beginning of 4" in params("rollback", drive, "--before", time[:10], "--yes", code=2)
+    assert "flashed: 1 value changed" in params("rollback", drive, "--before", time, "--yes")
+    assert params("verify", old, drive).startswith("all 3")
     assert params("resume", drive, "--finish", code=2) == "pmsm-bench: no flash of this drive was cut\n"
 
 

@@ -148,6 +148,36 @@ def test_it_is_flashed_and_rolled_back_and_both_are_remembered(client: httpx.Cli
     assert flashed[0]["after"] == {"bandwidth": 900.0, "set": "slower, version 2"}
 
 
+def test_it_goes_back_to_before_any_flash_of_the_history(client: httpx.Client) -> None:
+    def streaming() -> None:
+        until(lambda: client.get(DRIVE).json()["link"]["state"] == "streaming", "the stream to come back")
+
+    streaming()
+    place = f"{DRIVE}/parameters/rollback"
+    for bandwidth in (900.0, 800.0):
+        given = {"name": f"at {bandwidth:g}", "entries": {"bandwidth": bandwidth}}
+        ended(client, client.post(f"{DRIVE}/flashes", json=given))
+        streaming()
+    first = client.get(f"{DRIVE}/flashes").json()["past"][1]
+    assert first["name"] == "at 900"
+    (back,) = client.get(place, params={"before": first["since"]}).json()["changes"]
+    assert (back["signal"], back["old"], back["new"]) == ("bandwidth", 800.0, 1250.0)
+    for since, status, said in (
+        ("2026-01-31", 409, "such as 20"), (first["since"][:10], 409, "is the beginning of"), ("now", 422, "got 'now'"),
+    ):
+        assert said in refused(client.get(place, params={"before": since}), status)
+        assert said in refused(client.post(place, json={"before": since}), status)
+    for given, said in (
+        ({"before": 5}, "before: expected null or the time of a flash"),
+        ({"after": "x"}, "expected before, got 'after'"),
+    ):
+        assert said in refused(client.post(place, json=given), 422)
+    assert "unknown query key 'after', expected before" in refused(client.get(place, params={"after": "x"}), 422)
+    assert ended(client, client.post(place, json={"before": first["since"]}))["name"] == "before at 900"
+    streaming()
+    assert client.get(f"{DRIVE}/parameters/set").json()["entries"]["bandwidth"]["value"] == 1250.0
+
+
 def test_a_reason_for_doubts_is_in_the_history(client: httpx.Client) -> None:
     given = {"name": "doubtful", "entries": {"control_R_s": {"value": 0.9664, "low": 1.0}}}
     assert "; expected a reason" in refused(client.post(f"{DRIVE}/flashes", json=given), 422)
