@@ -7,7 +7,7 @@
     keep_free_megabytes = 200                         # of its disk, which recordings leave for others
     database = "catalogue.sqlite"                     # of what is remembered, or postgresql://user:password@host/name;
                                                       # PMSM_BENCH_DATABASE has the last word
-    journals = "journals"                             # folder of what is flashed into drives, and of what was cut
+    journals = "journals"                             # folder of what is flashed, was cut, or has to be undone
     log = "log"                                       # folder of the logs of writes and of refusals
     names = ["bench.lan", "localhost:9000"]           # it is also called so in addresses; without a port: at its own
     certificate = "bench.pem"                         # TLS, with its key; needed beyond loopback,

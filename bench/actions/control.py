@@ -16,7 +16,7 @@ from typing import Final
 from bench.actions.drive_jobs import Link
 from bench.actions.safety.lease import Leases, Part
 from bench.actions.safety.limits import JUDGED, TRIP, Limits, Overload
-from bench.actions.safety.unfinished import Noted, Origin, take
+from bench.actions.safety.unfinished import Noted, Origin, freed, take
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
 from bench.store.write_log import to_standard_error
 from drivers import lease as control
@@ -229,10 +229,11 @@ class Control:
         started = f"started from {whom}; " if whom else ""
         holder = f"the operator's control ({started}`pmsm-bench stop {self._name}` ends it)"
         self._restore(drive)
-        before = self._trip_too_high(drive)
         self._leases.take(self._name, holder, _HELD, Part.CONTROL)
         lease = Lease()
         try:
+            freed(drive, self._origin(holder).folder)
+            before = self._trip_too_high(drive)
             noted = take(drive, lease, self._origin(holder), before)
         except BaseException:
             self._leases.release(self._name, holder)

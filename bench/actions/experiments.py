@@ -18,7 +18,7 @@ from bench.actions.experiment_part import SUFFIX, ExperimentPart
 from bench.actions.moving_jobs import MovingJobs, Run, State
 from bench.actions.safety.lease import Part
 from bench.actions.safety.under_control import CancelledError
-from bench.actions.safety.unfinished import Origin, folder_beside
+from bench.actions.safety.unfinished import Origin
 from bench.errors import BenchError
 from bench.recordings.table import notes
 from bench.store.catalogue.ended import EndedJob
@@ -108,7 +108,7 @@ class Experiments(MovingJobs[Status]):
 
         state = State.FAILED
         try:
-            noted = Origin(folder_beside(self._folder), status.drive, run.holder)
+            noted = Origin(self._notes, status.drive, run.holder)
             experiment.run(
                 self._drives[status.drive].link.drive(), status.plan, tell, run.cancelled, part,
                 limits=self._drives[status.drive].limits, origin=noted,

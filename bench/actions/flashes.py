@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from bench.actions.drive_jobs import BenchDrive, DriveJobs, Link, id_at
 from bench.actions.safety.lease import Leases, Part
+from bench.actions.safety.unfinished import undo
 from bench.errors import BenchError, LimitError, UnavailableError, shown
 from bench.parameters import flash, journal
 from bench.parameters.flash import Around, End, UnderWay, Verdict
@@ -118,28 +119,28 @@ class Flashes(DriveJobs[Status, Run]):
 
     def __init__(
         self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases,
-        happened: Happened = lambda _drive, _said: None,
+        happened: Happened = lambda _drive, _said: None, undone: Happened = lambda _drive, _said: None,
     ) -> None:  # fmt: skip
-        """`folder`: of the journals."""
+        """`folder`: of the journals; `undone` hears what a bench before had left in a drive."""
         super().__init__(folder, drives, leases)
-        self._happened = happened
+        self._happened, self._has_undone = happened, undone
         self._identities = dict[str, Identity]()  # of drives that have been connected
         self._told = dict[str, Begun | None]()  # by drive: the one that was cut of which it was told last
         self._stopping = Counter[str]()  # under the lock: so many are about to stop a drive
 
     def planned(self, drive: str, given: ParameterSet) -> Plan:
-        """What a set would change. Raises DriveError."""
-        return flash.planned(self._drives[drive].link.drive, given, self._around(drive))
+        """What a set would change. Raises ConflictError, DriveError."""
+        return flash.planned(self._as_it_was(drive), given, self._around(drive))
 
     def planned_back(self, drive: str, since: str | None = None) -> Plan:
         """What would be changed back; `since` as of `ask_back`. Raises ConflictError, LimitError, DriveError."""
-        link = self._drives[drive].link.drive
+        link = self._as_it_was(drive)
         given = flash.before(self._folder, link().identity, since)
         return flash.planned(link, given, self._around(drive, judged=False))
 
     def present(self, drive: str, name: str) -> ParameterSet:
-        """A drive's parameters as a set of this name. Raises DriveError."""
-        return flash.pulled(self._drives[drive].link.drive(), name)
+        """A drive's parameters as a set of this name. Raises ConflictError, DriveError."""
+        return flash.pulled(self._as_it_was(drive)(), name)
 
     def ask(self, drive: str, given: ParameterSet, whom: str = "", reason: str = "") -> Status:
         """Have a set flashed; `reason`: why doubts do not forbid it. Raises BenchError, DriveError."""
@@ -216,8 +217,7 @@ class Flashes(DriveJobs[Status, Run]):
             raise LimitError(f"override: expected a reason of up to {_REASON} characters, got {shown(reason)}")
         if self._ending:
             raise UnavailableError("the service is ending")
-        link, asked = self._drives[drive].link.drive, datetime.now(UTC)
-        link()  # from here on it is known which device that is
+        link, asked = self._as_it_was(drive), datetime.now(UTC)
         id_ = id_at(f"{drive}-flash", asked)
         run = Run(f"flash {id_}" + (f" (asked for from {whom})" if whom else ""))
         self._leases.take(drive, run.holder, _RENEWED, *Part)
@@ -235,6 +235,14 @@ class Flashes(DriveJobs[Status, Run]):
             self._happened(drive, f"{status.words}, {_asked_words(status)}")
             self._put(status, run, lambda: self._done(status, run, one))
         return status
+
+    def _as_it_was(self, drive: str) -> Callable[[], Drive]:
+        """A drive's link, once all is undone that a bench before had left in it. Raises ConflictError, DriveError."""
+        link = self._drives[drive].link.drive
+        found = link()
+        if self._leases.writer(drive) is None:  # else the note is of this service's own control
+            self._has_undone(drive, undo(self._folder, found))
+        return link
 
     def _around(
         self, drive: str, whom: str = "", reason: str = "", of: tuple[str, Run] | None = None, *, judged: bool = True

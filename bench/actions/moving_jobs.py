@@ -46,9 +46,12 @@ class MovingJobs(DriveJobs[S, Run]):
     """The jobs of one kind that move their drives."""
 
     def __init__(
-        self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, on_end: Ended = lambda _: None
-    ) -> None:
+        self, folder: Path, notes: Path, drives: Mapping[str, BenchDrive], leases: Leases,
+        on_end: Ended = lambda _: None,
+    ) -> None:  # fmt: skip
+        """`folder`: of what they make; `notes`: of what they have to undo, see `unfinished`."""
         super().__init__(folder, drives, leases, on_end)
+        self._notes = notes
         self._stops = Counter[str]()  # under the lock: so often has somebody asked for a drive's Stop
 
     @property

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-from bench.actions.safety.unfinished import folder_beside, undo
+from bench.actions.safety.unfinished import undo
 from bench.cli.rest import Rest, rest_at
 from bench.errors import ConfigError, UnavailableError
-from bench.files import captures_folder, journals_folder
+from bench.files import journals_folder
 from bench.parameters import flash, journal
 from bench.parameters.flash import Around, End, Verdict
 from bench.parameters.link import OwnLink
@@ -78,7 +78,7 @@ def drive_at(named: str, service: str | None) -> Generator[Flashed]:
         except ValueError as error:
             raise ConfigError(str(error)) from None
         with link:
-            if left := undo(folder_beside(captures_folder()), link()):
+            if left := undo(journals_folder(), link()):
                 print(left, file=sys.stderr)
             yield _ByBus(link, named)
         return

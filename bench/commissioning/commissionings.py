@@ -24,7 +24,7 @@ from bench.actions.moving_jobs import MovingJobs, Run, State
 from bench.actions.safety.lease import Leases, Part
 from bench.actions.safety.limits import TRIP, Limits
 from bench.actions.safety.under_control import CancelledError, under_control
-from bench.actions.safety.unfinished import Origin, folder_beside
+from bench.actions.safety.unfinished import Origin
 from bench.commissioning import first_start as first_starts
 from bench.commissioning.first_start import FirstStart, Forwards, first_start
 from bench.commissioning.identify import Around, acceleration_of, identify, try_loops
@@ -118,10 +118,10 @@ class Commissionings(MovingJobs[Status]):
     kind, remembered = "commissioning", _KEPT
 
     def __init__(
-        self, folder: Path, drives: Mapping[str, BenchDrive], leases: Leases, diagnose: Diagnose
+        self, folder: Path, notes: Path, drives: Mapping[str, BenchDrive], leases: Leases, diagnose: Diagnose
     ) -> None:
-        """`folder`: of recordings, which theirs go to."""
-        super().__init__(folder, drives, leases)
+        """`folder`: of recordings, which theirs go to; `notes` as of `MovingJobs`."""
+        super().__init__(folder, notes, drives, leases)
         self._diagnose = diagnose
 
     def start(self) -> None:
@@ -212,7 +212,7 @@ class Commissionings(MovingJobs[Status]):
             except OSError as error:
                 raise UnavailableError(f"the recording cannot be kept on disk: {error.strerror or error}") from None
 
-        origin = Origin(folder_beside(self._folder), name, run.holder)
+        origin = Origin(self._notes, name, run.holder)
 
         def record(plan: Plan) -> Path:
             drive = one.link.drive()

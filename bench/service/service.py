@@ -27,12 +27,12 @@ from bench.actions.recordings import Recordings
 from bench.actions.safety.lease import Change, Leases, Part, Writer
 from bench.actions.safety.limits import Limits
 from bench.actions.safety.under_control import CancelledError
-from bench.actions.safety.unfinished import Origin, folder_beside, undo
+from bench.actions.safety.unfinished import Origin, undo
 from bench.commissioning.commissionings import Commissionings
 from bench.commissioning.commissionings import Status as Commissioning
 from bench.config import Config, DriveConfig
 from bench.diagnoses.diagnosis_jobs import RESULT, DiagnosisJobs, JobState
-from bench.errors import BenchError, LimitError, UnavailableError, UnknownError, shown
+from bench.errors import BenchError, ConflictError, LimitError, UnavailableError, UnknownError, shown
 from bench.files import sweep
 from bench.live.acquisition import Acquisition, Link, LinkState
 from bench.live.estimation import Estimation, Snapshot
@@ -117,9 +117,11 @@ class Service:
         self.drives = {drive.name: self._made(drive) for drive in config.drives}  # as configured
         self._snapshots = Snapshots(self.drives, self._parameters_changed)
         self.captures = Captures(config.captures, self.drives, self._leases, self._ended)
-        self.experiments = Experiments(config.captures, self.drives, self._leases, self._ended)
-        self.commissionings = Commissionings(config.captures, self.drives, self._leases, self._diagnosed)
-        self.flashes = Flashes(config.journals, self.drives, self._leases, self._flash_happened)
+        self.experiments = Experiments(config.captures, config.journals, self.drives, self._leases, self._ended)
+        self.commissionings = Commissionings(
+            config.captures, config.journals, self.drives, self._leases, self._diagnosed
+        )
+        self.flashes = Flashes(config.journals, self.drives, self._leases, self._flash_happened, self._has_undone)
         self._kept = Diagnoses(config.captures, self._diagnoses_read)
         self.diagnoses = DiagnosisJobs(config.captures, machines, kept=self._kept)
         self.recordings = Recordings(
@@ -384,12 +386,11 @@ class Service:
         return f"recording {id_}: " + (f"closed, {now.rows} rows" if now.file else f"{now.state}, {now.reason}")
 
     def _made(self, config: DriveConfig) -> ServiceDrive:
-        name, folder, recent = config.name, folder_beside(self.config.captures), Recent()
+        name, folder, recent = config.name, self.config.journals, Recent()
 
         def connected(drive: Drive) -> None:
-            if said := undo(folder, drive):
-                self.drives[name].undone = said
-                to_standard_error(f"drive  {name}: {said}")
+            with contextlib.suppress(ConflictError):  # another bench is at work with it
+                self._has_undone(name, undo(folder, drive))
             self.flashes.connected(name, drive.identity)
             self._snapshots.ask(name, "connected")
 
@@ -403,6 +404,12 @@ class Service:
         link = Acquisition(name, config.url, take, connected, happened)
         control = Control(name, link, self._leases, config.limits, lambda what: Origin(folder, name, what), happened)
         return ServiceDrive(config.url, config.nominal, config.limits, link, control, recent)
+
+    def _has_undone(self, name: str, said: str) -> None:
+        """What a bench before has left in a drive is undone, a sentence; empty: there was nothing."""
+        if said:
+            self.drives[name].undone = said
+            to_standard_error(f"drive  {name}: {said}")
 
     def _remembered(self, drive: DriveConfig) -> Window:
         """The window that was chosen last, unless the configuration has another one since."""

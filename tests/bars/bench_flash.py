@@ -66,11 +66,13 @@ def new_set(present: dict[str, float], chance: random.Random, *, tables: bool) -
             values |= {signal.name: now + chance.uniform(1e-4, 1e-3)} if tables else {}
             continue
         if signal.type is WireType.F32:
-            wanted = now * chance.uniform(0.9, 0.99) if now else 1e-6 * chance.uniform(0.5, 1.0)
+            factor = chance.uniform(0.9, 0.99) ** chance.choice((-1, 1))
+            wanted = now * factor if now else 1e-6 * chance.uniform(0.5, 1.0)
         else:
             wanted = now - 1 if now > (signal.minimum or 0) else now + 1
         low, high = signal.minimum, signal.maximum
-        values[signal.name] = min(max(wanted, low if low is not None else wanted), high if high is not None else wanted)
+        wanted = wanted if low is None else max(wanted, low)
+        values[signal.name] = wanted if high is None else min(wanted, high)
     return set_of(values, "drawn", "by chance")
 
 

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from typing import Final
 
 from bench.actions.safety.limits import RPM, Limits, Overload
-from bench.actions.safety.unfinished import Origin, take
-from bench.errors import BenchError
+from bench.actions.safety.unfinished import Origin, freed, take
+from bench.errors import BenchError, ConflictError
 from drivers import capture, operation
 from drivers.drive import Drive
 from drivers.errors import DriveError, FaultError, NoReplyError, RefusedError
@@ -30,14 +30,20 @@ class CancelledError(BenchError):
 def under_control(drive: Drive, lease: Lease, origin: Origin, settings: Iterable[str]) -> Generator[None]:
     """Control of the drive; afterwards it is without current and its bridge off, these settings as they were.
 
-    Raises as `unfinished.take`; FaultError where no torque is allowed, DriveError where it could not be told to stop.
+    What a bench before has left is undone first. Raises as `unfinished.freed` and `take`; ConflictError where
+    settings change meanwhile, FaultError where no torque is allowed, DriveError where it could not be told to stop.
     """
+    freed(drive, origin.folder)
     if drive.identity.has_lease and drive.read("safe_torque_off") == _NO_TORQUE:
         raise FaultError("safe torque off is active: the drive cannot be switched on", 0)
     before = {name: drive.read(name) for name in settings}
     noted = take(drive, lease, origin, before)
     try:
         lease.stop(drive)
+        changed = sorted(name for name, value in before.items() if drive.read(name) != value)
+        if changed:  # by who had control until now: these are not to be kept
+            before = {}
+            raise ConflictError(f"another client has just changed {', '.join(changed)}: ask again")
         yield
     finally:
         with contextlib.suppress(DriveError):  # a recorder that waits on does no harm

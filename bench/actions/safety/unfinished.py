@@ -27,6 +27,7 @@ from drivers.wire.cia402 import State
 from drivers.wire.lease import Action, Record
 
 _SUFFIX: Final = ".control.json"
+_AT_WORK: Final = "another bench on this machine is at work with this drive, and has changed settings of it meanwhile"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +43,11 @@ class Note:
     settings: dict[str, float]  # before, SI
 
 
-def folder_beside(captures: Path) -> Path:
-    """Where notes are kept, beside the folder of captures."""
-    return captures.parent / "control"
-
-
 @dataclass(frozen=True, slots=True)
 class Origin:
     """Of what is noted: what is done, for whom, and where notes are kept."""
 
-    folder: Path
+    folder: Path  # that of journals, which is one for all benches of a user
     drive: str  # its name, or URL
     what: str
     whom: str = ""
@@ -80,7 +76,7 @@ class Noted:
                 self._file = stack.enter_context(_written(self._path, json.dumps(asdict(note)).encode()))
                 old.close()
             except BlockingIOError:
-                raise ConflictError("another bench on this machine is at work with this drive") from None
+                raise ConflictError(_AT_WORK) from None
             except OSError as error:
                 raise UnavailableError(
                     f"what is to be undone later cannot be noted in {origin.folder}: {error.strerror or error}"
@@ -101,10 +97,19 @@ class Noted:
         self._file.close()
 
 
-def take(drive: Drive, lease: Lease, origin: Origin, settings: Mapping[str, float]) -> Noted:
-    """Take control of a drive, noted before. Raises as `Noted`; HeldError where another has control, DriveError."""
+def freed(drive: Drive, folder: Path) -> None:
+    """See that a drive is as before, and nobody's. Raises as `undo`; HeldError where another has control."""
+    try:
+        undo(folder, drive)
+    except ConflictError:
+        if control.held(drive) is None:
+            raise
     if (held := control.held(drive)) is not None:
         raise HeldError(held.words, 0)
+
+
+def take(drive: Drive, lease: Lease, origin: Origin, settings: Mapping[str, float]) -> Noted:
+    """Take control of a drive that is `freed`, noted before. Raises as `Noted`; HeldError, DriveError."""
     noted = Noted(origin, drive, lease, settings)
     try:
         lease.take(drive)
@@ -117,13 +122,15 @@ def take(drive: Drive, lease: Lease, origin: Origin, settings: Mapping[str, floa
 def undo(folder: Path, drive: Drive) -> str:
     """Stop a drive that a bench before this one left, and restore it; what was done, in a sentence, empty for nothing.
 
-    Where somebody else controls the drive by now, nothing is written to it, and the note stays. Raises DriveError where
-    the drive cannot be had: then it stays as well.
+    Where somebody else controls the drive by now, nothing is written to it, and the note stays. Raises ConflictError
+    where that bench is still at work, DriveError where the drive cannot be had: then it stays as well.
     """
     path = folder / _name(drive.identity)
     try:
         file = _locked(path, new=False)
-    except OSError:  # there is none, or it is under way
+    except BlockingIOError:
+        raise ConflictError(_AT_WORK) from None
+    except OSError:  # there is none
         return ""
     with file:
         note = _note_in(file)
@@ -166,15 +173,15 @@ def _stopped(drive: Drive, note: Note) -> bool | None:
 
 def _restored(drive: Drive, note: Note) -> tuple[list[str], str]:
     """The settings that were other than before, by name, and what was refused."""
-    restored: list[str] = []
+    restored, refused = list[str](), list[str]()
     for name, value in note.settings.items():
         try:
             if drive.read(name) != value:
                 drive.write(name, value)
                 restored.append(name)
         except RefusedError as error:
-            return restored, str(error)
-    return restored, ""
+            refused.append(f"{name} ({error})")
+    return restored, ", ".join(refused)
 
 
 def _locked(path: Path, *, new: bool = True) -> BinaryIO:

@@ -14,12 +14,12 @@ from bench.actions import experiment
 from bench.actions.experiment import Plan, experiment_of
 from bench.actions.experiment_part import SUFFIX, ExperimentPart
 from bench.actions.safety.limits import Limits
-from bench.actions.safety.unfinished import Origin, folder_beside, undo
+from bench.actions.safety.unfinished import Origin, undo
 from bench.cli.output import awaited, check_recording
 from bench.cli.rest import Job, rest_at
 from bench.cli.terminal import Terminal, bar
 from bench.errors import BenchError, ConfigError
-from bench.files import captures_folder, json_of, read_bytes
+from bench.files import journals_folder, json_of, read_bytes
 from drivers.connect import connect
 
 _TIMEOUT: Final = 10.0  # s for one answer
@@ -53,7 +53,7 @@ def directly(url: str, file: Path, ambiguity: int | None, out: Path, i_max: floa
     _take_up(out)
     cancelled = threading.Event()
     limits = Limits(plan.machine.get("i_rated") if i_max is None else i_max, raised_by="--i-max")
-    origin = Origin(folder_beside(captures_folder()), url, f"an experiment on {url}")
+    origin = Origin(journals_folder(), url, f"an experiment on {url}")
     with connect(url) as drive, _bar() as show:
         if left := undo(origin.folder, drive):
             _console.print(left)

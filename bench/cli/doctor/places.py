@@ -7,7 +7,6 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Final
 
-from bench.actions.safety.unfinished import folder_beside
 from bench.api.guard.access import is_loopback, tls_of
 from bench.cli.doctor.check import Check, failed, ok, warning
 from bench.config import Config
@@ -21,8 +20,7 @@ _LOW: Final = 1e9  # bytes
 def checks(config: Config) -> Generator[Check]:
     """All places of a configuration."""
     folders = {
-        "captures": config.captures, "notes of control": folder_beside(config.captures),
-        "journals of flashes": config.journals, "log": config.log,
+        "captures": config.captures, "journals of flashes and control": config.journals, "log": config.log,
     }
     for what, folder in folders.items():
         yield _folder(f"folder of {what}" if what != "log" else "folder of logs", folder)

@@ -249,7 +249,7 @@ class Nothing:
 
 def test_a_drives_machine_file_is_asked_before_the_drive_is(tmp_path: Path) -> None:
     drives = {"x": Known("", Nothing(), Nominal({"psi_f": 0.118}))}
-    experiments = Experiments(tmp_path, drives, Leases(lambda _: None))
+    experiments = Experiments(tmp_path, tmp_path / "control", drives, Leases(lambda _: None))
     with pytest.raises(LimitError, match=r"drive x's machine file has 0\.118 Vs"):
         experiments.ask("x", {"holds": [asdict(HOLDS[0])], "machine": {"psi_f": 0.0052}})
 
@@ -327,7 +327,7 @@ def test_a_stop_while_one_is_being_asked_for_voids_it(bench: Served, drive: Driv
             experiments.stop("x")
             return drive
 
-    experiments = Experiments(tmp_path, {"x": Known(bench.url, Stopping())}, Leases())
+    experiments = Experiments(tmp_path, tmp_path / "control", {"x": Known(bench.url, Stopping())}, Leases())
     with pytest.raises(ConflictError, match="drive x was stopped meanwhile: ask again where that is meant"):
         experiments.ask("x", {"holds": [asdict(hold) for hold in HOLDS], "step": 0.3})
     assert experiments.all("x") == []
@@ -340,13 +340,13 @@ def test_one_that_has_ended_is_known_again_as_it_was_by_what_is_remembered_and_b
     told: list[EndedJob] = []
     with connect(bench.url) as connected:
         drives = {"x": Known(bench.url, Connected(connected))}
-        first = Experiments(tmp_path, drives, Leases(), told.append)
+        first = Experiments(tmp_path, tmp_path / "control", drives, Leases(), told.append)
         asked = first.ask("x", {"holds": [asdict(hold) for hold in HOLDS], "step": 0.3, "machine": {"n_p": 4}})
         until(lambda: first.one("x", asked.id).state is not State_.RUNNING, "its end")
         done = first.one("x", asked.id)
     assert done.state is State_.DONE
     (recording,) = Shelf(tmp_path).all()
-    again = Experiments(tmp_path, drives, Leases())
+    again = Experiments(tmp_path, tmp_path / "control", drives, Leases())
     assert again.unknown([recording]) == [recording]
     again.remember(sensible(of_recording, [recording.path, tmp_path / "none"]))
     assert again.all("x") == [done]

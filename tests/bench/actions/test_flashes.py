@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from bench.actions.flashes import State, Status
+from bench.actions.safety.unfinished import Noted, Origin
 from bench.config import Config, drive_of
 from bench.errors import ConflictError, LimitError, UnavailableError
 from bench.machine_file import Nominal
@@ -21,7 +22,7 @@ from bench.parameters.plan import different
 from bench.service.service import Service
 from drivers.connect import connect
 from drivers.errors import DriveError, RefusedError
-from drivers.lease import Controlled
+from drivers.lease import Controlled, Lease
 from tests.conftest import COMMAND
 from tests.support.served_drive import emulator, ready, tcp_url, until
 from tests.support.transports import modbus_pty_url, modbus_tcp_url, serial_socket_url
@@ -157,6 +158,21 @@ def test_a_drive_that_somebody_is_at_is_not_flashed(bench: Bench) -> None:
         assert ended(service, status).state is State.FLASHED
         with pytest.raises(ConflictError, match="no flash of this drive was cut"):
             service.flashes.resume("x", finish=True)
+
+
+def test_what_a_bench_that_died_has_left_is_undone_before_anything_is_told_or_flashed(bench: Bench) -> None:
+    with bench.serving() as service:
+        drive, before = service.drive("x").link.drive(), value(service, "k_p_speed")
+        Noted(Origin(bench.config.journals, "x", "a trial"), drive, Lease(), {"k_p_speed": before}).close()
+        drive.write("k_p_speed", 0.02 * before)
+        assert value(service, "k_p_speed") == before
+        assert "k_p_speed restored as before" in service.drive("x").undone
+        at_work = Noted(Origin(bench.config.journals, "x", "a trial"), drive, Lease(), {"k_p_speed": before})
+        for asked in (lambda: service.flashes.present("x", "now"), lambda: service.flashes.ask("x", SLOWER)):
+            with pytest.raises(ConflictError, match="another bench on this machine is at work with this drive"):
+                asked()
+        at_work.undone()
+        assert ended(service, service.flashes.ask("x", SLOWER)).state is State.FLASHED
 
 
 def test_limits_forbid_and_doubts_ask_for_a_reason_before_anything_is_written(bench: Bench) -> None:

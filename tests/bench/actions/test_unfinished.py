@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from bench.actions.safety.under_control import under_control
 from bench.actions.safety.unfinished import Noted, Origin, undo
 from bench.errors import ConflictError, UnavailableError
 from drivers.connect import connect
@@ -50,6 +51,43 @@ def test_what_a_bench_that_died_has_left_is_restored_though_another_ended_well(t
     assert (drive.read("step_time"), list(tmp_path.iterdir())) == (before, [])
 
 
+def test_one_setting_that_is_refused_keeps_no_other_from_being_restored(tmp_path: Path, drive: Drive) -> None:
+    before = drive.read("step_time")
+    noted(tmp_path, drive, excitation_kind=99.0, step_time=before).close()
+    drive.write("step_time", 2.0 * before)
+    said = undo(tmp_path, drive)
+    assert "step_time restored as before, but not excitation_kind (" in said
+    assert drive.read("step_time") == before
+
+
+def test_what_a_bench_that_died_has_left_is_not_before_who_takes_control_next(tmp_path: Path, drive: Drive) -> None:
+    before = drive.read("step_time")
+    noted(tmp_path, drive, step_time=before).close()
+    drive.write("step_time", 2.0 * before)
+    with under_control(drive, Lease(), Origin(tmp_path, "x", "a test"), ["step_time"]):
+        assert drive.read("step_time") == before
+    assert (drive.read("step_time"), list(tmp_path.iterdir())) == (before, [])
+
+
+def test_what_another_changes_while_control_is_taken_is_not_kept(
+    tmp_path: Path, drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, taken = drive.read("step_time"), Lease.take
+
+    def late(lease: Lease, of: Drive) -> None:
+        of.write("step_time", before)  # as another restores it
+        taken(lease, of)
+
+    drive.write("step_time", 2.0 * before)
+    monkeypatch.setattr(Lease, "take", late)
+    with (
+        pytest.raises(ConflictError, match="another client has just changed step_time: ask again"),
+        under_control(drive, Lease(), Origin(tmp_path, "x", "a test"), ["step_time"]),
+    ):
+        raise AssertionError
+    assert (drive.read("step_time"), list(tmp_path.iterdir())) == (before, [])
+
+
 def test_a_disk_that_is_full_destroys_no_note(tmp_path: Path, drive: Drive) -> None:
     noted(tmp_path, drive, step_time=0.01).close()
     content = only(tmp_path).read_bytes()
@@ -76,7 +114,8 @@ def test_a_note_under_way_is_left_alone(tmp_path: Path, drive: Drive) -> None:
     first = noted(tmp_path, drive)
     with pytest.raises(ConflictError, match="another bench on this machine is at work with this drive"):
         noted(tmp_path, drive)
-    assert undo(tmp_path, drive) == ""
+    with pytest.raises(ConflictError, match="another bench on this machine is at work with this drive"):
+        undo(tmp_path, drive)
     first.undone()
     assert list(tmp_path.iterdir()) == []
     noted(tmp_path, drive).undone()

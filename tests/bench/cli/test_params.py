@@ -10,6 +10,9 @@ from pathlib import Path
 import httpx
 import pytest
 
+from bench.actions.safety.unfinished import Noted, Origin
+from drivers.connect import connect
+from drivers.lease import Lease
 from tests.conftest import COMMAND, command, free_port, wait_for_answer
 from tests.support.served_drive import emulator, ready, until
 from tests.support.transports import modbus_tcp_url
@@ -46,6 +49,14 @@ def serving(url: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Generato
         wait_for_answer(place, service)
         until(lambda: httpx.get(place).json()["link"]["state"] == "streaming", "the link")
         yield "spindle"
+
+
+def test_while_another_bench_is_at_work_with_a_drive_nothing_is_read_of_it(url: str, tmp_path: Path) -> None:
+    with connect(url) as drive:
+        at_work = Noted(Origin(tmp_path / "data" / "pmsm-bench" / "flash", "x", "a trial"), drive, Lease(), {})
+        drive.close()
+        assert "another bench on this machine is at work with this drive" in params("pull", url, code=2)
+        at_work.close()
 
 
 @pytest.fixture(params=["by its bus", "by service"])
