@@ -57,8 +57,10 @@ class Seen:
     wrong: list[str] = field(default_factory=list[str])
 
 
-def new_set(present: dict[str, float], chance: random.Random, *, tables: bool) -> ParameterSet:
-    """All scalars a little otherwise, as far as that may be, and with them the tables."""
+def new_set(
+    present: dict[str, float], first: dict[str, float], chance: random.Random, *, tables: bool
+) -> ParameterSet:
+    """All scalars a little lower than at first, as far as that may be, and with them the tables."""
     values = dict[str, float]()
     for signal in FLASHED:
         now = present[signal.name]
@@ -66,8 +68,8 @@ def new_set(present: dict[str, float], chance: random.Random, *, tables: bool) -
             values |= {signal.name: now + chance.uniform(1e-4, 1e-3)} if tables else {}
             continue
         if signal.type is WireType.F32:
-            factor = chance.uniform(0.9, 0.99) ** chance.choice((-1, 1))
-            wanted = now * factor if now else 1e-6 * chance.uniform(0.5, 1.0)
+            before = first[signal.name]
+            wanted = before * chance.uniform(0.8, 0.99) if before else 1e-6 * chance.uniform(0.5, 1.0)
         else:
             wanted = now - 1 if now > (signal.minimum or 0) else now + 1
         low, high = signal.minimum, signal.maximum
@@ -76,12 +78,17 @@ def new_set(present: dict[str, float], chance: random.Random, *, tables: bool) -
     return set_of(values, "drawn", "by chance")
 
 
-def flashed(link: str, url: str, folder: Path, fault: str, chance: random.Random, span: Span) -> Seen:
-    """One flash under one fault, and what the drive's memory then holds; `span`: when it is under way, by others."""
+def flashed(
+    link: str, url: str, folder: Path, fault: str, chance: random.Random, span: Span, first: dict[str, float]
+) -> Seen:
+    """One flash under one fault, and what the drive's memory then holds; `span`: when it is under way, by others.
+
+    `first`: the drive's values as delivered, SI.
+    """
     seen, memory, journals, path = Seen(link, fault), folder / "memory", folder / "journals", folder / "set.toml"
     with drive_at(url, memory), connect(url) as drive:
         before = parameters(drive)
-    wanted = new_set(before, chance, tables=chance.random() < 0.5)
+    wanted = new_set(before, first, chance, tables=chance.random() < 0.5)
     path.write_text(as_toml(wanted), encoding="utf-8")
     words = ["--fault", fault.format(t=f"{chance.uniform(*span):.3f}")] if fault not in ("", "power", "kill") else []
     with drive_at(url, memory, *words) as process:
@@ -132,11 +139,13 @@ def on_link(name: str, count: int, found: list[Seen]) -> None:
     """So many flashes over one link, one fault after the other."""
     chance = random.Random(name)
     with tempfile.TemporaryDirectory() as folder:
-        span = flashed(name, LINKS[name](), Path(folder), "", chance, (0.0, 0.0)).span
+        with drive_at(url := LINKS[name](), Path(folder) / "memory"), connect(url) as drive:
+            first = parameters(drive)
+        span = flashed(name, LINKS[name](), Path(folder), "", chance, (0.0, 0.0), first).span
         for k in range(count):
             fault = FAULTS[k % len(FAULTS)]
             try:
-                seen = flashed(name, LINKS[name](), Path(folder), fault, chance, span)
+                seen = flashed(name, LINKS[name](), Path(folder), fault, chance, span, first)
             except (BenchError, DriveError, OSError) as error:
                 seen = Seen(name, fault, wrong=[f"{type(error).__name__}: {error}"])
             found.append(seen)
@@ -150,10 +159,11 @@ def timed(name: str, times: int) -> tuple[float, float]:
     with tempfile.TemporaryDirectory() as folder, emulator("--at", url, control="lease") as process:
         ready(process)
         with connect(url) as drive:
+            first = parameters(drive)
             for tables in (False, True):
                 took = list[float]()
                 for _ in range(times):
-                    wanted = new_set(parameters(drive), chance, tables=tables)
+                    wanted = new_set(parameters(drive), first, chance, tables=tables)
                     begun = time.monotonic()
                     done = flash(lambda: drive, wanted, Around(Path(folder), url))
                     took.append(time.monotonic() - begun)
