@@ -43,8 +43,9 @@ def stated(given: Given, judged: Judged) -> Diagnosis:
     faint = {one for some in judged.reasons.values() for one in some}
     outside, lacks = list(machine.outside.values()), poorly is not None or bool(machine.unidentified)
     richer = _would_tell(given, judged) if lacks or faint else None
+    holds = not (lacks or outside or left is not None)  # it was fitted with what is in doubt
     doubts = [
-        Ambiguity(tuple(name for name, _ in some), why, richer, rivals=False)
+        Ambiguity(tuple(name for name, _ in some), why, richer, rivals=False, machine_holds=holds)
         for why, some in judged.reasons.items() if richer is not None
     ]  # fmt: skip
     findings, rivalled = _findings(given, judged, tuple(one for one in choice if one not in faint))
