@@ -13,11 +13,14 @@ import os
 import secrets
 import shutil
 import stat
+from collections import Counter
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO, Final, TypeVar
+
+from bench.errors import shown
 
 T = TypeVar("T")
 
@@ -80,12 +83,24 @@ def read_bytes(path: str | Path, most: int = MOST) -> bytes:
     return content
 
 
+class TwiceError(ValueError):
+    """JSON with a key more than once in an object: which of its values is meant is not told."""
+
+
 def json_of(content: bytes) -> Any:
-    """JSON as values. Raises ValueError whatever else came."""
+    """JSON as values. Raises TwiceError, and ValueError whatever else came."""
     try:
-        return json.loads(content)
+        return json.loads(content, object_pairs_hook=_keys_once)
     except RecursionError:
         raise ValueError("brackets without end") from None
+
+
+def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for key, times in Counter(key for key, _ in pairs).items() if times > 1)
+        raise TwiceError(f"expected every key once in an object, got {shown(twice)} more than once")
+    return found
 
 
 def write_new(path: Path, write: Callable[[BinaryIO], object]) -> Path:

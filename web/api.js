@@ -71,7 +71,7 @@
  * @typedef {{sentence: string, holds: Hold[], step: number}} Experiment
  * @typedef {{id: string, state: "running" | "done" | "failed" | "cancelled", phase: string, progress: number, reason: string,
  *   remarks: string[], file: string | null}} ExperimentRun
- * @typedef {{effects: string[], rivals: boolean, reason: string, experiment: Experiment}} Doubt
+ * @typedef {{effects: string[], rivals: boolean, machine_holds: boolean, reason: string, experiment: Experiment}} Doubt
  * @typedef {{verdict: string, sentence: string,
  *   findings: {effect: string, parameters: Record<string, Quantity>, where: Place, odds_against_next: number}[],
  *   ambiguous: Doubt[], unexplained: {rms_V: number, where: Place, description: string} | null,

@@ -133,7 +133,9 @@ class Commissionings(MovingJobs[Status]):
         stops, request, asked = self._stops[drive], taken(_REQUEST, given, "", LimitError), datetime.now(UTC)
         if request.follows is not None:
             before = next((one for one in self.all(drive) if one.id == request.follows), None)
-            if before is None or before.stops != stops:
+            if before is None:
+                raise UnknownError(f"drive {drive} has no commissioning {request.follows!r} that this could go on with")
+            if before.stops != stops:
                 raise ConflictError(f"drive {drive} was stopped since {request.follows}: ask anew where that is meant")
         found = self._identified(drive, request.of) if request.kind == Kind.VERIFY else None
         self._check_folder()

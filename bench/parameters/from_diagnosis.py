@@ -142,11 +142,13 @@ def _compensated(
 def _left_open(content: Mapping[str, Any]) -> str:
     """What a diagnosis leaves open of what it found; empty where it is nothing.
 
-    An effect that may be there beside what was found is no rival of that: what was found stands, with its intervals.
+    An effect that may be there besides takes nothing from what was found where the diagnosis says that this holds with
+    it and without it.
     """
     verdict = str(content["verdict"])
-    rivals = any(doubt.get("rivals", True) for doubt in parts(content, "ambiguous"))
-    return "" if verdict in SETTLED or (verdict == AMBIGUOUS and not rivals) else verdict.replace("_", " ")
+    doubts = parts(content, "ambiguous")
+    holds = verdict == AMBIGUOUS and bool(doubts) and all(doubt.get("machine_holds") is True for doubt in doubts)
+    return "" if verdict in SETTLED or holds else verdict.replace("_", " ")
 
 
 def _because(source: str, doubt: str) -> str:

@@ -217,22 +217,30 @@ def _no_parameter(name: str) -> str:
     return f"{signal} is no parameter that is flashed"
 
 
-def _wrong_entry(name: str, parts: Mapping[str, Any]) -> str:
-    """Why an entry cannot be read as one, a clause; empty where it can."""
-    if others := [key for key in parts if key not in _ENTRY]:
-        return f"{shown(name)} {shown(others[0])}: expected one of {', '.join(sorted(_ENTRY))}"
+def _wrong_entry(name: str, parts: Mapping[str, Any]) -> list[str]:
+    """Why an entry cannot be read as one, a clause each."""
+    expected = ", ".join(sorted(_ENTRY))
+    wrong = [f"{shown(name)} {shown(key)}: expected one of {expected}" for key in parts if key not in _ENTRY]
     if not _is_number(parts.get("value")):
-        return f"{_called(name)} takes a number, got {shown(parts.get('value'))}"
-    if wrong := [key for key in _NUMBERS if parts.get(key) is not None and not _is_finite(parts[key])]:
-        return f"{shown(name)}: expected a number as {wrong[0]}, got {shown(parts[wrong[0]])}"
+        wrong.append(f"{_called(name)} takes a number, got {shown(parts.get('value'))}")
+    wrong += [
+        f"{shown(name)}: expected a number as {key}, got {shown(parts[key])}"
+        for key in _NUMBERS if parts.get(key) is not None and not _is_finite(parts[key])
+    ]  # fmt: skip
     texts = [parts.get("status", OK), *(parts.get(key, "") for key in ("source", "note")), parts.get("unit") or ""]
     if not all(map(_is_text, texts)):
-        return f"{shown(name)}: expected texts of up to {_WORDS} characters as {', '.join(_TEXTS)} and unit"
-    return ""
+        wrong.append(f"{shown(name)}: expected texts of up to {_WORDS} characters as {', '.join(_TEXTS)} and unit")
+    return wrong
 
 
-def _other_unit(name: str, said: str | None) -> str:
-    return "" if said in (None, _BY_NAME[name].unit) else f"{_BY_NAME[name]} is in {_BY_NAME[name].unit}, got {said!r}"
+def _unfit_entry(name: str, parts: Mapping[str, Any]) -> list[str]:
+    """Why its signal cannot have what an entry says, a clause each."""
+    value, unit, signal = parts.get("value"), parts.get("unit"), _BY_NAME.get(name)
+    problem = problem_of(name, value) if _is_number(value) else ""
+    unfit = [problem] if problem else []
+    if signal is not None and isinstance(unit, str) and unit != signal.unit:
+        unfit.append(f"{signal} is in {signal.unit}, got {shown(unit)}")
+    return unfit
 
 
 def _called(name: str) -> str:
@@ -308,11 +316,10 @@ class _Reader:
         """Values with what is known of them."""
         for name, given in table.items():
             parts = cast(dict[str, Any], given) if isinstance(given, dict) else {"value": given}
-            if wrong := _wrong_entry(name, parts):
-                self._problems.append(wrong)
-            elif problem := problem_of(name, parts["value"]) or _other_unit(name, parts.get("unit")):
-                self._unfit.append(problem)
-            else:
+            wrong, unfit = _wrong_entry(name, parts), _unfit_entry(name, parts)
+            self._problems += wrong
+            self._unfit += unfit
+            if not wrong and not unfit:
                 known = {key: float(one) for key in _NUMBERS if (one := parts.get(key)) is not None}
                 texts = {key: parts[key] for key in _TEXTS if key in parts}
                 yield name, Entry(float(parts["value"]), **known, **texts)

@@ -9,7 +9,7 @@ from typing import Final
 
 from bench.parameters.parameter_set import FLASHED, OK, ParameterSet, problem_of
 from drivers.drive import Identity
-from drivers.wire.codec import decode, encode
+from drivers.wire.codec import decode, encode_held
 from drivers.wire.dictionary import Signal
 
 Judge = Callable[[Mapping[str, float], Collection[str]], list[str]]
@@ -79,8 +79,8 @@ def plan(
 
 
 def bits(name: str, value: float) -> bytes:
-    """A parameter as it travels. Raises ValueError where it cannot be had."""
-    return encode(_BY_NAME[name], value, {})
+    """A parameter as it travels, also one that a drive holds and nobody could write."""
+    return encode_held(_BY_NAME[name], value, {})
 
 
 def different(wanted: Mapping[str, float], found: Mapping[str, float]) -> list[str]:
@@ -89,7 +89,7 @@ def different(wanted: Mapping[str, float], found: Mapping[str, float]) -> list[s
 
 
 def _change(signal: Signal, old: float, new: float) -> Change | None:
-    before, then = encode(signal, old, {}), encode(signal, new, {})
+    before, then = bits(signal.name, old), bits(signal.name, new)
     return None if before == then else Change(signal, old, new, decode(signal, then, {}), (before.hex(), then.hex()))
 
 

@@ -59,10 +59,7 @@ def encode(signal: Signal, value: float, full: FullScales) -> bytes:
     if signal.access == "rw":
         check_range(signal, value)
     if signal.type is WireType.F32:
-        try:
-            return struct.pack("<f", value)
-        except OverflowError:
-            raise ValueError(f"{signal} takes a 32-bit float, got {value}") from None
+        return _float32(signal, value)
     low, high = _INTEGER_RANGE[signal.type]
     if signal.full_scale:
         low = NOT_KNOWN + 1
@@ -140,11 +137,23 @@ def _shortest(value: float) -> float:
 
 def check_range(signal: Signal, value: float) -> None:
     """Raise ValueError, in a sentence, when the value may not be written to the signal."""
+    if not math.isfinite(value):
+        raise ValueError(f"{signal} takes a finite number, got {value}")
     low, high = signal.minimum, signal.maximum
     if low is not None and value < low:
         raise ValueError(f"{signal} takes at least {_told(signal, low)}, got {_number(signal, value)}")
     if high is not None and value > high:
         raise ValueError(f"{signal} takes at most {_told(signal, high)}, got {_number(signal, value)}")
+    if signal.type is WireType.F32:
+        _float32(signal, value)
+
+
+def _float32(signal: Signal, value: float) -> bytes:
+    """Its bytes. Raises ValueError where it is larger than they can be."""
+    try:
+        return struct.pack("<f", value)
+    except OverflowError:
+        raise ValueError(f"{signal} takes a 32-bit float, up to 3.4028e+38 in size, got {value}") from None
 
 
 def _told(signal: Signal, value: float) -> str:

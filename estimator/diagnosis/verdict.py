@@ -109,6 +109,9 @@ class Ambiguity:
     rivals: Annotated[
         bool, "one of the effects is there, and which is not told; false: it is not told whether any is"
     ] = True
+    machine_holds: Annotated[
+        bool, "R_s, L_d, L_q, psi_f and what is found hold, with their intervals, whichever of the effects is there"
+    ] = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from starlette.requests import ClientDisconnect
 from bench.api.exchange.kinds import BYTES, READS, TOML, is_stop, media_of
 from bench.api.exchange.problems import MediaError, TooLargeError
 from bench.errors import LimitError, shown
+from bench.files import TwiceError, json_of
 from bench.service.service import Service
 from bench.store.catalogue.chronicle import Place
 
@@ -204,8 +205,10 @@ async def _body(request: Request) -> bytes:
 
 def _object(text: bytes, example: str) -> dict[str, Any]:
     try:
-        body = json.loads(text)
-    except (ValueError, RecursionError):
+        body = json_of(text)
+    except TwiceError as error:
+        raise LimitError(str(error)) from None
+    except ValueError:
         raise LimitError(f"the body is not JSON, expected an object such as {example}") from None
     if not isinstance(body, dict):
         raise LimitError(f"expected a JSON object such as {example}, got {shown(body)}")

@@ -3,7 +3,7 @@
 Knows nothing of how the set of effects was found.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -30,9 +30,11 @@ from estimator.diagnosis.verdict import (
     verdict_of,
 )
 from estimator.diagnosis.words import number
+from estimator.machine import PARAMETERS
 from estimator.twin.model import Model
 
 _SEVERAL: Final = 2  # parameters
+_HALF_WIDTH: Final = 1.96  # standard errors, of a 95 % interval
 _NO_HELP: Final = "on stretches that took no part in the fit the error does not fall with it"
 
 
@@ -43,8 +45,9 @@ def stated(given: Given, judged: Judged) -> Diagnosis:
     faint = {one for some in judged.reasons.values() for one in some}
     outside, lacks = list(machine.outside.values()), poorly is not None or bool(machine.unidentified)
     richer = _would_tell(given, judged) if lacks or faint else None
+    holds = not (lacks or outside or left is not None) and _same_without(found, faint, machine.after)
     doubts = [
-        Ambiguity(tuple(name for name, _ in some), why, richer, rivals=False)
+        Ambiguity(tuple(name for name, _ in some), why, richer, rivals=False, machine_holds=holds)
         for why, some in judged.reasons.items() if richer is not None
     ]  # fmt: skip
     findings, rivalled = _findings(given, judged, tuple(one for one in choice if one not in faint))
@@ -75,6 +78,17 @@ def stated(given: Given, judged: Judged) -> Diagnosis:
         candidates(search, choice), tuple(outside), judged.pictures, richer if lacks else None, scales=machine.scales,
         flux_map=None if machine.flux_map is None or not findings else machine.flux_map.table(), angle=model.angle,
     )  # fmt: skip
+
+
+def _same_without(found: Fitted, faint: Collection[tuple[str, int]], after: Mapping[str, Quantity]) -> bool:
+    """The machine fitted without what is in doubt lies within the intervals of the one that was fitted with it."""
+    if found.model.bend is not None:
+        return False
+    without = found.search.fit(tuple(one for one in found.choice if one not in faint)).value
+    return all(
+        told.value is not None and told.std is not None and abs(told.value - value) <= _HALF_WIDTH * told.std
+        for told, value in zip((after[name] for name in PARAMETERS), without, strict=False)
+    )
 
 
 def _would_tell(given: Given, judged: Judged) -> Experiment:

@@ -211,7 +211,7 @@ def test_what_goes_on_with_another_does_not_where_the_drive_was_stopped_since(cl
     client.post("/api/drives/x/stop", json={}).raise_for_status()
     asked = {"kind": "identify", "follows": first["id"]}
     assert f"was stopped since {first['id']}" in refused(client.post(PLACE, json=asked), 409)
-    assert "was stopped since" in refused(client.post(PLACE, json=asked | {"follows": "of another service"}), 409)
+    assert "has no commissioning 'nope'" in refused(client.post(PLACE, json=asked | {"follows": "nope"}), 404)
 
 
 def test_the_present_parameters_are_not_told_while_a_trial_has_changed_some(client: httpx.Client) -> None:

@@ -13,7 +13,7 @@ from bench.errors import ConfigError, LimitError
 from bench.parameters.from_diagnosis import set_from_diagnosis
 from bench.parameters.parameter_set import as_toml, parse
 from bench.parameters.tuning import current_loop
-from estimator.diagnosis.verdict import Diagnosis, Quantity
+from estimator.diagnosis.verdict import Diagnosis, Quantity, Verdict
 from tests.support.diagnoses import AMBIGUOUS, EXPLAINED, NO_MISMATCH, NOMINAL, NOTHING_TOLD, RECORDING, UNEXPLAINED
 
 SEEN = {"i_d": (-4.0, 1.0), "i_q": (-3.0, 5.0)}
@@ -56,6 +56,16 @@ def test_a_verdict_that_leaves_something_open_makes_every_value_doubtful(diagnos
     words = diagnosis.verdict.value
     assert {entry.status for entry in made.set.entries.values()} == {"doubtful"}
     assert made.set.entries["control_L_d"].source == f"diagnosis of 0007.parquet; {words}"
+
+
+def test_only_a_further_effect_that_the_machine_was_fitted_with_leaves_values_as_they_are() -> None:
+    perhaps = replace(AMBIGUOUS.ambiguous[0], effects=("iron_loss",), rivals=False)
+    beside = replace(perhaps, machine_holds=True)
+    for doubts, status in (((beside,), "ok"), ((perhaps,), "doubtful"), ((beside, perhaps), "doubtful")):
+        diagnosis = replace(EXPLAINED, verdict=Verdict.AMBIGUOUS, ambiguous=doubts)
+        made = set_from_diagnosis(content(diagnosis), {})
+        assert {made.set.entries[name].status for name in CONTROL} == {status}
+        assert "it is not told whether there is iron_loss" in made.remarks
 
 
 def test_a_finding_that_is_not_told_from_others_is_doubtful() -> None:

@@ -77,7 +77,7 @@ def test_the_present_parameters_come_as_a_set_in_every_form(client: httpx.Client
 
 def test_a_plan_tells_changes_and_all_problems_and_doubts_at_once(client: httpx.Client) -> None:
     given = {"name": "a", "serial": 5, "entries": {
-        "bandwidth": 1.0, "speed": 1.0, "n_p": 4.5, "current_limit": 7.0,
+        "bandwidth": 1.0, "speed": 1.0, "n_p": 4.5, "current_limit": 7.0, "speed_ramp": 1e300,
         "k_p_speed": {"value": 0.123456789, "status": "doubtful"},
     }}  # fmt: skip
     plan = client.post(f"{DRIVE}/parameters/plan", json=given).json()
@@ -85,7 +85,7 @@ def test_a_plan_tells_changes_and_all_problems_and_doubts_at_once(client: httpx.
     assert plan["changes"][1]["held"] == pytest.approx(0.123456789, rel=1e-7)
     assert abs(plan["changes"][1]["rounding"]) > 0.0
     assert [problem.split(" ")[0] for problem in plan["problems"]] == [
-        "0x2200:6", "no", "0x2200:1", "the", "current_limit:"
+        "0x2200:6", "no", "0x2200:1", "0x2300:9", "the", "current_limit:"
     ], plan["problems"]
     assert plan["doubts"] == ["k_p_speed is doubtful"]
     answer = client.post(f"{DRIVE}/flashes", json=given)
@@ -96,6 +96,8 @@ def test_a_plan_tells_changes_and_all_problems_and_doubts_at_once(client: httpx.
 @pytest.mark.parametrize(("body", "kind", "status", "said"), [
     (b"{", "application/json", 422, "the body is not JSON, expected an object such as"),
     (b"[]", "application/json", 422, "expected a JSON object such as"),
+    (b'{"name": "a", "entries": {"n_p": {"value": 4}, "n_p": {"value": 5}}}', "application/json", 422,
+     "expected every key once in an object, got 'n_p' more than once"),
     (b'{"name": "a", "entries": {"bandwidth": 900}, "note": ""}', "application/json", 422, "'note' is none of entries"),
     (b'{"name": "a", "entries": {}}', "application/json", 422, "expected values in entries, got none"),
     (b"name = ", "application/toml", 422, "the set: is not TOML"), (b"\xff", "application/toml", 422, "which is UTF-8"),

@@ -22,8 +22,10 @@ from bench.parameters.parameter_set import (
     problem_of,
     set_of,
 )
+from bench.parameters.plan import different, plan
+from drivers.drive import Identity
 from drivers.wire.codec import decode, encode
-from drivers.wire.dictionary import TABLES, Signal
+from drivers.wire.dictionary import TABLES, Signal, layout_id
 
 SCALARS = [signal.name for signal in FLASHED if not signal.table]
 
@@ -101,6 +103,18 @@ def test_what_is_no_set_is_refused(document: dict[str, Any], said: str) -> None:
         of_document(document, "x")
 
 
+def test_all_that_is_wrong_with_one_entry_is_told() -> None:
+    entry = {"value": 2.0, "low": math.nan, "high": "a", "unit": "ms", "note": 1, "notes": ""}
+    with pytest.raises(ConfigError) as told:
+        of_document({"name": "a", "entries": {"speed_filter": entry}}, "x")
+    assert str(told.value).splitlines() == [
+        "x: 'speed_filter' 'notes': expected one of at_20_degC, at_degC, high, low, note, source, status, unit, value",
+        "x: 'speed_filter': expected a number as low, got nan", "x: 'speed_filter': expected a number as high, got 'a'",
+        "x: 'speed_filter': expected texts of up to 300 characters as status, source, note and unit",
+        "x: 0x2220:3 (speed_filter) takes at most 1.0 s, got 2.0", "x: 0x2220:3 (speed_filter) is in s, got 'ms'",
+    ]
+
+
 @given(st.text(max_size=200))
 def test_no_text_makes_a_traceback(text: str) -> None:
     try:
@@ -138,10 +152,38 @@ def test_no_values_make_a_traceback(values: dict[str, object]) -> None:
         assert problem_of(name, value) == ""
 
 
-@given(st.sampled_from(FLASHED), st.floats(-1e30, 1e30))
-def test_a_value_that_is_taken_can_be_sent(signal: Signal, value: float) -> None:
-    if problem_of(signal.name, value) == "":
-        assert math.isfinite(decode(signal, encode(signal, value, {}), {}))
+ENDS = (
+    0.0, 5e-324, 1e-50, 1.1754943508222875e-38, 3.4028234663852886e38, 3.4028235677973362e38, 3.4028235677973366e38,
+    3.5e38, 1e300, math.inf, math.nan,
+)  # fmt: skip
+"""Where a 32-bit float ends."""
+
+
+@given(st.sampled_from(FLASHED), st.floats())
+def test_a_value_that_is_taken_can_be_sent_and_is_taken_again(signal: Signal, value: float) -> None:
+    bounds = [bound for bound in (signal.minimum, signal.maximum) if bound is not None]
+    near = [math.nextafter(bound, end) for bound in bounds for end in (-math.inf, math.inf)]
+    for one in (value, *bounds, *near, *ENDS, *(-end for end in ENDS)):
+        if problem_of(signal.name, one) == "":
+            held = decode(signal, encode(signal, one, {}), {})
+            assert problem_of(signal.name, held) == ""
+            assert different({signal.name: held}, {signal.name: one}) == []
+
+
+@pytest.mark.parametrize("value", [3.5e38, 1e300, -1e300])
+def test_a_value_that_no_32_bit_float_is_is_told_with_all_others(value: float) -> None:
+    given = of_document({"name": "a", "entries": {"i_a_offset": value, "bandwidth": 1.0}}, "x")
+    assert given.unfit == (
+        f"0x2230:4 (i_a_offset) takes a 32-bit float, up to 3.4028e+38 in size, got {value}",
+        "0x2200:6 (bandwidth) takes at least 10.0 rad/s, got 1.0",
+    )
+
+
+def test_a_drive_that_holds_what_nobody_may_write_is_planned_for() -> None:
+    identity = Identity("a drive", 0, 1, 1, 1, layout_id(), 1e-4, 20.0, 400.0, 3000.0)
+    to_do = plan(set_of({"watchdog_time": 0.5}, "a", ""), identity, {"watchdog_time": 0.0})
+    assert [(change.old, change.new) for change in to_do.changes] == [(0.0, 0.5)]
+    assert different({"watchdog_time": 0.0}, {"watchdog_time": 0.0}) == []
 
 
 def test_set_points_and_the_stream_are_no_part_of_a_set() -> None:

@@ -173,7 +173,7 @@ def test_a_setting_without_bounds_is_still_bound_by_its_type() -> None:
         encode(counted, 65536.0, FULL)
     with pytest.raises(ValueError, match=r"\(n_p\) takes 0 to 65535, got -1"):
         encode(counted, -1.0, FULL)
-    with pytest.raises(ValueError, match=r"\(i_d_ref\) takes a 32-bit float, got 1e\+39"):
+    with pytest.raises(ValueError, match=r"\(i_d_ref\) takes a 32-bit float, up to 3.4028e\+38 in size, got 1e\+39"):
         encode(signal_named("i_d_ref"), 1e39, FULL)
 
 

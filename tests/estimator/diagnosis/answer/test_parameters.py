@@ -1,6 +1,7 @@
 """R_s, L_d, L_q, psi_f with intervals, of recordings that do not tell all of them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from estimator.diagnosis.search.fitting import of_machine, searched
 from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
+from tests.estimator.diagnosis.concealed_runs import population, recording_of
 from tests.support.samples import machine_of, recorded
 
 pytestmark = pytest.mark.thorough
@@ -63,6 +65,14 @@ def test_a_dead_time_that_one_level_does_not_tell_gets_no_name() -> None:
     said = diagnosed_at_one_level(54e-9, 1)
     assert not said.findings
     assert said.verdict is Verdict.AMBIGUOUS
+    assert not any(doubt.machine_holds for doubt in said.ambiguous)
+
+
+def test_a_machine_that_is_another_without_what_is_in_doubt_does_not_hold(tmp_path: Path) -> None:
+    """Nothing is concealed there; L_q beside a saturation that may be there was off by nine standard errors."""
+    _, runs, nominal = recording_of(population(987), 47, tmp_path)
+    said = diagnose(runs, nominal)
+    assert [(doubt.effects, doubt.machine_holds) for doubt in said.ambiguous] == [(("q_axis_saturation",), False)]
 
 
 def test_how_far_an_effect_lies_from_none_counts_inductances_that_are_not_told() -> None:
