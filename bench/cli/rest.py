@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator
@@ -23,6 +24,7 @@ from bench.service import token
 TOKEN_VARIABLE: Final = "PMSM_BENCH_TOKEN"
 _PATIENCE: Final = 60.0  # s for a service that is started anew
 _PERIOD: Final = 0.1  # s between two questions
+_CANCELLED: Final = 10.0  # s that the end of a job is waited for that is cancelled
 _ENDS: Final = ("done", "failed", "cancelled")  # states of a capture, an experiment
 _PIECE: Final = 1 << 20  # bytes
 _BYTES: Final = {"Content-Type": "application/octet-stream"}  # of a file
@@ -146,7 +148,19 @@ class Job:
         except KeyboardInterrupt:
             with contextlib.suppress(BenchError):
                 self._rest.call("DELETE", *self._path)
+            with contextlib.suppress(BenchError):
+                self._tell_end()
             raise
+
+    def _tell_end(self) -> None:
+        """How one that is cancelled ends, as soon as it has. Raises BenchError."""
+        deadline = time.monotonic() + _CANCELLED
+        while self.said["state"] not in _ENDS and time.monotonic() < deadline:
+            time.sleep(_PERIOD)
+            self.said = self._rest.call("GET", *self._path, key="state")
+        state, reason = self.said["state"], self.said["reason"]
+        how = f"{state}: {reason}" if reason else state if state in _ENDS else "has not ended yet: see the drive"
+        print(f"pmsm-bench: {self.id} {how}", file=sys.stderr)
 
     def _told(self, wait: Callable[[str], object]) -> dict[str, Any]:
         deadline = time.monotonic() + _PATIENCE

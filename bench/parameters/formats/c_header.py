@@ -2,8 +2,8 @@
 
 In fixed point a value is a count of its base: value = count / 2^n * base, where n is 15 (Q15), 31 (Q31) or what an IQ
 format of TI's IQmath has (IQ24: values up to 128 bases, 2^-24 fine). The base of a unit is the smallest power of ten
-that the values of that unit in the set do not reach, unless it is given. What rounding does to each value is told
-beside it.
+that the values of that unit in the set do not reach, unless it is given; a scalar that it would round by more than a
+hundredth, as a dead time beside times of seconds, has a base of its own. What rounding does to a value is told beside it.
 """
 
 import math
@@ -60,9 +60,10 @@ def as_c_header(given: ParameterSet, form: str = "float", bases: Mapping[str, fl
         f"/* Parameters {ascii_name}, version {given.version}. SI; currents and voltages are peak dq values. */",
         f"#ifndef {guard}", f"#define {guard}", "", "#include <stdint.h>", "",
     ]  # fmt: skip
-    for unit, base in base_of.items():
+    for whose, base in base_of.items():
+        unit = _BY_NAME[whose].unit if whose in _BY_NAME else whose
         rule = f"value = count / 2^{how.fraction} * base"
-        lines.append(f"#define BASE_{_identifier(unit)} {base!r}  /* {unit}: {rule} */")
+        lines.append(f"#define BASE_{_identifier(whose)} {base!r}  /* {unit}: {rule} */")
     for signal in scalars:
         value = given.entries[signal.name].value
         text, error = _number(signal, value, how, base_of)
@@ -100,7 +101,7 @@ def coarse(given: ParameterSet, form: str) -> list[str]:
 
 
 def _bases(given: ParameterSet, how: Form, told: Mapping[str, float]) -> dict[str, float]:
-    """Of each unit of real numbers; empty for floats."""
+    """Of each unit of real numbers, and of scalars that it would be too coarse for; empty for floats."""
     if not how.fraction:
         return {}
     largest: dict[str, float] = {}
@@ -115,7 +116,12 @@ def _bases(given: ParameterSet, how: Form, told: Mapping[str, float]) -> dict[st
                 f"base of {unit}: expected more than {largest[unit] / how.most:.4g}, the set's largest in {how.name}, "
                 f"got {base:g}"
             )
-    return found
+    too_coarse = {
+        name: _power_beyond(abs(entry.value)) for name, entry in given.entries.items()
+        if not (signal := _BY_NAME[name]).table and signal.unit not in told
+        and abs(_number(signal, entry.value, how, found)[1]) > _COARSE * abs(entry.value)
+    }  # fmt: skip
+    return found | too_coarse
 
 
 def _power_beyond(value: float) -> float:
@@ -129,7 +135,7 @@ def _number(signal: Signal, value: float, how: Form, bases: Mapping[str, float])
         return str(int(value)), 0.0
     if not how.fraction:
         return f"{value!r}f", 0.0
-    one = bases[signal.unit] / 2.0**how.fraction
+    one = bases.get(signal.name, bases[signal.unit]) / 2.0**how.fraction
     count = round(value / one)
     return str(count), count * one - value
 

@@ -247,13 +247,15 @@ def test_a_download_that_cannot_be_written_leaves_the_recording_in_the_service(b
     assert len(read_recording(Path(latest["file"])).runs[0]) == 8_000
 
 
-def test_ctrl_c_cancels_in_the_service(bench: Bench, tmp_path: Path) -> None:
-    interrupted("canopen", "--service", bench.url, folder=tmp_path)
-    assert bench.said("canopen")["state"] == "cancelled"
+def test_ctrl_c_cancels_in_the_service_and_says_how_it_ended(bench: Bench, tmp_path: Path) -> None:
+    shown = interrupted("canopen", "--service", bench.url, folder=tmp_path)
+    latest = bench.said("canopen")
+    assert latest["state"] == "cancelled"
+    assert f"pmsm-bench: {latest['id']} cancelled".encode() in shown
 
 
-def interrupted(*arguments: str, folder: Path) -> None:
-    """A capture on a terminal that waits for its trigger, then Ctrl-C: nothing is left, nothing complained of."""
+def interrupted(*arguments: str, folder: Path) -> bytes:
+    """A capture on a terminal that waits for its trigger, then Ctrl-C: nothing is left; what the terminal showed."""
     terminal, end = pty.openpty()
     with os.fdopen(terminal, "rb", buffering=0) as screen, os.fdopen(end, "wb") as stderr:
         process = subprocess.Popen(
@@ -269,10 +271,13 @@ def interrupted(*arguments: str, folder: Path) -> None:
         while process.poll() is None:
             assert time.monotonic() < deadline
             if select.select([screen], [], [], 0.05)[0]:
-                screen.read(4096)
+                shown += screen.read(4096)
+        while select.select([screen], [], [], 0.0)[0]:
+            shown += screen.read(4096)
         assert process.communicate(timeout=10.0)[0] == b""
     assert process.returncode == 130
     assert list(folder.iterdir()) == []
+    return shown
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from drivers.wire.dictionary import signal_named
 
 VALUES = {
     "n_p": 4.0, "control_R_s": 0.9664, "control_L_d": 4.24e-3, "bandwidth": 1250.0, "angle_offset": -0.25,
-    "dead_time": 2e-6, **{f"psi_d_table_{k}": 0.1 + 1e-3 * k for k in range(1, 65)},
+    "dead_time": 2e-6, "speed_error_time": 0.5, **{f"psi_d_table_{k}": 0.1 + 1e-3 * k for k in range(1, 65)},
 }
 SET = set_of(VALUES, "servo 6 A", "by hand")
 
@@ -57,8 +57,8 @@ def test_a_header_compiles_and_its_counts_are_the_values(form: str, tmp_path: Pa
     (tmp_path / "p.h").write_text(as_c_header(SET, form), encoding="ascii")
     one = "" if form == "float" else f" / {2.0 ** (int(form.strip('iq'))):.1f} * BASE_"
     parts = {
-        "bandwidth": "RAD_PER_S", "control_R_s": "OHM", "control_L_d": "H", "dead_time": "S", "angle_offset": "RAD",
-        "psi_d_table[63]": "VS",
+        "bandwidth": "RAD_PER_S", "control_R_s": "OHM", "control_L_d": "H", "angle_offset": "RAD",
+        "dead_time": "DEAD_TIME" if form in ("q15", "iq24") else "S", "speed_error_time": "S", "psi_d_table[63]": "VS",
     }
     prints = "".join(
         f'    printf("%.9g\\n", (double)servo_6_a_parameters.{name}{one}{unit if one else ""});\n'
@@ -69,9 +69,7 @@ def test_a_header_compiles_and_its_counts_are_the_values(form: str, tmp_path: Pa
     options = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-o", str(tmp_path / "p")]
     subprocess.run([compiler, *options, str(tmp_path / "p.c")], check=True)
     found = [float(x) for x in subprocess.run([tmp_path / "p"], check=True, capture_output=True).stdout.split()]
-    wanted = [1250.0, 0.9664, 4.24e-3, 2e-6, -0.25, 0.164]
-    fine = {"float": 1e-7, "q15": 0.05, "q31": 1e-3, "iq24": 0.1}[form]
-    assert found == pytest.approx(wanted, rel=fine, abs=10.0 / 32768.0 if form == "q15" else 0.0)
+    assert found == pytest.approx([1250.0, 0.9664, 4.24e-3, -0.25, 2e-6, 0.5, 0.164], rel=1e-7 if form == "float" else 0.01)
 
 
 def test_rounding_is_told_and_a_base_that_is_too_small_refused() -> None:
