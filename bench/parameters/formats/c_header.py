@@ -3,7 +3,7 @@
 In fixed point a value is a count of its base: value = count / 2^n * base, where n is 15 (Q15), 31 (Q31) or what an IQ
 format of TI's IQmath has (IQ24: values up to 128 bases, 2^-24 fine). The base of a unit is the smallest power of ten
 that the values of that unit in the set do not reach, unless it is given; a scalar that it would round by more than a
-hundredth, as a dead time beside times of seconds, has a base of its own. What rounding does to a value is told beside it.
+hundredth, as a dead time beside times of seconds, has a base of its own. What rounding does is told beside each.
 """
 
 import math
