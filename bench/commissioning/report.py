@@ -4,7 +4,8 @@ What it is made of are the results of its jobs, as `results` has them.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
 from typing import Any, Final
@@ -18,11 +19,12 @@ from bench.diagnoses.report.drawing import drawn, legend
 from bench.diagnoses.report.layout import NARROW, WIDE
 from bench.diagnoses.report.page import POLICY, style
 from bench.engineering import quantity, scaled, words
+from bench.parameters.parameter_set import FLASHED, OK, ParameterSet, of_toml
+from drivers.wire.dictionary import TABLE_SIZE
 from estimator.machine import PARAMETERS
 
 NAMES: Final = {"speed": "speed", "d": "current, d axis", "q": "current, q axis"}
 _HIGHEST: Final = 1.3  # of the step, that a picture shows
-_ENTRIES: Final = "_table = ["
 
 
 def report(
@@ -37,7 +39,7 @@ def report(
         title=f"Commissioning of {drive}", when=when, verdict=words(str(told["verdict"])), sentence=told["sentence"],
         settled=told["verdict"] in SETTLED, first=first, machine=identified["machine"], shaft=identified["shaft"],
         parameters=PARAMETERS, before=identified["loops"], after=[] if verified is None else verified["loops"],
-        names=NAMES, remarks=identified["remarks"], set=_without_tables(identified["set"]), policy=POLICY,
+        names=NAMES, remarks=identified["remarks"], sets=_sets(identified, first), policy=POLICY,
         style=Markup(style()), figures=[one for name in NAMES if (one := _figure(name, responses)) is not None],
     )  # fmt: skip
 
@@ -59,10 +61,40 @@ def _figure(name: str, responses: Mapping[Role, Mapping[str, Any]]) -> Figure | 
     return Figure("loops", f"step-{name}", "The loops", caption, (Panel(NAMES[name], x, y, tuple(traces)),))
 
 
-def _without_tables(text: str) -> str:
-    return "\n".join(
-        line[: line.index("[") + 1] + "... 64 entries]" if _ENTRIES in line else line for line in text.splitlines()
-    )
+@dataclass(frozen=True, slots=True)
+class _Set:
+    """A set as a table, each row its signal, value, interval and what it is from."""
+
+    title: str
+    whose: str
+    rows: Sequence[tuple[str, str, str, str]]
+
+
+def _sets(identified: Mapping[str, Any], first: Mapping[str, Any] | None) -> list[_Set]:
+    """What a first start proposed, and what the identification did."""
+    texts = (first["set"] if first else "", identified["set"])
+    return [_set(of_toml(text, "the set")) for text in texts if text]
+
+
+def _set(given: ParameterSet) -> _Set:
+    rows = list[tuple[str, str, str, str]]()
+    for signal in FLASHED:
+        entry = given.entries.get(signal.name)
+        if entry is None or (signal.table and not signal.name.endswith("_1")):
+            continue
+        unit = "" if signal.unit == "1" else f" {signal.unit}"
+        source = "; ".join(filter(None, ("" if entry.status == OK else entry.status, entry.source, entry.note)))
+        if signal.table:
+            rows.append((signal.name.removesuffix("_1"), f"{TABLE_SIZE} entries", "", source))
+            continue
+        known = entry.low is not None and entry.high is not None
+        rows.append((
+            signal.name, f"{entry.value:.9g}{unit}", f"{entry.low:.6g} to {entry.high:.6g}" if known else "", source
+        ))  # fmt: skip
+    whose = [] if given.serial is None else [f"serial number 0x{given.serial:08X}"]
+    whose += [] if given.layout_id is None else [f"layout 0x{given.layout_id:08X}"]
+    title = f"{given.name}, version {given.version}"
+    return _Set(title, f"Of the drive with {' and '.join(whose)}." if whose else "Of any drive.", rows)
 
 
 def share(value: float | None) -> str:
@@ -72,7 +104,7 @@ def share(value: float | None) -> str:
 
 def time(value: float | None) -> str:
     """That a loop takes to settle; None: it does not."""
-    return "not" if value is None else quantity(value, "s")
+    return "not yet" if value is None else quantity(value, "s")
 
 
 @cache
