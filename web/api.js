@@ -438,11 +438,12 @@ function mediaOf(body) {
 }
 
 /**
- * The `detail` of an RFC 9457 problem document, or what can be said without one.
+ * The `problems` of an RFC 9457 problem document, a line each, its `detail`, or what can be said without one.
  * @param {Response} response
- * @param {{detail?: unknown} | null} problem
+ * @param {{detail?: unknown, problems?: unknown} | null} problem
  */
 function problemSentence(response, problem) {
+  if (problem !== null && Array.isArray(problem.problems)) return problem.problems.join("\n");
   if (problem !== null && typeof problem.detail === "string" && problem.detail !== "") return problem.detail;
   return `The service answered ${response.status} ${response.statusText}`.trim() + " without an explanation.";
 }

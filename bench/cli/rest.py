@@ -58,7 +58,8 @@ class Rest:
             return cast(dict[str, Any], content)
         if isinstance(content, dict) and "detail" in content:
             failed = response.status_code == int(httpx.codes.INTERNAL_SERVER_ERROR)
-            raise (InternalError if failed else BenchError)(str(cast(dict[str, Any], content)["detail"]))
+            told = cast(dict[str, Any], content)
+            raise (InternalError if failed else BenchError)("\n".join(told.get("problems") or [str(told["detail"])]))
         raise BenchError(f"expected a bench service at {self._service}, got another answer ({response.status_code})")
 
     def download(self, *path: str) -> bytes:

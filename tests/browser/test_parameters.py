@@ -125,6 +125,11 @@ def test_a_file_is_planned_with_what_forbids_it_and_doubts_ask_for_a_reason(
     until(page, lambda: "in spite of doubts: on a test bench" in text(page, "flash-history"), "the reason")
     with httpx.Client(base_url=bench.url, headers=JSON, timeout=10.0) as client:
         assert client.get(f"{DRIVE}/flashes").json()["past"][0]["override"] == "on a test bench"
+    wrong = "".join(f'{name} = "x"\n' for name in [f"none_{k}" for k in range(12)])
+    (tmp_path / "bad.toml").write_text(f'name = "bad"\n[parameters]\n{wrong}', encoding="utf-8")
+    page.find_element(By.ID, "parameters-file").send_keys(str(tmp_path / "bad.toml"))
+    until(page, lambda: "none_11" in text(page, "parameters-message"), "all that is wrong with it")
+    assert text(page, "parameters-message").count("\n") >= 11  # a line each
     (tmp_path / "no.toml").write_text("no set", encoding="utf-8")
     page.find_element(By.ID, "parameters-file").send_keys(str(tmp_path / "no.toml"))
     until(page, lambda: "the set: is not TOML" in text(page, "parameters-message"), "why it is no set")
