@@ -33,6 +33,7 @@ from bench.actions.safety.under_control import Guard
 from bench.errors import BenchError
 from drivers.drive import Drive
 from drivers.lease import Lease
+from estimator.interval import Z_95
 
 Column = NDArray[np.float64]
 Tell = Callable[[str], None]
@@ -305,7 +306,7 @@ def _found(
             f"(electrical), expected less than {math.degrees(_LARGEST_LAG):.3g}"
         )
     noise = math.hypot((1.0 + beyond) * large.error, beyond * small.error)
-    error = 1.96 * n_p * noise + _SHEET * load
+    error = Z_95 * n_p * noise + _SHEET * load
     against = large.slope < 0.0
     swapped = int(drive.read("phases_swapped"))
     reverse = against and forwards is Forwards.PHASES

@@ -14,6 +14,7 @@ from bench.parameters.made import DOUBTFUL, Made, Making, Size, items, name_of, 
 from bench.parameters.parameter_set import OK, ParameterSet
 from bench.parameters.temperature import at_temperature
 from bench.parameters.tuning import current_loop
+from estimator.interval import Z_95
 from estimator.machine import PARAMETERS, UNITS
 
 SETTLED: Final = ("explained", "no_mismatch")
@@ -79,7 +80,7 @@ def _machine(
         if size.std is None:
             doubt = doubt or "no interval is told"
         elif size.std > _WIDE * abs(size.value):
-            doubt = doubt or f"told within {1.96 * size.std:.2g} {UNITS[parameter]} only"
+            doubt = doubt or f"told within {Z_95 * size.std:.2g} {UNITS[parameter]} only"
         warm = at_temperature(parameter, size.value, temperatures, None)
         making.take(signal, size, DOUBTFUL if doubt else OK, _because(source, doubt), **warm)
     return told

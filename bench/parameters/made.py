@@ -11,10 +11,10 @@ from typing import Any, Final, NamedTuple, cast
 
 from bench.parameters.parameter_set import OK, Entry, ParameterSet, problem_of
 from drivers.wire.dictionary import signal_named
+from estimator.interval import Z_95
 
 DOUBTFUL: Final = "doubtful"
 _MOST: Final = 1e9  # SI; nothing that is told of a drive is larger
-_HALF_WIDTH: Final = 1.96  # standard errors, of a 95 % interval
 
 
 class Size(NamedTuple):
@@ -70,7 +70,7 @@ def interval(value: float, std: float | None) -> tuple[float | None, float | Non
     """Of 95 %; none where the standard error is not known."""
     if std is None or not math.isfinite(std):
         return None, None
-    return value - _HALF_WIDTH * std, value + _HALF_WIDTH * std
+    return value - Z_95 * std, value + Z_95 * std
 
 
 def number(given: object) -> float | None:

@@ -30,11 +30,11 @@ from estimator.diagnosis.verdict import (
     verdict_of,
 )
 from estimator.diagnosis.words import number
+from estimator.interval import Z_95
 from estimator.machine import PARAMETERS
 from estimator.twin.model import Model
 
 _SEVERAL: Final = 2  # parameters
-_HALF_WIDTH: Final = 1.96  # standard errors, of a 95 % interval
 _NO_HELP: Final = "on stretches that took no part in the fit the error does not fall with it"
 
 
@@ -86,7 +86,7 @@ def _same_without(found: Fitted, faint: Collection[tuple[str, int]], after: Mapp
         return False
     without = found.search.fit(tuple(one for one in found.choice if one not in faint)).value
     return all(
-        told.value is not None and told.std is not None and abs(told.value - value) <= _HALF_WIDTH * told.std
+        told.value is not None and told.std is not None and abs(told.value - value) <= Z_95 * told.std
         for told, value in zip((after[name] for name in PARAMETERS), without, strict=False)
     )
 
