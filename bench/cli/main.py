@@ -1,5 +1,5 @@
-"""`pmsm-bench`: one console script. Every refusal is one sentence on standard error; what exit codes mean stands in
-`exit_codes`.
+"""`pmsm-bench`: one console script. A refusal is a sentence on standard error, one for each thing that is wrong; what
+exit codes mean stands in `exit_codes`.
 """
 
 import errno
@@ -493,7 +493,8 @@ def main() -> None:
         print(f"pmsm-bench: {error}", file=sys.stderr)
         sys.exit(FAULT)
     except (BenchError, DriveError) as error:
-        print(f"pmsm-bench: {_shown(error)}", file=sys.stderr)
+        for line in str(error).splitlines():  # all that is wrong with a set has a line each
+            print(f"pmsm-bench: {_shown(line)}", file=sys.stderr)
         sys.exit(REFUSED)
     except SystemExit:  # the command-line library's own, where nobody reads what is written
         sys.exit(REFUSED)

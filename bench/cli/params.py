@@ -124,11 +124,12 @@ def export(
     form: Annotated[str, Option(metavar="dcf|c|a2l|json", help="CANopen tools, a C header, calibration tools, JSON")],
     out: Out = Path("-"),
     kind: Annotated[str, Option("--type", metavar="float|q15|q31|iq24", help="of numbers in C")] = "float",
+    prefix: Annotated[str, Option(help="of all names in C, for firmware with more than one motor")] = "pmsm",
 ) -> None:
     """Write a set for other tools."""
     from bench.cli.commands.params import exported
 
-    exported(given, form, kind, out)
+    exported(given, form, kind, prefix, out)
 
 
 @params.command("import")

@@ -29,7 +29,7 @@ from bench.commissioning import first_start as first_starts
 from bench.commissioning.first_start import FirstStart, Forwards, first_start
 from bench.commissioning.identify import Around, acceleration_of, identify, try_loops
 from bench.commissioning.loops import judged
-from bench.commissioning.results import first_started, identified, responses
+from bench.commissioning.results import first_started, identified, promises, responses
 from bench.errors import BenchError, ConflictError, LimitError, RecordingError, UnavailableError, UnknownError
 from bench.expected import CLOSED, Else, Number, Table, Word, taken
 from bench.files import write_new
@@ -293,7 +293,9 @@ def _first(around: Around, status: Status, nominal: Nominal) -> dict[str, Any]:
     settings = tuple(name for name in first_starts.SETTINGS if any(s.name == name for s in drive.identity.signals))
     with under_control(drive, lease, around.origin, settings):
         found = first_start(drive, lease, most, Forwards(request.forwards), around.tell, around.cancelled)
-    return {**first_started(found), "set": as_toml(_first_set(found, drive, nominal, around.limits)), "remarks": []}
+    given = _first_set(found, drive, nominal, around.limits)
+    present = {name: drive.read(name) for name in given.entries}
+    return {**first_started(found), "set": as_toml(given), "present": present, "remarks": []}
 
 
 def _first_set(found: FirstStart, drive: Drive, nominal: Nominal, limits: Limits) -> ParameterSet:
@@ -316,7 +318,8 @@ def _verified(around: Around, of: Status) -> dict[str, Any]:
     machine = Machine(**{name: told["machine"][name]["value"] for name in PARAMETERS}, n_p=told["machine"]["n_p"])
     J, B = (told["shaft"]["estimates"][name]["value"] if told["shaft"] else None for name in ("J", "B"))
     K, damping = acceleration_of(machine, J, B) or (now.K, 0.0)
+    loops = judged(now, machine, K, damping)
     return {
-        "of": of.id, "loops": [one.as_json() for one in judged(now, machine, K, damping)], "before": told["loops"],
-        "responses": responses(now), "responses_before": told["responses"],
+        "of": of.id, "loops": [one.as_json() for one in loops], "before": told["loops"],
+        "responses": responses(now.loops), "responses_before": told["responses"], "promises": promises(loops),
     }

@@ -67,6 +67,7 @@ class Identified:
     machine: Machine | None  # after the diagnosis
     shaft: Mechanics | None
     made: Made
+    present: Mapping[str, float]  # the drive's parameters, SI
 
     @property
     def loops(self) -> list[Judged]:
@@ -88,7 +89,7 @@ def identify(
 ) -> Identified:
     """All of it; nothing is written that stays. Raises BenchError, DriveError."""
     drive = around.link()
-    image, n_p = parameters(drive), int(drive.read("n_p"))
+    present, n_p = parameters(drive), int(drive.read("n_p"))
     if not drive.identity.has_memory:
         layout = f"0x{drive.identity.layout_id:08X}"
         raise LimitError(f"a drive of layout {layout} has no control loops that can be set, expected one that has")
@@ -97,7 +98,7 @@ def identify(
             f"the drive is set for {n_p} pole pairs, its machine file says {around.limits.n_p}: expected the same; a "
             "first start finds out which"
         )
-    image[INVERTER] = 0.0  # while it is recorded
+    image = present | {INVERTER: 0.0}  # while it is recorded
     try:
         seen = _excited(around, drive, image)
     except FaultError as error:
@@ -112,7 +113,7 @@ def identify(
         shaft = shaft_of([by_torque(corrected(seen.capture, image, now, turn), now, found[0])], *found, theta_step)
         shaft = without_losses(shaft, [one["effect"] for one in content["findings"]])
     made = tuned(made, shaft, image, drive.identity.T_s, bandwidth)
-    return Identified(seen.before, files, content, found[0] if found else None, shaft, made)
+    return Identified(seen.before, files, content, found[0] if found else None, shaft, made, present)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

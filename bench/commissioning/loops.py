@@ -82,10 +82,11 @@ class Judged:
     promised_settling: float
     promised_tracking: float
     sentence: str
+    promise: Response
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values; a time that is infinite is None."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        """Plain values, without the promised response itself; a time that is infinite is None."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "promise"}
         return {
             name: None if isinstance(value, float) and not math.isfinite(value) else value
             for name, value in values.items()
@@ -186,6 +187,7 @@ def judged(one: Tried, machine: Machine, K: float, damping: float) -> list[Judge
         found.append(Judged(
             loop.name, seen and seen.overshoot, seen and seen.settling, seen and seen.tracking, promised.overshoot,
             promised.settling, promised.tracking, loop.sentence,
+            promised,
         ))  # fmt: skip
     return found
 

@@ -35,6 +35,7 @@ def report(
     told, responses = identified["diagnosis"], dict[Role, Mapping[str, Any]]({"before": identified["responses"]})
     if verified is not None:
         responses["after"] = verified["responses"]
+    responses["promised"] = (verified or identified)["promises"]
     return _template().render(
         title=f"Commissioning of {drive}", when=when, verdict=words(str(told["verdict"])), sentence=told["sentence"],
         settled=told["verdict"] in SETTLED, first=first, machine=identified["machine"], shaft=identified["shaft"],
@@ -63,21 +64,21 @@ def _figure(name: str, responses: Mapping[Role, Mapping[str, Any]]) -> Figure | 
 
 @dataclass(frozen=True, slots=True)
 class _Set:
-    """A set as a table, each row its signal, value, interval and what it is from."""
+    """A set as a table, each row its signal, value before and in the set, interval and what it is from."""
 
     title: str
     whose: str
-    rows: Sequence[tuple[str, str, str, str]]
+    rows: Sequence[tuple[str, str, str, str, str]]
 
 
 def _sets(identified: Mapping[str, Any], first: Mapping[str, Any] | None) -> list[_Set]:
     """What a first start proposed, and what the identification did."""
-    texts = (first["set"] if first else "", identified["set"])
-    return [_set(of_toml(text, "the set")) for text in texts if text]
+    told = ([] if first is None else [first]) + [identified]
+    return [_set(of_toml(one["set"], "the set"), one["present"]) for one in told]
 
 
-def _set(given: ParameterSet) -> _Set:
-    rows = list[tuple[str, str, str, str]]()
+def _set(given: ParameterSet, present: Mapping[str, float]) -> _Set:
+    rows = list[tuple[str, str, str, str, str]]()
     for signal in FLASHED:
         entry = given.entries.get(signal.name)
         if entry is None or (signal.table and not signal.name.endswith("_1")):
@@ -85,12 +86,11 @@ def _set(given: ParameterSet) -> _Set:
         unit = "" if signal.unit == "1" else f" {signal.unit}"
         source = "; ".join(filter(None, ("" if entry.status == OK else entry.status, entry.source, entry.note)))
         if signal.table:
-            rows.append((signal.name.removesuffix("_1"), f"{TABLE_SIZE} entries", "", source))
+            rows.append((signal.name.removesuffix("_1"), "", f"{TABLE_SIZE} entries", "", source))
             continue
-        known = entry.low is not None and entry.high is not None
-        rows.append((
-            signal.name, f"{entry.value:.9g}{unit}", f"{entry.low:.6g} to {entry.high:.6g}" if known else "", source
-        ))  # fmt: skip
+        interval = "" if entry.low is None or entry.high is None else f"{entry.low:.6g} to {entry.high:.6g}"
+        before = f"{present[signal.name]:.9g}{unit}" if signal.name in present else ""
+        rows.append((signal.name, before, f"{entry.value:.9g}{unit}", interval, source))
     whose = [] if given.serial is None else [f"serial number 0x{given.serial:08X}"]
     whose += [] if given.layout_id is None else [f"layout 0x{given.layout_id:08X}"]
     title = f"{given.name}, version {given.version}"

@@ -1,11 +1,13 @@
 """What comes of a commissioning, as plain values: SI, as REST, reports and files have it."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
 from bench.commissioning.first_start import FirstStart
 from bench.commissioning.identify import Identified
-from bench.commissioning.loops import Loop, Tried
+from bench.commissioning.loops import Judged, Loop
+from bench.commissioning.response import Response
 from bench.parameters.parameter_set import as_toml
 from estimator.machine import PARAMETERS, UNITS
 from estimator.mechanics.mechanics import Mechanics
@@ -20,7 +22,7 @@ def first_started(found: FirstStart) -> dict[str, Any]:
 
 def identified(found: Identified) -> dict[str, Any]:
     """Of an identification."""
-    content, machine = found.diagnosis, found.machine
+    content, machine, loops = found.diagnosis, found.machine, found.loops
     after = content.get("machine", {}).get("after", {})
     return {
         "machine": None if machine is None else {
@@ -28,14 +30,16 @@ def identified(found: Identified) -> dict[str, Any]:
         },
         "shaft": None if found.shaft is None else shaft_json(found.shaft),
         "acceleration": found.before.K,
-        "loops": [one.as_json() for one in found.loops],
-        "responses": responses(found.before),
+        "loops": [one.as_json() for one in loops],
+        "responses": responses(found.before.loops),
+        "promises": promises(loops),
         "diagnosis": {
             "verdict": content.get("verdict"), "sentence": content.get("sentence"),
             "findings": [one.get("effect") for one in content.get("findings", [])],
         },
         "recordings": [path.stem for path in found.recordings],
         "set": as_toml(found.made.set),
+        "present": {name: found.present[name] for name in found.made.set.entries if name in found.present},
         "remarks": list(found.made.remarks),
     }  # fmt: skip
 
@@ -51,13 +55,16 @@ def shaft_json(shaft: Mechanics) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def responses(one: Tried) -> dict[str, Any]:
+def responses(loops: Sequence[Loop]) -> dict[str, Any]:
     """The mean steps of each loop, brought to 0 and 1; s."""
-    return {loop.name: _response(loop) for loop in one.loops if loop.response is not None}
+    return {loop.name: _response(loop.response) for loop in loops if loop.response is not None}
 
 
-def _response(loop: Loop) -> dict[str, list[float]]:
-    assert loop.response is not None
-    t, y = loop.response.t, loop.response.y
-    every = max(1, len(t) // _POINTS)
-    return {"t": [round(float(x), 7) for x in t[::every]], "y": [round(float(x), 5) for x in y[::every]]}
+def promises(loops: Sequence[Judged]) -> dict[str, Any]:
+    """What each loop's gains make of the same steps."""
+    return {loop.name: _response(loop.promise) for loop in loops}
+
+
+def _response(one: Response) -> dict[str, list[float]]:
+    every = max(1, len(one.t) // _POINTS)
+    return {"t": [round(float(x), 7) for x in one.t[::every]], "y": [round(float(x), 5) for x in one.y[::every]]}

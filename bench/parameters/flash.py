@@ -99,8 +99,13 @@ def before(folder: Path, identity: Identity, since: str | None = None) -> Parame
 def planned(link: Link, given: ParameterSet, around: Around) -> Plan:
     """What it would do. Raises DriveError."""
     drive = link()
-    to_do = plan(given, drive.identity, parameters(drive), around.judge)
-    return replace(to_do, remarks=remarks_on(given, history(around.folder, drive.identity)))
+    return _plan(given, drive.identity, parameters(drive), around)
+
+
+def _plan(given: ParameterSet, identity: Identity, present: Mapping[str, float], around: Around) -> Plan:
+    """With what the history says of it."""
+    to_do = plan(given, identity, present, around.judge)
+    return replace(to_do, remarks=remarks_on(given, present, history(around.folder, identity)))
 
 
 def flash(link: Link, given: ParameterSet, around: Around) -> Verdict:
@@ -128,7 +133,7 @@ def begin(link: Link, given: ParameterSet, around: Around) -> "UnderWay":
     _check_off(drive)
     with _control(link) as lease:
         image = parameters(drive)
-        to_do = plan(given, drive.identity, image, around.judge)
+        to_do = _plan(given, drive.identity, image, around)
         check(to_do, around.override)
         around.planned(to_do)
         since = datetime.now(UTC).isoformat()

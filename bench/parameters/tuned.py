@@ -25,9 +25,10 @@ def tuned_set(
     """
     values = {**drive, **given.values}
     missing = [name for name in (*_CURRENT, *(_SPEED if J is not None else ())) if name not in values]
-    if missing or T_s is None:
-        needed = ", ".join((*missing, *(("the control period",) if T_s is None else ())))
-        raise LimitError(f"gains need {needed}: expected them in the set, or of the drive")
+    needed = [f"gains need {', '.join(missing)}: expected in the set, or of the drive"] if missing else []
+    needed += ["gains need the control period: expected of the drive, or told (--T-s)"] if T_s is None else []
+    if needed or T_s is None:
+        raise LimitError("\n".join(needed))
     if not (math.isfinite(T_s) and T_s > 0.0):
         raise LimitError(f"expected a control period above zero, got {T_s:g} s")
     making = Making(dict(given.entries))

@@ -137,12 +137,12 @@ def _begun(told: Mapping[str, Any]) -> str:
     return f"{told['since'][:19]}Z  {told['name']!r}, version {told['version']}"
 
 
-def exported(path: Path, form: str, kind: str, out: Path) -> None:
+def exported(path: Path, form: str, kind: str, prefix: str, out: Path) -> None:
     """Write a set for other tools."""
     given = _read(path)
     forms = {
-        "dcf": lambda: as_dcf(given), "c": lambda: as_c_header(given, kind), "a2l": lambda: as_a2l(given),
-        "json": lambda: json.dumps(as_document(given), indent=2) + "\n",
+        "dcf": lambda: as_dcf(given), "c": lambda: as_c_header(given, kind, prefix=prefix),
+        "a2l": lambda: as_a2l(given), "json": lambda: json.dumps(as_document(given), indent=2) + "\n",
     }  # fmt: skip
     if form not in forms:
         raise ConfigError(f"--form: expected {', '.join(forms)}, got {form!r}")

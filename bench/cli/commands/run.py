@@ -28,7 +28,7 @@ from drivers.lease import HeldError
 if TYPE_CHECKING:
     from bench.service.service import Service
 
-_READY_TIMEOUT = 180.0  # s, the first start compiles
+_READY_TIMEOUT = 600.0  # s, the first start compiles, which takes long beside other work
 _END = 0.3  # s for the emulated drive to end before it is made to
 _THREADS = 0.3  # s for those that answer requests, when all that they could wait for has ended
 _LINKED = 10.0  # s for the service's link to its emulated drive
@@ -212,7 +212,8 @@ def _emulator(url: str, scenario: str) -> Generator[Mapping[str, Mapping[str, fl
                 errors.seek(0)
                 said = errors.read().strip().removeprefix("pmsm-bench emulate: ")
                 busy = "; `pmsm-bench up --at URL` puts it elsewhere" if said.endswith("in use") else ""
-                raise ConfigError(said + busy if said else "the emulated drive did not start")
+                silent = f"the emulated drive said nothing for {_READY_TIMEOUT:g} s: is there much other work?"
+                raise ConfigError(said + busy if said else silent)
             _console.print(place)
             yield json.loads(sheet)
         finally:

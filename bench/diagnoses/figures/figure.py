@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import ConfigDict, Field, TypeAdapter
 
 _PUBLISHED: Final = ConfigDict(extra="forbid", json_schema_serialization_defaults_required=True)
-Role = Literal["before", "after", "noise", "measured", "level", "chosen", "not_chosen"]
+Role = Literal["before", "after", "noise", "measured", "level", "chosen", "not_chosen", "promised"]
 Kind = Literal["line", "markers", "bars", "heatmap"]
 Scale = Literal["linear", "log", "exponent"]
 Number = float | None  # None, in JSON null: nothing is there

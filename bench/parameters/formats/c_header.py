@@ -3,7 +3,8 @@
 In fixed point a value is a count of its base: value = count / 2^n * base, where n is 15 (Q15), 31 (Q31) or what an IQ
 format of TI's IQmath has (IQ24: values up to 128 bases, 2^-24 fine). The base of a unit is the smallest power of ten
 that the values of that unit in the set do not reach, unless it is given; a scalar that it would round by more than a
-hundredth, as a dead time beside times of seconds, has a base of its own. What rounding does is told beside each.
+hundredth, as a dead time beside times of seconds, has a base of its own. What rounding does is told beside each. All
+names begin with a prefix, not with the set's own: code that includes the header need not change with it.
 """
 
 import math
@@ -12,12 +13,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from bench.errors import ConfigError
+from bench.errors import ConfigError, shown
 from bench.parameters.parameter_set import FLASHED, OK, ParameterSet
 from drivers.wire.dictionary import TABLE_SIZE, TABLES, Signal, WireType
 
 _BY_NAME: Final = {signal.name: signal for signal in FLASHED}
 _COARSE: Final = 0.01  # of a value
+PREFIX: Final = "pmsm"
 _FIXED: Final = {"q15": (15, 16), "q31": (31, 32)}  # bits after the point, and of all
 
 
@@ -47,12 +49,16 @@ class Form:
         return 2.0 ** (self.bits - 1 - self.fraction)
 
 
-def as_c_header(given: ParameterSet, form: str = "float", bases: Mapping[str, float] | None = None) -> str:
-    """A set as a header. Raises ConfigError where a value is beyond its base."""
+def as_c_header(
+    given: ParameterSet, form: str = "float", bases: Mapping[str, float] | None = None, prefix: str = PREFIX
+) -> str:
+    """A set as a header. Raises ConfigError where a value is beyond its base, or the prefix no name in C."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", prefix):
+        raise ConfigError(f"prefix: expected a letter and up to 30 letters, digits or _, got {shown(prefix)}")
     how = Form.of(form)
     base_of = _bases(given, how, bases or {})
-    name = re.sub(r"[^A-Za-z0-9]+", "_", given.name).strip("_").upper() or "DRIVE"
-    guard = f"{name}_PARAMETERS_H"
+    held, macro = f"{prefix.lower()}_parameters", prefix.upper()
+    guard = f"{held.upper()}_H"
     scalars = [_BY_NAME[key] for key in given.entries if not _BY_NAME[key].table]
     tables = [table for table in TABLES if f"{table}_1" in given.entries]
     ascii_name = given.name.encode("ascii", "replace").decode().replace("*/", "")
@@ -63,7 +69,7 @@ def as_c_header(given: ParameterSet, form: str = "float", bases: Mapping[str, fl
     for whose, base in base_of.items():
         unit = _BY_NAME[whose].unit if whose in _BY_NAME else whose
         rule = f"value = count / 2^{how.fraction} * base"
-        lines.append(f"#define BASE_{_identifier(whose)} {base!r}  /* {unit}: {rule} */")
+        lines.append(f"#define {macro}_BASE_{_identifier(whose)} {base!r}  /* {unit}: {rule} */")
     for signal in scalars:
         value = given.entries[signal.name].value
         text, error = _number(signal, value, how, base_of)
@@ -71,19 +77,18 @@ def as_c_header(given: ParameterSet, form: str = "float", bases: Mapping[str, fl
         off = f", {value!r}{unit} rounded by {error:.2g}{unit}" if error else ""
         status = given.entries[signal.name].status
         doubt = "" if status == OK else f", {status}"
-        lines.append(f"#define {signal.name.upper()} {text}  /*{unit} {signal.summary}{off}{doubt} */")
+        lines.append(f"#define {macro}_{signal.name.upper()} {text}  /*{unit} {signal.summary}{off}{doubt} */")
     for table in tables:
         signals = [_BY_NAME[f"{table}_{k}"] for k in range(1, TABLE_SIZE + 1)]
         texts, errors = zip(*(_number(s, given.entries[s.name].value, how, base_of) for s in signals), strict=True)
         off = f", rounded by {max(errors, key=abs):.2g} at most" if any(errors) else ""
-        lines += ["", f"/* {TABLES[table][1]}: {TABLES[table][2]}{off} */", f"#define {table.upper()} {{ \\"]
+        lines += ["", f"/* {TABLES[table][1]}: {TABLES[table][2]}{off} */", f"#define {macro}_{table.upper()} {{ \\"]
         lines += [f"    {', '.join(texts[k : k + 8])}, \\" for k in range(0, TABLE_SIZE, 8)]
         lines.append("}")
     lines += ["", "typedef struct {"]
     lines += [f"    {_c_type(signal, how)} {signal.name};" for signal in scalars]
     lines += [f"    {_c_type(_BY_NAME[f'{table}_1'], how)} {table}[{TABLE_SIZE}];" for table in tables]
-    members = ", ".join([*(signal.name.upper() for signal in scalars), *(table.upper() for table in tables)])
-    held = f"{name.lower()}_parameters"
+    members = ", ".join(f"{macro}_{name.upper()}" for name in (*(signal.name for signal in scalars), *tables))
     lines += [f"}} {held}_t;", "", f"static const {held}_t {held} = {{"]
     lines += [f"    {members}", "};", "", f"#endif /* {guard} */", ""]
     return "\n".join(lines)

@@ -129,7 +129,7 @@ def test_what_is_stored_outlives_the_drives_power(tmp_path: Path, monkeypatch: p
 def test_a_set_goes_to_other_tools_and_comes_from_one(url: str, tmp_path: Path) -> None:
     old, dcf, back = tmp_path / "old.toml", tmp_path / "drive.dcf", tmp_path / "back.toml"
     params("pull", url, "--out", old, "--name", "servo")
-    assert "#define BANDWIDTH 1250.0f" in params("export", old, "--form", "c")
+    assert "#define PMSM_BANDWIDTH 1250.0f" in params("export", old, "--form", "c")
     assert "/begin CHARACTERISTIC bandwidth" in params("export", old, "--form", "a2l")
     assert json.loads(params("export", old, "--form", "json"))["entries"]["n_p"]["value"] == 4.0
     params("export", old, "--form", "dcf", "--out", dcf)

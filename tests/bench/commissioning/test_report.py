@@ -12,6 +12,7 @@ LOOP = {"name": "speed", "overshoot": 0.18, "settling": None, "tracking": 0.009,
 STEP = {"speed": {"t": [-0.01, 0.0, 0.1], "y": [0.0, 0.05, 1.0]}}
 FIRST = {
     "said": "4 pole pairs", "set": as_toml(set_of({"n_p": 4.0, "phases_swapped": 1.0}, "first start", "first start")),
+    "present": {"n_p": 3.0, "phases_swapped": 0.0},
 }
 ENTRIES = {
     "control_R_s": Entry(0.9664, 0.9655, 0.9673, source="diagnosis of <x>"),
@@ -25,8 +26,9 @@ def page(first: dict[str, Any] | None = None) -> str:
     found = {
         "machine": None, "shaft": None, "loops": [LOOP], "responses": STEP, "set": as_toml(given),
         "diagnosis": {"verdict": "explained", "sentence": "All is told."}, "remarks": [], "recordings": [],
+        "promises": {}, "present": {"control_R_s": 1.2},
     }  # fmt: skip
-    return report("spindle", "Today.", found, {"loops": [LOOP], "responses": STEP}, first)
+    return report("spindle", "Today.", found, {"loops": [LOOP], "responses": STEP, "promises": STEP}, first)
 
 
 def rows(html: str) -> list[list[str]]:
@@ -37,14 +39,15 @@ def rows(html: str) -> list[list[str]]:
 def test_every_value_of_both_sets_is_there_with_its_interval_and_what_it_is_from() -> None:
     html = page(FIRST)
     for row in (
-        ["n_p", "4", "", "first start"], ["phases_swapped", "1", "", "first start"],
-        ["control_R_s", "0.9664 ohm", "0.9655 to 0.9673", "diagnosis of <x>"],
-        ["k_p_speed", "0.0448 A s/rad", "", "doubtful; by a rule"], ["psi_d_table", "64 entries", "", ""],
+        ["n_p", "3", "4", "", "first start"], ["phases_swapped", "0", "1", "", "first start"],
+        ["control_R_s", "1.2 ohm", "0.9664 ohm", "0.9655 to 0.9673", "diagnosis of <x>"],
+        ["k_p_speed", "", "0.0448 A s/rad", "", "doubtful; by a rule"], ["psi_d_table", "", "64 entries", "", ""],
     ):
         assert row in rows(html)
     assert "The set “emulated, version 3”" in html
     assert "Of the drive with serial number 0x12345678 and layout 0xDE84BEF1." in html
     assert "not yet" in html
+    assert re.findall(r'<li class="line (\w+)">', html) == ["before", "after", "promised"]
 
 
 def test_without_a_first_start_there_is_one_set() -> None:

@@ -55,17 +55,17 @@ def test_a_header_compiles_and_its_counts_are_the_values(form: str, tmp_path: Pa
     if compiler is None:
         pytest.skip("no gcc")
     (tmp_path / "p.h").write_text(as_c_header(SET, form), encoding="ascii")
-    one = "" if form == "float" else f" / {2.0 ** (int(form.strip('iq'))):.1f} * BASE_"
+    one = "" if form == "float" else f" / {2.0 ** (int(form.strip('iq'))):.1f} * PMSM_BASE_"
     parts = {
         "bandwidth": "RAD_PER_S", "control_R_s": "OHM", "control_L_d": "H", "angle_offset": "RAD",
         "dead_time": "DEAD_TIME" if form in ("q15", "iq24") else "S", "speed_error_time": "S", "psi_d_table[63]": "VS",
     }
     prints = "".join(
-        f'    printf("%.9g\\n", (double)servo_6_a_parameters.{name}{one}{unit if one else ""});\n'
+        f'    printf("%.9g\\n", (double)pmsm_parameters.{name}{one}{unit if one else ""});\n'
         for name, unit in parts.items()
     )
-    source = f'#include "p.h"\n#include <stdio.h>\nint main(void) {{\n{prints}    return SERVO_6_A_N_P_CHECK;\n}}\n'
-    (tmp_path / "p.c").write_text(source.replace("SERVO_6_A_N_P_CHECK", "servo_6_a_parameters.n_p - N_P"))
+    body = f"{prints}    return pmsm_parameters.n_p - PMSM_N_P;\n"
+    (tmp_path / "p.c").write_text(f'#include "p.h"\n#include <stdio.h>\nint main(void) {{\n{body}}}\n')
     options = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-o", str(tmp_path / "p")]
     subprocess.run([compiler, *options, str(tmp_path / "p.c")], check=True)
     found = [float(x) for x in subprocess.run([tmp_path / "p"], check=True, capture_output=True).stdout.split()]
@@ -80,6 +80,10 @@ def test_rounding_is_told_and_a_base_that_is_too_small_refused() -> None:
         as_c_header(SET, "q15", {"rad/s": 1000.0})
     with pytest.raises(ConfigError, match="expected float, q15, q31 or iq1 to iq30, got 'q7'"):
         as_c_header(SET, "q7")
+    for prefix in ("", "6_a", "a b", "x" * 32):
+        with pytest.raises(ConfigError, match="prefix: expected a letter and up to 30 letters, digits or _, got"):
+            as_c_header(SET, prefix=prefix)
+    assert "#define SPINDLE_BANDWIDTH 1250.0f" in as_c_header(SET, prefix="spindle")
     assert "*/" not in as_c_header(ParameterSet("a */ b", SET.entries)).splitlines()[0][:-3]
 
 

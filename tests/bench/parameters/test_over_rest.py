@@ -63,8 +63,8 @@ def test_the_present_parameters_come_as_a_set_in_every_form(client: httpx.Client
     assert by_accept.headers["content-type"].startswith("application/toml")
     assert 'filename="emulated.toml"' in by_accept.headers["content-disposition"]
     assert tomllib.loads(by_form.text)["parameters"]["bandwidth"] == 1250.0
-    forms = {"dcf": "ParameterValue=1250.0", "c": "#define BANDWIDTH 1250.0f", "a2l": "CHARACTERISTIC bandwidth"}
-    for form, said in forms.items():
+    expected = {"dcf": "ParameterValue=1250.0", "c": "PMSM_BANDWIDTH 1250.0f", "a2l": "CHARACTERISTIC bandwidth"}
+    for form, said in expected.items():
         assert said in client.get(place, params={"form": form}).text
     assert "BASE_" in client.get(place, params={"form": "c", "type": "q31"}).text
     assert "expected float, q15" in refused(client.get(place, params={"form": "c", "type": "q7"}), 422)

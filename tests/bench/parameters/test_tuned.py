@@ -43,8 +43,8 @@ def test_gains_of_doubtful_values_are_doubtful_and_tables_are_spoken_of() -> Non
 
 
 @pytest.mark.parametrize(("T_s", "more", "said"), [
-    (None, {}, "gains need the control period"),
-    (T_S, {"J": 1e-3}, "gains need n_p, speed_filter: expected them in the set, or of the drive"),
+    (None, {}, "gains need the control period: expected of the drive, or told"),
+    (T_S, {"J": 1e-3}, "gains need n_p, speed_filter: expected in the set, or of the drive"),
     (T_S, {"bandwidth": 1e5}, "bandwidth: expected at most 3333 rad/s"),
     (0.0, {}, "expected a control period above zero"),
     (1e-6, {}, "current control: 0x2200:6"),
