@@ -71,6 +71,9 @@
  * @typedef {{sentence: string, holds: Hold[], step: number}} Experiment
  * @typedef {{id: string, state: "running" | "done" | "failed" | "cancelled", phase: string, progress: number, reason: string,
  *   remarks: string[], file: string | null}} ExperimentRun
+ * @typedef {{id: string, state: "running" | "done" | "failed" | "cancelled", phase: string, steps: {at: string, said: string}[],
+ *   reason: string, asked: string, request: {kind: "first_start" | "identify" | "verify"},
+ *   result: {said?: string, diagnosis?: {verdict: string, sentence: string}, set?: string, remarks?: string[]}}} Commissioning
  * @typedef {{effects: string[], rivals: boolean, machine_holds: boolean, reason: string, experiment: Experiment}} Doubt
  * @typedef {{verdict: string, sentence: string,
  *   findings: {effect: string, parameters: Record<string, Quantity>, where: Place, odds_against_next: number}[],
@@ -96,6 +99,8 @@ const PATIENCE_MS = 5000;
 /** Of a long recording, what is asked for first is worked on for some seconds. */
 const PATIENCE_READING_MS = 60_000;
 const PATIENCE_BRINGING_MS = 600_000;
+/** A job that moves a drive ends within 5 s, and is waited for. */
+const PATIENCE_ENDING_MS = 8000;
 
 /** @returns {Promise<DriveState[]>} */
 export async function listDrives() {
@@ -384,6 +389,36 @@ export function readExperiment(drive, id) {
 /** @param {string} drive @param {string} id @returns {Promise<ExperimentRun>} */
 export function cancelExperiment(drive, id) {
   return call("DELETE", `/api/drives/${encodeURIComponent(drive)}/experiments/${encodeURIComponent(id)}`);
+}
+
+/** @param {string} drive @param {object} wanted @returns {Promise<Commissioning>} */
+export function askCommissioning(drive, wanted) {
+  return call("POST", `/api/drives/${encodeURIComponent(drive)}/commissionings`, wanted);
+}
+
+/** @param {string} drive @returns {Promise<Commissioning[]>} the newest first */
+export async function listCommissionings(drive) {
+  return (await call("GET", `/api/drives/${encodeURIComponent(drive)}/commissionings`)).commissionings;
+}
+
+/** @param {string} drive @param {string} id @returns {Promise<Commissioning>} */
+export function readCommissioning(drive, id) {
+  return call("GET", commissioningAddress(drive, id));
+}
+
+/** @param {string} drive @param {string} id @returns {Promise<Commissioning>} */
+export function cancelCommissioning(drive, id) {
+  return call("DELETE", commissioningAddress(drive, id), undefined, PATIENCE_ENDING_MS);
+}
+
+/** @param {string} drive @param {string} id */
+export function commissioningReport(drive, id) {
+  return `${commissioningAddress(drive, id)}/report.html`;
+}
+
+/** @param {string} drive @param {string} id */
+function commissioningAddress(drive, id) {
+  return `/api/drives/${encodeURIComponent(drive)}/commissionings/${encodeURIComponent(id)}`;
 }
 
 /** @param {string} id */

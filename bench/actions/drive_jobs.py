@@ -8,6 +8,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Final, Protocol, TypeVar
@@ -67,6 +68,14 @@ class DriveJobStatus(JobStatus, Protocol):
     def file(self) -> Path | None:
         """The recording, as far as there is one."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Something that has begun."""
+
+    at: datetime
+    said: str  # in words
 
 
 Ended = Callable[[EndedJob], None]  # hears of a job that has ended; does not wait

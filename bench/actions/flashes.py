@@ -17,7 +17,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
-from bench.actions.drive_jobs import BenchDrive, DriveJobs, Link, id_at
+from bench.actions.drive_jobs import BenchDrive, DriveJobs, Link, Step, id_at
 from bench.actions.safety.lease import Leases, Part
 from bench.actions.safety.unfinished import undo
 from bench.errors import BenchError, LimitError, UnavailableError, shown
@@ -58,14 +58,6 @@ class State(StrEnum):
     FLASHED = "flashed"
     ROLLED_BACK = "rolled back"
     CUT = "cut"  # the drive has the values before or the new ones
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """Something that has begun."""
-
-    at: datetime
-    said: str  # in words
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,15 @@ from urllib.parse import quote
 
 from fastapi import FastAPI, Path, Response
 from fastapi import Request as HttpRequest
+from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.api.exchange.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
 from bench.api.guard.idempotency import REPEATABLE
+from bench.api.models.flashes import StepModel
 from bench.commissioning.commissionings import Request, Status, as_json
+from bench.commissioning.report import report
+from bench.diagnoses.report.page import POLICY
 from bench.expected import CLOSED
 from bench.service.service import Service
 
@@ -21,6 +25,7 @@ _ASKED: Answers = {
     422: {"description": "Not what a commissioning takes; nothing has moved"} | PROBLEM,
     503: {"description": "There is no link to the drive"} | PROBLEM,
 }
+_PAGE: Answers = {200: {"description": "The page", "content": {"text/html": {"schema": {"type": "string"}}}}}
 _NOT_NOW: Answers = {409: {"description": "The commissioning is in another state"} | PROBLEM}
 CommissioningId = Annotated[str, Path(alias="id", description="id of a commissioning, or latest")]
 _EXAMPLE: Final[dict[str, Any]] = {"kind": "identify"}
@@ -40,6 +45,7 @@ class CommissioningModel(BaseModel):
     drive: str = Field(examples=["emulated"])
     state: Literal["running", "done", "failed", "cancelled"] = Field(examples=["running"])
     phase: str = Field(description="what is being done, in words", examples=["stepping i_d by 3 A"])
+    steps: list[StepModel] = Field(description="so far; how far one has come is said with it")
     reason: str = Field(description="a sentence: why it failed", examples=[""])
     asked: datetime = Field(description="when it was asked for", examples=["2026-01-31T12:00:00Z"])
     request: CommissioningRequestModel = Field(examples=[_EXAMPLE])
@@ -91,6 +97,18 @@ def install(app: FastAPI, service: Service) -> None:
     def one_commissioning(name: DriveName, id_: CommissioningId) -> CommissioningModel:
         """How far it is, what was found, and why it failed where it did."""
         return _model(jobs.one(name, id_))
+
+    @app.get("/api/drives/{name}/commissionings/{id}/report.html", summary="A commissioning as a page",
+             response_class=HTMLResponse, responses=_PAGE | _NOT_NOW | _ONE, dependencies=known)
+    def commissioning_report(name: DriveName, id_: CommissioningId) -> Response:
+        """Of an identification that is done, with the first start that it followed, and the loops tried again after a
+        flash. It needs nothing else, and can be printed.
+        """
+        found, checked, first = jobs.whole(name, id_)
+        when = f"Asked for at {found.asked:%Y-%m-%d %H:%M} UTC"
+        when += "." if checked is None else f"; the loops were tried again at {checked.asked:%Y-%m-%d %H:%M} UTC."
+        page = report(name, when, found.result, checked and checked.result, first and first.result)
+        return HTMLResponse(page, headers={"Content-Security-Policy": POLICY})
 
     @app.delete("/api/drives/{name}/commissionings/{id}", summary="Cancel a commissioning", responses=_NOT_NOW | _ONE,
                 dependencies=known)

@@ -7,6 +7,7 @@ asked for apart. Knows nothing of HTTP.
 
 import contextlib
 import json
+import re
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -18,7 +19,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 from pydantic import Field, TypeAdapter
 
 from bench.actions import experiment
-from bench.actions.drive_jobs import BenchDrive, id_at
+from bench.actions.drive_jobs import BenchDrive, Step, id_at
 from bench.actions.experiment import Plan
 from bench.actions.moving_jobs import MovingJobs, Run, State
 from bench.actions.safety.lease import Leases, Part
@@ -48,6 +49,7 @@ FOLDER: Final = "commissionings"  # in that of the recordings
 TRUST: Final = 0.4  # how far off a data sheet may be, as a share
 _RENEWED: Final = 30.0  # s that the lease is taken for, anew with every step
 _KEPT: Final = 50
+_DONE_OF: Final = re.compile(r"\d+ of (?=\d)")  # as of "uploading 2000 of 5000 samples"
 
 
 class Kind(StrEnum):
@@ -102,6 +104,7 @@ class Status:
     request: Request
     state: State = State.RUNNING
     phase: str = ""  # what is being done, in words
+    steps: tuple[Step, ...] = ()
     reason: str = ""  # why it failed
     result: Mapping[str, Any] = field(default_factory=dict[str, Any])  # plain values
     file: Path | None = None
@@ -150,6 +153,21 @@ class Commissionings(MovingJobs[Status]):
             otherwise.pop_all()
         return status
 
+    def whole(self, drive: str, id_: str) -> tuple[Status, Status | None, Status | None]:
+        """An identification that is done, by its id or that of a verification of it, with the verification, else the
+        latest, and with the first start that it followed. Raises UnknownError, ConflictError.
+        """
+        one, every = self.one(drive, id_), [other for other in self.all(drive) if other.state is State.DONE]
+        checks = [other for other in every if other.request.kind == Kind.VERIFY]
+        found = self.one(drive, one.result["of"]) if one in checks else one
+        if found.request.kind != Kind.IDENTIFY or found.state is not State.DONE:
+            raise ConflictError(
+                f"expected the id of an identification that is done, or of its verification; {one.id} is {one.state}"
+            )
+        checked = one if one in checks else next((c for c in checks if c.result["of"] == found.id), None)
+        first = next((other for other in every if other.id == found.request.follows), None)
+        return found, checked, first if first and first.request.kind == Kind.FIRST_START else None
+
     def _identified(self, drive: str, id_: str) -> Status:
         """An identification that is done. Raises UnknownError, ConflictError."""
         every = [one for one in self.all(drive) if one.request.kind == Kind.IDENTIFY]
@@ -173,7 +191,8 @@ class Commissionings(MovingJobs[Status]):
         except Exception as error:  # noqa: BLE001 - a fault of ours must not leave one without an end
             reason = f"the bench failed on this commissioning: {type(error).__name__}: {error}"
         self._leases.release(status.drive, run.holder, str(state))
-        ended = replace(status, state=state, reason=reason, result=result)
+        with self._lock:
+            ended = replace(self._known[status.id], phase="", state=state, reason=reason, result=result)
         file: Path | None = None
         try:
             content = json.dumps(_plain(ended), indent=1, allow_nan=False).encode()
@@ -194,13 +213,18 @@ class Commissionings(MovingJobs[Status]):
                          theta_step=theta_step)
         return identified(found)
 
+    def _step(self, id_: str, said: str) -> None:
+        with self._lock:
+            steps = stepped(self._known[id_].steps, Step(datetime.now(UTC), said))
+            self._change(id_, phase=said, steps=steps)
+
     def _around(self, status: Status, run: Run) -> Around:
         one, name = self._drives[status.drive], status.drive
         numbers = iter(range(1, 100))
 
         def tell(said: str) -> None:
             self._leases.take(name, run.holder, _RENEWED, *Part)
-            self._change(status.id, phase=said)
+            self._step(status.id, said)
 
         def keep(upload: Upload) -> Path:
             identity = one.link.drive().identity
@@ -244,6 +268,13 @@ class Commissionings(MovingJobs[Status]):
         )
 
 
+def stepped(steps: tuple[Step, ...], now: Step) -> tuple[Step, ...]:
+    """With what is being done now: a step more, or how far the last one has come."""
+    if steps and _DONE_OF.sub("", steps[-1].said) == _DONE_OF.sub("", now.said):
+        return (*steps[:-1], replace(steps[-1], said=now.said))
+    return (*steps, now)
+
+
 def as_json(status: Status) -> dict[str, Any]:
     """A commissioning as plain values."""
     return _plain(status) | {"file": None if status.file is None else str(status.file)}
@@ -253,6 +284,7 @@ def _plain(status: Status) -> dict[str, Any]:
     return {
         "id": status.id, "drive": status.drive, "asked": status.asked.isoformat(), "request": asdict(status.request),
         "state": str(status.state), "phase": status.phase, "reason": status.reason, "result": dict(status.result),
+        "steps": [{"at": step.at.isoformat(), "said": step.said} for step in status.steps],
     }  # fmt: skip
 
 
@@ -263,8 +295,9 @@ def _read(folder: Path) -> Iterable[Status]:
             told = json.loads(path.read_bytes())
             yield Status(
                 told["id"], told["drive"], datetime.fromisoformat(told["asked"]),
-                taken(_REQUEST, told["request"], "", RecordingError), State(told["state"]), "", told["reason"],
-                told["result"], path,
+                taken(_REQUEST, told["request"], "", RecordingError), State(told["state"]), "",
+                tuple(Step(datetime.fromisoformat(one["at"]), one["said"]) for one in told.get("steps", ())),
+                told["reason"], told["result"], path,
             )  # fmt: skip
 
 

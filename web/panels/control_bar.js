@@ -73,9 +73,11 @@ export function showControl(control, connected, limits) {
   const known = connected && control.state !== null;
   bar.dataset.state = !known ? "unknown" : control.fault ? "fault" : control.state === ON ? "on" : "off";
   write(element("control-state"), connected ? stateWords(control) : "not known: the service is not heard");
-  const holder = connected ? holderWords(control) : "";
-  write(element("control-holder"), holder);
-  element("control-holder").title = holder;
+  const who = connected ? holderWords(control) : "";
+  const { safe_torque_off: sto, state } = control;
+  write(element("control-who"), who);
+  write(element("control-sto"), connected && state !== null && sto !== null ? `STO: ${sto}` : "");
+  element("control-holder").title = who;
   write(element("control-fault"), connected ? faultWords(control) : "");
   begin.disabled = !known || control.fault !== null || byJob(control) || (control.holder !== null && !control.ours);
   write(element("control-why"), begin.disabled && connected ? `Start: ${whyNot(control, known)}` : "");
@@ -117,14 +119,13 @@ function overtake(now) {
 
 /** @param {Control} control */
 function holderWords(control) {
-  const { holder, ours, whom, lease_left_s, guarded, state, safe_torque_off } = control;
-  const sto = safe_torque_off === null ? "" : ` · STO: ${safe_torque_off}`;
+  const { holder, ours, whom, lease_left_s, guarded, state } = control;
   if (state === null) return "";
-  if (byJob(control)) return `controlled by this service for ${whom}${sto}`;
-  if (ours) return `controlled by this service${whom ? `, started from ${whom}` : ""}${sto}`;
-  if (holder === "local") return `under local control, by a master inside the drive${sto}`;
-  if (holder !== null) return `controlled by ${holder}${lease_left_s === null ? "" : ", another bench"}${sto}`;
-  return guarded === false ? `no control lease: any client may start it, and keeps it running${sto}` : `controlled by nobody${sto}`;
+  if (byJob(control)) return `controlled by this service for ${whom}`;
+  if (ours) return `controlled by this service${whom ? `, started from ${whom}` : ""}`;
+  if (holder === "local") return "under local control, by a master inside the drive";
+  if (holder !== null) return `controlled by ${holder}${lease_left_s === null ? "" : ", another bench"}`;
+  return guarded === false ? "no control lease: any client may start it, and keeps it running" : "controlled by nobody";
 }
 
 /** @param {Control} control */
@@ -141,7 +142,7 @@ function whyNot(control, known) {
   const { fault, holder, whom } = control;
   if (!known) return "There is no link to the drive.";
   if (control.in_flash) return `${whom} is under way.`;
-  if (control.in_experiment) return `${whom} is under way: stop it first.`;
+  if (control.in_experiment) return `the ${whom?.split(" ")[0]} is under way: stop it first.`;
   if (fault !== null) return "The drive is in fault: reset it first.";
   return `${holder} controls the drive: stop it first.`;
 }

@@ -1,6 +1,6 @@
 /**
- * The drive's parameters: its present values, a set of others - typed here, or from a file -, the plan of what that would
- * change, and the flash.
+ * The drive's parameters: its present values, a set of others - typed here, from a file, or of a commissioning -, the plan
+ * of what that would change, and the flash.
  *
  * @typedef {import("../api.js").DriveState} DriveState
  * @typedef {import("../api.js").ParameterEntry} ParameterEntry
@@ -14,6 +14,7 @@ import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
 import { number, write } from "../fields.js";
 import { clock, counted, exact } from "../format.js";
+import { commissioningView } from "./commissioning_view.js";
 import { flashView } from "./flash_view.js";
 import { DIGITS, planElements, planWords, tableOf } from "./plan_view.js";
 import { unitShown } from "./quantity.js";
@@ -40,9 +41,10 @@ export function parametersView() {
   const flashWhy = make("span", { class: "hint", id: "flash-why" });
   const message = make("p", { id: "parameters-message", class: "form-message", role: "alert" });
   const flashes = flashView(() => { forget(); read(); });
+  const commissioning = commissioningView(propose, () => read());
   const root = make("section", { class: "card padded parameters", "aria-labelledby": "parameters-title" },
     make("div", { class: "section-head" }, make("h2", { id: "parameters-title" }, "Parameters"), looked),
-    flashes.cut,
+    flashes.cut, commissioning.root,
     make("div", { class: "set" },
       make("p", { class: "entry" }, make("label", { for: "parameters-file" }, "A set from a file"), file), given,
       make("div", { class: "actions" }, plan_, discard, planWhy),
@@ -152,8 +154,20 @@ export function parametersView() {
   async function take_file() {
     const one = file.files?.[0];
     if (one === undefined) return forget();
+    choose({ name: one.name, text: await one.text() });
+  }
+
+  /** What a commissioning proposes. @param {string} name @param {string} text */
+  function propose(name, text) {
+    file.value = "";
+    choose({ name, text });
+    given.scrollIntoView({ block: "center" });
+  }
+
+  /** @param {{name: string, text: string}} set */
+  function choose(set) {
     typed.clear();
-    chosen = { name: one.name, text: await one.text() };
+    chosen = set;
     dropPlan();
     say("");
     edit("");
@@ -259,6 +273,7 @@ export function parametersView() {
     show(now, connected) {
       hindered = whyNot(now, connected);
       flashes.hinder(hindered);
+      commissioning.show(now, hindered);
       enable();
     },
     /** @param {string} name */
@@ -270,10 +285,12 @@ export function parametersView() {
       forget();
       say("");
       flashes.enter(name);
+      commissioning.enter(name);
       read();
     },
     leave() {
       flashes.leave();
+      commissioning.leave();
     },
   };
 }
@@ -284,7 +301,7 @@ function whyNot({ link, control, writer, cut_flash }, connected) {
   if (control.in_flash) return "A flash is under way.";
   if (link.state !== "streaming" || control.state === null) return "There is no link to the drive.";
   if (cut_flash !== null) return "A flash was cut: finish it, or roll it back, first.";
-  if (control.in_experiment) return `${control.whom} is under way: stop it first.`;
+  if (control.in_experiment) return `The ${control.whom?.split(" ")[0]} is under way: stop it first.`;
   if (control.state === ON) return "The drive is on: stop it first.";
   if (control.holder !== null) return `${control.holder} controls the drive: stop it first.`;
   return writer === null ? "" : `${writer.holder} is at the drive.`;

@@ -1,5 +1,6 @@
 """Commissionings by the running service's REST interface: asked for, refused, stopped, and kept over its end."""
 
+import json
 import math
 import signal
 import subprocess
@@ -174,6 +175,8 @@ def test_one_at_a_time_has_the_lease_and_ends_where_it_is_deleted(client: httpx.
         "follows": None,
     }  # fmt: skip
     begun(client)
+    now = latest(client)
+    assert now["phase"] == now["steps"][-1]["said"]
     control = client.get("/api/drives/x").json()["control"]
     assert control["whom"] == f"commissioning {told['id']} (asked for from 127.0.0.1)"
     assert (control["ours"], control["in_experiment"]) == (True, True)
@@ -250,6 +253,38 @@ def test_what_became_of_it_is_known_to_the_next_service_also_where_one_is_killed
             moving(client)  # and the service ends meanwhile
         assert bench.is_off()
         assert bench.watched() == before
+
+
+def test_an_identification_has_a_report_with_its_first_start_and_its_verification(tmp_path: Path) -> None:
+    loop = {"name": "speed", "overshoot": 0.18, "settling": None, "tracking": 0.009, "promised_overshoot": 0.17,
+            "promised_settling": 0.046, "promised_tracking": 0.0088, "sentence": ""}  # fmt: skip
+    first, found, checked = (f"x-{kind}-20260131-120000-000" for kind in ("first-start", "identify", "verify"))
+    results: dict[str, tuple[Told, Told]] = {
+        first: ({"kind": "first_start"}, {"said": "4 pole pairs", "set": ""}),
+        found: ({"kind": "identify", "follows": first}, {
+            "machine": None, "shaft": None, "loops": [loop], "responses": {}, "set": "", "remarks": ["none of B"],
+            "diagnosis": {"verdict": "explained", "sentence": "All is told."},
+        }),
+        checked: ({"kind": "verify"}, {"of": found, "loops": [loop], "responses": {}}),
+    }  # fmt: skip
+    with benched(tmp_path) as bench:
+        (tmp_path / "c" / "commissionings").mkdir(parents=True)
+        for k, (id_, (request, result)) in enumerate(results.items()):
+            (tmp_path / "c" / "commissionings" / f"{id_}.json").write_text(json.dumps({
+                "id": id_, "drive": "x", "asked": f"2026-01-31T12:00:0{k}+00:00", "request": request, "state": "done",
+                "phase": "", "reason": "", "result": result,
+            }), encoding="utf-8")  # fmt: skip
+        with serving(bench) as (client, _):
+            pages = [client.get(f"{PLACE}/{id_}/report.html") for id_ in (found, checked)]
+            assert pages[0].headers["content-type"].startswith("text/html")
+            assert pages[0].text == pages[1].text
+            for said in ("All is told.", "4 pole pairs.", "none of B", "again at 2026-01-31 12:00 UTC", ">after<"):
+                assert said in pages[0].text
+            assert "expected the id of an identification that is done" in refused(
+                client.get(f"{PLACE}/{first}/report.html"), 409
+            )
+            refused(client.get(f"{PLACE}/nothing/report.html"), 404)
+            assert client.get(f"{PLACE}/{found}").json()["steps"] == []  # as one of before has none
 
 
 @pytest.mark.thorough

@@ -52,6 +52,7 @@ ROUTES = {
     ("post", "/api/drives/{name}/parameters/resume"), ("get", "/api/drives/{name}/flashes/{id}"),
     *((method, "/api/drives/{name}/commissionings") for method in ("get", "post")),
     *((method, "/api/drives/{name}/commissionings/{id}") for method in ("get", "delete")),
+    ("get", "/api/drives/{name}/commissionings/{id}/report.html"),
     *(("post", f"/api/drives/{{name}}/{what}") for what in ("start", "stop", "reset")),
     *(("get", f"/api/drives/{{name}}/{what}") for what in ("history", "events", "parameters")),
     ("get", "/api/drives/{name}/recordings"),
@@ -258,8 +259,11 @@ def answered(client: httpx.Client, method: str, path: str, body: str | None) -> 
             assert next(events.iter_lines()) == f"event: {'progress' if 'diagnoses' in path else 'snapshot'}"
         return
     answer = client.request(method, path, content=body)
-    ended = method == "delete" and "/commissionings/" not in path  # which takes its time, and can be cancelled
-    if ended or path.endswith(("/trigger", "/reset", "/resume")):  # of what is done, of no fault, not cut
+    of_commissioning = "/commissionings/" in path  # which takes its time: it can be cancelled, and has no report
+    ended = method == "delete" and not of_commissioning
+    if of_commissioning and path.endswith("/report.html"):
+        assert "expected the id of an identification that is done" in answer.json()["detail"]
+    elif ended or path.endswith(("/trigger", "/reset", "/resume")):  # of what is done, of no fault, not cut
         said = " is done, there is nothing to | is in no fault: |^expected the id of|^no flash of this drive was cut"
         assert re.search(said, answer.json()["detail"])
     else:
