@@ -35,7 +35,7 @@ def report(
     told, responses = identified["diagnosis"], dict[Role, Mapping[str, Any]]({"before": identified["responses"]})
     if verified is not None:
         responses["after"] = verified["responses"]
-    responses["promised"] = (verified or identified)["promises"]
+    responses["promised"] = (verified or identified).get("promises", {})  # older ones have none
     return _template().render(
         title=f"Commissioning of {drive}", when=when, verdict=words(str(told["verdict"])), sentence=told["sentence"],
         settled=told["verdict"] in SETTLED, first=first, machine=identified["machine"], shaft=identified["shaft"],
@@ -74,7 +74,7 @@ class _Set:
 def _sets(identified: Mapping[str, Any], first: Mapping[str, Any] | None) -> list[_Set]:
     """What a first start proposed, and what the identification did."""
     told = ([] if first is None else [first]) + [identified]
-    return [_set(of_toml(one["set"], "the set"), one["present"]) for one in told]
+    return [_set(of_toml(one["set"], "the set"), one.get("present", {})) for one in told]
 
 
 def _set(given: ParameterSet, present: Mapping[str, float]) -> _Set:
