@@ -71,8 +71,8 @@
  * @typedef {{sentence: string, holds: Hold[], step: number}} Experiment
  * @typedef {{id: string, state: "running" | "done" | "failed" | "cancelled", phase: string, progress: number, reason: string,
  *   remarks: string[], file: string | null}} ExperimentRun
- * @typedef {{id: string, state: "running" | "done" | "failed" | "cancelled", phase: string, steps: {at: string, said: string}[],
- *   reason: string, asked: string, request: {kind: "first_start" | "identify" | "verify"},
+ * @typedef {{id: string, drive: string, state: "running" | "done" | "failed" | "cancelled", phase: string,
+ *   steps: {at: string, said: string}[], reason: string, asked: string, request: {kind: "first_start" | "identify" | "verify"},
  *   result: {said?: string, diagnosis?: {verdict: string, sentence: string}, set?: string, remarks?: string[]}}} Commissioning
  * @typedef {{effects: string[], rivals: boolean, machine_holds: boolean, reason: string, experiment: Experiment}} Doubt
  * @typedef {{verdict: string, sentence: string,
@@ -434,6 +434,9 @@ export function streamAddress(drive) {
 /** The service did not answer, so whether it did what was asked is not known. */
 export class NoAnswerError extends Error {}
 
+/** The service answered, and told of nothing of that name. */
+export class NotThereError extends Error {}
+
 /**
  * @param {string} method
  * @param {string} address
@@ -444,7 +447,8 @@ async function call(method, address, body, patience_ms = PATIENCE_MS) {
   const response = await send(method, address, body, patience_ms);
   const content = await response.json().catch(() => null);
   if (response.ok && content !== null) return content;
-  throw new Error(problemSentence(response, content));
+  const sentence = problemSentence(response, content);
+  throw response.status === 404 ? new NotThereError(sentence) : new Error(sentence);
 }
 
 /**

@@ -9,7 +9,6 @@
  */
 
 import { askFlash, parameterFile, planSet, readParameterSet } from "../api.js";
-import { onHeardAgain } from "../connection.js";
 import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
 import { number, write } from "../fields.js";
@@ -41,7 +40,7 @@ export function parametersView() {
   const flashWhy = make("span", { class: "hint", id: "flash-why" });
   const message = make("p", { id: "parameters-message", class: "form-message", role: "alert" });
   const flashes = flashView(() => { forget(); read(); });
-  const commissioning = commissioningView(propose, () => read());
+  const commissioning = commissioningView(propose, () => { dropPlan(); showSet(); read(); });
   const root = make("section", { class: "card padded parameters", "aria-labelledby": "parameters-title" },
     make("div", { class: "section-head" }, make("h2", { id: "parameters-title" }, "Parameters"), looked),
     flashes.cut, commissioning.root,
@@ -68,7 +67,14 @@ export function parametersView() {
   let made = null;
   /** Why nothing can be flashed now; empty: it can. */
   let hindered = "";
+  /** Why nothing can be planned now; empty: it can. */
+  let held = "";
   let asking = false;
+  /** Counts plans, and those that were dropped: the latest alone is shown. */
+  let turn = 0;
+  /** Whether the values could not be read, and whether there was a link to read them by. */
+  let unread = false;
+  let linked = false;
 
   async function read() {
     const asked = drive;
@@ -77,10 +83,13 @@ export function parametersView() {
       const set = await readParameterSet(asked);
       if (asked !== drive) return;
       present = set.entries;
+      unread = false;
       write(looked, `${counted(Object.keys(present).length, "value", "values")}, read ${clock(new Date())}.`);
       show();
     } catch (error) {
-      if (asked === drive) write(looked, /** @type {Error} */ (error).message);
+      if (asked !== drive) return;
+      unread = true;
+      write(looked, /** @type {Error} */ (error).message);
     }
   }
 
@@ -171,10 +180,11 @@ export function parametersView() {
     dropPlan();
     say("");
     edit("");
-    plan();
+    if (held === "") plan();
   }
 
   function dropPlan() {
+    turn += 1;
     made = null;
     reason.value = "";
     reasonField.hidden = true;
@@ -199,19 +209,19 @@ export function parametersView() {
     const some = chosen !== null || typed.size > 0;
     write(given, chosen !== null ? `${chosen.name} is to be planned, then flashed.`
       : typed.size > 0 ? `By hand: ${[...typed.keys()].join(", ")}.` : "No other values yet: set some below, or choose a file.");
-    plan_.disabled = !some || asking;
+    plan_.disabled = !some || asking || held !== "";
     discard.hidden = !some;
-    write(planWhy, some ? "" : "There is nothing to plan yet.");
+    write(planWhy, some ? held : "There is nothing to plan yet.");
     enable();
   }
 
   async function plan() {
-    const asked = drive;
     dropPlan();
+    const mine = turn;
     flashes.quiet();
     await tried(async () => {
-      const told = await planSet(asked, set());
-      if (asked !== drive) return;
+      const told = await planSet(drive, set());
+      if (mine !== turn) return;
       made = told;
       planned.replaceChildren(...planElements(told));
       reasonField.hidden = told.doubts.length === 0;
@@ -260,7 +270,6 @@ export function parametersView() {
   filter.addEventListener("input", show);
   reason.addEventListener("input", enable);
   file.addEventListener("change", take_file);
-  onHeardAgain(() => { if (drive !== "" && Object.keys(present).length === 0) read(); });
 
   return {
     root,
@@ -271,16 +280,21 @@ export function parametersView() {
     },
     /** @param {DriveState} now @param {boolean} connected */
     show(now, connected) {
+      const before = linked;
+      linked = connected && now.link.state === "streaming";
+      if (linked && !before && unread) read();
       hindered = whyNot(now, connected);
+      held = whyHeld(now);
       flashes.hinder(hindered);
       commissioning.show(now, hindered);
-      enable();
+      showSet();
     },
     /** @param {string} name */
     enter(name) {
       drive = name;
       present = {};
-      hindered = "";
+      hindered = held = "";
+      unread = linked = false;
       download.setAttribute("href", parameterFile(name, "toml"));
       forget();
       say("");
@@ -293,6 +307,11 @@ export function parametersView() {
       commissioning.leave();
     },
   };
+}
+
+/** Why nothing can be planned for a drive now, a sentence; empty where it can. @param {DriveState} now */
+function whyHeld({ control }) {
+  return control.in_experiment ? `The ${control.whom?.split(" ")[0]} is under way: the drive has the settings of a trial.` : "";
 }
 
 /** Why a drive cannot be flashed now, a sentence; empty where it can. @param {DriveState} now @param {boolean} connected */
