@@ -8,6 +8,7 @@ from urllib.parse import quote
 from fastapi import FastAPI, Path, Response
 from fastapi import Request as HttpRequest
 from fastapi.responses import HTMLResponse
+from jinja2 import TemplateError
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.api.exchange.answers import DRIVE, PROBLEM, Answers, DriveName, body_of, json_object, of_known
@@ -16,6 +17,7 @@ from bench.api.models.flashes import StepModel
 from bench.commissioning.commissionings import Request, Status, as_json
 from bench.commissioning.report import report
 from bench.diagnoses.report.page import POLICY
+from bench.errors import ConfigError, ConflictError
 from bench.expected import CLOSED
 from bench.service.service import Service
 
@@ -106,8 +108,14 @@ def install(app: FastAPI, service: Service) -> None:
         """
         found, checked, first = jobs.whole(name, id_)
         when = f"Asked for at {found.asked:%Y-%m-%d %H:%M} UTC"
-        when += "." if checked is None else f"; the loops were tried again at {checked.asked:%Y-%m-%d %H:%M} UTC."
-        page = report(name, when, found.result, checked and checked.result, first and first.result)
+        if checked is not None:
+            lacks = checked.result.get("lacks", [])
+            with_it = f"without {len(lacks)} of the set's values in the drive" if lacks else "with the set in the drive"
+            when += f"; the loops were tried again at {checked.asked:%Y-%m-%d %H:%M} UTC, {with_it}"
+        try:
+            page = report(name, f"{when}.", found.result, checked and checked.result, first and first.result)
+        except (LookupError, TypeError, ValueError, TemplateError, ConfigError) as error:
+            raise ConflictError(f"what is kept of {found.id} cannot be read as a commissioning: {error}") from None
         return HTMLResponse(page, headers={"Content-Security-Policy": POLICY})
 
     @app.delete("/api/drives/{name}/commissionings/{id}", summary="Cancel a commissioning", responses=_NOT_NOW | _ONE,

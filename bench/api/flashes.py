@@ -90,6 +90,12 @@ def install(app: FastAPI, service: Service) -> None:
     _install_flashes(app, service)
 
 
+def _check_own(service: Service, name: str) -> None:
+    """Raise ConflictError while something has changed settings of the drive that are not to stay."""
+    if (doing := service.experiment_on(name)) is not None:
+        raise ConflictError(f"{doing} has changed settings of the drive for as long: expected it to have ended")
+
+
 def _install_sets(app: FastAPI, service: Service) -> None:
     flashes, known = service.flashes, of_known(service)
 
@@ -110,8 +116,7 @@ def _install_sets(app: FastAPI, service: Service) -> None:
         accept: Annotated[str, Header(description="application/json, or application/toml")] = "",
     ) -> Response:  # fmt: skip
         """All that can be flashed, as the drive has it now; set points, stream and recorder are no part of it."""
-        if (doing := service.experiment_on(name)) is not None:
-            raise ConflictError(f"{doing} has changed settings of the drive for as long: expected it to have ended")
+        _check_own(service, name)
         if not title.isprintable():
             raise LimitError("name: expected characters that can be printed")
         given = flashes.present(name, title)
@@ -132,6 +137,7 @@ def _install_sets(app: FastAPI, service: Service) -> None:
 
         Nothing is written. The set comes as JSON, or as TOML by Content-Type: application/toml.
         """
+        _check_own(service, name)
         return plan_model(flashes.planned(name, _set_of(body)))
 
 
@@ -175,6 +181,7 @@ def _install_flashes(app: FastAPI, service: Service) -> None:
              responses=_BACK, dependencies=known)
     def plan_rollback(name: DriveName, before: BeforeFlash = None) -> PlanModel:
         """To the values before the latest flash, or any earlier one."""
+        _check_own(service, name)
         return plan_model(flashes.planned_back(name, before))
 
     @app.post("/api/drives/{name}/parameters/rollback", summary="Go back to before a flash", status_code=202,

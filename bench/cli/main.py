@@ -15,7 +15,7 @@ from typer import Argument, Option
 from bench.cli.exit_codes import EPILOG, FAULT, INTERRUPTED, REFUSED, details_kept
 from bench.cli.params import params
 from bench.cli.recordings import recordings
-from bench.errors import BenchError, ConfigError, InternalError
+from bench.errors import BenchError, ConfigError, InternalError, LimitError
 from drivers.errors import DriveError
 
 app = typer.Typer(
@@ -490,11 +490,14 @@ def main() -> None:
         status = app(standalone_mode=False)
         print(end="", flush=True)  # what cannot be written is told here, and not by the interpreter at its end
     except InternalError as error:
-        print(f"pmsm-bench: {error}", file=sys.stderr)
+        print(f"pmsm-bench: {_shown(error)}", file=sys.stderr)
         sys.exit(FAULT)
-    except (BenchError, DriveError) as error:
-        for line in str(error).splitlines():  # all that is wrong with a set has a line each
+    except (ConfigError, LimitError) as error:
+        for line in str(error).split("\n"):  # all that is wrong with a set has a line each
             print(f"pmsm-bench: {_shown(line)}", file=sys.stderr)
+        sys.exit(REFUSED)
+    except (BenchError, DriveError) as error:
+        print(f"pmsm-bench: {_shown(error)}", file=sys.stderr)
         sys.exit(REFUSED)
     except SystemExit:  # the command-line library's own, where nobody reads what is written
         sys.exit(REFUSED)

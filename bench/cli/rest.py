@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 import httpx
 
-from bench.errors import BenchError, InternalError, UnavailableError, shown
+from bench.errors import BenchError, InternalError, LimitError, UnavailableError, shown
 from bench.files import token_file, write_new
 from bench.service import token
 
@@ -59,7 +59,9 @@ class Rest:
         if isinstance(content, dict) and "detail" in content:
             failed = response.status_code == int(httpx.codes.INTERNAL_SERVER_ERROR)
             told = cast(dict[str, Any], content)
-            raise (InternalError if failed else BenchError)("\n".join(told.get("problems") or [str(told["detail"])]))
+            if told.get("problems") and not failed:
+                raise LimitError("\n".join(told["problems"]))
+            raise (InternalError if failed else BenchError)(str(told["detail"]))
         raise BenchError(f"expected a bench service at {self._service}, got another answer ({response.status_code})")
 
     def download(self, *path: str) -> bytes:

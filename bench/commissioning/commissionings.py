@@ -35,8 +35,10 @@ from bench.errors import BenchError, ConflictError, LimitError, RecordingError, 
 from bench.expected import CLOSED, Else, Number, Table, Word, taken
 from bench.files import write_new
 from bench.machine_file import Nominal
+from bench.parameters.flash import parameters
 from bench.parameters.made import DOUBTFUL
-from bench.parameters.parameter_set import OK, Entry, ParameterSet, as_toml
+from bench.parameters.parameter_set import OK, Entry, ParameterSet, as_toml, of_toml
+from bench.parameters.plan import different
 from bench.parameters.tuning import check_bandwidth
 from bench.recordings.capture_file import Heading, write_recording
 from drivers.capture import Upload
@@ -138,6 +140,8 @@ class Commissionings(MovingJobs[Status]):
             before = next((one for one in self.all(drive) if one.id == request.follows), None)
             if before is None:
                 raise UnknownError(f"drive {drive} has no commissioning {request.follows!r} that this could go on with")
+            if before.stops < 0:
+                raise ConflictError(f"{request.follows} is of a service that has ended since: ask anew where that is meant")
             if before.stops != stops:
                 raise ConflictError(f"drive {drive} was stopped since {request.follows}: ask anew where that is meant")
         found = self._identified(drive, request.of) if request.kind == Kind.VERIFY else None
@@ -171,7 +175,8 @@ class Commissionings(MovingJobs[Status]):
     def _identified(self, drive: str, id_: str) -> Status:
         """An identification that is done. Raises UnknownError, ConflictError."""
         every = [one for one in self.all(drive) if one.request.kind == Kind.IDENTIFY]
-        one = next((one for one in every if id_ in ("latest", one.id)), None)
+        told = [one for one in every if one.result.get("machine") is not None]
+        one = next((one for one in (told or every if id_ == "latest" else every) if id_ in ("latest", one.id)), None)
         if one is None:
             raise UnknownError(f"drive {drive} has no identification {id_!r} that its loops could be held against")
         if one.result.get("machine") is None:
@@ -293,10 +298,12 @@ def _read(folder: Path) -> Iterable[Status]:
     for path in sorted(folder.glob("*.json"), key=lambda path: path.stat().st_mtime)[-_KEPT:]:
         with contextlib.suppress(OSError, ValueError, LookupError, TypeError, BenchError):
             told = json.loads(path.read_bytes())
+            if not (isinstance(told["result"], dict) and isinstance(told["reason"], str)):
+                continue
             yield Status(
-                told["id"], told["drive"], datetime.fromisoformat(told["asked"]),
+                told["id"], told["drive"], datetime.fromisoformat(told["asked"]).astimezone(UTC),
                 taken(_REQUEST, told["request"], "", RecordingError), State(told["state"]), "",
-                tuple(Step(datetime.fromisoformat(one["at"]), one["said"]) for one in told.get("steps", ())),
+                tuple(Step(datetime.fromisoformat(one["at"]), str(one["said"])) for one in told.get("steps", ())),
                 told["reason"], told["result"], path,
             )  # fmt: skip
 
@@ -347,12 +354,14 @@ def _first_set(found: FirstStart, drive: Drive, nominal: Nominal, limits: Limits
 
 def _verified(around: Around, of: Status) -> dict[str, Any]:
     """The loops as they are now, beside those before and what is promised."""
-    told, now = of.result, try_loops(around)
+    told, present = of.result, parameters(around.link())
+    lacks = different(of_toml(told["set"], "the set").values, present)
+    now = try_loops(around)
     machine = Machine(**{name: told["machine"][name]["value"] for name in PARAMETERS}, n_p=told["machine"]["n_p"])
     J, B = (told["shaft"]["estimates"][name]["value"] if told["shaft"] else None for name in ("J", "B"))
     K, damping = acceleration_of(machine, J, B) or (now.K, 0.0)
     loops = judged(now, machine, K, damping)
     return {
-        "of": of.id, "loops": [one.as_json() for one in loops], "before": told["loops"],
+        "of": of.id, "lacks": lacks, "loops": [one.as_json() for one in loops], "before": told["loops"],
         "responses": responses(now.loops), "responses_before": told["responses"], "promises": promises(loops),
     }

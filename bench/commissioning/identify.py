@@ -23,7 +23,7 @@ from bench.commissioning.proposal import (
     turn_of,
     without_losses,
 )
-from bench.commissioning.trial import INVERTER, SETTINGS, Tell, Trials
+from bench.commissioning.trial import INVERTER, SETTINGS, StalledError, Tell, Trials
 from bench.errors import LimitError
 from bench.parameters.flash import parameters
 from bench.parameters.from_diagnosis import SETTLED
@@ -102,8 +102,9 @@ def identify(
     try:
         seen = _excited(around, drive, image)
     except FaultError as error:
-        also = "wrong pole pairs or a wrong angle do that as well: a first start tells"
-        raise FaultError(f"{error}; {also}", error.code) from None
+        raise FaultError(f"{error}; {_ALSO}", error.code) from None
+    except StalledError as error:
+        raise StalledError(f"{error}; {_ALSO}") from None
     content, files = _diagnosed(around, seen)
     turn = seen.turn if content is seen.diagnosis else None
     made = from_diagnosis(content, image, drive.identity, name, version, turn, seen.temperatures)
@@ -114,6 +115,9 @@ def identify(
         shaft = without_losses(shaft, [one["effect"] for one in content["findings"]])
     made = tuned(made, shaft, image, drive.identity.T_s, bandwidth)
     return Identified(seen.before, files, content, found[0] if found else None, shaft, made, present)
+
+
+_ALSO: Final = "wrong pole pairs or a wrong angle do that as well: a first start tells"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

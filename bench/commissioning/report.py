@@ -36,16 +36,19 @@ def report(
     if verified is not None:
         responses["after"] = verified["responses"]
     responses["promised"] = (verified or identified).get("promises", {})  # older ones have none
+    again = "tried again" if verified is not None and verified.get("lacks") else "after"
+    called = {"after": again, "promised": f"promised, {'before' if verified is None else again}"}
     return _template().render(
         title=f"Commissioning of {drive}", when=when, verdict=words(str(told["verdict"])), sentence=told["sentence"],
         settled=told["verdict"] in SETTLED, first=first, machine=identified["machine"], shaft=identified["shaft"],
         parameters=PARAMETERS, before=identified["loops"], after=[] if verified is None else verified["loops"],
         names=NAMES, remarks=identified["remarks"], sets=_sets(identified, first), policy=POLICY,
-        style=Markup(style()), figures=[one for name in NAMES if (one := _figure(name, responses)) is not None],
+        style=Markup(style()), again=again,
+        figures=[one for name in NAMES if (one := _figure(name, responses, called)) is not None],
     )  # fmt: skip
 
 
-def _figure(name: str, responses: Mapping[Role, Mapping[str, Any]]) -> Figure | None:
+def _figure(name: str, responses: Mapping[Role, Mapping[str, Any]], called: Mapping[str, str]) -> Figure | None:
     """A loop's mean steps."""
     there = dict[Role, Any]({role: told[name] for role, told in responses.items() if name in told})
     if not there:
@@ -56,7 +59,8 @@ def _figure(name: str, responses: Mapping[Role, Mapping[str, Any]]) -> Figure | 
     traces = list[Trace]()
     for role, one in there.items():
         points = [(t / by, y) for t, y in zip(one["t"], one["y"], strict=True) if t / by >= x.low]
-        traces.append(Trace(role, role, "line", tuple(t for t, _ in points), tuple(y for _, y in points)))
+        name_of = called.get(role, role)
+        traces.append(Trace(name_of, role, "line", tuple(t for t, _ in points), tuple(y for _, y in points)))
     y = Axis("share of the step", "", -0.1, max(_HIGHEST, *(max(one["y"]) for one in there.values())))
     caption = f"The mean step of the {NAMES[name]}."
     return Figure("loops", f"step-{name}", "The loops", caption, (Panel(NAMES[name], x, y, tuple(traces)),))
@@ -74,7 +78,7 @@ class _Set:
 def _sets(identified: Mapping[str, Any], first: Mapping[str, Any] | None) -> list[_Set]:
     """What a first start proposed, and what the identification did."""
     told = ([] if first is None else [first]) + [identified]
-    return [_set(of_toml(one["set"], "the set"), one.get("present", {})) for one in told]
+    return [_set(of_toml(one["set"], "the set"), one.get("present", {})) for one in told if one["set"]]
 
 
 def _set(given: ParameterSet, present: Mapping[str, float]) -> _Set:

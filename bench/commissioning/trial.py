@@ -46,7 +46,14 @@ _SAMPLES: Final = 16_000  # of a speed's trial
 _SETTLE: Final = 0.5  # s, while the speed control is not known
 _MEAN: Final = 12  # readings of the speed: a coarse encoder tells it in steps
 _POLL: Final = 0.02  # s
+_PATIENCE: Final = 20.0  # s for a speed
+_STALLED: Final = 4.0  # s for a shaft that does not move under current
+_MOVES: Final = 0.2  # of how near a speed has to come, from which on it does
 _STANDSTILL: Final = 10.0  # s without another sample
+
+
+class StalledError(NoReplyError):
+    """The shaft does not do as it is told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,15 +172,19 @@ class Trials:
         return capture.decoded(got, self._T_s, self._drive.identity.full)
 
     def _await_speed(self, wanted: float) -> None:
-        near, deadline = 0.05 * abs(wanted) + 0.005 * self._drive.identity.omega_full, time.monotonic() + 20.0
+        self._tell(f"bringing the shaft to {wanted:.4g} rad/s, electrical")
+        near, begun = 0.05 * abs(wanted) + 0.005 * self._drive.identity.omega_full, time.monotonic()
         there = math.inf  # s, monotonic: since when it has been near
         latest = deque[float](maxlen=_MEAN)
         while time.monotonic() < there + self.settle:
             latest.append(self._drive.read("omega_e"))
             now = sum(latest) / len(latest)
             there = min(there, time.monotonic()) if abs(now - wanted) <= near else math.inf
-            if time.monotonic() > deadline:
-                raise NoReplyError(f"the drive did not come to {wanted:.4g} rad/s within 20 s, it has {now:.4g} rad/s")
+            patience = _STALLED if abs(now) < _MOVES * near else _PATIENCE
+            if time.monotonic() > begun + patience and there == math.inf:
+                raise StalledError(
+                    f"the drive did not come to {wanted:.4g} rad/s within {patience:g} s, it has {now:.4g} rad/s"
+                )
             self._guard.check()
             self._guard.pause(_POLL)
 

@@ -96,7 +96,7 @@ def set_of(values: Mapping[str, float], name: str, source: str, **whose: Any) ->
 
 def read(path: Path) -> ParameterSet:
     """The set in a file. Raises ConfigError, with all that is wrong, and OSError."""
-    return parse(read_bytes(path).decode("utf-8", "replace"), str(path))
+    return parse(read_bytes(path).decode("utf-8", "replace"), " ".join(str(path).splitlines()))
 
 
 def parse(text: str, where: str) -> ParameterSet:

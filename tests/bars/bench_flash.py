@@ -18,9 +18,10 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from signal import SIGKILL
 from subprocess import PIPE, TimeoutExpired
 from typing import Any
 
@@ -39,7 +40,11 @@ from tests.support.served_drive import emulator, ready
 FAULTS = ("lose=0.02", "corrupt=0.02", "late=0.01", "closed@{t}+0.4", "unplugged@{t}+0.5", "reset@{t}", "power", "kill")
 SECONDS = {"canopen": (3.0, 6.0), "modbus+tcp": (2.0, 3.0), "modbus+rtu": (2.0, 3.0), "uart": (1.0, 2.0)}
 """Bars: s that a flash of 60 scalars takes, and of them with four tables."""
-ENDS = {0: "flashed", 1: "rolled back", 2: "cut", 3: "refused"}
+ENDS = {10: "flashed", 11: "rolled back", 12: "cut", 13: "refused"}
+"""By exit codes that no interpreter gives by itself."""
+EXPECTED = {"": ("flashed",), "kill": ("flashed", "killed"), "power": (*ENDS.values(), "killed")}
+"""Of faults after which a flash may not end as any."""
+HIT = 0.5  # share of the faults with an instant, at least, that have to befall a flash under way
 _FLASH = 90.0  # s, most for one
 _LATER = 1.3  # times as long as a flash takes alone, within which faults are: beside others it takes longer
 _GO = 3.0  # s from the drive's start to the flash, whose process is ready by then
@@ -55,6 +60,7 @@ class Seen:
     memory: str = ""  # "old", "new" or what is neither
     resumed: str = ""
     took: float = 0.0  # s
+    hit: bool | None = None  # its fault befell it while it was under way; None: it has no instant
     wrong: list[str] = field(default_factory=list[str])
 
 
@@ -80,50 +86,27 @@ def new_set(
 
 
 def flashed(
-    link: str, url: str, folder: Path, fault: str, chance: random.Random, takes: float, first: dict[str, float]
-) -> Seen:
-    """One flash under one fault, and what the drive's memory then holds; `takes`: s, without faults.
-
-    `first`: the drive's values as delivered, SI.
+    link: str, url: str, folder: Path, fault: str, chance: random.Random, takes: Sequence[float],
+    first: dict[str, float], *, tables: bool,
+) -> Seen:  # fmt: skip
+    """One flash under one fault, and what the drive's memory then holds; `takes`: s, without faults, without and with
+    tables. `first`: the drive's values as delivered, SI.
     """
-    seen, memory, journals, path = Seen(link, fault), folder / "memory", folder / "journals", folder / "set.toml"
+    seen, memory, journals = Seen(link, fault), folder / "memory", folder / "journals"
     with drive_at(url, memory), connect(url) as drive:
         before = parameters(drive)
-    wanted = new_set(before, first, chance, tables=chance.random() < 0.5)
-    path.write_text(as_toml(wanted), encoding="utf-8")
-    instant = chance.uniform(0.0, _LATER * takes)  # of the fault, from the flash's beginning
-    words = ["--fault", fault.format(t=f"{_GO + instant:.3f}")] if fault not in ("", "power", "kill") else []
-    with drive_at(url, memory, *words) as process:
-        go_at = time.monotonic() + _GO * ("@" in fault)
-        arguments = "--flash", url, str(journals), str(path)
-        with Forked("tests.bars.bench_flash", *arguments, stdin=PIPE, stdout=PIPE) as worker:
-            assert worker.stdin is not None
-            assert worker.stdout is not None
-            worker.stdout.readline()  # it is ready
-            time.sleep(max(0.0, go_at - time.monotonic()))
-            begun = time.monotonic()
-            with contextlib.suppress(BrokenPipeError):  # it could not reach the drive
-                worker.stdin.write("go\n")
-                worker.stdin.flush()
-            if not fault:
-                for _ in worker.stdout:  # what it says last is the verdict
-                    seen.took = time.monotonic() - begun
-            if fault in ("power", "kill"):
-                time.sleep(instant)
-                process.kill() if fault == "power" else worker.kill()
-                if fault == "power" and chance.random() < 0.5:  # nobody is there again
-                    worker.kill()
-            try:
-                seen.ended = ENDS.get(worker.wait(_FLASH), "killed")
-            except TimeoutExpired:
-                worker.kill()
-                seen.ended = "too long"
+    wanted = new_set(before, first, chance, tables=tables)
+    (folder / "set.toml").write_text(as_toml(wanted), encoding="utf-8")
+    instant = chance.uniform(0.0, _LATER * takes[tables]) if fault else 0.0  # from the flash's beginning
+    _under_fault(seen, url, folder, instant, nobody=chance.random() < 0.5)
     new = before | wanted.values
     with drive_at(url, memory), connect(url) as drive:
         now = parameters(drive)
         seen.memory = "new" if not different(new, now) else "old" if not different(before, now) else "a mixture"
         if seen.memory == "a mixture":
             seen.wrong.append(f"neither: {different(new, now)[:3]}, {different(before, now)[:3]}")
+        if seen.ended not in EXPECTED.get(fault, tuple(ENDS.values())):
+            seen.wrong.append(f"it ended as {seen.ended}")
         if (seen.ended, seen.memory) in (("flashed", "old"), ("rolled back", "new"), ("refused", "new")):
             seen.wrong.append(f"{seen.ended}, and its memory is {seen.memory}")
         if cut(drive.identity, journals) is not None:
@@ -134,7 +117,44 @@ def flashed(
                 seen.wrong.append(f"resumed: {done.said}")
             if different(new if finish else before, parameters(drive)):
                 seen.wrong.append("resumed, and it is not so")
+        elif seen.ended == "cut":
+            seen.wrong.append("cut, and there is no journal")
     return seen
+
+
+def _under_fault(seen: Seen, url: str, folder: Path, instant: float, *, nobody: bool) -> None:
+    """A flash by a process of its own; `instant`: of the fault, s after its beginning. `nobody`: who flashes ends with
+    the drive's power.
+    """
+    fault = seen.fault
+    words = ["--fault", fault.format(t=f"{_GO + instant:.3f}")] if fault not in ("", "power", "kill") else []
+    with drive_at(url, folder / "memory", *words) as process:
+        go_at = time.monotonic() + _GO * ("@" in fault)
+        arguments = "--flash", url, str(folder / "journals"), str(folder / "set.toml")
+        with Forked("tests.bars.bench_flash", *arguments, stdin=PIPE, stdout=PIPE) as worker:
+            assert worker.stdin is not None
+            assert worker.stdout is not None
+            worker.stdout.readline()  # it is ready
+            time.sleep(max(0.0, go_at - time.monotonic()))
+            with contextlib.suppress(BrokenPipeError):  # it could not reach the drive
+                worker.stdin.write("go\n")
+                worker.stdin.flush()
+            told = [float(worker.stdout.readline() or "nan")]  # when it begins
+            if fault in ("power", "kill"):
+                time.sleep(instant)
+                process.kill() if fault == "power" else worker.kill()
+                if fault == "power" and nobody:
+                    worker.kill()
+            try:
+                seen.ended = ENDS.get(code := worker.wait(_FLASH), "killed" if code == -SIGKILL else "failed")
+            except TimeoutExpired:
+                worker.kill()
+                seen.ended = "too long"
+            told += [float(line) for line in worker.stdout.read().split()]  # and when it has ended
+    seen.took = told[-1] - told[0]
+    if "@" in fault or fault in ("power", "kill"):
+        at = instant + (go_at if "@" in fault else told[0])
+        seen.hit = told[0] <= at and (len(told) == 1 or at <= told[1])
 
 
 @contextlib.contextmanager
@@ -151,11 +171,17 @@ def on_link(name: str, count: int, found: list[Seen]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         with drive_at(url := LINKS[name](), Path(folder) / "memory"), connect(url) as drive:
             first = parameters(drive)
-        takes = flashed(name, LINKS[name](), Path(folder), "", chance, 0.0, first).took
+        plain = [
+            flashed(name, LINKS[name](), Path(folder), "", chance, (), first, tables=tables) for tables in (False, True)
+        ]
+        if wrong := [word for one in plain for word in one.wrong]:
+            print(f"FAIL {name} without a fault: {'; '.join(wrong)}", flush=True)
+            return
+        takes = [one.took for one in plain]
         for k in range(count):
-            fault = FAULTS[k % len(FAULTS)]
+            fault, tables = FAULTS[k % len(FAULTS)], chance.random() < 0.5
             try:
-                seen = flashed(name, LINKS[name](), Path(folder), fault, chance, takes, first)
+                seen = flashed(name, LINKS[name](), Path(folder), fault, chance, takes, first, tables=tables)
             except (BenchError, DriveError, OSError) as error:
                 seen = Seen(name, fault, wrong=[f"{type(error).__name__}: {error}"])
             found.append(seen)
@@ -212,6 +238,9 @@ def main(arguments: list[str] | None = None) -> int:
     resumed = Counter(one.resumed for one in found if one.resumed)
     print(f"  journals that were left: {', '.join(f'{end}: {n}' for end, n in sorted(resumed.items())) or 'none'}")
     good = sum(not one.wrong for one in found)
+    instants = [one.hit for one in found if one.hit is not None]
+    print(f"  faults with an instant that befell a flash under way: {sum(instants)} of {len(instants)}")
+    missed += sum(instants) < HIT * len(instants)
     mixtures = sum(one.memory == "a mixture" for one in found)
     print(f"{good} of {each * len(links)} as they should be; a mixture in {mixtures}")
     return int(good < each * len(links) or missed > 0)
@@ -223,12 +252,13 @@ def _flash(url: str, folder: str, path: str) -> int:
         with OwnLink(url) as link:
             print("ready", flush=True)
             sys.stdin.readline()
-            done = flash(link, read(Path(path)), Around(Path(folder), url))
+            print(time.monotonic(), flush=True)
+            end = str(flash(link, read(Path(path)), Around(Path(folder), url)).end)
     except (BenchError, DriveError):
-        return 3
+        end = "refused"
     with contextlib.suppress(BrokenPipeError):
-        print(done.end, flush=True)
-    return {ended: code for code, ended in ENDS.items()}[str(done.end)]
+        print(time.monotonic(), flush=True)
+    return {ended: code for code, ended in ENDS.items()}[end]
 
 
 if __name__ == "__main__":

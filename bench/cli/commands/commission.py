@@ -95,7 +95,8 @@ def _flashed(drive: Flashed, text: str, override: str, *, ask: bool) -> bool:
 
 def _tell(found: Mapping[str, Any]) -> None:
     diagnosis = found["diagnosis"]
-    _console.print(f"{words(diagnosis['verdict'])}: {diagnosis['sentence']}")
+    verdict, sentence = words(diagnosis["verdict"]), str(diagnosis["sentence"])
+    _console.print(sentence if sentence.lower().startswith(verdict) else f"{verdict}: {sentence}")
     for name in PARAMETERS if found["machine"] else ():
         one = found["machine"][name]
         _console.print(f"  {name} = {quantity(one['value'], one['unit'], one['std'])}")

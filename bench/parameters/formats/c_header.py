@@ -48,22 +48,26 @@ class Form:
         """Of a value, in bases."""
         return 2.0 ** (self.bits - 1 - self.fraction)
 
+    def holds(self, value: float, base: float) -> bool:
+        """A value's count is one that there is, when it is rounded."""
+        return abs(round(value / base * 2.0**self.fraction)) < 2 ** (self.bits - 1)
+
 
 def as_c_header(
     given: ParameterSet, form: str = "float", bases: Mapping[str, float] | None = None, prefix: str = PREFIX
 ) -> str:
     """A set as a header. Raises ConfigError where a value is beyond its base, or the prefix no name in C."""
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", prefix):
-        raise ConfigError(f"prefix: expected a letter and up to 30 letters, digits or _, got {shown(prefix)}")
+    if not re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9]){0,30}", prefix):
+        raise ConfigError(f"prefix: expected letters, digits and single _ between them, got {shown(prefix)}")
     how = Form.of(form)
     base_of = _bases(given, how, bases or {})
     held, macro = f"{prefix.lower()}_parameters", prefix.upper()
     guard = f"{held.upper()}_H"
     scalars = [_BY_NAME[key] for key in given.entries if not _BY_NAME[key].table]
     tables = [table for table in TABLES if f"{table}_1" in given.entries]
-    ascii_name = given.name.encode("ascii", "replace").decode().replace("*/", "")
+    whose = f"{_plain(given.name)}, version {given.version}"
     lines = [
-        f"/* Parameters {ascii_name}, version {given.version}. SI; currents and voltages are peak dq values. */",
+        f"/* Parameters {whose}. SI; currents and voltages are peak dq values. */",
         f"#ifndef {guard}", f"#define {guard}", "", "#include <stdint.h>", "",
     ]  # fmt: skip
     for whose, base in base_of.items():
@@ -76,7 +80,7 @@ def as_c_header(
         unit = "" if signal.unit == "1" else f" {signal.unit}"
         off = f", {value!r}{unit} rounded by {error:.2g}{unit}" if error else ""
         status = given.entries[signal.name].status
-        doubt = "" if status == OK else f", {status}"
+        doubt = "" if status == OK else f", {_plain(status)}"
         lines.append(f"#define {macro}_{signal.name.upper()} {text}  /*{unit} {signal.summary}{off}{doubt} */")
     for table in tables:
         signals = [_BY_NAME[f"{table}_{k}"] for k in range(1, TABLE_SIZE + 1)]
@@ -114,24 +118,25 @@ def _bases(given: ParameterSet, how: Form, told: Mapping[str, float]) -> dict[st
         signal = _BY_NAME[name]
         if signal.type is WireType.F32:
             largest[signal.unit] = max(largest.get(signal.unit, 0.0), abs(entry.value))
-    found = {unit: told.get(unit, _power_beyond(value)) for unit, value in largest.items()}
+    found = {unit: told.get(unit, _base_for(value, how)) for unit, value in largest.items()}
     for unit, base in found.items():
-        if not base > 0.0 or largest[unit] >= base * how.most:
+        if not base > 0.0 or not how.holds(largest[unit], base):
             raise ConfigError(
                 f"base of {unit}: expected more than {largest[unit] / how.most:.4g}, the set's largest in {how.name}, "
                 f"got {base:g}"
             )
     too_coarse = {
-        name: _power_beyond(abs(entry.value)) for name, entry in given.entries.items()
+        name: _base_for(abs(entry.value), how) for name, entry in given.entries.items()
         if not (signal := _BY_NAME[name]).table and signal.unit not in told
         and abs(_number(signal, entry.value, how, found)[1]) > _COARSE * abs(entry.value)
     }  # fmt: skip
     return found | too_coarse
 
 
-def _power_beyond(value: float) -> float:
-    """The smallest power of ten above a value."""
-    return 1.0 if value <= 0.0 else float(f"1e{math.floor(math.log10(value)) + 1}")
+def _base_for(value: float, how: Form) -> float:
+    """The smallest power of ten above a value, of which its count is one that there is."""
+    power = 0 if value <= 0.0 else math.floor(math.log10(value)) + 1
+    return next(base for k in range(3) if how.holds(value, base := float(f"1e{power + k}")))
 
 
 def _number(signal: Signal, value: float, how: Form, bases: Mapping[str, float]) -> tuple[str, float]:
@@ -139,7 +144,7 @@ def _number(signal: Signal, value: float, how: Form, bases: Mapping[str, float])
     if signal.type is not WireType.F32:
         return str(int(value)), 0.0
     if not how.fraction:
-        return f"{value!r}f", 0.0
+        return f"{float(value)!r}f", 0.0
     one = bases.get(signal.name, bases[signal.unit]) / 2.0**how.fraction
     count = round(value / one)
     return str(count), count * one - value
@@ -149,6 +154,11 @@ def _c_type(signal: Signal, how: Form) -> str:
     if signal.type is WireType.F32:
         return f"int{how.bits}_t" if how.fraction else "float"
     return {"U16": "uint16_t", "U32": "uint32_t", "I16": "int16_t", "I32": "int32_t", "U8": "uint8_t"}[signal.type.name]
+
+
+def _plain(text: str) -> str:
+    """A text that ends no comment, and begins none."""
+    return re.sub(r"[^A-Za-z0-9 .,:;()+_-]", "?", text)
 
 
 def _identifier(unit: str) -> str:

@@ -4,6 +4,7 @@ import json
 import math
 import signal
 import subprocess
+import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -187,6 +188,12 @@ def test_one_at_a_time_has_the_lease_and_ends_where_it_is_deleted(client: httpx.
     assert f"commissioning {told['id']}" in refused(
         client.put("/api/drives/x/signals", json={"i_q_ref": 0.0}), 409
     )  # fmt: skip
+    slower = {"name": "slower", "entries": {"bandwidth": {"value": 900.0}}}
+    for asked in (
+        client.post("/api/drives/x/parameters/plan", json=slower), client.get("/api/drives/x/parameters/set"),
+        client.get("/api/drives/x/parameters/rollback"),
+    ):
+        assert "has changed settings of the drive for as long" in refused(asked, 409)
     cancelled = client.delete(f"{PLACE}/{told['id']}")
     assert cancelled.status_code == 200, cancelled.text
     assert cancelled.json()["state"] == "cancelled"
@@ -258,21 +265,26 @@ def test_what_became_of_it_is_known_to_the_next_service_also_where_one_is_killed
 def test_an_identification_has_a_report_with_its_first_start_and_its_verification(tmp_path: Path) -> None:
     loop = {"name": "speed", "overshoot": 0.18, "settling": None, "tracking": 0.009, "promised_overshoot": 0.17,
             "promised_settling": 0.046, "promised_tracking": 0.0088, "sentence": ""}  # fmt: skip
-    first, found, checked = (f"x-{kind}-20260131-120000-000" for kind in ("first-start", "identify", "verify"))
+    kinds = "first-start", "identify", "verify", "cancelled"
+    first, found, checked, cancelled = (f"x-{kind}-20260131-120000-000" for kind in kinds)
+    machine = {name: {"value": value, "std": 0.0, "unit": ""} for name, value in (
+        ("R_s", 0.9664), ("L_d", 4.24e-3), ("L_q", 6.21e-3), ("psi_f", 0.12),
+    )}  # fmt: skip
     results: dict[str, tuple[Told, Told]] = {
         first: ({"kind": "first_start"}, {"said": "4 pole pairs", "set": ""}),
         found: ({"kind": "identify", "follows": first}, {
-            "machine": None, "shaft": None, "loops": [loop], "responses": {}, "set": "", "remarks": ["none of B"],
-            "diagnosis": {"verdict": "explained", "sentence": "All is told."},
+            "machine": {"n_p": 4, **machine}, "shaft": None, "loops": [loop], "responses": {}, "set": "",
+            "remarks": ["none of B"], "diagnosis": {"verdict": "explained", "sentence": "All is told."},
         }),
         checked: ({"kind": "verify"}, {"of": found, "loops": [loop], "responses": {}}),
+        cancelled: ({"kind": "identify"}, {}),
     }  # fmt: skip
     with benched(tmp_path) as bench:
         (tmp_path / "c" / "commissionings").mkdir(parents=True)
         for k, (id_, (request, result)) in enumerate(results.items()):
             (tmp_path / "c" / "commissionings" / f"{id_}.json").write_text(json.dumps({
-                "id": id_, "drive": "x", "asked": f"2026-01-31T12:00:0{k}+00:00", "request": request, "state": "done",
-                "phase": "", "reason": "", "result": result,
+                "id": id_, "drive": "x", "asked": f"2026-01-31T12:00:0{k}+00:00", "request": request,
+                "state": "cancelled" if id_ == cancelled else "done", "phase": "", "reason": "", "result": result,
             }), encoding="utf-8")  # fmt: skip
         with serving(bench) as (client, _):
             pages = [client.get(f"{PLACE}/{id_}/report.html") for id_ in (found, checked)]
@@ -284,7 +296,23 @@ def test_an_identification_has_a_report_with_its_first_start_and_its_verificatio
                 client.get(f"{PLACE}/{first}/report.html"), 409
             )
             refused(client.get(f"{PLACE}/nothing/report.html"), 404)
+            refused(client.get(f"{PLACE}/{cancelled}/report.html"), 409)
+            asked = client.post(PLACE, json={"kind": "verify"})  # of the latest that tells a machine
+            assert asked.status_code == 202, asked.text
+            client.delete(f"{PLACE}/latest").raise_for_status()
             assert client.get(f"{PLACE}/{found}").json()["steps"] == []  # as one of before has none
+
+
+@pytest.mark.thorough
+def test_a_shaft_that_does_not_move_is_given_up_soon_and_said_why(client: httpx.Client, bench: Bench) -> None:
+    begun_at = time.monotonic()
+    asked = client.post(PLACE, json={"kind": "identify"}).json()
+    done = ended(client, asked["id"])
+    assert done["state"] == "failed", done
+    assert "wrong pole pairs or a wrong angle do that as well: a first start tells" in done["reason"]
+    assert done["steps"][0]["said"].startswith("bringing the shaft to")
+    assert time.monotonic() - begun_at < 12.0
+    assert bench.is_off()
 
 
 @pytest.mark.thorough

@@ -52,3 +52,15 @@ def test_every_value_of_both_sets_is_there_with_its_interval_and_what_it_is_from
 
 def test_without_a_first_start_there_is_one_set() -> None:
     assert page().count("<h2>The set") == 1
+
+
+def test_a_set_that_is_not_there_makes_no_after() -> None:
+    found = {
+        "machine": None, "shaft": None, "loops": [LOOP], "responses": STEP, "set": as_toml(ParameterSet("a", ENTRIES)),
+        "diagnosis": {"verdict": "explained", "sentence": "All is told."}, "remarks": [], "recordings": [],
+    }  # fmt: skip
+    checked = {"loops": [LOOP], "responses": STEP, "promises": STEP, "lacks": ["bandwidth"]}
+    html = report("spindle", "Today.", found, checked)
+    assert ">tried again</td>" in html
+    assert ">after</td>" not in html
+    assert "promised, tried again" in html

@@ -1,6 +1,7 @@
 """Sets for other tools: read by those tools' own readers where there are some."""
 
 import io
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -80,11 +81,25 @@ def test_rounding_is_told_and_a_base_that_is_too_small_refused() -> None:
         as_c_header(SET, "q15", {"rad/s": 1000.0})
     with pytest.raises(ConfigError, match="expected float, q15, q31 or iq1 to iq30, got 'q7'"):
         as_c_header(SET, "q7")
-    for prefix in ("", "6_a", "a b", "x" * 32):
-        with pytest.raises(ConfigError, match="prefix: expected a letter and up to 30 letters, digits or _, got"):
+    for prefix in ("", "6_a", "a b", "a_", "a__b", "x" * 32):
+        with pytest.raises(ConfigError, match="prefix: expected letters, digits and single _ between them, got"):
             as_c_header(SET, prefix=prefix)
     assert "#define SPINDLE_BANDWIDTH 1250.0f" in as_c_header(SET, prefix="spindle")
-    assert "*/" not in as_c_header(ParameterSet("a */ b", SET.entries)).splitlines()[0][:-3]
+    for name in ("a */ b", "a **// int evil; /*", "a/*b"):
+        assert re.fullmatch(r"/\* [^/]* \*/", as_c_header(ParameterSet(name, SET.entries)).splitlines()[0])
+
+
+@pytest.mark.parametrize(("form", "most"), [("q15", 32767), ("q31", 2**31 - 1), ("iq24", 2**31 - 1)])
+@pytest.mark.parametrize("value", [9.9999, 9.999999999, 0.99999, 127.999999999, 1e-9, 5000.0])
+def test_no_count_turns_its_sign(form: str, most: int, value: float) -> None:
+    text = as_c_header(set_of({"current_limit": value}, "a", "b"), form)
+    count = re.search(r"#define PMSM_CURRENT_LIMIT (-?\d+) ", text)
+    base = re.search(r"#define PMSM_BASE_\w+ (\S+) ", text)
+    assert count is not None
+    assert base is not None
+    assert 0 < int(count[1]) <= most
+    fraction = int(form.strip("iq"))
+    assert int(count[1]) / 2.0**fraction * float(base[1]) == pytest.approx(value, rel=0.01)
 
 
 def test_an_a2l_fragment_has_every_signal_and_its_blocks_end() -> None:
