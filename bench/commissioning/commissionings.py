@@ -141,7 +141,7 @@ class Commissionings(MovingJobs[Status]):
             if before is None:
                 raise UnknownError(f"drive {drive} has no commissioning {request.follows!r} that this could go on with")
             if before.stops < 0:
-                raise ConflictError(f"{request.follows} is of a service that has ended since: ask anew where that is meant")
+                raise ConflictError(f"{request.follows} is of a service that has ended: ask anew where that is meant")
             if before.stops != stops:
                 raise ConflictError(f"drive {drive} was stopped since {request.follows}: ask anew where that is meant")
         found = self._identified(drive, request.of) if request.kind == Kind.VERIFY else None
