@@ -219,7 +219,8 @@ def test_one_whose_service_dies_is_not_known_and_ends_with_the_next_service(brow
             until(browser, lambda: text(browser, "commissioning-why") == "", "the drive to be free")
             assert violations(browser) == []
             identify(operator)
-            until(browser, lambda: f"was stopped since {FIRST}" in text(browser, "commissioning-message"), "a refusal")
+            ended = f"{FIRST} is of a service that has ended"
+            until(browser, lambda: ended in text(browser, "commissioning-message"), "a refusal")
             operator.click("#commissioning-follows")
             identify(operator)
             until(browser, lambda: " " in text(browser, "commissioning-since"), "that it runs")

@@ -105,7 +105,7 @@ export function commissioningView(propose, ended) {
     const now = latest?.request.kind === "first_start" ? latest : null;
     if (now?.id !== first_start?.id) goOn.checked = true;
     first_start = now;
-    if (now !== null) write(goOnWords, `Go on with the first start of ${clock(now.asked)}: one report tells of both. Where the drive was stopped since, that is refused; without the tick it is not.`);
+    if (now !== null) write(goOnWords, `Go on with the first start of ${clock(now.asked)}: one report tells of both. Where the drive was stopped since, or the service begun anew, that is refused; without the tick it is not.`);
     chooseKind();
   }
 
