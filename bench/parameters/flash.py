@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final
 
 from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
-from bench.parameters.journal import CUT, Begun, Journal, Step, done, history
+from bench.parameters.journal import CUT, Begun, Journal, Step, done, past
 from bench.parameters.parameter_set import FLASHED, LONGEST_NAME, ParameterSet, problem_of, set_of
 from bench.parameters.plan import Judge, Plan, different, plan
 from bench.parameters.versions import remarks_on
@@ -105,7 +105,7 @@ def planned(link: Link, given: ParameterSet, around: Around) -> Plan:
 def _plan(given: ParameterSet, identity: Identity, present: Mapping[str, float], around: Around) -> Plan:
     """With what the history says of it."""
     to_do = plan(given, identity, present, around.judge)
-    return replace(to_do, remarks=remarks_on(given, present, history(around.folder, identity)))
+    return replace(to_do, remarks=remarks_on(given, present, past(around.folder, identity)))
 
 
 def flash(link: Link, given: ParameterSet, around: Around) -> Verdict:

@@ -50,7 +50,7 @@ class Step(StrEnum):
     ROLLED_BACK = "rolled back"
 
 
-ENDS: Final = (Step.DONE, Step.ROLLED_BACK)
+_ENDS: Final = (Step.DONE, Step.ROLLED_BACK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ class Journal:
             return None
         file.truncate(length)
         journal = cls(path, file, _begun(lines[0]), Step(lines[-1]["step"]))
-        if journal.step not in ENDS:
+        if journal.step not in _ENDS:
             return journal
         with contextlib.suppress(UnavailableError):  # the next look does it
             journal._put_away()
@@ -191,7 +191,7 @@ def past(folder: Path, identity: Identity) -> list[Past]:
     for line in history(folder, identity):
         if (step := Step(line["step"])) is Step.BEGUN:
             begun = _begun(line)
-        elif step in ENDS and begun is not None:
+        elif step in _ENDS and begun is not None:
             found.append(Past(begun, step, str(line["at"]), str(line["said"])))
     return found
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from bench.parameters.journal import Begun, Journal, Step, history
+from bench.parameters.journal import Begun, Journal, Past, Step, past
 from bench.parameters.parameter_set import ParameterSet, set_of
 from bench.parameters.versions import remarks_on
 from drivers.drive import Identity
@@ -13,19 +13,19 @@ SINCE = "2026-01-31T12:00:00+00:00"
 WANTED = {"bandwidth": 900.0, "k_p_d": 5.0}
 
 
-def flashed(folder: Path, version: int, end: Step = Step.DONE, **more: Any) -> list[dict[str, Any]]:
+def flashed(folder: Path, version: int, end: Step = Step.DONE, **more: Any) -> list[Past]:
     image = more.pop("image", {})
     begun = Begun("x", more.pop("name", "servo"), version, "me", SINCE, image, WANTED | more)
     journal = Journal.begin(folder, DRIVE, begun)
     journal.end(end, "so it ended")
-    return history(folder, DRIVE)
+    return past(folder, DRIVE)
 
 
 def given(version: int, name: str = "servo", **values: float) -> ParameterSet:
     return set_of({"bandwidth": 900.0} | values, name, "by hand", version=version)
 
 
-def on(one: ParameterSet, lines: list[dict[str, Any]], **present: float) -> tuple[str, ...]:
+def on(one: ParameterSet, lines: list[Past], **present: float) -> tuple[str, ...]:
     return remarks_on(one, WANTED | present, lines)
 
 
