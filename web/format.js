@@ -151,3 +151,8 @@ export function parseNumber(text) {
   const value = Number(digits);
   return digits === "" || !Number.isFinite(value) ? null : value;
 }
+
+/** What kind of job has a drive, of the name that it has it under, as "experiment". @param {string | null} whom */
+export function kindOfJob(whom) {
+  return whom?.split(" ")[0] ?? "";
+}

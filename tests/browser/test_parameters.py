@@ -101,8 +101,9 @@ def test_one_goes_back_to_before_any_flash_of_the_history(page: Chrome, bench: R
     until(page, lambda: "“before at 900” flashed" in text(page, "flash-verdict"), "the verdict")
     assert value(bench, "bandwidth") == 1250.0
     httpx.post(f"{bench.url}{DRIVE}/start", json={}, timeout=10.0).raise_for_status()
-    until(page, lambda: page.find_elements(By.CSS_SELECTOR, "#flash-history button:enabled") == [], "that it is on")
-    assert text(page, "flash-rollback-why") == "The drive is on: stop it first."
+    on = "The drive is on: stop it first."  # who controls it is told a little earlier
+    until(page, lambda: text(page, "flash-rollback-why") == on, "that it is on")
+    assert page.find_elements(By.CSS_SELECTOR, "#flash-history button:enabled") == []
 
 
 def test_a_file_is_planned_with_what_forbids_it_and_doubts_ask_for_a_reason(

@@ -7,7 +7,7 @@
 
 import { NoAnswerError, resetDrive, startDrive, stopDrive, writeSignals } from "../api.js";
 import { element, write } from "../fields.js";
-import { clock } from "../format.js";
+import { clock, kindOfJob } from "../format.js";
 import { buildSetPoints, openSetPoints, showSetPoints, startSetPoints, tellSetPoints, wantedSetPoints } from "./set_points.js";
 
 const ON = "operation enabled";
@@ -142,7 +142,7 @@ function whyNot(control, known) {
   const { fault, holder, whom } = control;
   if (!known) return "There is no link to the drive.";
   if (control.in_flash) return `${whom} is under way.`;
-  if (control.in_experiment) return `the ${whom?.split(" ")[0]} is under way: stop it first.`;
+  if (control.in_experiment) return `the ${kindOfJob(whom)} is under way: stop it first.`;
   if (fault !== null) return "The drive is in fault: reset it first.";
   return `${holder} controls the drive: stop it first.`;
 }

@@ -12,7 +12,7 @@ import { askFlash, parameterFile, planSet, readParameterSet } from "../api.js";
 import { confirmed } from "../dialog.js";
 import { make } from "../dom.js";
 import { number, write } from "../fields.js";
-import { clock, counted, exact } from "../format.js";
+import { clock, counted, exact, kindOfJob } from "../format.js";
 import { commissioningView } from "./commissioning_view.js";
 import { flashView } from "./flash_view.js";
 import { DIGITS, planElements, planWords, tableOf } from "./plan_view.js";
@@ -311,7 +311,7 @@ export function parametersView() {
 
 /** Why nothing can be planned for a drive now, a sentence; empty where it can. @param {DriveState} now */
 function whyHeld({ control }) {
-  return control.in_experiment ? `The ${control.whom?.split(" ")[0]} is under way: the drive has the settings of a trial.` : "";
+  return control.in_experiment ? `The ${kindOfJob(control.whom)} is under way: the drive has the settings of a trial.` : "";
 }
 
 /** Why a drive cannot be flashed now, a sentence; empty where it can. @param {DriveState} now @param {boolean} connected */
@@ -320,7 +320,7 @@ function whyNot({ link, control, writer, cut_flash }, connected) {
   if (control.in_flash) return "A flash is under way.";
   if (link.state !== "streaming" || control.state === null) return "There is no link to the drive.";
   if (cut_flash !== null) return "A flash was cut: finish it, or roll it back, first.";
-  if (control.in_experiment) return `The ${control.whom?.split(" ")[0]} is under way: stop it first.`;
+  if (control.in_experiment) return `The ${kindOfJob(control.whom)} is under way: stop it first.`;
   if (control.state === ON) return "The drive is on: stop it first.";
   if (control.holder !== null) return `${control.holder} controls the drive: stop it first.`;
   return writer === null ? "" : `${writer.holder} is at the drive.`;

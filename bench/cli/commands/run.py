@@ -207,13 +207,16 @@ def _emulator(url: str, scenario: str) -> Generator[Mapping[str, Mapping[str, fl
             with _console.status("preparing the emulated drive (compiles at the first start)"):
                 place, sheet = _next_line(process), _next_line(process)
             if place is None or sheet is None:
+                with contextlib.suppress(subprocess.TimeoutExpired):  # it may be about to end by itself
+                    process.wait(_END)
+                silent = f"said nothing for {_READY_TIMEOUT:g} s: is there much other work?"
+                why = silent if process.poll() is None else "did not start"
                 process.kill()
                 process.wait()
                 errors.seek(0)
                 said = errors.read().strip().removeprefix("pmsm-bench emulate: ")
                 busy = "; `pmsm-bench up --at URL` puts it elsewhere" if said.endswith("in use") else ""
-                silent = f"the emulated drive said nothing for {_READY_TIMEOUT:g} s: is there much other work?"
-                raise ConfigError(said + busy if said else silent)
+                raise ConfigError(said + busy if said else f"the emulated drive {why}")
             _console.print(place)
             yield json.loads(sheet)
         finally:
