@@ -351,6 +351,7 @@ TABLE: Final[Mapping[str, Callable[[Recorded], Compensation] | str]] = {
     "interturn_short": "it heats the winding as long as the motor turns: a motor to be taken out of service",
     "current_sampling_skew": "currents ripple at twice the electrical frequency: a matter of the sampling's timing",
     "voltage_delay": "it is a matter of the recording: the drive's voltages are read in other rows than they act in",
+    "leg_voltage_offset": "torque ripples at the electrical frequency: a matter of the gate drives",
     "voltage_offset": "it is a matter of what the drive reports of its voltages",
 }
 """By effect, what undoes it; or, where no compensation does, what it does instead."""

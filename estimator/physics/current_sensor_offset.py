@@ -38,5 +38,6 @@ EFFECT = CurrentError(
     error=error,
     zero=lambda rows, _p: np.zeros(len(rows) + 1),  # their mean is the model's own
     told=lambda _rows, p: {f"offset_{k}": (x, "A") for k, x in zip("abc", by_phase(*p), strict=True)},
+    without_current=True,
     discrepancy=1e-5,
 )

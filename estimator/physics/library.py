@@ -17,6 +17,7 @@ from estimator.physics import (
     interturn_short,
     inverter_voltage_error,
     iron_loss,
+    leg_voltage_offset,
     magnet_flux_drift,
     magnet_flux_step,
     phase_resistance_imbalance,
@@ -33,7 +34,8 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         inverter_voltage_error, d_axis_saturation, q_axis_saturation, cross_saturation, iron_loss,
         winding_resistance_drift, magnet_flux_drift, magnet_flux_step, flux_harmonics, inductance_harmonics,
         ac_resistance, phase_resistance_imbalance, current_sensor_offset, current_sensor_gain, angle_offset,
-        encoder_eccentricity, voltage_delay, voltage_offset, interturn_short, current_sampling_skew,
+        encoder_eccentricity, voltage_delay, voltage_offset, leg_voltage_offset, interturn_short,
+        current_sampling_skew,
     )
 )
 

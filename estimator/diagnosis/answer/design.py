@@ -252,15 +252,26 @@ def _experiment_of(
         one, other = (BY_NAME[name].title for name in pair)
         expected = math.inf if odds is None else odds
         if expected < math.exp(SURE_LOG_ODDS):
-            sentence = (
+            none = (
                 f"no level within {number(rows.i_rated, 2)} A and {number(_fastest(rows) * rpm, 3)} rpm is expected "
-                f"to tell {one} from {other} (odds {expected:.1g}); record {levels}, {each}, for longer than "
+                f"to tell {one} from {other} (odds {expected:.1g})"
+            )
+            if (read := _read_without_current(pair)) is not None:
+                return Experiment(f"{none}; with the bridge off, where no current flows, only {read} are there to read")
+            sentence = (
+                f"{none}; record {levels}, {each}, for longer than "
                 f"{DURATION:g} s"
             )
         else:
             odds_there = f"expected odds {_odds(expected)} in {DURATION:g} s"
             sentence = f"{levels}, {each}, would tell {one} from {other} ({odds_there})"
     return Experiment(sentence, speeds, i_d, i_q, DURATION, run, rounded(STEP_SHARE * rows.i_rated), odds)
+
+
+def _read_without_current(pair: tuple[str, str]) -> str | None:
+    """The one of two effects, by its title, that is read with the bridge off, where only one is."""
+    read = [BY_NAME[name].title for name in pair if BY_NAME[name].without_current]
+    return read[0] if len(read) == 1 else None
 
 
 def _different(run: Sequence[Hold], name: str) -> tuple[float, ...]:
