@@ -38,6 +38,7 @@ def bench_of(scenario: Scenario) -> Bench:
             effects.angle_sensing,
             drive.encoder_offset,
             drive.encoder_reversed,
+            effects.current_filter,
         ),
         voltage=effects.voltage_sensing,
         timing=effects.timing,
@@ -87,6 +88,7 @@ def plant_of_scenario(scenario: Scenario) -> tuple[Machine, Plant]:
         effects.stray,
         0j,
         effects.resonance,
+        effects.current_filter.tau,
     )
 
 

@@ -32,12 +32,13 @@ from emulator.plant.modulation import Duties, modulated, voltage_of
 from emulator.plant.physics import demagnetisation as demagnetisations
 from emulator.plant.physics import thermal as thermals
 from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.current_filter import Charges, mean_current, passed
 from emulator.plant.physics.legs import vector
 from emulator.plant.physics.sensing import VoltageSensing, longest_skew, read_voltage
 from emulator.plant.physics.strangers import Telegraph, keyed, telegraph_voltage
 from emulator.plant.physics.thermal import Temperatures, Thermal, warmed
 from emulator.plant.physics.timing import Timing
-from emulator.plant.sensors import Sample, Sensors, measured_current, sampled
+from emulator.plant.sensors import Earlier, Sample, Sensors, averaged, measured_current, sampled
 
 _LEAST_READ: Final = 0.01  # of the dc link: no converter tells a voltage below zero
 RECORDED: Final = ("t", "u_d", "u_q", "i_d", "i_q", "omega_e", "theta_e", "u_dc", "i_a", "i_b", "i_c")
@@ -74,6 +75,8 @@ class State(NamedTuple):
     u_waiting: complex  # V, stationary, computed and held back by a delay
     u_before: complex  # V, rotor frame, of the period before
     sample: Sample
+    earlier: Earlier  # samples before that, as the converter gave them
+    charges: Charges
     encoder: float  # rad, mechanical, what the encoder read then
     firmware: FirmwareState
     row: Row
@@ -101,18 +104,29 @@ def plant_of(bench: Bench, machine: Machine, telegraph: bool) -> Plant:
     offset = telegraph_voltage(bench.telegraph, telegraph)
     return Plant(
         machine, p.R_cold, magnetics, p.flux_map, p.shaft, p.iron, p.imbalance, p.skin, p.short, p.stray, offset,
-        p.resonance,
+        p.resonance, p.filter_time,
     )  # fmt: skip
 
 
 @kernel
-def _sampled(bench: Bench, plant: Plant, state: PlantState, u: complex, powered: bool, tick: int) -> Sample:
+def _to_converter(bench: Bench, plant: Plant, state: PlantState, charges: Charges) -> complex:
+    """Stationary current vector (A) that comes to the converter, or that it averages."""
+    way = bench.sensors.filter
+    if way.periods > 0:
+        return mean_current(way.periods, bench.fixed.T_s, state.charge, charges)
+    return state.i_f if way.tau > 0.0 else bridge_current(plant, state)
+
+
+@kernel
+def _sampled(
+    bench: Bench, plant: Plant, state: PlantState, charges: Charges, u: complex, powered: bool, tick: int
+) -> Sample:
     """The sample at a tick; u (V) is what a bridge without edges applies from then on; off, one with edges none."""
-    i, slope, skew = bridge_current(plant, state), 0j, longest_skew(bench.sensors.current)
+    i, slope, skew = _to_converter(bench, plant, state, charges), 0j, longest_skew(bench.sensors.current)
     if skew > 0.0 and (powered or not bench.bridge.switched):
         supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
         later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
-        slope = (bridge_current(plant, later) - i) / skew
+        slope = (_to_converter(bench, plant, later, charges) - i) / skew
     return sampled(bench.sensors, crossed(bench.crossed, i), state.theta_m, tick, crossed(bench.crossed, slope))
 
 
@@ -130,14 +144,16 @@ def started(bench: Bench, settings: Settings, powered: bool, temperature: float)
     plant = plant_of(bench, machine, False)
     state = plant_started(plant, 0.0, omega_m)
     back_emf = 1j * machine.n_p * omega_m * machine.psi_f  # at angle zero
-    raw = _sampled(bench, plant, state, back_emf, powered, 0)
+    charges = (0j, 0j, 0j)  # no current has flown
+    raw = _sampled(bench, plant, state, charges, back_emf, powered, 0)
     n_p, psi_f = settings.n_p, settings.control_psi_f  # what the drive takes the machine for
     sample = corrected(settings.sensing, settings.tables.angle_table, n_p, raw, n_p * omega_m)
     firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s, powered)
     bridge = BridgeState(bench.bridge.E, False, False, False, 0.0, 0.0, 0.0)
     return State(
-        0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, raw.theta_m, firmware, NO_ROW
-    )
+        0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, (raw, raw, raw), charges,
+        raw.theta_m, firmware, NO_ROW,
+    )  # fmt: skip
 
 
 @kernel
@@ -201,7 +217,7 @@ def simulated(
     """
     T_s, n_p, sensing, tables = bench.fixed.T_s, settings.n_p, settings.sensing, settings.tables
     exchanged = bench.crossed != (sensing.phases_swapped != 0)
-    tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, encoder, firmware, row = state
+    tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges, encoder, firmware, row = state
     room = scratch()
     complete = 0
     for n in range(periods):
@@ -227,7 +243,9 @@ def simulated(
         then = plant_of(bench, machine_now(bench, (tick + 1) * T_s, heat), telegraph)
         u_next = u_waiting if bench.timing.delay > 0 else firmware.u_next
         u_held = limited(crossed(exchanged, u_next), u_dc) * (bridge.u_dc / u_dc)
-        raw = _sampled(bench, then, plant, u_held, firmware.powered, tick + 1)
+        latest = _sampled(bench, then, plant, charges, u_held, firmware.powered, tick + 1)
+        raw = averaged(latest, earlier, bench.sensors.filter.samples)
+        earlier, charges = (latest, earlier[0], earlier[1]), passed(plant.charge, charges)
         before, encoder = sample, raw.theta_m
         sample = seen(settings, firmware, corrected(sensing, tables.angle_table, n_p, raw, firmware.omega_e))
 
@@ -257,7 +275,7 @@ def simulated(
             _write_line(recording[n], t, T_s, period, before)
         tick += 1
     after = State(
-        tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, encoder, firmware,
-        row,
+        tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges,
+        encoder, firmware, row,
     )  # fmt: skip
     return after, complete

@@ -48,6 +48,7 @@ class Plant(NamedTuple):
     stray: Stray
     telegraph: complex  # V, stationary, that a telegraph offset adds now
     resonance: Resonance
+    filter_time: float  # s, of the filter before the current converter; 0: none
 
 
 class PlantState(NamedTuple):
@@ -72,16 +73,20 @@ class PlantState(NamedTuple):
     W_shaft: float  # J, electromagnetic and cogging torque have given to the rotor
     W_load: float  # J, given to load torque or dynamometer
     q_dc: float  # C, drawn from the dc link
+    i_f: complex  # A, stationary, behind the filter before the current converter
+    charge: complex  # C, stationary, integral of what comes to the converter
 
 
-AT_REST = PlantState(0j, 0j, 0j, 0.0, 0j, 0j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+AT_REST = PlantState(
+    0j, 0j, 0j, 0.0, 0j, 0j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0j, 0j
+)
 
 
 def started(plant: Plant, theta_m: float, omega_m: float, i_dq: complex = 0j) -> PlantState:
     """The state at an angle (rad) and a speed (rad/s) with a stator current (A, rotor frame) that stands."""
     rotor = turned(plant.machine.n_p * theta_m)
     psi = flux_of(plant.magnetics, plant.flux_map, i_dq, rotor) * rotor
-    return AT_REST._replace(psi=psi, i_x=i_dq * rotor, omega_m=omega_m, omega_L=omega_m, theta_m=theta_m)
+    return AT_REST._replace(psi=psi, i_x=i_dq * rotor, i_f=i_dq * rotor, omega_m=omega_m, omega_L=omega_m, theta_m=theta_m)
 
 
 @kernel
@@ -209,10 +214,14 @@ def rate(plant: Plant, supply: Supply, t: float, rotor: complex, state: PlantSta
     if plant.magnetics.harmonics.cogging > 0.0:
         tau -= plant.magnetics.harmonics.cogging * sixth(rotor).imag
     domega_m, domega_L, P_friction, P_load = _turning(shaft, state, tau, omega_m, omega_L)
+    to_converter, di_f = i_bridge, 0j
+    if plant.filter_time > 0.0:
+        to_converter, di_f = state.i_f, (i_bridge - state.i_f) / plant.filter_time
     return PlantState(
         e, di_i, di_x, di_t, di_r, dv_r,
         domega_m, omega_m, domega_L, omega_m - omega_L,
         P_dc, 1.5 * _scalar(stray, i_bridge), P_inverter, P_copper, P_iron, P_friction, tau * omega_m, P_load, i_dc,
+        di_f, to_converter,
     )  # fmt: skip
 
 
@@ -226,6 +235,7 @@ def moved(state: PlantState, along: PlantState, h: float) -> PlantState:
         s.twist + h * d.twist, s.W_dc + h * d.W_dc, s.W_stray + h * d.W_stray, s.W_inverter + h * d.W_inverter,
         s.W_copper + h * d.W_copper, s.W_iron + h * d.W_iron, s.W_friction + h * d.W_friction,
         s.W_shaft + h * d.W_shaft, s.W_load + h * d.W_load, s.q_dc + h * d.q_dc,
+        s.i_f + h * d.i_f, s.charge + h * d.charge,
     )  # fmt: skip
 
 
@@ -266,6 +276,7 @@ def settled(plant: Plant, t: float, state: PlantState) -> PlantState:
     return PlantState(
         s.psi, s.i_i, s.i_x, s.i_t, s.i_r, s.v_r, omega_m, wrapped(s.theta_m), omega_L, s.twist,
         s.W_dc, s.W_stray, s.W_inverter, s.W_copper, s.W_iron, s.W_friction, s.W_shaft, s.W_load, s.q_dc,
+        s.i_f, s.charge,
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from emulator.frames import TURN, clarke, phases
 from emulator.kernel import kernel
 from emulator.noise import gauss
+from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, read_angle
 
 _PHASE_A, _PHASE_B, _PHASE_C = 1, 2, 3  # sources of noise
@@ -23,6 +24,7 @@ class Sensors(NamedTuple):
     angle: AngleSensing = AngleSensing()
     mounted: float = 0.0  # rad, mechanical: that the encoder reads with the magnets on phase a
     reversed: bool = False  # it counts down as the motor turns forwards
+    filter: CurrentFilter = CurrentFilter()
 
 
 class Sample(NamedTuple):
@@ -67,6 +69,19 @@ def sampled(sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: c
         count = TURN / sensors.encoder_counts
         theta_m = math.floor(theta_m / count) * count
     return Sample(converted(i_a, bits, full), converted(i_b, bits, full), converted(i_c, bits, full), theta_m)
+
+
+Earlier = tuple[Sample, Sample, Sample]
+"""Samples before one, the latest first."""
+
+
+@kernel
+def averaged(latest: Sample, earlier: Earlier, samples: int) -> Sample:
+    """The mean of so many samples of the currents; the angle is the latest."""
+    i_a, i_b, i_c = latest.i_a, latest.i_b, latest.i_c
+    for n in range(samples - 1):
+        i_a, i_b, i_c = i_a + earlier[n].i_a, i_b + earlier[n].i_b, i_c + earlier[n].i_c
+    return Sample(i_a / samples, i_b / samples, i_c / samples, latest.theta_m)
 
 
 @kernel

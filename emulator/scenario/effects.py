@@ -12,6 +12,7 @@ from emulator.bounds import ScenarioError, check_bounds, from_table
 from emulator.input_file import shown
 from emulator.plant.machine import Machine
 from emulator.plant.physics.compliance import Compliance
+from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.plant.physics.dc_link import DcLink
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.flux_map import NO_MAP, FluxMap, loaded
@@ -52,6 +53,7 @@ class Effects(NamedTuple):
     friction: Friction = Friction()
     compliance: Compliance = Compliance()
     current_sensing: CurrentSensing = CurrentSensing()
+    current_filter: CurrentFilter = CurrentFilter()
     angle_sensing: AngleSensing = AngleSensing()
     voltage_sensing: VoltageSensing = VoltageSensing()
     timing: Timing = Timing()
@@ -176,6 +178,11 @@ def _check_steps(effects: Effects, motor: Machine, h: float, where: str) -> None
     if effects.stray.amplitude > 0.0 and 2.0 * math.pi * effects.stray.frequency * h > 0.5:
         most = 0.5 / (2.0 * math.pi * h)
         raise ScenarioError(_too_fast(f"{where}stray.frequency", "Hz", most, effects.stray.frequency, h))
+    if 0.0 < (tau := effects.current_filter.tau) < 2.0 * h:
+        least = 2.0 * h
+        raise ScenarioError(
+            f"{where}current_filter.tau takes 0 or at least {least:.3g} s at steps of {h:g} s, got {tau:g} s"
+        )
     if short.share > 0.0:
         R_k = motor.R_s * (1.0 + share_of(effects.imbalance, short.phase))
         longest = 0.5 * loop_inductance(short, motor.R_s) / (short.R_t + short.share * R_k)

@@ -7,6 +7,8 @@ from estimator.physics import (
     ac_resistance,
     angle_offset,
     cross_saturation,
+    current_averaging,
+    current_filter,
     current_sampling_skew,
     current_sensor_gain,
     current_sensor_offset,
@@ -35,7 +37,7 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         winding_resistance_drift, magnet_flux_drift, magnet_flux_step, flux_harmonics, inductance_harmonics,
         ac_resistance, phase_resistance_imbalance, current_sensor_offset, current_sensor_gain, angle_offset,
         encoder_eccentricity, voltage_delay, voltage_offset, leg_voltage_offset, interturn_short,
-        current_sampling_skew,
+        current_sampling_skew, current_averaging, current_filter,
     )
 )
 

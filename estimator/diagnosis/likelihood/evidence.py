@@ -51,6 +51,11 @@ class SetFit:
     chi2: float
 
 
+def _one_cause(one: tuple[str, int], other: tuple[str, int]) -> bool:
+    """Two effects are forms of one."""
+    return BY_NAME[one[0]].other_form_of == other[0] or BY_NAME[other[0]].other_form_of == one[0]
+
+
 class Search:
     """Sets of effects over one regression."""
 
@@ -316,7 +321,7 @@ class Search:
 
     def _free(self, choice: Choice) -> list[tuple[str, int]]:
         taken = {name for name, _ in choice} | self.barred
-        return [c for c in self.candidates() if c[0] not in taken]
+        return [c for c in self.candidates() if c[0] not in taken and not any(_one_cause(c, one) for one in choice)]
 
     def _added(self, choice: Choice) -> Choice:
         if len(choice) >= MOST_EFFECTS:
@@ -336,6 +341,7 @@ class Search:
         """The set with two effects more, where either makes up for the other: both explain most, none much alone."""
         alone = min((self.fit((*choice, one)).chi2 for one in likely), default=0.0) - self.regression.count
         pairs = sorted(combinations(likely[:PAIRED], 2), key=lambda pair: self.fit((*choice, *pair)).chi2)
+        pairs = [pair for pair in pairs if not _one_cause(*pair)]
         for one, other in pairs[:1]:
             left = self.unexplained((*choice, one, other))
             due = min(self.gain((*choice, one), other), self.gain((*choice, other), one))
@@ -363,9 +369,21 @@ class Search:
             gains = {one: self.gain(tuple(c for c in choice if c != one), one) for one in choice}
             least = min(gains, key=lambda key: gains[key])
             if gains[least] > ENTRY_LOG_ODDS:
-                break
+                pair = self._needless_pair(choice)
+                if pair is None:
+                    break
+                choice = tuple(c for c in choice if c not in pair)
+                continue
             choice = tuple(c for c in choice if c != least)
         return choice
+
+    def _needless_pair(self, choice: Choice) -> tuple[tuple[str, int], tuple[str, int]] | None:
+        """Two effects of a set that make up for each other, and together bring no more than one has to."""
+        for pair in combinations(choice, 2):
+            rest, (one, other) = tuple(c for c in choice if c not in pair), pair
+            if self.gain(rest, one) + self.gain((*rest, one), other) <= ENTRY_LOG_ODDS:
+                return pair
+        return None
 
     def _exchanged(self, choice: Choice) -> Choice:
         """One effect for another that brings its due, or one shape for another of the same, where that is better."""

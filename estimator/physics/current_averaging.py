@@ -1,0 +1,125 @@
+"""Currents that are means over control periods: sigma-delta converters with sinc filters, firmware that averages.
+
+    i measured = 1/(n T_s) integral of i over the n periods before        or the mean of the last n samples
+
+In the stationary frame. With F for the mean: those of voltage and current obey the machine's equation as these do
+themselves, but for the flux that turns with the rotor, m = psi_f exp(j theta) + (L_d - L_q)/2 exp(2j theta) conj(i).
+What recorded voltages have beyond those that measured currents imply is
+
+    u - F u + change over the period of (F m(i) - m(F i))
+
+A mean over time is bent where currents step, so that the resistance sees, besides, R_s T_s/(12 n) d(i)/dt by which the
+last and the first of its periods differ. What a filter does to a machine's linear part is plain algebra; derived here.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array, Vector
+from estimator.physics.effect import AddedVoltage, Parameter, Sizes, constant
+from estimator.physics.rows import Rows
+
+
+class _Mean(NamedTuple):
+    """A form of mean."""
+
+    weights: tuple[float, ...]  # of voltages now and 1, 2, ... periods before
+    periods: int = 0  # that it is over, as a mean over time; 0: one of samples
+
+    @property
+    def lag(self) -> float:
+        """Periods, by which it comes late."""
+        return 0.5 * (len(self.weights) - 1)
+
+
+_FORMS: Final = (
+    _Mean((0.5, 0.5), 1), _Mean((0.25, 0.5, 0.25), 2), _Mean((1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0), 3),
+    _Mean((0.5, 0.5)), _Mean((1.0 / 3.0,) * 3), _Mean((0.25,) * 4),
+)  # fmt: skip
+
+
+def voltage(rows: Rows, sizes: Sizes) -> Vector:
+    """Added voltage, V."""
+    share, form = sizes
+    return share * rows.once(_whole, round(form))
+
+
+def _whole(rows: Rows, form: int) -> Vector:
+    """Where all of the currents is such a mean; none where the periods before are not known."""
+    mean, m, r, u = _FORMS[form], rows.machine, rows.rotor, rows.u * rows.middle
+    back, turning = len(mean.weights) - 1, m.psi_f * rows.rotor
+    flux = _through(rows, turning, mean) - turning
+    if m.L_d != m.L_q:
+        i = ahead(rows.i_s, mean.lag).conj()
+        flux += 0.5 * (m.L_d - m.L_q) * (_through(rows, r * r * i, mean) - r * r * _through(rows, i, mean))
+    found = rows.stationary(u - _weighted(u, mean.weights) + np.diff(flux) / rows.T_s)
+    if mean.periods:
+        T, n = rows.T_s, mean.periods
+        driving = u - np.diff(turning) / T
+        bend = _before(driving, n) - driving
+        if rows.u_dc is not None:
+            moment = rows.moment_of_pulses * rows.middle
+            bend += 12.0 / T**2 * (_before(moment, n) - moment)
+        found += m.R_s * (T / (12.0 * n) * slope(rows, rows.stationary(bend)) - beyond_ends(rows))
+    known = np.zeros(len(rows), np.bool_)
+    if len(rows) > back:
+        known[back:] = np.lib.stride_tricks.sliding_window_view(rows.apart == 1, back + 1).all(axis=1)
+    return found * known
+
+
+def _through(rows: Rows, x: Vector, mean: _Mean) -> Vector:
+    """What a mean makes, at samples, of a stationary vector that turns with the rotor between them."""
+    if not mean.periods:
+        return _weighted(x, mean.weights)
+    over_periods = 0.5 * (x[1:] + x[:-1]) * _arc(rows)
+    over_periods = np.concatenate((over_periods[:1], over_periods))  # up to each sample
+    return _weighted(over_periods, (1.0 / mean.periods,) * mean.periods)
+
+
+def _arc(rows: Rows) -> Array:
+    """Mean along the arc that a vector turns by in each period, over the mean of its ends: tan(D/2) / (D/2)."""
+    half = 0.5 * rows.D
+    return np.divide(np.tan(half), half, out=np.ones_like(half), where=np.abs(half) > 1e-6)
+
+
+def _weighted(x: Vector, weights: tuple[float, ...]) -> Vector:
+    return sum((w * _before(x, j) for j, w in enumerate(weights)), np.zeros_like(x))
+
+
+def _before(x: Vector, places: int) -> Vector:
+    """What was so many places before; at the start the first one."""
+    return x[np.maximum(np.arange(len(x)) - places, 0)]
+
+
+def ahead(x: Vector, places: float) -> Vector:
+    """What is so many places ahead, on straight lines; at the end the last one."""
+    whole, part = divmod(places, 1.0)
+    at = np.minimum(np.arange(len(x)) + int(whole), len(x) - 1)
+    return (1.0 - part) * x[at] + part * x[np.minimum(at + 1, len(x) - 1)]
+
+
+def beyond_ends(rows: Rows) -> Vector:
+    """By how much the mean current (A) of each period is beyond that of its ends, where nothing smooths it."""
+    return rows.i_mean - 0.5 * (rows.half * rows.i[1:] + rows.half.conj() * rows.i[:-1])
+
+
+def slope(rows: Rows, v: Vector) -> Vector:
+    """How fast a voltage (V of each period, rotor frame) lets the current change, A/s."""
+    m = rows.machine
+    return v.real / m.L_d + 1j * v.imag / m.L_q
+
+
+EFFECT = AddedVoltage(
+    "current_averaging", "an averaging of the measured currents",
+    (
+        Parameter("share", "1", constant(1.0), constant(0.0), constant(1.1)),
+        Parameter("form", "1", constant(1.0), constant(0.0), constant(5.0), shape=True, discrete=True),
+    ),
+    lambda _rows: tuple((float(form),) for form in range(len(_FORMS))),
+    "currents that turn behind with speed, and smeared steps",
+    ("voltage_delay",),
+    adds=voltage,
+    told=lambda rows, p: {"lag": (p[0] * _FORMS[round(p[1])].lag * rows.T_s, "s")},
+    discrepancy=1e-4,
+)
