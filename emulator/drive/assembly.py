@@ -39,6 +39,7 @@ def bench_of(scenario: Scenario) -> Bench:
             drive.encoder_offset,
             drive.encoder_reversed,
             effects.current_filter,
+            effects.angle_signal,
         ),
         voltage=effects.voltage_sensing,
         timing=effects.timing,

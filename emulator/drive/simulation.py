@@ -32,6 +32,7 @@ from emulator.plant.modulation import Duties, modulated, voltage_of
 from emulator.plant.physics import demagnetisation as demagnetisations
 from emulator.plant.physics import thermal as thermals
 from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.angle_signal import Tracked, followed, sensed
 from emulator.plant.physics.current_filter import Charges, mean_current, passed
 from emulator.plant.physics.legs import vector
 from emulator.plant.physics.sensing import VoltageSensing, longest_skew, read_voltage
@@ -77,6 +78,7 @@ class State(NamedTuple):
     sample: Sample
     earlier: Earlier  # samples before that, as the converter gave them
     charges: Charges
+    tracked: Tracked
     encoder: float  # rad, mechanical, what the encoder read then
     firmware: FirmwareState
     row: Row
@@ -119,7 +121,8 @@ def _to_converter(bench: Bench, plant: Plant, state: PlantState, charges: Charge
 
 @kernel
 def _sampled(
-    bench: Bench, plant: Plant, state: PlantState, charges: Charges, u: complex, powered: bool, tick: int
+    bench: Bench, plant: Plant, state: PlantState, charges: Charges, tracked: Tracked, u: complex, powered: bool,
+    tick: int,
 ) -> Sample:
     """The sample at a tick; u (V) is what a bridge without edges applies from then on; off, one with edges none."""
     i, slope, skew = _to_converter(bench, plant, state, charges), 0j, longest_skew(bench.sensors.current)
@@ -127,7 +130,7 @@ def _sampled(
         supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
         later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
         slope = (_to_converter(bench, plant, later, charges) - i) / skew
-    return sampled(bench.sensors, crossed(bench.crossed, i), state.theta_m, tick, crossed(bench.crossed, slope))
+    return sampled(bench.sensors, crossed(bench.crossed, i), tracked.read - tracked.error, tick, crossed(bench.crossed, slope))
 
 
 @kernel
@@ -145,13 +148,16 @@ def started(bench: Bench, settings: Settings, powered: bool, temperature: float)
     state = plant_started(plant, 0.0, omega_m)
     back_emf = 1j * machine.n_p * omega_m * machine.psi_f  # at angle zero
     charges = (0j, 0j, 0j)  # no current has flown
-    raw = _sampled(bench, plant, state, charges, back_emf, powered, 0)
+    signal = bench.sensors.signal
+    read = sensed(signal, machine.n_p, state.theta_m - signal.latency * omega_m)
+    tracked = Tracked(omega_m, read, 0.0, omega_m)
+    raw = _sampled(bench, plant, state, charges, tracked, back_emf, powered, 0)
     n_p, psi_f = settings.n_p, settings.control_psi_f  # what the drive takes the machine for
     sample = corrected(settings.sensing, settings.tables.angle_table, n_p, raw, n_p * omega_m)
     firmware = switched_on(sample.theta_m, omega_m, n_p, psi_f, bench.fixed.T_s, powered)
     bridge = BridgeState(bench.bridge.E, False, False, False, 0.0, 0.0, 0.0)
     return State(
-        0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, (raw, raw, raw), charges,
+        0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, (raw, raw, raw), charges, tracked,
         raw.theta_m, firmware, NO_ROW,
     )  # fmt: skip
 
@@ -217,7 +223,7 @@ def simulated(
     """
     T_s, n_p, sensing, tables = bench.fixed.T_s, settings.n_p, settings.sensing, settings.tables
     exchanged = bench.crossed != (sensing.phases_swapped != 0)
-    tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges, encoder, firmware, row = state
+    tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges, tracked, encoder, firmware, row = state
     room = scratch()
     complete = 0
     for n in range(periods):
@@ -243,7 +249,8 @@ def simulated(
         then = plant_of(bench, machine_now(bench, (tick + 1) * T_s, heat), telegraph)
         u_next = u_waiting if bench.timing.delay > 0 else firmware.u_next
         u_held = limited(crossed(exchanged, u_next), u_dc) * (bridge.u_dc / u_dc)
-        latest = _sampled(bench, then, plant, charges, u_held, firmware.powered, tick + 1)
+        tracked = followed(bench.sensors.signal, then.machine.n_p, plant.theta_m, plant.omega_m, T_s, tracked)
+        latest = _sampled(bench, then, plant, charges, tracked, u_held, firmware.powered, tick + 1)
         raw = averaged(latest, earlier, bench.sensors.filter.samples)
         earlier, charges = (latest, earlier[0], earlier[1]), passed(plant.charge, charges)
         before, encoder = sample, raw.theta_m
@@ -276,6 +283,6 @@ def simulated(
         tick += 1
     after = State(
         tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges,
-        encoder, firmware, row,
+        tracked, encoder, firmware, row,
     )  # fmt: skip
     return after, complete

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from emulator.frames import TURN, clarke, phases
 from emulator.kernel import kernel
 from emulator.noise import gauss
+from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, read_angle
 
@@ -25,6 +26,7 @@ class Sensors(NamedTuple):
     mounted: float = 0.0  # rad, mechanical: that the encoder reads with the magnets on phase a
     reversed: bool = False  # it counts down as the motor turns forwards
     filter: CurrentFilter = CurrentFilter()
+    signal: AngleSignal = AngleSignal()
 
 
 class Sample(NamedTuple):

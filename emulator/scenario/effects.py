@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, cast, get_type_hints
 from emulator.bounds import ScenarioError, check_bounds, from_table
 from emulator.input_file import shown
 from emulator.plant.machine import Machine
+from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.compliance import Compliance
 from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.plant.physics.dc_link import DcLink
@@ -55,6 +56,7 @@ class Effects(NamedTuple):
     current_sensing: CurrentSensing = CurrentSensing()
     current_filter: CurrentFilter = CurrentFilter()
     angle_sensing: AngleSensing = AngleSensing()
+    angle_signal: AngleSignal = AngleSignal()
     voltage_sensing: VoltageSensing = VoltageSensing()
     timing: Timing = Timing()
     stray: Stray = Stray()

@@ -104,10 +104,10 @@ def _lines_through(x: Vector, half: Vector, lags: Vector, begins: Bools, decay: 
 EFFECT = AddedVoltage(
     "current_filter", "a low-pass filter of the measured currents",
     (
-        Parameter("share", "1", constant(1.0), constant(0.0), constant(1.1)),
+        Parameter("share", "1", constant(1.0), constant(0.8), constant(1.2)),
         Parameter("tau", "s", lambda rows: rows.T_s, lambda rows: 0.05 * rows.T_s, lambda rows: 20.0 * rows.T_s, shape=True),
     ),
-    lambda rows: tuple((times * rows.T_s,) for times in (0.2, 0.6, 1.5, 4.0)),
+    lambda rows: tuple((times * rows.T_s,) for times in (0.05, 0.2, 0.6, 1.5, 4.0)),
     "currents that turn behind with speed, and steps that come late",
     ("current_averaging", "voltage_delay"),
     adds=voltage,

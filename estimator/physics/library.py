@@ -5,7 +5,10 @@ from typing import Final, TypeVar
 
 from estimator.physics import (
     ac_resistance,
+    angle_latency,
     angle_offset,
+    angle_sensor_error,
+    angle_tracking,
     cross_saturation,
     current_averaging,
     current_filter,
@@ -38,6 +41,7 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         ac_resistance, phase_resistance_imbalance, current_sensor_offset, current_sensor_gain, angle_offset,
         encoder_eccentricity, voltage_delay, voltage_offset, leg_voltage_offset, interturn_short,
         current_sampling_skew, current_averaging, current_filter,
+        angle_latency, angle_sensor_error, angle_tracking,
     )
 )
 

@@ -1,0 +1,69 @@
+"""The way of the angle to the drive: a sensor with one period a pole pair, a tracking loop, a latency.
+
+    x = (1 + gain) cos(theta_e + quadrature) + offset_cos      y = sin(theta_e) + offset_sin      theta = atan2(y, x)
+    d(theta_t)/dt = omega_t + 2 damping omega_n (theta - theta_t)      d(omega_t)/dt = omega_n^2 (theta - theta_t)
+    what is read at t is of t - latency
+
+R. Hoseinnezhad, "Position sensing in brake-by-wire callipers using resolvers", IEEE Trans. Vehicular Technology 55(3),
+2006, doi 10.1109/TVT.2006.874576, has such errors of resolvers; G. Ellis, "Observers in Control Systems", 2002, the
+loop of second order. Unequal amplitudes and a wrong quadrature show twice an electrical turn, offsets once. A loop lags
+by acceleration over omega_n^2, a latency in proportion to speed.
+"""
+
+import math
+from typing import Annotated, NamedTuple
+
+from emulator.bounds import Bound
+from emulator.frames import nearest
+from emulator.kernel import kernel
+
+_STEPS = 20.0  # a time constant of the loop
+
+
+class AngleSignal(NamedTuple):
+    """Sizes."""
+
+    gain: Annotated[float, Bound(low=-0.3, high=0.3)] = 0.0
+    quadrature: Annotated[float, Bound("rad", low=-0.3, high=0.3)] = 0.0
+    offset_sin: Annotated[float, Bound(low=-0.3, high=0.3)] = 0.0
+    offset_cos: Annotated[float, Bound(low=-0.3, high=0.3)] = 0.0
+    bandwidth: Annotated[float, Bound("Hz", low=0.0, high=1e4)] = 0.0  # omega_n / 2 pi; 0: there is no loop
+    damping: Annotated[float, Bound(low=0.1, high=3.0)] = 0.7
+    latency: Annotated[float, Bound("s", low=0.0, high=1e-2)] = 0.0
+
+
+class Tracked(NamedTuple):
+    """What is known of the shaft at a sample."""
+
+    omega_m: float  # rad/s, as it is
+    read: float  # rad, mechanical, as it comes to the loop
+    error: float  # rad, by which the loop is behind
+    omega: float  # rad/s, its own
+
+
+@kernel
+def sensed(signal: AngleSignal, n_p: int, theta_m: float) -> float:
+    """What the sensor makes of an angle (rad, mechanical)."""
+    if signal.gain == 0.0 and signal.quadrature == 0.0 and signal.offset_sin == 0.0 and signal.offset_cos == 0.0:
+        return theta_m
+    theta_e = n_p * theta_m
+    x = (1.0 + signal.gain) * math.cos(theta_e + signal.quadrature) + signal.offset_cos
+    return theta_m + nearest(math.atan2(math.sin(theta_e) + signal.offset_sin, x) - theta_e) / n_p
+
+
+@kernel
+def followed(signal: AngleSignal, n_p: int, theta_m: float, omega_m: float, T: float, before: Tracked) -> Tracked:
+    """A sample T (s) after one, of a shaft at theta_m (rad) that turns by omega_m (rad/s)."""
+    accelerates = (omega_m - before.omega_m) / T
+    read = sensed(signal, n_p, theta_m - signal.latency * (omega_m - 0.5 * signal.latency * accelerates))
+    if signal.bandwidth == 0.0:
+        return Tracked(omega_m, read, 0.0, 0.0)
+    omega_n = 2.0 * math.pi * signal.bandwidth
+    slope, steps = nearest(read - before.read) / T, math.ceil(_STEPS * omega_n * T)
+    h, e, omega = T / steps, before.error, before.omega
+    for _ in range(steps):  # the midpoint rule
+        e_half = e + 0.5 * h * (slope - omega - 2.0 * signal.damping * omega_n * e)
+        omega_half = omega + 0.5 * h * omega_n * omega_n * e
+        e += h * (slope - omega_half - 2.0 * signal.damping * omega_n * e_half)
+        omega += h * omega_n * omega_n * e_half
+    return Tracked(omega_m, read, e, omega)

@@ -1,0 +1,85 @@
+"""An angle through a tracking loop of second order, as of a resolver's converter or a PLL: it lags as the rotor speeds up.
+
+    d(theta_t)/dt = omega_t + 2 damping omega_n e      d(omega_t)/dt = omega_n^2 e      e = theta_e - theta_t
+
+With a = d2(theta_t)/dt2: e + (2 damping/omega_n) de/dt = a/omega_n^2. At steady speed it does not lag. G. Ellis,
+"Observers in Control Systems", 2002, chapter 8.
+"""
+
+import math
+
+import numpy as np
+
+from estimator.arrays import Array, Bools
+from estimator.kernel import kernel
+from estimator.physics.angle_latency import accelerates
+from estimator.physics.angle_sensing import AngleError
+from estimator.physics.effect import Parameter, Sizes
+from estimator.physics.rows import Rows
+
+
+def error(rows: Rows, sizes: Sizes) -> Array:
+    """Of the angle, rad electrical, by true angles."""
+    lag, settling = sizes
+    omega = math.sqrt(1.0 / max(lag, 1e-12))
+    return -_second_order(accelerates(rows), _begins(rows), rows.T_s, omega, 0.5 * settling * omega)
+
+
+def error_as_measured(rows: Rows, sizes: Sizes) -> Array:
+    """The same by measured angles."""
+    lag, settling = sizes
+    return -lag * _first_order(accelerates(rows), _begins(rows), math.exp(-rows.T_s / settling))
+
+
+def _begins(rows: Rows) -> Bools:
+    return np.concatenate(([True], rows.apart != 1))
+
+
+@kernel
+def _first_order(x: Array, begins: Bools, decay: float) -> Array:
+    found = np.empty_like(x)
+    for k in range(len(x)):
+        found[k] = x[k] if begins[k] else decay * found[k - 1] + (1.0 - decay) * 0.5 * (x[k] + x[k - 1])
+    return found
+
+
+@kernel
+def _second_order(x: Array, begins: Bools, T: float, omega: float, damping: float) -> Array:
+    """x / omega^2 through the loop: e'' + 2 damping omega e' + omega^2 e = x."""
+    found = np.empty_like(x)
+    e, rate = 0.0, 0.0
+    steps = int(math.ceil(20.0 * omega * T))
+    h = T / steps
+    for k in range(len(x)):
+        if begins[k]:
+            e, rate = x[k] / omega**2, 0.0
+        else:
+            at = 0.5 * (x[k] + x[k - 1])
+            for _ in range(steps):
+                half, rate_half = e + 0.5 * h * rate, rate + 0.5 * h * (at - 2.0 * damping * omega * rate - omega**2 * e)
+                e += h * rate_half
+                rate += h * (at - 2.0 * damping * omega * rate_half - omega**2 * half)
+        found[k] = e
+    return found
+
+
+def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
+    lag, settling = sizes
+    omega = math.sqrt(1.0 / max(lag, 1e-12))
+    return {"bandwidth": (omega / math.tau, "Hz"), "damping": (0.5 * settling * omega, "1")}
+
+
+EFFECT = AngleError(
+    "angle_tracking", "a tracking loop of the angle",
+    (
+        Parameter("lag", "s2", lambda rows: (10.0 * rows.T_s) ** 2, lambda rows: 0.0, lambda rows: (300.0 * rows.T_s) ** 2),
+        Parameter("settling", "s", lambda rows: 10.0 * rows.T_s, lambda rows: rows.T_s, lambda rows: 600.0 * rows.T_s, shape=True),
+    ),
+    lambda rows: tuple((times * rows.T_s,) for times in (5.0, 20.0, 80.0)),
+    "voltages of a turned frame while the speed changes",
+    ("angle_latency",),
+    error=error,
+    error_as_measured=error_as_measured,
+    told=_told,
+    discrepancy=1e-4,
+)
