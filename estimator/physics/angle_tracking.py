@@ -19,14 +19,7 @@ from estimator.physics.rows import Rows
 
 
 def error(rows: Rows, sizes: Sizes) -> Array:
-    """Of the angle, rad electrical, by true angles."""
-    lag, settling = sizes
-    omega = math.sqrt(1.0 / max(lag, 1e-12))
-    return -_second_order(accelerates(rows), _begins(rows), rows.T_s, omega, 0.5 * settling * omega)
-
-
-def error_as_measured(rows: Rows, sizes: Sizes) -> Array:
-    """The same by measured angles."""
+    """Of the angle, rad electrical: by measured angles; by true ones of a small lag."""
     lag, settling = sizes
     return -lag * _first_order(accelerates(rows), _begins(rows), math.exp(-rows.T_s / settling))
 
@@ -40,26 +33,6 @@ def _first_order(x: Array, begins: Bools, decay: float) -> Array:
     found = np.empty_like(x)
     for k in range(len(x)):
         found[k] = x[k] if begins[k] else decay * found[k - 1] + (1.0 - decay) * 0.5 * (x[k] + x[k - 1])
-    return found
-
-
-@kernel
-def _second_order(x: Array, begins: Bools, T: float, omega: float, damping: float) -> Array:
-    """x / omega^2 through the loop: e'' + 2 damping omega e' + omega^2 e = x."""
-    found = np.empty_like(x)
-    e, rate = 0.0, 0.0
-    steps = int(math.ceil(20.0 * omega * T))
-    h = T / steps
-    for k in range(len(x)):
-        if begins[k]:
-            e, rate = x[k] / omega**2, 0.0
-        else:
-            at = 0.5 * (x[k] + x[k - 1])
-            for _ in range(steps):
-                half, rate_half = e + 0.5 * h * rate, rate + 0.5 * h * (at - 2.0 * damping * omega * rate - omega**2 * e)
-                e += h * rate_half
-                rate += h * (at - 2.0 * damping * omega * rate_half - omega**2 * half)
-        found[k] = e
     return found
 
 
@@ -79,7 +52,7 @@ EFFECT = AngleError(
     "voltages of a turned frame while the speed changes",
     ("angle_latency",),
     error=error,
-    error_as_measured=error_as_measured,
+    error_as_measured=error,
     told=_told,
     discrepancy=1e-4,
 )
