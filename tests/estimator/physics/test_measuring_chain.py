@@ -1,0 +1,66 @@
+"""What a drive's measuring chain does to currents and angle, beside the edge-accurate drive that has it, without noise."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from emulator.plant.physics.angle_signal import AngleSignal
+from emulator.plant.physics.current_filter import CurrentFilter
+from emulator.plant.physics.strangers import Stray
+from estimator.physics.library import BY_NAME
+from estimator.twin.model import Model
+from tests.estimator.physics.equations import left_of, rows_without_noise, with_effect
+
+MOTORS = ("servo_4nm", "mini_cheetah", "lea_52k")
+
+
+def omega_n(bandwidth: float) -> float:
+    return math.tau * bandwidth
+
+
+CASES: dict[str, tuple[Any, Any]] = {  # of the control period (s): sections of a scenario, and the effect's sizes
+    "mean over a period": (
+        lambda _T: {"current_filter": CurrentFilter(periods=1)}, lambda _T: {"current_averaging": (1.0, 0.0)},
+    ),
+    "mean over three": (
+        lambda _T: {"current_filter": CurrentFilter(periods=3)}, lambda _T: {"current_averaging": (1.0, 2.0)},
+    ),
+    "mean of three samples": (
+        lambda _T: {"current_filter": CurrentFilter(samples=3)}, lambda _T: {"current_averaging": (1.0, 4.0)},
+    ),
+    "short filter": (
+        lambda T: {"current_filter": CurrentFilter(tau=0.3 * T)}, lambda T: {"current_filter": (1.0, 0.3 * T)},
+    ),
+    "filter of a period": (
+        lambda T: {"current_filter": CurrentFilter(tau=T)}, lambda T: {"current_filter": (1.0, T)},
+    ),
+    "long filter": (
+        lambda T: {"current_filter": CurrentFilter(tau=3.0 * T)}, lambda T: {"current_filter": (1.0, 3.0 * T)},
+    ),
+    "latency": (
+        lambda T: {"angle_signal": AngleSignal(latency=0.7 * T)}, lambda T: {"angle_latency": (0.7 * T,)},
+    ),
+    "tracking loop": (
+        lambda _T: {"angle_signal": AngleSignal(bandwidth=40.0, damping=0.7)},
+        lambda _T: {"angle_tracking": (omega_n(40.0) ** -2, 1.4 / omega_n(40.0))},
+    ),
+    "leg": (
+        lambda _T: {"stray": Stray(amplitude=0.5, frequency=0.0, along_alpha=0.8, along_beta=-0.6)},
+        lambda _T: {"leg_voltage_offset": (0.4, -0.3)},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motor", MOTORS)
+@pytest.mark.parametrize("case", CASES)
+def test_an_equation_misses_little_of_its_chain(case: str, motor: str) -> None:
+    scenario = with_effect("none", motor)
+    sections, effects = (make(scenario.drive.T_s) for make in CASES[case])
+    rows = rows_without_noise(replace(scenario, effects=scenario.effects._replace(**sections)))
+    before, after = left_of(rows, Model(rows.machine)), left_of(rows, Model(rows.machine, effects))
+    print(f"{motor}, {case}: {before:.3g} per mille of rated current, {after:.3g} with the effect")
+    assert after < 0.05 * before
+    assert all(name in BY_NAME for name in effects)
