@@ -31,9 +31,9 @@ from emulator.plant.mechanics import profile_speed
 from emulator.plant.modulation import Duties, modulated, voltage_of
 from emulator.plant.physics import demagnetisation as demagnetisations
 from emulator.plant.physics import thermal as thermals
-from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.angle_signal import Tracked, followed, sensed
 from emulator.plant.physics.current_filter import Charges, mean_current, passed
+from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.legs import vector
 from emulator.plant.physics.sensing import VoltageSensing, longest_skew, read_voltage
 from emulator.plant.physics.strangers import Telegraph, keyed, telegraph_voltage
@@ -130,7 +130,8 @@ def _sampled(
         supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
         later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
         slope = (_to_converter(bench, plant, later, charges) - i) / skew
-    return sampled(bench.sensors, crossed(bench.crossed, i), tracked.read - tracked.error, tick, crossed(bench.crossed, slope))
+    theta_m = tracked.read - tracked.error
+    return sampled(bench.sensors, crossed(bench.crossed, i), theta_m, tick, crossed(bench.crossed, slope))
 
 
 @kernel
@@ -223,9 +224,11 @@ def simulated(
     """
     T_s, n_p, sensing, tables = bench.fixed.T_s, settings.n_p, settings.sensing, settings.tables
     exchanged = bench.crossed != (sensing.phases_swapped != 0)
-    tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges, tracked, encoder, firmware, row = state
-    room = scratch()
-    complete = 0
+    (
+        tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges,
+        tracked, encoder, firmware, row,
+    ) = state  # fmt: skip
+    room, complete = scratch(), 0
     for n in range(periods):
         t = tick * T_s
         u_dc = max(sensing.u_dc_gain * read_voltage(bench.voltage, bridge.u_dc), _LEAST_READ * bench.fixed.u_dc)

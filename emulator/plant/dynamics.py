@@ -86,7 +86,8 @@ def started(plant: Plant, theta_m: float, omega_m: float, i_dq: complex = 0j) ->
     """The state at an angle (rad) and a speed (rad/s) with a stator current (A, rotor frame) that stands."""
     rotor = turned(plant.machine.n_p * theta_m)
     psi = flux_of(plant.magnetics, plant.flux_map, i_dq, rotor) * rotor
-    return AT_REST._replace(psi=psi, i_x=i_dq * rotor, i_f=i_dq * rotor, omega_m=omega_m, omega_L=omega_m, theta_m=theta_m)
+    i = i_dq * rotor
+    return AT_REST._replace(psi=psi, i_x=i, i_f=i, omega_m=omega_m, omega_L=omega_m, theta_m=theta_m)
 
 
 @kernel

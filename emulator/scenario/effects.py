@@ -107,6 +107,7 @@ def check_effects(
         _check_magnetics(effects, motor, where)
         _check_inverter(effects, motor, u_dc, T_s, h, switched, where)
         _check_steps(effects, motor, h, where)
+        _check_filter(effects.current_filter.tau, h, where)
         _check_most(effects, motor, u_dc, where)
         if effects.thermal.C_w > 0.0:
             _check_thermal(effects.thermal, motor, T_s, where)
@@ -158,6 +159,13 @@ def _check_magnetics(effects: Effects, motor: Machine, where: str) -> None:
         raise ScenarioError(f"{where}flux_map.file: {error}") from None
 
 
+def _check_filter(tau: float, h: float, where: str) -> None:
+    if 0.0 < tau < 2.0 * h:
+        raise ScenarioError(
+            f"{where}current_filter.tau takes 0 or at least {2.0 * h:.3g} s at steps of {h:g} s, got {tau:g} s"
+        )
+
+
 def _check_steps(effects: Effects, motor: Machine, h: float, where: str) -> None:
     """What moves too fast for an integration step h (s)."""
     iron, branch, short, skin = effects.iron_loss, effects.resonance, effects.turn_short, effects.skin
@@ -180,11 +188,6 @@ def _check_steps(effects: Effects, motor: Machine, h: float, where: str) -> None
     if effects.stray.amplitude > 0.0 and 2.0 * math.pi * effects.stray.frequency * h > 0.5:
         most = 0.5 / (2.0 * math.pi * h)
         raise ScenarioError(_too_fast(f"{where}stray.frequency", "Hz", most, effects.stray.frequency, h))
-    if 0.0 < (tau := effects.current_filter.tau) < 2.0 * h:
-        least = 2.0 * h
-        raise ScenarioError(
-            f"{where}current_filter.tau takes 0 or at least {least:.3g} s at steps of {h:g} s, got {tau:g} s"
-        )
     if short.share > 0.0:
         R_k = motor.R_s * (1.0 + share_of(effects.imbalance, short.phase))
         longest = 0.5 * loop_inductance(short, motor.R_s) / (short.R_t + short.share * R_k)

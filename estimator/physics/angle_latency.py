@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.physics.angle_sensing import AngleError
-from estimator.physics.effect import Parameter, Sizes, no_shapes
+from estimator.physics.effect import Parameter, Sizes, no_shapes, periods
 from estimator.physics.rows import Rows
 
 
@@ -34,7 +34,7 @@ def accelerates(rows: Rows) -> Array:
 
 EFFECT = AngleError(
     "angle_latency", "a latency of the angle",
-    (Parameter("latency", "s", lambda rows: rows.T_s, lambda rows: -4.0 * rows.T_s, lambda rows: 20.0 * rows.T_s),),
+    (Parameter("latency", "s", periods(1.0), periods(-4.0), periods(20.0)),),
     no_shapes,
     "u_d in proportion to the square of the speed, and an angle's offset in proportion to it",
     ("angle_offset", "iron_loss", "voltage_delay"),

@@ -1,4 +1,4 @@
-"""An angle through a tracking loop of second order, as of a resolver's converter or a PLL: it lags as the rotor speeds up.
+"""An angle through a tracking loop of second order (a resolver's converter, a PLL): it lags as the rotor speeds up.
 
     d(theta_t)/dt = omega_t + 2 damping omega_n e      d(omega_t)/dt = omega_n^2 e      e = theta_e - theta_t
 
@@ -7,6 +7,7 @@ With a = d2(theta_t)/dt2: e + (2 damping/omega_n) de/dt = a/omega_n^2. At steady
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from estimator.arrays import Array, Bools
 from estimator.kernel import kernel
 from estimator.physics.angle_latency import accelerates
 from estimator.physics.angle_sensing import AngleError
-from estimator.physics.effect import Parameter, Sizes
+from estimator.physics.effect import Parameter, Sizes, constant, periods
 from estimator.physics.rows import Rows
 
 
@@ -36,6 +37,10 @@ def _first_order(x: Array, begins: Bools, decay: float) -> Array:
     return found
 
 
+def _square(times: float) -> Callable[[Rows], float]:
+    return lambda rows: (times * rows.T_s) ** 2
+
+
 def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
     lag, settling = sizes
     omega = math.sqrt(1.0 / max(lag, 1e-12))
@@ -45,8 +50,8 @@ def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
 EFFECT = AngleError(
     "angle_tracking", "a tracking loop of the angle",
     (
-        Parameter("lag", "s2", lambda rows: (10.0 * rows.T_s) ** 2, lambda rows: 0.0, lambda rows: (300.0 * rows.T_s) ** 2),
-        Parameter("settling", "s", lambda rows: 10.0 * rows.T_s, lambda rows: rows.T_s, lambda rows: 600.0 * rows.T_s, shape=True),
+        Parameter("lag", "s2", _square(10.0), constant(0.0), _square(300.0)),
+        Parameter("settling", "s", periods(10.0), periods(1.0), periods(600.0), shape=True),
     ),
     lambda rows: tuple((times * rows.T_s,) for times in (5.0, 20.0, 80.0)),
     "voltages of a turned frame while the speed changes",

@@ -13,12 +13,13 @@ that less. A mean that reaches back by tau looks alike at slow changes; they par
 """
 
 import math
+
 import numpy as np
 
 from estimator.arrays import Bools, Vector
 from estimator.kernel import kernel
 from estimator.physics.current_averaging import ahead, beyond_ends, slope
-from estimator.physics.effect import AddedVoltage, Parameter, Sizes, constant
+from estimator.physics.effect import AddedVoltage, Parameter, Sizes, constant, periods
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
 
@@ -55,7 +56,8 @@ def _of_pulses(rows: Rows, tau: float) -> Vector:
     if rows.u_dc is None:
         return np.zeros(len(rows), np.complex128)
     half = 0.5 * rows.T_s / tau
-    legs = rows.duties * -np.expm1(-2.0 * half) - (np.exp(half * (rows.duties - 1.0)) - np.exp(-half * (rows.duties + 1.0)))
+    on = np.exp(half * (rows.duties - 1.0)) - np.exp(-half * (rows.duties + 1.0))
+    legs = rows.duties * -np.expm1(-2.0 * half) - on
     return tau * rows.u_dc * 2.0 / 3.0 * (legs @ np.array(AXES))
 
 
@@ -105,7 +107,7 @@ EFFECT = AddedVoltage(
     "current_filter", "a low-pass filter of the measured currents",
     (
         Parameter("share", "1", constant(1.0), constant(0.8), constant(1.2)),
-        Parameter("tau", "s", lambda rows: rows.T_s, lambda rows: 0.05 * rows.T_s, lambda rows: 20.0 * rows.T_s, shape=True),
+        Parameter("tau", "s", periods(1.0), periods(0.05), periods(20.0), shape=True),
     ),
     lambda rows: tuple((times * rows.T_s,) for times in (0.05, 0.2, 0.6, 1.5, 4.0)),
     "currents that turn behind with speed, and steps that come late",

@@ -128,4 +128,9 @@ def constant(value: float) -> Callable[[Rows], float]:
     return lambda _rows: value
 
 
+def periods(times: float) -> Callable[[Rows], float]:
+    """A typical value or a bound in s that goes with the control period."""
+    return lambda rows: times * rows.T_s
+
+
 DEGREE: Final = math.radians(1.0)

@@ -1,4 +1,4 @@
-"""What a drive's measuring chain does to currents and angle, beside the edge-accurate drive that has it, without noise."""
+"""What a drive's measuring chain does to currents and angle, beside the edge-accurate drive that has it."""
 
 import math
 from dataclasses import replace
