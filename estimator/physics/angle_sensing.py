@@ -27,6 +27,9 @@ class AngleError(SensorError):
     error: Callable[[Rows, Sizes], Array | float]  # of rows by true angles
     error_as_measured: Callable[[Rows, Sizes], Array | float]  # of rows by measured ones
 
+    change: Callable[[Rows, Sizes, Sizes], Array] | None = None
+    """Of an error that is no line: by how much it changes (rad) from the last sizes to the first; measured angles stay."""
+
     def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
         """V of each period."""
         return voltage_of_angle_error(rows, self.error(rows, sizes))

@@ -7,7 +7,6 @@ With a = d2(theta_t)/dt2: e + (2 damping/omega_n) de/dt = a/omega_n^2. At steady
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -20,9 +19,43 @@ from estimator.physics.rows import Rows
 
 
 def error(rows: Rows, sizes: Sizes) -> Array:
-    """Of the angle, rad electrical: by measured angles; by true ones of a small lag."""
-    lag, settling = sizes
+    """Of the angle, rad electrical, by true angles."""
+    lag, settling = _constants(sizes)
+    if lag <= 0.0:
+        return np.zeros(len(rows.theta_e))
+    return -_second_order(lag * accelerates(rows), _begins(rows), *_decays(lag, settling, rows.T_s))
+
+
+def error_as_measured(rows: Rows, sizes: Sizes) -> Array:
+    """The same by measured angles, which the loop has smoothed already."""
+    lag, settling = _constants(sizes)
     return -lag * _first_order(accelerates(rows), _begins(rows), math.exp(-rows.T_s / settling))
+
+
+def change(rows: Rows, to: Sizes, since: Sizes) -> Array:
+    """Of the error from sizes to others, rad electrical, with the loop's own angle as it is."""
+    begins, there = _begins(rows), accelerates(rows)
+    ends = begins[1:-1] | begins[2:]
+    there[1:-1] += np.where(ends, 0.0, np.diff(error(rows, since), 2) / rows.T_s**2)
+    one, other = (
+        -lag * _first_order(there, begins, math.exp(-rows.T_s / settling))
+        for lag, settling in (_constants(to), _constants(since))
+    )
+    return one - other
+
+
+def _decays(lag: float, settling: float, T: float) -> tuple[float, float, float, float]:
+    """How the loop's error, and its slope, come to be of themselves (2 x 2) in a period."""
+    sigma = 0.5 * settling / lag
+    square = 1.0 / lag - sigma * sigma
+    if square > 0.0:
+        w = math.sqrt(square)
+        even, odd = math.exp(-sigma * T) * math.cos(w * T), math.exp(-sigma * T) * math.sin(w * T) / w
+    else:
+        w = max(math.sqrt(-square), 1e-9 * sigma)
+        slow, fast = math.exp(-T / (lag * (sigma + w))), math.exp(-(sigma + w) * T)
+        even, odd = 0.5 * (slow + fast), 0.5 * (slow - fast) / w
+    return even + sigma * odd, odd, -odd / lag, even - sigma * odd
 
 
 def _begins(rows: Rows) -> Bools:
@@ -37,27 +70,45 @@ def _first_order(x: Array, begins: Bools, decay: float) -> Array:
     return found
 
 
-def _square(times: float) -> Callable[[Rows], float]:
-    return lambda rows: (times * rows.T_s) ** 2
+@kernel
+def _second_order(settled: Array, begins: Bools, own: float, by_slope: float, slope_by: float, slope: float) -> Array:
+    found = np.empty_like(settled)
+    x, v = settled[0], 0.0
+    found[0] = x
+    for k in range(1, len(settled)):
+        if begins[k]:
+            x, v = settled[k], 0.0
+        else:
+            towards = 0.5 * (settled[k] + settled[k - 1])
+            x, v = towards + own * (x - towards) + by_slope * v, slope_by * (x - towards) + slope * v
+        found[k] = x
+    return found
+
+
+def _constants(sizes: Sizes) -> tuple[float, float]:
+    """1/omega_n^2 (s2) and 2 damping/omega_n (s): a size of 1 has a damping of 1/sqrt(2)."""
+    size, settling = sizes
+    return 0.5 * size * settling**2, settling
 
 
 def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
-    lag, settling = sizes
-    omega = math.sqrt(1.0 / max(lag, 1e-12))
-    return {"bandwidth": (omega / math.tau, "Hz"), "damping": (0.5 * settling * omega, "1")}
+    """Its bandwidth; its damping shows where the speed changes fast only, and noise of the angle hides it."""
+    lag, _ = _constants(sizes)
+    return {"bandwidth": (1.0 / (math.tau * math.sqrt(lag)) if lag > 0.0 else math.inf, "Hz")}
 
 
 EFFECT = AngleError(
     "angle_tracking", "a tracking loop of the angle",
     (
-        Parameter("lag", "s2", _square(10.0), constant(0.0), _square(300.0)),
-        Parameter("settling", "s", periods(10.0), periods(1.0), periods(600.0), shape=True),
+        Parameter("size", "1", constant(1.0), constant(0.2), constant(4.0)),
+        Parameter("settling", "s", periods(20.0), periods(2.0), periods(600.0), shape=True),
     ),
-    lambda rows: tuple((times * rows.T_s,) for times in (5.0, 20.0, 80.0)),
+    lambda rows: tuple((times * rows.T_s,) for times in (5.0, 15.0, 45.0, 135.0)),
     "voltages of a turned frame while the speed changes",
     ("angle_latency",),
     error=error,
-    error_as_measured=error,
+    error_as_measured=error_as_measured,
+    change=change,
     told=_told,
     discrepancy=1e-4,
 )
