@@ -40,6 +40,7 @@ def bench_of(scenario: Scenario) -> Bench:
             drive.encoder_reversed,
             effects.current_filter,
             effects.angle_signal,
+            drive.current_sensors,
         ),
         voltage=effects.voltage_sensing,
         timing=effects.timing,

@@ -27,6 +27,7 @@ class Sensors(NamedTuple):
     reversed: bool = False  # it counts down as the motor turns forwards
     filter: CurrentFilter = CurrentFilter()
     signal: AngleSignal = AngleSignal()
+    channels: int = 3  # of current; two: phase c is what the others leave
 
 
 class Sample(NamedTuple):
@@ -70,7 +71,8 @@ def sampled(sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: c
     if sensors.encoder_counts > 0:
         count = TURN / sensors.encoder_counts
         theta_m = math.floor(theta_m / count) * count
-    return Sample(converted(i_a, bits, full), converted(i_b, bits, full), converted(i_c, bits, full), theta_m)
+    i_a, i_b = converted(i_a, bits, full), converted(i_b, bits, full)
+    return Sample(i_a, i_b, converted(i_c, bits, full) if sensors.channels > 2 else -i_a - i_b, theta_m)
 
 
 Earlier = tuple[Sample, Sample, Sample]

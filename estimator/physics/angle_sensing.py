@@ -28,7 +28,7 @@ class AngleError(SensorError):
     error_as_measured: Callable[[Rows, Sizes], Array | float]  # of rows by measured ones
 
     change: Callable[[Rows, Sizes, Sizes], Array] | None = None
-    """Of an error that is no line: by how much it changes (rad) from the last sizes to the first; measured angles stay."""
+    """Of an error that is no line: its change (rad) from the last sizes to the first, as measured angles stay."""
 
     def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
         """V of each period."""
