@@ -11,7 +11,8 @@ from typing import Any, NoReturn
 
 from emulator.bounds import ScenarioError
 from emulator.conceal import __doc__ as about
-from emulator.conceal.populations import EFFECTS, KINDS, POPULATIONS, STRANGERS
+from emulator.conceal.measuring_chain import CHAIN
+from emulator.conceal.populations import CHAINED, EFFECTS, KINDS, POPULATIONS, STRANGERS
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
 from emulator.scenario.motors import MOTORS
@@ -49,8 +50,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--class", dest="kinds", nargs="+", default=KINDS, metavar="CLASS",
         help=f"drawn from, each as likely: kinds {', '.join(KINDS)} (default all); effects {', '.join(EFFECTS)}; "
-        f"strangers {', '.join(STRANGERS)}",
+        f"strangers {', '.join(STRANGERS)}; of the measuring chain, {CHAINED} for one of them, {', '.join(CHAIN)}",
     )  # fmt: skip
+    parser.add_argument(
+        "--chain", action="store_true", help="with a measuring chain drawn for each, and two current sensors in most"
+    )
     parser.add_argument(
         "--size", nargs=2, type=float, default=(0.0, 1.0), metavar=("LOW", "HIGH"),
         help="part of each class's range, 0 to 1 of its logarithm (default 0 1)",
@@ -81,7 +85,8 @@ class _List(argparse.Action):
 
 def _suite(options: argparse.Namespace) -> Suite:
     low, high = options.size
-    choice = Choice(options.seed, tuple(options.kinds), (low, high), tuple(options.motors), options.length)
+    kinds, motors = tuple(options.kinds), tuple(options.motors)
+    choice = Choice(options.seed, kinds, (low, high), motors, options.length, options.chain)
     return Suite(choice, options.count, options.out, options.answers, options.workers)
 
 

@@ -7,62 +7,25 @@ of the true machine is about as large as without the effect, or a few times that
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from emulator.conceal.chance import Chance
+from emulator.conceal.measuring_chain import CHAIN
+from emulator.conceal.population import Population, Sections, Setting
 from emulator.plant.machine import Machine
 from emulator.plant.physics.saturation import Saturation, saturation_curve
 from emulator.plant.physics.thermal import REFERENCE
 
-Sections = dict[str, dict[str, float]]  # keys of `[effects.*]`
-
 KINDS: Final = ("none", "one", "two", "three", "stranger")
 """What may be asked for besides a class by name; `one` to `three` are drawn from the effects."""
+
+CHAINED: Final = "chained"
+"""One class of the measuring chain: a kind that is asked for by name alone, so that all kinds stay as they were."""
 
 _DEGREE: Final = math.pi / 180.0
 _LARGEST_DROP: Final = 0.45
 _THIRD: Final = 2.0 * math.pi / 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """What sizes are scaled by."""
-
-    machine: Machine  # the true one
-    omega_e: float  # rad/s, electrical, at rated speed
-    u_dc: float  # V
-    T_s: float  # s, control period
-    length: float  # s, of the recording
-
-    @property
-    def back_emf(self) -> float:
-        """V, at rated speed."""
-        return self.omega_e * self.machine.psi_f
-
-    @property
-    def P_copper(self) -> float:
-        """W, at rated current."""
-        return 1.5 * self.machine.R_s * self.machine.i_rated**2
-
-
-@dataclass(frozen=True, slots=True)
-class Population:
-    """A class: what is drawn, from where to where, and why from there."""
-
-    size: str  # in words
-    unit: str
-    low: float
-    high: float
-    why: str
-    sizes: Callable[[float, Setting, Chance], Sections]
-
-    def drawn(self, chance: Chance, window: tuple[float, float] = (0.0, 1.0)) -> float:
-        """A size; `window` is the part of the range, 0 to 1 of its logarithm, that it is drawn from."""
-        if self.low == self.high:
-            return self.low
-        return self.low * (self.high / self.low) ** chance.uniform(*window)
 
 
 def _dead_time(x: float, on: Setting, _chance: Chance) -> Sections:
@@ -327,7 +290,7 @@ STRANGERS: Final[Mapping[str, Population]] = {
 }  # fmt: skip
 """Disturbances that are in nobody's library."""
 
-POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS}
+POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN}
 
 
 def chosen(kind: str, chance: Chance) -> tuple[str, ...]:
@@ -336,6 +299,8 @@ def chosen(kind: str, chance: Chance) -> tuple[str, ...]:
         return (kind,)
     if kind == "stranger":
         return (chance.one_of(tuple(STRANGERS)),)
+    if kind == CHAINED:
+        return (chance.one_of(tuple(CHAIN)),)
     names: tuple[str, ...] = ()
     for _ in range(KINDS.index(kind)):
         free = [name for name in EFFECTS if not any(_contradict(name, other) for other in names)]

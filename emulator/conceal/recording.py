@@ -1,7 +1,7 @@
 """A concealed recording: drawn from a seed and a number, and run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,9 @@ import numpy as np
 from drivers.wire.codec import FullScales, counts_to_si, si_to_counts
 from emulator.bounds import ScenarioError
 from emulator.conceal.chance import Chance
-from emulator.conceal.populations import POPULATIONS, Setting, chosen, merged
+from emulator.conceal.measuring_chain import MeasuringChain, drawn_chain
+from emulator.conceal.population import Setting
+from emulator.conceal.populations import POPULATIONS, chosen, merged
 from emulator.conceal.runs import Drawn, drawn_run
 from emulator.drive.simulation import RECORDED
 from emulator.drive.virtual_drive import Column, VirtualDrive
@@ -29,6 +31,7 @@ class Choice:
     window: tuple[float, float]  # part of each range, 0 to 1
     motors: tuple[str, ...]
     length: float  # s
+    chain: bool = False  # a measuring chain is drawn for each
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +55,11 @@ def drawn(choice: Choice, number: int) -> tuple[Concealed, Mapping[str, Column]]
     """
     chance = Chance(choice.seed, number, "class")
     kind = chance.one_of(choice.kinds)
-    classes = chosen(kind, chance)
+    chain = drawn_chain(Chance(choice.seed, number, "chain")) if choice.chain else MeasuringChain(3, ())
+    classes = (*(own := chosen(kind, chance)), *(name for name in chain.classes if name not in own))
     for attempt in range(_RUNS * _SIZES):
         run = drawn_run(Chance(choice.seed, number, f"run {attempt // _SIZES}"), choice.motors, choice.length)
+        run = replace(run, drive=replace(run.drive, current_sensors=chain.current_sensors))
         try:
             concealed = _sized(choice, number, attempt, kind, classes, run)
             return concealed, recorded(concealed.scenario, concealed.periods)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from emulator.conceal.chance import Chance
-from emulator.conceal.populations import Sections
+from emulator.conceal.population import Sections
 from emulator.plant.inverter import longest
 from emulator.plant.machine import Machine
 from emulator.scenario.motors import MOTORS, TOLERANCE

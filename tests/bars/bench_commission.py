@@ -34,7 +34,8 @@ from bench.recordings.capture_file import Heading, write_recording
 from drivers.capture import Upload
 from drivers.errors import DriveError
 from emulator.conceal.chance import Chance
-from emulator.conceal.populations import EFFECTS, Setting, merged
+from emulator.conceal.population import Setting
+from emulator.conceal.populations import EFFECTS, merged
 from emulator.plant.machine import Machine
 from emulator.scenario.motors import MOTORS
 from estimator.machine import PARAMETERS

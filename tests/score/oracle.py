@@ -46,7 +46,8 @@ import numpy as np
 
 from drivers.wire.codec import channel_signal, count_size
 from emulator.conceal.chance import Chance
-from emulator.conceal.populations import POPULATIONS, Sections, Setting
+from emulator.conceal.population import Sections, Setting
+from emulator.conceal.populations import POPULATIONS
 from emulator.conceal.recording import full_scales
 from emulator.drive.virtual_drive import Column, VirtualDrive
 from emulator.scenario.effects import effects_from_table

@@ -23,7 +23,7 @@ from emulator.scenario.scenarios import Excitation, Run
 from tests.proof.results import record
 from tests.score.diagnosed import Said, diagnosed
 from tests.score.score import FUNCTION
-from tests.score.truth import EFFECT
+from tests.score.truth import EFFECT, UNCHAINED
 
 RUNS: Final = ("idle", "level", "both", "standstill", "ramp", "steps", "small steps")
 _SPEED, _STEP, _SMALL, _CURRENT = 0.4, 0.02, 0.005, 0.4  # of rated speed and current
@@ -84,7 +84,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=300)
     parser.add_argument("--run", nargs="+", default=RUNS, choices=RUNS)
     parser.add_argument("--motor", nargs="+", default=tuple(MOTORS), choices=tuple(MOTORS))
-    kinds = ("none", *EFFECT, *STRANGERS)
+    kinds = ("none", *UNCHAINED, *STRANGERS)
     parser.add_argument("--class", dest="kinds", nargs="+", default=kinds, choices=kinds)
     given = parser.parse_args()
     counts: dict[str, Counter[str]] = {run: Counter() for run in given.run}

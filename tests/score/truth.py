@@ -1,10 +1,12 @@
 """What a recording conceals, told as a diagnosis tells it: effects by name, sizes by the parameters of its findings."""
 
+import cmath
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from emulator.conceal.measuring_chain import CHAIN
 from emulator.conceal.populations import STRANGERS
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.thermal import Temperatures, Thermal, flux_factor, resistance_factor
@@ -34,8 +36,17 @@ EFFECT: Final[Mapping[str, str]] = {
     "voltage_early": "voltage_delay",
     "voltage_late": "voltage_delay",
     "dc_link_gain": "dc_link_gain",
+    "currents_averaged": "current_averaging",
+    "currents_filtered": "current_filter",
+    "angle_late": "angle_latency",
+    "angle_tracked": "angle_tracking",
+    "angle_signals": "angle_sensor_error",
+    "leg_voltages": "leg_voltage_offset",
 }
 """Name that a diagnosis gives to a class."""
+
+UNCHAINED: Final = tuple(name for name in EFFECT if name not in CHAIN)
+"""Classes of populations whose drives have no measuring chain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +221,36 @@ def _dc_link_gain(scenario: Scenario, _periods: int) -> Sizes:
     return {"gain": Size(gain, abs(gain - 1.0), "1")}
 
 
+def _averaging(scenario: Scenario, _periods: int) -> Sizes:
+    mean, T_s = scenario.effects.current_filter, scenario.drive.T_s
+    return _together({"lag": 0.5 * T_s * (mean.periods or mean.samples - 1)}, "s")
+
+
+def _filter(scenario: Scenario, _periods: int) -> Sizes:
+    return _together({"tau": scenario.effects.current_filter.tau}, "s")
+
+
+def _latency(scenario: Scenario, _periods: int) -> Sizes:
+    return _together({"latency": scenario.effects.angle_signal.latency}, "s")
+
+
+def _tracking(scenario: Scenario, _periods: int) -> Sizes:
+    return _together({"bandwidth": scenario.effects.angle_signal.bandwidth}, "Hz")
+
+
+def _signals(scenario: Scenario, _periods: int) -> Sizes:
+    # To the first order: half of what the signals differ by and half of what their angle does
+    signal = scenario.effects.angle_signal
+    return _together({"twice": 0.5 * math.hypot(signal.gain, signal.quadrature)}, "rad")
+
+
+def _leg_voltages(scenario: Scenario, _periods: int) -> Sizes:
+    stray = scenario.effects.stray
+    along = stray.amplitude * complex(stray.along_alpha, stray.along_beta)
+    third = 2.0 * math.pi / 3.0
+    return _together({f"offset_{x}": (along * cmath.exp(-1j * n * third)).real for n, x in enumerate("abc")}, "V")
+
+
 _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "inverter_voltage_error": _inverter,
     "d_axis_saturation": _saturation("L_d_drop"),
@@ -231,4 +272,10 @@ _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "encoder_eccentricity": _eccentricity,
     "voltage_delay": _delay,
     "dc_link_gain": _dc_link_gain,
+    "current_averaging": _averaging,
+    "current_filter": _filter,
+    "angle_latency": _latency,
+    "angle_tracking": _tracking,
+    "angle_sensor_error": _signals,
+    "leg_voltage_offset": _leg_voltages,
 }

@@ -11,7 +11,7 @@ from typing import Final
 
 from bench.machine_file import Nominal
 from emulator.conceal.chance import Chance
-from emulator.conceal.populations import Setting
+from emulator.conceal.population import Setting
 from emulator.plant.machine import Machine
 from emulator.plant.physics.iron_loss import IronLoss
 from emulator.plant.physics.legs import Inverter

@@ -26,11 +26,11 @@ from emulator.scenario.motors import MOTORS
 from emulator.scenario.scenarios import check
 from tests.proof.parts.suite_parser import suite_parser
 from tests.score.oracle import Oracle
-from tests.score.truth import EFFECT
+from tests.score.truth import UNCHAINED
 
 LOW, HIGH = 0.5, 30.0  # limits
 _TRIES: Final = 20  # draws of a recording that the drive can do
-_KINDS: Final = tuple(name for name in EFFECT if not name.startswith("voltage_"))  # those have one size
+_KINDS: Final = tuple(name for name in UNCHAINED if not name.startswith("voltage_"))  # those have one size
 
 
 def make(seed: int, wanted: int, length: float, out: Path, answers: Path, jobs: int = 1) -> None:

@@ -23,10 +23,10 @@ from tests.proof.parts.suite_parser import suite_parser
 from tests.proof.proof import Table
 from tests.score.diagnosed import Said
 from tests.score.poor import RUNS, poor, told
-from tests.score.truth import EFFECT
+from tests.score.truth import EFFECT, UNCHAINED
 
 LENGTH: Final = 2.0  # s
-_KINDS: Final = ("none", *EFFECT, *STRANGERS)
+_KINDS: Final = ("none", *UNCHAINED, *STRANGERS)
 _WINDOW: Final = (0.3, 1.0)  # of each class's range
 _STRIDE: Final = 5  # motors, from one recording to the next
 _TRIES: Final = 20  # draws of a recording that the drive can do
