@@ -206,6 +206,13 @@ def electrical_turn(reading: float, theta_e: float, drive: Mapping[str, float]) 
 
 
 def angle_latency(recorded: Recorded) -> Compensation:
+    """On top of the age of the angle that the drive makes up for."""
+    (told,) = recorded.of("angle_latency", "latency")
+    age = Size(recorded.was("angle_latency") + told.value, told.std)
+    return Compensation(("angle_latency",), {"angle_latency": age})
+
+
+def late_angle_column(recorded: Recorded) -> Compensation:
     """A column of angles that is late by rows: the age of the angle that is read."""
     name = "convention_error"
     if "theta_shift" not in recorded.found[name]:
@@ -339,7 +346,8 @@ TABLE: Final[Mapping[str, Callable[[Recorded], Compensation] | str]] = {
     "current_sensor_offset": current_offsets,
     "angle_offset": angle_offset,
     "encoder_eccentricity": encoder,
-    "convention_error": angle_latency,
+    "angle_latency": angle_latency,
+    "convention_error": late_angle_column,
     "iron_loss": "part of the current makes heat and no torque, the more the faster it turns",
     "winding_resistance_drift": "the current control's integral takes it; control_R_s is that at the start",
     "magnet_flux_drift": "torque per ampere changes with it; control_psi_f is that at the start",
@@ -351,6 +359,10 @@ TABLE: Final[Mapping[str, Callable[[Recorded], Compensation] | str]] = {
     "interturn_short": "it heats the winding as long as the motor turns: a motor to be taken out of service",
     "current_sampling_skew": "currents ripple at twice the electrical frequency: a matter of the sampling's timing",
     "voltage_delay": "it is a matter of the recording: the drive's voltages are read in other rows than they act in",
+    "current_averaging": "current control answers late by half of what the mean is over: a matter of the converter",
+    "current_filter": "current control answers late by its time constant: a matter of the filter",
+    "angle_tracking": "the angle lags as long as the speed changes: a faster loop is set where the angle is read",
+    "angle_sensor_error": "offsets, amplitudes and quadrature of its signals are trimmed where they are read",
     "leg_voltage_offset": "torque ripples at the electrical frequency: a matter of the gate drives",
     "voltage_offset": "it is a matter of what the drive reports of its voltages",
 }

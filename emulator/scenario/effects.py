@@ -190,7 +190,7 @@ def _check_steps(effects: Effects, motor: Machine, h: float, where: str) -> None
         raise ScenarioError(_too_fast(f"{where}stray.frequency", "Hz", most, effects.stray.frequency, h))
     if short.share > 0.0:
         R_k = motor.R_s * (1.0 + share_of(effects.imbalance, short.phase))
-        longest = 0.5 * loop_inductance(short, motor.R_s) / (short.R_t + short.share * R_k)
+        longest = 0.3 * loop_inductance(short, motor.R_s) / (short.R_t + short.share * R_k)
         if h > longest:
             raise ScenarioError(
                 f"{where}turn_short takes integration steps of at most {longest:.3g} s, by drive.sub_steps, got {h:g} s"

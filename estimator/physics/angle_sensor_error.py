@@ -1,12 +1,17 @@
 """A sin/cos sensor or a resolver with one period a pole pair: an angle that is wrong once or twice an electrical turn.
 
-    theta_measured = theta_e + once_cos cos theta_e + once_sin sin theta_e
-                     + twice_cos cos 2 theta_e + twice_sin sin 2 theta_e
+Whatever offsets, amplitudes and phases its two signals have, they are, up to a factor that turns the angle by a
+constant,
 
-Offsets of its two signals show once, unequal amplitudes and a wrong quadrature twice: of unequal ones by half their
-difference, of a quadrature by half of what it is off. R. Hoseinnezhad, "Position sensing in brake-by-wire callipers
-using resolvers", IEEE Trans. Vehicular Technology 55(3), 2006, doi 10.1109/TVT.2006.874576. What it is the first order
-of is plain trigonometry.
+    z = exp(j theta_e) + delta + epsilon exp(-j theta_e)        theta_measured = arg z
+
+    delta = -once_sin + j once_cos      epsilon = -twice_sin + j twice_cos
+    theta_measured = theta_e + once_cos cos theta_e + once_sin sin theta_e
+                     + twice_cos cos 2 theta_e + twice_sin sin 2 theta_e + squares of these
+
+Offsets of the signals make delta; unequal amplitudes, by half their difference, and a wrong quadrature, by half of what
+it is off, epsilon. R. Hoseinnezhad, "Position sensing in brake-by-wire callipers using resolvers", IEEE Trans.
+Vehicular Technology 55(3), 2006, doi 10.1109/TVT.2006.874576.
 """
 
 import math
@@ -26,14 +31,15 @@ def error(rows: Rows, sizes: Sizes) -> Array:
 
 def _error_at(turn: Vector, sizes: Sizes) -> Array:
     once_cos, once_sin, twice_cos, twice_sin = sizes
-    twice = turn * turn
-    return once_cos * turn.real + once_sin * turn.imag + twice_cos * twice.real + twice_sin * twice.imag
+    delta, epsilon = complex(-once_sin, once_cos), complex(-twice_sin, twice_cos)
+    back = turn.conj()
+    return np.angle(1.0 + delta * back + epsilon * back * back)
 
 
 def error_as_measured(rows: Rows, sizes: Sizes) -> Array:
     """Of the measured angle, rad electrical: it is the true one that tells how far off it is."""
     off = error(rows, sizes)
-    for _ in range(3):
+    for _ in range(4):
         off = _error_at(rows.rotor * np.exp(-1j * off), sizes)
     return off
 

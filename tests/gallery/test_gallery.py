@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from emulator.scenario.effects import Effects
-from tests.gallery import PICTURES, drive, motor, shaft, supply
+from tests.gallery import PICTURES, chain, drive, motor, shaft, supply
 from tests.gallery.page import page
 from tests.gallery.picture import save
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_every_effect_has_a_picture_and_every_picture_an_effect() -> None:
-    drawn = [name for room in (supply, motor, shaft, drive) for name in room.PICTURES]
+    drawn = [name for room in (supply, motor, shaft, drive, chain) for name in room.PICTURES]
     assert sorted(drawn) == sorted(Effects._fields)
     assert tuple(PICTURES) == Effects._fields
 

@@ -1,6 +1,7 @@
 """The way of the angle to the drive: a sensor with one period a pole pair, a tracking loop, a latency.
 
-    x = (1 + gain) cos(theta_e + quadrature) + offset_cos      y = sin(theta_e) + offset_sin      theta = atan2(y, x)
+    x = (1 + gain) cos(theta_e + quadrature/2) + offset_cos    y = sin(theta_e - quadrature/2) + offset_sin
+    theta = atan2(y, x)
     d(theta_t)/dt = omega_t + 2 damping omega_n (theta - theta_t)      d(omega_t)/dt = omega_n^2 (theta - theta_t)
     what is read at t is of t - latency
 
@@ -47,8 +48,9 @@ def sensed(signal: AngleSignal, n_p: int, theta_m: float) -> float:
     if signal.gain == 0.0 and signal.quadrature == 0.0 and signal.offset_sin == 0.0 and signal.offset_cos == 0.0:
         return theta_m
     theta_e = n_p * theta_m
-    x = (1.0 + signal.gain) * math.cos(theta_e + signal.quadrature) + signal.offset_cos
-    return theta_m + nearest(math.atan2(math.sin(theta_e) + signal.offset_sin, x) - theta_e) / n_p
+    x = (1.0 + signal.gain) * math.cos(theta_e + 0.5 * signal.quadrature) + signal.offset_cos
+    y = math.sin(theta_e - 0.5 * signal.quadrature) + signal.offset_sin
+    return theta_m + nearest(math.atan2(y, x) - theta_e) / n_p
 
 
 @kernel

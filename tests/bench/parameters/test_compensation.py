@@ -202,6 +202,8 @@ def test_a_flux_map_is_read_between_its_currents_and_goes_on_straight_beyond() -
 
 
 def test_a_late_angle_is_an_old_one_and_other_conventions_are_the_recordings() -> None:
+    read_late = recorded({"angle_latency": {"latency": 7e-5}}, {"angle_latency": 1e-5})
+    assert values(read_late) == pytest.approx({"angle_latency": 8e-5})
     late = recorded({"convention_error": {"theta_shift": 2.0}}, {"angle_latency": 1e-5})
     assert values(late) == pytest.approx({"angle_latency": 2.1e-4})
     assert compensations(late)[0][0].doubt == "it may be the recording alone that has the angle late"
