@@ -83,7 +83,8 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
     trading, less = _trading(found), 2.0 * ENTRY_LOG_ODDS + ROUNDED * hidden_of(found)
     lent = hidden_of(found) + found.search.discrepancy(found.choice)
-    for dropped, one in _instead(found.search, found.choice, trading):
+    instead = _instead(found.search, found.choice, trading)
+    for dropped, one in [*instead, *(_in_other_forms(found) if _leaves_more(found) else ())]:
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
             continue
@@ -135,6 +136,15 @@ def _instead(search: Search, choice: Choice, trading: Sequence[str]) -> list[tup
         if seeds:
             found.append(((one,), max(seeds, key=lambda other: search.fit((*rest, other)).log_evidence)))
     return found
+
+
+def _in_other_forms(found: Fitted) -> list[tuple[Choice, tuple[str, int]]]:
+    """Effects of a fit that have distinct forms, each in another: rows that one form has cleaned hide the others."""
+    candidates = found.search.candidates()
+    return [
+        ((one,), other) for one in found.choice if any(p.discrete for p in BY_NAME[one[0]].parameters)
+        for other in candidates if other[0] == one[0] and other != one
+    ]  # fmt: skip
 
 
 def _is_bending(name: str) -> bool:
